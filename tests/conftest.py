@@ -25,6 +25,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from spool_core.node.service_calls import ServiceCalls
 from spool_tools.operations.demo import find_executable
 
 #: s, what is waited for comes much sooner on an idle machine, and still comes on a busy one.
@@ -213,36 +214,19 @@ class System:
 
     def call(self, kind: Any, service: str, request: Any) -> Any:
         """Call a service of a managed node and return its response."""
-        client = self.node.create_client(kind, service)
-        try:
-            self.until(client.service_is_ready, f"{service} is offered")
-            self._meet(service.rpartition("/")[0])
-            future = client.call_async(request)
-            self.until(future.done, f"{service} answers")
-            return future.result()
-        finally:
-            self.node.destroy_client(client)
-
-    def _meet(self, node: str) -> None:
-        """Ask until ``node`` answers: it drops answers to clients that it has not discovered yet.
-
-        Clients are discovered in the order they were made, so it knows all earlier ones then.
-        """
-        client = self.node.create_client(GetState, f"{node}/get_state")
-        futures: list[Any] = []
-        due = 0.0
+        calls = ServiceCalls(self.node, PATIENCE)
+        server, _, name = service.rpartition("/")
+        answer = calls.ask(server, name, request, kind)
 
         def answered() -> bool:
-            nonlocal due
-            if time.monotonic() >= due and client.service_is_ready():
-                futures.append(client.call_async(GetState.Request()))
-                due = time.monotonic() + 2.0
-            return any(future.done() for future in futures)
+            calls.work()
+            return answer.done() and answer.result() is not None
 
         try:
-            self.until(answered, f"{node} answers")
+            self.until(answered, f"{service} answers", 2.0 * PATIENCE)
+            return answer.result()
         finally:
-            self.node.destroy_client(client)
+            calls.close()
 
     def change(self, node: str, *transitions: str) -> None:
         """Take a managed node through ``transitions``; each must succeed."""

@@ -17,12 +17,12 @@ MODULES = read_modules(SOURCE)
 #: What was measured, and may only become less: put the new figure here with the change that improves it.
 #: Lines and files may grow only in a change that adds a feature; its commit message says what that costs.
 RATCHETS = {
-    "lines": 69_660,
+    "lines": 69_583,
     "files": 357,
     "lines of research": 14_070,
     "lines up to the last import, %": 8.9,
-    "private functions with one caller, %": 22.3,
-    "modules with one importer, %": 17.7,
+    "private functions with one caller, %": 22.2,
+    "modules with one importer, %": 17.4,
 }
 
 

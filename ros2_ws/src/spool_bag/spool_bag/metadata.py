@@ -16,7 +16,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 from spool_core.errors import InputError
 from spool_core.files import YamlError, load_yaml
-from spool_core.system import sync_folder
+from spool_core.system import sync_folder, write_durably
 from spool_core.text import printable
 
 FILE_NAME = "metadata.yaml"
@@ -106,13 +106,8 @@ def metadata_text(bag: BagMetadata) -> str:
 
 
 def write_metadata(folder: Path, bag: BagMetadata) -> None:
-    """Write ``metadata.yaml`` so that at any moment either the old or the new one is whole."""
-    temporary = folder / (FILE_NAME + ".tmp")
-    with temporary.open("w", encoding="utf-8") as stream:
-        stream.write(_text({ROOT: _content(bag)}))
-        stream.flush()
-        os.fsync(stream.fileno())
-    temporary.replace(folder / FILE_NAME)
+    """Write ``metadata.yaml`` to the disk; at any moment the old or the new one is whole."""
+    write_durably(folder / FILE_NAME, _text({ROOT: _content(bag)}))
     sync_folder(folder)
 
 

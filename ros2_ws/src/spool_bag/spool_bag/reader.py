@@ -15,13 +15,7 @@ from spool_core.errors import InputError
 from spool_core.system import leftovers
 from spool_core.text import printable
 
-from spool_bag.blocks import (
-    Item,
-    OrderingWindows,
-    Span,
-    decode_blocks,
-    keyed_of,
-)
+from spool_bag.blocks import Item, OrderingWindows, Span, decode_blocks, keyed_of
 from spool_bag.mcap_file import Damage, McapFile, McapMessage, MessageBatch, decompressed
 from spool_bag.mcap_record import Topic
 from spool_bag.metadata import (

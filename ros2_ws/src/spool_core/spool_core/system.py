@@ -191,6 +191,32 @@ def end_with_parent() -> None:
         threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
 
 
+def write_durably(path: Path, content: str | bytes, *, mode: int = 0o666, replace: bool = True) -> None:
+    """Write the file ``path`` so that at any moment the old or the new one is there, whole; text as UTF-8.
+
+    The disk has the content when this returns, and the name after :func:`sync_folder`.
+
+    Raises:
+        FileExistsError: something has the name ``path`` and ``replace`` is false.
+        OSError: it cannot be written; ``path`` is as before.
+    """
+    with staged(path, replace=replace) as part:
+        write_synced(part, content, mode)
+
+
+def write_synced(path: Path, content: str | bytes, mode: int) -> None:
+    """Write ``content`` to the new file ``path`` and wait until the disk has it.
+
+    Raises:
+        OSError: it is there already, or cannot be written; half a file may be there then.
+    """
+    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | OPEN_FLAGS, mode)
+    with os.fdopen(descriptor, "wb") as stream:
+        stream.write(content.encode() if isinstance(content, str) else content)
+        stream.flush()
+        os.fsync(stream.fileno())
+
+
 def give_way() -> None:
     """Begin a process that works beside the stream: it gives way to it, and leaves Ctrl-C to its parent.
 

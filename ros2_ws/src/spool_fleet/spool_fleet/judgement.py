@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
 from typing import Any
@@ -159,13 +159,7 @@ def judged_alone(valves: Sequence[ObservedValve], services: Sequence[Service], u
 
 def write_trends(store: Path, services: Sequence[Service]) -> list[Trend]:
     """Judge every valve of ``store``, write the tables ``trends`` and ``services``, return the trends."""
-    rows = [
-        {
-            "machine": one.machine, "valve": one.valve, "start": _time(one.start / 1e9 / DAY),
-            "kind": one.kind, "comment": one.comment,
-        }
-        for one in services
-    ]  # fmt: skip
+    rows = [{**asdict(one), "start": _time(one.start / 1e9 / DAY)} for one in services]
     write_whole(store, "services", rows)
     valves = observed_valves(store)
     trends = judge(valves, services)

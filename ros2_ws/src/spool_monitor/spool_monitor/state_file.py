@@ -10,7 +10,15 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from spool_core.system import FILE_MODE, OPEN_FLAGS, lock_file, private_folder, restrict, sync_folder
+from spool_core.system import (
+    FILE_MODE,
+    OPEN_FLAGS,
+    lock_file,
+    private_folder,
+    restrict,
+    sync_folder,
+    write_synced,
+)
 
 #: Written by this version; it reads older ones. A later version that changes what a key means counts up.
 FORMAT = 1
@@ -67,12 +75,8 @@ class StateFile:
         head = {"format": FORMAT, "sequence": self._sequence, "sha256": _digest(self._sequence, text)}
         private_folder(self._target.parent)
         new = _beside(self._target, NEW)
-        descriptor = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | OPEN_FLAGS, FILE_MODE)
-        with os.fdopen(descriptor, "w", encoding="utf-8") as stream:
-            restrict(new, FILE_MODE)
-            stream.write(f'{json.dumps(head)[:-1]}, "content": {text}}}\n')
-            stream.flush()
-            os.fsync(stream.fileno())
+        new.unlink(missing_ok=True)
+        write_synced(new, f'{json.dumps(head)[:-1]}, "content": {text}}}\n', FILE_MODE)
         if self._target.exists():  # a damaged file must not replace the good copy
             self._target.replace(_beside(self._target, LAST if self._sound else DAMAGED))
         new.replace(self._target)

@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 from xml.etree import ElementTree
 
 from spool_core.errors import InputError
-from spool_core.system import remove, staged
+from spool_core.system import remove, write_durably
 
 if TYPE_CHECKING:
     from spool_bag.mcap_file import Damage
@@ -113,10 +113,7 @@ def write_file(path: Path, content: str | bytes, option: str = "output") -> None
         if _is_device(path):
             path.write_bytes(data)
         else:
-            with staged(path, replace=_force.get()) as part, part.open("xb") as stream:
-                stream.write(data)
-                stream.flush()
-                os.fsync(stream.fileno())
+            write_durably(path, data, replace=_force.get())
     except FileExistsError:  # it came up since
         check_output(path, option)
         raise InputError(f"{option} {path}: it is there already") from None

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from spool_core.errors import InputError
-from spool_core.system import FILE_MODE, private_folder, restrict
+from spool_core.system import FILE_MODE, private_folder, restrict, write_durably
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import JSONResponse, PlainTextResponse, Response
@@ -117,12 +117,7 @@ class OperatorToken:
         self.path = path
         self._token = secrets.token_urlsafe(RANDOM)
         private_folder(path.parent)
-        new = path.with_name(f"{path.name}.new")
-        new.unlink(missing_ok=True)
-        flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC | os.O_NOFOLLOW
-        with os.fdopen(os.open(new, flags, FILE_MODE), "w", encoding="ascii") as stream:
-            stream.write(f"{self._token}\n")
-        new.replace(path)
+        write_durably(path, f"{self._token}\n", mode=FILE_MODE)
 
     def fits(self, header: str) -> bool:
         """Return whether an ``Authorization`` header bears the token; takes as long whatever it holds."""

@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 import ipaddress
-import queue
 import socket
 import time
-from collections import OrderedDict
 from concurrent.futures import Future
-from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
 
-from lifecycle_msgs.srv import GetState
 from rcl_interfaces.srv import GetParameters
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
@@ -21,6 +17,7 @@ from spool_core.errors import InputError
 from spool_core.node import qos
 from spool_core.node.managed_node import ManagedNode
 from spool_core.node.parameters import NodeParameter, Value
+from spool_core.node.service_calls import ServiceCalls
 from spool_monitor.state_file import default_folder
 from spool_monitor.valve_condition import monitored_valves
 from spool_msgs.msg import AccelerationBlock, AlarmList, GapAnalysis, ModelEstimate, ValveHealth
@@ -55,21 +52,15 @@ ASK_EVERY = 10.0
 #: Valves whose pages are fed with samples and more at a time.
 MOST_OPEN = 16
 
-#: s that a node may take to answer; s between two greetings.
-PATIENCE, GREET = 5.0, 0.5
-#: Nodes whose clients are kept, and calls that may be under way.
-MOST_SERVERS, MOST_CALLS = 32, 64
-#: Services that can be called, by node and name; there is no way to any other.
-SERVICES: dict[str, dict[str, Any]] = {
-    "monitor": {
-        "acknowledge_alarm": AcknowledgeAlarm,
-        "shelve_alarm": ShelveAlarm,
-        "reset_alarms": ResetAlarms,
-        "manage_baseline": ManageBaseline,
-        "get_parameters": GetParameters,
-    },
-    "estimator": {"analyse_gap": Trigger},
-    "recorder": {"take_snapshot": TakeSnapshot},
+#: Services that can be called: node and type by name; there is no way to any other.
+SERVICES: dict[str, tuple[str, Any]] = {
+    "acknowledge_alarm": ("monitor", AcknowledgeAlarm),
+    "shelve_alarm": ("monitor", ShelveAlarm),
+    "reset_alarms": ("monitor", ResetAlarms),
+    "manage_baseline": ("monitor", ManageBaseline),
+    "get_parameters": ("monitor", GetParameters),
+    "analyse_gap": ("estimator", Trigger),
+    "take_snapshot": ("recorder", TakeSnapshot),
 }
 #: Nodes that serve all valves, outside of their namespaces.
 SHARED = {"recorder"}
@@ -105,7 +96,7 @@ class PageNode(ManagedNode):
         self._socket: socket.socket | None = None
         self._server: ServerThread | None = None
         self._listening: Listening | None = None
-        self._calls: Calls | None = None
+        self._calls: ServiceCalls | None = None
         self._token: OperatorToken | None = None
         self._log: ActLog | None = None
         self._changed: list[str] = []
@@ -131,7 +122,7 @@ class PageNode(ManagedNode):
             self._log = ActLog(folder / FOLDER / "operator_log.jsonl")
         board = Board()
         names = tuple(name.strip("/") for name in self.value("valves") if name.strip("/"))
-        calls = self._calls = Calls(self)
+        calls = self._calls = ServiceCalls(self)
         self._listening = Listening(self, board, calls, names)
         desk = Desk(
             board=board,
@@ -214,7 +205,7 @@ class PageNode(ManagedNode):
         return outcome
 
 
-def do(calls: Calls, act: Act) -> Future[Outcome]:
+def do(calls: ServiceCalls, act: Act) -> Future[Outcome]:
     """Ask for ``act``; the outcome comes once the valve's node has answered, or is not there."""
     service, request = _request(act)
     outcome: Future[Outcome] = Future()
@@ -222,7 +213,7 @@ def do(calls: Calls, act: Act) -> Future[Outcome]:
     def take(answer: Future[Any]) -> None:
         outcome.set_result(_outcome(act, answer.result()))
 
-    calls.ask(act.valve, service, request).add_done_callback(take)
+    _ask(calls, act.valve, service, request).add_done_callback(take)
     return outcome
 
 
@@ -233,7 +224,7 @@ class Listening:
     wakes up for: that costs a third of a callback for each message.
     """
 
-    def __init__(self, node: Node, board: Board, calls: Calls, names: tuple[str, ...]) -> None:
+    def __init__(self, node: Node, board: Board, calls: ServiceCalls, names: tuple[str, ...]) -> None:
         self._node, self._board, self._calls, self._names = node, board, calls, names
         self._quiet = Node(
             f"{node.get_name()}_listener", namespace=node.get_namespace(), context=node.context,
@@ -338,92 +329,15 @@ class Listening:
             valve.changes += 1
 
         show = ManageBaseline.Request(action=ManageBaseline.Request.SHOW)
-        self._calls.ask(valve.name, "manage_baseline", show).add_done_callback(take_baseline)
+        _ask(self._calls, valve.name, "manage_baseline", show).add_done_callback(take_baseline)
         limits = GetParameters.Request(names=list(NAMES))
-        self._calls.ask(valve.name, "get_parameters", limits).add_done_callback(take_limits)
+        _ask(self._calls, valve.name, "get_parameters", limits).add_done_callback(take_limits)
 
 
-class Calls:
-    """Calls under way; :meth:`work` has to be called now and then on the node's thread."""
-
-    def __init__(self, node: Node) -> None:
-        self._node = node
-        self._new: queue.Queue[_Call] = queue.Queue(MOST_CALLS)
-        self._calls: list[_Call] = []
-        self._servers: OrderedDict[tuple[str, str], _Server] = OrderedDict()
-
-    def ask(self, valve: str, service: str, request: Any) -> Future[Any]:
-        """Return the answer to come, ``None`` in it where no node answers; from any thread."""
-        node = next(name for name, services in SERVICES.items() if service in services)
-        call = _Call("" if node in SHARED else valve, node, service, request, Future())
-        try:
-            self._new.put_nowait(call)
-        except queue.Full:
-            call.answer.set_result(None)
-        return call.answer
-
-    def work(self) -> None:
-        """Bring every call forward."""
-        while len(self._calls) < MOST_CALLS:
-            try:
-                self._calls.append(self._new.get_nowait())
-            except queue.Empty:
-                break
-        if self._calls:
-            self._calls = [call for call in self._calls if not self._ended(call)]
-
-    def close(self) -> None:
-        """Give up what is under way, and all clients."""
-        while not self._new.empty():
-            self._calls.append(self._new.get_nowait())
-        for call in self._calls:
-            _answer(call, None)
-        self._calls.clear()
-        while self._servers:
-            self._forget(next(iter(self._servers)))
-
-    def _ended(self, call: _Call) -> bool:
-        if call.sent is not None and call.sent.done():
-            _answer(call, None if call.sent.exception() else call.sent.result())
-        elif time.monotonic() - call.asked > PATIENCE:
-            _answer(call, None)
-        elif call.sent is None:
-            self._greet(call, self._server(call.valve, call.node))
-        return call.answer.done()
-
-    def _greet(self, call: _Call, server: _Server) -> None:
-        """Ask the node for its state until it answers: it drops answers to clients that it does not know yet.
-
-        Clients become known in the order they were made, so it knows all earlier ones then.
-        """
-        if any(one.done() for one in call.greetings):
-            call.sent = server.clients[call.service].call_async(call.request)
-            return
-        now = time.monotonic()
-        if now - call.greeted > GREET and server.greeter.service_is_ready():
-            call.greeted = now
-            call.greetings.append(server.greeter.call_async(GetState.Request()))
-
-    def _server(self, valve: str, node: str) -> _Server:
-        key = (valve, node)
-        if key not in self._servers:
-            path = f"/{valve}/{node}" if valve else f"/{node}"
-            clients = {
-                name: self._node.create_client(kind, f"{path}/{name}")
-                for name, kind in SERVICES[node].items()
-            }
-            self._servers[key] = _Server(clients, self._node.create_client(GetState, f"{path}/get_state"))
-            busy = {(call.valve, call.node) for call in self._calls}
-            idle = [one for one in self._servers if one not in busy and one != key]
-            for one in idle[: max(0, len(self._servers) - MOST_SERVERS)]:
-                self._forget(one)
-        self._servers.move_to_end(key)
-        return self._servers[key]
-
-    def _forget(self, key: tuple[str, str]) -> None:
-        server = self._servers.pop(key)
-        for client in (*server.clients.values(), server.greeter):
-            self._node.destroy_client(client)
+def _ask(calls: ServiceCalls, valve: str, service: str, request: Any) -> Future[Any]:
+    """Return the answer to come, ``None`` in it where no node answers; from any thread."""
+    node, kind = SERVICES[service]
+    return calls.ask(f"/{node}" if node in SHARED else f"/{valve}/{node}", service, request, kind)
 
 
 def _spectrum(blocks: list[bytes]) -> dict[str, Any] | None:
@@ -481,31 +395,3 @@ def _take_block(valve: HeardValve, raw: bytes) -> None:
 def _take_gap(valve: HeardValve, message: GapAnalysis) -> None:
     valve.gap = message
     valve.changes += 1
-
-
-@dataclass(slots=True)
-class _Server:
-    """A node of a valve: its clients, the one that greets made last."""
-
-    clients: dict[str, Any]
-    greeter: Any
-
-
-@dataclass(slots=True)
-class _Call:
-    """Call of a service; ``valve`` is empty for a node that serves all."""
-
-    valve: str
-    node: str
-    service: str
-    request: Any
-    answer: Future[Any]
-    asked: float = field(default_factory=time.monotonic)
-    greeted: float = 0.0
-    greetings: list[Any] = field(default_factory=list)
-    sent: Any = None
-
-
-def _answer(call: _Call, result: Any) -> None:
-    if not call.answer.done():
-        call.answer.set_result(result)

@@ -15,8 +15,8 @@ from spool_core.errors import InputError
 from spool_core.text import printable
 
 from spool_bag.importing.choices import Choices
-from spool_bag.importing.clocks import ClockOffset
 from spool_bag.importing.logger_record import LoggerRecord, read_record
+from spool_bag.importing.time_axis import ClockOffset
 from spool_bag.metadata import ACCELERATION_BLOCK, RATE_STD, TEMPERATURE
 from spool_bag.metadata import custom_data as kept_data
 from spool_bag.names import BODY, OIL_TEMPERATURE, SPOOL, check_valve

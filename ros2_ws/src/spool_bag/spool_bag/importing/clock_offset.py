@@ -27,7 +27,7 @@ from spool_estimator.identification.record import Record
 from spool_sim.model import load_model
 from spool_sim.valve import Valve
 
-from spool_bag.importing.clocks import ClockOffset
+from spool_bag.importing.time_axis import ClockOffset
 
 #: Hz that both channels are brought to: no spool follows its body beyond a tenth of it.
 COMMON_RATE = 400.0

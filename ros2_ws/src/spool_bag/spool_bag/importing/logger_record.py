@@ -16,7 +16,6 @@ from spool_core.numbers import GRAVITY
 from spool_core.text import plural, printable
 
 from spool_bag.importing.choices import Choices, choices
-from spool_bag.importing.clocks import ClockOffset
 from spool_bag.importing.formats.format import open_table, read_channels
 from spool_bag.importing.roles import (
     REQUIRED,
@@ -33,6 +32,7 @@ from spool_bag.importing.roles import (
 from spool_bag.importing.table import STAMP, Channel, Group, Table, Values
 from spool_bag.importing.time_axis import (
     SAME,
+    ClockOffset,
     TimeBase,
     counted,
     finite,

@@ -31,8 +31,8 @@ from spool_core.sensor_clock import (
 from spool_core.stamps import JITTER, Rhythm, Stamps, judge_stamps, unpaired
 from spool_core.text import printable
 
-from spool_bag.importing.clocks import ClockOffset
 from spool_bag.importing.table import MOST_SAMPLES
+from spool_bag.importing.time_axis import ClockOffset
 
 #: Relative difference of the rates up to which they are one nominal rate, as the live adapter has it.
 SAME_RATE = 0.03

@@ -5,7 +5,8 @@ flipped, would raise an arbitrary error or crash the process. A file whose check
 for missing: its kernel is compiled and written again.
 
 The files keep numba's names: an index (``.nbi``) for each kernel, a data file (``.nbc``) for each signature.
-This module alone knows private parts of numba. It loads only Python's own library until a kernel is compiled,
+This module alone knows private parts of numba (checked with 0.68.1): numba has no public way to check what it
+loads. The module loads only Python's own library until a kernel is compiled,
 so ``./spool doctor`` checks the files without numba.
 """
 
@@ -24,7 +25,14 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from spool_core.system import lock_file, others_may_write, private_folder, private_temporary_folder
+from spool_core.system import (
+    FILE_MODE,
+    lock_file,
+    others_may_write,
+    private_folder,
+    private_temporary_folder,
+    write_durably,
+)
 
 INDEX, DATA = ".nbi", ".nbc"
 #: First bytes of each file. Another layout of the files needs another number here.
@@ -143,14 +151,7 @@ class SealedCacheFile:
     def _write(self, name: str, content: bytes) -> None:
         """Write a file that other processes see whole or not at all."""
         self._folder.mkdir(parents=True, exist_ok=True)
-        handle, temporary = tempfile.mkstemp(dir=self._folder, suffix=".part")
-        try:
-            with os.fdopen(handle, "wb") as file:
-                file.write(sealed(name, content))
-            Path(temporary).replace(self._folder / name)
-        except BaseException:
-            Path(temporary).unlink(missing_ok=True)
-            raise
+        write_durably(self._folder / name, sealed(name, content), mode=FILE_MODE)
 
     @contextmanager
     def _alone(self) -> Iterator[None]:

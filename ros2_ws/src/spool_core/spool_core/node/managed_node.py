@@ -52,6 +52,9 @@ class ManagedNode(LifecycleNode):  # type: ignore[misc]  # rclpy carries no type
     :meth:`cleanup`. What a hook raises is logged (an :class:`InputError` as one line, anything else with
     its traceback) and the transition returns FAILURE. Subscriptions, timers and services made with
     :meth:`subscribe`, :meth:`every` and :meth:`serve` live while the node is active.
+
+    This class alone uses private parts of rclpy (checked with 7.1.6), which has no public access to them:
+    ``_parameter_overrides``, ``_state_machine`` and the handler of ``change_state``.
     """
 
     PARAMETERS: ClassVar[tuple[NodeParameter, ...]] = ()

@@ -18,6 +18,7 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from spool_core.node import qos
+from spool_core.node.service_calls import ServiceCalls
 from std_msgs.msg import String
 
 PROBE = Path(__file__).with_name("probe_node.py")
@@ -102,32 +103,14 @@ class Observer:
             self.executor.spin_once(timeout_sec=0.05)
 
     def call(self, service: Any, name: str, request: Any) -> Any:
-        client = self.node.create_client(service, f"/probe/{name}")
-        assert client.wait_for_service(timeout_sec=PATIENCE), f"no service {name}"
-        self._meet()
-        future = client.call_async(request)
-        self.until(future.done, f"an answer of {name}")
-        self.node.destroy_client(client)
-        return future.result()
-
-    def _meet(self) -> None:
-        """Ask until the probe answers: it drops answers to clients that it has not discovered yet.
-
-        Clients are discovered in the order they were made, so it knows all earlier ones then.
-        """
-        client = self.node.create_client(GetState, "/probe/get_state")
-        futures: list[Any] = []
-        due = 0.0
-
-        def answered() -> bool:
-            nonlocal due
-            if time.monotonic() >= due and client.service_is_ready():
-                futures.append(client.call_async(GetState.Request()))
-                due = time.monotonic() + 2.0
-            return any(future.done() for future in futures)
-
-        self.until(answered, "an answer of the probe")
-        self.node.destroy_client(client)
+        calls = ServiceCalls(self.node, PATIENCE)
+        answer = calls.ask("/probe", name, request, service)
+        while not answer.done():
+            calls.work()
+            self.executor.spin_once(timeout_sec=0.1)
+        calls.close()
+        assert answer.result() is not None, f"no answer of {name} in {PATIENCE} s"
+        return answer.result()
 
     def state(self) -> str:
         answer = self.call(GetState, "get_state", GetState.Request())

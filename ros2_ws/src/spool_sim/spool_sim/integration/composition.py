@@ -5,9 +5,7 @@ from __future__ import annotations
 import hashlib
 import importlib
 import inspect
-import os
 import sys
-import tempfile
 from collections.abc import Callable, Iterable, Sequence
 from functools import lru_cache
 from pathlib import Path
@@ -17,6 +15,7 @@ from typing import Any, TypeVar, cast
 from spool_core.errors import InputError
 from spool_core.kernels import compiled as compiling
 from spool_core.kernels.compiled import cache_folder
+from spool_core.system import FILE_MODE, write_durably
 
 from spool_sim.terms import Parameter, Term, term
 
@@ -180,10 +179,7 @@ def _from_disk(name: str, source: str) -> ModuleType:
     path = cache_folder() / f"{name}.py"
     if not path.exists() or path.read_bytes() != source.encode():
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".part")
-        with os.fdopen(handle, "w", encoding="utf-8") as file:
-            file.write(source)
-        Path(temporary).replace(path)
+        write_durably(path, source, mode=FILE_MODE)
     # Not by an import, which would trust a damaged file of bytecode beside the source.
     module = ModuleType(name)
     module.__file__ = str(path)

@@ -10,15 +10,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from types import FrameType, TracebackType
+from types import TracebackType
 from typing import Any
 
 import rclpy
 import yaml
-from rcl_interfaces.msg import SetParametersResult
+from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.parameter_client import AsyncParameterClient
 from rclpy.signals import SignalHandlerOptions
 from rich.console import Console, Group
 from rich.live import Live
@@ -37,6 +36,7 @@ from spool_msgs.msg import HealthEvent, ModelEstimate, Quantity, ValveHealth
 from spool_sim.excitation import from_mapping
 
 from spool_tools.operations.heard import event_line
+from spool_tools.operations.service_client import call
 from spool_tools.outputs import write_json
 
 #: What is said of an event, by whether it was raised live and from the bag.
@@ -189,7 +189,8 @@ class Display:
         elif time.monotonic() - self._last >= _LINE_INTERVAL:
             self._last = time.monotonic()
             for name in self.names:
-                self.console.print(f"{elapsed:5.1f} s  {name}  {self._line(name)}", soft_wrap=True)
+                line = "  ".join(cell.plain for cell in self._cells(name))
+                self.console.print(f"{elapsed:5.1f} s  {name}  {line}", soft_wrap=True)
 
     def event(self, name: str, elapsed: float, event: HealthEvent) -> None:
         """Show an event above the status."""
@@ -228,9 +229,6 @@ class Display:
             Text(_with_uncertainty(values.get("coulomb_force"))),
             Text(level, style=style).append(f" {health.summary}", style="default"),
         ]
-
-    def _line(self, name: str) -> str:
-        return "  ".join(cell.plain for cell in self._cells(name))
 
 
 def find_executable(package: str, executable: str) -> Path:
@@ -334,7 +332,7 @@ def _live(seconds: float, folder: Path, display: Display) -> tuple[list[tuple[st
     """Run the nodes for ``seconds`` s; return the events as they came, and whether it ran to its end."""
     # Without handlers of rclpy a signal ends the wait for messages as it does any other Python.
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-    before = signal.signal(signal.SIGTERM, _as_interrupt)
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     whole = False
     node = Node("demonstration")
     events: list[tuple[str, HealthEvent]] = []
@@ -388,11 +386,6 @@ def _stop(nodes: Nodes) -> None:
     nodes.stop(*(f"simulator {valve.name}" for valve in VALVES))
     nodes.stop(*(f"{kind} {valve.name}" for valve in VALVES for kind in ("monitor", "estimator")))
     nodes.stop("recorder", patience=20.0)
-
-
-def _as_interrupt(_number: int, _frame: FrameType | None) -> None:
-    """Let a request to end take the way of Ctrl-C."""
-    raise KeyboardInterrupt
 
 
 def _say_interrupted(display: Display, folder: Path) -> int:
@@ -450,24 +443,14 @@ def _check(nodes: Nodes) -> None:
 
 def _let_drift(node: Node, valve: DemoValve, duration: float) -> None:
     """Set the simulator's drift parameters through the standard parameter service."""
-    client = AsyncParameterClient(node, f"/{valve.name}/simulator")
-    client.wait_for_services(timeout_sec=5.0)
-    wanted = [
-        Parameter("drift_target", value=valve.drift_target),
-        Parameter("drift_duration", value=duration),
-        Parameter("drift_quantity", value=valve.drift),
-    ]
-    answer = None
-    # A node drops its answer to a client that it has not discovered yet; asking again changes nothing.
-    for _ in range(3):
-        future = client.set_parameters_atomically(wanted)
-        rclpy.spin_until_future_complete(node, future, timeout_sec=2.0)
-        answer = future.result() if future.done() else None
-        if answer is not None:
-            break
-    result: SetParametersResult | None = answer.result if answer is not None else None
-    if result is None or not result.successful:
-        raise InputError(f"{valve.name}: the drift was refused: {result.reason if result else 'no answer'}")
+    wanted = {"drift_target": valve.drift_target, "drift_duration": duration, "drift_quantity": valve.drift}
+    request = SetParametersAtomically.Request(
+        parameters=[Parameter(name, value=value).to_parameter_msg() for name, value in wanted.items()]
+    )
+    server = f"{valve.name}/simulator"
+    result = call(node, server, "set_parameters_atomically", request, SetParametersAtomically).result
+    if not result.successful:
+        raise InputError(f"{valve.name}: the drift was refused: {result.reason}")
 
 
 def _summarise(

@@ -5,7 +5,8 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
-from dataclasses import dataclass, field
+from concurrent.futures import Future
+from dataclasses import dataclass
 from datetime import datetime
 from functools import partial
 from typing import Any
@@ -18,19 +19,20 @@ from spool_core.events.language import Language
 from spool_core.events.sentences import details, headline
 from spool_core.node import qos
 from spool_core.node.messages import from_event_message
+from spool_core.node.service_calls import ServiceCalls
 from spool_core.uncertainty import with_interval
 from spool_monitor import valve_condition as conditions
 from spool_monitor.valve_condition import monitored_valves
 from spool_msgs.msg import Alarm, AlarmList, HealthEvent, ModelEstimate, Quantity, ValveHealth
-from spool_msgs.srv import AcknowledgeAlarm, ResetAlarms, ShelveAlarm
+from spool_msgs.srv import AcknowledgeAlarm, ResetAlarms, ShelveAlarm, SuppressAlarm
 
-#: s between looks for valves that joined; valves and events that are held at most.
-LOOK_EVERY, MOST_VALVES, EVENTS = 1.0, 1000, 200
-#: s that a monitor may take to answer.
-PATIENCE = 5.0
+#: s between looks for valves that joined and between steps of calls; valves and events held at most.
+LOOK_EVERY, CALL_EVERY, MOST_VALVES, EVENTS = 1.0, 0.1, 1000, 200
+#: Services of a monitor by which operators act on alarms.
 SERVICES: dict[str, Any] = {
     "acknowledge_alarm": AcknowledgeAlarm,
     "shelve_alarm": ShelveAlarm,
+    "suppress_alarm": SuppressAlarm,
     "reset_alarms": ResetAlarms,
 }
 
@@ -81,21 +83,6 @@ class HeardValve:
     alarms: AlarmList | None = None
 
 
-@dataclass(slots=True)
-class Answer:
-    """Answer to an operator's request to ``valve``: ``text`` for people, ``None`` while it is awaited."""
-
-    valve: str
-    text: str | None = None
-    asked: float = field(default_factory=time.monotonic)
-
-    def said(self) -> str | None:
-        """Return what is to be said by now, ``None`` while it is awaited."""
-        if self.text is None and time.monotonic() - self.asked > PATIENCE:
-            self.text = f"{self.valve}: its monitor does not answer"
-        return self.text
-
-
 class Listener:
     """Listener to all valves of this ROS domain, or to those named; works in a thread of its own."""
 
@@ -108,11 +95,12 @@ class Listener:
         self._node = Node("spool_watch")
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self._node)
-        self._clients: dict[tuple[str, str], Any] = {}
+        self._calls = ServiceCalls(self._node)
         self._started = self._node.get_clock().now().nanoseconds
         for name in names:
             self._join(name)
         self._node.create_timer(LOOK_EVERY, self._look)
+        self._node.create_timer(CALL_EVERY, self._calls.work)
         self._look()
         self._thread = threading.Thread(target=self._spin, daemon=True)
         self._thread.start()
@@ -124,35 +112,40 @@ class Listener:
         self._node.destroy_node()
         rclpy.try_shutdown()
 
-    def acknowledge(self, valve: str, alarm: str, occurrence: int, who: str, comment: str) -> Answer:
+    def acknowledge(self, valve: str, alarm: str, occurrence: int, who: str, comment: str) -> Future[str]:
         """Ask the monitor of ``valve`` to note that ``who`` has seen ``alarm``, as often as it was shown."""
         request = AcknowledgeAlarm.Request(alarm=alarm, who=who, comment=comment, occurrence=occurrence)
         return self._ask(valve, "acknowledge_alarm", request)
 
     def shelve(
         self, valve: str, alarm: str, seconds: float, who: str, comment: str, *, shelved: bool
-    ) -> Answer:
+    ) -> Future[str]:
         """Ask the monitor of ``valve`` to put ``alarm`` aside for ``seconds``, or to take that back."""
         request = ShelveAlarm.Request(
             alarm=alarm, who=who, comment=comment, shelved=shelved, duration=seconds
         )
         return self._ask(valve, "shelve_alarm", request)
 
-    def reset(self, valve: str, alarm: str, who: str, comment: str) -> Answer:
+    def reset(self, valve: str, alarm: str, who: str, comment: str) -> Future[str]:
         """Ask the monitor of ``valve`` to reset the latched ``alarm``."""
         request = ResetAlarms.Request(alarm=alarm, who=who, comment=comment)
         return self._ask(valve, "reset_alarms", request)
 
-    def _ask(self, valve: str, service: str, request: Any) -> Answer:
-        answer = Answer(valve)
+    def _ask(self, valve: str, service: str, request: Any) -> Future[str]:
+        """Return what is to be said to the operator, once it is known."""
+        said: Future[str] = Future()
 
-        def take(future: Any) -> None:
-            got = future.result()
-            changed = ", ".join(got.changed) if got.success else got.reason
-            answer.text = f"{valve}: {service.replace('_', ' ')}: {changed}"
+        def take(answer: Future[Any]) -> None:
+            got = answer.result()
+            if got is None:
+                said.set_result(f"{valve}: its monitor does not answer")
+            else:
+                changed = ", ".join(got.changed) if got.success else got.reason
+                said.set_result(f"{valve}: {service.replace('_', ' ')}: {changed}")
 
-        self._clients[valve, service].call_async(request).add_done_callback(take)
-        return answer
+        answer = self._calls.ask(f"/{valve}/monitor", service, request, SERVICES[service])
+        answer.add_done_callback(take)
+        return said
 
     def _spin(self) -> None:
         try:
@@ -177,10 +170,6 @@ class Listener:
             (AlarmList, "alarms", self._on_alarms),
         ):
             self._node.create_subscription(kind, f"/{name}/{topic}", partial(take, valve), qos.state())
-        # A server drops answers to clients that it does not know yet: these are known long before they ask.
-        for service, service_type in SERVICES.items():
-            server = f"/{name}/monitor/{service}"
-            self._clients[name, service] = self._node.create_client(service_type, server)
         self._node.create_subscription(
             HealthEvent, f"/{name}/events", partial(self._on_event, name), qos.state(100)
         )

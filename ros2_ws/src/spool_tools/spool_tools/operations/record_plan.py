@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -403,22 +403,9 @@ def _dictionary(
             "excitation": excitation,
         },
         "parameters": {
-            one.name: {
-                "truth": truth.get(one.name),
-                "value": one.value,
-                "std": one.standard_deviation,
-                "unit": one.unit,
-            }
-            for one in answer.parameters
+            one.name: {"truth": truth.get(one.name), **one.to_dict()} for one in answer.parameters
         },
-        "limit": None
-        if limit is None
-        else {
-            "quantity": limit.quantity,
-            "value": limit.value,
-            "unit": limit.unit,
-            "meaning": limit.meaning,
-        },
+        "limit": None if limit is None else asdict(limit),
         "reason": answer.reason,
         "notes": list(answer.notes),
         "effects": [

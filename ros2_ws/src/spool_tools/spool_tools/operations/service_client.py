@@ -14,7 +14,6 @@ from typing import Any
 
 import rclpy
 from builtin_interfaces.msg import Time
-from lifecycle_msgs.srv import GetState
 from rcl_interfaces.msg import Parameter, ParameterDescriptor, ParameterType, ParameterValue
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParametersAtomically
 from rclpy.node import Node
@@ -27,25 +26,16 @@ from spool_core.events.sentences import language_of
 from spool_core.files import YamlError, load_yaml
 from spool_core.node import qos
 from spool_core.node.parameters import BUILT_IN
+from spool_core.node.service_calls import PATIENCE, ServiceCalls
 from spool_core.text import did_you_mean
 from spool_core.uncertainty import LEGEND, PLUS_MINUS, interval
 from spool_monitor.alarm import AlarmState
 from spool_msgs.msg import AlarmList, GapAnalysis
-from spool_msgs.srv import (
-    AcknowledgeAlarm,
-    ManageBaseline,
-    ResetAlarms,
-    ShelveAlarm,
-    SuppressAlarm,
-    TakeSnapshot,
-)
+from spool_msgs.srv import ManageBaseline, TakeSnapshot
 from std_srvs.srv import Trigger
 
-from spool_tools.operations.heard import alarm_details, alarm_headline
+from spool_tools.operations.heard import SERVICES, WAITING, alarm_details, alarm_headline
 from spool_tools.outputs import write_file
-
-#: s that a running node may take to be found and to answer.
-PATIENCE = 5.0
 
 #: Field of a value and Python type, by the type of a parameter.
 _FIELDS: dict[int, tuple[str, type, str]] = {
@@ -66,18 +56,6 @@ ACTIONS = {
 
 #: s that an analysis of the last minute may take: twice its bound on one core, with others working besides.
 LONGEST = 300.0
-
-SERVICES: dict[str, Any] = {
-    "acknowledge_alarm": AcknowledgeAlarm,
-    "shelve_alarm": ShelveAlarm,
-    "suppress_alarm": SuppressAlarm,
-    "reset_alarms": ResetAlarms,
-}
-_WAITING = (
-    AlarmState.UNACKNOWLEDGED,
-    AlarmState.RETURNED_UNACKNOWLEDGED,
-    AlarmState.LATCHED_UNACKNOWLEDGED,
-)
 
 
 @contextmanager
@@ -110,12 +88,17 @@ def call(node: Node, server: str, service: str, request: Any, kind: Any) -> Any:
     Raises:
         InputError: no active node answers.
     """
-    client = node.create_client(kind, f"/{server}/{service}")
-    _meet(node, server)
-    until(node, client.service_is_ready, server)
-    future = client.call_async(request)
-    until(node, future.done, server)
-    return future.result()
+    calls = ServiceCalls(node)
+    answer = calls.ask(f"/{server}", service, request, kind)
+    try:
+        while not answer.done():
+            calls.work()
+            rclpy.spin_once(node, timeout_sec=0.05)
+    finally:
+        calls.close()
+    if answer.result() is None:
+        raise _silent(server)
+    return answer.result()
 
 
 def until(node: Node, met: Callable[[], object], server: str, patience: float = PATIENCE) -> None:
@@ -127,11 +110,7 @@ def until(node: Node, met: Callable[[], object], server: str, patience: float = 
     end = time.monotonic() + patience
     while not met():
         if time.monotonic() > end:
-            space, _, name = server.rpartition("/")
-            raise InputError(
-                f"{space or name}: no active {name} answers in /{space}: is it running, with the same "
-                "ROS_DOMAIN_ID?"
-            )
+            raise _silent(server)
         rclpy.spin_once(node, timeout_sec=0.05)
 
 
@@ -296,7 +275,7 @@ def show_alarms(valve: str, *, every: bool, details: bool = False, language: str
             print(f"      {alarm_headline(one, chosen)}")
             for line in alarm_details(one, chosen) if details else ():
                 print(f"        {line}")
-    return 1 if any(one.state in _WAITING for one in listed) else 0
+    return 1 if any(one.state in WAITING for one in listed) else 0
 
 
 def ask(valve: str, service: str, *, who: str, **fields: object) -> None:
@@ -320,23 +299,11 @@ def ask(valve: str, service: str, *, who: str, **fields: object) -> None:
     print(f"{valve}: {', '.join(answer.changed)}")
 
 
-def _meet(node: Node, server: str) -> None:
-    """Ask for its state until the node answers: it drops answers to clients that it does not know yet.
-
-    Clients become known in the order they were made, so it knows all earlier ones then.
-    """
-    client = node.create_client(GetState, f"/{server}/get_state")
-    futures: list[Any] = []
-    due = 0.0
-
-    def answered() -> bool:
-        nonlocal due
-        if time.monotonic() >= due and client.service_is_ready():
-            futures.append(client.call_async(GetState.Request()))
-            due = time.monotonic() + 1.0
-        return any(future.done() for future in futures)
-
-    until(node, answered, server)
+def _silent(server: str) -> InputError:
+    space, _, name = server.rpartition("/")
+    return InputError(
+        f"{space or name}: no active {name} answers in /{space}: is it running, with the same ROS_DOMAIN_ID?"
+    )
 
 
 def _split(change: str) -> tuple[str, str]:

@@ -6,7 +6,7 @@ import signal
 import sys
 import time
 from collections.abc import Callable
-from types import FrameType
+from concurrent.futures import Future
 from typing import ClassVar
 
 from spool_core.events.english import ENGLISH
@@ -23,7 +23,6 @@ from textual.widgets import DataTable, Footer, Input, Label, Static
 from spool_tools.operations.heard import (
     ALARM_COLUMNS,
     VALVE_COLUMNS,
-    Answer,
     HeardValve,
     Listener,
     alarm_details,
@@ -158,7 +157,7 @@ class WatchApp(App[None]):
         """Show what ``listener`` hears; ``who`` stands in the log of what is done."""
         super().__init__()
         self._listener, self._who, self._language = listener, who, language
-        self._awaited: list[Answer] = []
+        self._awaited: list[Future[str]] = []
 
     def compose(self) -> ComposeResult:
         """Lay out the two tables."""
@@ -193,11 +192,9 @@ class WatchApp(App[None]):
             ALARM_COLUMNS,
             [(one.name, alarm_row(one, self._language)) for one in alarms],
         )
-        for answer in list(self._awaited):
-            said = answer.said()
-            if said is not None:
-                self._awaited.remove(answer)
-                self._say(said)
+        for said in [one for one in self._awaited if one.done()]:
+            self._awaited.remove(said)
+            self._say(said.result())
         if not valves:
             self._say("no valve is heard yet: is a monitor running, with the same ROS_DOMAIN_ID?")
 
@@ -217,7 +214,9 @@ class WatchApp(App[None]):
     def _say(self, text: str) -> None:
         self.query_one("#said", Static).update(text)
 
-    def _ask_then(self, title: str, do: Callable[[float, str], Answer], *, minutes: bool = False) -> None:
+    def _ask_then(
+        self, title: str, do: Callable[[float, str], Future[str]], *, minutes: bool = False
+    ) -> None:
         def done(given: tuple[float, str] | None) -> None:
             if given is not None:
                 self._awaited.append(do(*given))
@@ -302,7 +301,7 @@ def _chosen_key(table: DataTable[object]) -> str | None:
 
 def _lines(listener: Listener, seconds: float | None, language: Language) -> None:
     """Print each event at once, and a line for each valve now and then."""
-    before = signal.signal(signal.SIGTERM, _as_interrupt)
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     begun, last = time.monotonic(), -LINES
     print(f"estimates {LEGEND}", flush=True)
     try:
@@ -319,7 +318,3 @@ def _lines(listener: Listener, seconds: float | None, language: Language) -> Non
         return
     finally:
         signal.signal(signal.SIGTERM, before)
-
-
-def _as_interrupt(_number: int, _frame: FrameType | None) -> None:
-    raise KeyboardInterrupt
