@@ -17,11 +17,11 @@ MODULES = read_modules(SOURCE)
 #: What was measured, and may only become less: put the new figure here with the change that improves it.
 #: Lines and files may grow only in a change that adds a feature; its commit message says what that costs.
 RATCHETS = {
-    "lines": 69_583,
+    "lines": 69_793,
     "files": 357,
-    "lines of research": 14_070,
+    "lines of research": 14_093,
     "lines up to the last import, %": 8.9,
-    "private functions with one caller, %": 22.2,
+    "private functions with one caller, %": 22.1,
     "modules with one importer, %": 17.4,
 }
 
