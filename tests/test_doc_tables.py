@@ -56,7 +56,7 @@ EXPLAINING = {
     "glossary.md": [("term", "meaning")],
     "index.md": [("you want to", "page")],
     "laptop.md": [("extra", "adds"), ("system", "what was done")],
-    "python.md": [("question", "where"), ("call", "gives")],
+    "python.md": [("question", "where"), ("call", "gives"), ("name", "number")],
     "watch.md": [("state", "what is known")],
     "methods/estimation.md": [("question", "answer")],
     "methods/gap.md": [("in `result.json`", "rule"), ("threshold", "value")],
