@@ -19,7 +19,7 @@ MODULES = read_modules(SOURCE)
 RATCHETS = {
     "lines": 69_793,
     "files": 357,
-    "lines of research": 14_093,
+    "lines of research": 14_098,
     "lines up to the last import, %": 8.9,
     "private functions with one caller, %": 22.1,
     "modules with one importer, %": 17.4,

@@ -34,12 +34,12 @@ from spool_evaluation.results.page import markdown_table, write_page
 from spool_evaluation.studies.gap import BASE
 from spool_evaluation.studies.workers import spread
 
-from .summary import OUTSIDE, RIGHT, ChainFault, FieldVerdict
+from .summary import NO_VERDICT, OUTSIDE, RIGHT, ChainFault, FieldVerdict
 
 PAGE = "field_diagnosis.md"
 SATURATION = "sensor_saturation"
-SEARCH, LIKELIHOOD, NUISANCE, DETECTOR, OPEN, LAW = (
-    "search", "likelihood", "nuisance", "detector", "not identifiable", "law of no catalogue",
+SEARCH, LIKELIHOOD, NUISANCE, DETECTOR, OPEN, LAW, NOTHING = (
+    "search", "likelihood", "nuisance", "detector", "not identifiable", "law of no catalogue", "no verdict",
 )  # fmt: skip
 MEANINGS = {
     SEARCH: "the true structure is more likely than the chosen one, but was not found",
@@ -47,6 +47,7 @@ MEANINGS = {
     NUISANCE: "the truth is more likely, and a fault of the measuring chain was reported that is not there",
     DETECTOR: "only whether a sensor clips is wrong: no fit decides that",
     OPEN: "both are equally likely: the evidence differs by 10 at most",
+    NOTHING: "the record was refused, or its analysis failed",
     LAW: "the hidden law is in no catalogue: there is no true structure to fit",
 }
 #: Difference of the evidence (log likelihood less its penalty) up to which two structures are equally likely.
@@ -117,6 +118,8 @@ def _parts(rows: Sequence[FieldVerdict], found: Sequence[Diagnosis]) -> list[str
 
 def diagnosed(row: FieldVerdict) -> Diagnosis:
     """Return why the verdict of ``row`` is wrong."""
+    if row.outcome == NO_VERDICT:
+        return Diagnosis(row, NOTHING, None)
     if row.question == OUTSIDE:
         return Diagnosis(row, LAW, None)
     # A verdict that nuisances allow too need not be named; what matters has to be.
