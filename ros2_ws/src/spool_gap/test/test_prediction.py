@@ -21,7 +21,7 @@ from spool_gap.likelihood.prediction import (
     Predictions,
     _step_of,
 )
-from spool_gap.likelihood.readings import bridged, readings_of
+from spool_gap.likelihood.readings import readings_of
 from spool_gap.likelihood.structure import Structure, structure_of
 from spool_gap.likelihood.structure_fit import StructureFit, fit_structure
 from spool_gap.registry import EFFECTS
@@ -327,8 +327,7 @@ def test_samples_that_are_cut_off_are_bridged_by_the_model() -> None:
     limit = 0.6 * float(np.abs(of.spool).max())
     cut = readings_of(replace(of, spool=np.clip(of.spool, -limit, limit)))
     whole = readings_of(of)
-    one = Prediction(cut, VALVE, MOTIONS)
-    bridge = bridged(cut, one.bridge(structure_of(BASE, VALVE), 0.1))
+    bridge = Prediction(cut, VALVE, MOTIONS).bridged(structure_of(BASE, VALVE), 0.1).readings
     inside = slice(500, -500)
     error, before = (float(np.std((row.spool - whole.spool)[inside])) for row in (bridge, cut))
     assert error < 0.3 * before

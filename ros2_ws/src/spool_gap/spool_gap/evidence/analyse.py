@@ -22,9 +22,8 @@ from spool_sim.valve import Valve
 from spool_gap.checks import as_stuck
 from spool_gap.likelihood.kernel import motions_for
 from spool_gap.likelihood.prediction import Prediction, Predictions
-from spool_gap.likelihood.readings import bridged
-from spool_gap.likelihood.search import Search, senseless
-from spool_gap.likelihood.structure import structure_of
+from spool_gap.likelihood.search import COMPARED, Search, senseless
+from spool_gap.likelihood.structure import Structure, structure_of
 from spool_gap.likelihood.structure_fit import LOOSENESS, StructureFit, fit_structure
 from spool_gap.registry import EFFECTS
 from spool_gap.result import GapResult, GapSettings, NamedEffect, Progress, RankedHypothesis, SmallEffect
@@ -77,11 +76,7 @@ def analyse(
     counted = [replace(one, time=one.time - begin) for one in look.readings]
     predictions = Predictions([Prediction(one, valve, motions) for one in counted])
     if "spool" in look.limits and predictions.numbers > 0.0:
-        # A model bridges the tops that are cut off better than any curve: they are several samples long.
-        rough = fit_structure(predictions, structure_of(base, valve), LOOSENESS[:3])
-        tops = [part.bridge(rough.structure, LOOSENESS[2]) for part in predictions.parts]
-        counted = [bridged(one, top) for one, top in zip(counted, tops, strict=True)]
-        predictions = Predictions([Prediction(one, valve, motions) for one in counted])
+        predictions = _bridging(predictions, structure_of(base, valve))
     if predictions.numbers <= 0.0:
         clipped = " and ".join(look.limits) or "neither"
         raise InputError(
@@ -118,6 +113,15 @@ def analyse(
         result, warnings=(*look.warnings, *told, *result.warnings), elapsed=time.monotonic() - begun
     )
     return as_stuck(result) if look.stuck else result
+
+
+def _bridging(predictions: Predictions, base: Structure) -> Predictions:
+    """Return ``predictions`` with the tops that the spool's channel cuts off bridged by ``base``, fitted.
+
+    They are several samples long, and no curve through the others restores them as well as a model.
+    """
+    rough = fit_structure(predictions, base, [one for one in LOOSENESS if one >= COMPARED])
+    return Predictions([part.bridged(rough.structure, COMPARED) for part in predictions.parts])
 
 
 def tried_effects(base: Model) -> list[str]:

@@ -35,7 +35,7 @@ from spool_sim.valve import Valve
 
 from .chain_part import DELAY, GAIN, SMALLEST, ChainPart, Spectrum, inverse
 from .kernel import Point, SwitchableMotion, steps_a_sample
-from .readings import Readings
+from .readings import Readings, bridged
 from .structure import Structure
 
 Array = NDArray[np.float64]
@@ -277,13 +277,13 @@ class Prediction:
             error = self._through(error, one.response("spool", self._every_line))
         return self.spool - error, found
 
-    def bridge(self, one: Structure, looseness: float) -> Array:
-        """Return the reading that ``one`` predicts at every sample of the readings, m/s^2."""
+    def bridged(self, one: Structure, looseness: float) -> Prediction:
+        """Return this with the samples that the spool lacks bridged by the reading that ``one`` predicts."""
         predicted, _ = self.free_run(one, looseness)
         middle = (np.arange(self.size) + 0.5) * self._every - 0.5
         spline = interpolate.CubicSpline(middle, predicted, bc_type="natural")
         places = np.clip(np.arange(self.readings.spool.size), middle[0], middle[-1])
-        return np.asarray(spline(places))
+        return Prediction(bridged(self.readings, spline(places)), self.valve, self.motions)
 
     def counted_lines(self, rows: Array) -> Spectrum:
         """Return the spectra of what counts of ``rows`` (..., n), shape (..., windows, lines).

@@ -27,11 +27,10 @@ from .structure import Structure
 from .structure_fit import StructureFit, fit_structure
 
 Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 #: Degree of the functions of one variable, and of each of two.
 DEGREE, BOTH = 9, 4
-#: Windows from which on what is left is looked at.
+#: Windows in which the body is known, at least, for a remainder to be looked for.
 FEWEST = 2
 #: Ratios of the coefficients' standard deviation to that of white noise of equal power, that are tried.
 WIDTHS = np.geomspace(1e-3, 1e3, 61)

@@ -113,7 +113,7 @@ class Search:
         return max(self._sensible(), key=lambda one: one.evidence)
 
     def _sensible(self) -> list[StructureFit]:
-        return [one for one in self.fits.values() if makes_sense(one)]
+        return [one for one in self.fits.values() if not senseless(one)]
 
     @property
     def simplest(self) -> StructureFit:
@@ -314,7 +314,7 @@ class Search:
                 self._tighten(one.structure, best.looseness)
 
     def _exchange_mode(self, own: Structure, looseness: float) -> None:
-        """Fit ``own`` with the mode of the other channel instead of its own."""
+        """Fit ``own`` with its mode moved to the other channel."""
         modes = [part for part in own.chain if part.id == "extra_mode"]
         if len(modes) != 1 or self.late:
             return
@@ -447,7 +447,7 @@ class Search:
         fit = judged(self._predictions, fit)
         known = self.fits.get(fit.structure.key)
         # Numbers that make no sense on a machine never hide others that do.
-        if known is None or (makes_sense(fit), fit.evidence) > (makes_sense(known), known.evidence):
+        if known is None or (not senseless(fit), fit.evidence) > (not senseless(known), known.evidence):
             self.fits[fit.structure.key] = fit
             return fit
         return known
@@ -462,11 +462,6 @@ def senseless(fit: StructureFit) -> str:
     values = fit.structure.values
     reasons = (EFFECTS[name].sensible(values, {}) for name in fit.structure.effects)
     return next((one for one in reasons if one), "")
-
-
-def makes_sense(fit: StructureFit) -> bool:
-    """Whether all numbers of the effects make sense on a machine."""
-    return not senseless(fit)
 
 
 def _named(fit: StructureFit) -> str:
