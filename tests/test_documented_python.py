@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import os
 import re
+import shlex
 import shutil
 import signal
 import subprocess
@@ -237,7 +238,7 @@ def test_each_recipe_is_found_by_its_file(copy: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("recipe", recipes(), ids=lambda text: text.splitlines()[0].removeprefix("## "))
 def test_the_commands_at_the_end_of_a_recipe_pass(recipe: str, copy: Path) -> None:
-    lines = [line.split()[1:] for line in recipe.splitlines() if line.startswith("    ./spool ")]
+    lines = [shlex.split(line)[1:] for line in recipe.splitlines() if line.startswith("    ./spool ")]
     assert "test" in [words[0] for words in lines]
     for what, *words in lines:
         arguments = ["-m", "pytest", "-q", "-p", "no:cacheprovider", *words] if what == "test" else words
