@@ -1,29 +1,28 @@
 """Plausibility of a valve's description against a record: does the record's spool swing as the file says?
 
-The natural frequency and the damping ratio come from the record alone: the estimator identifies them from
-both accelerations, dry friction apart, and gives the same numbers whatever valve file it starts from (the
-moving mass only scales forces). A record in which the spool sticks, or that is not excited near the
-resonance, gives no tracked estimate, and then nothing is said.
+The natural frequency and the damping ratio come from the record alone: both accelerations give them, dry
+friction apart, whatever the valve file says (the moving mass only scales forces). Online they are those of
+the estimator, of a whole record those of each second by linear regression. Where the spool sticks, or is not
+excited near the resonance, nothing is said.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from spool_core.block import Block
 from spool_core.errors import InputError
 from spool_core.uncertainty import Z_95, compared
 from spool_sim.valve import FILM, Valve
 from spool_sim.viscosity import OILS
 
-from spool_estimator.estimator import make_estimator
+from spool_estimator.identification.channel_faults import FITS, PIECE, pair_of
+from spool_estimator.identification.channel_pair import Swing
 from spool_estimator.identification.record import Record
 
 from .estimate import Estimate, State
-from .estimator import settings_for
 
 #: Tracked estimates that are looked at: the first minute judges the file, later changes are the monitor's.
 MOST = 60
@@ -80,14 +79,20 @@ class ValveCheck:
 
     def update(self, estimate: Estimate) -> None:
         """Take one estimate; what is not tracked tells nothing."""
-        frequency, ratio = estimate.natural_frequency, estimate.damping_ratio
-        known = math.isfinite(frequency.value) and math.isfinite(frequency.standard_deviation)
-        if self.complete or estimate.state is not State.TRACKING or not known:
+        if estimate.state is State.TRACKING:
+            frequency, ratio = estimate.natural_frequency, estimate.damping_ratio
+            self.take(Swing(
+                frequency.value, frequency.standard_deviation, ratio.value, ratio.standard_deviation
+            ))  # fmt: skip
+
+    def take(self, swing: Swing) -> None:
+        """Take how the spool swung for a moment; numbers that are not finite tell nothing."""
+        if self.complete or not math.isfinite(swing.frequency + swing.frequency_deviation):
             return
-        self._frequencies.append(frequency.value)
-        self._deviations.append(frequency.standard_deviation)
-        if math.isfinite(ratio.value) and math.isfinite(ratio.standard_deviation):
-            self._ratios.append(ratio.value + Z_95 * ratio.standard_deviation)
+        self._frequencies.append(swing.frequency)
+        self._deviations.append(swing.frequency_deviation)
+        if math.isfinite(swing.ratio + swing.ratio_deviation):
+            self._ratios.append(swing.ratio + Z_95 * swing.ratio_deviation)
 
     @property
     def natural_frequency(self) -> Interval | None:
@@ -166,23 +171,8 @@ def check_records(valve: Valve, records: Sequence[Record]) -> list[str]:
     """Return a sentence for each contradiction of ``valve`` and ``records`` of it; empty where none is."""
     check = ValveCheck(valve)
     for record in records:
-        estimator = make_estimator("prediction", settings_for(valve))
-        for block in _blocks(record):
-            for estimate in estimator.update(block):
-                check.update(estimate)
-            if check.complete:
-                return check.doubts()
+        size = round(PIECE / record.sample_period)
+        pair = pair_of(record.body[:size], record.spool[:size], record.sample_period)
+        for swing in pair.swings(MOST, FITS) if pair is not None else ():
+            check.take(swing)
     return check.doubts()
-
-
-def _blocks(record: Record) -> Iterable[Block]:
-    """Yield ``record`` in blocks of a quarter of a second, as an estimator takes them."""
-    size = max(1, round(0.25 / record.sample_period))
-    for sequence, first in enumerate(range(0, record.body.size, size)):
-        yield Block(
-            record.start + round(first * record.sample_period * 1e9),
-            sequence,
-            record.sample_period,
-            record.body[first : first + size].astype(np.float32),
-            record.spool[first : first + size].astype(np.float32),
-        )

@@ -96,7 +96,7 @@ def test_the_wrong_valve_is_warned_of_on_the_terminal_in_json_and_on_the_page(
     assert main(["simulate", "--seconds", "12", "--excitation", "multisine", "--out", bag]) == 0
     arguments = ["fit", bag, "--valve", "4weh10_stiff", "--json", json_file, "--report", page]
     assert main(arguments) == 0
-    said = "says 28.7 Hz, the record shows 15.2 Hz"
+    said = "says 28.7 Hz, the record shows 15 Hz (95 %: 14."
     assert said in " ".join(capsys.readouterr().err.split())
     assert any(said in warning for warning in json.loads(Path(json_file).read_text())["warnings"])
     assert said in Path(page).read_text(encoding="utf-8")
@@ -113,4 +113,4 @@ def test_a_doubted_valve_file_caps_the_confidence_of_a_gap_analysis(
     result = json.loads(out.read_text())
     assert result["verdict"] == "coulomb_friction"
     assert result["confidence"] == 0.5
-    assert "the record shows 15.2 Hz" in capsys.readouterr().err
+    assert "the record shows 15" in capsys.readouterr().err

@@ -131,6 +131,16 @@ def impossible(row: Array, period: float) -> NDArray[np.bool_]:
 
 
 @compiled
+def _ranked(values: Array, rank: int) -> float:
+    """Return the value above ``rank`` smaller ones; numba takes a second to compile a sort."""
+    left = values.copy()
+    for place in range(rank + 1):
+        smallest = place + np.argmin(left[place:])
+        left[place], left[smallest] = left[smallest], left[place]
+    return float(left[rank])
+
+
+@compiled
 def leave_out(row: Samples, size: int, numbers: Array, chunks: Array, out: Samples) -> tuple[int, int, float]:
     """Fill ``out`` with ``row``, impossible samples replaced; return how many, the first, and the half span.
 
@@ -179,8 +189,8 @@ def leave_out(row: Samples, size: int, numbers: Array, chunks: Array, out: Sampl
                 numbers[_FILLED] = 0.0
                 kept = min(int(numbers[_KEPT]), chunks.shape[1])
                 rank = min(kept // 2, RANK)
-                low = np.sort(chunks[0, :kept])[rank]
-                high = np.sort(chunks[1, :kept])[kept - 1 - rank]
+                low = _ranked(chunks[0, :kept], rank)
+                high = -_ranked(-chunks[1, :kept], rank)
                 numbers[_MIDDLE], numbers[_HALF] = 0.5 * (low + high), 0.5 * (high - low)
     return count, first, seen
 

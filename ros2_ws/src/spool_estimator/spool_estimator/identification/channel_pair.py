@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 from spool_core.numbers import Array
+from spool_core.uncertainty import Z_95
 
 from spool_estimator.identification.spectra import ZeroPhase
 
@@ -45,6 +46,10 @@ STEPS: Array = np.linspace(-12e-3, 12e-3, 49, dtype=np.float64)
 BIN = 0.5
 #: s on both sides of a step that the filter mixes.
 MIXED = 0.5
+#: Times as finely as the pair is sampled that the sign of its velocity is taken.
+FINE = 8
+#: Half width of the interval of a second's natural frequency, over it, beyond which it tells nothing.
+UNSURE = 0.2
 
 GAIN, DELAY, CORNER = range(3)
 
@@ -71,6 +76,16 @@ class PairFit:
     def natural_frequency(self) -> float:
         """Hz, 0 where the fit has no spring."""
         return math.sqrt(max(0.0, self.stiffness)) / (2.0 * math.pi)
+
+
+@dataclass(frozen=True, slots=True)
+class Swing:
+    """Swing of the spool for a moment: natural frequency (Hz) and damping ratio, with their deviations."""
+
+    frequency: float
+    frequency_deviation: float
+    ratio: float
+    ratio_deviation: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,6 +116,7 @@ class ChannelPair:
     _size: int = field(init=False)
     _period: float = field(init=False)
     _edge: int = field(init=False)
+    _band: Array = field(init=False)
 
     def __post_init__(self) -> None:
         size = self.body.size
@@ -113,8 +129,8 @@ class ChannelPair:
         self._edge = round((TAPER + 1.0 / LOW) / self._period)
         self._turn = 2j * np.pi * frequency[: lines + 1]
         self._turn[0] = 1.0
-        band = ZeroPhase(self.period, LOW, high).gain(frequency[: lines + 1])
-        scale = band * self._size / size
+        self._band = ZeroPhase(self.period, LOW, high).gain(frequency[: lines + 1])
+        scale = self._band * self._size / size
         scale[0] = 0.0
         taper = _taper(size, round(TAPER / self.period))
         self._b, self._s = (
@@ -187,6 +203,44 @@ class ChannelPair:
             math.sqrt(squares_now),
             *(float(one) for one in valve),
         )
+
+    def swings(self, most: int, leaves: float) -> list[Swing]:
+        """Return how the spool swings in each of the first ``most`` seconds, by linear regression.
+
+        Left out are seconds of which a valve with a spring, viscous and dry friction leaves more than the
+        share ``leaves`` (rms), and those whose own 95 % interval of the frequency is wider than a fifth.
+        """
+        rows = np.stack([*self._columns(np.zeros(3))[:3], self._sign()])
+        bins = max(1, round(1.0 / self._period))
+        count = min(most, rows.shape[1] // bins)
+        lines = np.count_nonzero(np.abs(self._b) > 0.0) * bins / self._size
+        independent = max(1.0, 2.0 * lines / COLOURED - 3.0)
+        found = []
+        for cut in np.split(rows[:, : count * bins], count, axis=1) if count else ():
+            sums = cut @ cut.T
+            scale = np.sqrt(np.diagonal(sums)) + 1e-300
+            sums /= np.outer(scale, scale)
+            inverse = np.linalg.inv(sums[1:, 1:] + 1e-9 * np.eye(3))
+            left = max(0.0, 1.0 - float(sums[0, 1:] @ inverse @ sums[0, 1:]))
+            stiffness, damping = (-inverse @ sums[1:, 0] * scale[0] / scale[1:])[:2]
+            if left > leaves**2 or stiffness <= 0.0:
+                continue
+            spread = np.sqrt(np.diagonal(inverse) * left / independent) * scale[0] / scale[1:]
+            pulsation = math.sqrt(stiffness)
+            share = float(0.5 * spread[0] / stiffness)
+            if Z_95 * share <= UNSURE:
+                found.append(Swing(
+                    pulsation / (2.0 * math.pi), share * pulsation / (2.0 * math.pi),
+                    float(damping) / (2.0 * pulsation), float(spread[1]) / (2.0 * pulsation),
+                ))  # fmt: skip
+        return found
+
+    def _sign(self) -> Array:
+        """Return the velocity's sign in the band, shape (m,): its harmonics neither alias nor pass."""
+        velocity = fft.irfft((self._s - self._b) / self._turn, FINE * self._size)
+        sign = np.tanh(velocity / (SMOOTH * float(np.std(velocity)) + 1e-300))
+        lines = fft.rfft(sign)[: self._turn.size] * self._band / FINE
+        return np.asarray(fft.irfft(lines, self._size)[self._edge : self._size - self._edge])
 
     def step(self, known: PairFit) -> ClockStep | None:
         """Return the best account of the record by a step of one clock; ``None`` where it is too short.
