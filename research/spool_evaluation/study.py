@@ -20,6 +20,7 @@ STUDIES = {
     "operation": "spool_operation.study",
     "operation-fit": "spool_operation.surrogate_fit",
     "operation-agreement": "spool_operation.agreement",
+    "operation-gap": "spool_operation.gap_peer",
     "fleet": "fleet.study",
     "fleet-cost": "fleet.cost",
 }

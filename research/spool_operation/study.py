@@ -56,7 +56,9 @@ def run(
     write = partial(_write, out, command)
     found: list[DayOutcome] = []
     memory = simulated_year(seed)
-    comparison = compare(min(max(10, cases // 4), COMPARED), min(max(10, faulty // 2), COMPARED), seed, workers)
+    comparison = compare(
+        min(max(10, cases // 4), COMPARED), min(max(10, faulty // 2), COMPARED), seed, workers
+    )
     wanted = [(seed + number, False) for number in range(cases)]
     wanted += [(seed + number, True) for number in range(faulty)]
     # Faults are spread among healthy days: a study that is ended early has some of both.
