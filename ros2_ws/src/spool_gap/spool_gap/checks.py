@@ -13,16 +13,16 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import signal
 from spool_core.errors import InputError
 from spool_estimator.identification.record import Record
-from spool_estimator.identification.spectra import ChannelNoise, noise_of
+from spool_estimator.identification.spectra import ChannelNoise, cross_spectrum, noise_of
 from spool_sim.valve import Valve
 
 from .result import GapResult
 from .thresholds import THRESHOLDS
 
 Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
 
 #: s without any change from which a channel is dead: noise alone changes a reading within a few samples.
 STILL = 0.5
@@ -168,16 +168,14 @@ def judge(record: Record, valve: Valve) -> tuple[list[str], bool]:
     return warnings, trusted
 
 
-def transfer(record: Record, noise: ChannelNoise) -> tuple[Array, float, Array]:
+def transfer(record: Record, noise: ChannelNoise) -> tuple[Complex, float, Array]:
     """Return the spool's acceleration over the body's (complex) where driven, its coherence, and frequency.
 
     Coherence: share of the spool's power there that the body accounts for; 1 where nothing is driven.
     """
     piece = int(min(record.body.size // 4, round(2.0 * record.sample_rate)))
-    options = {"fs": record.sample_rate, "window": "hann", "nperseg": piece}
-    frequency, body = signal.welch(record.body, **options)
-    _, spool = signal.welch(record.spool, **options)
-    _, cross = signal.csd(record.body, record.spool, **options)
+    both = cross_spectrum(record.body, record.spool, record.sample_rate, piece)
+    frequency, body, spool, cross = both.frequency, both.body, both.spool, both.cross
     driven = (body > 30.0 * noise.body) & (frequency >= noise.low) & (frequency <= noise.high)
     ratio = cross[driven] / body[driven]
     coherent = (
@@ -186,7 +184,7 @@ def transfer(record: Record, noise: ChannelNoise) -> tuple[Array, float, Array]:
     return ratio, float(coherent), frequency[driven]
 
 
-def unit_or_exchange(ratio: Array, frequency: Array, valve: Valve) -> str:
+def unit_or_exchange(ratio: Complex, frequency: Array, valve: Valve) -> str:
     """Return what is wrong with units or channels, or an empty string.
 
     Judged by the transfer that the valve's description gives: spool over body, with its sign.
@@ -255,7 +253,7 @@ def _floating_above(size: Array, frequency: Array, valve: Valve, factor: float) 
     return float((below[..., :-1] + above[..., 1:]).min()) / swings.shape[-1]
 
 
-def opposite(ratio: Array, frequency: Array, valve: Valve) -> bool:
+def opposite(ratio: Complex, frequency: Array, valve: Valve) -> bool:
     """Whether ``ratio`` (complex) has the sign of no valve: one sensor is turned round."""
     apart, (spring, drag) = _nearest(np.abs(ratio), frequency, valve, 1.0, ANY_SPRING, ANY_DRAG)
     nearest = _transfer(frequency, valve, np.array([[spring]]), np.array([[drag]]))[0, 0]
@@ -287,7 +285,7 @@ def _apart(size: Array, frequency: Array, valve: Valve, factor: float, springs: 
     return np.asarray(np.minimum(np.abs(np.log(np.maximum(size[some], 1e-9)) - tried), FAR))
 
 
-def wrong_unit(ratio: Array, frequency: Array, valve: Valve) -> float:
+def wrong_unit(ratio: Complex, frequency: Array, valve: Valve) -> float:
     """Return the factor by which the spool's channel reads too much (9.81), too little (1/9.81), or 1."""
     size = np.abs(ratio)
     unscaled = difference(size, frequency, valve, 1.0, ANY_SPRING)
@@ -304,7 +302,7 @@ def wrong_unit(ratio: Array, frequency: Array, valve: Valve) -> float:
     return 1.0
 
 
-def like_no_valve(ratio: Array, frequency: Array, valve: Valve) -> bool:
+def like_no_valve(ratio: Complex, frequency: Array, valve: Valve) -> bool:
     """Whether ``ratio`` is the transfer of no valve with this mass, whatever its spring and drag."""
     return difference(np.abs(ratio), frequency, valve, 1.0, ANY_SPRING) > THRESHOLDS.like_no_valve
 
@@ -321,8 +319,8 @@ def _is_stuck(record: Record, valve: Valve) -> bool:
     rate = record.sample_rate
     noise = noise_of(record.body, record.spool, rate)
     piece = int(min(record.body.size, max(256, 2 ** round(np.log2(rate)))))
-    frequency, body = signal.welch(record.body, rate, "hann", piece)
-    moved = signal.welch(record.spool - record.body, rate, "hann", piece)[1]
+    both = cross_spectrum(record.body, record.spool - record.body, rate, piece)
+    frequency, body, moved = both.frequency, both.body, both.spool
     driven = (frequency >= noise.low) & (frequency <= noise.high) & (frequency > 0.0)
     if not driven.any():
         return False

@@ -14,7 +14,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import signal
 from spool_core.errors import InputError
 from spool_core.numbers import Array
 from spool_core.uncertainty import Quantity, Validity, rate_power
@@ -45,6 +44,7 @@ from spool_estimator.identification.residuals import (
     information_criterion,
     standard_deviations,
 )
+from spool_estimator.identification.spectra import density_of
 
 #: s of data that the first descents from several starts use.
 FIRST_SECONDS = 8.0
@@ -477,9 +477,4 @@ def _residual_spectrum(errors: Sequence[Array], periods: Sequence[float]) -> tup
     """Return frequency and power density of the errors, of the records with the shortest period."""
     period = min(periods)
     rows = [row for row, own in zip(errors, periods, strict=True) if own == period]
-    piece = min(*(row.size for row in rows), max(16, round(1.0 / period)))
-    densities = [signal.welch(row, 1.0 / period, "hann", piece, detrend=False) for row in rows]
-    weights = [row.size for row in rows]
-    return np.asarray(densities[0][0]), np.asarray(
-        np.average([density for _, density in densities], axis=0, weights=weights)
-    )
+    return density_of(rows, period)

@@ -86,14 +86,52 @@ def residual_spectrum(rows: Sequence[Array], sample_period: float) -> Spectrum:
 
     ``sample_period`` in s.
     """
-    piece = min(*(row.size for row in rows), max(16, round(SPECTRUM_PIECE / sample_period)))
-    densities = []
-    for row in rows:
-        frequency, density = signal.welch(row, 1.0 / sample_period, "hann", piece, detrend=False)
-        densities.append(density)
+    frequency, density = density_of(rows, sample_period, SPECTRUM_PIECE)
     # Noise is smooth, and weights must not follow chance.
-    smooth = smoothed(np.average(densities, axis=0, weights=[row.size for row in rows]), 2)
-    return Spectrum(np.asarray(frequency), np.maximum(smooth, 1e-6 * float(smooth.max()) + 1e-30))
+    smooth = smoothed(density, 2)
+    return Spectrum(frequency, np.maximum(smooth, 1e-6 * float(smooth.max()) + 1e-30))
+
+
+def density_of(
+    rows: Sequence[Array], sample_period: float, seconds: float = 1.0, average: str = "mean"
+) -> tuple[Array, Array]:
+    """Return frequency (Hz) and power density of ``rows``, shapes (n,), whose mean is taken as it is.
+
+    Welch's method with pieces of ``seconds`` s, weighed by the rows' lengths; ``average`` is over the pieces.
+    """
+    piece = min(*(row.size for row in rows), max(16, round(seconds / sample_period)))
+    found = [
+        signal.welch(row, 1.0 / sample_period, "hann", piece, detrend=False, average=average) for row in rows
+    ]
+    density = np.average([one for _, one in found], axis=0, weights=[row.size for row in rows])
+    return np.asarray(found[0][0]), np.asarray(density)
+
+
+@dataclass(frozen=True, slots=True)
+class CrossSpectrum:
+    """Power densities of ``body`` and ``spool`` over ``frequency`` (Hz), and their ``cross`` density."""
+
+    frequency: Array
+    body: Array
+    spool: Array
+    cross: NDArray[np.complex128]
+
+    @property
+    def amplification(self) -> Array:
+        """Spool over body."""
+        return np.asarray(np.abs(self.cross) / np.maximum(self.body, 1e-300))
+
+    @property
+    def coherence(self) -> Array:
+        """Share of the spool's power that the body accounts for; 1 throughout for a single piece."""
+        return np.asarray(np.abs(self.cross) ** 2 / np.maximum(self.body * self.spool, 1e-300))
+
+
+def cross_spectrum(body: Array, spool: Array, rate: float, piece: int) -> CrossSpectrum:
+    """Return the spectra of both channels, shapes (n,), at ``rate`` (Hz), by pieces of ``piece`` samples."""
+    frequency, one = signal.welch(body, rate, "hann", piece)
+    other = signal.welch(spool, rate, "hann", piece)[1]
+    return CrossSpectrum(frequency, one, other, signal.csd(body, spool, rate, "hann", piece)[1])
 
 
 @dataclass(frozen=True, slots=True)
@@ -227,22 +265,22 @@ class ChannelNoise:
 def noise_of(body: Array, spool: Array, rate: float) -> ChannelNoise:
     """Return noise and excitation band of readings (m/s^2, shape (n,)) that come at ``rate`` (Hz)."""
     piece = int(min(body.size, max(256, 2 ** round(np.log2(rate)))))
-    frequency, density = signal.welch(body, rate, "hann", piece)
-    spool_density = signal.welch(spool, rate, "hann", piece)[1]
+    both = cross_spectrum(body, spool, rate, piece)
+    frequency, density, spool_density = both.frequency, both.body, both.spool
     noise, spool_noise = floor_of(density), floor_of(spool_density)
     total = np.cumsum(np.maximum(density - 3.0 * noise, 0.0))
     if total[-1] <= 0.0:
         return ChannelNoise(noise, spool_noise, 0.0, 0.5 * rate, rate)
     share = total / total[-1]
     low = float(frequency[np.searchsorted(share, 1.0 - BAND_SHARE)])
-    high = float(frequency[min(np.searchsorted(share, BAND_SHARE), frequency.size - 1)])
+    high = float(frequency[min(int(np.searchsorted(share, BAND_SHARE)), frequency.size - 1)])
     near = (frequency > ABOVE[0] * high) & (frequency < min(ABOVE[1] * high, 0.45 * rate))
     if np.count_nonzero(near) >= FEWEST:
         level = float(np.quantile(density[near], QUANTILE))
         if level > LOUDER * noise:
             noise = level
             spool_noise = max(spool_noise, float(np.quantile(spool_density[near], QUANTILE)))
-    edge = _coherent_from(body, spool, rate, piece)
+    edge = _coherent_from(both) if body.size > 10 * piece else 0.0
     below = (frequency > 0.5) & (frequency < 0.8 * edge)
     drowned = below.any() and float(np.median(spool_density[below])) > LOUDER * spool_noise
     bound = _falls(frequency, spool_density, (ABOVE[0] * high, 0.45 * rate), body.size / piece)
@@ -327,17 +365,15 @@ def _falls(frequency: Array, density: Array, band: tuple[float, float], pieces: 
     return float(np.median(lower)) > (1.0 + SURE * scatter) * float(np.median(upper))
 
 
-def _coherent_from(body: Array, spool: Array, rate: float, piece: int) -> float:
-    """Return the lowest frequency (Hz) at which the spool follows the body, 0 where that is not known."""
-    frequency, one = signal.welch(body, rate, "hann", piece)
-    other = signal.welch(spool, rate, "hann", piece)[1]
-    cross = signal.csd(body, spool, rate, "hann", piece)[1]
+def _coherent_from(both: CrossSpectrum) -> float:
+    """Return the lowest frequency (Hz) at which the spool follows the body, 0 where there is none."""
     width = np.ones(NEIGHBOURS) / NEIGHBOURS
     one, other, real, imaginary = (
-        np.convolve(row, width, mode="same") for row in (one, other, cross.real, cross.imag)
+        np.convolve(row, width, mode="same")
+        for row in (both.body, both.spool, both.cross.real, both.cross.imag)
     )
     coherent = (real**2 + imaginary**2) / np.maximum(one * other, 1e-300) > COHERENT
-    return float(frequency[np.argmax(coherent)]) if coherent.any() and body.size > 10 * piece else 0.0
+    return float(both.frequency[np.argmax(coherent)]) if coherent.any() else 0.0
 
 
 def _window(length: int) -> Array:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy import signal
 from spool_core.errors import InputError
 from spool_core.numbers import Array
 from spool_estimator.identification.record import Record
+from spool_estimator.identification.spectra import cross_spectrum
 from spool_tools.operations.record_loading import Selection, load_recording
 
 from .base import Analysis, Rows, Subject, parameter
@@ -54,13 +54,12 @@ def _shape(row: Array) -> list[tuple[str, float, str]]:
 def _resonance(record: Record) -> list[tuple[str, float, str]]:
     """Return frequency and height of the highest peak of spool over body where the two are coherent."""
     length = min(record.body.size, round(SEGMENT * record.sample_rate))
-    frequency, cross = signal.csd(record.body, record.spool, record.sample_rate, nperseg=length)
-    _, body = signal.welch(record.body, record.sample_rate, nperseg=length)
-    _, coherence = signal.coherence(record.body, record.spool, record.sample_rate, nperseg=length)
-    seen = (frequency >= BAND[0]) & (frequency <= BAND[1]) & (coherence >= COHERENT) & (body > 0.0)
+    both = cross_spectrum(record.body, record.spool, record.sample_rate, length)
+    frequency = both.frequency
+    seen = (frequency >= BAND[0]) & (frequency <= BAND[1]) & (both.coherence >= COHERENT)
     if not seen.any():
         return []
-    height = np.where(seen, np.abs(cross) / np.where(body > 0.0, body, 1.0), 0.0)
+    height = np.where(seen, both.amplification, 0.0)
     peak = int(np.argmax(height))
     return [
         ("transmissibility_peak_frequency", float(frequency[peak]), "Hz"),

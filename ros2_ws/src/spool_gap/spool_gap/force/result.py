@@ -8,9 +8,9 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import signal
 from scipy.special import expit
 from spool_core.uncertainty import Quantity, Validity
+from spool_estimator.identification.spectra import density_of
 from spool_sim.model import Model
 
 from spool_gap.registry import EFFECTS, FRICTIONS
@@ -203,12 +203,11 @@ def _curves(balance: ForceBalance, first: ForceFit, final: ForceFit, floor: floa
     loudest = int(np.argmax([float(np.sum(row**2)) for row in first.held]))
     record = balance.held[loudest]
     measured = balance.sign * record.force
-    piece = min(record.force.size, round(8.0 / record.period))
     rows = (measured - measured.mean(), first.held[loudest], final.held[loudest])
-    spectra = [signal.welch(row, 1.0 / record.period, "hann", piece, detrend=False) for row in rows]
+    spectra = [density_of([row], record.period, 8.0) for row in rows]
     part = slice(0, min(record.force.size, round(5.0 / record.period)))
-    frequency = np.asarray(spectra[0][0])
-    densities = [np.asarray(density) for _, density in spectra]
+    frequency = spectra[0][0]
+    densities = [density for _, density in spectra]
     return Curves(
         time=record.time[part],
         measured=measured[part],

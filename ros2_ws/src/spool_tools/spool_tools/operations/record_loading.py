@@ -9,7 +9,6 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from scipy import signal
 from spool_bag.blocks import Span
 from spool_bag.importing.bag_import import import_notes, start_of
 from spool_bag.importing.choices import columns_of
@@ -23,6 +22,7 @@ from spool_core.numbers import Array
 from spool_core.text import did_you_mean
 from spool_estimator.identification.channel_faults import ChannelFault, faults_of, without_outliers
 from spool_estimator.identification.record import PartKeeper, Record, records_from_blocks
+from spool_estimator.identification.spectra import cross_spectrum
 from spool_estimator.plausibility import check_rate, check_records
 from spool_sim.valve import Valve, find_valve, shipped_valves
 
@@ -435,8 +435,8 @@ def channel_doubts(recordings: Sequence[Recording]) -> tuple[str, ...]:
 def excited(record: Record) -> bool:
     """Return whether something stands out of the noise in the body's or the spool's acceleration."""
     piece = min(record.body.size // 4, max(32, round(0.5 / record.sample_period)))
-    for row in (record.body, record.spool):
-        _, density = signal.welch(row, record.sample_rate, "hann", piece)
+    both = cross_spectrum(record.body, record.spool, record.sample_rate, piece)
+    for density in (both.body, both.spool):
         median = float(np.median(density[1:]))
         if float(density[1:].max()) > STANDS_OUT * median:
             return True

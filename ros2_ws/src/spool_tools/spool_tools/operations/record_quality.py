@@ -13,7 +13,7 @@ from scipy import signal
 from spool_core.numbers import Array
 from spool_estimator.identification.channel_faults import at_rail
 from spool_estimator.identification.record import Record
-from spool_estimator.identification.spectra import noise_of
+from spool_estimator.identification.spectra import cross_spectrum, noise_of
 
 from spool_tools.operations.record_loading import channel_faults, cleaned_stretches, outliers_text
 
@@ -167,12 +167,10 @@ def _channel(name: str, rows: Sequence[Array], noise: float) -> ChannelQuality:
 
 def _response(record: Record) -> Response:
     piece = int(min(record.body.size, max(64, round(PIECE * record.sample_rate))))
-    frequency, body = signal.welch(record.body, record.sample_rate, "hann", piece)
-    spool = signal.welch(record.spool, record.sample_rate, "hann", piece)[1]
-    cross = signal.csd(record.body, record.spool, record.sample_rate, "hann", piece)[1]
+    both = cross_spectrum(record.body, record.spool, record.sample_rate, piece)
     several = record.body.size >= 2 * piece
-    coherence = np.abs(cross) ** 2 / np.maximum(body * spool, 1e-300) if several else np.zeros_like(body)
-    return Response(frequency, body, spool, np.abs(cross) / np.maximum(body, 1e-300), coherence)
+    coherence = both.coherence if several else np.zeros_like(both.body)
+    return Response(both.frequency, both.body, both.spool, both.amplification, coherence)
 
 
 def _resonance(response: Response, inside: NDArray[np.bool_]) -> tuple[float, float]:

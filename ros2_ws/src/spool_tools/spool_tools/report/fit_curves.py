@@ -6,13 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import signal
 from spool_core.errors import InputError
 from spool_core.numbers import Array
 from spool_estimator.identification.fit_result import SPOOL_DELAY, SPOOL_GAIN, Fit
 from spool_estimator.identification.free_run import FreeRun, Response
 from spool_estimator.identification.record import Record, first_seconds
-from spool_estimator.identification.spectra import ZeroPhase, relative_motion
+from spool_estimator.identification.spectra import ZeroPhase, density_of, relative_motion
 from spool_sim.valve import Valve
 
 #: s of data that pictures are made from at most.
@@ -150,10 +149,8 @@ def spectra(records: Sequence[Record]) -> tuple[Array, Array, float]:
     """
     period = min(entry.sample_period for entry in records)
     rows = [entry.spool for entry in records if entry.sample_period == period]
-    piece = min(*(row.size for row in rows), max(16, round(1.0 / period)))
-    weights = [row.size for row in rows]
-    frequency, mean = _density(rows, period, piece, "mean", weights)
-    _, middle = _density(rows, period, min(piece, max(16, round(0.2 / period))), "median", weights)
+    frequency, mean = density_of(rows, period)
+    _, middle = density_of(rows, period, 0.2, "median")
     return frequency, mean, float(np.quantile(middle[middle.size // 2 :], 0.25))
 
 
@@ -161,13 +158,6 @@ def sensor_noise(records: Sequence[Record]) -> float:
     """Return an upper bound of the rms noise of the spool's accelerometer, m/s^2."""
     _, _, floor = spectra(records)
     return float(np.sqrt(0.5 * floor / min(entry.sample_period for entry in records)))
-
-
-def _density(
-    rows: Sequence[Array], period: float, piece: int, average: str, weights: Sequence[int]
-) -> tuple[Array, Array]:
-    found = [signal.welch(row, 1.0 / period, "hann", piece, detrend=False, average=average) for row in rows]
-    return np.asarray(found[0][0]), np.asarray(np.average([d for _, d in found], axis=0, weights=weights))
 
 
 def _binned(velocity: Array, force: Array, law: Array, bins: int, points: int) -> FrictionCurve:

@@ -12,10 +12,11 @@ from dataclasses import dataclass
 
 import matplotlib.pyplot as plt
 import numpy as np
-from scipy import fft, signal
+from scipy import fft
 from spool_core.errors import InputError
 from spool_core.numbers import Array
 from spool_core.uncertainty import Z_95, Quantity, number, with_interval
+from spool_estimator.identification.spectra import density_of
 from spool_monitor.parameter_drift import DriftPoint
 from spool_tools.report.evidence.exhibit import (
     AFTER,
@@ -208,15 +209,13 @@ def whiteness(rows: Sequence[Array], period: float) -> Whiteness:
     products = np.asarray(np.sum([_products(row, lags) for row in centred], axis=0), dtype=np.float64)
     if not products[0] > 0.0:
         raise InputError("nothing at all is left over, as in a record that its own model made")
-    piece = min(shortest, round(1.0 / period))
-    found = [signal.welch(row, 1.0 / period, "hann", piece, detrend=False) for row in centred]
-    density = np.average([one for _, one in found], axis=0, weights=[row.size for row in rows])
+    frequency, density = density_of(centred, period)
     return Whiteness(
         np.asarray(period * np.arange(1, lags + 1), dtype=np.float64),
         np.asarray(products[1:] / products[0]),
         Z_95 / math.sqrt(samples),
-        np.asarray(found[0][0]),
-        np.asarray(density, dtype=np.float64),
+        frequency,
+        density,
         float(np.sqrt(products[0] / samples)),
         samples,
     )
