@@ -40,7 +40,7 @@ WARM = (0.6, 1.0)
 #: Numbers of an effect whose force is ``share`` of the spring's at the amplitude (m), for a stiffness (N/m)
 #: and an angular frequency of the motion (1/s).
 EFFECTS: dict[str, Callable[[float, float, float, float], dict[str, float]]] = {
-    "cubic_stiffness": lambda share, k, z, _: {"cubic_coefficient": share * k / z**2},
+    "cubic_stiffness": lambda share, k, z, _: {"cubic_coefficient": min(1e12, share * k / z**2)},
     "quadratic_damping": lambda share, k, z, w: {"quadratic_coefficient": share * k / (z * w**2)},
     "end_stop": lambda share, k, z, _: {
         "stop_gap": (1.0 - 0.4 * share) * z, "stop_stiffness": 10.0 * k, "stop_damping": 0.0,

@@ -298,14 +298,14 @@ def look_at_pair(body: Array, spool: Array, period: float, start: float = 0.0) -
     if pair is None:
         return None
     gain, nominal = pair.fit((GAIN,)), pair.fit(())
+    step = pair.step(nominal)
     wrong = wrong_sensitivity(pair, gain, nominal)
-    if wrong is not None:
+    if wrong is not None and not clock_steps(step, gain.residual, period):
         return PairLook(wrong, math.nan)
     coupled, delayed = pair.fit((GAIN, CORNER), gain), pair.fit((GAIN, DELAY), gain)
     delay = delayed.delay if delayed.residual < FITS_TIME else math.nan
     # A step bends the gain of the whole, and so do laws that the fit lacks: 1 is tried before it.
     constant = min(coupled.residual, delayed.residual)
-    step = pair.step(nominal)
     if not clock_steps(step, constant, period) and nominal.residual**2 > BETTER * gain.residual**2:
         step = pair.step(gain)
     if step is not None and clock_steps(step, constant, period):
@@ -319,7 +319,7 @@ def look_at_pair(body: Array, spool: Array, period: float, start: float = 0.0) -
             step.size,
             math.copysign(SLIP * period, step.size),
             "s",
-            f"{since} the spool's samples come {1e3 * abs(step.size):.2g} ms {late} against the body's",
+            f"{since} the spool's samples come {1e3 * abs(step.size):.1f} ms {late} against the body's",
             "sample both sensors with one clock; cut the record there, or import both sensors' own times",
         )
         return PairLook(fault, delay)

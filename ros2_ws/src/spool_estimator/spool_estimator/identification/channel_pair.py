@@ -44,6 +44,13 @@ COLOURED = 4.0
 #: Delays that are tried for a step of one clock, s, around the common one, and s of a piece of the record.
 STEPS: Array = np.linspace(-12e-3, 12e-3, 49, dtype=np.float64)
 BIN = 0.5
+#: Share of the power after a step beyond those that the valve of before leaves at least, and times that it
+#: leaves before it.
+UNEXPLAINED, CHANGED = 0.2, 4.0
+#: s, the largest step that is looked for; the best matches that are tried, a machine's turns match almost as
+#: well; samples around each.
+FARTHEST, PEAKS = 2.0, 5
+NEAR: Array = np.linspace(-1.0, 1.0, 5, dtype=np.float64)
 #: s on both sides of a step that the filter mixes.
 MIXED = 0.5
 #: Times as finely as the pair is sampled that the sign of its velocity is taken.
@@ -255,18 +262,14 @@ class ChannelPair:
         if count < 4 * margin:
             return None
         delays = known.delay + STEPS
-        # Normal equations of each piece for each delay: every account is a sum of these.
-        sums = np.empty((delays.size, count, 4, 4))
-        for place, delay in enumerate(delays):
-            rows = np.stack(
-                self._columns(np.array([math.log(known.gain), delay, 2.0 * math.pi * known.corner]))
-            )
-            cut = rows[:, : count * bins].reshape(4, count, bins)
-            sums[place] = np.einsum("icn,jcn->cij", cut, cut)
-        whole = sums.sum(axis=1)
-        power = float(whole[delays.size // 2, 0, 0])
+        sums = self._sums(known, delays, bins, count)
+        power = float(sums[delays.size // 2, :, 0, 0].sum())
         if not power > 0.0:
             return None
+        far = self._far(known, sums[delays.size // 2], bins, margin)
+        if far is not None:
+            delays = np.concatenate([delays, far])
+            sums = np.concatenate([sums, self._sums(known, far, bins, count)])
         best: ClockStep | None = None
         half = round(MIXED / BIN)
         totals = np.cumsum(np.concatenate([np.zeros((delays.size, 1, 4, 4)), sums], axis=1), axis=1)
@@ -278,7 +281,7 @@ class ChannelPair:
             pairs = _remainder(before[:, np.newaxis] + after[np.newaxis])
             first, second = np.unravel_index(int(np.argmin(pairs)), pairs.shape)
             clock = float(pairs[first, second])
-            scale = float(kept[delays.size // 2, 0, 0])
+            scale = float(kept[STEPS.size // 2, 0, 0])
             found = ClockStep(
                 (self._edge + split * bins) * self._period,
                 float(delays[second] - delays[first]),
@@ -287,6 +290,52 @@ class ChannelPair:
             if best is None or found.clock / max(found.common, 1e-12) < best.clock / max(best.common, 1e-12):
                 best = found
         return best
+
+    def _sums(self, known: PairFit, delays: Array, bins: int, count: int) -> Array:
+        """Return the normal equations of each piece for each of ``delays``, shape (delays, count, 4, 4).
+
+        Every account of a step is a sum of these.
+        """
+        sums = np.empty((delays.size, count, 4, 4))
+        for place, delay in enumerate(delays):
+            rows = np.stack(
+                self._columns(np.array([math.log(known.gain), delay, 2.0 * math.pi * known.corner]))
+            )
+            cut = rows[:, : count * bins].reshape(4, count, bins)
+            sums[place] = np.einsum("icn,jcn->cij", cut, cut)
+        return sums
+
+    def _far(self, known: PairFit, sums: Array, bins: int, margin: int) -> Array | None:
+        """Return delays (s) from some piece on where the valve of those before explains none of the rest.
+
+        ``sums`` are the normal equations of the pieces with the delay ``known``. The spool that this valve
+        makes of the body's motion is correlated with the reading; ``None`` where there is no such piece.
+        """
+        splits = np.arange(margin, sums.shape[0] - margin + 1)
+        totals = np.cumsum(sums, axis=0)
+        before, after = totals[splits - 1], totals[-1] - totals[splits - 1]
+        valves = np.linalg.solve(before[:, 1:, 1:], -before[:, 1:, :1])[..., 0]
+        account = np.concatenate([np.ones((splits.size, 1)), valves], axis=1)
+        # Both over the mean power of a piece, so that the first valve has its largest error behind the step.
+        piece = float(totals[-1, 0, 0]) / sums.shape[0]
+        left = _remainder(before) / (piece * splits)
+        later = np.einsum("ni,nij,nj->n", account, after, account) / (piece * (sums.shape[0] - splits))
+        place = int(np.argmax(later - left))
+        if later[place] < max(UNEXPLAINED, CHANGED * left[place]):
+            return None
+        stiffness, damping = valves[place, :2]
+        law = stiffness + damping * self._turn
+        spool = self._s * np.exp(self._turn * known.delay) / known.gain
+        reading = fft.irfft(spool, self._size)
+        reading[: self._edge + int(splits[place]) * bins] = 0.0
+        reading[self._size - self._edge :] = 0.0
+        moved = self._b * law / (law + self._turn**2)
+        match = fft.irfft(fft.rfft(reading) * np.conj(moved), self._size)
+        lags = np.arange(-round(FARTHEST / self._period), round(FARTHEST / self._period) + 1)
+        height = match[lags % self._size]
+        peaks = 1 + np.flatnonzero((height[1:-1] > height[:-2]) & (height[1:-1] >= height[2:]))
+        best = peaks[np.argsort(-height[peaks])[:PEAKS]]
+        return np.asarray(known.delay + self._period * np.add.outer(lags[best], NEAR).ravel())
 
     def _columns(self, point: Array) -> tuple[Array, Array, Array, Array]:
         """Return spool, displacement, velocity and its sign, shape (m,), corrected by ``point``."""

@@ -115,12 +115,13 @@ def test_the_factor_of_a_wrong_sensitivity_is_measured_and_both_candidates_are_n
     assert "or the body's by" in of_spool.text
 
 
-def test_the_size_of_a_step_of_a_clock_and_its_time_are_measured() -> None:
+@pytest.mark.parametrize("by", [3, -3, 16, -20, 40, -100, 300], ids="{:+d} ms".format)
+def test_the_size_of_a_step_of_a_clock_and_its_time_are_measured(by: int) -> None:
     body, spool = SOUND
-    (late,) = faults_of(body, moved(spool, 3), 1.0 / RATE)
-    (early,) = faults_of(body, moved(spool, -3), 1.0 / RATE)
-    assert (late.value, early.value) == (pytest.approx(3e-3, abs=5e-4), pytest.approx(-3e-3, abs=5e-4))
-    assert 4.5 < float(late.text.split()[1]) < 7.5
+    (found,) = faults_of(body, moved(spool, by), 1.0 / RATE)
+    assert found.cause == "clock_step"
+    assert found.value == pytest.approx(1e-3 * by, abs=1e-3)
+    assert 4.5 < float(found.text.split()[1]) < 7.5
 
 
 def test_the_corner_of_a_coupled_channel_is_measured() -> None:
