@@ -28,6 +28,6 @@ setup(
             "opcua = spool_view.program:opcua",
         ],
         "spool.commands": ["spool_view = spool_view.bridge.commands"],
-        "spool.pages": ["page = spool_view.serve:serve"],
+        "spool.pages": ["page = spool_view.page_node:serve"],
     },
 )

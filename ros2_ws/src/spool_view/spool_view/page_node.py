@@ -1,4 +1,4 @@
-"""Node ``page``: listens to running valves, shows them to browsers, and passes an operator's acts on."""
+"""Node of the operator's page."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ from rclpy.serialization import deserialize_message
 from spool_core.errors import InputError
 from spool_core.node import qos
 from spool_core.node.managed_node import ManagedNode
-from spool_core.node.parameters import NodeParameter, Value
+from spool_core.node.parameters import NodeParameter, Value, rule
+from spool_core.node.running import run
 from spool_core.node.service_calls import ServiceCalls
 from spool_monitor.state_file import default_folder
 from spool_monitor.valve_condition import monitored_valves
@@ -64,6 +65,9 @@ SERVICES: dict[str, tuple[str, Any]] = {
 }
 #: Nodes that serve all valves, outside of their namespaces.
 SHARED = {"recorder"}
+
+#: Port of the page where nobody names one.
+PORT = 8765
 
 
 class PageNode(ManagedNode):
@@ -332,6 +336,24 @@ class Listening:
         _ask(self._calls, valve.name, "manage_baseline", show).add_done_callback(take_baseline)
         limits = GetParameters.Request(names=list(NAMES))
         _ask(self._calls, valve.name, "get_parameters", limits).add_done_callback(take_limits)
+
+
+def serve(*, port: int = PORT, operator: bool = False, names: tuple[str, ...] = ()) -> None:
+    """Serve the page on this host until SIGINT or SIGTERM.
+
+    Args:
+        port: on the loopback address.
+        operator: whether who has the token may acknowledge, shelve and more; else the page is read only.
+        names: of valves; empty for all that are heard.
+
+    Raises:
+        SystemExit: the page could not be served; what is wrong was said in one line.
+    """
+    values: dict[str, Value] = {"port": port, "operator": operator, "valves": list(names) or [""]}
+    words = [word for name, value in values.items() for word in rule(name, value)]
+    code = run(PageNode, ["--ros-args", *words])
+    if code:
+        raise SystemExit(code)
 
 
 def _ask(calls: ServiceCalls, valve: str, service: str, request: Any) -> Future[Any]:

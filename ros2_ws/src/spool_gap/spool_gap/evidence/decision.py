@@ -16,16 +16,25 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from spool_gap.likelihood.chain_part import DELAY, GAIN
 from spool_gap.likelihood.kernel import SwitchableMotion
 from spool_gap.likelihood.prediction import Predictions
-from spool_gap.likelihood.rest import Rest, foreseen, rest_of, share_between, share_of_effect, share_of_part
+from spool_gap.likelihood.rest import (
+    Rest,
+    TwoForces,
+    foreseen,
+    rest_of,
+    share_between,
+    share_of_effect,
+    share_of_part,
+    split_by_direction,
+    two_forces,
+)
 from spool_gap.likelihood.search import DECISIVE, Search, senseless
+from spool_gap.likelihood.structure import DELAY, GAIN
 from spool_gap.likelihood.structure_fit import StructureFit, fit_structure
 from spool_gap.registry import EFFECTS
 from spool_gap.result import GapSettings
 
-from .from_rest import TwoForces, split_by_direction, two_forces
 from .held_out import HeldOut
 from .intervals import Numbers, numbers_of
 from .look import Look

@@ -65,11 +65,11 @@ def new(
 
     Example: ./spool valve new --out my_valve.yaml --id mine --moving-mass 180g --spring-rate 0.816N/mm
     """
-    from spool_tools.operations.valve_check import judged  # noqa: PLC0415
     from spool_tools.operations.valve_sheet import (  # noqa: PLC0415
         asked,
         described,
         file_text,
+        judged,
         quantities,
     )
     from spool_tools.outputs import write_file  # noqa: PLC0415 - slow to load, as below
@@ -117,8 +117,11 @@ def check(
     Example: ./spool valve check 4weh10_soft --record bags/practice_03
     """
     from spool_tools.operations.record_replay import check_of_record  # noqa: PLC0415
-    from spool_tools.operations.valve_check import against_record, judged  # noqa: PLC0415
-    from spool_tools.operations.valve_sheet import quantities  # noqa: PLC0415
+    from spool_tools.operations.valve_sheet import (  # noqa: PLC0415
+        against_record,
+        judged,
+        quantities,
+    )
     from spool_tools.outputs import write_json  # noqa: PLC0415 - slow to load, as below
 
     verdict = judged(file)

@@ -40,8 +40,7 @@ from spool_sim.valve import Valve
 
 from spool_tools.operations.record_loading import ChosenValve, Source, choose_valves, open_source
 from spool_tools.operations.record_sources import TableSource, span_of
-from spool_tools.outputs import write_file
-from spool_tools.report.provenance import sources
+from spool_tools.outputs import sources, write_file
 from spool_tools.terminal import cell, progress, warn
 
 #: Samples of a valve that its evidence is drawn from at most.

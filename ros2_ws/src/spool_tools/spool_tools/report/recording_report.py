@@ -21,9 +21,9 @@ from spool_core.events.sentences import title
 from spool_core.text import plural
 from spool_core.uncertainty import LEGEND, PLUS_MINUS, Z_95, Shown, interval, with_interval
 
+from spool_tools.outputs import sources
 from spool_tools.report import page as html
 from spool_tools.report.evidence.exhibit import Exhibit, LeftOut
-from spool_tools.report.provenance import sources
 
 #: Okabe and Ito's colours: apart for the colour-blind and in print.
 BODY, SPOOL, ESTIMATE, EVENT = "#0072B2", "#D55E00", "#009E73", "#E69F00"

@@ -16,7 +16,7 @@ from spool_estimator.identification.free_run import excitation_limit
 from spool_estimator.identification.record import Record
 from spool_estimator.refit import Refit
 from spool_gap.force.balance import ForceRecord
-from spool_gap.likelihood.chain_part import DELAY, GAIN
+from spool_gap.likelihood.structure import DELAY, GAIN
 from spool_gap.result import Curves, GapResult
 from spool_monitor.event import Event, EventState
 from spool_monitor.parameter_drift import DriftTrace
