@@ -57,7 +57,7 @@ MODULES: dict[str, str] = {
     **{
         f"spool_sim.terms.{path.stem}": SIMULATION
         for path in sorted((SOURCE / "spool_sim/spool_sim/terms").glob("*.py"))
-        if path.stem not in ("__init__", "registry")
+        if path.stem != "__init__"
     },
     "spool_sim.valve": SIMULATION,
     "spool_sim.lubrication": SIMULATION,

@@ -20,10 +20,9 @@ from spool_sim.model import Model
 from spool_sim.terms import term
 from spool_sim.valve import Valve
 
-from spool_gap.checks import as_stuck
-from spool_gap.evidence.decision import Decision, decide
+from spool_gap.checks import THRESHOLDS, as_stuck
+from spool_gap.evidence.decision import Decision, Numbers, decide, numbers_of, profiles_of
 from spool_gap.evidence.held_out import HeldOut, Judged
-from spool_gap.evidence.intervals import Numbers, numbers_of, profiles_of
 from spool_gap.evidence.look import Look, jitter_of, look_at, sentence
 from spool_gap.likelihood.kernel import motions_for
 from spool_gap.likelihood.prediction import Prediction, Predictions
@@ -49,7 +48,6 @@ from spool_gap.result import (
     Remainder,
     SmallEffect,
 )
-from spool_gap.thresholds import THRESHOLDS
 
 #: Steps of integration that a search may take, about a minute's; what it found by then is judged.
 ALLOWED = 4e8

@@ -9,8 +9,7 @@ from typing import Annotated
 import typer
 from spool_core.errors import InputError
 
-from spool_tools.cli_options import Force, JsonFile
-from spool_tools.command import Command
+from spool_tools.command import Command, Force, JsonFile
 from spool_tools.outputs import check_output
 
 app = typer.Typer(no_args_is_help=True)
