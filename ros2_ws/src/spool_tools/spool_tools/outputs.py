@@ -233,7 +233,10 @@ def lost_messages(count: int, *, estimated: bool) -> str:
 @cache
 def suite_version() -> str:
     """Return like ``0.1.0 (commit 1a2b3c4d5e6f)``; a ``+`` behind the commit: files were changed since."""
-    commit = _commit(Path(__file__).resolve().parent)
+    folder = Path(__file__).resolve().parent
+    revision = _git(folder, "rev-parse", "--short=12", "HEAD")
+    changed = revision and _git(folder, "status", "--porcelain", "--untracked-files=no")
+    commit = revision + ("+" if changed else "")
     return f"{_package_version()} (commit {commit})" if commit else _package_version()
 
 
@@ -257,7 +260,11 @@ def provenance() -> list[tuple[str, str]]:
 
 def sources(records: Sequence[Path], valve: Valve | None = None) -> list[tuple[str, str]]:
     """Return label and value for each file of ``records`` with its checksum, and for the valve."""
-    rows = [("record", f"{file}, SHA-256 {_checksum(file)}") for path in records for file in _files(path)]
+    rows = [
+        ("record", f"{file}, SHA-256 {_checksum(file)}")
+        for path in records
+        for file in (sorted(path.glob("*.mcap"))[:MOST_FILES] if path.is_dir() else [path])
+    ]
     if valve is not None:
         numbers = f"{valve.moving_mass:g} kg, {valve.spring_stiffness:g} N/m"
         rows.append(("valve", f"{valve.id}: {numbers}, {valve.natural_frequency:.3g} Hz"))
@@ -286,13 +293,6 @@ def _package_version() -> str:
     return "unknown"
 
 
-def _commit(folder: Path) -> str:
-    """Return the commit that is checked out in ``folder``, empty where it is no checkout."""
-    revision = _git(folder, "rev-parse", "--short=12", "HEAD")
-    changed = revision and _git(folder, "status", "--porcelain", "--untracked-files=no")
-    return revision + ("+" if changed else "")
-
-
 def _git(folder: Path, *words: str) -> str:
     try:
         done = subprocess.run(
@@ -302,11 +302,6 @@ def _git(folder: Path, *words: str) -> str:
     except (OSError, subprocess.SubprocessError):
         return ""
     return done.stdout.strip() if done.returncode == 0 else ""
-
-
-def _files(path: Path) -> list[Path]:
-    """Return the files that a record consists of."""
-    return sorted(path.glob("*.mcap"))[:MOST_FILES] if path.is_dir() else [path]
 
 
 def _checksum(path: Path) -> str:

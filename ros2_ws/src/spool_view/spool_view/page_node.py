@@ -132,7 +132,9 @@ class PageNode(ManagedNode):
             board=board,
             address=address,
             state_folder=folder,
-            spectrum=_spectrum,
+            spectrum=lambda blocks: spectrum_of(
+                [deserialize_message(one, AccelerationBlock) for one in blocks]
+            ),
             do=self._do,
             token=self._token,
             log=self._log,
@@ -295,7 +297,8 @@ class Listening:
         self._heard[name] = self._node.create_subscription(AlarmList, f"/{name}/alarms", take, qos.state())
         # What is lost is said again a second later, so nothing has to be confirmed or sent again.
         quality = qos.samples_wanted(1)
-        health = self._quiet.create_subscription(ValveHealth, f"/{name}/health", _unused, quality)
+        # A subscription has to have a callback; no executor calls this one.
+        health = self._quiet.create_subscription(ValveHealth, f"/{name}/health", lambda _: None, quality)
         self._health[name] = health
 
     def _open(self, name: str) -> None:
@@ -362,11 +365,6 @@ def _ask(calls: ServiceCalls, valve: str, service: str, request: Any) -> Future[
     return calls.ask(f"/{node}" if node in SHARED else f"/{valve}/{node}", service, request, kind)
 
 
-def _spectrum(blocks: list[bytes]) -> dict[str, Any] | None:
-    """Return the spectrum of serialised blocks."""
-    return spectrum_of([deserialize_message(one, AccelerationBlock) for one in blocks])
-
-
 def _request(act: Act) -> tuple[str, Any]:
     by = {"who": act.who, "comment": act.comment}
     if act.act == ANALYSE:
@@ -394,10 +392,6 @@ def _outcome(act: Act, answer: Any) -> Outcome:
     if not answer.success:
         return Outcome(False, str(answer.reason))
     return Outcome(True, ", ".join(getattr(answer, "changed", ())) or str(getattr(answer, "stage", "")))
-
-
-def _unused(_message: ValveHealth) -> None:
-    """Stand for the callback that a subscription has to have: no executor calls it."""
 
 
 def _take_alarms(valve: HeardValve, message: AlarmList) -> None:

@@ -11,7 +11,8 @@ law that is a little wrong, repeat from line to line; each window of a second th
 way than chance allows. The sandwich of curvature and of the scatter of the windows' pulls counts that.
 
 Sources: Kass and Raftery, Bayes factors, 1995; Huber, 1967; White, 1982 (sandwich); Murphy and van der Vaart,
-JASA 95, 2000 (profile likelihood); Raue and others, Bioinformatics 25, 2009 (what a profile says of a number).
+JASA 95, 2000 (profile likelihood); Raue and others, Bioinformatics 25, 2009 (what a profile
+shows).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Detectors: one file, one class, one registry entry each; with the event kinds and limits they declare."""
+"""Detectors: one class and one registry entry each; with the event kinds and limits their files declare."""
 
 from __future__ import annotations
 
