@@ -22,12 +22,12 @@ WIDEST, BESIDE = 3, 2
 #: changes of a force are shared by the neighbours.
 FAR, NEAR = 8.0, 4.0
 #: s over which the deviation is taken.
-AROUND = 0.25
+SPIKE_AROUND = 0.25
 #: Samples that may be spikes, as a share: more are another disease.
-MOST = 0.02
+MOST_SPIKES = 0.02
 #: Standard deviations of the mean rank of travel or speed from which they are of the motion, and how few of
 #: the spool's could show that.
-AS_HITS, FEWEST = 3.0, 5
+AS_HITS, FEWEST_SPIKES = 3.0, 5
 #: Hz, from which on travel is looked at for that.
 TRAVEL = 2.0
 
@@ -39,12 +39,12 @@ MAINS, STRAY = (50.0, 60.0), 2e-3
 #: Harmonics that are looked at: of rectifiers and saturated transformers.
 HARMONICS = 8
 #: s of a piece, and share of it after which the next one begins.
-PIECE, HOP = 0.5, 0.25
+HUM_PIECE, HOP = 0.5, 0.25
 #: Hz on both sides of a line whose lines it is compared with: within the pass band of a piece.
 HUM_AROUND = 1.5
 #: Power of a line over the mean of its neighbourhood: noise exceeds it in one of 5e8 lines (exponential
 #: distribution), some thousand of which are looked at in each record.
-SIGNIFICANT = 20.0
+HUM_SIGNIFICANT = 20.0
 #: Power of a line over the strongest one near it: those of a multisine, or of an engine, have neighbours.
 ALONE = 4.0
 #: Share by which lines of the two channels may differ from what motion leaves between them, by the transfer
@@ -125,7 +125,9 @@ class Spikes(RecordNuisance):
                 row = getattr(record, name)
                 spikes = spikes_of(row, record.sample_rate)
                 places = np.array([place for place, _ in spikes], dtype=np.int64)
-                if 0 < places.size < MOST * row.size and not (name == "spool" and _of_motion(places, motion)):
+                if 0 < places.size < MOST_SPIKES * row.size and not (
+                    name == "spool" and _of_motion(places, motion)
+                ):
                     rows[name] = _without(row, spikes)
                     rate[name] = rate.get(name, 0.0) + places.size / seconds
             cleaned.append(replace(record, body=rows["body"], spool=rows["spool"]))
@@ -264,7 +266,7 @@ def _off(row: Array, width: int) -> Array:
 
 def _deviation(off: Array, row: Array, rate: float) -> Array:
     """Return the deviation of ``off`` (w, n) around each sample, shape (n,), of its largest sample."""
-    width = max(16, round(AROUND * rate))
+    width = max(16, round(SPIKE_AROUND * rate))
     largest = np.abs(off).max(axis=0)
     blocks = -(-largest.size // width)
     padded = np.concatenate([largest, largest[::-1][: blocks * width - largest.size]])
@@ -290,7 +292,7 @@ def _of_motion(places: NDArray[np.int64], motion: Sequence[Array]) -> bool:
         places: of the spikes.
         motion: abs(z') and abs(z), shape (n,) each.
     """
-    if places.size < FEWEST:
+    if places.size < FEWEST_SPIKES:
         return True
     ranks = [float(np.mean(np.searchsorted(np.sort(row), row[places]) / row.size)) for row in motion]
     return any(abs(rank - 0.5) > AS_HITS / np.sqrt(12.0 * places.size) for rank in ranks)
@@ -314,7 +316,7 @@ def _hum(record: Record, valve: Valve) -> list[tuple[str, _Line]]:
             # Harmonics stand at multiples of the frequency that the first line has, and share its error.
             centre = (known or mains) * harmonic
             stray = (0.0 if known else STRAY * mains) + (0.6 + 0.3 * harmonic) / record.duration
-            if centre + HUM_AROUND > 0.45 * record.sample_rate or record.duration < 16.0 * PIECE:
+            if centre + HUM_AROUND > 0.45 * record.sample_rate or record.duration < 16.0 * HUM_PIECE:
                 break
             lines = _lines(record, valve, centre, stray)
             found += lines.items()
@@ -365,8 +367,8 @@ def _described(frequency: float, valve: Valve) -> complex:
 def _transfer(body: Complex, spool: Complex, stray: float) -> tuple[complex, float]:
     """Return the spool's envelope over the body's, and their coherence, at the frequencies on both sides."""
     lines = [np.fft.fft(row * np.hanning(row.size)) for row in (body, spool)]
-    offset = np.abs(np.fft.fftfreq(body.size, PIECE * HOP))
-    beside = (offset > stray + 3.0 / (body.size * PIECE * HOP)) & (offset < HUM_AROUND)
+    offset = np.abs(np.fft.fftfreq(body.size, HUM_PIECE * HOP))
+    beside = (offset > stray + 3.0 / (body.size * HUM_PIECE * HOP)) & (offset < HUM_AROUND)
     first, second = (row[beside] for row in lines)
     powers = [float(np.sum(np.abs(row) ** 2)) for row in (first, second)]
     if min(powers) <= 0.0:
@@ -377,7 +379,7 @@ def _transfer(body: Complex, spool: Complex, stray: float) -> tuple[complex, flo
 
 def _envelope(row: Array, record: Record, frequency: float) -> Complex:
     """Return the complex amplitude of ``row`` (n,) at ``frequency`` in overlapping pieces, shape (p,)."""
-    length = 8 * round(PIECE * record.sample_rate / 8)
+    length = 8 * round(HUM_PIECE * record.sample_rate / 8)
     turned = row * np.exp(-2j * np.pi * frequency * np.arange(row.size) * record.sample_period)
     window = np.hanning(length)
     total = np.lib.stride_tricks.sliding_window_view(turned, length)[:: round(HOP * length)]
@@ -386,7 +388,7 @@ def _envelope(row: Array, record: Record, frequency: float) -> Complex:
 
 def _line(envelope: Complex, frequency: float, centre: float, stray: float) -> _Line | None:
     """Return the line in ``envelope``, taken at ``frequency``, at ``centre`` off that to within ``stray``."""
-    step = PIECE * HOP
+    step = HUM_PIECE * HOP
     size = np.abs(envelope)
     middle = float(np.median(size))
     if middle <= 0.0:
@@ -403,14 +405,14 @@ def _line(envelope: Complex, frequency: float, centre: float, stray: float) -> _
     best = int(np.flatnonzero(near)[np.argmax(power[near])])
     # The mean of exponentially distributed power, by its median, which other lines do not move.
     noise = float(np.median(power[around])) / np.log(2.0)
-    if power[best] < max(SIGNIFICANT * noise, ALONE * float(power[around].max())):
+    if power[best] < max(HUM_SIGNIFICANT * noise, ALONE * float(power[around].max())):
         return None
     shift = float(offset[best]) + _between(power, best) * float(offset[1])
     turned = envelope * np.exp(-2j * np.pi * shift * step * np.arange(envelope.size))
     amplitude = complex(np.median(turned.real), np.median(turned.imag))
     deviation = float(np.sqrt(noise)) / float(np.sum(np.hanning(even.size)))
     # A piece stands for its middle.
-    amplitude *= complex(np.exp(-1j * np.pi * shift * PIECE))
+    amplitude *= complex(np.exp(-1j * np.pi * shift * HUM_PIECE))
     return _Line(frequency + shift, amplitude, deviation)
 
 
