@@ -57,11 +57,10 @@ MODULES: dict[str, str] = {
     **{
         f"spool_sim.terms.{path.stem}": SIMULATION
         for path in sorted((SOURCE / "spool_sim/spool_sim/terms").glob("*.py"))
-        if path.stem not in ("__init__", "registry")
+        if path.stem != "__init__"
     },
-    "spool_sim.viscosity": SIMULATION,
-    "spool_sim.lubrication": SIMULATION,
     "spool_sim.valve": SIMULATION,
+    "spool_sim.lubrication": SIMULATION,
     "spool_sim.sensors": SIMULATION,
     "spool_sim.excitation": SIMULATION,
     **{
@@ -70,7 +69,7 @@ MODULES: dict[str, str] = {
         if path.stem != "__init__"
     },
     "spool_gap.effect": EFFECTS,
-    "spool_gap.likelihood.chain_part": EFFECTS,
+    "spool_gap.likelihood.structure": EFFECTS,
     "spool_estimator.identification.spectra": EFFECTS,
     "spool_estimator.stream_estimator": ESTIMATES,
 }
@@ -79,6 +78,7 @@ ONLY = {
     "spool_sim.valve": {
         "viscous_coefficient", "likely_viscous_coefficient", "likely_spool_mass", "dynamic_viscosity_at",
         "viscous_coefficient_at", "at", "_drag_of", "natural_frequency", "damping_ratio",
+        "kinematic_viscosity", "_double_logarithm",
     },
     "spool_sim.lubrication": {"_fill", "film_parameter", "fluid_friction_coefficient", "ratio"},
     "spool_sim.excitation": {
@@ -86,7 +86,7 @@ ONLY = {
         "acceleration", "duration", "frequencies", "highest_frequency", "revolutions", "rise",
         "steps", "sum_of_lines", "turns_to_sine",
     },
-    "spool_gap.likelihood.chain_part": {"high_pass", "low_pass", "mode"},
+    "spool_gap.likelihood.structure": {"high_pass", "low_pass", "mode"},
     "spool_estimator.identification.spectra": {
         "_rise", "apply", "delayed", "gain", "interval_mean_response", "relative_motion",
         "settling",

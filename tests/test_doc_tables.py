@@ -18,7 +18,7 @@ from spool_evaluation.studies.gap import BlindVerdict
 from spool_evaluation.studies.gap import page_parts as gap_parts
 from spool_evaluation.studies.gap_limit import DetectionLimit, sentence, within
 from spool_evaluation.studies.gap_limit import page_parts as limit_parts
-from spool_gap import thresholds
+from spool_gap.checks import thresholds_table
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
@@ -110,7 +110,7 @@ def test_tables_elsewhere_only_explain(page: Path) -> None:
 
 
 def test_the_method_page_of_the_gap_holds_the_thresholds_that_decide() -> None:
-    assert thresholds.table() in (DOCS / "methods" / "gap.md").read_text(encoding="utf-8")
+    assert thresholds_table() in (DOCS / "methods" / "gap.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda path: str(path.relative_to(ROOT)))

@@ -25,8 +25,7 @@ from rclpy.serialization import serialize_message
 from rosbags.highlevel import AnyReader
 from sensor_msgs.msg import Temperature
 from spool_bag.reader import BagReader
-from spool_bag.recovery import recover
-from spool_bag.verification import verify
+from spool_bag.verification import recover, verify
 from spool_core.block import Block
 from spool_core.node import qos
 from spool_core.node.messages import from_block

@@ -17,12 +17,12 @@ MODULES = read_modules(SOURCE)
 #: What was measured, and may only become less: put the new figure here with the change that improves it.
 #: Lines and files may grow only in a change that adds a feature; its commit message says what that costs.
 RATCHETS = {
-    "lines": 69_793,
-    "files": 357,
-    "lines of research": 14_098,
-    "lines up to the last import, %": 8.9,
-    "private functions with one caller, %": 22.1,
-    "modules with one importer, %": 17.4,
+    "lines": 69_367,
+    "files": 323,
+    "lines of research": 14_095,
+    "lines up to the last import, %": 8.5,
+    "private functions with one caller, %": 21.2,
+    "modules with one importer, %": 15.8,
 }
 
 

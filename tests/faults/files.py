@@ -14,8 +14,7 @@ from spool_bag.mcap_file import McapFile
 from spool_bag.mcap_record import FRAME, MAGIC
 from spool_bag.metadata import ACCELERATION_BLOCK
 from spool_bag.reader import BagReader
-from spool_bag.recovery import RecoveryResult, recover
-from spool_bag.verification import verify
+from spool_bag.verification import RecoveryResult, recover, verify
 from spool_bag.writer import BagWriter, PartLimits
 from spool_core.block import Block
 from spool_core.cdr import encode_block

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from spool_bag.recovery import recover
+from spool_bag.verification import recover
 from spool_core.errors import InputError
 
 from .disk import Disk

@@ -26,8 +26,8 @@ from numpy.typing import NDArray
 from river import drift as river_drift
 from spool_core.numbers import Array
 from spool_estimator.estimate import Estimate
-from spool_monitor.baseline import Baseline
 from spool_monitor.parameter_drift import CAP, CumulativeSum, ParameterDrift
+from spool_monitor.state_file import Baseline
 from spool_sim.simulator import DEFAULT_START_STAMP
 
 from spool_evaluation.monitor_cases.run import replay

@@ -6,8 +6,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from spool_tools.cli_options import Force
-from spool_tools.command import Command
+from spool_tools.command import Command, Force
 from spool_tools.outputs import check_folder
 
 

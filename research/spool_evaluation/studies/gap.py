@@ -105,7 +105,7 @@ def judge(case: BlindCase, *, least_share: float | None = None) -> BlindVerdict:
     A crash is a row too, and counts as wrong.
     """
     from spool_gap.evidence.analyse import analyse  # noqa: PLC0415 - counting needs none of its kernels
-    from spool_gap.report.serialisation import result_to_dict  # noqa: PLC0415
+    from spool_gap.report import result_to_dict  # noqa: PLC0415
     from spool_gap.result import GapSettings  # noqa: PLC0415
 
     record, valve = given(case)

@@ -24,7 +24,7 @@ setup(
     entry_points={
         "spool.gap_analysis": [
             "analyse = spool_gap.evidence.analyse:analyse",
-            "to_dict = spool_gap.report.serialisation:result_to_dict",
+            "to_dict = spool_gap.report:result_to_dict",
         ]
     },
 )

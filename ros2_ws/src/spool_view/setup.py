@@ -27,7 +27,7 @@ setup(
             "plots = spool_view.program:plots",
             "opcua = spool_view.program:opcua",
         ],
-        "spool.commands": ["spool_view = spool_view.bridge.commands"],
-        "spool.pages": ["page = spool_view.serve:serve"],
+        "spool.commands": ["spool_view = spool_view.commands"],
+        "spool.pages": ["page = spool_view.page_node:serve"],
     },
 )

@@ -158,7 +158,7 @@ def analysed(record: Path, valve: Path) -> dict[str, Any]:
     """
     from spool_estimator.plausibility import check_records  # noqa: PLC0415 - counting needs none of its kernels
     from spool_gap.evidence.analyse import analyse  # noqa: PLC0415
-    from spool_gap.report.serialisation import result_to_dict  # noqa: PLC0415
+    from spool_gap.report import result_to_dict  # noqa: PLC0415
     from spool_tools.operations.gap_run import doubted  # noqa: PLC0415
 
     stretches, described = stretches_as_told(record, valve)

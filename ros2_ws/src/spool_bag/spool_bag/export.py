@@ -69,7 +69,10 @@ def export_bag(
     if not starts:
         raise InputError(f"{bag}: no usable block in it, so there is nothing to export")
     thermal = any(f"/{valve}/oil_temperature" in reader.topics for valve in chosen)
-    schema = _schema(several=len(chosen) > 1, thermal=thermal)
+    fields = [(TIME, pa.float64()), (BODY, pa.float32()), (SPOOL, pa.float32())]
+    if thermal:
+        fields.append((OIL_TEMPERATURE, pa.float64()))
+    schema = pa.schema([(VALVE, pa.string()), *fields] if len(chosen) > 1 else fields)
     rows = 0
     sources = {valve: _ValveTable(min(starts), _cell(out, valve)) for valve in chosen}
     try:
@@ -120,13 +123,6 @@ def _cell(out: Path, valve: str) -> str:
         return valve
     cell = printable(valve).translate(str.maketrans(',;"', "___"))
     return "'" + cell if cell[:1] in tuple("=+-@") else cell
-
-
-def _schema(*, several: bool, thermal: bool) -> pa.Schema:
-    fields = [(TIME, pa.float64()), (BODY, pa.float32()), (SPOOL, pa.float32())]
-    if thermal:
-        fields.append((OIL_TEMPERATURE, pa.float64()))
-    return pa.schema([(VALVE, pa.string()), *fields] if several else fields)
 
 
 def _kind(out: Path) -> str:

@@ -182,7 +182,9 @@ class McapFile:
         try:
             while at < end:
                 # Most records are messages; behind the frame stands their channel.
-                opcode, length, channel = unpack(data, at) if at + _RECORD.size <= end else _frame(data, at)
+                opcode, length, channel = (
+                    unpack(data, at) if at + _RECORD.size <= end else (*FRAME.unpack_from(data, at), -1)
+                )
                 at += 9
                 if at + length > end:
                     raise ValueError("a record in a chunk claims to be longer than the chunk")
@@ -479,11 +481,6 @@ def unpack(head: ChunkHead, content: bytes) -> bytes:
     if head.uncompressed_crc and zlib.crc32(data) != head.uncompressed_crc:
         raise ChunkError("the checksum of a chunk is wrong")
     return data
-
-
-def _frame(data: bytes, at: int) -> tuple[int, int, int]:
-    """Return kind and length of a record that ends before a channel could, and none."""
-    return (*FRAME.unpack_from(data, at), -1)
 
 
 def _summary(stream: BinaryIO, size: int) -> bytes | None:

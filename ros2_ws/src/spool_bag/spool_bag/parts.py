@@ -290,7 +290,10 @@ def existing_parts(folder: Path) -> Existing:
         except (InputError, OSError):
             continue  # not one byte of it can be used: it takes room, and goes by the quota
         for topic in file.topics.values():
-            topics.setdefault(topic.name, (_counted(topic), _definition(topic)))
+            topics.setdefault(
+                topic.name,
+                (_counted(topic), Definition(topic.type, topic.schema, topic.digest, topic.schema_encoding)),
+            )
     return Existing(
         parts, list(topics.values()), files[-1][0] + 1 if files else 0, *_last(files), _oldest(files)
     )
@@ -328,7 +331,3 @@ def _counted(topic: Topic) -> TopicCount:
     except Exception:  # rosbags and its YAML parser: whatever a damaged text brings
         qos = ()
     return TopicCount(topic.name, topic.type, topic.digest, qos)
-
-
-def _definition(topic: Topic) -> Definition:
-    return Definition(topic.type, topic.schema, topic.digest, topic.schema_encoding)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -151,7 +152,9 @@ class BagReader:
         if self._topics is None:
             found: dict[str, TopicInformation] = {}
             for file in self.files:
-                counts = file.counts if file.counts is not None else self._count(file)
+                counts = file.counts
+                if counts is None:
+                    counts = Counter(record.channel for record in self._records(file, lambda _: True))
                 for number, topic in file.topics.items():
                     before = found[topic.name].messages if topic.name in found else 0
                     found[topic.name] = TopicInformation(topic.type, before + counts.get(number, 0))
@@ -310,12 +313,6 @@ class BagReader:
                             arrival += 1
                             yield from windows.take(valve, keyed_of(part, arrival, size, messages_of))
         yield from windows.rest()
-
-    def _count(self, file: McapFile) -> dict[int, int]:
-        counts: dict[int, int] = {}
-        for record in self._records(file, lambda _: True):
-            counts[record.channel] = counts.get(record.channel, 0) + 1
-        return counts
 
     def _records(self, file: McapFile, wanted: Callable[[Topic], bool]) -> Iterator[McapMessage]:
         return file.records(wanted, self._damage_of(file))

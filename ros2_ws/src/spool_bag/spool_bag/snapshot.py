@@ -253,13 +253,10 @@ class SnapshotWriter:
 
     def watch(self, now: int, limit: int) -> None:
         """Write what is complete at ``now`` (ns); of more than ``limit`` bags in the folder the oldest go."""
-        again = [self._failed.popleft()] if self._failed and self._worker_is_idle else []
+        idle = self._pending is None or self._pending.done()
+        again = [self._failed.popleft()] if self._failed and idle else []
         for snapshot in (*again, *self.keeper.due(now)):
             self._pending = self._worker.submit(self._write, snapshot, limit)
-
-    @property
-    def _worker_is_idle(self) -> bool:
-        return self._pending is None or self._pending.done()
 
     def close(self) -> None:
         """Write what waits, complete or not, and wait until it is written."""

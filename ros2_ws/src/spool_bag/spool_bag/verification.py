@@ -1,22 +1,29 @@
-"""Verification of a recording: signatures, and what was edited, removed or reordered."""
+"""Verification of recordings: signatures, what was edited, removed or reordered; recovery of damaged ones."""
 
 from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from rosbags.rosbag2.metadata import parse_qos
+from spool_core.block import Block
+from spool_core.block_gate import BlockGate
 from spool_core.errors import InputError
 from spool_core.files import YamlError, load_yaml
 from spool_core.system import OPEN_FLAGS
+from spool_core.text import printable
 
-from spool_bag.mcap_file import McapFile
-from spool_bag.metadata import FILE_NAME, LARGEST, MOST_VALUES, ROOT
+from spool_bag.mcap_file import Damage, McapFile
+from spool_bag.mcap_record import Topic
+from spool_bag.metadata import FILE_NAME, LARGEST, MOST_VALUES, ROOT, Definition
 from spool_bag.part_chain import UNREADABLE, Ended, PartBegin, begin_of, end_of, file_hash, oldest_of
 from spool_bag.parts import number_of, numbered
+from spool_bag.reader import BagReader
+from spool_bag.writer import BagWriter
 
 #: Times that a folder is looked at again, as parts of a running recording go by the quota meanwhile.
 TRIES = 5
@@ -140,6 +147,76 @@ def is_signed(link: str, signature: str, key: Path) -> bool:
     except (InvalidSignature, ValueError):
         return False
     return True
+
+
+@dataclass(frozen=True, slots=True)
+class RecoveryResult:
+    """Result of a recovery: what was saved and what was not.
+
+    ``messages`` counts by topic what the new bag holds, as read back from it. ``undecodable`` counts messages
+    whose bytes do not fit their definition; they are left out. ``expected`` counts by topic what the old bag
+    says it held, ``None`` where it says nothing (a killed recording). ``lost`` are the messages that the old
+    bag held and the new one does not: by those counts, else by the index behind each damaged chunk, else, and
+    then ``estimated`` is true, by the damaged places' sizes. ``missing`` counts the blocks that jumps in
+    ``sequence`` show by valve, whether they were lost here or never arrived. ``damages`` are the old bag's,
+    ``closed`` says whether its recording was finished.
+    """
+
+    source: Path
+    target: Path
+    messages: Mapping[str, int]
+    undecodable: Mapping[str, int]
+    expected: Mapping[str, int] | None
+    lost: int
+    estimated: bool
+    missing: Mapping[str, int]
+    damages: tuple[Damage, ...]
+    warnings: tuple[str, ...]
+    closed: bool
+
+
+def recover(source: Path | str, target: Path | str) -> RecoveryResult:
+    """Copy every readable message of the bag ``source`` into the new bag ``target`` and read that again.
+
+    Raises:
+        InputError: there is nothing to recover from, or ``target`` exists.
+        RecordingError: ``target`` cannot be written on.
+    """
+    reader = BagReader(source, skip_damage=True)
+    counted = all(file.counts is not None for file in reader.files)
+    expected = {name: topic.messages for name, topic in reader.topics.items()} if counted else None
+    undecodable: dict[str, int] = {}
+    warnings = list(reader.warnings)
+    with BagWriter(target, staged=True) as writer:
+        channels: dict[tuple[str, str], int | None] = {}
+        for topic, record in reader.records():
+            key = (topic.name, topic.type)
+            if key not in channels:
+                channels[key] = _channel(writer, topic, warnings)
+            channel = channels[key]
+            if channel is None or not reader.decodable(topic, record.data):
+                undecodable[topic.name] = undecodable.get(topic.name, 0) + 1
+                continue
+            writer.write(channel, record.log_time, record.data, record.publish_time, record.sequence)
+        written = writer.counts
+        writer.finish()
+        read, missing = _read_back(writer.file, written)
+        if read != written:
+            raise OSError(f"{target}: what was written could not be read back: the disk may be failing")
+    lost, estimated = _lost(reader, read, undecodable, expected)
+    return RecoveryResult(
+        Path(source),
+        Path(target),
+        read,
+        undecodable,
+        expected,
+        lost,
+        estimated,
+        missing,
+        tuple(reader.damages),
+        tuple(warnings),
+        reader.closed,
+    )
 
 
 def _verify(folder: Path, key: Path | None) -> Verification:
@@ -319,3 +396,48 @@ def _readable(path: Path) -> bool:
 def _missing(first: int, last: int) -> str:
     which = f"part {first} was" if first == last else f"parts {first} to {last} were"
     return f"{which} removed"
+
+
+def _lost(
+    reader: BagReader,
+    saved: Mapping[str, int],
+    undecodable: Mapping[str, int],
+    expected: Mapping[str, int] | None,
+) -> tuple[int, bool]:
+    """Return the messages lost in addition to those not decodable, and whether that is estimated."""
+    found = sum(saved.values()) + sum(undecodable.values())
+    if expected is not None:
+        return max(sum(expected.values()) - found, 0), False
+    lost, estimated = reader.lost()
+    # metadata.yaml of a recording under way is some seconds old: it holds that many at least.
+    return max(lost, reader.told - found), estimated
+
+
+def _read_back(file: Path, written: Mapping[str, int]) -> tuple[dict[str, int], dict[str, int]]:
+    """Return the messages by topic in ``file``, and the blocks missing in between by valve."""
+    again = BagReader(file)
+    read: dict[str, int] = dict.fromkeys(written, 0)
+    for topic, _ in again.records():
+        read[topic.name] += 1
+    gates: dict[str, BlockGate] = {}
+    for valve, item in again.streams():
+        if isinstance(item, Block):
+            gates.setdefault(valve, BlockGate()).judge(item)
+    return read, {valve: gate.lost for valve, gate in gates.items() if gate.lost}
+
+
+def _channel(writer: BagWriter, topic: Topic, warnings: list[str]) -> int | None:
+    if topic.encoding != "cdr" or not topic.schema:
+        name, encoding = printable(topic.name, 80), printable(topic.encoding, 40)
+        warnings.append(f"{name}: encoding {encoding!r} without a ROS 2 definition is left out")
+        return None
+    try:
+        qos = parse_qos(load_yaml(topic.qos) or [])
+    except Exception:  # rosbags and its YAML parser: whatever a foreign text brings
+        qos = []
+    described = Definition(topic.type, topic.schema, topic.digest, topic.schema_encoding)
+    try:
+        return writer.add_topic(topic.name, topic.type, qos, described)
+    except InputError as error:
+        warnings.append(str(error))
+        return None

@@ -515,20 +515,17 @@ class BagWriter:
         self._open = False
         self.certain = self._part.abandon(cut=True)
         self.release()
+        # A part without messages: on a disk that stays full each try would leave one behind.
         if self.limits is not None and self.certain and self._part.good == self._part.head:
-            self._withdraw()
+            self._part.discard()
+            self.withdrawn = self._stated
+            with contextlib.suppress(OSError):
+                self._write_metadata(without_last=True)
 
     def release(self) -> None:
         """Let another one write in the folder."""
         if self._claim is not None:
             self._claim.release()
-
-    def _withdraw(self) -> None:
-        """Remove the part, in which nothing is: on a disk that stays full each try would leave one behind."""
-        self._part.discard()
-        self.withdrawn = self._stated
-        with contextlib.suppress(OSError):
-            self._write_metadata(without_last=True)
 
     def _topics(self) -> tuple[TopicCount, ...]:
         return tuple(one.topic for one in self._channels)

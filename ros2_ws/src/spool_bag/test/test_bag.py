@@ -22,7 +22,7 @@ from spool_bag.blocks import WINDOW
 from spool_bag.information import describe
 from spool_bag.metadata import ACCELERATION_BLOCK, TEMPERATURE, typestore
 from spool_bag.reader import BagReader
-from spool_bag.recovery import recover
+from spool_bag.verification import recover
 from spool_bag.writer import BagWriter
 from spool_core.block import Block
 from spool_core.cdr import OilTemperature, encode_block, encode_temperature

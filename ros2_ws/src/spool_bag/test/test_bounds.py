@@ -20,7 +20,7 @@ from spool_bag.mcap_file import LARGEST_CHUNK
 from spool_bag.mcap_record import CHUNK_HEAD, FRAME, MAGIC
 from spool_bag.metadata import ACCELERATION_BLOCK, FILE_NAME, definition
 from spool_bag.reader import BagReader
-from spool_bag.recovery import recover
+from spool_bag.verification import recover
 from spool_bag.writer import BagWriter
 from spool_core.block import Block
 from spool_core.cdr import encode_block

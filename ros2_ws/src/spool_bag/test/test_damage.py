@@ -21,7 +21,7 @@ from spool_bag.information import describe
 from spool_bag.mcap_record import FRAME, MAGIC
 from spool_bag.metadata import ACCELERATION_BLOCK, TEMPERATURE
 from spool_bag.reader import BagReader
-from spool_bag.recovery import RecoveryResult, recover
+from spool_bag.verification import RecoveryResult, recover
 from spool_bag.writer import BagWriter
 from spool_core.block import Block
 from spool_core.cdr import OilTemperature, encode_block, encode_temperature

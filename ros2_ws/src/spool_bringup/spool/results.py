@@ -220,12 +220,12 @@ class Fit(Result):
         if found.reason is not None:
             raise InputError(f"{found.model.name}: no result to plot: {found.reason}")
         with keeping_backend():
-            from spool_tools.report import fit_curves, fit_pictures  # noqa: PLC0415
+            from spool_tools.report import fit_curves, fit_page  # noqa: PLC0415
 
             data = self._validated.data
             shown = fit_curves.overlay(data.fitted, found, data.valve)
             return Picture(
-                fit_pictures.waveform_figure({found.model.name: shown}, fit_curves.excerpts(shown.run))
+                fit_page.waveform_figure({found.model.name: shown}, fit_curves.excerpts(shown.run))
             )
 
     @one_error

@@ -14,8 +14,7 @@ Found = TypeVar("Found")
 def classes_in(package: str, base: type[Any]) -> list[type[Any]]:
     """Return the concrete classes derived from ``base`` that the modules of ``package`` define.
 
-    They come in the order of the modules' names. The modules ``base`` and ``registry`` are left out: they may
-    be the ones that ask.
+    They come in the order of the modules' names. The module ``base`` is left out: it holds what all share.
     """
     return [
         entry
@@ -41,5 +40,5 @@ def objects_in(package: str, kind: type[Found]) -> list[Found]:
 
 def _modules(package: str) -> list[ModuleType]:
     folder = importlib.import_module(package).__path__
-    names = {module.name for module in pkgutil.iter_modules(folder)} - {"base", "registry"}
+    names = {module.name for module in pkgutil.iter_modules(folder)} - {"base"}
     return [importlib.import_module(f"{package}.{name}") for name in sorted(names)]

@@ -146,7 +146,8 @@ def parameters_of(path: str | Path, node: str) -> dict[str, Any]:
     for name, values in sections:
         if not isinstance(values, dict):
             raise InputError(f"{path}: {name}: {NODE_PARAMETERS} must be a list of 'name: value' lines")
-        if _matches(name, node):
+        pattern = re.escape(name).replace(r"/\*\*", r"(/\w+)*").replace(r"/\*", r"/\w+")
+        if re.fullmatch(pattern, node):
             given |= dict(_flat(values, ""))
     return given
 
@@ -205,11 +206,6 @@ def _sections(content: dict[Any, Any], name: str) -> Iterator[tuple[str, Any]]:
             yield name, value
         elif isinstance(value, dict):
             yield from _sections(value, f"{name}/{str(key).strip('/')}")
-
-
-def _matches(section: str, node: str) -> bool:
-    pattern = re.escape(section).replace(r"/\*\*", r"(/\w+)*").replace(r"/\*", r"/\w+")
-    return re.fullmatch(pattern, node) is not None
 
 
 def _flat(values: dict[Any, Any], prefix: str) -> Iterator[tuple[str, Any]]:

@@ -339,7 +339,7 @@ def median_step(time: Array) -> float:
 def _even(time: Array) -> Stamps | None:
     """Return the clock of stamps that are their samples' times; gaps are steps of several periods."""
     usual = median_step(time)
-    gaps = _where(time, lambda steps: steps > GAP * usual) + 1
+    gaps = 1 + np.concatenate([first + np.flatnonzero(steps > GAP * usual) for first, steps in _steps(time)])
     regular = time.size - 1 - gaps.size
     if regular < 2:
         return None
@@ -659,10 +659,6 @@ def _steps(time: Array) -> Iterator[tuple[int, Array]]:
     """Yield the number of the first step and the steps, piece by piece."""
     for first in range(0, time.size - 1, _PIECE):
         yield first, np.diff(time[first : first + _PIECE + 1])
-
-
-def _where(time: Array, test: Callable[[Array], NDArray[np.bool_]]) -> Indices:
-    return np.concatenate([first + np.flatnonzero(test(steps)) for first, steps in _steps(time)])
 
 
 def _extremes(time: Array, most: float) -> tuple[float, float]:

@@ -39,7 +39,10 @@ def printable(text: object, longest: int = 2000) -> str:
     """
     whole = str(text)
     cut = whole if len(whole) <= longest else whole[: longest - 3] + "..."
-    return cut if cut.isprintable() else "".join(map(_shown, cut))
+    return "".join(
+        one if one.isprintable() else one.encode("unicode_escape", "surrogatepass").decode("ascii")
+        for one in cut
+    )
 
 
 def keep_standard_streams() -> None:
@@ -73,9 +76,3 @@ def drop_output() -> None:
 
 def _form(name: str) -> str:
     return name.lower().replace("-", "_").replace(" ", "_")
-
-
-def _shown(letter: str) -> str:
-    if letter.isprintable():
-        return letter
-    return letter.encode("unicode_escape", "surrogatepass").decode("ascii")

@@ -19,7 +19,6 @@ class Law(ABC):
 """
 FILES = {
     "base": BASE,
-    "registry": "from .base import Law\nclass NotLookedAt(Law):\n    def force(self): ...\n",
     "second": "from .base import Law\nclass Second(Law):\n    def force(self): ...\n",
     "first": "from .base import Law\nclass Half(Law): ...\nclass First(Half):\n    def force(self): ...\n",
     "other": "from .second import Second\nclass Unrelated: ...\n",

@@ -15,8 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from spool_core.errors import InputError
 from spool_core.uncertainty import Z_95, compared
-from spool_sim.valve import FILM, Valve
-from spool_sim.viscosity import OILS
+from spool_sim.valve import FILM, OILS, Valve
 
 from spool_estimator.identification.channel_faults import FITS, PIECE, pair_of
 from spool_estimator.identification.channel_pair import Swing

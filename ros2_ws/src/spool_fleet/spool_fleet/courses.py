@@ -256,7 +256,7 @@ def trend_rows(store: Path) -> dict[tuple[str, str], list[TrendRow]]:
             row["state"], row["cause"] or "", row["reason"] or "",
             *(day_of(row[name]) for name in ("latest", "since", "noticed")),
             *(
-                _number(row[name])
+                math.nan if row[name] is None else row[name]
                 for name in (
                     "baseline", "baseline_std", "change", "change_std", "rate_per_month",
                     "rate_per_month_std", "threshold", "months_to_threshold", "months_earliest",
@@ -342,7 +342,3 @@ def _thinned(row: Array) -> Array:
     if size <= 1:
         return row
     return np.array([np.median(row[begin : begin + size]) for begin in range(0, row.size, size)])
-
-
-def _number(value: float | None) -> float:
-    return math.nan if value is None else value

@@ -99,7 +99,10 @@ def run_tasks(
     result = RunResult()
     for done in executor.run(run_task, tasks):
         outcomes = done.found if done.found is not None else failed(done.item, done.reason)
-        manifest.keep(done.item.path, keys, _stored(outcomes))
+        stored = (
+            (one.namespace, StoredResult(one.analysis, one.status, one.reason, one.rows)) for one in outcomes
+        )
+        manifest.keep(done.item.path, keys, stored)
         result.bags += 1
         result.analyses += len(outcomes)
         result.failed += [
@@ -283,11 +286,6 @@ class DaskCluster:
         self._client.close()
         if self._cluster is not None:
             self._cluster.close()
-
-
-def _stored(outcomes: Sequence[Outcome]) -> Iterator[tuple[str, StoredResult]]:
-    for one in outcomes:
-        yield one.namespace, StoredResult(one.analysis, one.status, one.reason, one.rows)
 
 
 def _run(task: Task, namespace: str, name: str) -> Outcome:

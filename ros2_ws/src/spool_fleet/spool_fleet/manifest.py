@@ -174,7 +174,8 @@ class Manifest:
                 if name not in old or name not in new or _content(old[name]) != _content(new[name]):
                     self._db.execute("DELETE FROM results WHERE path = ? AND namespace = ?", (path, name))
             self._db.executemany(
-                f"INSERT INTO bags VALUES ({','.join('?' * 14)})", [_row(entry) for entry in new.values()]
+                f"INSERT INTO bags VALUES ({','.join('?' * 14)})",
+                [tuple(getattr(entry, name) for name in _COLUMNS) for entry in new.values()],
             )
 
     def entries(self, month: str | None = None) -> Iterator[Entry]:
@@ -275,10 +276,6 @@ class Manifest:
 
     def _transaction(self) -> _Transaction:
         return _Transaction(self._db)
-
-
-def _row(entry: Entry) -> tuple[Any, ...]:
-    return tuple(getattr(entry, name) for name in _COLUMNS)
 
 
 def _content(entry: Entry) -> tuple[str, ...]:

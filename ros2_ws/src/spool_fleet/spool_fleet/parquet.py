@@ -126,7 +126,7 @@ def _write_table(manifest: Manifest, table: str, month: str, entries: Sequence[E
         for entry in entries:
             rows = _rows(table, entry, manifest.results(entry.path, entry.namespace), kept)
             if rows:
-                record = _record(entry)
+                record = [entry.path, entry.machine, entry.valve, entry.start // 1000]
                 yield _table(table, [[*record, *row] for row in rows])
 
     _replace(file, table, groups())
@@ -180,10 +180,6 @@ def _rows(table: str, entry: Entry, results: Sequence[StoredResult], kept: _Kept
         elif one.analysis == _SOURCES[table]:
             found += old
     return found
-
-
-def _record(entry: Entry) -> list[Any]:
-    return [entry.path, entry.machine, entry.valve, entry.start // 1000]
 
 
 def _table(table: str, rows: Sequence[Sequence[Any]]) -> pa.Table:

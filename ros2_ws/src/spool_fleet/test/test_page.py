@@ -12,10 +12,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from spool_fleet.charts import ticks, time_scale
 from spool_fleet.content import PageContent, page_content, write_reports
 from spool_fleet.execution import bring_up_to_date
-from spool_fleet.fleet_page import fleet_page
+from spool_fleet.fleet_page import fleet_page, ticks, time_scale
 from spool_fleet.judgement import write_trends
 from spool_fleet.manifest import Entry, Manifest, Service, StoredResult
 

@@ -210,7 +210,7 @@ class Effect(ABC):
 class SensorEffect(Effect):
     """Effect of the spool's channel: its numbers, and what it makes of an acceleration.
 
-    A likelihood knows the channel by the parts of :mod:`.likelihood.chain_part`, a first look its rail; the
+    A likelihood knows the channel by the parts of :mod:`.likelihood.structure`, a first look its rail; the
     class gives what is found there its name and what to check.
 
     Attributes:

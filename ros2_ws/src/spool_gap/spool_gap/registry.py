@@ -4,17 +4,12 @@ from __future__ import annotations
 
 from spool_core.discovery import classes_in
 from spool_core.errors import InputError
-from spool_estimator.identification.nuisances.record_nuisance import RecordNuisance
+from spool_estimator.identification.nuisances import BiasDrift, Hum, RecordNuisance, Spikes
 
 from .effect import Effect
 
 #: Nuisances that a record shows without a model, in the order in which they are looked for.
-RECORD_NUISANCES: tuple[RecordNuisance, ...] = tuple(
-    sorted(
-        (entry() for entry in classes_in("spool_estimator.identification.nuisances", RecordNuisance)),
-        key=lambda entry: entry.order,
-    )
-)
+RECORD_NUISANCES: tuple[RecordNuisance, ...] = (Spikes(), Hum(), BiasDrift())
 #: Every effect by its id, in their order.
 EFFECTS: dict[str, Effect] = {
     entry.id: entry()

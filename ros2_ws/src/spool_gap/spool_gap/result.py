@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 from spool_core.uncertainty import Quantity
-from spool_estimator.identification.nuisances.record_nuisance import Nuisance
+from spool_estimator.identification.nuisances import Nuisance
 from spool_sim.model import Model
 
 Array = NDArray[np.float64]

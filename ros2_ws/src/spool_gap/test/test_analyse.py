@@ -11,7 +11,7 @@ from spool_core.errors import InputError
 from spool_estimator.identification.record import Record
 from spool_gap.evidence.analyse import analyse
 from spool_gap.likelihood.structure import structure_of
-from spool_gap.report.serialisation import result_to_dict
+from spool_gap.report import result_to_dict
 from spool_gap.result import GapResult
 from spool_sim.excitation import SweptSine
 from spool_sim.model import MODELS, model_from_mapping

@@ -9,7 +9,7 @@ from spool_core.errors import InputError
 from spool_gap.catalogue.friction import dahl_state
 from spool_gap.force.analyse import analyse_forces
 from spool_gap.force.balance import ForceRecord
-from spool_gap.report.serialisation import result_to_dict
+from spool_gap.report import result_to_dict
 from spool_sim.model import MODELS
 
 PERIOD = 0.005

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from scipy import linalg
 from spool_estimator.identification.record import Record, records_from_blocks
 from spool_estimator.identification.spectra import delayed
-from spool_gap.likelihood.chain_part import CHAIN_PARTS, inverse, mode, mode_of_other
 from spool_gap.likelihood.kernel import motions_for
 from spool_gap.likelihood.prediction import (
     FREE,
@@ -22,7 +21,7 @@ from spool_gap.likelihood.prediction import (
     _step_of,
 )
 from spool_gap.likelihood.readings import readings_of
-from spool_gap.likelihood.structure import Structure, structure_of
+from spool_gap.likelihood.structure import CHAIN_PARTS, Structure, inverse, mode, mode_of_other, structure_of
 from spool_gap.likelihood.structure_fit import StructureFit, fit_structure
 from spool_gap.registry import EFFECTS
 from spool_sim.excitation import SteppedSine, SweptSine

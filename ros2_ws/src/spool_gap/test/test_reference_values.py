@@ -17,7 +17,7 @@ import pytest
 from numpy.typing import NDArray
 from spool_estimator.identification.spectra import ZeroPhase, interval_mean_response, quiet, relative_motion
 from spool_gap.effect import Motion, SensorEffect, scan
-from spool_gap.likelihood.chain_part import CHAIN_PARTS
+from spool_gap.likelihood.structure import CHAIN_PARTS
 from spool_gap.registry import EFFECTS
 
 Array = NDArray[np.float64]

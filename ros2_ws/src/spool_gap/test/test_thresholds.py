@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from spool_gap.thresholds import described
+from spool_gap.checks import described
 
 
 @pytest.mark.parametrize("name", sorted(described()))

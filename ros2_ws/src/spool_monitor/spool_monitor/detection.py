@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 from spool_core.block import Block
 from spool_estimator.estimate import Estimate
 
-from spool_monitor.baseline import Baseline
 from spool_monitor.channels import ChannelLook, ChannelWatch, ResponseTracker, Signals, ValveResponse, look
 from spool_monitor.detectors import CHANNELS, ESTIMATE, LINE, SIGNALS, Detector, Judgement, Moment, detectors
 from spool_monitor.detectors.base import (
@@ -22,6 +21,7 @@ from spool_monitor.detectors.base import (
 )
 from spool_monitor.event import Condition, Event
 from spool_monitor.parameter_drift import ParameterDrift
+from spool_monitor.state_file import Baseline
 from spool_monitor.window import Line, WindowTracker, find_line
 
 #: s after the last suspicion before parameters are judged again, in memories of the estimator.

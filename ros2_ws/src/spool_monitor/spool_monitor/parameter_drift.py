@@ -22,8 +22,8 @@ from spool_core.numbers import Array
 from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.estimate import Estimate, State
 
-from spool_monitor.baseline import Baseline
 from spool_monitor.event import Severity
+from spool_monitor.state_file import Baseline
 from spool_monitor.systematic import gain_sensitivity, systematic_error
 
 #: Standard deviations that a change must exceed before its size is judged at all.

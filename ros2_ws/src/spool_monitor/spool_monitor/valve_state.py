@@ -14,10 +14,16 @@ from spool_estimator.estimate import Estimate, State
 
 from spool_monitor.alarm import AlarmRefusedError, Operator
 from spool_monitor.alarm_store import AlarmStore, serialised
-from spool_monitor.baseline import Baseline, BaselineRecord, BaselineStage, HealthyValue
 from spool_monitor.detection import Detection
 from spool_monitor.monitor import Monitor
-from spool_monitor.state_file import FolderLock, StateFile
+from spool_monitor.state_file import (
+    Baseline,
+    BaselineRecord,
+    BaselineStage,
+    FolderLock,
+    HealthyValue,
+    StateFile,
+)
 
 ALARMS, BASELINE, TRENDS = "alarms.json", "baseline.json", "trends.sqlite"
 

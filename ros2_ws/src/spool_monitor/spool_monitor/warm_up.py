@@ -11,7 +11,7 @@ from spool_estimator.warm_up import warm_up
 
 from spool_monitor.detectors import MonitorSettings
 from spool_monitor.detectors.stuck_spool import due_power
-from spool_monitor.travel import TravelCounter
+from spool_monitor.trend_writer import TravelCounter
 
 from .monitor import Monitor
 

@@ -12,9 +12,9 @@ from spool_core.errors import InputError
 from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.estimate import Estimate, State
 from spool_monitor.alarm import AlarmRefusedError, Operator
-from spool_monitor.baseline import BaselineRecord, BaselineStage, HealthyValue
 from spool_monitor.detection import Detection
 from spool_monitor.detectors import MonitorSettings
+from spool_monitor.state_file import BaselineRecord, BaselineStage, HealthyValue
 from spool_monitor.valve_state import KEPT, BaselineKeeper, healthy_values, relearn, take_up
 
 SECOND = 1_000_000_000

@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.estimate import Estimate, State
-from spool_monitor.baseline import Baseline
 from spool_monitor.event import Severity
 from spool_monitor.parameter_drift import ParameterDrift
+from spool_monitor.state_file import Baseline
 
 SECOND = 1_000_000_000
 

@@ -6,12 +6,12 @@ import pytest
 from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.estimate import Estimate, State
 from spool_estimator.estimator import Estimator, settings_for
-from spool_monitor.baseline import Baseline
 from spool_monitor.detectors import MonitorSettings
 from spool_monitor.event import Event
 from spool_monitor.monitor import Monitor
 from spool_monitor.parameter_drift import ParameterDrift
 from spool_monitor.replay import Replay
+from spool_monitor.state_file import Baseline
 from spool_sim.excitation import PRESETS
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator

@@ -5,8 +5,8 @@ import math
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from spool_monitor.baseline import Baseline
 from spool_monitor.parameter_drift import ParameterDrift, rank_friction
+from spool_monitor.state_file import Baseline
 
 
 def moved(parameter: str, share: float, *, referred: bool = True) -> ParameterDrift:

@@ -20,7 +20,7 @@ from spool_monitor.channels import (
     transfer,
 )
 from spool_monitor.detection import configured
-from spool_monitor.detectors.sensor_dead import FOLLOWS, due_powers
+from spool_monitor.detectors.sensor_faults import FOLLOWS, due_powers
 from spool_monitor.detectors.stuck_spool import due_power
 from spool_monitor.window import WindowTracker
 

@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 from spool_core.block import Block
 from spool_core.kernels.compiled import COMPILED
-from spool_monitor.travel import TravelCounter, count_travel, integration_law
+from spool_monitor.trend_writer import TravelCounter, count_travel, integration_law
 
 RATE = 2000.0
 NOTHING = np.zeros(40, np.float32)

@@ -17,7 +17,7 @@ import spool_estimator, spool_monitor, spool_sim, spool_core
 from spool_estimator.estimator import Estimator, settings_for
 from spool_estimator.warm_up import warm_up
 from spool_monitor.monitor import Monitor
-from spool_monitor.travel import TravelCounter
+from spool_monitor.trend_writer import TravelCounter
 from spool_monitor.warm_up import warm_up_monitor
 from spool_sim.excitation import PRESETS
 from spool_sim.simulator import Simulator

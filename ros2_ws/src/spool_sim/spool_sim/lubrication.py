@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from spool_core.errors import InputError
 
-from spool_sim.valve import Valve
-from spool_sim.viscosity import HIGHEST_TEMPERATURE, LOWEST_TEMPERATURE
+from spool_sim.valve import HIGHEST_TEMPERATURE, LOWEST_TEMPERATURE, Valve
 
 #: deg C between the points. Interpolated linearly, the ratio is up to 1.4e-5 too large above 0 deg C, 6e-5 at
 #: -40 deg C.

@@ -338,9 +338,8 @@ def test_a_new_term_is_one_new_file_and_a_changed_law_is_never_served_stale(tmp_
     code = f"""
 import spool_sim.terms as terms, importlib
 terms.__path__.append({str(folder)!r})
-from spool_sim.terms import registry
 from spool_core.discovery import classes_in
-registry.TERMS.update((entry.name, entry()) for entry in classes_in(terms.__name__, terms.Term))
+terms.TERMS.update((entry.name, entry()) for entry in classes_in(terms.__name__, terms.Term))
 from spool_sim.model import model_from_mapping
 from spool_sim.integration.composed_motion import ComposedMotion, MotionState
 import numpy as np

@@ -29,8 +29,7 @@ from spool_sim.excitation import (
 from spool_sim.lubrication import OilTable, film_parameter, fluid_friction_coefficient
 from spool_sim.sensors import FractionalDelay, MeasuringChain, Sensor, SensorChannel
 from spool_sim.terms import TERMS, Term
-from spool_sim.valve import Valve
-from spool_sim.viscosity import OILS
+from spool_sim.valve import OILS, Valve
 
 #: Relative; values are given with seven digits.
 EXACT = 1e-6

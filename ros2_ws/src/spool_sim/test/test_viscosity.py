@@ -8,8 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from spool_core.errors import InputError
-from spool_sim.valve import Valve, valve_from_mapping
-from spool_sim.viscosity import LOWEST_TEMPERATURE, OILS, VISCOSITY_INDEX
+from spool_sim.valve import LOWEST_TEMPERATURE, OILS, VISCOSITY_INDEX, Valve, valve_from_mapping
 
 NAMES = st.sampled_from(sorted(OILS))
 #: deg C at which the thinnest grade, ISO VG 10, has the 2 mm^2/s down to which the law holds, less a margin.

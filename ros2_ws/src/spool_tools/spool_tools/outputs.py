@@ -7,6 +7,7 @@ then; a file appears under its name when it is whole. ``-`` is standard output, 
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import json
 import math
 import os
@@ -17,6 +18,7 @@ import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextvars import ContextVar
 from dataclasses import dataclass
+from datetime import datetime, timezone
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -28,6 +30,7 @@ from spool_core.system import remove, write_durably
 
 if TYPE_CHECKING:
     from spool_bag.mcap_file import Damage
+    from spool_sim.valve import Valve
 
 
 STANDARD_OUTPUT = Path("-")
@@ -38,6 +41,9 @@ _stdout: ContextVar[TextIO | None] = ContextVar("stdout", default=None)
 
 #: s, which a git command may take.
 PATIENCE = 5.0
+
+#: Files of one bag whose checksums are shown at most.
+MOST_FILES = 20
 
 
 @contextlib.contextmanager
@@ -227,17 +233,11 @@ def lost_messages(count: int, *, estimated: bool) -> str:
 @cache
 def suite_version() -> str:
     """Return like ``0.1.0 (commit 1a2b3c4d5e6f)``; a ``+`` behind the commit: files were changed since."""
-    commit = _commit(Path(__file__).resolve().parent)
+    folder = Path(__file__).resolve().parent
+    revision = _git(folder, "rev-parse", "--short=12", "HEAD")
+    changed = revision and _git(folder, "status", "--porcelain", "--untracked-files=no")
+    commit = revision + ("+" if changed else "")
     return f"{_package_version()} (commit {commit})" if commit else _package_version()
-
-
-def _is_device(path: Path) -> bool:
-    """Return whether ``path`` is a pipe or a device, such as /dev/stdout: nothing is there to be lost."""
-    try:
-        mode = path.stat().st_mode
-    except (OSError, ValueError):
-        return False
-    return stat.S_ISFIFO(mode) or stat.S_ISCHR(mode) or stat.S_ISSOCK(mode)
 
 
 def finite(value: Any) -> Any:
@@ -249,6 +249,35 @@ def finite(value: Any) -> Any:
     if isinstance(value, float):
         return float(value) if math.isfinite(value) else None
     return value
+
+
+def provenance() -> list[tuple[str, str]]:
+    """Return label and value of what every report says: date, version, command."""
+    now = datetime.now(timezone.utc).strftime("%Y-%m-%d %H:%M UTC")
+    rows = [("written", now), ("by", f"spool {suite_version()}")]
+    return [*rows, ("command", command_line())] if command_line() else rows
+
+
+def sources(records: Sequence[Path], valve: Valve | None = None) -> list[tuple[str, str]]:
+    """Return label and value for each file of ``records`` with its checksum, and for the valve."""
+    rows = [
+        ("record", f"{file}, SHA-256 {_checksum(file)}")
+        for path in records
+        for file in (sorted(path.glob("*.mcap"))[:MOST_FILES] if path.is_dir() else [path])
+    ]
+    if valve is not None:
+        numbers = f"{valve.moving_mass:g} kg, {valve.spring_stiffness:g} N/m"
+        rows.append(("valve", f"{valve.id}: {numbers}, {valve.natural_frequency:.3g} Hz"))
+    return rows
+
+
+def _is_device(path: Path) -> bool:
+    """Return whether ``path`` is a pipe or a device, such as /dev/stdout: nothing is there to be lost."""
+    try:
+        mode = path.stat().st_mode
+    except (OSError, ValueError):
+        return False
+    return stat.S_ISFIFO(mode) or stat.S_ISCHR(mode) or stat.S_ISSOCK(mode)
 
 
 def _package_version() -> str:
@@ -264,13 +293,6 @@ def _package_version() -> str:
     return "unknown"
 
 
-def _commit(folder: Path) -> str:
-    """Return the commit that is checked out in ``folder``, empty where it is no checkout."""
-    revision = _git(folder, "rev-parse", "--short=12", "HEAD")
-    changed = revision and _git(folder, "status", "--porcelain", "--untracked-files=no")
-    return revision + ("+" if changed else "")
-
-
 def _git(folder: Path, *words: str) -> str:
     try:
         done = subprocess.run(
@@ -280,3 +302,14 @@ def _git(folder: Path, *words: str) -> str:
     except (OSError, subprocess.SubprocessError):
         return ""
     return done.stdout.strip() if done.returncode == 0 else ""
+
+
+def _checksum(path: Path) -> str:
+    digest = hashlib.sha256()
+    try:
+        with path.open("rb") as stream:
+            while chunk := stream.read(1 << 20):
+                digest.update(chunk)
+    except OSError as error:
+        return f"not known: {error.strerror}"
+    return digest.hexdigest()

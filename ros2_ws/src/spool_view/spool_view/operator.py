@@ -209,12 +209,16 @@ class Operating:
         if not self._acts.take():
             return _answer(429, "too many acts in a short time: wait a few seconds")
         try:
-            act = act_of(await _content(request), self._alarms())
+            content = await _content(request)
+            valves = list(self._desk.board.valves.values())
+            act = act_of(
+                content, {valve.name: frozenset(alarm["name"] for alarm in valve.alarms) for valve in valves}
+            )
         except ActRefusedError as error:
             return _answer(400, str(error))
         if not await self._note(step="asked", act=act):
             return _answer(503, "the log can't be written, so nothing is done")
-        outcome = await self._outcome(act)
+        outcome = await asyncio.wrap_future(self._desk.do(act))
         noted = await self._note(step="done" if outcome.done else "refused", act=act, said=outcome.text)
         text = outcome.text if noted else f"{outcome.text} (and the log can't be written any more)"
         return _answer(200 if outcome.done else 409, text)
@@ -229,10 +233,6 @@ class Operating:
             self._desk.warn("a request with a wrong token, or without one, was refused")
         return _answer(401, "the token is wrong") if self._wrong.take() else _answer(429, "too many tries")
 
-    def _alarms(self) -> dict[str, frozenset[str]]:
-        valves = list(self._desk.board.valves.values())
-        return {valve.name: frozenset(alarm["name"] for alarm in valve.alarms) for valve in valves}
-
     async def _note(self, step: str, act: Act, **more: Any) -> bool:
         assert self._desk.log is not None
         try:
@@ -241,9 +241,6 @@ class Operating:
             self._desk.warn(f"the operators' log can't be written: {error}")
             return False
         return True
-
-    async def _outcome(self, act: Act) -> Outcome:
-        return await asyncio.wrap_future(self._desk.do(act))
 
 
 class Records:

@@ -1,4 +1,4 @@
-"""Node ``page``: listens to running valves, shows them to browsers, and passes an operator's acts on."""
+"""Node of the operator's page."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ from rclpy.serialization import deserialize_message
 from spool_core.errors import InputError
 from spool_core.node import qos
 from spool_core.node.managed_node import ManagedNode
-from spool_core.node.parameters import NodeParameter, Value
+from spool_core.node.parameters import NodeParameter, Value, rule
+from spool_core.node.running import run
 from spool_core.node.service_calls import ServiceCalls
 from spool_monitor.state_file import default_folder
 from spool_monitor.valve_condition import monitored_valves
@@ -64,6 +65,9 @@ SERVICES: dict[str, tuple[str, Any]] = {
 }
 #: Nodes that serve all valves, outside of their namespaces.
 SHARED = {"recorder"}
+
+#: Port of the page where nobody names one.
+PORT = 8765
 
 
 class PageNode(ManagedNode):
@@ -128,7 +132,9 @@ class PageNode(ManagedNode):
             board=board,
             address=address,
             state_folder=folder,
-            spectrum=_spectrum,
+            spectrum=lambda blocks: spectrum_of(
+                [deserialize_message(one, AccelerationBlock) for one in blocks]
+            ),
             do=self._do,
             token=self._token,
             log=self._log,
@@ -291,7 +297,8 @@ class Listening:
         self._heard[name] = self._node.create_subscription(AlarmList, f"/{name}/alarms", take, qos.state())
         # What is lost is said again a second later, so nothing has to be confirmed or sent again.
         quality = qos.samples_wanted(1)
-        health = self._quiet.create_subscription(ValveHealth, f"/{name}/health", _unused, quality)
+        # A subscription has to have a callback; no executor calls this one.
+        health = self._quiet.create_subscription(ValveHealth, f"/{name}/health", lambda _: None, quality)
         self._health[name] = health
 
     def _open(self, name: str) -> None:
@@ -334,15 +341,28 @@ class Listening:
         _ask(self._calls, valve.name, "get_parameters", limits).add_done_callback(take_limits)
 
 
+def serve(*, port: int = PORT, operator: bool = False, names: tuple[str, ...] = ()) -> None:
+    """Serve the page on this host until SIGINT or SIGTERM.
+
+    Args:
+        port: on the loopback address.
+        operator: whether who has the token may acknowledge, shelve and more; else the page is read only.
+        names: of valves; empty for all that are heard.
+
+    Raises:
+        SystemExit: the page could not be served; what is wrong was said in one line.
+    """
+    values: dict[str, Value] = {"port": port, "operator": operator, "valves": list(names) or [""]}
+    words = [word for name, value in values.items() for word in rule(name, value)]
+    code = run(PageNode, ["--ros-args", *words])
+    if code:
+        raise SystemExit(code)
+
+
 def _ask(calls: ServiceCalls, valve: str, service: str, request: Any) -> Future[Any]:
     """Return the answer to come, ``None`` in it where no node answers; from any thread."""
     node, kind = SERVICES[service]
     return calls.ask(f"/{node}" if node in SHARED else f"/{valve}/{node}", service, request, kind)
-
-
-def _spectrum(blocks: list[bytes]) -> dict[str, Any] | None:
-    """Return the spectrum of serialised blocks."""
-    return spectrum_of([deserialize_message(one, AccelerationBlock) for one in blocks])
 
 
 def _request(act: Act) -> tuple[str, Any]:
@@ -372,10 +392,6 @@ def _outcome(act: Act, answer: Any) -> Outcome:
     if not answer.success:
         return Outcome(False, str(answer.reason))
     return Outcome(True, ", ".join(getattr(answer, "changed", ())) or str(getattr(answer, "stage", "")))
-
-
-def _unused(_message: ValveHealth) -> None:
-    """Stand for the callback that a subscription has to have: no executor calls it."""
 
 
 def _take_alarms(valve: HeardValve, message: AlarmList) -> None:

@@ -270,7 +270,10 @@ def _first_sample(rows: Sequence[Sequence[str]], states: Sequence[_Row]) -> int:
         at
         for at in above
         if at > last_text
-        and (states[at] in (_Row.SAMPLES, _Row.MIXED) or (last_text >= 0 and _is_short_sample(rows[at])))
+        and (
+            states[at] in (_Row.SAMPLES, _Row.MIXED)
+            or (last_text >= 0 and len(rows[at]) > 1 and all(map(_is_number, rows[at])))
+        )
     ]
     return between[0] if between else start
 
@@ -282,10 +285,6 @@ def _describes(row: Sequence[str], state: _Row) -> bool:
         and bool(re.match(r"[\"#%/\s]*[^\W\d_]{2}|[^\W\d_]\b", row[0]))
         and row[0].lower() != "nan"
     )
-
-
-def _is_short_sample(row: Sequence[str]) -> bool:
-    return len(row) > 1 and all(_is_number(cell) for cell in row)
 
 
 def _is_number(cell: str) -> bool:

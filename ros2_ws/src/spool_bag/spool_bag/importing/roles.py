@@ -344,7 +344,7 @@ def _excluded(tables: Sequence[Table], name: str) -> list[Source]:
 def _called(sources: Sequence[Source], own: str) -> list[Source]:
     """Return the channels that are called ``own``: exactly, without their unit, or else by number."""
     for names in (_whole_names, _plain_names, _numbers):
-        fitting = [one for one in sources if _without_file(one.table, own) in names(one)]
+        fitting = [one for one in sources if own.removeprefix(f"{one.table.path.name}:") in names(one)]
         fitting = [one for one in fitting if one.table.path.name == own.partition(":")[0]] or fitting
         if fitting:
             return fitting
@@ -468,10 +468,6 @@ def _one_a_topic(free: Sequence[Source], count: int) -> list[Source]:
     topics = {one.group.name: one for one in free}
     topics |= {one.group.name: one for one in reversed(free) if one.channel.name == "z"}
     return list(topics.values()) if len(topics) >= count else list(free)
-
-
-def _without_file(table: Table, own: str) -> str:
-    return own.removeprefix(f"{table.path.name}:")
 
 
 def _is_called(channel: Channel, role: str) -> bool:

@@ -227,7 +227,8 @@ def converted(values: Array, unit: str, quantity: str) -> Array:
         InputError: ``unit`` does not measure ``quantity``.
     """
     if quantity_of(unit) != quantity:
-        raise InputError(f"{printable(unit, 30)!r} is no unit of {_articled(quantity)}")
+        article = "an" if quantity[0] in "aeiou" else "a"
+        raise InputError(f"{printable(unit, 30)!r} is no unit of {article} {quantity}")
     plain = normalised(unit)
     if plain == KEPT[quantity]:
         return values
@@ -365,10 +366,6 @@ def _closed(text: str) -> bool:
         if depth == 0:
             return at == len(text) - 1
     return False
-
-
-def _articled(quantity: str) -> str:
-    return f"an {quantity}" if quantity[0] in "aeiou" else f"a {quantity}"
 
 
 def _name(before: str, after: str) -> str:

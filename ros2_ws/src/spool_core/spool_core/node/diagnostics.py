@@ -93,13 +93,9 @@ class DiagnosticPublisher:
             self._kept[task.task] = status
         status.level, status.message, status.hardware_id = task.level.value, task.message, self.hardware_id
         for pair, (name, value) in zip(status.values, task.values.items(), strict=True):
-            pair.key, pair.value = name, _text(value)
+            pair.key, pair.value = name, f"{value:.6g}" if isinstance(value, float) else str(value)
         return status
 
     def destroy(self) -> None:
         """Take the publisher away."""
         self._node.destroy_publisher(self._publisher)
-
-
-def _text(value: object) -> str:
-    return f"{value:.6g}" if isinstance(value, float) else str(value)

@@ -61,7 +61,9 @@ def run(node_class: type[ManagedNode], arguments: Sequence[str] | None = None) -
             node.get_logger().warning(warning)
         executor = new_executor()
         executor.add_node(node)
-        started = not node.value("autostart") or _start(node)
+        started, done = True, TransitionCallbackReturn.SUCCESS
+        if node.value("autostart"):
+            started = bool(node.trigger_configure() == done and node.trigger_activate() == done)
         STOP.phase = Phase.RUNNING
         # The events executor spins in the main thread only; Python sees a signal between two turns.
         while started and not STOP.requested:
@@ -146,11 +148,6 @@ def _say(text: str | None) -> None:
     if text:
         with contextlib.suppress(OSError):  # nobody reads it
             print(text, file=sys.stderr, flush=True)
-
-
-def _start(node: ManagedNode) -> bool:
-    done = TransitionCallbackReturn.SUCCESS
-    return bool(node.trigger_configure() == done and node.trigger_activate() == done)
 
 
 def _end(node: ManagedNode | None, executor: Executor | None) -> None:

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 from rich.console import Console
 from rich.table import Table
-from spool_tools import cli_options as cli
+from spool_tools import command as cli
 from spool_tools.command import Command
 from spool_tools.outputs import write_json
 from spool_tools.terminal import cell, warn

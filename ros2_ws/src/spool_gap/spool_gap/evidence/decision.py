@@ -1,34 +1,50 @@
-"""Decision: the most probable set of effects among all structures that were fitted, and how probable it is.
+"""Decision: the most probable set of effects, how probable it is, and the intervals of its numbers.
 
 Each structure has the evidence of its likelihood; those with the same effects differ in the measuring chain
 alone and count by the best of them. A smooth force of any law competes with all: where it explains what
 the best structure leaves, something is unexplained. What is named must be decided by the evidence and must
 change the motion by more than the stated share.
 
-Source: Kass and Raftery, Bayes factors, 1995.
+Intervals: where errors are independent noise of the estimated level, the curvature of the likelihood at its
+maximum gives the covariance of the numbers. Errors that go with the motion, as those of a noisy input or of a
+law that is a little wrong, repeat from line to line; each window of a second then pulls the numbers another
+way than chance allows. The sandwich of curvature and of the scatter of the windows' pulls counts that.
+
+Sources: Kass and Raftery, Bayes factors, 1995; Huber, 1967; White, 1982 (sandwich); Murphy and van der Vaart,
+JASA 95, 2000 (profile likelihood); Raue and others, Bioinformatics 25, 2009 (what a profile
+shows).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
+from spool_core.uncertainty import Quantity, Validity
 
-from spool_gap.likelihood.chain_part import DELAY, GAIN
+from spool_gap.evidence.held_out import HeldOut
+from spool_gap.evidence.look import Look
 from spool_gap.likelihood.kernel import SwitchableMotion
 from spool_gap.likelihood.prediction import Predictions
-from spool_gap.likelihood.rest import Rest, foreseen, rest_of, share_between, share_of_effect, share_of_part
+from spool_gap.likelihood.rest import (
+    Rest,
+    TwoForces,
+    foreseen,
+    rest_of,
+    share_between,
+    share_of_effect,
+    share_of_part,
+    split_by_direction,
+    two_forces,
+)
 from spool_gap.likelihood.search import DECISIVE, Search, senseless
-from spool_gap.likelihood.structure_fit import StructureFit, fit_structure
+from spool_gap.likelihood.structure import DELAY, GAIN
+from spool_gap.likelihood.structure_fit import StructureFit, curvature_of, fit_structure
 from spool_gap.registry import EFFECTS
-from spool_gap.result import GapSettings
-
-from .from_rest import TwoForces, split_by_direction, two_forces
-from .held_out import HeldOut
-from .intervals import Numbers, numbers_of
-from .look import Look
+from spool_gap.result import RISE_95, GapSettings, ProfileLikelihood, verdict_of
 
 #: Temperature of the probabilities: evidence counts windows as independent and laws as exact, which no
 #: record and no simulation is. Of 3 to 300 that with the least Brier score in 50 field cases of development.
@@ -41,6 +57,16 @@ RUNS = 0.1
 #: Share of what a named effect changes that may be left unexplained beside it, and by which a plainer law may
 #: leave more.
 MOST_LEFT = 0.1
+
+UNEXPLAINED = "unexplained"
+
+Array = NDArray[np.float64]
+
+#: Standard deviations at which a number is held, until the likelihood has fallen enough: the first four show
+#: a parabola where there is one, the last a number that is hardly bounded.
+STEPS = (1.0, 2.0, 3.0, 5.0, 10.0, 30.0, 100.0)
+#: Fall of twice the log likelihood at which a side ends.
+FAR_ENOUGH = 1.5 * RISE_95
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,9 +108,6 @@ class Decision:
         """Probability of the verdict."""
         said = UNEXPLAINED if self.unexplained else _joined(self.fit)
         return self.probabilities.get(said, 0.0)
-
-
-UNEXPLAINED = "unexplained"
 
 
 def decide(
@@ -139,6 +162,76 @@ def decide(
         {"rest": gain, "rest_share": rest.share, "dispersion": numbers.dispersion,
          "least_share": min((shares[name] for name in shares if name not in small), default=1.0)},
     )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Numbers:
+    """Fitted numbers with their intervals.
+
+    Attributes:
+        quantities: each with its standard deviation, in the order of the fit.
+        correlation: shape (p, p).
+        dispersion: how many times the windows' pulls scatter more than chance allows, in power, 1 at least.
+    """
+
+    quantities: tuple[Quantity, ...]
+    correlation: Array
+    dispersion: float
+
+    def of(self, name: str) -> Quantity | None:
+        """Return the number called ``name``, ``None`` where it was not fitted."""
+        return next((one for one in self.quantities if one.name == name), None)
+
+    @property
+    def deviations(self) -> dict[str, float]:
+        """Standard deviation by name."""
+        return {one.name: one.standard_deviation for one in self.quantities}
+
+
+def numbers_of(predictions: Predictions, fit: StructureFit) -> Numbers:
+    """Return the numbers of ``fit`` with their intervals."""
+    curvature = curvature_of(predictions, fit)
+    residual = predictions.weighed(fit.lines, predictions.weights(fit.lines))
+    bread = curvature.covariance
+    pulls = _by_window(predictions, curvature.slopes * residual)
+    count = pulls.shape[1]
+    meat = pulls @ pulls.T * (count / max(count - len(fit.names), 1))
+    sandwich = bread @ meat @ bread
+    # Never narrower than noise alone makes them.
+    own, wide = np.diag(bread), np.maximum(np.diag(sandwich), np.diag(bread))
+    spread = np.sqrt(np.maximum(wide, 0.0))
+    scale = np.sqrt(np.maximum(np.diag(sandwich), 1e-300))
+    inner = np.sqrt(np.maximum(own, 1e-300))
+    wider = np.diag(sandwich) > own
+    correlation = np.where(
+        wider[:, np.newaxis] & wider, sandwich / np.outer(scale, scale), bread / np.outer(inner, inner)
+    )
+    np.fill_diagonal(correlation, 1.0)
+    dispersion = max(1.0, float(np.trace(np.linalg.pinv(bread) @ sandwich)) / len(fit.names))
+    quantities = tuple(
+        Quantity(one.name, one.unit, fit.structure.values[one.name], float(deviation), Validity.VALID)
+        for one, deviation in zip(fit.unknowns, spread, strict=True)
+    )
+    return Numbers(quantities, np.clip(correlation, -1.0, 1.0), dispersion)
+
+
+def profiles_of(
+    predictions: Predictions,
+    fit: StructureFit,
+    numbers: Numbers,
+    names: Sequence[str],
+    progress: Callable[[float], None] = lambda _share: None,
+) -> tuple[ProfileLikelihood, ...]:
+    """Return the profile likelihoods of the fitted numbers ``names`` of ``fit``.
+
+    Rises are divided by the dispersion, so that a profile agrees with the interval near its lowest point.
+    """
+    found = []
+    for count, name in enumerate(names):
+        progress(count / len(names))
+        if numbers.deviations.get(name, 0.0) > 0.0:
+            found.append(_profile(predictions, fit, numbers, name))
+    return tuple(found)
 
 
 def _refined(predictions: Predictions, fit: StructureFit) -> tuple[StructureFit, Numbers]:
@@ -247,3 +340,55 @@ def _probabilities(
 
 def _joined(fit: StructureFit) -> str:
     return "+".join(sorted(fit.structure.effects)) or "none"
+
+
+def _by_window(predictions: Predictions, rows: Array) -> Array:
+    """Return the sums of ``rows`` (p, numbers) over each window that counts, shape (p, windows)."""
+    sums, begin = [], 0
+    for part in predictions.parts:
+        windows, lines = int(part.inside.sum()), part.lines.size
+        block = rows[:, begin : begin + 2 * windows * lines].reshape(rows.shape[0], 2, windows, lines)
+        sums.append(block.sum(axis=(1, 3)))
+        begin += 2 * windows * lines
+    return np.concatenate(sums, axis=1)
+
+
+def _profile(predictions: Predictions, fit: StructureFit, numbers: Numbers, name: str) -> ProfileLikelihood:
+    unknown = next(one for one in fit.unknowns if one.name == name)
+    best = fit.structure.values[name]
+    rows = [(best, 0.0)]
+    partners: dict[str, float] = {}
+    for side in (-1.0, 1.0):
+        for value, rise, held in _side(predictions, fit, numbers, name, side):
+            rows.append((value, rise))
+            for other in numbers.quantities:
+                if other.name != name and other.standard_deviation > 0.0:
+                    moved = abs(held.structure.values[other.name] - fit.structure.values[other.name])
+                    size = moved / other.standard_deviation
+                    partners[other.name] = max(partners.get(other.name, 0.0), size)
+    rows.sort()
+    partner = max(partners, key=lambda one: partners[one], default="")
+    values, rises = zip(*rows, strict=True)
+    return verdict_of(name, unknown.unit, tuple(values), tuple(rises), best, partner)
+
+
+def _side(
+    predictions: Predictions, fit: StructureFit, numbers: Numbers, name: str, side: float
+) -> Iterator[tuple[float, float, StructureFit]]:
+    unknown = next(one for one in fit.unknowns if one.name == name)
+    place = [one.name for one in numbers.quantities].index(name)
+    spread, best = numbers.deviations[name], fit.structure.values[name]
+    # The likelihood's own width near its maximum, to which the interval is compared.
+    own = math.sqrt(max(curvature_of(predictions, fit).covariance[place, place], 1e-300))
+    widened = max(1.0, (spread / own) ** 2)
+    start = fit.structure
+    for step in STEPS:
+        value = min(max(best + side * step * spread, unknown.low), unknown.high)
+        held = fit_structure(
+            predictions, start.moved({name: value}), (fit.looseness,), held=frozenset({name}), steps=6
+        )
+        rise = max(0.0, 2.0 * (fit.log_likelihood - held.log_likelihood) / widened)
+        yield value, rise, held
+        start = held.structure
+        if rise > FAR_ENOUGH or value in (unknown.low, unknown.high):
+            return

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from spool_gap.likelihood.prediction import Predictions
 from spool_gap.likelihood.structure import Structure
 from spool_gap.likelihood.structure_fit import StructureFit, fit_structure
-from spool_gap.report.location import Residual, locate, surface
+from spool_gap.report import Residual, locate, surface
 from spool_gap.result import Curves, HeldOutAgreement, Surface, Where
 
 Array = NDArray[np.float64]

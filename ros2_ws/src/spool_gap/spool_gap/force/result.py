@@ -14,13 +14,15 @@ from spool_estimator.identification.spectra import density_of
 from spool_sim.model import Model
 
 from spool_gap.registry import EFFECTS, FRICTIONS
-from spool_gap.report.location import Residual, locate, surface
-from spool_gap.report.wording import (
+from spool_gap.report import (
     LOOKS_LIKE,
     UNEXPLAINED,
+    Residual,
+    locate,
     named,
     nothing_missing,
     still_missing,
+    surface,
     unnamed,
 )
 from spool_gap.result import Curves, GapResult, HeldOutAgreement, NamedEffect, RankedHypothesis, Remainder

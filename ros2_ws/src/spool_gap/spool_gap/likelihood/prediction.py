@@ -33,7 +33,8 @@ from spool_estimator.identification.spectra import ZeroPhase
 from spool_sim.integration.composed_motion import Correction
 from spool_sim.valve import Valve
 
-from .chain_part import DELAY, GAIN, SMALLEST, ChainPart, Spectrum, inverse
+from spool_gap.likelihood.structure import DELAY, GAIN, SMALLEST, ChainPart, Spectrum, inverse
+
 from .kernel import Point, SwitchableMotion, steps_a_sample
 from .readings import Readings, bridged
 from .structure import Structure

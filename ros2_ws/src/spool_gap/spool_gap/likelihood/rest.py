@@ -1,30 +1,36 @@
-"""Something else: what no catalogue law explains, as a smooth force of the motion and of time.
+"""Rest of the motion: a smooth force that no catalogue law explains, and friction that differs by direction.
 
 The competitor of all named structures is a force whose law nobody knows: smooth functions of displacement,
 velocity, their product, the way since the last reversal, and time, with coefficients of unknown size. Its
 evidence is the marginal likelihood over these coefficients, whose one variance is the most likely one, so
 that it pays for what it could have explained and did not.
 
+Friction that differs by direction is a constant push to a moving spool, which shifts the middle of the motion
+but changes no acceleration. From rest the spool has to travel to that middle first, and rings there.
+
 Source: MacKay, Bayesian interpolation, 1992 (evidence of a linear model with a Gaussian prior).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.polynomial import chebyshev
+from numpy.polynomial import Chebyshev, chebyshev
 from numpy.typing import NDArray
+from spool_sim.valve import Valve
 
 from spool_gap.effect import Motion
-
-from .chain_part import CHAIN_PARTS, Spectrum
-from .prediction import FREE, Prediction, Predictions
-from .score import Score
-from .structure import Structure
-from .structure_fit import StructureFit, fit_structure
+from spool_gap.likelihood.kernel import SwitchableMotion
+from spool_gap.likelihood.prediction import FREE, Prediction, Predictions
+from spool_gap.likelihood.readings import Readings, readings_of
+from spool_gap.likelihood.score import Score
+from spool_gap.likelihood.search import DECISIVE
+from spool_gap.likelihood.structure import CHAIN_PARTS, Spectrum, Structure
+from spool_gap.likelihood.structure_fit import StructureFit, fit_structure
 
 Array = NDArray[np.float64]
 
@@ -34,6 +40,22 @@ DEGREE, BOTH = 9, 4
 FEWEST = 2
 #: Ratios of the coefficients' standard deviation to that of white noise of equal power, that are tried.
 WIDTHS = np.geomspace(1e-3, 1e3, 61)
+
+ONE, TWO = "coulomb_friction", "asymmetric_friction"
+#: s of rest that are put in front of a record, and s of it that are looked at.
+REST, LOOKED_AT = 2.0, 4.0
+#: s at the start in which the body must be quiet, and how quiet, over its rms later.
+QUIET_TIME, QUIET_SHARE = 0.01, 0.03
+#: Mean of the body's reading over its rms from which it is a bias: that of an excitation is smaller.
+BIASED = 0.02
+#: Degree of the course that a bias drifts by.
+DRIFT = 3
+#: Ratios (forward - backward) / (forward + backward) that are tried.
+RATIOS = np.linspace(-0.9, 0.9, 37)
+#: Ratio below which two forces are one: friction scatters by as much from stroke to stroke.
+LEAST_RATIO = 0.1
+#: Standard deviations of the likelihood's scatter that the evidence must exceed.
+SCATTERS = 3.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,19 +91,6 @@ def rest_of(predictions: Predictions, fit: StructureFit) -> Rest:
     return best
 
 
-@contextmanager
-def _settled(predictions: Predictions) -> Iterator[bool]:
-    """Count no window in which the body is not known while this lasts; yield whether enough are left."""
-    before = [part.inside for part in predictions.parts]
-    for part in predictions.parts:
-        part.inside = part.inside & part.settled
-    try:
-        yield sum(int(part.inside.sum()) for part in predictions.parts) >= FEWEST
-    finally:
-        for part, inside in zip(predictions.parts, before, strict=True):
-            part.inside = inside
-
-
 def foreseen(predictions: Predictions, fit: StructureFit, follows: str) -> float:
     """Return the evidence that a force which ``follows`` something gains in a free run of ``fit``.
 
@@ -91,67 +100,6 @@ def foreseen(predictions: Predictions, fit: StructureFit, follows: str) -> float
     with _settled(predictions):
         score = Score(predictions, fit_structure(predictions, fit.structure, (FREE,), steps=0))
         return _evidence(*score.left_with(_columns(score.motion)[follows]))[0]
-
-
-def _columns(motion: Motion) -> Mapping[str, Array]:
-    """Return smooth forces along ``motion`` of unit rms, shape (q, n), by what they are a function of."""
-    z = np.clip(motion.displacement / motion.largest_displacement, -1.0, 1.0)
-    v = np.clip(motion.velocity / motion.largest_velocity, -1.0, 1.0)
-    time = 2.0 * (motion.time - motion.time.min()) / max(float(np.ptp(motion.time)), 1e-9) - 1.0
-    side = motion.sign
-    # Speeds near rest are a class of their own: friction has most to say there.
-    slow = np.array([side * np.exp(-np.abs(v) / width) for width in (0.03, 0.1, 0.3)])
-    of_z = chebyshev.chebvander(z, DEGREE).T[1:]
-    of_v = np.concatenate([chebyshev.chebvander(v, DEGREE).T[1:], side[np.newaxis], slow])
-    two = [of_z[i] * of_v[j] for i in range(BOTH) for j in range(BOTH)]
-    two += [side * of_z[i] for i in range(BOTH)]
-    of_time = chebyshev.chebvander(time, BOTH).T[1:]
-    way = _way(motion)
-    found = {
-        "position": of_z,
-        "speed": of_v,
-        "position and speed": np.concatenate([of_z, of_v, np.array(two)]),
-        "the way since the last reversal": np.array(
-            [side * np.exp(-way / width) for width in (0.01, 0.03, 0.1, 0.3)]
-        ),
-        "time": np.concatenate(
-            [of_time * z, of_time * v, of_time * side, of_time * (z**3), of_time * (v * np.abs(v))]
-        ),
-    }
-    return {
-        name: rows / (np.sqrt(np.mean(rows**2, axis=1, keepdims=True)) + 1e-12)
-        for name, rows in found.items()
-    }
-
-
-def _way(motion: Motion) -> Array:
-    """Return the travel since the last reversal over the largest displacement, shape (n,)."""
-    z = motion.displacement / motion.largest_displacement
-    turned = np.flatnonzero(np.diff(np.sign(motion.velocity)) != 0.0) + 1
-    last = np.zeros(z.size, dtype=np.int64)
-    last[turned] = turned
-    return np.asarray(np.abs(z - z[np.maximum.accumulate(last)]))
-
-
-def _evidence(columns: Array, residual: Array) -> tuple[float, Array]:
-    """Return the log evidence gained by ``columns`` (q, numbers) in ``residual``, and their coefficients.
-
-    Both are of unit noise. The prior variance of all coefficients is the most likely one.
-    """
-    products = columns @ columns.T
-    values, vectors = np.linalg.eigh(products)
-    keep = values > 1e-9 * values[-1]
-    values, vectors = values[keep], vectors[:, keep]
-    seen = vectors.T @ (columns @ residual)
-    scale = float(values.mean())
-    variances = (WIDTHS**2) / scale
-    grown = 1.0 + variances[:, np.newaxis] * values
-    logs = -0.5 * np.sum(np.log(grown), axis=1) + 0.5 * np.sum(
-        variances[:, np.newaxis] / grown * seen**2, axis=1
-    )
-    best = int(np.argmax(logs))
-    coefficients = -vectors @ (variances[best] / grown[best] * seen)
-    return float(max(0.0, logs[best])), coefficients
 
 
 def share_of_effect(predictions: Predictions, fit: StructureFit, terms: tuple[str, ...]) -> float:
@@ -218,6 +166,132 @@ def share_of_part(predictions: Predictions, fit: StructureFit, key: str) -> floa
     return float(np.sqrt(changed / max(measured, 1e-300)))
 
 
+@dataclass(frozen=True, slots=True)
+class TwoForces:
+    """Friction by direction: ``ratio`` with its standard ``deviation``, and the ``evidence`` (log) for it."""
+
+    ratio: float
+    deviation: float
+    evidence: float
+
+
+def starts_at_rest(readings: Readings) -> bool:
+    """Whether the record begins before the motion does."""
+    count = max(4, round(QUIET_TIME / readings.period))
+    quiet = max(QUIET_SHARE * float(readings.body.std()), 2.0 * readings.noise.body_rms)
+    return readings.time == 0.0 and float(np.std(readings.record.body[:count])) < quiet
+
+
+def two_forces(
+    readings: Sequence[Readings], valve: Valve, motions: Sequence[SwitchableMotion], fit: StructureFit
+) -> TwoForces | None:
+    """Return what the start from rest says of Coulomb friction in ``fit``; ``None`` where it says nothing."""
+    first = next((one for one in readings if starts_at_rest(one)), None)
+    if first is None or ONE not in fit.structure.effects:
+        return None
+    prediction = Prediction(_with_rest(first), valve, motions)
+    lines = prediction.errors(
+        [split_by_direction(fit.structure, ratio) for ratio in RATIOS.tolist()], FREE
+    ).lines
+    likely = np.array([prediction.log_likelihood(one) for one in lines])
+    best = int(np.argmax(likely))
+    if best in (0, RATIOS.size - 1):
+        return None
+    evidence = float(likely[best] - likely[RATIOS.size // 2])
+    # From one ratio to the next the likelihood scatters, as reversals of the simulated motion come and go.
+    scatter = 1.5 * float(np.median(np.abs(np.diff(likely, 2)))) / math.sqrt(6.0)
+    near = np.flatnonzero(likely[best] - likely <= 2.0 + SCATTERS * scatter)
+    step = float(RATIOS[1] - RATIOS[0])
+    deviation = max(float(np.ptp(RATIOS[near])) / 4.0, step / 3.0)
+    below, top, above = likely[best - 1 : best + 2].tolist()
+    ratio = float(RATIOS[best]) + 0.5 * step * (below - above) / (below - 2.0 * top + above)
+    if evidence < DECISIVE + SCATTERS * scatter or abs(ratio) < max(LEAST_RATIO, 2.0 * deviation):
+        return None
+    return TwoForces(ratio, deviation, evidence)
+
+
+def split_by_direction(structure: Structure, ratio: float) -> Structure:
+    """Return ``structure`` with two forces of friction in place of one."""
+    mean = structure.values["coulomb_force"]
+    effects = tuple(TWO if name == ONE else name for name in structure.effects)
+    forces = {"forward_force": (1.0 + ratio) * mean, "backward_force": (1.0 - ratio) * mean}
+    return structure.having(effects, structure.parts, forces)
+
+
+@contextmanager
+def _settled(predictions: Predictions) -> Iterator[bool]:
+    """Count no window in which the body is not known while this lasts; yield whether enough are left."""
+    before = [part.inside for part in predictions.parts]
+    for part in predictions.parts:
+        part.inside = part.inside & part.settled
+    try:
+        yield sum(int(part.inside.sum()) for part in predictions.parts) >= FEWEST
+    finally:
+        for part, inside in zip(predictions.parts, before, strict=True):
+            part.inside = inside
+
+
+def _columns(motion: Motion) -> Mapping[str, Array]:
+    """Return smooth forces along ``motion`` of unit rms, shape (q, n), by what they are a function of."""
+    z = np.clip(motion.displacement / motion.largest_displacement, -1.0, 1.0)
+    v = np.clip(motion.velocity / motion.largest_velocity, -1.0, 1.0)
+    time = 2.0 * (motion.time - motion.time.min()) / max(float(np.ptp(motion.time)), 1e-9) - 1.0
+    side = motion.sign
+    # Speeds near rest are a class of their own: friction has most to say there.
+    slow = np.array([side * np.exp(-np.abs(v) / width) for width in (0.03, 0.1, 0.3)])
+    of_z = chebyshev.chebvander(z, DEGREE).T[1:]
+    of_v = np.concatenate([chebyshev.chebvander(v, DEGREE).T[1:], side[np.newaxis], slow])
+    two = [of_z[i] * of_v[j] for i in range(BOTH) for j in range(BOTH)]
+    two += [side * of_z[i] for i in range(BOTH)]
+    of_time = chebyshev.chebvander(time, BOTH).T[1:]
+    way = _way(motion)
+    found = {
+        "position": of_z,
+        "speed": of_v,
+        "position and speed": np.concatenate([of_z, of_v, np.array(two)]),
+        "the way since the last reversal": np.array(
+            [side * np.exp(-way / width) for width in (0.01, 0.03, 0.1, 0.3)]
+        ),
+        "time": np.concatenate(
+            [of_time * z, of_time * v, of_time * side, of_time * (z**3), of_time * (v * np.abs(v))]
+        ),
+    }
+    return {
+        name: rows / (np.sqrt(np.mean(rows**2, axis=1, keepdims=True)) + 1e-12)
+        for name, rows in found.items()
+    }
+
+
+def _way(motion: Motion) -> Array:
+    """Return the travel since the last reversal over the largest displacement, shape (n,)."""
+    z = motion.displacement / motion.largest_displacement
+    turned = np.flatnonzero(np.diff(np.sign(motion.velocity)) != 0.0) + 1
+    last = np.zeros(z.size, dtype=np.int64)
+    last[turned] = turned
+    return np.asarray(np.abs(z - z[np.maximum.accumulate(last)]))
+
+
+def _evidence(columns: Array, residual: Array) -> tuple[float, Array]:
+    """Return the log evidence gained by ``columns`` (q, numbers) in ``residual``, and their coefficients.
+
+    Both are of unit noise. The prior variance of all coefficients is the most likely one.
+    """
+    products = columns @ columns.T
+    values, vectors = np.linalg.eigh(products)
+    keep = values > 1e-9 * values[-1]
+    values, vectors = values[keep], vectors[:, keep]
+    seen = vectors.T @ (columns @ residual)
+    scale = float(values.mean())
+    variances = (WIDTHS**2) / scale
+    grown = 1.0 + variances[:, np.newaxis] * values
+    logs = -0.5 * np.sum(np.log(grown), axis=1) + 0.5 * np.sum(
+        variances[:, np.newaxis] / grown * seen**2, axis=1
+    )
+    best = int(np.argmax(logs))
+    coefficients = -vectors @ (variances[best] / grown[best] * seen)
+    return float(max(0.0, logs[best])), coefficients
+
+
 def _beside_reading(part: Prediction, lines: Spectrum) -> tuple[float, float]:
     """Return the power of ``lines`` that no gain or delay of the reading makes, and that of the reading."""
     reading = part.lines_of(part.spool)[part.inside].ravel()
@@ -226,3 +300,24 @@ def _beside_reading(part: Prediction, lines: Spectrum) -> tuple[float, float]:
     basis = np.linalg.qr(np.array([row / (np.linalg.norm(row) + 1e-300) for row in rows[1:]]).T)[0]
     left = rows[0] - basis @ (basis.T @ rows[0])
     return float(left @ left), float(np.sum(np.abs(reading) ** 2))
+
+
+def _with_rest(readings: Readings) -> Readings:
+    """Return the beginning of a record with rest in front of it."""
+    record = readings.record
+    rest = np.zeros(round(REST / record.sample_period))
+    count = min(record.body.size, round(LOOKED_AT / record.sample_period))
+    padded = replace(
+        record,
+        body=np.concatenate([rest, record.body[:count]]),
+        spool=np.concatenate([rest, record.spool[:count]]),
+        oil_temperature=None,
+    )
+    found = readings_of(padded, noise=readings.noise)
+    if readings.body_limit > 0.0:
+        return replace(found, time=-REST)
+    # A filter's answer before an excitation that begins at once would push the spool to one side.
+    course = Chebyshev.fit(np.arange(record.body.size), record.body, DRIFT)(np.arange(count))
+    biased = float(np.sqrt(np.mean(course**2))) > BIASED * float(record.body.std())
+    begun = padded.body[rest.size :] - (course if biased else 0.0)
+    return replace(found, time=-REST, body=np.concatenate([rest, begun]).astype(np.float64))

@@ -13,10 +13,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from spool_gap.likelihood.score import Balance
+from spool_gap.likelihood.structure import CHAIN_PARTS, DELAY, GAIN, mode_of_other
 from spool_gap.registry import EFFECTS, FRICTIONS
 
-from .balance import Balance
-from .chain_part import CHAIN_PARTS, DELAY, GAIN, mode_of_other
 from .prediction import Predictions
 from .score import Proposal, best_of, proposals
 from .structure import Structure, Values

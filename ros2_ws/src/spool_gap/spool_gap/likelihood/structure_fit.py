@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 from spool_estimator.identification.least_squares import Unknown
 
-from .chain_part import DELAY, GAIN, Spectrum
+from spool_gap.likelihood.structure import DELAY, GAIN, Spectrum
+
 from .prediction import Predictions
 from .structure import Structure
 

@@ -13,11 +13,11 @@ from typing import ClassVar, NamedTuple
 from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.estimate import Estimate
 
-from spool_monitor.baseline import Baseline
 from spool_monitor.channels import ChannelLook, Signals, ValveResponse
 from spool_monitor.detectors.data_fault import KIND as DATA_FAULT
 from spool_monitor.event import EventKind, Facts, Finding, Severity
 from spool_monitor.parameter_drift import ParameterDrift
+from spool_monitor.state_file import Baseline
 from spool_monitor.window import Line
 
 #: What a moment may show again.

@@ -10,11 +10,11 @@ from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.identification.channel_faults import ChannelFault
 
 from spool_monitor.channels import ChannelLook
+from spool_monitor.detectors.sensor_faults import sensor_fault
 from spool_monitor.event import EventCause, Facts, Finding, Severity
 
 from .base import CHANNELS, Detector, Judgement, Moment, MonitorSettings
 from .data_fault import KIND as DATA_FAULT
-from .sensor_fault import sensor_fault
 
 SAME_CHANNEL = sensor_fault(EventCause("same_channel", 606))
 WRAP_AROUND = sensor_fault(EventCause("wrap_around", 607))

@@ -2,7 +2,22 @@
 
 from __future__ import annotations
 
+from spool_core.discovery import classes_in
+from spool_core.errors import InputError
+
 from .base import Parameter, Term
-from .registry import TERMS, term
 
 __all__ = ["TERMS", "Parameter", "Term", "term"]
+
+TERMS: dict[str, Term] = {entry.name: entry() for entry in classes_in(__package__, Term)}
+
+
+def term(name: str) -> Term:
+    """Return the term called ``name``.
+
+    Raises:
+        InputError: no such term.
+    """
+    if name not in TERMS:
+        raise InputError(f"terms: unknown force term '{name}'; known are {', '.join(TERMS)}")
+    return TERMS[name]

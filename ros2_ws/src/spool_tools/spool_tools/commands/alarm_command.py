@@ -6,8 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
-from spool_tools.cli_options import LanguageOption
-from spool_tools.command import Command
+from spool_tools.command import Command, LanguageOption
 
 app = typer.Typer(
     no_args_is_help=True,

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import typer
 
-from spool_tools.cli_options import (
+from spool_tools.command import (
     AroundOption,
     ColumnsOption,
+    Command,
     Force,
     JsonFile,
     NameOption,
@@ -15,7 +16,6 @@ from spool_tools.cli_options import (
     SinceOption,
     UntilOption,
 )
-from spool_tools.command import Command
 
 
 def check(

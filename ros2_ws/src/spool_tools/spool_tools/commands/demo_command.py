@@ -7,8 +7,7 @@ from typing import Annotated
 
 import typer
 
-from spool_tools.cli_options import in_range
-from spool_tools.command import Command
+from spool_tools.command import Command, in_range
 
 #: s: enough for the baseline, a passage and a drift, which may take 14 s to be raised; and an hour.
 SHORTEST, LONGEST = 40.0, 3600.0

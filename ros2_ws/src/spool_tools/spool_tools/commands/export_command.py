@@ -8,8 +8,7 @@ from typing import Annotated
 import typer
 from spool_core.text import printable
 
-from spool_tools.cli_options import AroundOption, BagArgument, Force, SinceOption, UntilOption
-from spool_tools.command import Command
+from spool_tools.command import AroundOption, BagArgument, Command, Force, SinceOption, UntilOption
 from spool_tools.outputs import making_room
 from spool_tools.terminal import progress, warn
 

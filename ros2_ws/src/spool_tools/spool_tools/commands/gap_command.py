@@ -8,9 +8,8 @@ from typing import Annotated, Literal
 import typer
 from spool_core.errors import InputError
 
-from spool_tools import cli_options as cli
-from spool_tools.cli_options import model_names
-from spool_tools.command import Command
+from spool_tools import command as cli
+from spool_tools.command import Command, model_names
 from spool_tools.outputs import ResultFiles
 
 

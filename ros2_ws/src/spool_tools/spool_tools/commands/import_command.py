@@ -10,8 +10,7 @@ import typer
 from spool_core.errors import InputError
 from spool_core.text import plural
 
-from spool_tools.cli_options import Force, JsonFile, ReportFile
-from spool_tools.command import Command
+from spool_tools.command import Command, Force, JsonFile, ReportFile
 from spool_tools.outputs import making_room
 from spool_tools.terminal import warn
 

@@ -8,16 +8,16 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from spool_tools.cli_options import (
+from spool_tools.command import (
     AroundOption,
     ColumnsOption,
+    Command,
     Force,
     JsonFile,
     RecordArgument,
     SinceOption,
     UntilOption,
 )
-from spool_tools.command import Command
 from spool_tools.outputs import damaged_places, lost_messages, write_json
 from spool_tools.terminal import cell, fail, progress, warn
 

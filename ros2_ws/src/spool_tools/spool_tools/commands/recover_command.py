@@ -5,8 +5,7 @@ from __future__ import annotations
 import typer
 from spool_core.text import plural, printable
 
-from spool_tools.cli_options import BagArgument, Force, NewBag
-from spool_tools.command import Command
+from spool_tools.command import BagArgument, Command, Force, NewBag
 from spool_tools.outputs import damaged_places, lost_messages, making_room
 from spool_tools.terminal import progress, warn
 
@@ -19,7 +18,7 @@ def recover(bag: BagArgument, out: NewBag, _force: Force = False) -> None:
 
     Example: ./spool recover killed_bag --out saved_bag
     """
-    from spool_bag.recovery import recover as copy_readable  # noqa: PLC0415 - slow to load
+    from spool_bag.verification import recover as copy_readable  # noqa: PLC0415 - slow to load
 
     with making_room(out), progress("recovering"):
         result = copy_readable(bag, out)

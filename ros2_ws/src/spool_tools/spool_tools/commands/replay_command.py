@@ -8,9 +8,8 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from spool_tools import cli_options as cli
-from spool_tools.cli_options import model_names, valve_names
-from spool_tools.command import Command
+from spool_tools import command as cli
+from spool_tools.command import Command, model_names, valve_names
 from spool_tools.outputs import write_json
 from spool_tools.terminal import warn
 

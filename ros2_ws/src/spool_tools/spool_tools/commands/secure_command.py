@@ -8,8 +8,7 @@ from typing import Annotated
 
 import typer
 
-from spool_tools.cli_options import Force
-from spool_tools.command import Command
+from spool_tools.command import Command, Force
 
 
 class Source(Enum):

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from spool_tools import cli_options as cli
+from spool_tools import command as cli
 from spool_tools.command import Command
 
 

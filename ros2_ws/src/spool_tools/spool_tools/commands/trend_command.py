@@ -7,8 +7,7 @@ from typing import Annotated
 
 import typer
 
-from spool_tools.cli_options import Force, JsonFile
-from spool_tools.command import Command
+from spool_tools.command import Command, Force, JsonFile
 
 
 def trend(

@@ -9,8 +9,7 @@ from typing import Annotated
 import typer
 from spool_core.errors import InputError
 
-from spool_tools.cli_options import Force, JsonFile
-from spool_tools.command import Command
+from spool_tools.command import Command, Force, JsonFile
 from spool_tools.outputs import check_output
 
 app = typer.Typer(no_args_is_help=True)
@@ -65,11 +64,11 @@ def new(
 
     Example: ./spool valve new --out my_valve.yaml --id mine --moving-mass 180g --spring-rate 0.816N/mm
     """
-    from spool_tools.operations.valve_check import judged  # noqa: PLC0415
     from spool_tools.operations.valve_sheet import (  # noqa: PLC0415
         asked,
         described,
         file_text,
+        judged,
         quantities,
     )
     from spool_tools.outputs import write_file  # noqa: PLC0415 - slow to load, as below
@@ -117,8 +116,11 @@ def check(
     Example: ./spool valve check 4weh10_soft --record bags/practice_03
     """
     from spool_tools.operations.record_replay import check_of_record  # noqa: PLC0415
-    from spool_tools.operations.valve_check import against_record, judged  # noqa: PLC0415
-    from spool_tools.operations.valve_sheet import quantities  # noqa: PLC0415
+    from spool_tools.operations.valve_sheet import (  # noqa: PLC0415
+        against_record,
+        judged,
+        quantities,
+    )
     from spool_tools.outputs import write_json  # noqa: PLC0415 - slow to load, as below
 
     verdict = judged(file)

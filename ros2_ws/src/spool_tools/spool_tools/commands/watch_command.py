@@ -8,8 +8,7 @@ from typing import Annotated
 import typer
 from spool_core.errors import InputError
 
-from spool_tools.cli_options import LanguageOption
-from spool_tools.command import Command
+from spool_tools.command import Command, LanguageOption
 
 #: Entry point of the function that serves the page: of another package, which a machine may lack.
 PAGES = "spool.pages"

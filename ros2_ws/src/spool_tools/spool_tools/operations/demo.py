@@ -221,8 +221,9 @@ class Display:
             return [Text("waiting", style="dim")]
         values = {quantity.name: quantity for quantity in estimate.parameters}
         level, style = _LEVELS.get(health.level, ("?", "dim"))
+        known = health.dominant_frequency.validity == Quantity.VALIDITY_VALID
         return [
-            Text(_frequency(health.dominant_frequency)),
+            Text(f"{health.dominant_frequency.value:5.1f} Hz" if known else "no line "),
             Text(_with_uncertainty(estimate.natural_frequency)),
             Text(_with_uncertainty(values.get("spring_stiffness"))),
             Text(_with_uncertainty(values.get("viscous_coefficient"))),
@@ -373,19 +374,15 @@ def _live(seconds: float, folder: Path, display: Display) -> tuple[list[tuple[st
                 whole = True
             except KeyboardInterrupt:
                 display.say("interrupted: the nodes are ended in order ...")
-            _stop(nodes)
+            # Sources first, the recorder last, so that it keeps what the others say to the end.
+            nodes.stop(*(f"simulator {valve.name}" for valve in VALVES))
+            nodes.stop(*(f"{kind} {valve.name}" for valve in VALVES for kind in ("monitor", "estimator")))
+            nodes.stop("recorder", patience=20.0)
     finally:
         signal.signal(signal.SIGTERM, before)
         node.destroy_node()
         rclpy.try_shutdown()
     return events, whole
-
-
-def _stop(nodes: Nodes) -> None:
-    """End the nodes: sources first, the recorder last, so that it keeps what the others say to the end."""
-    nodes.stop(*(f"simulator {valve.name}" for valve in VALVES))
-    nodes.stop(*(f"{kind} {valve.name}" for valve in VALVES for kind in ("monitor", "estimator")))
-    nodes.stop("recorder", patience=20.0)
 
 
 def _say_interrupted(display: Display, folder: Path) -> int:
@@ -479,11 +476,6 @@ def _summarise(
         display.say(f"analysed by {sentence}")
     display.say(f"bag, analysis and report: {report.parent}  (open {report.name} in a browser)")
     return 0 if lost == 0 and wanted <= raised and wanted <= replayed else 1
-
-
-def _frequency(quantity: Quantity) -> str:
-    known = quantity.validity == Quantity.VALIDITY_VALID
-    return f"{quantity.value:5.1f} Hz" if known else "no line "
 
 
 def _with_uncertainty(quantity: Quantity | None) -> str:

@@ -20,7 +20,7 @@ from spool_estimator.plausibility import check_records
 from spool_gap.evidence.analyse import analyse
 from spool_gap.force.analyse import analyse_forces
 from spool_gap.force.balance import ForceRecord
-from spool_gap.report.serialisation import result_to_dict
+from spool_gap.report import result_to_dict
 from spool_gap.result import GapResult, GapSettings
 from spool_sim.model import Model, load_model
 from spool_sim.valve import Valve, find_valve
@@ -33,9 +33,8 @@ from spool_tools.operations.record_loading import (
     stretches_of,
 )
 from spool_tools.operations.record_sources import is_table, record_of_table
-from spool_tools.outputs import ResultFiles, write_file, write_json
+from spool_tools.outputs import ResultFiles, sources, write_file, write_json
 from spool_tools.report.fit_tables import LONGEST_NAME, save_model
-from spool_tools.report.provenance import sources
 from spool_tools.terminal import progress, warn
 
 if TYPE_CHECKING:

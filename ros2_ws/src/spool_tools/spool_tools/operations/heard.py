@@ -203,7 +203,7 @@ def valve_row(valve: HeardValve, now: float) -> tuple[Text, ...]:
     values = {} if estimate is None else {one.name: one for one in estimate.parameters}
     shakes = None if health is None else health.dominant_frequency
     cells = (
-        _frequency(shakes),
+        f"{shakes.value:.1f} Hz" if shakes and shakes.validity == Quantity.VALIDITY_VALID else "no line",
         _quantity(None if estimate is None else estimate.natural_frequency),
         _quantity(values.get("spring_stiffness")),
         _quantity(values.get("viscous_coefficient")),
@@ -256,11 +256,6 @@ def shown_alarms(valve: HeardValve | None) -> list[Alarm]:
 def line_of(valve: HeardValve, now: float) -> str:
     """Return the row of ``valve`` as a line, for where there is no terminal."""
     return "  ".join(cell.plain for cell in valve_row(valve, now))
-
-
-def _frequency(quantity: Quantity | None) -> str:
-    known = quantity is not None and quantity.validity == Quantity.VALIDITY_VALID
-    return f"{quantity.value:.1f} Hz" if known and quantity is not None else "no line"
 
 
 def _quantity(quantity: Quantity | None) -> str:

@@ -451,7 +451,8 @@ def _show(result: dict[str, Any], answer: Answer, found: Sequence[Named]) -> Non
     for one in answer.parameters:
         truth = (answer.truth or {}).get(one.name)
         beside = "" if truth is None else f"   (simulated: {number(truth)} {one.unit})"
-        print(f"  {one.name.replace('_', ' '):<28} {_with_interval(one)}{beside}")
+        value = with_interval(one.value, one.standard_deviation, one.unit)
+        print(f"  {one.name.replace('_', ' '):<28} {value}{beside}")
     if answer.limit is not None:
         limit = answer.limit
         value = percent(limit.value) if limit.unit == "1" else f"{number(limit.value)} {limit.unit}"
@@ -467,10 +468,6 @@ def _show(result: dict[str, Any], answer: Answer, found: Sequence[Named]) -> Non
         own = ", ".join(f"{key} {number(value)}" for key, value in tried.parameters.items())
         print(f"  {tried.effect:<20} that changes {percent(tried.share)} of the motion: {said} ({own})")
     print("noise alone is counted: what no model knows of a real valve comes on top")
-
-
-def _with_interval(one: Quantity) -> str:
-    return with_interval(one.value, one.standard_deviation, one.unit)
 
 
 def _model(name: str) -> Model:

@@ -30,7 +30,7 @@ from spool_estimator.stream_estimator import StreamEstimator
 from spool_monitor.detectors import JUDGEMENT_TEXTS, LIMITS, MonitorSettings, check_settings
 from spool_monitor.detectors.base import BASELINE_TIME, NATURAL_FREQUENCY
 from spool_monitor.event import Event
-from spool_monitor.monitor import Health, Monitor
+from spool_monitor.monitor import Monitor
 from spool_monitor.parameter_drift import DriftTrace
 from spool_monitor.replay import Replay
 from spool_monitor.state_file import valve_folder
@@ -40,8 +40,7 @@ from spool_sim.valve import Valve
 
 from spool_tools.operations.record_loading import ChosenValve, Source, choose_valves, open_source
 from spool_tools.operations.record_sources import TableSource, span_of
-from spool_tools.outputs import write_file
-from spool_tools.report.provenance import sources
+from spool_tools.outputs import sources, write_file
 from spool_tools.terminal import cell, progress, warn
 
 #: Samples of a valve that its evidence is drawn from at most.
@@ -409,10 +408,24 @@ def valve_dictionary(
         "lost_blocks": gate.lost,
         "samples": one.samples,
         "estimate": _estimate(one.estimator.latest, rate_std),
-        "health": _health(one.monitor.health),
+        "health": {
+            "level": one.monitor.health.level.name.lower(),
+            "baseline": one.monitor.health.baseline.text,
+            "summary": one.monitor.health.summary,
+            "judgements": {
+                name: JUDGEMENT_TEXTS[judgement] for name, judgement in one.monitor.health.judgements
+            },
+        },
         "events": [event_dictionary(event, events, language) for event in one.events],
         **({} if one.refits is None else {"refits": [_refit(found, refits) for found in one.refitted]}),
-        "valve": _chosen(chosen),
+        "valve": {
+            "id": chosen.valve.id,
+            "source": chosen.source,
+            "file": chosen.file or None,
+            "moving_mass_kg": chosen.valve.moving_mass,
+            "natural_frequency_Hz": chosen.valve.natural_frequency,
+            "sentence": chosen.sentence(),
+        },
         "limits": dict(limits),
         "warnings": list(warnings),
     }
@@ -497,18 +510,6 @@ def _take_run(one: Replay, run: BlockRun, timeline: Timeline | None, parts: Part
     one.update_run(run)
 
 
-def _chosen(chosen: ChosenValve) -> dict[str, Any]:
-    """Return which valve a replay took."""
-    return {
-        "id": chosen.valve.id,
-        "source": chosen.source,
-        "file": chosen.file or None,
-        "moving_mass_kg": chosen.valve.moving_mass,
-        "natural_frequency_Hz": chosen.valve.natural_frequency,
-        "sentence": chosen.sentence(),
-    }
-
-
 def _refit(found: Refit, clock: Clock) -> dict[str, Any]:
     return {
         "t_s": clock.since(found.stamp),
@@ -521,16 +522,6 @@ def _refit(found: Refit, clock: Clock) -> dict[str, Any]:
         "objective": found.objective.value,
         "amplitude_ratio": found.amplitude_ratio.value,
         "nrmse": found.nrmse.value,
-    }
-
-
-def _health(health: Health) -> dict[str, Any]:
-    """Return the last judgement; what could not be judged is said by detector."""
-    return {
-        "level": health.level.name.lower(),
-        "baseline": health.baseline.text,
-        "summary": health.summary,
-        "judgements": {name: JUDGEMENT_TEXTS[judgement] for name, judgement in health.judgements},
     }
 
 

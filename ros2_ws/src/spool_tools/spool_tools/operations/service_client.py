@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import rclpy
-from builtin_interfaces.msg import Time
 from rcl_interfaces.msg import Parameter, ParameterDescriptor, ParameterType, ParameterValue
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParametersAtomically
 from rclpy.node import Node
@@ -268,7 +267,8 @@ def show_alarms(valve: str, *, every: bool, details: bool = False, language: str
         return 0
     for one in listed:
         words = [f"{one.code:4}  {one.name}", AlarmState(one.state).name.lower().replace("_", " ")]
-        words += [f"raised {_clock(one.raised_at)}"] if one.raised_at.sec else []
+        raised = datetime.fromtimestamp(one.raised_at.sec, timezone.utc)
+        words += [f"raised {raised:%Y-%m-%d %H:%M:%S} UTC"] if one.raised_at.sec else []
         words += [f"acknowledged by {one.acknowledged_by}"] if one.acknowledged_by else []
         print(", ".join(words))
         if one.message:
@@ -381,7 +381,3 @@ def _show(valve: str, answer: ManageBaseline.Response) -> None:
 
 def _stamp(message: GapAnalysis) -> tuple[int, int]:
     return message.header.stamp.sec, message.header.stamp.nanosec
-
-
-def _clock(at: Time) -> str:
-    return datetime.fromtimestamp(at.sec, timezone.utc).strftime("%Y-%m-%d %H:%M:%S UTC")

@@ -1,17 +1,32 @@
-"""Pages of fits: of one model, and of a comparison of all."""
+"""Report of an identification: the page and its pictures.
+
+Everywhere models come by name, in the order in which they are to be seen.
+"""
 
 from __future__ import annotations
 
+import matplotlib
+
+matplotlib.use("Agg")
+
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from itertools import cycle, islice
 
+import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from spool_core.numbers import Array
 from spool_core.uncertainty import LEGEND
+from spool_estimator.identification.fit_result import Agreement
 
+from spool_tools.outputs import sources
 from spool_tools.report import fit_curves as curves
-from spool_tools.report import fit_pictures as pictures
 from spool_tools.report import page as html
 from spool_tools.report.evidence.collection import fit_exhibits
+from spool_tools.report.evidence.exhibit import DARK, MEASURED, STYLES, WIDTH
+from spool_tools.report.fit_curves import Excerpt, FrictionCurve, Overlay
 from spool_tools.report.fit_tables import (
     COLUMNS,
     correlated,
@@ -21,7 +36,6 @@ from spool_tools.report.fit_tables import (
     ranking_rows,
     series_rows,
 )
-from spool_tools.report.provenance import sources
 from spool_tools.report.ranking import WORTH, FittedSeries, Ranking, ValidatedFit
 
 WAVEFORM = (
@@ -42,6 +56,8 @@ SPECTRUM = (
 EVIDENCE = (
     "What an expert looks at before believing the above, in this order, from the data that were fitted."
 )
+
+RATIO_SHOWN = (0.0, 2.0)
 
 
 def fit_page(validated: ValidatedFit) -> str:
@@ -68,17 +84,15 @@ def fit_page(validated: ValidatedFit) -> str:
     name = found.model.name
     friction = curves.friction(validated.data.fitted, found, validated.data.valve)
     sections += [
+        html.drawing(waveform_figure({name: shown}, curves.excerpts(shown.run)), WAVEFORM, seen([validated])),
         html.drawing(
-            pictures.waveform_figure({name: shown}, curves.excerpts(shown.run)), WAVEFORM, seen([validated])
-        ),
-        html.drawing(
-            pictures.ratio_figure({name: agreement}, curves.highest_frequency(shown.run)),
+            ratio_figure({name: agreement}, curves.highest_frequency(shown.run)),
             RATIO,
             ratio_seen([validated]),
         ),
-        html.drawing(pictures.friction_figure({name: friction}), FRICTION, f"Law of {name} over velocity."),
+        html.drawing(friction_figure({name: friction}), FRICTION, f"Law of {name} over velocity."),
         html.drawing(
-            pictures.spectrum_figure({name: agreement}, curves.spectra(validated.data.fitted)),
+            spectrum_figure({name: agreement}, curves.spectra(validated.data.fitted)),
             SPECTRUM,
             seen([validated]),
         ),
@@ -134,7 +148,7 @@ def compare_page(series: Sequence[FittedSeries], ranking: Ranking) -> str:
     sections: list[str] = [
         html.verdict(" ".join(ranking.sentences)),
         html.drawing(
-            pictures.ranking_figure(
+            ranking_figure(
                 [entry.model for entry in shown],
                 [entry.excess for entry in shown],
                 [entry.held_out_error for entry in shown],
@@ -153,6 +167,185 @@ def compare_page(series: Sequence[FittedSeries], ranking: Ranking) -> str:
     made_from = [*sources(records), *(row for one in series for row in sources((), one.data.valve))]
     title = f"Models of {', '.join(one.data.name for one in series)}"
     return html.page(title, sections, list(dict.fromkeys(made_from)))
+
+
+def styles(names: Sequence[str]) -> dict[str, tuple[str, object, str]]:
+    """Return colour, dash and marker of each name."""
+    return dict(zip(names, islice(cycle(STYLES), len(names)), strict=True))
+
+
+def waveform_figure(overlays: Mapping[str, Overlay], excerpts: Sequence[Excerpt]) -> Figure:
+    """Return the spool's acceleration, measured and simulated, above what is left over; a column each."""
+    looks = styles(list(overlays))
+    figure: Figure
+    figure, axes = plt.subplots(
+        2, len(excerpts), figsize=(WIDTH, 5.8), layout="constrained", sharex="col", squeeze=False,
+        height_ratios=(3, 2),
+    )  # fmt: skip
+    for column, excerpt in enumerate(excerpts):
+        upper, lower = axes[0, column], axes[1, column]
+        for number, (name, shown) in enumerate(overlays.items()):
+            colour, dash, _ = looks[name]
+            period = shown.run.records[shown.run.windows[excerpt.window].record].sample_period
+            time = 1e3 * period * np.arange(excerpt.stop - excerpt.first)
+            measured, simulated = shown.measured(excerpt), shown.simulated(excerpt)
+            if number == 0:
+                upper.plot(time, measured, color=MEASURED, lw=3.5, alpha=0.7, label="measured")
+            upper.plot(time, simulated, color=colour, ls=dash, lw=1.2, label=_said(name))
+            lower.plot(time, simulated - measured, color=colour, ls=dash, lw=1.0)
+        upper.set_title(f"{excerpt.title}, from {excerpt.start:.2f} s", fontsize=10)
+        _label(upper, "", "spool acceleration, m/s²" if column == 0 else "")
+        _label(lower, "time, ms", "model − measured, m/s²" if column == 0 else "")
+    handles, names = axes[0, 0].get_legend_handles_labels()
+    figure.legend(handles, names, fontsize=8, loc="outside lower center", ncols=min(4, len(names)))
+    return figure
+
+
+def ratio_figure(agreements: Mapping[str, Agreement], highest: float) -> Figure:
+    """Return the amplitude ratio a_est/a_pom over frequency, up to ``highest`` Hz."""
+    looks = styles(list(agreements))
+    figure: Figure
+    figure, axis = plt.subplots(figsize=(WIDTH, 3.8), layout="constrained")
+    axis.axhline(1.0, color=DARK, lw=0.8)
+    axis.axhspan(0.95, 1.05, color="#dddddd", lw=0, zorder=0, label="5 % of the paper's chain")
+    for name, found in agreements.items():
+        colour, dash, marker = looks[name]
+        known = np.isfinite(found.amplitude_ratios) & (found.frequencies <= highest)
+        mean = "" if np.isnan(found.amplitude_ratio) else f", mean {found.amplitude_ratio:.3f}"
+        axis.plot(
+            found.frequencies[known], found.amplitude_ratios[known], color=colour, ls=dash, marker=marker,
+            ms=4, lw=1.2, label=_said(name) + mean,
+        )  # fmt: skip
+    low, high = axis.get_ylim()
+    axis.set_ylim(max(RATIO_SHOWN[0], min(low, 0.9)), min(RATIO_SHOWN[1], max(high, 1.1)))
+    axis.set_xlim(0.0, highest)
+    _label(axis, "frequency, Hz", "amplitude ratio $a_{est}/a_{pom}$")
+    axis.legend(fontsize=8, loc="best", ncols=2)
+    return figure
+
+
+def friction_figure(laws: Mapping[str, FrictionCurve]) -> Figure:
+    """Return measured and fitted friction over velocity, one panel a model, all of one scale."""
+    looks = styles(list(laws))
+    columns = 2 if len(laws) in (2, 4) else min(3, len(laws))
+    rows = -(-len(laws) // columns)
+    size = (WIDTH, 3.0 * rows + 0.4) if columns > 1 else (WIDTH, 4.6)
+    figure: Figure
+    figure, axes = plt.subplots(
+        rows, columns, figsize=size, layout="constrained", sharex=True, sharey=True, squeeze=False
+    )
+    panels = list(axes.ravel())
+    for number, (name, found) in enumerate(laws.items()):
+        axis = panels[number]
+        axis.plot(
+            found.velocity, found.force, ls="", marker=".", ms=2, mew=0, color="#bbbbbb", rasterized=True,
+            zorder=1, label="measured, every sample",
+        )  # fmt: skip
+        axis.errorbar(
+            found.centres, found.measured, yerr=(found.measured - found.low, found.high - found.measured),
+            color=DARK, ls="", marker=".", ms=5, lw=0.8, zorder=3, label="measured, median and quartiles",
+        )  # fmt: skip
+        axis.plot(found.centres, found.law, color=looks[name][0], lw=1.8, zorder=2, label="model")
+        axis.axhline(0.0, color=MEASURED, lw=0.6)
+        axis.axvline(0.0, color=MEASURED, lw=0.6)
+        axis.set_title(_said(name), fontsize=10)
+        last_row = number + columns >= len(laws)
+        _label(
+            axis, "relative velocity, m/s" if last_row else "", "force, N" if number % columns == 0 else ""
+        )
+        axis.tick_params(labelbottom=last_row)
+    for axis in panels[len(laws) :]:
+        axis.set_visible(False)
+    extents = [np.abs([*one.low, *one.high]).max(initial=0.0) for one in laws.values()]
+    reach = 1.3 * float(max(extents))
+    across = 1.05 * max(float(np.abs(one.centres).max(initial=0.0)) for one in laws.values())
+    if reach > 0.0 and across > 0.0:
+        panels[0].set_ylim(-reach, reach)
+        panels[0].set_xlim(-across, across)
+    handles, names = panels[0].get_legend_handles_labels()
+    figure.legend(handles, names, fontsize=8, loc="outside lower center", ncols=3, markerscale=1.5)
+    return figure
+
+
+def spectrum_figure(agreements: Mapping[str, Agreement], measured: tuple[Array, Array, float]) -> Figure:
+    """Return the spectrum of what each model leaves over, beside the measured one and the noise floor.
+
+    ``measured``: frequency (Hz), power density ((m/s^2)^2/Hz) of the spool, and the noise floor.
+    """
+    looks = styles(list(agreements))
+    figure: Figure
+    figure, axis = plt.subplots(figsize=(WIDTH, 4.2), layout="constrained")
+    frequency, density, floor = measured
+    axis.semilogy(
+        frequency[1:], np.sqrt(density[1:]), color=MEASURED, lw=3, alpha=0.6, label="measured spool"
+    )
+    for name, found in agreements.items():
+        colour, dash, _ = looks[name]
+        axis.semilogy(
+            found.residual_frequencies[1:], np.sqrt(found.residual_spectrum[1:]), color=colour, ls=dash,
+            lw=1.1, label=f"{_said(name)}: model − measured",
+        )  # fmt: skip
+    axis.axhline(
+        np.sqrt(floor), color=DARK, lw=1.0, ls=":", label="noise floor of the spool's sensor, at most"
+    )
+    # Where nothing but noise is left there is nothing to see.
+    busy = np.flatnonzero(density > 30.0 * floor)
+    axis.set_xlim(0.0, min(float(frequency[-1]), 1.3 * float(frequency[busy[-1]]) if busy.size else np.inf))
+    _label(axis, "frequency, Hz", "spectral density, (m/s²)/√Hz")
+    axis.legend(fontsize=8, ncols=2)
+    return figure
+
+
+def ranking_figure(
+    names: Sequence[str],
+    excesses: Sequence[float],
+    errors: Sequence[float],
+    counts: Sequence[int],
+    worth: float,
+) -> Figure:
+    """Return the ranking as a picture, the best on top.
+
+    Args:
+        names: of the models, best first.
+        excesses: what each leaves over beyond the least, relative.
+        errors: nrmse on held-out data, NaN where there is none.
+        counts: parameters of each that were fitted.
+        worth: excess up to which models do equally well.
+    """
+    looks = styles(list(names))
+    figure: Figure
+    figure, axes = plt.subplots(
+        1, 2, figsize=(WIDTH, 1.2 + 0.5 * len(names)), layout="constrained", sharey=True
+    )
+    percent = [100.0 * value for value in excesses]
+    axes[0].set_xscale("symlog", linthresh=100.0 * worth, linscale=0.7)
+    axes[0].axvspan(0.0, 100.0 * worth, color="#e4e4e4", lw=0, zorder=0, label="equally well")
+    for place, name in enumerate(names):
+        colour, _, marker = looks[name]
+        for axis, value, text in (
+            (axes[0], percent[place], f"{percent[place]:+.1f} %"),
+            (axes[1], errors[place], f"{errors[place]:.4f}"),
+        ):
+            if np.isfinite(value):
+                axis.hlines(place, 0.0, value, color=colour, lw=2)
+                axis.plot(value, place, color=colour, marker=marker, ms=7, clip_on=False)
+                axis.annotate(
+                    text, (value, place), xytext=(9, 0), textcoords="offset points", va="center", fontsize=8
+                )
+    axes[0].set_yticks(
+        range(len(names)),
+        [f"{_said(name)}\n{count} parameters" for name, count in zip(names, counts, strict=True)],
+        fontsize=9,
+    )
+    axes[0].set_xlim(0.0, max(1000.0 * worth, 12.0 * max(percent)))
+    axes[0].xaxis.set_major_formatter("{x:g}")
+    axes[0].set_ylim(len(names) - 0.5, -0.5)
+    axes[0].legend(fontsize=8, loc="upper right")
+    _label(axes[0], "left over beyond the least, % of it", "")
+    finite = [value for value in errors if np.isfinite(value)]
+    axes[1].set_xlim(0.0, 1.3 * max(finite) if finite else 1.0)
+    _label(axes[1], "error on held-out data, every sample, nrmse", "")
+    return figure
 
 
 def _series(one: FittedSeries, ranking: Ranking) -> list[str]:
@@ -179,12 +372,18 @@ def _series(one: FittedSeries, ranking: Ranking) -> list[str]:
     friction = {entry.name: curves.friction(fitted, entry.fit, valve) for entry in validated}
     return [
         *sections,
-        html.drawing(pictures.waveform_figure(overlays, curves.excerpts(run)), WAVEFORM, seen(validated)),
-        html.drawing(
-            pictures.ratio_figure(agreements, curves.highest_frequency(run)), RATIO, ratio_seen(validated)
-        ),
-        html.drawing(
-            pictures.friction_figure(friction), FRICTION, f"Laws over velocity: {', '.join(friction)}."
-        ),
-        html.drawing(pictures.spectrum_figure(agreements, curves.spectra(fitted)), SPECTRUM, seen(validated)),
+        html.drawing(waveform_figure(overlays, curves.excerpts(run)), WAVEFORM, seen(validated)),
+        html.drawing(ratio_figure(agreements, curves.highest_frequency(run)), RATIO, ratio_seen(validated)),
+        html.drawing(friction_figure(friction), FRICTION, f"Laws over velocity: {', '.join(friction)}."),
+        html.drawing(spectrum_figure(agreements, curves.spectra(fitted)), SPECTRUM, seen(validated)),
     ]
+
+
+def _said(name: str) -> str:
+    return name.replace("_", " ")
+
+
+def _label(axis: Axes, across: str, up: str) -> None:
+    axis.set_xlabel(across)
+    axis.set_ylabel(up)
+    axis.grid(alpha=0.25)

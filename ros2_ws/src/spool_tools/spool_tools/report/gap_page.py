@@ -163,7 +163,8 @@ def where_figure(before: Where, after: Where, share_left: float) -> Figure:
             label="noise alone",
         )  # fmt: skip
         axis.set_xticks(places, _labels(first), rotation=40, ha="right", fontsize=7)
-        axis.set_title(name + _unit(first), fontsize=9)
+        unit = first[0].unit if first else "1"
+        axis.set_title(name + ("" if unit == "1" else f", {UNIT.get(unit, (1.0, unit))[1]}"), fontsize=9)
         axis.tick_params(axis="y", labelsize=7)
         _plain(axis)
     axes[0, 0].set_ylabel("share of the gap's energy, %", fontsize=8)
@@ -342,7 +343,10 @@ def _found(result: GapResult) -> list[dict[str, object]]:
     return [
         {
             "effect": effect.id.replace("_", " "),
-            "numbers": "; ".join(_quantity(quantity) for quantity in effect.parameters),
+            "numbers": "; ".join(
+                f"{one.name.replace('_', ' ')} {with_interval(one.value, one.standard_deviation, one.unit)}"
+                for one in effect.parameters
+            ),
             "what it means": effect.meaning,
             "what to check": effect.check,
         }
@@ -367,11 +371,6 @@ def _candidate(name: str) -> str:
         return name.replace("_", " ")
     entry = EFFECTS[name]
     return f"{name.replace('_', ' ')}: {entry.on_the_machine}; check {entry.to_check}"
-
-
-def _quantity(quantity: Quantity) -> str:
-    value = with_interval(quantity.value, quantity.standard_deviation, quantity.unit)
-    return f"{quantity.name.replace('_', ' ')} {value}"
 
 
 def _ranking(result: GapResult) -> list[dict[str, object]]:
@@ -408,11 +407,6 @@ def _number(quantity: Quantity | None) -> str:
     if quantity is None:
         return ""
     return str(interval(quantity.value, quantity.standard_deviation))
-
-
-def _unit(shares: Sequence[Share]) -> str:
-    unit = shares[0].unit if shares else "1"
-    return "" if unit == "1" else f", {UNIT.get(unit, (1.0, unit))[1]}"
 
 
 def _labels(shares: Sequence[Share]) -> list[str]:

@@ -20,8 +20,9 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from spool_core.uncertainty import number
 
+from spool_tools.outputs import provenance
+
 from .evidence.exhibit import Exhibit, LeftOut, Panel
-from .provenance import provenance
 
 #: What marks a figure that can be zoomed into.
 _ZOOM = '<figure class="zoom">'

@@ -269,9 +269,10 @@ def _sentences(
             f"and errors within {100.0 * WORTH:g} %."
         )
     elif worse:
+        ratio = worse[0].error / best.error
+        more = f"{ratio:.1f} times as much" if ratio >= 2.0 else f"{100.0 * (ratio - 1.0):.0f} % more"
         said.append(
-            f"{_said(best)} is preferred: {_said(worse[0])}, the next that differs, leaves "
-            f"{_more(worse[0].error / best.error)} over."
+            f"{_said(best)} is preferred: {_said(worse[0])}, the next that differs, leaves {more} over."
         )
     else:
         said.append(f"{_said(best)} is preferred: no other does better, and it has the fewest parameters.")
@@ -306,10 +307,6 @@ def _sentences(
         said.append(f"{_names(doubtful)} did not converge: might do better.")
     said += [f"{_said(entry)} has no result: {entry.reason}." for entry in lost]
     return tuple(said)
-
-
-def _more(ratio: float) -> str:
-    return f"{ratio:.1f} times as much" if ratio >= 2.0 else f"{100.0 * (ratio - 1.0):.0f} % more"
 
 
 def _said(entry: Rank) -> str:

@@ -21,9 +21,9 @@ from spool_core.events.sentences import title
 from spool_core.text import plural
 from spool_core.uncertainty import LEGEND, PLUS_MINUS, Z_95, Shown, interval, with_interval
 
+from spool_tools.outputs import sources
 from spool_tools.report import page as html
 from spool_tools.report.evidence.exhibit import Exhibit, LeftOut
-from spool_tools.report.provenance import sources
 
 #: Okabe and Ito's colours: apart for the colour-blind and in print.
 BODY, SPOOL, ESTIMATE, EVENT = "#0072B2", "#D55E00", "#009E73", "#E69F00"
@@ -94,7 +94,8 @@ def draw_valve(
     axes[3].set_xlim(0.0, float(relative[-1]) if relative.size else None)
     for axis in axes:
         axis.grid(alpha=0.3)
-        _shade(axis, events, float(relative[-1]) if relative.size else 0.0)
+        for _, begin, until in _spans(events, float(relative[-1]) if relative.size else 0.0):
+            axis.axvspan(begin, until, color=EVENT, alpha=0.18, lw=0)
     for axis in axes[:2]:
         axis.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, frameon=False, borderpad=0.0)
     _name_events(axes[0], events)
@@ -189,11 +190,6 @@ def _spans(events: list[dict[str, Any]], end: float) -> list[tuple[str, float, f
         elif key in begun:
             spans.append((key, begun.pop(key), event["t_s"]))
     return spans + [(key, since, end) for key, since in begun.items()]
-
-
-def _shade(axis: Axes, events: list[dict[str, Any]], end: float) -> None:
-    for _, begin, until in _spans(events, end):
-        axis.axvspan(begin, until, color=EVENT, alpha=0.18, lw=0)
 
 
 def _name_events(axis: Axes, events: list[dict[str, Any]]) -> None:

@@ -142,8 +142,8 @@ def test_localhost_and_addresses_are_this_host_by_any_port() -> None:
     "path",
     [
         "/static/../page.html",
-        "/static/..%2f..%2fserve.py",
-        "/static/%2e%2e/%2e%2e/serve.py",
+        "/static/..%2f..%2fpage_node.py",
+        "/static/%2e%2e/%2e%2e/page_node.py",
         "/static//etc/passwd",
         "/static/texts_en.json",
         "/static/page.html",

@@ -8,10 +8,8 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
-from spool_view import streams as connections
-from spool_view import streams as readers
-from spool_view.application import ServerThread
-from spool_view.streams import MOST_BEHIND, MOST_STREAMS, Reader
+from spool_view import application
+from spool_view.application import MOST_BEHIND, MOST_STREAMS, Reader, ServerThread
 
 from .conftest import Station, good_health, until
 
@@ -88,10 +86,10 @@ def test_a_reader_that_does_not_read_is_dropped_and_others_go_on(served: Served)
     slow = [served.connect("/stream/machine", buffer=4096) for _ in range(10)]
     with served.connect("/stream/machine") as good:
         read_until(good, b'"whole":true')
-        until(lambda: len(connections._OPEN) >= 11, "all are connected")
+        until(lambda: len(application._OPEN) >= 11, "all are connected")
         begin = time.monotonic()
-        while len(connections._OPEN) > 1:
-            assert time.monotonic() - begin < 50.0, len(connections._OPEN)
+        while len(application._OPEN) > 1:
+            assert time.monotonic() - begin < 50.0, len(application._OPEN)
             for number, heard in enumerate(list(board.valves.values())):
                 heard.health = good_health(f"{begin} {time.monotonic()} {number} " + 200 * "x")
                 heard.health_at = time.monotonic()
@@ -117,7 +115,7 @@ def test_streams_are_bounded(served: Served) -> None:
 
 
 def test_a_connection_that_never_asks_is_ended(served: Served, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(connections, "HEAD", 0.5)
+    monkeypatch.setattr(application, "HEAD", 0.5)
     silent = [socket.create_connection(("127.0.0.1", served.port), timeout=10.0) for _ in range(50)]
     for one in silent:
         one.sendall(b"GET / HTTP/1.1\r\nHost: ")
@@ -153,7 +151,7 @@ def test_who_is_behind_is_dropped_once(monkeypatch: pytest.MonkeyPatch) -> None:
     for _ in range(MOST_BEHIND + 5):
         reader.offer(b"x")
     assert (reader.ended, len(dropped)) == (True, 1)
-    monkeypatch.setattr(readers, "MOST_BYTES", 10)
+    monkeypatch.setattr(application, "MOST_BYTES", 10)
     large = Reader(drop)
     large.offer(b"x" * 100)
     assert not large.ended  # the first event, all there is, may be large

@@ -131,7 +131,10 @@ class CsvTable(Table):
         end = _cut_short(piece, found) if last else None
         for _ in range(2):
             if end is not None:
-                kept, left = _divided(piece, end)
+                lines = _lines(piece)
+                at = end - piece.line
+                kept = "".join(f"{one}\n" for one in lines[:at]).encode()
+                left = [one.strip() for one in lines[at:] if one.strip()]
                 shown = printable(left[0], 40)
                 what = f"line {end}" if len(left) == 1 else f"{len(left)} lines from line {end} on"
                 self._warn(f"left out at the file's end, since it holds no whole sample: {what}, {shown!r}")
@@ -160,7 +163,11 @@ class CsvTable(Table):
         found = self.dialect
         wanted = {*names, *(self._dates[name] for name in names if name in self._dates)}
         kinds = dict(zip(found.names, found.kinds, strict=True))
-        plain = {name for name in wanted if kinds[name] is Kind.NUMBER and not self._is_checked(name)}
+        plain = {
+            name
+            for name in wanted
+            if kinds[name] is Kind.NUMBER and not (self.dialect.grouped or name in self._unproven)
+        }
         width = len(cells_of(piece.content.partition(b"\n")[0].decode("utf-8", "replace"), found.delimiter))
         extra = [f"\0{at}" for at in range(width - len(found.names))]
         table = pa_csv.read_csv(
@@ -181,10 +188,6 @@ class CsvTable(Table):
             if kinds[name] is Kind.NUMBER and name not in plain:
                 table = table.set_column(at, name, self._checked(name, table.column(name)))
         return table
-
-    def _is_checked(self, name: str) -> bool:
-        """Return whether a column's text is looked at for marks between thousands."""
-        return self.dialect.grouped or name in self._unproven
 
     def _checked(self, name: str, text: Any) -> Any:
         """Return a column's text as numbers, without marks between thousands where they are known as such.
@@ -273,14 +276,6 @@ def _dates(found: Dialect) -> dict[str, str]:
 
 def _lines(piece: TextPiece) -> list[str]:
     return piece.content.decode("utf-8", "replace").split("\n")
-
-
-def _divided(piece: TextPiece, line: int) -> tuple[bytes, list[str]]:
-    """Return the text above a line, and the lines from there on that are not empty."""
-    lines = _lines(piece)
-    at = line - piece.line
-    above = "".join(f"{one}\n" for one in lines[:at]).encode()
-    return above, [one.strip() for one in lines[at:] if one.strip()]
 
 
 def _first_bad_line(piece: TextPiece, found: Dialect, wanted: Sequence[str]) -> tuple[int, str] | None:

@@ -68,7 +68,10 @@ def _table(
     )
     if width == 0:
         return None
-    texts = [[_text(row[at]) if at < len(row) else "" for at in range(width)] for row in probe]
+    texts = [
+        ["" if at >= len(row) or row[at] is None else str(row[at]).strip() for at in range(width)]
+        for row in probe
+    ]
     marks = [[_kind(row[at]) if at < len(row) else Kind.EMPTY for at in range(width)] for row in probe]
     kinds = column_kinds([row for row, cells in zip(marks, probe, strict=True) if _is_data(cells)], width)
     layout = layout_of(texts, marks, kinds, width)
@@ -113,10 +116,6 @@ def _date_clocks(channels: list[Channel], columns: list[Any]) -> None:
         columns[clock] = columns[clock] + (columns[date_at] - np.datetime64(0, "ns"))
         channels[clock] = replace(channels[clock], dated=True)
         del channels[date_at], columns[date_at]
-
-
-def _text(cell: Any) -> str:
-    return "" if cell is None else str(cell).strip()
 
 
 def _kind(cell: Any) -> Kind:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -101,7 +100,8 @@ def _collect(name: str, value: Any, arrays: dict[str, Any], units: dict[str, str
         return
     if deeper == 0:
         return
-    for field, entry in _entries(value, fields):
+    for field in fields:
+        entry = getattr(value, field)
         if isinstance(entry, str):
             if field.lower() in ("unit", "units"):
                 units |= {f"{name}/{other}": entry for other in fields}
@@ -109,11 +109,6 @@ def _collect(name: str, value: Any, arrays: dict[str, Any], units: dict[str, str
                 units[f"{name}/{field.rpartition('_')[0]}"] = entry
             continue
         _collect(f"{name}/{printable(field, 60)}", entry, arrays, units, deeper - 1)
-
-
-def _entries(value: Any, fields: Any) -> Iterator[tuple[str, Any]]:
-    for field in fields:
-        yield field, getattr(value, field)
 
 
 def _is_version_4(path: Path, head: bytes) -> bool:

@@ -34,7 +34,11 @@ class Mf4Table(Table):
             for at, group in enumerate(held_groups):
                 master = file.masters_db.get(at)
                 channels = [
-                    Channel(one.name, _unit_of(one))
+                    Channel(
+                        one.name,
+                        str(one.unit or getattr(one.conversion, "unit", "") or "")
+                        or split_header(one.name)[1],
+                    )
                     for number, one in enumerate(group.channels)
                     if number != master
                 ]
@@ -86,11 +90,6 @@ def _opened(path: Path) -> Iterator[Any]:
 def _closed(file: Any) -> None:
     with suppress(AttributeError):
         file.close()
-
-
-def _unit_of(channel: Any) -> str:
-    stated = channel.unit or getattr(channel.conversion, "unit", "") or ""
-    return str(stated) or split_header(channel.name)[1]
 
 
 FORMAT = Format(

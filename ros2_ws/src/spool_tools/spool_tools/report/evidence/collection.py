@@ -16,7 +16,7 @@ from spool_estimator.identification.free_run import excitation_limit
 from spool_estimator.identification.record import Record
 from spool_estimator.refit import Refit
 from spool_gap.force.balance import ForceRecord
-from spool_gap.likelihood.chain_part import DELAY, GAIN
+from spool_gap.likelihood.structure import DELAY, GAIN
 from spool_gap.result import Curves, GapResult
 from spool_monitor.event import Event, EventState
 from spool_monitor.parameter_drift import DriftTrace
@@ -94,7 +94,7 @@ class AccelerationEvidence:
         wanted: tuple[tuple[str, Callable[[], Exhibit]], ...] = (
             (BANDS_TITLE, self._bands),
             (CAMPBELL_TITLE, self._campbell),
-            (TRANSMISSIBILITY_TITLE, self._transmissibility),
+            (TRANSMISSIBILITY_TITLE, lambda: transmissibility(self._both())),
             (LOOPS_TITLE, self._loops),
             (WHITENESS_TITLE, self._whiteness),
         )
@@ -123,9 +123,6 @@ class AccelerationEvidence:
             for side in self.sides
             if np.isfinite(side.natural_frequency)
         }
-
-    def _transmissibility(self) -> Exhibit:
-        return transmissibility(self._both())
 
     def _loops(self) -> Exhibit:
         self._need_a_model()

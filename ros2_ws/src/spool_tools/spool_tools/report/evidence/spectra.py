@@ -152,7 +152,8 @@ def cross_spectra(drives: Sequence[Array], answers: Sequence[Array], period: flo
     count = 0
     for drive, answer in zip(drives, answers, strict=True):
         for first in range(0, drive.size - piece + 1, max(1, piece // 2)):
-            x, y = (_lines(row[first : first + piece], taper) for row in (drive, answer))
+            pair = (row[first : first + piece] for row in (drive, answer))
+            x, y = (np.fft.rfft((row - row.mean()) * taper) for row in pair)
             for place, part in enumerate((np.abs(x) ** 2, np.abs(y) ** 2, np.conj(x) * y)):
                 sums[place] += part
             count += 1
@@ -392,10 +393,6 @@ def campbell(shown: Spectrogram, natural: Mapping[str, Frequency], unit: str = "
     handles, names = axis.get_legend_handles_labels()
     figure.legend(handles, names, fontsize=8, loc="outside lower center", ncols=3)
     return Exhibit(CAMPBELL_TITLE, figure, CAMPBELL_CAPTION, _campbell_seen(shown, natural))
-
-
-def _lines(row: Array, taper: Array) -> Complex:
-    return np.asarray(np.fft.rfft((row - row.mean()) * taper))
 
 
 def _shares(values: list[float]) -> list[float]:

@@ -1,0 +1,423 @@
+"""Nuisances of the measuring chain that a record shows without any model: spikes, hum, drift of the zero."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+from spool_core.numbers import Array
+from spool_sim.valve import Valve
+
+from spool_estimator.identification.record import Record
+from spool_estimator.identification.spectra import ZeroPhase, noise_of
+
+#: Samples of a spike at most, and samples on each side that predict those between: a cubic through them.
+WIDEST, BESIDE = 3, 2
+#: Deviations from which a sample is far off: noise of any band exceeds it in one of 1e15 samples, sharp
+#: changes of a force are shared by the neighbours.
+FAR, NEAR = 8.0, 4.0
+#: s over which the deviation is taken.
+SPIKE_AROUND = 0.25
+#: Samples that may be spikes, as a share: more are another disease.
+MOST_SPIKES = 0.02
+#: Standard deviations of the mean rank of travel or speed from which they are of the motion, and how few of
+#: the spool's could show that.
+AS_HITS, FEWEST_SPIKES = 3.0, 5
+#: Hz, from which on travel is looked at for that.
+TRAVEL = 2.0
+
+Complex = NDArray[np.complex128]
+
+#: Hz, of the mains of the world, and how far they stray from it together with a logger's clock, relative
+#: (EN 50160: 1 % at most; 0.2 % in practice, and 0.01 % of the clock).
+MAINS, STRAY = (50.0, 60.0), 2e-3
+#: Harmonics that are looked at: of rectifiers and saturated transformers.
+HARMONICS = 8
+#: s of a piece, and share of it after which the next one begins.
+HUM_PIECE, HOP = 0.5, 0.25
+#: Hz on both sides of a line whose lines it is compared with: within the pass band of a piece.
+HUM_AROUND = 1.5
+#: Power of a line over the mean of its neighbourhood: noise exceeds it in one of 5e8 lines (exponential
+#: distribution), some thousand of which are looked at in each record.
+HUM_SIGNIFICANT = 20.0
+#: Power of a line over the strongest one near it: those of a multisine, or of an engine, have neighbours.
+ALONE = 4.0
+#: Share by which lines of the two channels may differ from what motion leaves between them, by the transfer
+#: at the neighbouring frequencies; factor by which by the valve's description, where there is no motion.
+AS_MOTION, AS_DESCRIBED = 0.3, 4.0
+#: Squared coherence from which the neighbouring frequencies show motion.
+COHERENT = 0.5
+
+#: s of the means that show a drift, and their number at least.
+DRIFT_PIECE, DRIFT_FEWEST = 2.0, 5
+#: Standard deviations that the course of the means must exceed: noise does in one of 1e9 records.
+DRIFT_SIGNIFICANT = 6.0
+#: Share of a channel's rms below which a drift changes nothing that is analysed: the analysis' own band
+#: begins above it, and two right simulations differ by half as much.
+MATTERS = 1e-3
+
+
+@dataclass(frozen=True, slots=True)
+class Cleaned:
+    """Records freed of a nuisance, and what was found.
+
+    Attributes:
+        records: as many as were given, of the same lengths.
+        found: in which channels, and how large.
+    """
+
+    records: tuple[Record, ...]
+    found: tuple[Nuisance, ...] = ()
+
+
+class RecordNuisance(ABC):
+    """Nuisance that is found in the readings themselves; ``id`` is its name in results."""
+
+    id: ClassVar[str]
+
+    @abstractmethod
+    def clean(self, records: Sequence[Record], valve: Valve) -> Cleaned:
+        """Return ``records`` of ``valve`` without it, and what was found; as given where there is none."""
+
+
+@dataclass(frozen=True, slots=True)
+class Nuisance:
+    """Nuisance of the measuring chain that was found: no part of the valve, and never of the verdict.
+
+    Attributes:
+        id: of its kind.
+        channel: ``body``, ``spool`` or ``both``.
+        size: how large it is, in ``unit``, with its standard ``deviation`` (NaN where that is not known).
+        check: what to look at on the measuring chain.
+        corrected: it is left out of what is compared.
+    """
+
+    id: str
+    channel: str
+    size: float
+    unit: str
+    check: str
+    deviation: float = float("nan")
+    corrected: bool = False
+
+
+class Spikes(RecordNuisance):
+    """Spikes in either or both channels: replaced by what their neighbours predict."""
+
+    id = "spikes"
+    check = "plugs and cables (contact), electromagnetic interference by switched valves, the logger's link"
+
+    def clean(self, records: Sequence[Record], valve: Valve) -> Cleaned:  # noqa: ARG002
+        """Return ``records`` without spikes, and how many a second each channel has."""
+        rate: dict[str, float] = {}
+        cleaned = []
+        seconds = sum(record.duration for record in records)
+        for record in records:
+            rows = {"body": record.body, "spool": record.spool}
+            band = ZeroPhase(record.sample_period, TRAVEL)
+            motion = [np.abs(band.apply(record.spool - record.body, order)) for order in (1, 2)]
+            for name in ("body", "spool"):
+                row = getattr(record, name)
+                spikes = spikes_of(row, record.sample_rate)
+                places = np.array([place for place, _ in spikes], dtype=np.int64)
+                if 0 < places.size < MOST_SPIKES * row.size and not (
+                    name == "spool" and _of_motion(places, motion)
+                ):
+                    rows[name] = _without(row, spikes)
+                    rate[name] = rate.get(name, 0.0) + places.size / seconds
+            cleaned.append(replace(record, body=rows["body"], spool=rows["spool"]))
+        found = tuple(
+            Nuisance(self.id, name, value, "1/s", self.check, float(np.sqrt(value / seconds)), corrected=True)
+            for name, value in sorted(rate.items())
+        )
+        return Cleaned(tuple(cleaned) if found else tuple(records), found)
+
+
+def spikes_of(row: Array, rate: float) -> list[tuple[int, int]]:
+    """Return first sample and width of each spike in ``row`` (n,), which comes at ``rate`` (Hz)."""
+    found: list[tuple[int, int]] = []
+    taken = np.zeros(row.size, dtype=bool)
+    off = {width: _off(row, width) for width in range(1, WIDEST + 1)}
+    deviation = {width: _deviation(rows, row, rate) for width, rows in off.items()}
+    for width in range(1, WIDEST + 1):
+        least = np.min(np.abs(off[width]), axis=0)
+        aside = np.abs(off[width].sum(axis=0)) >= np.abs(off[width]).sum(axis=0)
+        for place in np.flatnonzero((least > FAR * deviation[width]) & aside).tolist():
+            part = slice(max(0, place - 4), place + width + 4)
+            if taken[part].any() or least[place] < least[part].max():
+                continue
+            mended = row[part].copy()
+            inner = slice(place - part.start, place - part.start + width)
+            mended[inner] -= off[width][:, place]
+            rest = np.abs(_off(mended, 1)[0])
+            if rest[BESIDE:-BESIDE].max(initial=0.0) < NEAR * deviation[1][place]:
+                found.append((place, width))
+                taken[place : place + width] = True
+    return sorted(found)
+
+
+class Hum(RecordNuisance):
+    """Mains hum on either or both channels: lines at the mains' frequency and its harmonics.
+
+    A line is looked for in the complex envelope of a channel at each harmonic, cut into overlapping pieces
+    whose strong ones count no more than the median: a sweep that passes moves few of them, a line that lasts
+    all. The spool's motion, by the transfer at the frequencies on both sides, is taken off first: a line that
+    is left is none of the motion.
+    """
+
+    id = "hum"
+    check = (
+        "grounding and shields of the sensors' cables, ground loops, the supply of the amplifiers; a motor "
+        "at the mains' frequency that acts on the spool alone would look alike"
+    )
+
+    def clean(self, records: Sequence[Record], valve: Valve) -> Cleaned:
+        """Return ``records`` without mains hum, and its amplitude in each channel."""
+        largest: dict[str, _Line] = {}
+        cleaned = []
+        for record in records:
+            rows = {"body": record.body, "spool": record.spool}
+            for name, line in _hum(record, valve):
+                rows[name] = rows[name] - _wave(line, record)
+                if name not in largest or abs(line.amplitude) > abs(largest[name].amplitude):
+                    largest[name] = line
+            cleaned.append(replace(record, body=rows["body"], spool=rows["spool"]))
+        found = tuple(
+            Nuisance(self.id, name, abs(line.amplitude), "m/s^2", self.check, line.deviation, corrected=True)
+            for name, line in sorted(largest.items())
+        )
+        return Cleaned(tuple(cleaned) if found else tuple(records), found)
+
+
+def frequencies_of_hum(record: Record, valve: Valve) -> tuple[float, ...]:
+    """Return the frequencies (Hz) of the lines of either channel of ``record`` that are mains hum."""
+    return tuple(sorted({line.frequency for _, line in _hum(record, valve)}))
+
+
+class BiasDrift(RecordNuisance):
+    """Drift of the zero: a straight line through the means of either channel, taken off with the bias."""
+
+    id = "bias_drift"
+    check = "temperature of sensor and amplifier, warm-up time, a charge amplifier's reset, cable movement"
+
+    def clean(self, records: Sequence[Record], valve: Valve) -> Cleaned:  # noqa: ARG002
+        """Return ``records`` without bias and drift, and how far each zero drifts."""
+        found: dict[str, Nuisance] = {}
+        cleaned = []
+        for record in records:
+            rows = {"body": record.body, "spool": record.spool}
+            noise = noise_of(record.body, record.spool, record.sample_rate)
+            for name, density in (("body", noise.body), ("spool", noise.spool)):
+                row = getattr(record, name)
+                line, far = drift_of(row, record.sample_period, density)
+                if far is None:
+                    continue
+                rows[name] = row - line
+                size = float(abs(line[-1] - line[0]))
+                if size > MATTERS * float(row.std()) and (name not in found or size > found[name].size):
+                    found[name] = Nuisance(self.id, name, size, "m/s^2", self.check, far, corrected=True)
+            cleaned.append(replace(record, body=rows["body"], spool=rows["spool"]))
+        ordered = tuple(found[name] for name in sorted(found))
+        return Cleaned(tuple(cleaned) if found else tuple(records), ordered)
+
+
+def drift_of(row: Array, period: float, density: float) -> tuple[Array, float | None]:
+    """Return the straight line through ``row`` (n,), and the deviation of its rise; ``None`` without a drift.
+
+    Args:
+        row: readings, a sample every ``period`` s.
+        density: of the channel's noise at least, unit^2/Hz.
+    """
+    length = round(DRIFT_PIECE / period)
+    count = row.size // length
+    if count < DRIFT_FEWEST:
+        return np.zeros(row.size), None
+    window = np.hanning(length)
+    means = row[: count * length].reshape(count, length) @ (window / window.sum())
+    time = (np.arange(count) + 0.5) * length
+    slope, start = np.polyfit(time, means, 1)
+    scatter = float(np.std(means - (start + slope * time), ddof=2))
+    white = float(np.sqrt(0.5 * density / period * np.sum((window / window.sum()) ** 2)))
+    deviation = max(scatter, white) * row.size / (length * np.sqrt(count**3 / 12.0))
+    rise = slope * row.size
+    if abs(rise) < DRIFT_SIGNIFICANT * deviation:
+        return np.zeros(row.size), None
+    return start + slope * np.arange(row.size), deviation
+
+
+def _off(row: Array, width: int) -> Array:
+    """Return by how much ``width`` samples from each one on are off what is predicted, shape (width, n)."""
+    beside = np.array([*range(-BESIDE, 0), *range(width, width + BESIDE)])
+    off = np.zeros((width, row.size))
+    last = row.size - width - BESIDE
+    for place in range(width):
+        # Lagrange's polynomial through the samples beside.
+        weights = [np.prod([(place - m) / (k - m) for m in beside if m != k]) for k in beside]
+        for weight, offset in zip(weights, beside.tolist(), strict=True):
+            off[place, BESIDE:last] -= weight * row[BESIDE + offset : last + offset]
+        off[place, BESIDE:last] += row[BESIDE + place : last + place]
+    return off
+
+
+def _deviation(off: Array, row: Array, rate: float) -> Array:
+    """Return the deviation of ``off`` (w, n) around each sample, shape (n,), of its largest sample."""
+    width = max(16, round(SPIKE_AROUND * rate))
+    largest = np.abs(off).max(axis=0)
+    blocks = -(-largest.size // width)
+    padded = np.concatenate([largest, largest[::-1][: blocks * width - largest.size]])
+    middle = np.median(padded.reshape(blocks, -1), axis=1) / 0.6745
+    # Calm stretches next to lively ones: the larger deviation counts.
+    deviation = np.repeat(ndimage.maximum_filter1d(middle, 3), width)[: largest.size]
+    return np.asarray(np.maximum(deviation, 1e-9 * float(np.abs(row).max(initial=0.0)) + 1e-30))
+
+
+def _without(row: Array, spikes: Sequence[tuple[int, int]]) -> Array:
+    """Return ``row`` with its ``spikes`` replaced by cubics through the samples beside them."""
+    cleaned = row.copy()
+    off = {width: _off(row, width) for width in {width for _, width in spikes}}
+    for place, width in spikes:
+        cleaned[place : place + width] -= off[width][:, place]
+    return cleaned
+
+
+def _of_motion(places: NDArray[np.int64], motion: Sequence[Array]) -> bool:
+    """Whether spikes may be hits, or jumps of friction, which come at places or speeds of the motion.
+
+    Args:
+        places: of the spikes.
+        motion: abs(z') and abs(z), shape (n,) each.
+    """
+    if places.size < FEWEST_SPIKES:
+        return True
+    ranks = [float(np.mean(np.searchsorted(np.sort(row), row[places]) / row.size)) for row in motion]
+    return any(abs(rank - 0.5) > AS_HITS / np.sqrt(12.0 * places.size) for rank in ranks)
+
+
+@dataclass(frozen=True, slots=True)
+class _Line:
+    """Line of one channel: its frequency, Hz, complex amplitude (m/s^2) and standard deviation of that."""
+
+    frequency: float
+    amplitude: complex
+    deviation: float
+
+
+def _hum(record: Record, valve: Valve) -> list[tuple[str, _Line]]:
+    """Return the channel and line of each harmonic of the mains that is none of the motion."""
+    found: list[tuple[str, _Line]] = []
+    for mains in MAINS:
+        known = 0.0
+        for harmonic in range(1, HARMONICS + 1):
+            # Harmonics stand at multiples of the frequency that the first line has, and share its error.
+            centre = (known or mains) * harmonic
+            stray = (0.0 if known else STRAY * mains) + (0.6 + 0.3 * harmonic) / record.duration
+            if centre + HUM_AROUND > 0.45 * record.sample_rate or record.duration < 16.0 * HUM_PIECE:
+                break
+            lines = _lines(record, valve, centre, stray)
+            found += lines.items()
+            if lines and not known:
+                known = next(iter(lines.values())).frequency / harmonic
+    return found
+
+
+def _wave(line: _Line, record: Record) -> Array:
+    time = np.arange(record.body.size) * record.sample_period
+    return np.asarray((line.amplitude * np.exp(2j * np.pi * line.frequency * time)).real)
+
+
+def _lines(record: Record, valve: Valve, frequency: float, stray: float) -> dict[str, _Line]:
+    """Return the lines within ``stray`` of ``frequency`` (Hz) that are no motion, by channel."""
+    body, spool = (_envelope(row, record, frequency) for row in (record.body, record.spool))
+    ratio, coherence = _transfer(body, spool, stray)
+    described = coherence < COHERENT
+    if described:
+        ratio = _described(frequency, valve)
+    rows = {"body": body, "spool": spool}
+    left = _line(spool - ratio * body, frequency, 0.0, stray)
+    if left is None:
+        return {}
+    at = left.frequency - frequency
+    own = {name: line for name, row in rows.items() if (line := _line(row, frequency, at, 0.0)) is not None}
+    if "body" in own:
+        moved = ratio * own["body"].amplitude
+        if abs(left.amplitude) < AS_MOTION * abs(moved):
+            return {}
+        if described and "spool" in own:
+            share = abs(own["spool"].amplitude) / abs(moved)
+            if 1.0 / AS_DESCRIBED < share < AS_DESCRIBED:
+                return {}
+        if abs(left.amplitude + moved) < max(AS_MOTION * abs(moved), 3.0 * left.deviation):
+            # The spool does not follow the body's line: that one alone is none of the motion.
+            return {"body": own["body"]}
+    return own or {"spool": left}
+
+
+def _described(frequency: float, valve: Valve) -> complex:
+    """Return spool over body at ``frequency`` (Hz) by the valve's description."""
+    turn = 2j * np.pi * frequency
+    force = valve.spring_stiffness + valve.likely_viscous_coefficient * turn
+    return complex(force / (force + valve.moving_mass * turn**2))
+
+
+def _transfer(body: Complex, spool: Complex, stray: float) -> tuple[complex, float]:
+    """Return the spool's envelope over the body's, and their coherence, at the frequencies on both sides."""
+    lines = [np.fft.fft(row * np.hanning(row.size)) for row in (body, spool)]
+    offset = np.abs(np.fft.fftfreq(body.size, HUM_PIECE * HOP))
+    beside = (offset > stray + 3.0 / (body.size * HUM_PIECE * HOP)) & (offset < HUM_AROUND)
+    first, second = (row[beside] for row in lines)
+    powers = [float(np.sum(np.abs(row) ** 2)) for row in (first, second)]
+    if min(powers) <= 0.0:
+        return 0.0, 0.0
+    cross = complex(np.vdot(first, second))
+    return cross / powers[0], abs(cross) ** 2 / (powers[0] * powers[1])
+
+
+def _envelope(row: Array, record: Record, frequency: float) -> Complex:
+    """Return the complex amplitude of ``row`` (n,) at ``frequency`` in overlapping pieces, shape (p,)."""
+    length = 8 * round(HUM_PIECE * record.sample_rate / 8)
+    turned = row * np.exp(-2j * np.pi * frequency * np.arange(row.size) * record.sample_period)
+    window = np.hanning(length)
+    total = np.lib.stride_tricks.sliding_window_view(turned, length)[:: round(HOP * length)]
+    return np.asarray(total @ (2.0 * window / window.sum()))
+
+
+def _line(envelope: Complex, frequency: float, centre: float, stray: float) -> _Line | None:
+    """Return the line in ``envelope``, taken at ``frequency``, at ``centre`` off that to within ``stray``."""
+    step = HUM_PIECE * HOP
+    size = np.abs(envelope)
+    middle = float(np.median(size))
+    if middle <= 0.0:
+        return None
+    even = envelope * np.minimum(1.0, middle / np.maximum(size, 1e-30))
+    power = np.abs(np.fft.fft(even * np.hanning(even.size), 4 * even.size)) ** 2
+    offset = np.fft.fftfreq(power.size, step)
+    width = 1.0 / (even.size * step)
+    far = np.abs(offset - centre)
+    near = far <= max(stray, 0.6 * width)
+    around = (far > max(stray, 0.6 * width) + 3.0 * width) & (far < HUM_AROUND)
+    if not around.any():
+        return None
+    best = int(np.flatnonzero(near)[np.argmax(power[near])])
+    # The mean of exponentially distributed power, by its median, which other lines do not move.
+    noise = float(np.median(power[around])) / np.log(2.0)
+    if power[best] < max(HUM_SIGNIFICANT * noise, ALONE * float(power[around].max())):
+        return None
+    shift = float(offset[best]) + _between(power, best) * float(offset[1])
+    turned = envelope * np.exp(-2j * np.pi * shift * step * np.arange(envelope.size))
+    amplitude = complex(np.median(turned.real), np.median(turned.imag))
+    deviation = float(np.sqrt(noise)) / float(np.sum(np.hanning(even.size)))
+    # A piece stands for its middle.
+    amplitude *= complex(np.exp(-1j * np.pi * shift * HUM_PIECE))
+    return _Line(frequency + shift, amplitude, deviation)
+
+
+def _between(power: Array, best: int) -> float:
+    """Return how far from the line ``best`` the peak of ``power`` is, in lines: that of a parabola in dB."""
+    left, middle, right = np.log(np.maximum(power[[best - 1, best, (best + 1) % power.size]], 1e-300))
+    curve = left - 2.0 * middle + right
+    return float(0.5 * (left - right) / curve) if curve < 0.0 else 0.0

@@ -1,1 +1,0 @@
-"""Nuisances of the measuring chain that a record shows without any model."""

@@ -1,0 +1,350 @@
+"""Report of a result: where the gap sits, sentences, JSON."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from spool_core.uncertainty import PLUS_MINUS, Quantity, number, percent, with_interval
+from spool_estimator.identification.nuisances import Nuisance
+
+from spool_gap.registry import EFFECTS
+from spool_gap.result import (
+    GapResult,
+    HeldOutAgreement,
+    ProfileLikelihood,
+    RankedHypothesis,
+    Remainder,
+    Share,
+    Surface,
+    Where,
+)
+
+Array = NDArray[np.float64]
+
+#: Cells of the restoring-force surface.
+CELLS = 24
+
+UNEXPLAINED = "unexplained"
+#: What to look at.
+CHECK_CLIPPING = "measuring range against the largest acceleration, amplifier setting"
+CHECK_COLOURED = (
+    "noise in the band of the motion that is louder than above it: cable and connector, 1/f noise of a MEMS "
+    "sensor, vibration across its axis, which one axis cannot tell from noise"
+)
+#: What a remainder may be that is predictable from each of these.
+LOOKS_LIKE = {
+    "position": "a spring, a magnet or a stop that the catalogue does not describe",
+    "speed": "friction or drag of another law",
+    "position and speed": "flow forces, or friction that depends on the place",
+    "the way since the last reversal": "hysteresis, as of friction before it slides",
+    "time": "something that changes over the record: oil that warms, a sensor that drifts",
+    "nothing": "noise that is louder than what the record shows above its excitation, or motion that "
+    "parts from the model's at chance",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Residual:
+    """What the model lacks along a motion; every array has shape (n,).
+
+    Attributes:
+        time: s.
+        displacement, velocity: m, m/s.
+        force: the missing force, N.
+        floor: rms of what noise makes of it, N.
+        period: s between samples; windows follow one another.
+    """
+
+    time: Array
+    displacement: Array
+    velocity: Array
+    force: Array
+    floor: float
+    period: float
+
+
+def locate(residual: Residual) -> Where:
+    """Return the shares of the residual force's energy."""
+    z, v, force = residual.displacement, residual.velocity, residual.force
+    z_size = float(np.quantile(np.abs(z), 0.98)) or 1e-9
+    v_size = float(np.quantile(np.abs(v), 0.98)) or 1e-9
+    z_top, v_top = float(np.abs(z).max()) or 1e-9, float(np.abs(v).max()) or 1e-9
+    steps = np.array([0.0, 0.1, 0.25, 0.5, 0.75, 1.0])
+    displacement = _shares(np.abs(z), force, _edges(steps * z_size, z_top), "m", residual.floor)
+    velocity = _shares(np.abs(v), force, _edges(steps * v_size, v_top), "m/s", residual.floor)
+    direction = _shares(np.sign(v), force, [-1.5, 0.0, 1.5], "1", residual.floor)
+    low, high = float(residual.time.min()), float(residual.time.max()) + residual.period
+    time = _shares(residual.time, force, np.linspace(low, high, 9).tolist(), "s", residual.floor)
+    angle = np.arctan2(-v / v_size, z / z_size)
+    phase = _shares(angle, force, np.linspace(-np.pi, np.pi, 9).tolist(), "rad", residual.floor)
+    frequency = _by_frequency(residual)
+    rows = {"frequency": frequency, "displacement": displacement, "velocity": velocity, "time": time}
+    return Where(frequency, displacement, velocity, direction, time, phase, _sentence(rows))
+
+
+def surface(residual: Residual, cells: int = CELLS) -> Surface:
+    """Return the mean missing force over displacement and velocity."""
+    z, v = residual.displacement, residual.velocity
+    z_size = float(np.quantile(np.abs(z), 0.999)) or 1e-9
+    v_size = float(np.quantile(np.abs(v), 0.999)) or 1e-9
+    z_edges, v_edges = np.linspace(-z_size, z_size, cells + 1), np.linspace(-v_size, v_size, cells + 1)
+    count, _, _ = np.histogram2d(z, v, [z_edges, v_edges])
+    total, _, _ = np.histogram2d(z, v, [z_edges, v_edges], weights=residual.force)
+    mean = np.where(count >= 3, total / np.maximum(count, 1.0), np.nan)
+    return Surface(np.asarray(z_edges), np.asarray(v_edges), mean, count)
+
+
+def nothing_missing(base: str, after: float, floor: float, of_what: str) -> str:
+    """Return the sentence where nothing is missing in the model ``base``.
+
+    Args:
+        base: name of the model.
+        after: error that it leaves on held-out data.
+        floor: error that noise alone leaves.
+        of_what: that is compared: "the spool's acceleration" or "the force".
+    """
+    return f"Nothing is missing: '{base}' leaves {percent(after)} of {of_what}, noise alone {percent(floor)}."
+
+
+def named(
+    effects: Sequence[tuple[str, Sequence[Quantity]]],
+    before: float,
+    after: float,
+    floor: float,
+    of_what: str,
+) -> str:
+    """Return the sentence where ``effects`` are missing, each with its numbers; the rest as above."""
+    parts = []
+    for name, numbers in effects:
+        entry = EFFECTS[name]
+        sizes = [
+            f"{one.name} {with_interval(one.value, one.standard_deviation, one.unit)}" for one in numbers
+        ]
+        told = f"{', '.join(sizes)}; {PLUS_MINUS}"
+        parts.append(f"{name.replace('_', ' ')} ({told}): {entry.on_the_machine}; check {entry.to_check}")
+    return (
+        f"The model lacks {'; and '.join(parts)}. With it the error falls from {percent(before)} to "
+        f"{percent(after)} of {of_what} (noise alone: {percent(floor)})."
+    )
+
+
+def unnamed(
+    base: str,
+    candidates: Sequence[str],
+    follows: str,
+    before: float,
+    after: float,
+    floor: float,
+    of_what: str,
+) -> str:
+    """Return the sentence where what is missing has no name.
+
+    Args:
+        base: name of the model.
+        candidates: effects that come nearest.
+        follows: what the remainder is a function of, or "nothing".
+        before, after: error on held-out data of ``base`` and of the best model.
+        floor: error that noise alone leaves.
+        of_what: that is compared.
+    """
+    near = f"; nearest come {', '.join(candidates)}" if candidates else ""
+    if follows != "nothing":
+        near += f". What is left follows {follows}"
+    return (
+        f"Something is missing that has no name here: '{base}' leaves {percent(before)} of {of_what}, "
+        f"the best of the catalogue {percent(after)}, noise would leave {percent(floor)}{near}."
+    )
+
+
+def still_missing(left: Remainder) -> str:
+    """Return the sentence on the remainder beside names."""
+    follows = "nothing predicts it" if left.function_of == "nothing" else f"it follows {left.function_of}"
+    return (
+        f"Something else is left, {left.over_noise_floor:.3g} times the noise's power and "
+        f"{percent(left.share)} of the gap's; {follows}: {left.looks_like}."
+    )
+
+
+def result_to_dict(result: GapResult) -> dict[str, Any]:
+    """Return ``result`` as JSON takes it."""
+    return {
+        "record": result.record,
+        "kind": result.kind,
+        "base_model": result.base_model,
+        "where": _where(result.where),
+        "where_after": _where(result.where_after),
+        "effects": [
+            {
+                "id": effect.id,
+                "parameters": _quantities(effect.parameters),
+                "nrmse_before": json_number(effect.nrmse_before),
+                "nrmse_after": json_number(effect.nrmse_after),
+                "evidence": json_number(effect.evidence),
+                "meaning": effect.meaning,
+                "check": effect.check,
+            }
+            for effect in result.effects
+        ],
+        "verdict": result.verdict,
+        "remainder": _remainder(result.remainder),
+        "nuisances": [_nuisance(entry) for entry in result.nuisances],
+        "small_effects": [
+            {"id": entry.id, "parameters": _quantities(entry.parameters), "share": json_number(entry.share)}
+            for entry in result.small_effects
+        ],
+        "confidence": json_number(result.confidence),
+        "confidence_note": result.confidence_note or None,
+        "confidence_from": {name: json_number(value) for name, value in result.signs.items()},
+        "sentence": result.sentence,
+        "candidates": list(result.candidates),
+        "runner_up": None if result.runner_up is None else _hypothesis(result.runner_up),
+        "ranking": [_hypothesis(entry) for entry in result.ranking],
+        "base": _quantities(result.base),
+        "parameters": _quantities(result.parameters),
+        "gap": {
+            "before": _agreement(result.before, result.kind),
+            "after": _agreement(result.after, result.kind),
+            "noise_floor": json_number(result.noise_floor),
+        },
+        "predictable_share": {name: json_number(share) for name, share in result.predictable.items()},
+        "profiles": {one.name: _profile(one) for one in result.profiles},
+        "warnings": list(result.warnings),
+        "advice": result.advice or None,
+        "seconds_of_data": json_number(result.seconds),
+        "elapsed_s": json_number(result.elapsed),
+    }
+
+
+def json_number(value: float) -> float | None:
+    """Return ``value``, or ``None`` where it is not a finite number."""
+    return float(value) if math.isfinite(value) else None
+
+
+def _edges(values: Array, top: float) -> list[float]:
+    return [*values[:-1].tolist(), max(top, float(values[-1])) * 1.0001]
+
+
+def _shares(over: Array, force: Array, edges: Sequence[float], unit: str, floor: float) -> tuple[Share, ...]:
+    power = np.square(force)
+    total = float(power.sum()) or 1.0
+    place = np.clip(np.digitize(over, edges) - 1, 0, len(edges) - 2)
+    sums = np.bincount(place, power, minlength=len(edges) - 1)
+    counts = np.bincount(place, minlength=len(edges) - 1)
+    return tuple(
+        Share(float(low), float(high), unit, float(part / total), min(1.0, float(count * floor**2 / total)))
+        for low, high, part, count in zip(edges[:-1], edges[1:], sums, counts, strict=True)
+    )
+
+
+def _by_frequency(residual: Residual) -> tuple[Share, ...]:
+    force = residual.force - residual.force.mean()
+    lines = np.abs(np.fft.rfft(force * np.hanning(force.size))) ** 2
+    frequency = np.fft.rfftfreq(force.size, residual.period)
+    top = float(frequency[-1])
+    edges = [0.0, *[edge for edge in (5.0, 10.0, 20.0, 35.0, 60.0, 100.0, 200.0, 400.0) if edge < top], top]
+    total = float(lines.sum()) or 1.0
+    place = np.clip(np.digitize(frequency, edges) - 1, 0, len(edges) - 2)
+    sums = np.bincount(place, lines, minlength=len(edges) - 1)
+    mean = float(np.mean(np.square(residual.force))) or 1.0
+    return tuple(
+        Share(low, high, "Hz", float(part / total), min(1.0, residual.floor**2 / mean * (high - low) / top))
+        for low, high, part in zip(edges[:-1], edges[1:], sums, strict=True)
+    )
+
+
+def _sentence(rows: dict[str, tuple[Share, ...]]) -> str:
+    """Return what stands out most: the narrowest part with more than half of the gap."""
+    best: tuple[float, str] | None = None
+    for name, shares in rows.items():
+        width = sum(share.high - share.low for share in shares)
+        for share in shares:
+            part = (share.high - share.low) / width
+            if share.share > 0.45 and share.share > 2.5 * part:
+                size, unit = (1e3, "mm") if share.unit == "m" else (1.0, share.unit)
+                low, high = number(size * share.low, 3), number(size * share.high, 3)
+                text = f"{100.0 * share.share:.0f} % of it at a {name} of {low} to {high} {unit}"
+                if best is None or share.share / part > best[0]:
+                    best = (share.share / part, text)
+    return best[1] if best else "it is spread over frequency, displacement, velocity and time"
+
+
+def _remainder(left: Remainder | None) -> dict[str, Any] | None:
+    if left is None:
+        return None
+    return {
+        "share": json_number(left.share),
+        "over_noise_floor": json_number(left.over_noise_floor),
+        "function_of": left.function_of,
+        "looks_like": left.looks_like,
+    }
+
+
+def _nuisance(entry: Nuisance) -> dict[str, Any]:
+    return {
+        "id": entry.id,
+        "channel": entry.channel,
+        "size": json_number(entry.size),
+        "std": json_number(entry.deviation),
+        "unit": entry.unit,
+        "corrected": entry.corrected,
+        "check": entry.check,
+    }
+
+
+def _profile(one: ProfileLikelihood) -> dict[str, Any]:
+    return {
+        "verdict": one.verdict,
+        "sentence": one.sentence,
+        "low": one.low,
+        "high": one.high,
+        "unit": one.unit,
+        "together_with": one.partner or None,
+        "values": list(one.values),
+        "rises": [json_number(rise) for rise in one.rises],
+    }
+
+
+def _quantities(entries: tuple[Quantity, ...]) -> dict[str, Any]:
+    return {
+        entry.name: {
+            "value": json_number(entry.value),
+            "std": json_number(entry.standard_deviation),
+            "unit": entry.unit,
+        }
+        for entry in entries
+    }
+
+
+def _agreement(agreement: HeldOutAgreement, kind: str) -> dict[str, Any]:
+    found = {"nrmse": json_number(agreement.nrmse), "amplitude_ratio": json_number(agreement.amplitude_ratio)}
+    return found | ({"position_rmse_m": json_number(agreement.position_rmse)} if kind == "driven" else {})
+
+
+def _hypothesis(entry: RankedHypothesis) -> dict[str, Any]:
+    return {
+        "id": entry.id,
+        "jointly_with": list(entry.jointly_with),
+        "nrmse_after": json_number(entry.nrmse_after),
+        "evidence": json_number(entry.evidence),
+        "parameters": {name: json_number(value) for name, value in entry.parameters.items()},
+        "accepted": entry.accepted,
+        "reason": entry.reason,
+    }
+
+
+def _where(where: Where) -> dict[str, Any]:
+    rows = {
+        name: [_share(share) for share in getattr(where, name)]
+        for name in ("frequency", "displacement", "velocity", "direction", "time", "phase")
+    }
+    return {**rows, "sentence": where.sentence}
+
+
+def _share(share: Share) -> dict[str, Any]:
+    unit = share.unit.replace("/", "_per_")
+    return {f"low_{unit}": share.low, f"high_{unit}": share.high, "share": share.share, "floor": share.floor}

@@ -1,1 +1,0 @@
-"""What a result says: where the gap sits, sentences, JSON."""

@@ -1,1 +1,0 @@
-"""Bridges from valves to viewers and plant systems."""
