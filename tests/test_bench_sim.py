@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
+from spool_core.numbers import Array
 from spool_evaluation.benchmarks import sim, sim_peer
 from spool_evaluation.benchmarks import sim as sim_compiled
 from spool_evaluation.benchmarks.sim import PLANT, SWEEP, Ours, TimedRun
@@ -13,7 +13,6 @@ from spool_sim.excitation import SweptSine
 from spool_sim.integration.composed_motion import ComposedMotion
 from spool_sim.model import MODELS
 
-Array = NDArray[np.float64]
 SAMPLES, PERIOD = round(sim_peer.SECONDS * sim_peer.RATE), 1.0 / sim_peer.RATE
 
 

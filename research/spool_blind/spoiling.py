@@ -6,9 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from spool_core.numbers import Array
 
-Array = NDArray[np.float64]
 Samples = tuple[Array, Array, Array]
 
 STANDARD_GRAVITY = 9.80665

@@ -7,15 +7,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
+from spool_core.numbers import Array
 from spool_evaluation.results.page import markdown_table, renew_json, study_command, write_page
 from spool_evaluation.studies.workers import spread
 
 from .run_day import TRACED, DayOutcome, Trace, outcome_of
 from .surrogate import load_surrogate
 from .world import AROUND, BEFORE, ValveDay, draw_day
-
-Array = NDArray[np.float64]
 
 #: s of each day that are run in full: the first hour of production, with its starts and changes of speed.
 FULL = 3600

@@ -14,7 +14,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from spool_core.numbers import Array
 from spool_evaluation.results.page import markdown_table
 from spool_evaluation.studies.workers import spread
 
@@ -22,8 +22,6 @@ from .faults import SPEEDS
 from .peers import PEERS
 from .run_day import TRACED, Trace, outcome_of
 from .world import ValveDay, draw_day
-
-Array = NDArray[np.float64]
 
 #: Seeds of the days that thresholds are set on lie this far from those that are reported.
 APART = 10_000_000

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
+from spool_core.numbers import Array
 from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.estimate import Estimate, State
 from spool_estimator.identification.oil import LAG, USUAL_DEVIATION
@@ -16,8 +17,6 @@ from spool_sim.lubrication import OilTable
 from .operating_point import features
 from .surrogate import Surrogate, SurrogateRow, errors
 from .world import Hold, ValveDay
-
-Array = NDArray[np.float64]
 
 SECOND = 1_000_000_000
 #: s, over which the estimator forgets: the default of its node.

@@ -7,10 +7,9 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from spool_core.block import Block
+from spool_core.numbers import Array
 
-Array = NDArray[np.float64]
 Channel = Literal["body", "spool"]
 
 #: s in which a fault grows: within a moment, as by a burst of particles, over hours, over months.

@@ -8,12 +8,10 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
-from numpy.typing import NDArray
+from spool_core.numbers import Array
 
 from .run_day import DayRun
 from .world import draw_day, stretches_of
-
-Array = NDArray[np.float64]
 
 #: Days of the year, s of production that are simulated of each.
 DAYS, EACH = 365, 120

@@ -6,12 +6,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from spool_core.numbers import Array
 from spool_evaluation.monitor_cases.scenario import StoppingMachine
 from spool_sim.sensors import Sensor
 from spool_sim.valve import Valve
-
-Array = NDArray[np.float64]
 
 #: Scales that make distances of features alike: a factor of e in damping, half a natural frequency in speed,
 #: a factor of e in friction over force, and in noise over vibration.

@@ -16,10 +16,9 @@ from functools import partial
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 from spool_core.kernels.compiled import compiled
+from spool_core.numbers import Array
 
-Array: TypeAlias = NDArray[np.float64]
 #: Statistic at each of the values.
 Statistic: TypeAlias = Callable[[Array], Array]
 

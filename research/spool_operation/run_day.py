@@ -16,7 +16,6 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
-from numpy.typing import NDArray
 from spool_core.block import Block
 from spool_estimator.estimate import Estimate, State
 from spool_estimator.estimator import Estimator, settings_for
@@ -32,8 +31,6 @@ from .estimates import SurrogateEstimates
 from .faults import Hurt
 from .surrogate import load_surrogate
 from .world import Hold, ValveDay, draw_day
-
-Array = NDArray[np.float64]
 
 SECOND = 1_000_000_000
 #: Blocks a second.

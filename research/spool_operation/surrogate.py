@@ -19,12 +19,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from spool_core.errors import InputError
+from spool_core.numbers import Array
 
 from .operating_point import SCALES
-
-Array = NDArray[np.float64]
 
 FILE = Path(__file__).with_name("surrogate.json")
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
+from spool_core.numbers import Array
 from spool_core.uncertainty import Validity
 from spool_estimator.estimate import Estimate, State
 from spool_estimator.estimator import Estimator, settings_for
@@ -18,8 +18,6 @@ from spool_tools.outputs import suite_version
 
 from .operating_point import Measuring, Shaking, draw_measuring, draw_shaking, features
 from .surrogate import FILE, Surrogate, SurrogateRow, load_surrogate
-
-Array = NDArray[np.float64]
 
 #: s of a run: first speed until HOLD, at rest until RESTARTED, first speed until CHANGED, then the other one.
 HOLD, RESTARTED, CHANGED, RAMP, END = 34, 44, 70, 3, 106

@@ -8,14 +8,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from spool_core.numbers import Array
 from spool_evaluation.monitor_cases.scenario import away, draw_valve
 from spool_sim.lubrication import OilTable
 from spool_sim.valve import Valve
 
 from .faults import OperationFault, draw_fault
 from .operating_point import Measuring, Shaking, draw_measuring, draw_shaking
-
-Array = NDArray[np.float64]
 
 #: s of a day, of a shift, and of the standstill that the day begins with.
 DAY, SHIFT, BEFORE = 86_400, 28_800, 600

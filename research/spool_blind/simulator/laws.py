@@ -12,11 +12,8 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
 from spool_core.kernels.compiled import compiled
-
-Array = NDArray[np.float64]
+from spool_core.numbers import Array
 
 #: What a plant is made of, in SI units; the comment says what the number does.
 NAMES: tuple[str, ...] = (

@@ -35,8 +35,7 @@ from spool_blind.simulator.laws import (
     restoring,
 )
 from spool_core.kernels.compiled import compiled
-
-Array = NDArray[np.float64]
+from spool_core.numbers import Array
 
 #: s, longest step, and rad, how far the stiffest contact may turn within one.
 LONGEST_STEP, LARGEST_TURN = 25e-6, 0.03

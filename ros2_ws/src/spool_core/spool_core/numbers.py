@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
 
 #: m/s^2, standard gravity: converts g, and the weight of a mass. CGPM 1901.
 GRAVITY = 9.80665

@@ -8,10 +8,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
+from spool_core.numbers import Array
 from spool_core.stamps import Rhythm, Stamps, judge, judge_stamps, repeated, round_period, ticks
-
-Array = NDArray[np.float64]
 
 #: Standard deviations within which a rate has to be. No stamps show a loss within a step of several samples.
 SIGMAS = 4.0

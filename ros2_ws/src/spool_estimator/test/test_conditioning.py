@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
+from spool_core.numbers import Array
 from spool_estimator.sliding_window import (
     BODY,
     COLUMNS,
@@ -14,8 +14,6 @@ from spool_estimator.sliding_window import (
     VELOCITY,
     Conditioning,
 )
-
-Array = NDArray[np.float64]
 
 
 def condition(conditioning: Conditioning, body: Array, spool: Array) -> Array:

@@ -2,10 +2,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
+from spool_core.numbers import Array
 from spool_estimator.recursive import BATCH, RecursiveLeastSquares, times
-
-Array = NDArray[np.float64]
 
 SCALE = np.array([3000.0, 5.0, 0.5])
 TRUTH = np.array([1632.0, 4.0, 0.3])

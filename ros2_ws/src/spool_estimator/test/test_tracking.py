@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from spool_core.numbers import Array
 from spool_estimator.estimate import Estimate, State
 from spool_estimator.estimator import Estimator, settings_for
 from spool_estimator.stream_estimator import WINDOW
@@ -16,7 +17,6 @@ from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
 from spool_sim.valve import find_valve
 
-Array = NDArray[np.float64]
 NAMES = ("spring_stiffness", "viscous_coefficient", "coulomb_force")
 PERIOD = 0.1
 Broken = Callable[[Array, Array], tuple[Array, Array]]

@@ -13,16 +13,13 @@ from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from spool_core.errors import InputError
+from spool_core.numbers import Array, Complex
 from spool_estimator.identification.record import Record
 from spool_estimator.identification.spectra import ChannelNoise, cross_spectrum, noise_of
 from spool_sim.valve import Valve
 
 from spool_gap.result import GapResult
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 #: s without any change from which a channel is dead: noise alone changes a reading within a few samples.
 STILL = 0.5

@@ -13,11 +13,9 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
+from spool_core.numbers import Array
 from spool_estimator.identification.least_squares import Unknown
 from spool_sim.terms import Parameter, term
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from spool_core.numbers import Array
 from spool_core.uncertainty import PLUS_MINUS, Quantity, number, percent, with_interval
 from spool_estimator.identification.nuisances import Nuisance
 
@@ -23,8 +23,6 @@ from spool_gap.result import (
     Surface,
     Where,
 )
-
-Array = NDArray[np.float64]
 
 #: Cells of the restoring-force surface.
 CELLS = 24

@@ -8,13 +8,12 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2
+from spool_core.numbers import Array
 from spool_core.uncertainty import Quantity
 from spool_estimator.identification.nuisances import Nuisance
 from spool_sim.model import Model
 
-Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]
 
 #: Twice the fall of the log likelihood at the ends of a 95 % interval of one number (Wilks, 1938).

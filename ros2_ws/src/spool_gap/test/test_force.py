@@ -4,8 +4,8 @@ import json
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from spool_core.errors import InputError
+from spool_core.numbers import Array
 from spool_gap.catalogue.friction import dahl_state
 from spool_gap.force.analyse import analyse_forces
 from spool_gap.force.balance import ForceRecord
@@ -13,7 +13,6 @@ from spool_gap.report import result_to_dict
 from spool_sim.model import MODELS
 
 PERIOD = 0.005
-Array = NDArray[np.float64]
 
 
 def rig(seed: int, seconds: float = 24.0) -> tuple[Array, Array, Array]:

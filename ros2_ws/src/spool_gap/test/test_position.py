@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
+from spool_core.numbers import Array
 from spool_gap.force import analyse as workflow
 from spool_gap.force.analyse import analyse_forces
 from spool_gap.force.balance import ForceBalance, ForceFit, ForceRecord
@@ -16,8 +16,6 @@ from spool_gap.registry import EFFECTS
 from spool_gap.result import RankedHypothesis
 from spool_sim.model import MODELS, Model
 from spool_sim.terms import term
-
-Array = NDArray[np.float64]
 
 PERIOD, MASS, DRAG = 1e-3, 50.0, 120.0
 TIME = PERIOD * np.arange(24_000)

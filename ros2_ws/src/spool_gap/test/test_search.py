@@ -8,7 +8,6 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy import signal
 from spool_estimator.identification.record import Record
 from spool_gap.evidence.analyse import analyse
@@ -27,7 +26,6 @@ from spool_sim.simulator import Simulator
 from spool_sim.terms import term
 from spool_sim.valve import find_valve
 
-Array = NDArray[np.float64]
 #: Force on the spool, N, of displacement (m), velocity (m/s) and time (s).
 Force = Callable[[float, float, float], float]
 

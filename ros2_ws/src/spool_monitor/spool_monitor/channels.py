@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from spool_core.block import Samples
 from spool_core.kernels.compiled import compiled
-from spool_core.numbers import Array
+from spool_core.numbers import Array, Complex
 from spool_estimator.identification.channel_faults import (
     ChannelFault,
     PairLook,
@@ -27,7 +27,7 @@ from spool_estimator.identification.channel_faults import (
     look_at_pair,
 )
 
-from spool_monitor.window import Complex, SignalWindow
+from spool_monitor.window import SignalWindow
 
 #: s before a standstill in which a channel's span is looked at.
 BEFORE = 0.1

@@ -7,13 +7,10 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import fft
 from spool_core.block import Block, Samples
 from spool_core.kernels.compiled import compiled
-from spool_core.numbers import Array
-
-Complex = NDArray[np.complex128]
+from spool_core.numbers import Array, Complex
 
 #: Hz, below lies drift, above no spring of a directional valve resonates.
 BAND = (4.0, 250.0)

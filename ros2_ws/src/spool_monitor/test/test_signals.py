@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from spool_core.block import Block
+from spool_core.numbers import Array, Complex
 from spool_estimator.identification.channel_faults import DEPTHS, FLATTER, flat_top
 from spool_monitor.channels import (
     ResponseTracker,
@@ -25,8 +25,6 @@ from spool_monitor.detectors.stuck_spool import due_power
 from spool_monitor.window import WindowTracker
 
 RATE = 1000.0
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 
 def windows(body: Array, spool: Array, size: int = 100) -> list[Signals]:

@@ -7,14 +7,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from spool_core.block import Block
+from spool_core.numbers import Array
 from spool_monitor.window import BAND, Line, WindowTracker, find_line, strongest
 
 START = 1_700_000_000_000_000_000
 RATES = (1000.0, 2000.0, 10000.0)
-
-Array = NDArray[np.float64]
 
 
 def sine(frequency: float, amplitude: float, phase: float, seconds: float, rate: float) -> Array:

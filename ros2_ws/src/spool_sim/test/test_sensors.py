@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from spool_core.errors import InputError
+from spool_core.numbers import Array
 from spool_sim.sensors import (
     PAPER_CHAIN,
     FractionalDelay,
@@ -19,7 +19,6 @@ from spool_sim.sensors import (
     load_sensors,
 )
 
-Array = NDArray[np.float64]
 SINE = 8.0 * np.sin(0.3 * np.arange(400))
 
 

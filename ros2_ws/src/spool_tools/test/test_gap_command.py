@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
+from spool_core.numbers import Array
 from spool_core.uncertainty import Quantity, Validity
 from spool_gap.registry import EFFECTS
 from spool_sim.integration.composed_motion import ComposedMotion, MotionState
@@ -21,8 +21,6 @@ from spool_sim.terms import term
 from spool_sim.valve import find_valve
 from spool_tools.cli import main
 from spool_tools.report.fit_tables import save_model
-
-Array = NDArray[np.float64]
 
 SOFT = find_valve("4weh10_soft")
 RATE, SUBSTEPS = 1000.0, 8

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft, optimize, signal
 from spool_core.errors import InputError
-from spool_core.numbers import Array
+from spool_core.numbers import Array, Complex
 from spool_estimator.identification.fit import fit
 from spool_estimator.identification.fit_result import SPOOL_DELAY, FitSettings
 from spool_estimator.identification.record import Record
@@ -50,7 +50,6 @@ COHERENT = 0.3
 #: Share of the best agreement that another offset may reach.
 AMBIGUOUS = 0.97
 
-Complex = NDArray[np.complex128]
 
 #: s of the pieces in which the delay is fitted, and how many, spread evenly: the line through four has two
 #: degrees of freedom left, by which its own scatter is known.

@@ -16,14 +16,11 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import fft
-from spool_core.numbers import Array
+from spool_core.numbers import Array, Complex
 from spool_core.uncertainty import Z_95
 
 from spool_estimator.identification.spectra import ZeroPhase
-
-Complex = NDArray[np.complex128]
 
 #: Hz: full gain from twice the lower edge on; directional valves resonate at 10 to 60 Hz, and what their
 #: springs decide ends within an octave or two above.

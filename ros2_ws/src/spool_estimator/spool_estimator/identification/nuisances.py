@@ -10,7 +10,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
-from spool_core.numbers import Array
+from spool_core.numbers import Array, Complex
 from spool_sim.valve import Valve
 
 from spool_estimator.identification.record import Record
@@ -31,7 +31,6 @@ AS_HITS, FEWEST_SPIKES = 3.0, 5
 #: Hz, from which on travel is looked at for that.
 TRAVEL = 2.0
 
-Complex = NDArray[np.complex128]
 
 #: Hz, of the mains of the world, and how far they stray from it together with a logger's clock, relative
 #: (EN 50160: 1 % at most; 0.2 % in practice, and 0.01 % of the clock).

@@ -9,15 +9,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy import signal
+from spool_core.numbers import Array
 from spool_estimator.identification.channel_faults import faults_of, without_outliers
 from spool_sim.excitation import from_mapping
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
 from spool_sim.valve import find_valve
 
-Array = NDArray[np.float64]
 Pair = tuple[Array, Array]
 
 RATE = 1000.0

@@ -6,10 +6,11 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
+from spool_core.numbers import Array
 from spool_estimator.identification.least_squares import Unknown
 from spool_sim.terms.damping_drift import LINE
 
-from spool_gap.effect import Array, Effect, Motion
+from spool_gap.effect import Effect, Motion
 
 #: Time constants of oil that warms, over the record's length: longer ones are a line, shorter ones soon over.
 COURSES = (0.15, 0.5)

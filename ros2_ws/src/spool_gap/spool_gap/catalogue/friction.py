@@ -7,9 +7,10 @@ from collections.abc import Mapping
 
 import numpy as np
 from spool_core.kernels.compiled import compiled
+from spool_core.numbers import Array
 from spool_sim.terms import term
 
-from spool_gap.effect import Array, Effect, Motion, scan
+from spool_gap.effect import Effect, Motion, scan
 
 #: Share of the force at speed by which the force at rest exceeds it at least: less is Coulomb friction.
 LEAST_EXCESS = 0.1

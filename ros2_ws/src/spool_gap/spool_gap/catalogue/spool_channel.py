@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
+from spool_core.numbers import Array
 from spool_estimator.identification.spectra import delayed
 from spool_sim.terms import Parameter
 
-from spool_gap.effect import Array, SensorEffect
+from spool_gap.effect import SensorEffect
 
 
 class SpoolGainError(SensorEffect):

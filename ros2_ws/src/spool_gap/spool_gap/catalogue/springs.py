@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
+from spool_core.numbers import Array
 
-from spool_gap.effect import Array, Effect, Motion, scan
+from spool_gap.effect import Effect, Motion, scan
 
 #: Stiffness of a contact over that of the spring, at least.
 STIFFER = 8.0

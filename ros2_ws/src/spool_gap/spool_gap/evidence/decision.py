@@ -22,7 +22,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
+from spool_core.numbers import Array
 from spool_core.uncertainty import Quantity, Validity
 
 from spool_gap.evidence.held_out import HeldOut
@@ -60,7 +60,6 @@ MOST_LEFT = 0.1
 
 UNEXPLAINED = "unexplained"
 
-Array = NDArray[np.float64]
 
 #: Standard deviations at which a number is held, until the likelihood has fallen enough: the first four show
 #: a parabola where there is one, the last a number that is hardly bounded.

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from spool_core.numbers import Array
 
 from spool_gap.likelihood.prediction import Predictions
 from spool_gap.likelihood.structure import Structure
@@ -16,7 +17,6 @@ from spool_gap.likelihood.structure_fit import StructureFit, fit_structure
 from spool_gap.report import Residual, locate, surface
 from spool_gap.result import Curves, HeldOutAgreement, Surface, Where
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 #: Steps of a refit on the data that are not held out.

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 from scipy.optimize import minimize
+from spool_core.numbers import Array
 from spool_estimator.identification.nuisances import Nuisance, frequencies_of_hum
 from spool_estimator.identification.record import Record
 from spool_sim.valve import Valve
@@ -31,7 +32,6 @@ STUCK_LONGEST = 8.0
 #: s of a part of a longer record.
 PART = 12.0
 
-Array = NDArray[np.float64]
 
 #: Lower end of the band over the excitation's upper end and over the sample rate; upper end over that rate.
 ABOVE, LOWER, UPPER = 2.0, 0.1, 0.45

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from spool_core.errors import InputError
 from spool_core.uncertainty import Z_95, percent, with_interval
 from spool_sim.model import Model
@@ -36,8 +35,6 @@ from .balance import (
 )
 from .position import CONSTANT, Chosen, cross_validated, fitted_by_position, free_run_error
 from .result import SIMPLER, quantities_of, result_of
-
-Array = NDArray[np.float64]
 
 #: s of the stretches that are fitted and held out by turns.
 STRETCH = 4.0

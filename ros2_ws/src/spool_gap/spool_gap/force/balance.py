@@ -14,16 +14,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import signal
 from scipy.ndimage import binary_dilation, binary_opening, gaussian_filter1d
 from scipy.optimize import minimize_scalar
 from spool_core.errors import InputError
+from spool_core.numbers import Array
 from spool_core.uncertainty import percent
 
 from spool_gap.effect import Effect, Motion
-
-Array = NDArray[np.float64]
 
 #: Polynomial that velocity and acceleration are taken from, and how much of the fastest motion it spans.
 DEGREE = 3

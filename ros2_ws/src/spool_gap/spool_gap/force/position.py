@@ -14,9 +14,9 @@ from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from spool_core.errors import InputError
+from spool_core.numbers import Array
 from spool_core.uncertainty import Quantity, Validity
 from spool_sim.integration.composed_motion import ComposedMotion, MotionState
 from spool_sim.integration.step_size import substeps_for
@@ -35,7 +35,6 @@ from .balance import (
     white_power,
 )
 
-Array = NDArray[np.float64]
 Chosen = tuple[tuple[Effect, dict[str, float]], ...]
 
 #: Effect that is the zero of a driven record's force: it is in the base of every fit already.

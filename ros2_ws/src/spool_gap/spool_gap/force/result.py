@@ -7,7 +7,6 @@ import time
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import expit
 from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.identification.spectra import density_of
@@ -29,8 +28,6 @@ from spool_gap.result import Curves, GapResult, HeldOutAgreement, NamedEffect, R
 
 from .balance import BASE_NAMES, ForceBalance, ForceFit, ForceRecord
 from .position import Chosen, free_run_error, model_of, parameters_of
-
-Array = NDArray[np.float64]
 
 #: Error over that of a richer law up to which the simpler one, which it contains, is kept.
 SIMPLER = 1.15

@@ -19,6 +19,7 @@ from types import ModuleType
 import numpy as np
 from numpy.typing import NDArray
 from spool_core.errors import InputError
+from spool_core.numbers import Array
 from spool_sim.integration import composition
 from spool_sim.integration.composed_motion import ComposedMotion
 from spool_sim.integration.step_size import substeps_for
@@ -27,7 +28,6 @@ from spool_sim.terms import TERMS, Parameter, Term, term
 
 from spool_gap.registry import EFFECTS
 
-Array = NDArray[np.float64]
 ALWAYS = ("inertia", "spring", "viscous_friction")
 #: Switch of all terms together that do more than slide, but those of ``ALWAYS``: most hypotheses have none.
 PUSHING = "pushing"

@@ -29,6 +29,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft, interpolate, linalg, signal
+from spool_core.numbers import Array
 from spool_estimator.identification.spectra import ZeroPhase
 from spool_sim.integration.composed_motion import Correction
 from spool_sim.valve import Valve
@@ -39,7 +40,6 @@ from .kernel import Point, SwitchableMotion, steps_a_sample
 from .readings import Readings, bridged
 from .structure import Structure
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 #: Hz: a faster record is averaged to about this rate, 13 samples a period of the highest excitation (150 Hz).

@@ -11,11 +11,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from spool_core.numbers import Array
 from spool_estimator.identification.channel_faults import at_rail, restored
 from spool_estimator.identification.record import Record
 from spool_estimator.identification.spectra import ChannelNoise, ZeroPhase, noise_of, quiet
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 #: Hz, below which no excitation of a valve is looked for.

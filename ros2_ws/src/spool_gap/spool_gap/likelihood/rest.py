@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.polynomial import Chebyshev, chebyshev
-from numpy.typing import NDArray
+from spool_core.numbers import Array
 from spool_sim.valve import Valve
 
 from spool_gap.effect import Motion
@@ -31,8 +31,6 @@ from spool_gap.likelihood.score import Score
 from spool_gap.likelihood.search import DECISIVE
 from spool_gap.likelihood.structure import CHAIN_PARTS, Spectrum, Structure
 from spool_gap.likelihood.structure_fit import StructureFit, fit_structure
-
-Array = NDArray[np.float64]
 
 #: Degree of the functions of one variable, and of each of two.
 DEGREE, BOTH = 9, 4

@@ -19,7 +19,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from spool_core.numbers import Array
 from spool_estimator.identification.spectra import ZeroPhase
 
 from spool_gap.effect import Effect, Motion, Trial
@@ -27,8 +27,6 @@ from spool_gap.likelihood.prediction import Prediction, Predictions
 from spool_gap.likelihood.structure import CHAIN_PARTS
 from spool_gap.likelihood.structure_fit import LOOSENESS, StructureFit, curvature_of, fit_structure
 from spool_gap.registry import EFFECTS
-
-Array = NDArray[np.float64]
 
 #: Hz, natural frequencies of a mounting that are tried: a fifth apart, as wide as a mode damped by 5 to 10 %.
 MODES = tuple(float(f) for f in np.geomspace(25.0, 800.0, 20))

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from spool_core.numbers import Array
 from spool_estimator.identification.least_squares import Unknown
 from spool_estimator.identification.nuisances import Nuisance
 from spool_sim.model import Model
@@ -21,7 +22,6 @@ from spool_sim.valve import Valve
 
 from spool_gap.registry import EFFECTS
 
-Array = NDArray[np.float64]
 Values = Mapping[str, float]
 
 #: m of travel before sliding that a record of an accelerometer shows at least; below, it is Coulomb friction.

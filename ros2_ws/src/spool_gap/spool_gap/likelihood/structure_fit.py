@@ -14,15 +14,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
+from spool_core.numbers import Array
 from spool_estimator.identification.least_squares import Unknown
 
 from spool_gap.likelihood.structure import DELAY, GAIN, Spectrum
 
 from .prediction import Predictions
 from .structure import Structure
-
-Array = NDArray[np.float64]
 
 #: Looseness of the correction from the first to the last fit.
 LOOSENESS = (1.0, 0.3, 0.1, 0.03, 0.01)

@@ -10,7 +10,7 @@ from typing import ClassVar
 
 import numpy as np
 from spool_core.kernels.compiled import compiled
-from spool_core.numbers import Array
+from spool_core.numbers import Array, Complex
 from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.estimate import Estimate, State
 
@@ -26,7 +26,6 @@ from spool_monitor.detectors.base import (
     MonitorSettings,
 )
 from spool_monitor.event import EventCause, EventKind, Facts, Finding, Namur, Severity
-from spool_monitor.window import Complex
 
 
 def sensor_fault(cause: EventCause) -> EventKind:
