@@ -1,4 +1,4 @@
-"""The peer of the watch for a model gap: distributions that differ are told apart, equal ones are not."""
+"""The peer of the watch for a model gap: it tells distributions apart that differ, and no equal ones."""
 
 from __future__ import annotations
 
