@@ -167,10 +167,10 @@ def parts(records: list[GapRecord]) -> list[str]:
     about = (
         f"Of {len(records)} records of {LENGTH:g} s half are healthy. In the others an effect appears after "
         f"{APPEARS:g} s, with 15 to 50 % of the spring's force. In all of them the oil warms by 0 to 15 K, "
-        "of which neither method knows. The threshold of each distance is the largest of the healthy records, "
-        f"so none of them alarms; the watch raised {early} events in them, with the limits that ship. The "
-        "distances compare with the true valve as it was commissioned, which favours them. Cells: how many "
-        "were found, and the median delay with its quartiles."
+        "of which neither method knows. The threshold of each distance is the largest of the healthy "
+        f"records, so none of them alarms; the watch raised {early} events in them, with the limits that "
+        "ship. The distances compare with the true valve as it was commissioned, which favours them. Cells: "
+        "how many were found, and the median delay with its quartiles."
     )
     return [
         about,
