@@ -106,7 +106,12 @@ def nothing_missing(base: str, after: float, floor: float, of_what: str) -> str:
         floor: error that noise alone leaves.
         of_what: that is compared: "the spool's acceleration" or "the force".
     """
-    return f"Nothing is missing: '{base}' leaves {percent(after)} of {of_what}, noise alone {percent(floor)}."
+    return f"Nothing is missing: '{base}' leaves {percent(after)} of {of_what}, {_noise(after, floor)}."
+
+
+def _noise(after: float, floor: float) -> str:
+    """Return what noise leaves; where a law amplifies it, the bound for it may exceed what is left."""
+    return f"noise alone {'up to ' if floor > after else ''}{percent(floor)}"
 
 
 def named(
@@ -127,7 +132,7 @@ def named(
         parts.append(f"{name.replace('_', ' ')} ({told}): {entry.on_the_machine}; check {entry.to_check}")
     return (
         f"The model lacks {'; and '.join(parts)}. With it the error falls from {percent(before)} to "
-        f"{percent(after)} of {of_what} (noise alone: {percent(floor)})."
+        f"{percent(after)} of {of_what} ({_noise(after, floor)})."
     )
 
 
