@@ -12,8 +12,8 @@ from spool_evaluation.benchmarks import gap as gap_peer
 from spool_evaluation.benchmarks.gap import FRESH, library, named, seeds
 from spool_evaluation.results.timing import Timing
 from spool_evaluation.studies.gap import given
+from spool_gap.catalogue import EFFECTS
 from spool_gap.effect import Motion
-from spool_gap.registry import EFFECTS
 
 
 @pytest.mark.slow

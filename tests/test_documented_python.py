@@ -221,7 +221,7 @@ def test_each_recipe_is_found_by_its_file(copy: Path) -> None:
         [
             "-c",
             "from spool_sim.terms import TERMS\n"
-            "from spool_gap.registry import EFFECTS\n"
+            "from spool_gap.catalogue import EFFECTS\n"
             "from spool_bag.importing.formats.format import formats\n"
             "from spool_monitor.detectors import KINDS\n"
             "from spool_tools.command import command_modules\n"

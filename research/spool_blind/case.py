@@ -15,13 +15,15 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import least_squares
-from spool_core.numbers import Array
 
 from spool_blind.condition import DELAY_TOLERANCE, GAIN_TOLERANCE, ExperimentCondition, Scale, draw_condition
 from spool_blind.hidden import EFFECTS, OUT_OF_CATALOGUE, Hidden, Kind
 from spool_blind.simulator.plant import Channels
 from spool_blind.visibility import Visibility, look, noncentrality, threshold
+
+Array = NDArray[np.float64]
 
 NONE = "none"
 #: At clear size the remainder after the base is at least this many times the noise floor, rms over rms.

@@ -5,10 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
-from spool_core.numbers import Array
 
 from spool_blind.simulator.plant import AFTER, Plant, SpoolMotion, move, respond, steps
+
+Array = NDArray[np.float64]
 
 #: N/m, the paper's springs; N s/m, kg and m/s^2, drawn around its oils, spool and shaker.
 SOFT, STIFF = 1632.0, 5846.0

@@ -6,8 +6,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from spool_core.numbers import Array
+from numpy.typing import NDArray
 
+Array = NDArray[np.float64]
 Samples = tuple[Array, Array, Array]
 
 STANDARD_GRAVITY = 9.80665

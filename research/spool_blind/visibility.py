@@ -15,11 +15,12 @@ from numpy.typing import NDArray
 from scipy.fft import rfft, rfftfreq
 from scipy.optimize import least_squares
 from scipy.stats import chi2, ncx2
-from spool_core.numbers import Array
 
 from spool_blind.simulator.plant import Padded, transmissibility
 
 from .condition import DELAY_TOLERANCE, GAIN_TOLERANCE
+
+Array = NDArray[np.float64]
 
 #: Rate of false alarms, and power at the threshold: half of the records.
 FALSE_ALARM, POWER = 0.01, 0.5

@@ -15,10 +15,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.fft import rfft, rfftfreq
 from scipy.optimize import lsq_linear
 from scipy.signal import welch
-from spool_core.numbers import Array
 
 from spool_blind.case import (
     FROM_REST,
@@ -37,6 +37,8 @@ from spool_blind.hidden import EFFECTS, Hidden
 from spool_blind.simulator.laws import dry
 from spool_blind.simulator.plant import Plant, SpoolMotion, transmissibility
 from spool_blind.visibility import threshold
+
+Array = NDArray[np.float64]
 
 #: First number of each of a case's streams of random numbers: no other family of cases has them.
 FAMILY = 17

@@ -8,9 +8,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.signal import fftconvolve
-from spool_core.numbers import Array
 
 from spool_blind.condition import (
     AMPLITUDE,
@@ -37,6 +37,7 @@ RATES = (1000.0, 1250.0, 2000.0, 2500.0, 4000.0, 5000.0, 8000.0, 10_000.0)
 DURATION = (20.0, 60.0)
 NOISE = (0.002, 0.02)
 
+Array = NDArray[np.float64]
 Generator = np.random.Generator
 
 IDLE, HAMMER, OPERATION = "engine_idle", "hammer_bursts", "operation_with_pauses"

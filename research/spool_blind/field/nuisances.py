@@ -8,10 +8,11 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.fft import irfft, rfftfreq
 from scipy.signal import bilinear, butter, ellip, fftconvolve, firwin, lfilter, sosfilt, sosfreqz
-from spool_core.numbers import Array
 
+Array = NDArray[np.float64]
 Generator = np.random.Generator
 
 BODY, SPOOL, BOTH = "body", "spool", "both"

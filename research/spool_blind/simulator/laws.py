@@ -12,8 +12,11 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+from numpy.typing import NDArray
 from spool_core.kernels.compiled import compiled
-from spool_core.numbers import Array
+
+Array = NDArray[np.float64]
 
 #: What a plant is made of, in SI units; the comment says what the number does.
 NAMES: tuple[str, ...] = (

@@ -35,7 +35,8 @@ from spool_blind.simulator.laws import (
     restoring,
 )
 from spool_core.kernels.compiled import compiled
-from spool_core.numbers import Array
+
+Array = NDArray[np.float64]
 
 #: s, longest step, and rad, how far the stiffest contact may turn within one.
 LONGEST_STEP, LARGEST_TURN = 25e-6, 0.03

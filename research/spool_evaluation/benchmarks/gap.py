@@ -16,8 +16,8 @@ from spool_blind.case import hidden_by, kind_of, make
 from spool_core.numbers import Array
 from spool_estimator.identification.record import Record
 from spool_estimator.identification.spectra import RelativeMotion, ZeroPhase, relative_motion
+from spool_gap.catalogue import EFFECTS
 from spool_gap.effect import Motion
-from spool_gap.registry import EFFECTS
 from spool_sim.valve import Valve
 
 from spool_evaluation.results.timing import Stopwatch, Timing

@@ -12,8 +12,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from spool_core.numbers import Array
+from spool_gap.catalogue import EFFECTS
 from spool_gap.effect import Effect, Motion, SensorEffect
-from spool_gap.registry import EFFECTS
 
 from spool_evaluation.results.page import MarkedPage, sentence
 

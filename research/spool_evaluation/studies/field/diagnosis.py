@@ -20,12 +20,12 @@ from spool_blind.case import NONE
 from spool_blind.field.case import UNEXPLAINED, make_field, write_field
 from spool_core.errors import InputError
 from spool_estimator.identification.record import Record
+from spool_gap.catalogue import EFFECTS
 from spool_gap.likelihood.kernel import motions_for
 from spool_gap.likelihood.prediction import Prediction, Predictions
 from spool_gap.likelihood.readings import readings_of
 from spool_gap.likelihood.structure import CHAIN_PARTS, DELAY, GAIN, structure_of
 from spool_gap.likelihood.structure_fit import LOOSENESS, StructureFit, fit_structure
-from spool_gap.registry import EFFECTS
 from spool_sim.model import MODELS
 from spool_sim.valve import Valve
 

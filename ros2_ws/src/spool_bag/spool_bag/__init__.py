@@ -1,1 +1,24 @@
-"""Bags: recorder, reader, recovery, import and export."""
+"""Bags: recorder, reader, recovery, import and export; here the names of valves and of columns of tables."""
+
+from __future__ import annotations
+
+import re
+
+from spool_core.errors import InputError
+
+_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
+
+TIME = "time_s"
+BODY = "body_m_s2"
+SPOOL = "spool_m_s2"
+OIL_TEMPERATURE = "oil_temperature_C"
+DISPLACEMENT = "displacement_m"
+FORCE = "force_N"
+
+
+def check_valve(valve: str) -> None:
+    """Raise InputError unless ``valve`` can be a ROS namespace."""
+    if not _NAME.fullmatch(valve) or "__" in valve:
+        raise InputError(
+            f"valve name {valve!r}: use letters, digits and single underscores, not a digit first"
+        )

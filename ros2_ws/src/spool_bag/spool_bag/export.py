@@ -18,9 +18,9 @@ from spool_core.errors import InputError
 from spool_core.system import staged
 from spool_core.text import plural, printable
 
+from spool_bag import BODY, OIL_TEMPERATURE, SPOOL, TIME
 from spool_bag.blocks import Span
 from spool_bag.information import Timeline, step_text
-from spool_bag.names import BODY, OIL_TEMPERATURE, SPOOL, TIME
 from spool_bag.reader import BagReader
 
 VALVE = "valve"

@@ -21,8 +21,8 @@ from spool_core.node.running import run
 from spool_core.text import plural, printable
 from spool_msgs.srv import TakeSnapshot
 
+from spool_bag import check_valve
 from spool_bag.metadata import ACCELERATION_BLOCK, MACHINE, starts_with_header
-from spool_bag.names import check_valve
 from spool_bag.recorder import (
     LATCHED,
     TOPICS,

@@ -53,7 +53,7 @@ def test_unknown_type_is_refused_by_name() -> None:
 def test_works_without_rclpy() -> None:
     code = (
         "import sys; sys.modules['rclpy'] = None\n"
-        "import spool_bag.names, spool_bag.reader\n"
+        "import spool_bag, spool_bag.reader\n"
         "import spool_bag.verification, spool_bag.information\n"
         "import spool_bag.export, spool_bag.recorder, spool_bag.metadata as d\n"
         "print(d.definition(d.ACCELERATION_BLOCK).digest)"

@@ -10,9 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from spool_core.errors import InputError
-from spool_core.events.english import ENGLISH
+from spool_core.events.english import ENGLISH, Language
 from spool_core.events.event import Event, EventState, Facts, Namur, Severity, Urgency, urgency_of
-from spool_core.events.language import Language
 from spool_core.events.sentences import (
     LANGUAGES,
     VARIABLE,

@@ -12,7 +12,7 @@ from spool_core.numbers import Array
 from spool_core.uncertainty import PLUS_MINUS, Quantity, number, percent, with_interval
 from spool_estimator.identification.nuisances import Nuisance
 
-from spool_gap.registry import EFFECTS
+from spool_gap.catalogue import EFFECTS
 from spool_gap.result import (
     GapResult,
     HeldOutAgreement,

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from spool_core.errors import InputError
+from spool_gap.catalogue import EFFECTS, effect
 from spool_gap.effect import Effect, Motion
 from spool_gap.likelihood.kernel import motions_for
-from spool_gap.registry import EFFECTS, effect
 from spool_sim.integration.composed_motion import ComposedMotion, MotionState
 from spool_sim.model import MODELS
 from spool_sim.terms import term

@@ -8,6 +8,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 from spool_estimator.identification.record import Record
+from spool_gap.catalogue import EFFECTS
 from spool_gap.evidence.analyse import analyse
 from spool_gap.likelihood.kernel import motions_for
 from spool_gap.likelihood.prediction import Prediction, Predictions
@@ -16,7 +17,6 @@ from spool_gap.likelihood.score import best_of, proposals
 from spool_gap.likelihood.search import DECISIVE
 from spool_gap.likelihood.structure import structure_of
 from spool_gap.likelihood.structure_fit import StructureFit, fit_structure
-from spool_gap.registry import EFFECTS
 from spool_sim.excitation import SweptSine
 from spool_sim.model import MODELS, Model
 from spool_sim.sensors import Sensor

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from spool_estimator.identification.record import Record
+from spool_gap.catalogue import RECORD_NUISANCES
 from spool_gap.evidence.analyse import analyse
-from spool_gap.registry import RECORD_NUISANCES
 from spool_gap.result import GapResult
 from spool_sim.excitation import SweptSine
 from spool_sim.model import MODELS

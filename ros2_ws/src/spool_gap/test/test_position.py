@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from spool_core.numbers import Array
+from spool_gap.catalogue import EFFECTS
 from spool_gap.force import analyse as workflow
 from spool_gap.force.analyse import analyse_forces
 from spool_gap.force.balance import ForceBalance, ForceFit, ForceRecord
 from spool_gap.force.position import Chosen, position_rmse, position_run, speed_at
-from spool_gap.registry import EFFECTS
 from spool_gap.result import RankedHypothesis
 from spool_sim.model import MODELS, Model
 from spool_sim.terms import term

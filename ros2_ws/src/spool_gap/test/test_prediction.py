@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy import linalg
 from spool_estimator.identification.record import Record, records_from_blocks
 from spool_estimator.identification.spectra import delayed
+from spool_gap.catalogue import EFFECTS
 from spool_gap.likelihood.kernel import motions_for
 from spool_gap.likelihood.prediction import (
     FREE,
@@ -23,7 +24,6 @@ from spool_gap.likelihood.prediction import (
 from spool_gap.likelihood.readings import readings_of
 from spool_gap.likelihood.structure import CHAIN_PARTS, Structure, inverse, mode, mode_of_other, structure_of
 from spool_gap.likelihood.structure_fit import StructureFit, fit_structure
-from spool_gap.registry import EFFECTS
 from spool_sim.excitation import SteppedSine, SweptSine
 from spool_sim.model import MODELS, Model, model_from_mapping
 from spool_sim.sensors import Sensor

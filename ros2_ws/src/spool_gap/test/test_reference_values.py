@@ -16,9 +16,9 @@ import numpy as np
 import pytest
 from spool_core.numbers import Array
 from spool_estimator.identification.spectra import ZeroPhase, interval_mean_response, quiet, relative_motion
+from spool_gap.catalogue import EFFECTS
 from spool_gap.effect import Motion, SensorEffect, scan
 from spool_gap.likelihood.structure import CHAIN_PARTS
-from spool_gap.registry import EFFECTS
 
 #: Relative; values are given with seven digits.
 EXACT = 1e-6

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
-from spool_core.events.language import Language
+from spool_core.events.english import Language
 from spool_core.node.messages import to_event_message, to_quantity, to_time
 from spool_msgs.msg import Alarm as AlarmMessage
 from spool_msgs.msg import AlarmList, ValveHealth

@@ -14,12 +14,12 @@ from spool_core.cdr import OilTemperature, encode_block, encode_temperature
 from spool_core.errors import InputError
 from spool_core.text import printable
 
+from spool_bag import BODY, OIL_TEMPERATURE, SPOOL, check_valve
 from spool_bag.importing.choices import Choices
 from spool_bag.importing.logger_record import LoggerRecord, read_record
 from spool_bag.importing.time_axis import ClockOffset
 from spool_bag.metadata import ACCELERATION_BLOCK, RATE_STD, TEMPERATURE
 from spool_bag.metadata import custom_data as kept_data
-from spool_bag.names import BODY, OIL_TEMPERATURE, SPOOL, check_valve
 from spool_bag.writer import BagWriter
 
 #: Begin of the keys of ``custom_data`` that hold columns and their conversions.

@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 from spool_core.errors import InputError
 from spool_core.text import printable
 
+from spool_bag import BODY, DISPLACEMENT, FORCE, OIL_TEMPERATURE, SPOOL, TIME
 from spool_bag.importing.units import READINGS, Sensitivity, quantity_of
-from spool_bag.names import BODY, DISPLACEMENT, FORCE, OIL_TEMPERATURE, SPOOL, TIME
 
 #: What each role measures; accelerations may come as readings of a sensor, by its sensitivity.
 QUANTITIES = {

@@ -15,6 +15,7 @@ from spool_core.errors import InputError
 from spool_core.numbers import GRAVITY
 from spool_core.text import plural, printable
 
+from spool_bag import BODY, OIL_TEMPERATURE, SPOOL, TIME
 from spool_bag.importing.choices import Choices, choices
 from spool_bag.importing.formats.format import open_table, read_channels
 from spool_bag.importing.roles import (
@@ -44,7 +45,6 @@ from spool_bag.importing.time_axis import (
     time_base,
 )
 from spool_bag.importing.two_clocks import Series, TopicTimes, check_one_time, merged
-from spool_bag.names import BODY, OIL_TEMPERATURE, SPOOL, TIME
 
 #: Relative deviation of a rate below which it is not stated: stamps do not show the error of their own clock,
 #: which is 1e-5 to 1e-4 of a quartz.

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from spool_core.errors import InputError
 from spool_core.text import printable
 
+from spool_bag import BODY, DISPLACEMENT, FORCE, OIL_TEMPERATURE, SPOOL, TIME
 from spool_bag.importing.choices import QUANTITIES, SHORT, Choices, role_of, short, typed
 from spool_bag.importing.csv_layout import listed
 from spool_bag.importing.table import LOG_TIME, STAMP, Channel, Group, Table
@@ -26,7 +27,6 @@ from spool_bag.importing.units import (
     quantity_of,
     split_header,
 )
-from spool_bag.names import BODY, DISPLACEMENT, FORCE, OIL_TEMPERATURE, SPOOL, TIME
 
 REQUIRED = {
     "accelerations": (BODY, SPOOL),

@@ -29,11 +29,11 @@ from spool_core.stamps import (
 )
 from spool_core.text import plural, printable
 
+from spool_bag import TIME
 from spool_bag.importing.choices import Choices
 from spool_bag.importing.roles import Source, reference
 from spool_bag.importing.table import LOG_TIME, STAMP, Channel, Group, Table, Values
 from spool_bag.importing.units import WORDS, factor, quantity_of, split_header
-from spool_bag.names import TIME
 
 #: Beyond any acceleration, force, displacement or time in ns since 1970.
 LARGEST_NUMBER = 1e19

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .language import EventText, Language
+from .english import EventText, Language
 
 EVENTS = {
     100: EventText(

@@ -10,10 +10,9 @@ from typing import NamedTuple
 from spool_core.errors import InputError
 from spool_core.uncertainty import Quantity, compared, exact, number
 
-from .english import ENGLISH
+from .english import ENGLISH, Language
 from .event import Event, EventState, Facts, Severity
 from .german import GERMAN
-from .language import Language
 from .polish import POLISH
 
 LANGUAGES: dict[str, Language] = {one.code: one for one in (ENGLISH, GERMAN, POLISH)}

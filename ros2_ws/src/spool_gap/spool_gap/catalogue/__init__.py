@@ -1,1 +1,30 @@
-"""The effects that the analysis can name: one class each, in files by family."""
+"""The effects that the analysis can name, a class each, in files by family; nuisances that a record shows."""
+
+from __future__ import annotations
+
+from spool_core.discovery import classes_in
+from spool_core.errors import InputError
+from spool_estimator.identification.nuisances import BiasDrift, Hum, RecordNuisance, Spikes
+
+from spool_gap.effect import Effect
+
+#: Nuisances that a record shows without a model, in the order in which they are looked for.
+RECORD_NUISANCES: tuple[RecordNuisance, ...] = (Spikes(), Hum(), BiasDrift())
+#: Every effect by its id, in their order.
+EFFECTS: dict[str, Effect] = {
+    entry.id: entry() for entry in sorted(classes_in(__package__, Effect), key=lambda one: str(one.id))
+}
+
+#: Ids of the laws of dry friction: of these a machine has one.
+FRICTIONS = frozenset(name for name, entry in EFFECTS.items() if entry.is_friction)
+
+
+def effect(name: str) -> Effect:
+    """Return the effect called ``name``.
+
+    Raises:
+        InputError: no such effect.
+    """
+    if name not in EFFECTS:
+        raise InputError(f"effects: unknown effect '{name}'; known are {', '.join(EFFECTS)}")
+    return EFFECTS[name]

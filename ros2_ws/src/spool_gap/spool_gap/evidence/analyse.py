@@ -20,6 +20,7 @@ from spool_sim.model import Model
 from spool_sim.terms import term
 from spool_sim.valve import Valve
 
+from spool_gap.catalogue import EFFECTS
 from spool_gap.checks import THRESHOLDS, as_stuck
 from spool_gap.evidence.decision import Decision, Numbers, decide, numbers_of, profiles_of
 from spool_gap.evidence.held_out import HeldOut, Judged
@@ -29,7 +30,6 @@ from spool_gap.likelihood.prediction import Prediction, Predictions
 from spool_gap.likelihood.search import COMPARED, Search, senseless
 from spool_gap.likelihood.structure import CHAIN_PARTS, Structure, structure_of
 from spool_gap.likelihood.structure_fit import LOOSENESS, StructureFit, fit_structure
-from spool_gap.registry import EFFECTS
 from spool_gap.report import (
     CHECK_COLOURED,
     LOOKS_LIKE,

@@ -25,6 +25,7 @@ import numpy as np
 from spool_core.numbers import Array
 from spool_core.uncertainty import Quantity, Validity
 
+from spool_gap.catalogue import EFFECTS
 from spool_gap.evidence.held_out import HeldOut
 from spool_gap.evidence.look import Look
 from spool_gap.likelihood.kernel import SwitchableMotion
@@ -43,7 +44,6 @@ from spool_gap.likelihood.rest import (
 from spool_gap.likelihood.search import DECISIVE, Search, senseless
 from spool_gap.likelihood.structure import DELAY, GAIN
 from spool_gap.likelihood.structure_fit import StructureFit, curvature_of, fit_structure
-from spool_gap.registry import EFFECTS
 from spool_gap.result import RISE_95, GapSettings, ProfileLikelihood, verdict_of
 
 #: Temperature of the probabilities: evidence counts windows as independent and laws as exact, which no

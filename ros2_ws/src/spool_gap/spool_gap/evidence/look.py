@@ -17,10 +17,10 @@ from spool_estimator.identification.record import Record
 from spool_sim.valve import Valve
 
 from spool_gap import checks as conditions
+from spool_gap.catalogue import RECORD_NUISANCES
 from spool_gap.checks import dithered, is_stuck
 from spool_gap.likelihood.prediction import Prediction
 from spool_gap.likelihood.readings import Readings, readings_of
-from spool_gap.registry import RECORD_NUISANCES
 from spool_gap.report import CHECK_CLIPPING
 
 Mask = NDArray[np.bool_]

@@ -12,8 +12,8 @@ from spool_core.errors import InputError
 from spool_core.uncertainty import Z_95, percent, with_interval
 from spool_sim.model import Model
 
+from spool_gap.catalogue import EFFECTS, FRICTIONS
 from spool_gap.effect import Effect
-from spool_gap.registry import EFFECTS, FRICTIONS
 from spool_gap.result import (
     GapResult,
     GapSettings,

@@ -12,7 +12,7 @@ from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.identification.spectra import density_of
 from spool_sim.model import Model
 
-from spool_gap.registry import EFFECTS, FRICTIONS
+from spool_gap.catalogue import EFFECTS, FRICTIONS
 from spool_gap.report import (
     LOOKS_LIKE,
     UNEXPLAINED,

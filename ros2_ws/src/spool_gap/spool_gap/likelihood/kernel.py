@@ -26,7 +26,7 @@ from spool_sim.integration.step_size import substeps_for
 from spool_sim.model import Model
 from spool_sim.terms import TERMS, Parameter, Term, term
 
-from spool_gap.registry import EFFECTS
+from spool_gap.catalogue import EFFECTS
 
 ALWAYS = ("inertia", "spring", "viscous_friction")
 #: Switch of all terms together that do more than slide, but those of ``ALWAYS``: most hypotheses have none.

@@ -22,11 +22,11 @@ import numpy as np
 from spool_core.numbers import Array
 from spool_estimator.identification.spectra import ZeroPhase
 
+from spool_gap.catalogue import EFFECTS
 from spool_gap.effect import Effect, Motion, Trial
 from spool_gap.likelihood.prediction import Prediction, Predictions
 from spool_gap.likelihood.structure import CHAIN_PARTS
 from spool_gap.likelihood.structure_fit import LOOSENESS, StructureFit, curvature_of, fit_structure
-from spool_gap.registry import EFFECTS
 
 #: Hz, natural frequencies of a mounting that are tried: a fifth apart, as wide as a mode damped by 5 to 10 %.
 MODES = tuple(float(f) for f in np.geomspace(25.0, 800.0, 20))

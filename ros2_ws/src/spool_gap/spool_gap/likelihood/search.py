@@ -13,9 +13,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from spool_gap.catalogue import EFFECTS, FRICTIONS
 from spool_gap.likelihood.score import Balance
 from spool_gap.likelihood.structure import CHAIN_PARTS, DELAY, GAIN, mode_of_other
-from spool_gap.registry import EFFECTS, FRICTIONS
 
 from .prediction import Predictions
 from .score import Proposal, best_of, proposals

@@ -20,7 +20,7 @@ from spool_sim.model import Model
 from spool_sim.terms import Parameter, term
 from spool_sim.valve import Valve
 
-from spool_gap.registry import EFFECTS
+from spool_gap.catalogue import EFFECTS
 
 Values = Mapping[str, float]
 

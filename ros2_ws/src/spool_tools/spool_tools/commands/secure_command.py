@@ -34,7 +34,7 @@ def secure(
 
     Example: ./spool secure --keystore keystore --valve valve_1 --valve valve_2
     """
-    from spool_bag.names import check_valve  # noqa: PLC0415 - slow to load, as below
+    from spool_bag import check_valve  # noqa: PLC0415 - slow to load, as below
 
     from spool_tools.operations import security as access  # noqa: PLC0415
     from spool_tools.operations.security import make_keystore  # noqa: PLC0415

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 from rich.console import Console
 from rich.table import Table
-from spool_bag.names import DISPLACEMENT, FORCE
+from spool_bag import DISPLACEMENT, FORCE
 from spool_core.errors import InputError
 from spool_core.uncertainty import LEGEND, PLUS_MINUS, interval, number, percent, with_interval
 from spool_estimator.identification.record import LARGEST, Record

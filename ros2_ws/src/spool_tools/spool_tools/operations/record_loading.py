@@ -9,12 +9,12 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+from spool_bag import BODY, OIL_TEMPERATURE, SPOOL
 from spool_bag.blocks import Span
 from spool_bag.importing.bag_import import import_notes, start_of
 from spool_bag.importing.choices import columns_of
 from spool_bag.importing.logger_record import LoggerRecord
 from spool_bag.metadata import rate_std
-from spool_bag.names import BODY, OIL_TEMPERATURE, SPOOL
 from spool_bag.reader import BagReader
 from spool_core.block import Block
 from spool_core.errors import InputError

@@ -15,10 +15,10 @@ from spool_core.uncertainty import LEGEND, Z_95, Quantity, number, percent, with
 from spool_estimator.identification.fit import fit
 from spool_estimator.identification.fit_result import Fit, FitSettings
 from spool_estimator.identification.record import Record
+from spool_gap.catalogue import EFFECTS
+from spool_gap.catalogue import effect as find_effect
 from spool_gap.effect import Effect
 from spool_gap.evidence.analyse import analyse
-from spool_gap.registry import EFFECTS
-from spool_gap.registry import effect as find_effect
 from spool_sim.excitation import Excitation
 from spool_sim.model import FLUID, Model, load_model
 from spool_sim.sensors import Sensor

@@ -19,7 +19,7 @@ from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
 from rich.console import Console
 from rich.table import Table
-from spool_bag.names import check_valve
+from spool_bag import check_valve
 from spool_core.errors import InputError
 from spool_core.events.sentences import language_of
 from spool_core.files import YamlError, load_yaml

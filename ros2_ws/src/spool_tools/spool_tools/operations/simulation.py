@@ -9,8 +9,8 @@ from typing import Annotated, Literal
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from spool_bag import check_valve
 from spool_bag.metadata import ACCELERATION_BLOCK, TEMPERATURE, is_bag_file
-from spool_bag.names import check_valve
 from spool_bag.reader import BagReader
 from spool_bag.writer import BagWriter
 from spool_core.block_gate import BlockGate, Verdict

@@ -13,7 +13,7 @@ from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from matplotlib.figure import Figure
 from rich.console import Console
 from rich.table import Table
-from spool_bag.names import check_valve
+from spool_bag import check_valve
 from spool_core.errors import InputError
 from spool_core.uncertainty import exact, number, unit_text
 from spool_monitor.state_file import default_folder, valve_folder

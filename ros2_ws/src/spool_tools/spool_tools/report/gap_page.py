@@ -13,7 +13,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 from spool_core.uncertainty import LEGEND, Quantity, interval, number, with_interval
-from spool_gap.registry import EFFECTS
+from spool_gap.catalogue import EFFECTS
 from spool_gap.result import (
     RISE_95,
     Curves,

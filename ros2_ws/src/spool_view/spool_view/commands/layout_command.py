@@ -24,8 +24,8 @@ def layout(
 
     Example: ./spool layout valve_1 valve_2
     """
+    from spool_bag import check_valve  # noqa: PLC0415 - slow to load, as below
     from spool_bag.information import describe  # noqa: PLC0415
-    from spool_bag.names import check_valve  # noqa: PLC0415 - slow to load, as below
     from spool_bag.reader import BagReader  # noqa: PLC0415
     from spool_tools.outputs import write_file  # noqa: PLC0415
 
