@@ -74,7 +74,8 @@ def _mode(channel: str) -> ChainPart:
             frequency, values[share.name], values[natural.name], values[damping.name]
         ),
         "the sensor's bracket, or the body between the sensors, has a resonance of its own",
-        "mounting of both sensors (stud, not magnet or wax), stiffness of brackets, a tap test",
+        "mounting of both sensors (stud, not magnet or wax), stiffness of brackets, a tap test; a mode that "
+        "stays when the sensor is moved is one of the valve, as of its spring (surge) or oil column",
     )
 
 
