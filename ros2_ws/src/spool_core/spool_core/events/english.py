@@ -185,6 +185,11 @@ EVENTS = {
         "The clock of one sensor was set against the other's; nothing is estimated from such data.",
         "synchronise the clocks of both sensors, then restart the adapter",
     ),
+    708: EventText(
+        "Clock drift",
+        "The clock of one sensor runs faster than the other's; delays and damping are wrong ever more.",
+        "sample both sensors with one clock, or stamp each by its own",
+    ),
     710: EventText(
         "Not judged",
         "Blocks arrive, but no detector has been able to judge the valve for a minute.",
@@ -218,6 +223,7 @@ PARAMETERS = {
     "spool_over_body": "spool over body",
     "corner_frequency": "corner frequency",
     "clock_step": "clock step",
+    "clock_drift": "clock drift",
     "period_departure": "period error",
     "faulty_blocks": "faulty blocks",
     "lost_blocks": "lost blocks",

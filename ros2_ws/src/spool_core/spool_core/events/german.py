@@ -149,6 +149,12 @@ EVENTS = {
         "geschätzt.",
         "die Uhren beider Sensoren synchronisieren, dann den Adapter neu starten",
     ),
+    708: EventText(
+        "Uhrendrift",
+        "Die Uhr eines Sensors läuft schneller als die des anderen; Verzögerung und Dämpfung werden immer "
+        "falscher.",
+        "beide Sensoren mit einer Uhr abtasten, oder jedem eigene Zeitstempel geben",
+    ),
     710: EventText(
         "Nicht beurteilt",
         "Blöcke kommen an, aber kein Detektor konnte das Ventil eine Minute lang beurteilen.",
@@ -182,6 +188,7 @@ PARAMETERS = {
     "spool_over_body": "Schieber durch Gehäuse",
     "corner_frequency": "Eckfrequenz",
     "clock_step": "Uhrensprung",
+    "clock_drift": "Uhrendrift",
     "period_departure": "Fehler der Periode",
     "faulty_blocks": "fehlerhafte Blöcke",
     "lost_blocks": "verlorene Blöcke",

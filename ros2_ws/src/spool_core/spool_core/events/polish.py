@@ -140,6 +140,12 @@ EVENTS = {
         "Zegar jednego czujnika przestawiono względem drugiego; z takich danych nic nie jest szacowane.",
         "zsynchronizować zegary obu czujników, potem ponownie uruchomić adapter",
     ),
+    708: EventText(
+        "Dryf zegara",
+        "Zegar jednego czujnika chodzi szybciej niż drugiego; opóźnienie i tłumienie są coraz bardziej "
+        "błędne.",
+        "próbkować oba czujniki jednym zegarem albo nadać każdemu własne znaczniki czasu",
+    ),
     710: EventText(
         "Brak oceny",
         "Bloki docierają, ale przez minutę żaden detektor nie mógł ocenić zaworu.",
@@ -173,6 +179,7 @@ PARAMETERS = {
     "spool_over_body": "suwak do korpusu",
     "corner_frequency": "częstotliwość graniczna",
     "clock_step": "skok zegara",
+    "clock_drift": "dryf zegara",
     "period_departure": "błąd okresu",
     "faulty_blocks": "wadliwe bloki",
     "lost_blocks": "zgubione bloki",

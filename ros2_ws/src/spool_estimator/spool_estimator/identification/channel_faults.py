@@ -67,6 +67,8 @@ APART = 1.3
 CERTAIN = 8.0
 #: Share of the damping that a corner must bias, and samples that a delay must have, to matter.
 MATTERS, SLIP = 0.04, 0.4
+#: s by which one clock must fall behind in a record to matter, from the shortest delay that fits tell.
+LEAST_SLIP = 1e-3
 #: Share of the body's power below the natural frequency without which gain and spring cannot be told apart.
 BELOW = 1e-3
 #: Times by which a step of one clock must reduce the squares, and share of the residual of a changed valve
@@ -297,6 +299,9 @@ def look_at_pair(body: Array, spool: Array, period: float, start: float = 0.0) -
     pair = pair_of(body, spool, period)
     if pair is None:
         return None
+    drift = clock_drift(pair)
+    if drift is not None:
+        return PairLook(drift, math.nan)
     gain, nominal = pair.fit((GAIN,)), pair.fit(())
     step = pair.step(nominal)
     wrong = wrong_sensitivity(pair, gain, nominal)
@@ -355,6 +360,34 @@ def wrong_sensitivity(pair: ChannelPair, gain: PairFit, nominal: PairFit) -> Cha
         f"by {factor:.3g}, or the body's by {other:.3g}{units}",
         "check sensitivity, range and unit of both sensors; calibrate them side by side",
     )  # fmt: skip
+
+
+def clock_drift(pair: ChannelPair) -> ChannelFault | None:
+    """Return that one clock runs faster than the other, by fits to the pair and to one that is stretched."""
+    rate, seconds = pair.rate(), pair.body.size * pair.period
+    slip = rate * seconds
+    if abs(slip) < max(LEAST_SLIP, SLIP * pair.period):
+        return None
+    time = np.arange(pair.spool.size)
+    mended = ChannelPair(pair.body, np.interp((1.0 + rate) * time, time, pair.spool), pair.period)
+    left, plain = mended.fit((DELAY,)).residual, pair.fit((DELAY,)).residual
+    if left > FITS or plain**2 < BETTER_TIME * left**2:
+        return None
+    step = pair.step(pair.fit(()))
+    if step is not None and step.clock < left:
+        return None
+    late = "late" if slip > 0.0 else "early"
+    return ChannelFault(
+        "clock_drift",
+        "both",
+        "clock_drift",
+        rate,
+        math.copysign(LEAST_SLIP / seconds, rate),
+        "1",
+        f"the spool's samples come ever more {late} against the body's: {1e6 * abs(rate):.3g} ppm, "
+        f"{1e3 * abs(slip):.3g} ms in {seconds:.0f} s",
+        "sample both sensors with one clock, or import both sensors' own times",
+    )
 
 
 def clock_steps(step: ClockStep | None, constant: float, period: float) -> bool:

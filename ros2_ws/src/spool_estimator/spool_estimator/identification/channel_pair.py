@@ -52,6 +52,9 @@ NEAR: Array = np.linspace(-1.0, 1.0, 5, dtype=np.float64)
 MIXED = 0.5
 #: Times as finely as the pair is sampled that the sign of its velocity is taken.
 FINE = 8
+#: s of the segments whose phases show how one clock runs against the other, and between two of them; the
+#: largest rate that is looked for, and s around what is known of it.
+SEGMENT, HOP, LARGEST_RATE, AROUND = 2.0, 0.5, 0.02, 8e-3
 #: Half width of the interval of a second's natural frequency, over it, beyond which it tells nothing.
 UNSURE = 0.2
 
@@ -238,6 +241,38 @@ class ChannelPair:
                     float(damping) / (2.0 * pulsation), float(spread[1]) / (2.0 * pulsation),
                 ))  # fmt: skip
         return found
+
+    def rate(self) -> float:
+        """Return how much faster the spool's delay grows than time does, 0 where the pair is too short.
+
+        The valve turns the phase between both channels at each frequency alike in all segments, a clock that
+        runs faster turns it in proportion to frequency and time: no valve needs to be known. Segments further
+        and further apart tell the rate ever more closely. A sweep that passes each frequency once tells too
+        low a rate.
+        """
+        body, spool = (
+            fft.irfft(row, self._size)[self._edge : self._size - self._edge] for row in (self._b, self._s)
+        )
+        size, hop = round(SEGMENT / self._period), round(HOP / self._period)
+        count = (body.size - size) // hop + 1
+        if count < 4:
+            return 0.0
+        places = np.arange(size) + hop * np.arange(count)[:, np.newaxis]
+        frequency = fft.rfftfreq(size, self._period)
+        inside = (frequency > LOW) & (frequency < HIGH)
+        one, other = (fft.rfft(row[places] * np.hanning(size), axis=1)[:, inside] for row in (body, spool))
+        cross = other * np.conj(one)
+        # Loud lines weigh more, but not with the fourth power of their amplitude.
+        cross /= np.sqrt(np.abs(cross) + 1e-3 * np.abs(cross).max() + 1e-300)
+        apart, rate, reach = 1, 0.0, LARGEST_RATE * HOP
+        while apart <= count // 2:
+            seconds = hop * self._period * apart
+            turned = np.sum(cross[apart:] * np.conj(cross[:-apart]), axis=0)
+            delays = rate * seconds + np.linspace(-reach, reach, 401)
+            match = np.real(np.exp(2j * np.pi * np.outer(delays, frequency[inside])) @ turned)
+            rate, reach = float(delays[np.argmax(match)]) / seconds, min(reach, AROUND)
+            apart *= 2
+        return rate
 
     def _sign(self) -> Array:
         """Return the velocity's sign in the band, shape (m,): its harmonics neither alias nor pass."""

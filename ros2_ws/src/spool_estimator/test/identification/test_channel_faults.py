@@ -123,6 +123,15 @@ def test_the_size_of_a_step_of_a_clock_and_its_time_are_measured(by: int) -> Non
     assert 4.5 < float(found.text.split()[1]) < 7.5
 
 
+@pytest.mark.parametrize("excitation", ["machine", "multisine"])
+@pytest.mark.parametrize("rate", [3e-4, -1e-3, 5e-3], ids="{:+g}".format)
+def test_a_clock_that_runs_faster_than_the_other_is_told_with_its_rate(rate: float, excitation: str) -> None:
+    body, spool = simulated("4weh10_soft", excitation, 0.1, 0.03, 1)
+    index = np.arange(spool.size)
+    (found,) = faults_of(body, np.interp((1.0 - rate) * index, index, spool), 1.0 / RATE)
+    assert (found.cause, found.value) == ("clock_drift", pytest.approx(rate, rel=0.05, abs=5e-5))
+
+
 def test_the_corner_of_a_coupled_channel_is_measured() -> None:
     body, spool = SOUND
     (found,) = faults_of(body, ac_coupled(spool, 1.0), 1.0 / RATE)

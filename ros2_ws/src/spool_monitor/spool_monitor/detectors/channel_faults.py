@@ -173,3 +173,11 @@ class ClockStepped(PairFault):
                 self._step = None
         self._agreed = True
         return self._finding(moment.stamp, self._step)
+
+
+class ClockDrifts(PairFault):
+    """One channel comes ever later than the other: its clock runs slower or faster."""
+
+    name = "data_clock_drift"
+    kind = DATA_FAULT
+    cause = "clock_drift"

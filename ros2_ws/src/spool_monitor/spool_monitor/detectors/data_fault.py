@@ -23,6 +23,7 @@ KIND = EventKind(
         EventCause("lost", 703),
         EventCause("malformed", 704),
         EventCause("clock_step", 707, Namur.FAILURE),
+        EventCause("clock_drift", 708, Namur.FAILURE),
         EventCause("outliers", 705),
         EventCause("repeats", 706, Namur.FAILURE),
         EventCause("not_judged", 710, Namur.FAILURE),

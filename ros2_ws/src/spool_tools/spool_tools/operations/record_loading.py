@@ -54,7 +54,7 @@ PIECE, EVERY = 2.5, 4
 PIECES = 8
 
 #: Causes without which no number of a fit means anything.
-REFUSED = ("same_channel", "wrap_around", "repeats", "sensitivity", "clock_step")
+REFUSED = ("same_channel", "wrap_around", "repeats", "sensitivity", "clock_step", "clock_drift")
 
 
 @dataclass(frozen=True, slots=True)
