@@ -51,7 +51,7 @@ def fit(
             paths_of(records), file, str(model), Selection(), held_out=paths_of(holdout), free=free,
             fixed=fix, sensor_gain=sensor_gain, sensor_delay=sensor_delay,
         )  # fmt: skip
-    for doubt in validated.data.doubts:
+    for doubt in (*validated.data.doubts, *validated.fit.warnings):
         warnings.warn(doubt, stacklevel=3)
     return Fit(validated)
 

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from spool_core.errors import InputError
 from spool_core.numbers import Array, Complex
+from spool_estimator.identification.fit_result import EXPLAINS_NOTHING
 from spool_estimator.identification.record import Record
 from spool_estimator.identification.spectra import ChannelNoise, cross_spectrum, noise_of
 from spool_sim.valve import Valve
@@ -102,7 +103,10 @@ class Thresholds:
     )
     # Verdict ---------------------------------------------------------------------------------------------
     explains_nothing: float = decided(
-        0.8, "1", "error from which a model explains nothing and units or columns are asked about", CASES
+        EXPLAINS_NOTHING,
+        "1",
+        "error from which a model explains nothing and units or columns are asked about",
+        CASES,
     )
 
 
@@ -291,31 +295,46 @@ def judge(record: Record, valve: Valve) -> tuple[list[str], bool]:
             f"{natural:.1f} Hz driven up to {min(noise.high, 0.5 * record.sample_rate):.0f} Hz: "
             f"sample at {max(needed, 10.0 * min(noise.high, 200.0)):.0f} Hz or more"
         )
-    warnings: list[str] = []
     ratio, coherent, frequency = transfer(record, noise)
     low = frequency < 0.45 * natural
+    wrong, doubt = misread(ratio, coherent, frequency, valve)
+    if wrong:
+        raise InputError(f"{record.name}: {wrong}")
+    warnings, trusted = [doubt] if doubt else [], not doubt
     if coherent < THRESHOLDS.incoherent:
-        warnings.append(
-            f"body and spool hardly belong together (coherence {coherent:.2f}): "
-            "same valve, same clock, sensors tight?"
-        )
         return warnings, False
-    trusted = True
-    text = unit_or_exchange(ratio, frequency, valve)
-    if text:
-        raise InputError(f"{record.name}: {text}")
-    if frequency.size >= 4 and like_no_valve(ratio, frequency, valve):
-        warnings.append(
-            "spool over body is the transfer of no valve with this mass, whatever its spring: units of both "
-            "channels, order of the columns, valve file?"
-        )
-        trusted = False
     if not low.any() and frequency.size and float(frequency.min()) > 1.3 * natural:
         warnings.append(
             f"the excitation begins at {noise.low:.0f} Hz, above the natural frequency of {natural:.1f} Hz: "
             "gain, stiffness and slow friction are hardly determined there"
         )
     return warnings, trusted
+
+
+def misread(ratio: Complex, coherent: float, frequency: Array, valve: Valve) -> tuple[str, str]:
+    """Return what is wrong with how the channels were read, and what is doubtful; empty where nothing is."""
+    if coherent < THRESHOLDS.incoherent:
+        return "", (
+            f"body and spool hardly belong together (coherence {coherent:.2f}): "
+            "same valve, same clock, sensors tight?"
+        )
+    wrong = unit_or_exchange(ratio, frequency, valve)
+    if wrong or frequency.size < 4 or not like_no_valve(ratio, frequency, valve):
+        return wrong, ""
+    return "", (
+        "spool over body is the transfer of no valve with this mass, whatever its spring: units of both "
+        "channels, order of the columns, valve file?"
+    )
+
+
+def reading_doubts(records: Sequence[Record], valve: Valve) -> list[str]:
+    """Return a sentence for each of ``records`` whose channels were hardly read as they were measured."""
+    found = []
+    for record in records:
+        noise = noise_of(record.body, record.spool, record.sample_rate)
+        said = next(filter(None, misread(*transfer(record, noise), valve)), "")
+        found += [f"{record.name}: {said}"] if said else []
+    return found
 
 
 def transfer(record: Record, noise: ChannelNoise) -> tuple[Complex, float, Array]:

@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 from spool_core.errors import InputError
 from spool_core.numbers import Array
+from spool_estimator.identification.fit import fit
 from spool_sim.excitation import from_mapping
+from spool_sim.model import load_model
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
 from spool_sim.valve import find_valve
@@ -73,3 +75,15 @@ def test_impossible_samples_are_counted_left_out_and_the_rest_is_used(tmp_path: 
 def test_a_sound_record_has_no_doubt_about_its_channels(tmp_path: Path) -> None:
     path = written(tmp_path, BODY, SPOOL)
     assert load_data([path], "4weh10_soft", Selection()).doubts == ()
+
+
+def test_a_sensor_that_is_turned_round_is_doubted(tmp_path: Path) -> None:
+    doubts = load_data([written(tmp_path, BODY, -SPOOL)], "4weh10_soft", Selection()).doubts
+    assert any("opposite signs: one sensor is turned round" in doubt for doubt in doubts)
+
+
+def test_a_fit_that_explains_nothing_says_so(tmp_path: Path) -> None:
+    data = load_data([written(tmp_path, SPOOL, BODY)], "4weh10_soft", Selection())
+    found = fit(data.fitted, load_model("coulomb"), data.valve)
+    (warning,) = found.warnings
+    assert "of the spool's acceleration: units of both channels, order and sign of the columns" in warning

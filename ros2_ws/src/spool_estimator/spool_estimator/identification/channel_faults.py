@@ -374,7 +374,8 @@ def clock_drift(pair: ChannelPair) -> ChannelFault | None:
     if left > FITS or plain**2 < BETTER_TIME * left**2:
         return None
     step = pair.step(pair.fit(()))
-    if step is not None and step.clock < left:
+    # A clock that steps, or a valve that changes, accounts better for what is no drift of a clock.
+    if step is not None and (step.clock < left or left > STEP_SHARE * step.valve):
         return None
     late = "late" if slip > 0.0 else "early"
     return ChannelFault(
@@ -384,8 +385,8 @@ def clock_drift(pair: ChannelPair) -> ChannelFault | None:
         rate,
         math.copysign(LEAST_SLIP / seconds, rate),
         "1",
-        f"the spool's samples come ever more {late} against the body's: {1e6 * abs(rate):.3g} ppm, "
-        f"{1e3 * abs(slip):.3g} ms in {seconds:.0f} s",
+        f"the spool's samples come ever more {late} against the body's: {1e6 * abs(rate):.0f} ppm, "
+        f"{1e3 * abs(slip):.1f} ms in {seconds:.0f} s",
         "sample both sensors with one clock, or import both sensors' own times",
     )
 

@@ -13,6 +13,18 @@ from spool_sim.model import Model
 
 #: Nuisance parameters of the spool's measuring chain, by name.
 SPOOL_GAIN, SPOOL_DELAY = "spool_gain", "spool_delay"
+#: Error from which a model explains nothing: chosen on blind cases other than the published, not derived.
+EXPLAINS_NOTHING = 0.8
+
+
+def explains_nothing(what: str, error: float) -> tuple[str, ...]:
+    """Return the warning that ``what`` leaves nearly all of the motion; empty where it does not."""
+    if not error > EXPLAINS_NOTHING:
+        return ()
+    return (
+        f"{what} leaves {100.0 * error:.3g} % of the spool's acceleration: units of both channels, order and "
+        "sign of the columns, valve file?",
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +117,6 @@ class Fit:
         information_criterion: BIC of the residual with its spectrum, see :mod:`.residuals`; smaller is
             better.
         effective_samples: independent samples that the coloured residual is worth.
-        warnings: what a reader should know, one line each.
     """
 
     model: Model
@@ -124,7 +135,11 @@ class Fit:
     agreement: Agreement | None = None
     information_criterion: float = math.nan
     effective_samples: float = math.nan
-    warnings: tuple[str, ...] = ()
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What a reader should know, one line each."""
+        return () if self.agreement is None else explains_nothing("the model", self.agreement.nrmse)
 
     def parameter(self, name: str) -> Quantity:
         """Return a fitted parameter or a combination by its name.

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 
 from spool_core.errors import InputError
 from spool_core.uncertainty import Quantity, Validity
+from spool_estimator.identification.fit_result import explains_nothing
 from spool_estimator.identification.nuisances import Nuisance
 from spool_estimator.identification.record import Record
 from spool_sim.model import Model
@@ -21,7 +22,7 @@ from spool_sim.terms import term
 from spool_sim.valve import Valve
 
 from spool_gap.catalogue import EFFECTS
-from spool_gap.checks import THRESHOLDS, as_stuck
+from spool_gap.checks import as_stuck
 from spool_gap.evidence.decision import Decision, Numbers, decide, numbers_of, profiles_of
 from spool_gap.evidence.held_out import HeldOut, Judged
 from spool_gap.evidence.look import Look, jitter_of, look_at, sentence
@@ -202,11 +203,7 @@ def words_of(
         if remainder is not None:
             text = f"{text} {still_missing(remainder)}"
     warnings = [] if jitter is None else [sentence(jitter)]
-    if after.agreement.nrmse > THRESHOLDS.explains_nothing:
-        warnings.append(
-            f"even the best model leaves {100.0 * after.agreement.nrmse:.3g} % of the spool's acceleration: "
-            "units of both channels, order and sign of the columns, valve file?"
-        )
+    warnings += explains_nothing("even the best model", after.agreement.nrmse)
     # Where something is left, the name beside it may be that of the nearest law.
     capped = doubtful or (open_ and bool(names))
     confidence = min(decision.confidence, DOUBTFUL) if capped else decision.confidence

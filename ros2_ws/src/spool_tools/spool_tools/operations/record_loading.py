@@ -24,6 +24,7 @@ from spool_estimator.identification.channel_faults import ChannelFault, faults_o
 from spool_estimator.identification.record import PartKeeper, Record, records_from_blocks
 from spool_estimator.identification.spectra import cross_spectrum
 from spool_estimator.plausibility import check_rate, check_records
+from spool_gap.checks import reading_doubts
 from spool_sim.valve import Valve, find_valve, shipped_valves
 
 from spool_tools.operations.record_sources import (
@@ -384,7 +385,11 @@ def load_data(
             check_rate(str(recording.path), stretch.sample_rate, described)
     records = stretches_of(recordings)
     name = ", ".join(path.name for path in paths)
-    doubts = (*channel_doubts(recordings), *check_records(described, records))
+    doubts = (
+        *channel_doubts(recordings),
+        *reading_doubts(records, described),
+        *check_records(described, records),
+    )
     if not held_out:
         return FitData(name, tuple(paths), described, *divided(records), doubts=doubts)
     others: list[Record] = []
