@@ -20,6 +20,7 @@ from urllib.parse import urlsplit
 import uvicorn
 from jinja2 import BaseLoader, Environment, StrictUndefined
 from spool_monitor.valve_condition import condition_of
+from spool_tools import report
 from starlette.applications import Starlette
 from starlette.datastructures import Headers
 from starlette.middleware import Middleware
@@ -50,6 +51,8 @@ _HEADERS = [
 ]
 
 SITE = Path(__file__).resolve().parent / "site"
+#: What reports draw charts with, too.
+CHARTS = Path(report.__file__).resolve().parent / "templates" / "vendor"
 LANGUAGES = ("en", "de", "pl")
 COOKIE = "spool_language"
 _TYPES = {".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
@@ -179,7 +182,7 @@ class Pages:
         }
         environment = Environment(loader=BaseLoader(), autoescape=True, undefined=StrictUndefined)
         self._template = environment.from_string(SITE.joinpath("page.html").read_text(encoding="utf-8"))
-        self._files = _files(SITE)
+        self._files = {**_files(SITE), **_files(CHARTS)}
         self._operable = desk.operable
 
     async def machine(self, request: Request) -> Response:

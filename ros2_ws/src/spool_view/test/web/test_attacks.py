@@ -152,7 +152,7 @@ def test_localhost_and_addresses_are_this_host_by_any_port() -> None:
         "/valve/a%00b",
         "/valve/<script>",
         "/web_page/token_8765",
-        "/static/vendor/uplot/LICENSE",
+        "/static/uplot/LICENSE",
     ],
 )
 def test_no_path_leads_to_a_file_that_is_not_of_the_site(station: Station, path: str) -> None:
