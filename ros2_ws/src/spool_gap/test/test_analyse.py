@@ -175,3 +175,11 @@ def test_a_bad_record_is_refused_in_words() -> None:
 def test_coefficients_that_count_per_weight_take_that_of_the_valves_spool() -> None:
     light = VALVE.model_copy(update={"spool_mass": 0.12})
     assert structure_of(MODELS["fluid"], light).values["normal_load"] == pytest.approx(0.12 * 9.80665)
+
+
+@pytest.mark.parametrize("share", [0.6, 0.3])
+def test_a_record_whose_channels_clip_all_the_time_is_refused_with_a_way_out(share: float) -> None:
+    whole = healthy()
+    body, spool = (np.clip(row, -share * row.std(), share * row.std()) for row in (whole.body, whole.spool))
+    with pytest.raises(InputError, match=r"hardly a second .* choose a larger range of the sensor"):
+        analyse([replace(whole, body=body, spool=spool)], VALVE, MODELS["fluid"])

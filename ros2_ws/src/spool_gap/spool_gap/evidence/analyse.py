@@ -99,15 +99,16 @@ def analyse(
     predictions = Predictions([Prediction(one, valve, motions) for one in counted])
     if "spool" in look.limits and predictions.numbers > 0.0:
         predictions = _bridging(predictions, structure_of(base, valve))
-    if predictions.numbers <= 0.0:
-        clipped = " and ".join(look.limits) or "neither"
-        raise InputError(
-            f"{records[0].name}: no second of the record can be compared, since too many samples are missing "
-            f"or clipped (channel that clips: {clipped}); choose a larger range of the sensor, or excite less"
-        )
     held = HeldOut(
         predictions, [number >= len(look.readings) - look.held for number in range(len(look.readings))]
     )
+    if predictions.numbers <= 0.0 or held.empty:
+        clipped = " and ".join(look.limits) or "neither"
+        raise InputError(
+            f"{records[0].name}: hardly a second of the record can be compared, since too many samples are "
+            f"missing or clipped (channel that clips: {clipped}); choose a larger range of the sensor, or "
+            "excite less"
+        )
     # Records that are held out take no part in the search; windows do, since a sweep shows each motion once.
     with held.apart() if look.held else nullcontext():
         tried = [] if look.stuck else names

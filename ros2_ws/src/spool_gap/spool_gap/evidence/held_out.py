@@ -61,6 +61,12 @@ class HeldOut:
         else:
             self.windows = [by_turns(part.windows) for part in parts]
 
+    @property
+    def empty(self) -> bool:
+        """Whether no sample of the windows can be compared."""
+        parts = zip(self._predictions.parts, self.windows, strict=True)
+        return not any(bool(part.samples_of(windows).any()) for part, windows in parts)
+
     @contextmanager
     def apart(self) -> Iterator[None]:
         """Leave the windows out of fits while this lasts."""

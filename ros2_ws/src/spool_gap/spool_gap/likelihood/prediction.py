@@ -587,7 +587,7 @@ class Predictions:
                 found.append(part.readings.part(first, min(first + length, end)))
         brief = Predictions([Prediction(one, self.parts[0].valve, motions) for one in found])
         brief.seconds = self.seconds
-        return brief
+        return brief if brief.numbers > 0.0 else self  # all of it may be clipped
 
     @property
     def work(self) -> float:
