@@ -13,6 +13,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -20,7 +21,6 @@ from urllib.parse import urlsplit
 import uvicorn
 from jinja2 import BaseLoader, Environment, StrictUndefined
 from spool_monitor.valve_condition import condition_of
-from spool_tools import report
 from starlette.applications import Starlette
 from starlette.datastructures import Headers
 from starlette.middleware import Middleware
@@ -52,7 +52,7 @@ _HEADERS = [
 
 SITE = Path(__file__).resolve().parent / "site"
 #: What reports draw charts with, too.
-CHARTS = Path(report.__file__).resolve().parent / "templates" / "vendor"
+CHARTS = Path(str(files("spool_tools.report"))) / "templates" / "vendor"
 LANGUAGES = ("en", "de", "pl")
 COOKIE = "spool_language"
 _TYPES = {".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
