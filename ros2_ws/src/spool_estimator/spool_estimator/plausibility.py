@@ -3,7 +3,7 @@
 The natural frequency and the damping ratio come from the record alone: both accelerations give them, dry
 friction apart, whatever the valve file says (the moving mass only scales forces). Online they are those of
 the estimator, of a whole record those of each second by linear regression. Where the spool sticks, or is not
-excited near the resonance, nothing is said.
+excited near the resonance, there is no verdict.
 """
 
 from __future__ import annotations
@@ -171,7 +171,11 @@ def check_records(valve: Valve, records: Sequence[Record]) -> list[str]:
     check = ValveCheck(valve)
     for record in records:
         size = round(PIECE / record.sample_period)
-        pair = pair_of(record.body[:size], record.spool[:size], record.sample_period)
-        for swing in pair.swings(MOST, FITS) if pair is not None else ():
-            check.take(swing)
+        for first in range(0, record.body.size, size):
+            if check.complete:
+                return check.doubts()
+            part = slice(first, first + size)
+            pair = pair_of(record.body[part], record.spool[part], record.sample_period)
+            for swing in pair.swings(MOST, FITS) if pair is not None else ():
+                check.take(swing)
     return check.doubts()

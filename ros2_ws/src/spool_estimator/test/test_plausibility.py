@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -91,3 +92,17 @@ def test_seconds_show_frequency_and_damping_of_the_valve_apart_from_dry_friction
     assert len(swings) >= 15
     assert np.mean([one.frequency for one in swings]) == pytest.approx(valve.natural_frequency, rel=0.01)
     assert np.mean([one.ratio for one in swings]) == pytest.approx(valve.damping_ratio, rel=0.05)
+
+
+def test_a_wrong_file_is_told_where_a_channel_clips_and_where_the_machine_starts_late() -> None:
+    record = simulated(STIFF, seconds=12.0)
+    top = 0.6 * float(np.abs(record.spool).max())
+    still = 0.02 * np.random.default_rng(1).standard_normal((2, 140_000))
+    clipped = replace(record, spool=np.clip(record.spool, -top, top))
+    late = replace(
+        record, body=np.r_[still[0], record.body], spool=np.r_[still[1], record.spool]
+    )  # 70 s of standstill
+    for shown in (clipped, late):
+        (doubt,) = check_records(SOFT, [shown])
+        assert "another valve's file" in doubt
+        assert check_records(STIFF, [shown]) == []

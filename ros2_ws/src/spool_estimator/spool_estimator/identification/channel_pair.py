@@ -41,21 +41,21 @@ COLOURED = 4.0
 #: Delays that are tried for a step of one clock, s, around the common one, and s of a piece of the record.
 STEPS: Array = np.linspace(-12e-3, 12e-3, 49, dtype=np.float64)
 BIN = 0.5
-#: Share of the power after a step beyond those that the valve of before leaves at least, and times that it
-#: leaves before it.
+#: A step larger than these is looked for where a valve fitted to the first pieces leaves at least this share
+#: of the power in the later ones, and this many times its share in the first ones.
 UNEXPLAINED, CHANGED = 0.2, 4.0
-#: s, the largest step that is looked for; the best matches that are tried, a machine's turns match almost as
-#: well; samples around each.
+#: s, the largest step that is looked for; how many of the best matches are tried, as each turn of a machine
+#: matches nearly as well; samples around each of them.
 FARTHEST, PEAKS = 2.0, 5
 NEAR: Array = np.linspace(-1.0, 1.0, 5, dtype=np.float64)
 #: s on both sides of a step that the filter mixes.
 MIXED = 0.5
 #: Times as finely as the pair is sampled that the sign of its velocity is taken.
 FINE = 8
-#: s of the segments whose phases show how one clock runs against the other, and between two of them; the
-#: largest rate that is looked for, and s around what is known of it.
+#: s, length of the segments whose phases show how one clock runs against the other, and time between two of
+#: them; the largest rate that is looked for; s by which a delay known from nearer segments may be wrong.
 SEGMENT, HOP, LARGEST_RATE, AROUND = 2.0, 0.5, 0.02, 8e-3
-#: Half width of the interval of a second's natural frequency, over it, beyond which it tells nothing.
+#: Relative half width of a second's natural frequency (95 %) beyond which that second is left out.
 UNSURE = 0.2
 
 GAIN, DELAY, CORNER = range(3)
@@ -214,8 +214,9 @@ class ChannelPair:
     def swings(self, most: int, leaves: float) -> list[Swing]:
         """Return how the spool swings in each of the first ``most`` seconds, by linear regression.
 
-        Left out are seconds of which a valve with a spring, viscous and dry friction leaves more than the
-        share ``leaves`` (rms), and those whose own 95 % interval of the frequency is wider than a fifth.
+        The module's equation is solved for spring, viscous and dry friction, with gain 1 and no delay. Left
+        out are seconds of which it leaves more than the share ``leaves`` (rms), and those whose frequency has
+        a relative half width (95 %) above ``UNSURE``.
         """
         rows = np.stack([*self._columns(np.zeros(3))[:3], self._sign()])
         bins = max(1, round(1.0 / self._period))
@@ -233,13 +234,13 @@ class ChannelPair:
             if left > leaves**2 or stiffness <= 0.0:
                 continue
             spread = np.sqrt(np.diagonal(inverse) * left / independent) * scale[0] / scale[1:]
-            pulsation = math.sqrt(stiffness)
-            share = float(0.5 * spread[0] / stiffness)
+            angular = math.sqrt(stiffness)
+            natural, share = angular / (2.0 * math.pi), float(0.5 * spread[0] / stiffness)
             if Z_95 * share <= UNSURE:
-                found.append(Swing(
-                    pulsation / (2.0 * math.pi), share * pulsation / (2.0 * math.pi),
-                    float(damping) / (2.0 * pulsation), float(spread[1]) / (2.0 * pulsation),
-                ))  # fmt: skip
+                halved = 0.5 / angular
+                found.append(
+                    Swing(natural, share * natural, halved * float(damping), halved * float(spread[1]))
+                )
         return found
 
     def rate(self) -> float:
@@ -338,10 +339,11 @@ class ChannelPair:
         return sums
 
     def _far(self, known: PairFit, sums: Array, bins: int, margin: int) -> Array | None:
-        """Return delays (s) from some piece on where the valve of those before explains none of the rest.
+        """Return delays (s) that the later pieces may have, where the valve of the first ones fails for them.
 
-        ``sums`` are the normal equations of the pieces with the delay ``known``. The spool that this valve
-        makes of the body's motion is correlated with the reading; ``None`` where there is no such piece.
+        ``sums`` are the normal equations of the pieces with the delay ``known``, shape (pieces, 4, 4). The
+        motion that this valve predicts from the body's is correlated with the reading; its best matches are
+        the delays. ``None`` where the valve of the first pieces explains the later ones.
         """
         splits = np.arange(margin, sums.shape[0] - margin + 1)
         totals = np.cumsum(sums, axis=0)
