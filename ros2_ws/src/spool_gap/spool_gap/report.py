@@ -110,7 +110,7 @@ def nothing_missing(base: str, after: float, floor: float, of_what: str) -> str:
 
 
 def _noise(after: float, floor: float) -> str:
-    """Return what noise leaves; where a law amplifies it, the bound for it may exceed what is left."""
+    """Return what noise leaves; where a law amplifies it, the bound for it may exceed the error."""
     return f"noise alone {'up to ' if floor > after else ''}{percent(floor)}"
 
 
@@ -157,7 +157,7 @@ def unnamed(
     """
     near = f"; nearest come {', '.join(candidates)}" if candidates else ""
     if follows != "nothing":
-        near += f". What is left follows {follows}"
+        near += f". The remainder follows {follows}"
     return (
         f"Something is missing that has no name here: '{base}' leaves {percent(before)} of {of_what}, "
         f"the best of the catalogue {percent(after)}, noise would leave {percent(floor)}{near}."

@@ -150,10 +150,10 @@ def spikes_of(row: Array, rate: float) -> list[tuple[int, int]]:
             part = slice(max(0, place - 4), place + width + 4)
             if taken[part].any() or least[place] < least[part].max():
                 continue
-            mended = row[part].copy()
+            corrected = row[part].copy()
             inner = slice(place - part.start, place - part.start + width)
-            mended[inner] -= off[width][:, place]
-            rest = np.abs(_off(mended, 1)[0])
+            corrected[inner] -= off[width][:, place]
+            rest = np.abs(_off(corrected, 1)[0])
             if rest[BESIDE:-BESIDE].max(initial=0.0) < NEAR * deviation[1][place]:
                 found.append((place, width))
                 taken[place : place + width] = True

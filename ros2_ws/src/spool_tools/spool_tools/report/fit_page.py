@@ -175,7 +175,7 @@ def styles(names: Sequence[str]) -> dict[str, tuple[str, object, str]]:
 
 
 def waveform_figure(overlays: Mapping[str, Overlay], excerpts: Sequence[Excerpt]) -> Figure:
-    """Return the spool's acceleration, measured and simulated, above what is left over; a column each."""
+    """Return the spool's acceleration, measured and simulated, above the residual; a column each."""
     looks = styles(list(overlays))
     figure: Figure
     figure, axes = plt.subplots(

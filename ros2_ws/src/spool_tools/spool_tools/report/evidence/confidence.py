@@ -52,7 +52,7 @@ LONGEST_LAG = 0.25
 #: Samples from which an autocorrelation is worth drawing.
 LEAST = 200
 
-WHITENESS_TITLE = "Is what is left over noise?"
+WHITENESS_TITLE = "Is the residual noise?"
 WHITENESS_CAPTION = (
     "Above: autocorrelation of measured less model; grey: the band that white noise keeps to at 95 of 100 "
     "lags. Below: amplitude density of the same, and of white noise of the same size. Good: within the band, "
