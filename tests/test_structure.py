@@ -17,7 +17,7 @@ MODULES = read_modules(SOURCE)
 #: What was measured, and may only become less: put the new figure here with the change that improves it.
 #: Lines and files may grow only in a change that adds a feature; its commit message says what that costs.
 RATCHETS = {
-    "lines": 69_541,
+    "lines": 69_550,
     "files": 320,
     "lines of research": 14_270,
     "lines up to the last import, %": 8.41,

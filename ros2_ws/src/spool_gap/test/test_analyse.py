@@ -13,7 +13,7 @@ from spool_gap.evidence.analyse import analyse
 from spool_gap.likelihood.structure import structure_of
 from spool_gap.report import result_to_dict
 from spool_gap.result import GapResult
-from spool_sim.excitation import SweptSine
+from spool_sim.excitation import Multisine, SweptSine
 from spool_sim.model import MODELS, model_from_mapping
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
@@ -183,3 +183,17 @@ def test_a_record_whose_channels_clip_all_the_time_is_refused_with_a_way_out(sha
     body, spool = (np.clip(row, -share * row.std(), share * row.std()) for row in (whole.body, whole.spool))
     with pytest.raises(InputError, match=r"hardly a second .* choose a larger range of the sensor"):
         analyse([replace(whole, body=body, spool=spool)], VALVE, MODELS["fluid"])
+
+
+def test_hits_on_a_stop_are_no_noise_that_hides_what_is_missing() -> None:
+    hard = {"stop_gap": 0.0006, "stop_stiffness": 2e5}
+    simulator = Simulator(
+        VALVE, Multisine(low_frequency=8.0, high_frequency=90.0, rms=7.0, seed=2), model="fluid_end_stop",
+        parameters=hard, sample_rate=1000.0, seed=3, body_sensor=Sensor(noise=0.03),
+        spool_sensor=Sensor(noise=0.03),
+    )  # fmt: skip
+    rows = [(block.body, block.spool) for block in simulator.records(24.0)]
+    body, spool = (np.concatenate(row).astype(np.float64) for row in zip(*rows, strict=True))
+    found = analyse([Record("stops", 0, 1e-3, body, spool)], VALVE, MODELS["fluid"])
+    assert found.noise_floor <= 0.2
+    assert set(found.verdict.split("+")) <= {"end_stop", "unexplained"}

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from spool_core.numbers import Array
 
+from spool_gap.checks import THRESHOLDS
 from spool_gap.likelihood.prediction import Predictions
 from spool_gap.likelihood.structure import Structure
 from spool_gap.likelihood.structure_fit import StructureFit, fit_structure
@@ -19,6 +20,9 @@ from spool_gap.result import Curves, HeldOutAgreement, Surface, Where
 
 Mask = NDArray[np.bool_]
 
+#: Largest noise floor: a record whose spool reads less than five times its noise is refused. Hits on a stop
+#: look like louder noise than that.
+LOUDEST = 1.0 / THRESHOLDS.excited
 #: Steps of a refit on the data that are not held out.
 STEPS = 6
 
@@ -100,7 +104,7 @@ class HeldOut:
             ratios.append((part.lines, whole[0], whole[1]))
         size = max(measured, 1e-300)
         agreement = HeldOutAgreement(math.sqrt(left / size), _amplitude_ratio(ratios))
-        return Judged(one, agreement, rows, math.sqrt(noise / size))
+        return Judged(one, agreement, rows, min(math.sqrt(noise / size), LOUDEST))
 
     def located(self, judged: Judged) -> tuple[Where, Surface]:
         """Return where the gap of ``judged`` sits: the force that is missing along the measured motion."""
