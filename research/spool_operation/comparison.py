@@ -17,6 +17,7 @@ import numpy as np
 from spool_core.numbers import Array
 from spool_evaluation.results.page import markdown_table
 from spool_evaluation.studies.workers import spread
+from spool_monitor.parameter_drift import VISCOUS
 
 from .faults import SPEEDS
 from .peers import PEERS
@@ -31,6 +32,8 @@ YEAR = 365.25
 TAIL = 0.25
 #: The shipped detector, as a row of the table.
 MONITOR = "monitor"
+#: The viscous coefficient of a day whose oil temperature nobody measures.
+UNREFERRED = "viscous_coefficient, no thermometer"
 
 #: Detector and setting.
 Setting = tuple[str, str]
@@ -84,15 +87,12 @@ class Comparison:
             ],
         }
 
-    def false_alarms(self, setting: Setting, parameters: Sequence[str] = TRACED) -> int:
-        """Return how many of the tried healthy days raise an alarm of any of ``parameters``."""
+    def false_alarms(self, setting: Setting) -> int:
+        """Return how many of the tried healthy days raise an alarm."""
         if setting[0] == MONITOR:
             return sum(one.alarms > 0 for one in self.tried)
         return sum(
-            any(
-                one.largest[(setting[0], setting[1], name)] > self.thresholds[(setting[0], setting[1], name)]
-                for name in parameters
-            )
+            any(value > self.thresholds[key] for key, value in one.largest.items() if key[:2] == setting)
             for one in self.tried
         )
 
@@ -107,7 +107,7 @@ class Comparison:
         """Return the parts of the page."""
         detectors = [MONITOR, *PEERS]
         rows, lost = [], []
-        for parameter in TRACED:
+        for parameter in (*TRACED, UNREFERRED):
             for speed in SPEEDS:
                 if not any((one.parameter, one.speed) == (parameter, speed) for one in self.faults):
                     continue
@@ -145,8 +145,8 @@ ABOUT = (
     "as large as it has to be found, with the 95 % interval of the median, and how many were missed. "
     "river's ADWIN "
     "and KSWIN have no threshold to set to a rate; they are compared in [benchmarks](bench_monitor.md). "
-    "Healthy days without a thermometer set the peers' thresholds of the viscous coefficient, since warm oil "
-    "looks like wear there; the monitor widens its limit on those days alone."
+    "Warm oil looks like wear where no thermometer corrects for it, so the viscous coefficient of such "
+    "days has thresholds and rows of its own."
 )
 
 
@@ -155,7 +155,8 @@ def compare(healthy: int, faulty: int, seed: int, workers: int | None) -> Compar
     days = [seed + APART + number for number in range(healthy)]
     calibrated = list(spread(healthy_maxima, days, "days that thresholds are set on", workers))
     thresholds = {
-        key: threshold_of([one.largest[key] for one in calibrated]) for key in calibrated[0].largest
+        key: threshold_of([one.largest[key] for one in calibrated if key in one.largest])
+        for key in {key for one in calibrated for key in one.largest}
     }
     others = [seed + 2 * APART + number for number in range(healthy)]
     tried = list(spread(healthy_maxima, others, "healthy days", workers))
@@ -179,11 +180,11 @@ def drift_days(count: int, seed: int) -> list[int]:
 
 def healthy_maxima(seed: int) -> HealthyMaxima:
     """Live a healthy day and return what each detector showed at most."""
-    trace = Trace()
-    outcome = outcome_of(draw_day(seed), trace)
+    trace, day = Trace(), draw_day(seed)
+    outcome = outcome_of(day, trace)
     largest = {}
-    for number, name in enumerate(TRACED):
-        values = _judged(trace, number)[1]
+    for number, quantity in enumerate(TRACED):
+        name, values = _watched(quantity, day), _judged(trace, number)[1]
         for detector, settings in PEERS.items():
             for setting, statistic in settings.items():
                 largest[(detector, setting, name)] = float(statistic(values).max()) if values.size else 0.0
@@ -207,14 +208,19 @@ def fault_times(thresholds: dict[tuple[str, str, str], float], seed: int) -> Fau
     trace = Trace()
     outcome = outcome_of(day, trace)
     times, values = _judged(trace, TRACED.index(fault.quantity))
-    at = _clock(day, times)
+    at, name = _clock(day, times), _watched(fault.quantity, day)
     delays: dict[Setting, float] = {(MONITOR, ""): outcome.delay}
     for detector, settings in PEERS.items():
         for setting, statistic in settings.items():
-            above = np.flatnonzero(statistic(values) > thresholds[(detector, setting, fault.quantity)])
+            above = np.flatnonzero(statistic(values) > thresholds[(detector, setting, name)])
             first = at[above[0]] if above.size else math.inf
             delays[(detector, setting)] = math.nan if first < fault.begin else first - fault.reached
-    return FaultTimes(seed, fault.quantity, fault.speed, delays)
+    return FaultTimes(seed, name, fault.speed, delays)
+
+
+def _watched(quantity: str, day: ValveDay) -> str:
+    """Return the name under which ``quantity`` of ``day`` is compared."""
+    return UNREFERRED if quantity == VISCOUS and not day.thermometer else quantity
 
 
 def _judged(trace: Trace, number: int) -> tuple[Array, Array]:
