@@ -61,6 +61,9 @@ RUNS = 0.1
 #: leave more.
 MOST_LEFT = 0.1
 
+#: Standard deviations by which a richer law must predict better than a plainer one that predicts well.
+CERTAIN = 3.0
+
 UNEXPLAINED = "unexplained"
 
 
@@ -248,7 +251,7 @@ def _plainest(
     """Return the simplest fit with richer laws only where plainer ones do not do.
 
     They do if they differ by less than the least share, or leave no more than noise of a free run and hardly
-    more than the richer one.
+    more than the richer one, which no window by window comparison tells from chance.
     """
     fit, refused = search.simplest, {}
     for name in fit.structure.effects:
@@ -259,9 +262,10 @@ def _plainest(
                 continue
             other = max(like, key=lambda one: one.evidence)
             shown = share_between(predictions, fit, EFFECTS[name].terms, other, EFFECTS[plain].terms)
-            judged, least = held.judged(other), held.judged(fit).agreement.nrmse
-            enough = min(judged.floor, (1.0 + MOST_LEFT) * least)
-            if shown < settings.least_share or judged.agreement.nrmse <= enough:
+            judged, richer = held.judged(other), held.judged(fit)
+            enough = min(judged.floor, (1.0 + MOST_LEFT) * richer.agreement.nrmse)
+            like_it = judged.agreement.nrmse <= enough and richer.lead(judged) < CERTAIN
+            if shown < settings.least_share or like_it:
                 refused[name] = (
                     f"it differs from {plain.replace('_', ' ')} by {100.0 * shown:.2g} % only"
                     if shown < settings.least_share

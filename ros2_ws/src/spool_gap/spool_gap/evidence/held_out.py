@@ -23,6 +23,8 @@ Mask = NDArray[np.bool_]
 #: Largest noise floor: a record whose spool reads less than five times its noise is refused. Hits on a stop
 #: look like louder noise than that.
 LOUDEST = 1.0 / THRESHOLDS.excited
+#: Windows from which their scatter is judged.
+FEWEST = 5
 #: Steps of a refit on the data that are not held out.
 STEPS = 6
 
@@ -36,12 +38,24 @@ class Judged:
         agreement: with the measured acceleration.
         rows: measured, predicted, displacement and velocity of each part, shape (4, n); of all samples.
         floor: rms of what noise alone leaves over that of the measured acceleration.
+        windows: power of the error of each held-out window, shape (windows,).
     """
 
     structure: Structure
     agreement: HeldOutAgreement
     rows: list[Array]
     floor: float
+    windows: Array
+
+    def lead(self, other: Judged) -> float:
+        """Return by how many standard deviations this leaves less than ``other``, window by window.
+
+        Source: Diebold and Mariano, Comparing predictive accuracy, 1995.
+        """
+        gained = other.windows - self.windows
+        if gained.size < FEWEST or not gained.any():
+            return 0.0
+        return float(gained.mean() / (gained.std(ddof=1) / math.sqrt(gained.size)))
 
 
 def by_turns(count: int) -> Mask:
@@ -88,14 +102,14 @@ class HeldOut:
             return self._judged(again, fit.looseness)
 
     def _judged(self, one: Structure, looseness: float) -> Judged:
-        left = measured = noise = 0.0
-        rows = []
+        measured = noise = 0.0
+        rows, windows = [], []
         ratios: list[tuple[Array, Array, Array]] = []
         for part in self._predictions.parts:
             predicted, found = part.free_run(one, looseness)
             error = part.counted_lines(part.spool - predicted)[part.held]
             reading = part.counted_lines(part.spool)[part.held]
-            left += float(np.sum(np.abs(error) ** 2))
+            windows.append(np.sum(np.abs(error) ** 2, axis=1))
             measured += float(np.sum(np.abs(reading) ** 2))
             noise += part.noise_of(one, int(part.held.sum()))
             rows.append(np.array([part.spool, predicted, found.displacement, found.velocity]))
@@ -103,8 +117,9 @@ class HeldOut:
             whole = [_power(part.lines_of(row)[part.held]) for row in (part.spool, predicted)]
             ratios.append((part.lines, whole[0], whole[1]))
         size = max(measured, 1e-300)
-        agreement = HeldOutAgreement(math.sqrt(left / size), _amplitude_ratio(ratios))
-        return Judged(one, agreement, rows, min(math.sqrt(noise / size), LOUDEST))
+        left = np.concatenate(windows)
+        agreement = HeldOutAgreement(math.sqrt(left.sum() / size), _amplitude_ratio(ratios))
+        return Judged(one, agreement, rows, min(math.sqrt(noise / size), LOUDEST), left)
 
     def located(self, judged: Judged) -> tuple[Where, Surface]:
         """Return where the gap of ``judged`` sits: the force that is missing along the measured motion."""

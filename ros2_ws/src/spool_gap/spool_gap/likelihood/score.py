@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from spool_core.numbers import Array
@@ -321,8 +321,11 @@ class Balance:
             left, solved = self._solved(places)
             if solved[0] <= 0.0:
                 continue
-            values = {"spring_stiffness": float(solved[0]), "viscous_coefficient": max(float(solved[1]), 0.0)}
-            found = self._values(names, trials, solved[2:])
+            stiffness, damping = float(solved[0]), max(float(solved[1]), 0.0)
+            values = {"spring_stiffness": stiffness, "viscous_coefficient": damping}
+            # Numbers that are shares of these are shares of the values solved here, not of those of the base.
+            motion = replace(self.motion, stiffness=stiffness, damping=damping)
+            found = self._values(names, trials, solved[2:], motion)
             if found is not None:
                 yield Balanced(left, {**values, **found})
 
@@ -340,7 +343,7 @@ class Balance:
             solved = np.linalg.lstsq(self._products[np.ix_(places, places)], seen[places], rcond=1e-10)[0]
             left = size * float(np.sqrt(max(0.0, 1.0 - float(solved @ seen[places])) / self._size))
             solved = solved * size / self._scales[places]
-            values = self._values([name], [(trial, cut)], solved[1:])
+            values = self._values([name], [(trial, cut)], solved[1:], self.motion)
             if values is not None:
                 found.append(Balanced(left, {"viscous_coefficient": float(solved[0]), **values}))
         return sorted(found, key=lambda one: one.left)
@@ -358,7 +361,11 @@ class Balance:
         )
 
     def _values(
-        self, names: Sequence[str], trials: Sequence[tuple[Trial, slice]], solved: Array
+        self,
+        names: Sequence[str],
+        trials: Sequence[tuple[Trial, slice]],
+        solved: Array,
+        motion: Motion,
     ) -> dict[str, float] | None:
         """Return the numbers of the effects ``names`` for coefficients of their trials, if they are any."""
         found: dict[str, float] = {}
@@ -366,7 +373,7 @@ class Balance:
         for name, (trial, cut) in zip(names, trials, strict=True):
             own = solved[begin : begin + cut.stop - cut.start]
             begin += own.size
-            values = EFFECTS[name].values(own, trial.shape, self.motion)
+            values = EFFECTS[name].values(own, trial.shape, motion)
             if values is None:
                 return None
             found |= values

@@ -35,7 +35,7 @@ STARTS, MOST_STARTS, QUICK = 2, 5, 4
 #: the measured one too closely hides a contact of few samples.
 CONTACTS = (LOOSENESS[0], LOOSENESS[2])
 #: Starts by the balance of forces, and share of what the base leaves of that from which an effect is fitted.
-BALANCED, SPEAKS = 3, 0.9
+BALANCED, SPEAKS = 3, 0.95
 #: Starts of a law of friction that acts like another one.
 ALIKE = 4
 #: Steps of a fit while structures are only compared.
@@ -90,6 +90,7 @@ class Search:
         self.fits: dict[Key, StructureFit] = {}
         self._numbers: dict[str, dict[str, float]] = {}
         self._exchanges: set[Key] = set()
+        self._shaken: set[Key] = set()
         tell("fitting the base", 0.1)
         rough = fit_structure(predictions, base)
         self._brief = predictions.excerpt(predictions.parts[0].motions)
@@ -105,7 +106,12 @@ class Search:
     @property
     def late(self) -> bool:
         """Whether no further structure is tried."""
-        return sum(one.work for one in {self._predictions, self._brief}) > self._allowed
+        return self._work > self._allowed
+
+    @property
+    def _work(self) -> float:
+        """Steps of integration so far."""
+        return sum(one.work for one in {self._predictions, self._brief})
 
     @property
     def best(self) -> StructureFit:
@@ -139,8 +145,7 @@ class Search:
         while not self.late and self._exchanged():
             self._extend([self.best])
         self._polish()
-        if not self.late:
-            self._shake()
+        self._shake()
         for _ in range(3):
             before = self.simplest
             self.leave_out(before)
@@ -156,6 +161,9 @@ class Search:
     def _shake(self) -> None:
         """Look for a better minimum of the best structure: from its numbers, each several times off."""
         best = self.best
+        if self.late or best.structure.key in self._shaken:
+            return
+        self._shaken.add(best.structure.key)
         names = [own for name in best.structure.effects if _several(name) for own in EFFECTS[name].fitted]
         if not names:
             return
@@ -168,8 +176,8 @@ class Search:
             for row in factors.tolist()
         ]
         loose = (LOOSENESS[1], best.looseness)
-        rows = self._predictions.errors(trials, loose[0])
-        likely = [self._predictions.log_likelihood(lines) for lines in rows]
+        rows = self._brief.errors(trials, loose[0])
+        likely = [self._brief.log_likelihood(lines) for lines in rows]
         for place in np.argsort(likely)[::-1][:2].tolist():
             self._keep(self._fit(trials[place], tuple(dict.fromkeys(loose))))
         if self.best.evidence > best.evidence + ROUGH:
@@ -192,6 +200,8 @@ class Search:
                 expanded.add(fit.structure.key)
                 self._tell(f"adding to {_named(fit)}", 0.2 + 0.05 * min(len(expanded), 10))
                 self._add_to(fit)
+            # What is added next shows beside the best minimum only.
+            self._shake()
             # One of a pair may stand for a law like it: that is seen before a third effect is tried.
             if len(self.best.structure.effects) > 1:
                 self._exchanged()
@@ -213,7 +223,12 @@ class Search:
         return [one for one in dict.fromkeys(found) if one.structure.key not in expanded]
 
     def _add_to(self, fit: StructureFit) -> None:
-        """Fit ``fit`` with one component more: first briefly, then those that are promising."""
+        """Fit ``fit`` with one component more: first briefly, then those that are promising.
+
+        The most promising one is fitted even when the search is late. The others may take half of the steps
+        that are left, so that a pair is looked for, too, where single effects take long.
+        """
+        until = 0.5 * (self._work + self._allowed)
         own, penalty = fit.structure, 0.5 * math.log(self._predictions.numbers)
         allowed = [name for name in self._names if self._may_add(own, name)]
         shares = dict.fromkeys((LOOSE, TIGHT, *((fit.looseness,) if own.effects else ())))
@@ -235,7 +250,8 @@ class Search:
                     quick.append((found.log_likelihood - before[jumps], found))
         quick.sort(key=lambda row: -row[0])
         for gain, one in quick[:MOST_ADDED]:
-            if gain >= max(1.0, HOPEFUL * quick[0][0]) and not self.late:
+            hopeful = gain >= max(1.0, HOPEFUL * quick[0][0])
+            if hopeful and (self._work < until or one is quick[0][1]):
                 self._tighten(one.structure, one.looseness)
 
     def _fit(
