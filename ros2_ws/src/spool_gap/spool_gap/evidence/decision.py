@@ -8,11 +8,14 @@ change the motion by more than the stated share.
 Intervals: where errors are independent noise of the estimated level, the curvature of the likelihood at its
 maximum gives the covariance of the numbers. Errors that go with the motion, as those of a noisy input or of a
 law that is a little wrong, repeat from line to line; each window of a second then pulls the numbers another
-way than chance allows. The sandwich of curvature and of the scatter of the windows' pulls counts that.
+way than chance allows. The sandwich of curvature and of the scatter of the windows' pulls counts that. Where
+a force jumps, its instants scatter, and slopes over short steps seem to tell more than they do: the wider
+interval of two lengths of step counts. Under the right model, two corrections of different strength give the
+same numbers but for chance; the largest difference to those of the next corrections is added to the interval.
 
 Sources: Kass and Raftery, Bayes factors, 1995; Huber, 1967; White, 1982 (sandwich); Murphy and van der Vaart,
 JASA 95, 2000 (profile likelihood); Raue and others, Bioinformatics 25, 2009 (what a profile
-shows).
+shows); Hausman, Specification tests in econometrics, 1978 (two estimators).
 """
 
 from __future__ import annotations
@@ -41,9 +44,15 @@ from spool_gap.likelihood.rest import (
     split_by_direction,
     two_forces,
 )
-from spool_gap.likelihood.search import DECISIVE, Search, senseless
+from spool_gap.likelihood.search import COMPARED, DECISIVE, Search, senseless
 from spool_gap.likelihood.structure import DELAY, GAIN
-from spool_gap.likelihood.structure_fit import StructureFit, curvature_of, fit_structure
+from spool_gap.likelihood.structure_fit import (
+    LOOSENESS,
+    Curvature,
+    StructureFit,
+    curvature_of,
+    fit_structure,
+)
 from spool_gap.result import RISE_95, GapSettings, ProfileLikelihood, verdict_of
 
 #: Temperature of the probabilities: evidence counts windows as independent and laws as exact, which no
@@ -66,6 +75,11 @@ CERTAIN = 3.0
 
 UNEXPLAINED = "unexplained"
 
+
+#: Lengths of the steps that slopes of intervals are taken over, in those of a fit.
+WIDENED = (1.0, 10.0)
+#: Rise of the log likelihood that ends the last fit: far below what moves a number by a standard deviation.
+EXACT = 0.05
 
 #: Standard deviations at which a number is held, until the likelihood has fallen enough: the first four show
 #: a parabola where there is one, the last a number that is hardly bounded.
@@ -195,22 +209,13 @@ class Numbers:
 
 def numbers_of(predictions: Predictions, fit: StructureFit) -> Numbers:
     """Return the numbers of ``fit`` with their intervals."""
-    curvature = curvature_of(predictions, fit)
     residual = predictions.weighed(fit.lines, predictions.weights(fit.lines))
-    bread = curvature.covariance
-    pulls = _by_window(predictions, curvature.slopes * residual)
-    count = pulls.shape[1]
-    meat = pulls @ pulls.T * (count / max(count - len(fit.names), 1))
-    sandwich = bread @ meat @ bread
+    found = [_covariances(predictions, curvature_of(predictions, fit, one), residual) for one in WIDENED]
+    bread, sandwich = found[0]
     # Never narrower than noise alone makes them.
-    own, wide = np.diag(bread), np.maximum(np.diag(sandwich), np.diag(bread))
-    spread = np.sqrt(np.maximum(wide, 0.0))
-    scale = np.sqrt(np.maximum(np.diag(sandwich), 1e-300))
-    inner = np.sqrt(np.maximum(own, 1e-300))
-    wider = np.diag(sandwich) > own
-    correlation = np.where(
-        wider[:, np.newaxis] & wider, sandwich / np.outer(scale, scale), bread / np.outer(inner, inner)
-    )
+    spread = np.sqrt(np.max([np.diag(one) for pair in found for one in pair], axis=0).clip(0.0))
+    wider = np.diag(sandwich) > np.diag(bread)
+    correlation = np.where(wider[:, np.newaxis] & wider, _correlation(sandwich), _correlation(bread))
     np.fill_diagonal(correlation, 1.0)
     dispersion = max(1.0, float(np.trace(np.linalg.pinv(bread) @ sandwich)) / len(fit.names))
     quantities = tuple(
@@ -218,6 +223,20 @@ def numbers_of(predictions: Predictions, fit: StructureFit) -> Numbers:
         for one, deviation in zip(fit.unknowns, spread, strict=True)
     )
     return Numbers(quantities, np.clip(correlation, -1.0, 1.0), dispersion)
+
+
+def _covariances(predictions: Predictions, curvature: Curvature, residual: Array) -> tuple[Array, Array]:
+    """Return the covariance by the curvature, and its sandwich with the scatter of the windows' pulls."""
+    bread = curvature.covariance
+    pulls = _by_window(predictions, curvature.slopes * residual)
+    count = pulls.shape[1]
+    meat = pulls @ pulls.T * (count / max(count - bread.shape[0], 1))
+    return bread, bread @ meat @ bread
+
+
+def _correlation(covariance: Array) -> Array:
+    size = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    return np.asarray(covariance / np.outer(size, size))
 
 
 def profiles_of(
@@ -240,9 +259,18 @@ def profiles_of(
 
 
 def _refined(predictions: Predictions, fit: StructureFit) -> tuple[StructureFit, Numbers]:
-    """Return ``fit`` fitted to its end, and its numbers."""
-    again = fit_structure(predictions, fit.structure, (fit.looseness,))
-    return again, numbers_of(predictions, again)
+    """Return ``fit`` fitted to its end, and its numbers with what other corrections make of them."""
+    again = fit_structure(predictions, fit.structure, (fit.looseness,), enough=EXACT)
+    numbers = numbers_of(predictions, again)
+    place = LOOSENESS.index(again.looseness)
+    around = (*LOOSENESS[max(0, place - 1) : place], *LOOSENESS[place + 1 : place + 2])
+    nearest = [one for one in around if one <= COMPARED]
+    others = [fit_structure(predictions, again.structure, (one,), enough=EXACT).structure for one in nearest]
+    quantities = []
+    for one in numbers.quantities:
+        moved = max(abs(other.values[one.name] - one.value) for other in others)
+        quantities.append(replace(one, standard_deviation=math.hypot(one.standard_deviation, moved)))
+    return again, replace(numbers, quantities=tuple(quantities))
 
 
 def _plainest(

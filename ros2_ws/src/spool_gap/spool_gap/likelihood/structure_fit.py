@@ -202,10 +202,10 @@ class Curvature:
     covariance: Array
 
 
-def curvature_of(predictions: Predictions, fit: StructureFit) -> Curvature:
-    """Return the curvature of the likelihood at ``fit``."""
+def curvature_of(predictions: Predictions, fit: StructureFit, widened: float = 1.0) -> Curvature:
+    """Return the curvature of the likelihood at ``fit``, with slopes over steps ``widened`` times as long."""
     weights = predictions.weights(fit.lines)
-    slopes = _slopes(predictions, fit.structure, fit.unknowns, fit.looseness, fit.lines, weights)
+    slopes = _slopes(predictions, fit.structure, fit.unknowns, fit.looseness, fit.lines, weights, widened)
     information = slopes @ slopes.T + np.diag(fit.priors**2)
     scales = np.sqrt(np.maximum(np.diag(information), 1e-300))
     covariance = np.linalg.pinv(information / np.outer(scales, scales), hermitian=True)
@@ -219,9 +219,10 @@ def _slopes(
     looseness: float,
     lines: Sequence[Spectrum],
     weights: Sequence[Array],
+    widened: float = 1.0,
 ) -> Array:
     """Return the change of the weighed errors over each unknown, shape (u, numbers)."""
-    steps = [_step_size(one, structure.values[one.name]) for one in unknowns]
+    steps = [widened * _step_size(one, structure.values[one.name]) for one in unknowns]
     points = [
         structure.moved({one.name: structure.values[one.name] + step})
         for one, step in zip(unknowns, steps, strict=True)
