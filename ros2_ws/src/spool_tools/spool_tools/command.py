@@ -246,7 +246,13 @@ class CommandGroup(TyperGroup):
         """
         if cmd_name in command_modules():
             if cmd_name not in self.commands:
-                self.commands[cmd_name] = _parser(cmd_name, declaration(cmd_name))
+                declared = declaration(cmd_name)
+                around = Typer(rich_markup_mode="rich")
+                if isinstance(declared.run, Typer):
+                    around.add_typer(declared.run, name=cmd_name)
+                else:
+                    around.command(cmd_name, context_settings=dict(declared.settings))(declared.run)
+                self.commands[cmd_name] = get_group(around).commands[cmd_name]
         elif cmd_name in IN_A_CHECKOUT:
             raise InputError(
                 f"{cmd_name}: this command needs a checkout of the sources: type ./spool {cmd_name} there"
@@ -266,13 +272,3 @@ def in_range(low: float, high: float = math.inf) -> Callable[[float | None], flo
         return value
 
     return checked
-
-
-def _parser(name: str, declared: Command) -> Any:
-    """Return what parses the arguments of a command."""
-    around = Typer(rich_markup_mode="rich")
-    if isinstance(declared.run, Typer):
-        around.add_typer(declared.run, name=name)
-    else:
-        around.command(name, context_settings=dict(declared.settings))(declared.run)
-    return get_group(around).commands[name]

@@ -90,7 +90,7 @@ def import_(
     if len(files) > 2:
         raise InputError(f"{files[2]}: two files at most, body and spool; import each record by itself")
     if look:
-        from spool_tools.operations.record_look import look as looked  # noqa: PLC0415
+        from spool_tools.operations.record_quality import look as looked  # noqa: PLC0415
 
         with progress("reading"):
             fine = looked(files, how, json, report)

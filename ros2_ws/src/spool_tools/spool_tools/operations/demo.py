@@ -23,7 +23,7 @@ from rich.console import Console, Group
 from rich.live import Live
 from rich.table import Table
 from rich.text import Text
-from spool_bag.information import BagInformation, describe
+from spool_bag.information import describe
 from spool_bag.reader import BagReader
 from spool_core.errors import InputError
 from spool_core.events.english import Language
@@ -154,8 +154,26 @@ def run_demo(seconds: float, out: Path) -> int:
     analysis = replay_bag(folder / "bag", [], baseline_time=_baseline(seconds))
     write_json(folder / "analysis.json", analysis)
     reader = BagReader(folder / "bag")
-    plots = [write_report(folder, reader, analysis)]
-    return _summarise(display, events, information, analysis, plots[0])
+    report = write_report(folder, reader, analysis)
+    lost = sum(valve.lost_blocks for valve in information.valves)
+    blocks = sum(valve.blocks for valve in information.valves)
+    raised = {(name, event.kind) for name, event in events if event.state == HealthEvent.STATE_RAISED}
+    replayed = {
+        (name, event["kind"])
+        for name, valve in analysis["valves"].items()
+        for event in valve["events"]
+        if event["state"] == "raised"
+    }
+    wanted = {(valve.name, kind) for valve in VALVES for kind in ("resonance", "friction_drift")}
+    display.say(f"\n{blocks} blocks recorded, {lost} lost; {information.size / 1e6:.1f} MB")
+    for name, kind in sorted(wanted):
+        display.say(
+            f"{name}  {kind.replace('_', ' '):15} {_RAISED[(name, kind) in raised, (name, kind) in replayed]}"
+        )
+    for sentence in sorted({valve["limits"]["sentence"] for valve in analysis["valves"].values()}):
+        display.say(f"analysed by {sentence}")
+    display.say(f"bag, analysis and report: {report.parent}  (open {report.name} in a browser)")
+    return 0 if lost == 0 and wanted <= raised and wanted <= replayed else 1
 
 
 @dataclass(slots=True)
@@ -448,34 +466,6 @@ def _let_drift(node: Node, valve: DemoValve, duration: float) -> None:
     result = call(node, server, "set_parameters_atomically", request, SetParametersAtomically).result
     if not result.successful:
         raise InputError(f"{valve.name}: the drift was refused: {result.reason}")
-
-
-def _summarise(
-    display: Display,
-    events: list[tuple[str, HealthEvent]],
-    information: BagInformation,
-    analysis: dict[str, Any],
-    report: Path,
-) -> int:
-    lost = sum(valve.lost_blocks for valve in information.valves)
-    blocks = sum(valve.blocks for valve in information.valves)
-    raised = {(name, event.kind) for name, event in events if event.state == HealthEvent.STATE_RAISED}
-    replayed = {
-        (name, event["kind"])
-        for name, valve in analysis["valves"].items()
-        for event in valve["events"]
-        if event["state"] == "raised"
-    }
-    wanted = {(valve.name, kind) for valve in VALVES for kind in ("resonance", "friction_drift")}
-    display.say(f"\n{blocks} blocks recorded, {lost} lost; {information.size / 1e6:.1f} MB")
-    for name, kind in sorted(wanted):
-        display.say(
-            f"{name}  {kind.replace('_', ' '):15} {_RAISED[(name, kind) in raised, (name, kind) in replayed]}"
-        )
-    for sentence in sorted({valve["limits"]["sentence"] for valve in analysis["valves"].values()}):
-        display.say(f"analysed by {sentence}")
-    display.say(f"bag, analysis and report: {report.parent}  (open {report.name} in a browser)")
-    return 0 if lost == 0 and wanted <= raised and wanted <= replayed else 1
 
 
 def _with_uncertainty(quantity: Quantity | None) -> str:

@@ -374,7 +374,11 @@ def named_effects(
     base = load_model("fluid")
     plain = plan.record(base, {}, noisy=False)
     for place, name in enumerate(effects):
-        model, effect = _model(name), find_effect(name)
+        effect = find_effect(name)
+        if not effect.terms or not effect.fitted:
+            known = [one for one, entry in EFFECTS.items() if entry.terms and entry.fitted]
+            raise InputError(f"--effect {name}: it is no force; use one of {', '.join(known)}")
+        model = Model(f"fluid_{name}", tuple(term(one) for one in dict.fromkeys((*FLUID, *effect.terms))))
         for step, share in enumerate(SHARES):
             tell(name, (place + step / len(SHARES)) / len(effects))
             values = _values_for_share(plan, effect, model, plain, share)
@@ -425,14 +429,11 @@ def _dictionary(
             "body_peak": peaks["body"],
             "spool_peak": peaks["spool"],
             "travel_m": travel(quiet),
-            "range_g": _range(max(peaks.values())),
+            "range_g": next(
+                (float(one) for one in RANGES if one * GRAVITY >= MARGIN * max(peaks.values())), math.nan
+            ),
         },
     }
-
-
-def _range(peak: float) -> float:
-    """Return the accelerometer's range, g, that holds ``peak`` (m/s^2) with ``MARGIN``; NaN: none does."""
-    return next((float(one) for one in RANGES if one * GRAVITY >= MARGIN * peak), math.nan)
 
 
 def _show(result: dict[str, Any], answer: Answer, found: Sequence[Named]) -> None:
@@ -468,19 +469,6 @@ def _show(result: dict[str, Any], answer: Answer, found: Sequence[Named]) -> Non
         own = ", ".join(f"{key} {number(value)}" for key, value in tried.parameters.items())
         print(f"  {tried.effect:<20} that changes {percent(tried.share)} of the motion: {said} ({own})")
     print("noise alone is counted: what no model knows of a real valve comes on top")
-
-
-def _model(name: str) -> Model:
-    """Return the fluid model with the effect ``name``.
-
-    Raises:
-        InputError: no such effect, or one of the sensors, which is no force.
-    """
-    effect = find_effect(name)
-    if not effect.terms or not effect.fitted:
-        known = [one for one, entry in EFFECTS.items() if entry.terms and entry.fitted]
-        raise InputError(f"--effect {name}: it is no force; use one of {', '.join(known)}")
-    return Model(f"fluid_{name}", tuple(term(one) for one in dict.fromkeys((*FLUID, *effect.terms))))
 
 
 def _values_for_share(

@@ -82,7 +82,30 @@ def span_of(path: Path, since: str | None, until: str | None, around: str | None
     if around is not None:
         if since is not None or until is not None:
             raise InputError("--around: leave --since and --until out")
-        return _around(reader, around)
+        # The minutes around the newest alarm of a kind, or with KIND:2 the second newest.
+        kind, _, number = around.partition(":")
+        if number and not (number.isascii() and number.isdigit() and 0 < int(number) < 10**6):
+            raise InputError(f"--around {printable(around, 40)!r}: write it like resonance, or resonance:2")
+        stamps: list[int] = []
+        kinds: set[str] = set()
+        for topic in reader.topics:
+            if topic.rpartition("/")[2] != "events":
+                continue
+            for event in reader.messages(topic):
+                if getattr(event, "state", None) != _RAISED:
+                    continue
+                kinds.add(event.kind)
+                if kind in (event.kind, "alarm"):
+                    stamps.append(event.header.stamp.sec * 1_000_000_000 + event.header.stamp.nanosec)
+        place = int(number or 1)
+        if len(stamps) < place:
+            held = ", ".join(sorted(printable(one, 40) for one in kinds)) or "none"
+            raise InputError(
+                f"{reader.path}: {len(stamps)} alarms of kind {printable(kind, 40)!r} in it; it has: {held}"
+            )
+        stamp = sorted(stamps)[-place]
+        half = round(AROUND * 1e9)
+        return Span(stamp - half, stamp + half)
     received = reader.received
     end = received[1] if received is not None else time.time_ns()
     begin = -ALWAYS if since is None else _moment("--since", since, end)
@@ -189,30 +212,3 @@ def _moment(option: str, text: str, end: int) -> int:
             "end, or like "
             "2025-01-31T12:00:00 (UTC)"
         ) from None
-
-
-def _around(reader: BagReader, text: str) -> Span:
-    """Return the minutes around the newest alarm of a kind, or with ``KIND:2`` the second newest."""
-    kind, _, number = text.partition(":")
-    if number and not (number.isascii() and number.isdigit() and 0 < int(number) < 10**6):
-        raise InputError(f"--around {printable(text, 40)!r}: write it like resonance, or resonance:2")
-    stamps: list[int] = []
-    kinds: set[str] = set()
-    for topic in reader.topics:
-        if topic.rpartition("/")[2] != "events":
-            continue
-        for event in reader.messages(topic):
-            if getattr(event, "state", None) != _RAISED:
-                continue
-            kinds.add(event.kind)
-            if kind in (event.kind, "alarm"):
-                stamps.append(event.header.stamp.sec * 1_000_000_000 + event.header.stamp.nanosec)
-    place = int(number or 1)
-    if len(stamps) < place:
-        held = ", ".join(sorted(printable(one, 40) for one in kinds)) or "none"
-        raise InputError(
-            f"{reader.path}: {len(stamps)} alarms of kind {printable(kind, 40)!r} in it; it has: {held}"
-        )
-    stamp = sorted(stamps)[-place]
-    half = round(AROUND * 1e9)
-    return Span(stamp - half, stamp + half)

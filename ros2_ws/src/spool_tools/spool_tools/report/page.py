@@ -20,7 +20,7 @@ from spool_core.uncertainty import number
 
 from spool_tools.outputs import provenance
 
-from .evidence.exhibit import Exhibit, LeftOut, Panel
+from .evidence.exhibit import Exhibit, LeftOut
 
 #: What marks a figure that can be zoomed into.
 _ZOOM = '<figure class="zoom">'
@@ -154,31 +154,33 @@ def _exhibited(item: Exhibit) -> Markup:
     if not item.panels:
         return Markup(_PARTS.drawing(f"{item.title}: {item.seen}", address, caption))
     # What ends a script in HTML must not stand in one.
-    numbers = json.dumps([_panel(one) for one in item.panels], allow_nan=False).replace("</", "<\\/")
-    return Markup(_PARTS.zoomable(f"{item.title}: {item.seen}", address, caption, Markup(numbers)))
-
-
-def _panel(panel: Panel) -> dict[str, object]:
-    return {
-        "across": panel.across,
-        "up": panel.up,
-        "x": plain_numbers(panel.x),
-        "log_x": panel.log_x,
-        "log_y": panel.log_y,
-        "marks": [[*plain_numbers([place]), text] for place, text in panel.marks],
-        "lines": [
+    numbers = json.dumps(
+        [
             {
-                "label": line.label,
-                "values": plain_numbers(line.values),
-                "colour": line.colour,
-                "dash": list(line.dash),
-                "width": line.width,
-                **({} if line.low is None else {"low": plain_numbers(line.low)}),
-                **({} if line.high is None else {"high": plain_numbers(line.high)}),
+                "across": one.across,
+                "up": one.up,
+                "x": plain_numbers(one.x),
+                "log_x": one.log_x,
+                "log_y": one.log_y,
+                "marks": [[*plain_numbers([place]), text] for place, text in one.marks],
+                "lines": [
+                    {
+                        "label": line.label,
+                        "values": plain_numbers(line.values),
+                        "colour": line.colour,
+                        "dash": list(line.dash),
+                        "width": line.width,
+                        **({} if line.low is None else {"low": plain_numbers(line.low)}),
+                        **({} if line.high is None else {"high": plain_numbers(line.high)}),
+                    }
+                    for line in one.lines
+                ],
             }
-            for line in panel.lines
+            for one in item.panels
         ],
-    }
+        allow_nan=False,
+    ).replace("</", "<\\/")
+    return Markup(_PARTS.zoomable(f"{item.title}: {item.seen}", address, caption, Markup(numbers)))
 
 
 def _drawn(figure: Figure, **how: Any) -> bytes:

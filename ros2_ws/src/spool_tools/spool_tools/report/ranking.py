@@ -226,7 +226,17 @@ def fit_and_validate(data: FitData, model: Model, settings: FitSettings) -> Vali
     Raises:
         InputError: the settings do not fit the model.
     """
-    found = _converged(data, model, settings)
+    # A fit that goes on from where it stopped until it converges, ROUNDS times at most.
+    found = fit(data.fitted, model, data.valve, settings)
+    for _ in range(ROUNDS):
+        if found.converged or found.reason is not None:
+            break
+        # Bounds are of the model: what is fitted lies within them.
+        reached = {name: value for name, value in found.values.items() if name not in found.held}
+        further = fit(data.fitted, model, data.valve, replace(settings, start=reached, starts=1))
+        if further.agreement is None:
+            break
+        found = further
     if found.agreement is None or not data.held_out:
         return ValidatedFit(data, found, None)
     try:
@@ -330,7 +340,8 @@ def _together(errors: Sequence[ResidualSum | None]) -> float:
     ).rms
 
 
-def _runs(series: FittedSeries, records: Sequence[Record]) -> list[Overlay | None]:
+def _errors(series: FittedSeries, records: Sequence[Record]) -> list[ResidualSum | None]:
+    """Return what each model leaves over in ``records``, away from the jumps of the one that leaves least."""
     runs: list[Overlay | None] = []
     for validated in series.validated:
         try:
@@ -338,12 +349,6 @@ def _runs(series: FittedSeries, records: Sequence[Record]) -> list[Overlay | Non
             runs.append(overlay(records, validated.fit, series.data.valve) if usable and records else None)
         except InputError:  # too short for the model's run-in
             runs.append(None)
-    return runs
-
-
-def _errors(series: FittedSeries, records: Sequence[Record]) -> list[ResidualSum | None]:
-    """Return what each model leaves over in ``records``, away from the jumps of the one that leaves least."""
-    runs = _runs(series, records)
     kept = away_from_jumps(runs)
     return [
         None if run is None else ResidualSum(
@@ -352,18 +357,3 @@ def _errors(series: FittedSeries, records: Sequence[Record]) -> list[ResidualSum
         )
         for run in runs
     ]  # fmt: skip
-
-
-def _converged(data: FitData, model: Model, settings: FitSettings) -> Fit:
-    """Return a fit that goes on from where it stopped until it converges, ``ROUNDS`` times at most."""
-    found = fit(data.fitted, model, data.valve, settings)
-    for _ in range(ROUNDS):
-        if found.converged or found.reason is not None:
-            break
-        # Bounds are of the model: what is fitted lies within them.
-        reached = {name: value for name, value in found.values.items() if name not in found.held}
-        further = fit(data.fitted, model, data.valve, replace(settings, start=reached, starts=1))
-        if further.agreement is None:
-            break
-        found = further
-    return found

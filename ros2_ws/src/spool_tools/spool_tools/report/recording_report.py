@@ -45,7 +45,15 @@ def write_report(folder: Path, reader: BagReader, analysis: dict[str, Any]) -> P
     start = min((float(table[0, 0]) for table in peaks.values() if table.size), default=0.0)
     for name, valve in analysis["valves"].items():
         figure = draw_valve(reader, name, peaks[name], start, valve["events"])
-        image, content = html.picture(figure, _seen(name, valve), dpi=150)
+        raised = [event for event in valve["events"] if event["state"] == "raised"]
+        events = ", ".join(f"{title(one['code'], one['kind'])} at {one['t_s']:.0f} s" for one in raised)
+        image, content = html.picture(
+            figure,
+            f"{name} over time: peak acceleration of body and spool, the frequency that the body shakes at "
+            "next to the natural frequency, viscous coefficient, Coulomb force. "
+            f"Events: {events or 'none'}.",
+            dpi=150,
+        )
         (folder / f"{name.replace('/', '_')}.png").write_bytes(content)
         sections += _section(name, valve, image)
     lost = sum(valve["lost_blocks"] for valve in analysis["valves"].values())
@@ -119,9 +127,19 @@ def replay_page(
     if result["warnings"]:
         sections.append(html.listing([f"Warning: {text}" for text in result["warnings"]]))
     for name, valve in result["valves"].items():
+        raised = [event for event in valve["events"] if event["state"] == "raised"]
+        count = f"{len(raised)} event{'' if len(raised) == 1 else 's'}"
+        lost = f"; {plural(valve['lost_blocks'], 'block')} lost" if valve["lost_blocks"] else ""
+        rows: list[dict[str, object]] = [
+            {
+                "parameter": name.replace("_", " "),
+                "value at the end": with_interval(one["value"], one["std"], one["unit"]),
+            }
+            for name, one in valve["estimate"]["parameters"].items()
+        ]
         sections += [
             html.heading(name),
-            html.verdict(_verdict(name, valve)),
+            html.verdict(f"{name} at the end: {valve['health']['summary']}; {count} in the record{lost}."),
             html.paragraph(valve["valve"]["sentence"]),
             html.paragraph(f"Judged by {valve['limits']['sentence']}."),
             *(
@@ -130,7 +148,7 @@ def replay_page(
                 else []
             ),
             *_events(valve),
-            *_parameters(valve),
+            *([html.table(list(rows[0]), rows), html.paragraph(f"{LEGEND}.")] if rows else []),
             html.heading(f"Evidence of {name}"),
             html.paragraph(ABOUT),
             *html.evidence(evidence.get(name, ())),
@@ -229,28 +247,10 @@ def _section(name: str, valve: dict[str, Any], image: str) -> list[str]:
     ]
 
 
-def _seen(name: str, valve: dict[str, Any]) -> str:
-    """Return what the picture of a valve shows, in words."""
-    raised = [event for event in valve["events"] if event["state"] == "raised"]
-    events = ", ".join(f"{title(one['code'], one['kind'])} at {one['t_s']:.0f} s" for one in raised)
-    return (
-        f"{name} over time: peak acceleration of body and spool, the frequency that the body shakes at "
-        "next to the natural frequency, viscous coefficient, Coulomb force. "
-        f"Events: {events or 'none'}."
-    )
-
-
 def _interval(value: dict[str, Any]) -> Shown:
     """Return what is shown of an entry of ``replay --json``, in which null is what is not known."""
     number, deviation = (float("nan") if value[key] is None else value[key] for key in ("value", "std"))
     return interval(number, deviation)
-
-
-def _verdict(name: str, valve: Mapping[str, Any]) -> str:
-    raised = [event for event in valve["events"] if event["state"] == "raised"]
-    count = f"{len(raised)} event{'' if len(raised) == 1 else 's'}"
-    lost = f"; {plural(valve['lost_blocks'], 'block')} lost" if valve["lost_blocks"] else ""
-    return f"{name} at the end: {valve['health']['summary']}; {count} in the record{lost}."
 
 
 def _events(valve: Mapping[str, Any]) -> list[str]:
@@ -266,14 +266,3 @@ def _events(valve: Mapping[str, Any]) -> list[str]:
         for event in valve["events"]
     ]
     return [html.table(list(rows[0]), rows, {"time, s"})]
-
-
-def _parameters(valve: Mapping[str, Any]) -> list[str]:
-    rows: list[dict[str, object]] = [
-        {
-            "parameter": name.replace("_", " "),
-            "value at the end": with_interval(one["value"], one["std"], one["unit"]),
-        }
-        for name, one in valve["estimate"]["parameters"].items()
-    ]
-    return [html.table(list(rows[0]), rows), html.paragraph(f"{LEGEND}.")] if rows else []

@@ -51,7 +51,6 @@ from spool_tools.report.evidence.spectra import (
     CAMPBELL_TITLE,
     TITLE_FORCE,
     Frequency,
-    Spectrogram,
     bands_of,
     campbell,
     constant,
@@ -115,14 +114,12 @@ class AccelerationEvidence:
         limit = max(excitation_limit(entry) for entry in rows)
         highest = max(BEYOND * min(limit, 400.0), HARMONICS * self.valve.natural_frequency)
         shown = spectrogram(rows_of(rows), rows[0].sample_period, highest)
-        return campbell(shown, self.frequencies or self._constant(shown))
-
-    def _constant(self, shown: Spectrogram) -> dict[str, Frequency]:
-        return {
+        of_sides = {
             side.name: constant(side.natural_frequency, shown)
             for side in self.sides
             if np.isfinite(side.natural_frequency)
         }
+        return campbell(shown, self.frequencies or of_sides)
 
     def _loops(self) -> Exhibit:
         self._need_a_model()
@@ -149,11 +146,14 @@ def force_exhibits(records: Sequence[ForceRecord], curves: Curves) -> list[Exhib
     wanted: tuple[tuple[str, Callable[[], Exhibit]], ...] = (
         (TITLE_FORCE, lambda: _bands(records)),
         (CAMPBELL_TITLE, lambda: _over_time(records)),
-        (TRANSMISSIBILITY_TITLE, _no_body),
         (LOOPS_TITLE, lambda: _loops(records, curves)),
         (WHITENESS_TITLE, lambda: _whiteness(curves)),
     )
-    return [made(title, build) for title, build in wanted]
+    no_body = LeftOut(
+        TRANSMISSIBILITY_TITLE, "a record of force and displacement holds no acceleration of the body"
+    )
+    bands, over_time, *others = [made(title, build) for title, build in wanted]
+    return [bands, over_time, no_body, *others]
 
 
 def fit_exhibits(found: Fit, valve: Valve, records: Sequence[Record]) -> list[Exhibit | LeftOut]:
@@ -230,10 +230,6 @@ def replay_exhibits(one: Replayed) -> list[Exhibit | LeftOut]:
         drifts = [LeftOut("Drift of the parameters", "the estimator gave no estimate in this record")]
     shown = AccelerationEvidence(one.records, one.valve, _sides(one), _frequencies(one)).exhibits()
     return [*drifts, *shown, made(ELLIPSE_TITLE, partial(_drift_ellipse, one))]
-
-
-def _no_body() -> Exhibit:
-    raise InputError("a record of force and displacement holds no acceleration of the body")
 
 
 def _bands(records: Sequence[ForceRecord]) -> Exhibit:

@@ -162,7 +162,27 @@ def confidence_ellipse(ellipse: Ellipse) -> Exhibit:
     axis.ticklabel_format(useOffset=False)
     plain(axis, f"viscous coefficient, {ellipse.units[0]}", f"Coulomb force, {ellipse.units[1]}")
     axis.legend(fontsize=8, frameon=False)
-    return Exhibit(ELLIPSE_TITLE, figure, ELLIPSE_CAPTION, _ellipse_seen(ellipse))
+    values = [
+        with_interval(value, deviation, unit)
+        for value, deviation, unit in zip(
+            ellipse.centre.tolist(), ellipse.deviations.tolist(), ellipse.units, strict=True
+        )
+    ]
+    correlation = ellipse.correlation
+    told = (
+        "what one gains the other loses, so neither is right by itself if the other is wrong"
+        if abs(correlation) > ALIKE
+        else "the record tells them apart"
+    )
+    without = ellipse.holds(np.array([ellipse.centre[0], 0.0]))
+    zero = "; no dry friction at all lies within" if without else ""
+    return Exhibit(
+        ELLIPSE_TITLE,
+        figure,
+        ELLIPSE_CAPTION,
+        f"Viscous coefficient {values[0]}, Coulomb force {values[1]} (± 95 %), correlation "
+        f"{correlation:+.2f}: {told}{zero}.",
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -262,7 +282,17 @@ def residual_whiteness(found: Mapping[str, Whiteness], unit: str = "m/s²") -> E
             log_x=True, log_y=True,
         ),
     )  # fmt: skip
-    return Exhibit(WHITENESS_TITLE, figure, WHITENESS_CAPTION, _whiteness_seen(found, unit), panels)
+    parts = []
+    for name, one in found.items():
+        verdict = "as white noise would" if one.outside <= CHANCE else "where white noise leaves it at 5 %"
+        inside = one.frequency > 0.0
+        peak = float(one.frequency[inside][int(np.argmax(one.density[inside]))])
+        parts.append(
+            f"{name}: {number(one.rms, 2)} {unit} rms left, most of it per Hz at {number(peak, 3)} Hz, and "
+            f"its autocorrelation leaves the band at {100.0 * one.outside:.0f} % of the lags, {verdict}"
+        )
+    text = "; ".join(parts)
+    return Exhibit(WHITENESS_TITLE, figure, WHITENESS_CAPTION, f"{text[0].upper()}{text[1:]}.", panels)
 
 
 @dataclass(frozen=True, slots=True)
@@ -338,8 +368,18 @@ def drift(name: str, unit: str, points: Sequence[DriftPoint], first: int, marks:
     for mark in marks[:MARKED]:
         for axis in (upper, lower):
             axis.axvline(mark.time, color=DARK, lw=0.7, ls="-" if mark.raised else ":")
-    _bounded(upper, value, half, baseline, matters)
-    _labelled(upper, marks[:MARKED])
+        if mark.raised:
+            upper.annotate(
+                mark.text, (mark.time, 1.0), xycoords=("data", "axes fraction"), xytext=(2, -2),
+                textcoords="offset points", rotation=90, va="top", fontsize=6.5, color=DARK,
+            )  # fmt: skip
+    # Show what was judged: first estimates may be anything.
+    known = np.concatenate([value, baseline - 2.2 * matters, baseline + 2.2 * matters])
+    known = known[np.isfinite(known)]
+    if np.isfinite(baseline).any():
+        low, high = np.quantile(known, (0.01, 0.99)).tolist()
+        room = 0.08 * (high - low) + float(np.nanmedian(half))
+        upper.set_ylim(low - room, high + room)
     plain(upper, "", f"{_words(name)}, {unit}")
     plain(lower, "time since the start of the record, s", "cumulative sum, s")
     for axis in (upper, lower):
@@ -354,65 +394,11 @@ def drift(name: str, unit: str, points: Sequence[DriftPoint], first: int, marks:
     )
 
 
-def _ellipse_seen(ellipse: Ellipse) -> str:
-    values = [
-        with_interval(value, deviation, unit)
-        for value, deviation, unit in zip(
-            ellipse.centre.tolist(), ellipse.deviations.tolist(), ellipse.units, strict=True
-        )
-    ]
-    correlation = ellipse.correlation
-    told = (
-        "what one gains the other loses, so neither is right by itself if the other is wrong"
-        if abs(correlation) > ALIKE
-        else "the record tells them apart"
-    )
-    without = ellipse.holds(np.array([ellipse.centre[0], 0.0]))
-    zero = "; no dry friction at all lies within" if without else ""
-    return (
-        f"Viscous coefficient {values[0]}, Coulomb force {values[1]} (± 95 %), correlation "
-        f"{correlation:+.2f}: {told}{zero}."
-    )
-
-
 def _products(row: Array, lags: int) -> Array:
     """Return the sums of the products of ``row`` with itself 0 to ``lags`` samples later."""
     length = fft.next_fast_len(row.size + lags, real=True)
     lines = fft.rfft(row, length)
     return np.asarray(fft.irfft(lines * np.conj(lines), length)[: lags + 1])
-
-
-def _whiteness_seen(found: Mapping[str, Whiteness], unit: str) -> str:
-    parts = []
-    for name, one in found.items():
-        verdict = "as white noise would" if one.outside <= CHANCE else "where white noise leaves it at 5 %"
-        inside = one.frequency > 0.0
-        peak = float(one.frequency[inside][int(np.argmax(one.density[inside]))])
-        parts.append(
-            f"{name}: {number(one.rms, 2)} {unit} rms left, most of it per Hz at {number(peak, 3)} Hz, and "
-            f"its autocorrelation leaves the band at {100.0 * one.outside:.0f} % of the lags, {verdict}"
-        )
-    text = "; ".join(parts)
-    return f"{text[0].upper()}{text[1:]}."
-
-
-def _bounded(axis: plt.Axes, value: Array, half: Array, baseline: Array, matters: Array) -> None:
-    """Show what was judged: first estimates may be anything."""
-    known = np.concatenate([value, baseline - 2.2 * matters, baseline + 2.2 * matters])
-    known = known[np.isfinite(known)]
-    if np.isfinite(baseline).any():
-        low, high = np.quantile(known, (0.01, 0.99)).tolist()
-        room = 0.08 * (high - low) + float(np.nanmedian(half))
-        axis.set_ylim(low - room, high + room)
-
-
-def _labelled(axis: plt.Axes, marks: Sequence[Mark]) -> None:
-    for mark in marks:
-        if mark.raised:
-            axis.annotate(
-                mark.text, (mark.time, 1.0), xycoords=("data", "axes fraction"), xytext=(2, -2),
-                textcoords="offset points", rotation=90, va="top", fontsize=6.5, color=DARK,
-            )  # fmt: skip
 
 
 def _panels(name: str, unit: str, time: Array, table: Array, marks: Sequence[Mark]) -> tuple[Panel, ...]:

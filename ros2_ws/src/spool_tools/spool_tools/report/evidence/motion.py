@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from spool_core.errors import InputError
 from spool_core.numbers import Array
 from spool_core.uncertainty import Z_95, number, percent
-from spool_estimator.identification.free_run import FreeRun, Window, excitation_limit
+from spool_estimator.identification.free_run import FreeRun, excitation_limit
 from spool_estimator.identification.record import Record, first_seconds
 from spool_estimator.identification.spectra import ZeroPhase, delayed, relative_motion
 from spool_sim.integration.composed_motion import ComposedMotion
@@ -144,7 +144,14 @@ def runs_of(records: Sequence[Record], valve: Valve, sides: Sequence[Numbers]) -
         run = FreeRun(rows, side.model, valve, window=WINDOW, low_cut=LOW_CUT, longest=LONGEST)
         run.choose_substeps(side.values)
         found = run.responses(run.sets(side.values), np.array([side.gain]), np.array([side.delay]))
-        joined = _continued(run.windows)
+        # The numbers of windows in groups that follow one another without a gap.
+        joined: list[list[int]] = []
+        for place, window in enumerate(run.windows):
+            before = run.windows[place - 1] if place else None
+            if before is not None and before.record == window.record and before.stop == window.start:
+                joined[-1].append(place)
+            else:
+                joined.append([place])
         simulated[side.name] = tuple(
             np.concatenate([found[place].acceleration[0] for place in group]) for group in joined
         )
@@ -282,7 +289,31 @@ def force_loops(loops: Loops) -> Exhibit:
         plain(lower, label, "missing force, N" if column == 0 else "")
     handles, names = axes[0, 0].get_legend_handles_labels()
     figure.legend(handles, names, fontsize=8, loc="outside lower center", ncols=3)
-    return Exhibit(LOOPS_TITLE, figure, LOOPS_CAPTION, _loops_seen(loops))
+    parts = []
+    for name, missing in loops.missing.items():
+        # What the medians of the missing force look like, empty where they are flat.
+        over_z = loops.over_displacement[name]
+        over_v = loops.over_velocity[name]
+        found = []
+        if over_v.centres.size >= 6:
+            step = step_at_zero(over_v)
+            if abs(step) > WORTH_SAYING * missing:
+                found.append(f"a step of {number(step, 2)} N at velocity 0")
+        if over_z.centres.size >= 6:
+            slope = float(np.polyfit(over_z.centres, over_z.force, 1)[0])
+            reach = float(np.abs(over_z.centres).max())
+            if abs(slope) * reach > WORTH_SAYING * missing:
+                found.append(f"a slope of {number(slope, 2)} N/m over displacement")
+        shape = f", with {listed(found)}" if found else ""
+        share = percent(missing / max(loops.force, 1e-30))
+        parts.append(f"{name} {share} ({number(missing, 2)} N rms){shape}")
+    text = "; ".join(parts)
+    return Exhibit(
+        LOOPS_TITLE,
+        figure,
+        LOOPS_CAPTION,
+        f"Of a force of {number(loops.force, 3)} N rms there is missing at the same motion: {text}.",
+    )
 
 
 def step_at_zero(profile: Profile) -> float:
@@ -383,21 +414,6 @@ def within(measured: CrossSpectra, model: CrossSpectra, places: Sequence[int] | 
     return float(np.mean(apart <= width))
 
 
-def _continued(windows: Sequence[Window]) -> list[list[int]]:
-    """Return the numbers of ``windows`` in groups that follow one another without a gap.
-
-    A sweep passes each frequency once: averages over pieces must not leave out where two windows meet.
-    """
-    groups: list[list[int]] = []
-    for place, window in enumerate(windows):
-        before = windows[place - 1] if place else None
-        if before is not None and before.record == window.record and before.stop == window.start:
-            groups[-1].append(place)
-        else:
-            groups.append([place])
-    return groups
-
-
 def _excerpt(
     parts: Sequence[tuple[float, Array, Array, Array, Mapping[str, Array]]], period: float
 ) -> tuple[float, int, int, int]:
@@ -430,31 +446,6 @@ def _profile(over: Array, force: Array) -> Profile:
     ]
     table = np.array(rows).reshape(-1, 2)
     return Profile(table[:, 0], table[:, 1])
-
-
-def _loops_seen(loops: Loops) -> str:
-    parts = []
-    for name, missing in loops.missing.items():
-        shape = _shape(loops.over_displacement[name], loops.over_velocity[name], missing)
-        share = percent(missing / max(loops.force, 1e-30))
-        parts.append(f"{name} {share} ({number(missing, 2)} N rms){shape}")
-    text = "; ".join(parts)
-    return f"Of a force of {number(loops.force, 3)} N rms there is missing at the same motion: {text}."
-
-
-def _shape(over_z: Profile, over_v: Profile, missing: float) -> str:
-    """Return what the medians of the missing force look like, empty where they are flat."""
-    found = []
-    if over_v.centres.size >= 6:
-        step = step_at_zero(over_v)
-        if abs(step) > WORTH_SAYING * missing:
-            found.append(f"a step of {number(step, 2)} N at velocity 0")
-    if over_z.centres.size >= 6:
-        slope = float(np.polyfit(over_z.centres, over_z.force, 1)[0])
-        reach = float(np.abs(over_z.centres).max())
-        if abs(slope) * reach > WORTH_SAYING * missing:
-            found.append(f"a slope of {number(slope, 2)} N/m over displacement")
-    return f", with {listed(found)}" if found else ""
 
 
 def _lines(
