@@ -113,7 +113,15 @@ def compare(fleet: Fleet) -> Compared:
         # What is found is no sister: even a median leans towards one that is far off.
         changes, alone = _of_valves(fleet, found, KNOWN_MATES)
         found = _beyond_sisters(changes)
-    together = _together(fleet, changes, found)
+    # The numbers of the found valves whose machine has most of its valves among them.
+    together: set[int] = set()
+    for own in fleet.members().values():
+        for sign in (1.0, -1.0):
+            alike = {
+                n for n in own if n in found and (one := changes[n]) is not None and one.size * sign > 0.0
+            }
+            if len(alike) >= max(LEAST_MEMBERS, TOGETHER * len(own)):
+                together |= alike
     machines = _of_machines(fleet, found - together)
     found -= {n for n in together if fleet.machines[n] in machines}
     return Compared(changes, found, machines, alone)
@@ -352,19 +360,6 @@ def differences(valve: Weekly, flat: Array, lag: int) -> tuple[Array, float]:
     return flat[second] - flat[first], float(np.median(valve.week[second] - valve.week[first]))
 
 
-def _together(fleet: Fleet, changes: Sequence[Change | None], found: Set[int]) -> set[int]:
-    """Return the numbers of the ``found`` valves whose machine has most of its valves among them."""
-    together: set[int] = set()
-    for own in fleet.members().values():
-        for sign in (1.0, -1.0):
-            alike = {
-                n for n in own if n in found and (one := changes[n]) is not None and one.size * sign > 0.0
-            }
-            if len(alike) >= max(LEAST_MEMBERS, TOGETHER * len(own)):
-                together |= alike
-    return together
-
-
 def _of_valves(fleet: Fleet, faulty: Set[int], least: int) -> tuple[list[Change | None], set[int]]:
     """Return the likeliest change of each valve, and the numbers of those that have no sisters.
 
@@ -376,7 +371,16 @@ def _of_valves(fleet: Fleet, faulty: Set[int], least: int) -> tuple[list[Change 
     best, rest, chosen = list(fleet.weeks), math.inf, order[0]
     for kind in order:
         less = [_less(week, course) for week, course in zip(fleet.weeks, courses[kind], strict=True)]
-        square = _over_months([one for n, one in enumerate(less) if n not in faulty])
+        # The median over valves of the mean square of differences over months, or over what there is.
+        weeks = [one for n, one in enumerate(less) if n not in faulty]
+        squares = []
+        for one in weeks:
+            for lag in (LAG, 0):
+                apart, _ = differences(one, one.value, lag)
+                if apart.size >= LEAST_WEEKS:
+                    squares.append(mean_square(apart))
+                    break
+        square = float(np.median(squares)) if squares else math.inf
         if kind == order[0] or square < QUIETER * rest:
             best, rest, chosen = less, square, kind
     usable = [one for one in best if one.week.size >= LEAST_WEEKS]
@@ -421,18 +425,6 @@ def _less(week: Weekly, course: Mapping[int, float]) -> Weekly:
     return replace(week, value=week.value - np.array([course.get(one, 0.0) for one in week.week.tolist()]))
 
 
-def _over_months(weeks: Sequence[Weekly]) -> float:
-    """Return the median over valves of the mean square of differences over months, or over what there is."""
-    squares = []
-    for one in weeks:
-        for lag in (LAG, 0):
-            apart, _ = differences(one, one.value, lag)
-            if apart.size >= LEAST_WEEKS:
-                squares.append(mean_square(apart))
-                break
-    return float(np.median(squares)) if squares else math.inf
-
-
 def _beyond_sisters(changes: Sequence[Change | None]) -> set[int]:
     """Return the numbers of the changes that stand out.
 
@@ -465,7 +457,21 @@ def _of_machines(fleet: Fleet, faulty: Set[int]) -> dict[str, Change]:
             others = [n for n in range(len(fleet.weeks)) if n not in faulty and (many or n not in own)]
             if not many or shared is None:
                 shared = common_course([fleet.weeks[n] for n in others])
-            courses[name] = _less(_as_weekly(course, mates), shared)
+            # As weekly values, with the mean oil temperature of the valves.
+            warm: dict[int, list[float]] = {}
+            for one in mates:
+                for week, celsius in zip(one.week.tolist(), one.temperature.tolist(), strict=True):
+                    if math.isfinite(celsius):
+                        warm.setdefault(week, []).append(celsius)
+            weeks = sorted(course)
+            together = Weekly(
+                np.array(weeks, dtype=np.int64),
+                np.array([course[one] for one in weeks]),
+                np.ones(len(weeks)),
+                np.array([np.mean(warm[one]) if one in warm else math.nan for one in weeks]),
+                np.zeros(len(weeks), dtype=np.int64),
+            )
+            courses[name] = _less(together, shared)
     if not courses:
         return {}
     shown = list(courses.values())
@@ -477,23 +483,6 @@ def _of_machines(fleet: Fleet, faulty: Set[int]) -> dict[str, Change]:
     }
     found = _beyond_sisters(list(changes.values()))
     return {name: one for n, (name, one) in enumerate(changes.items()) if n in found and one is not None}
-
-
-def _as_weekly(course: Mapping[int, float], mates: Sequence[Weekly]) -> Weekly:
-    """Return ``course`` as weekly values, with the mean oil temperature of the valves."""
-    warm: dict[int, list[float]] = {}
-    for one in mates:
-        for week, celsius in zip(one.week.tolist(), one.temperature.tolist(), strict=True):
-            if math.isfinite(celsius):
-                warm.setdefault(week, []).append(celsius)
-    week = np.array(sorted(course), dtype=np.int64)
-    return Weekly(
-        week,
-        np.array([course[one] for one in week.tolist()]),
-        np.ones(week.size),
-        np.array([np.mean(warm[one]) if one in warm else math.nan for one in week.tolist()]),
-        np.zeros(week.size, dtype=np.int64),
-    )
 
 
 def _spread_within(weeks: Sequence[Weekly], members: Mapping[str, Sequence[int]]) -> float:

@@ -40,8 +40,8 @@ from spool_fleet.courses import NAMES, Course, TrendRow, day_of
 from spool_fleet.judgement import MACHINE
 from spool_fleet.observations import BIN, PARAMETERS
 
-#: Changes in the list of the worst, services and bags in trouble in their lists, at most.
-MOST_WORST, MOST_SERVICES, MOST_TROUBLES = 20, 50, 50
+#: Changes in the list of the worst, and services in theirs, at most.
+MOST_WORST, MOST_SERVICES = 20, 50
 
 _TEMPLATES = Environment(
     loader=PackageLoader(__package__), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
@@ -147,7 +147,19 @@ class Charts:
     def chart(self, valve: ValveContent, course: Course, size: str) -> Markup:
         """Return the place of the ``small`` or ``large`` chart of a course."""
         key = f"{valve.anchor}-{course.parameter}"
-        self._drawn[key] = _course_numbers(course)
+        points, trend = course.points, course.trend
+        bounds = {"value": points.value, "low": points.low, "high": points.high}
+        self._drawn[key] = {
+            **_columns(points.day, **{name: 100.0 * (row - 1.0) for name, row in bounds.items()}),
+            "baseline": course.baseline,
+            "limit": course.limit if math.isfinite(course.limit) else None,
+            "levels": [
+                plain_numbers([one.first, one.last, one.value, one.half_width]) for one in course.levels
+            ],
+            "services": [[one.day, LETTERS.get(one.kind, "*")] for one in course.services],
+            "since": trend.since if trend.changed else None,
+            "fit": _fitted(course),
+        }
         return _place(size, key, course.parameter, described(course))
 
     def temperature(self, valve: ValveContent) -> Markup:
@@ -186,21 +198,6 @@ def relative_scale(largest: Sequence[float], limits: Sequence[float]) -> tuple[f
     limit = min(float(np.median(known)), FAR_LIMIT) if known else FAR_LIMIT
     reach = min(max(1.05 * max(largest, default=0.0), LEAST_SEEN * limit), max(MOST_SEEN * limit, NEAR))
     return 100.0 * max(-1.0, -reach), 100.0 * reach
-
-
-def _course_numbers(course: Course) -> dict[str, object]:
-    """Return what the charts of a course show: intervals, levels, limits, services, the fitted change."""
-    points, trend = course.points, course.trend
-    bounds = {"value": points.value, "low": points.low, "high": points.high}
-    return {
-        **_columns(points.day, **{name: 100.0 * (row - 1.0) for name, row in bounds.items()}),
-        "baseline": course.baseline,
-        "limit": course.limit if math.isfinite(course.limit) else None,
-        "levels": [plain_numbers([one.first, one.last, one.value, one.half_width]) for one in course.levels],
-        "services": [[one.day, LETTERS.get(one.kind, "*")] for one in course.services],
-        "since": trend.since if trend.changed else None,
-        "fit": _fitted(course),
-    }
 
 
 def _fitted(course: Course) -> dict[str, float] | None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from spool_core.errors import InputError
-from spool_core.numbers import Array
 from spool_estimator.identification.record import Record
 from spool_estimator.identification.spectra import cross_spectrum
 from spool_tools.operations.record_loading import Selection, load_recording
@@ -35,20 +34,17 @@ def run(subject: Subject) -> Rows:
     rows = []
     for channel in ("body", "spool"):
         row = np.concatenate([getattr(stretch, channel) for stretch in recording.stretches])
-        for name, value, unit in _shape(row):
+        around = row - row.mean()
+        power = float(np.mean(around**2))
+        rms = power**0.5
+        crest = float(np.abs(around).max()) / rms if rms > 0.0 else float("nan")
+        kurtosis = float(np.mean(around**4)) / power**2 if power > 0.0 else float("nan")
+        shape = (("rms", rms, "m/s^2"), ("crest_factor", crest, "1"), ("kurtosis", kurtosis, "1"))
+        for name, value, unit in shape:
             rows.append(parameter("features", "", f"{channel}_{name}", {"value": value, "unit": unit}))
     for name, value, unit in _resonance(longest):
         rows.append(parameter("features", "", name, {"value": value, "unit": unit}))
     return {"parameters": rows}
-
-
-def _shape(row: Array) -> list[tuple[str, float, str]]:
-    around = row - row.mean()
-    power = float(np.mean(around**2))
-    rms = power**0.5
-    crest = float(np.abs(around).max()) / rms if rms > 0.0 else float("nan")
-    kurtosis = float(np.mean(around**4)) / power**2 if power > 0.0 else float("nan")
-    return [("rms", rms, "m/s^2"), ("crest_factor", crest, "1"), ("kurtosis", kurtosis, "1")]
 
 
 def _resonance(record: Record) -> list[tuple[str, float, str]]:
