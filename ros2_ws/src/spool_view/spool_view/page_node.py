@@ -293,7 +293,10 @@ class Listening:
         valve = self._board.join(name)
         if valve is None:
             return
-        take = partial(_take_alarms, valve)
+
+        def take(message: AlarmList) -> None:
+            _keep(valve, "alarms", alarms_of(message))
+
         self._heard[name] = self._node.create_subscription(AlarmList, f"/{name}/alarms", take, qos.state())
         # What is lost is said again a second later, so nothing has to be confirmed or sent again.
         quality = qos.samples_wanted(1)
@@ -305,12 +308,16 @@ class Listening:
         valve = self._board.valves[name]
         subscribe = self._node.create_subscription
         self._opened[name] = []
+
+        def take_block(raw: bytes) -> None:  # rclpy refuses a method of deque: it has no signature
+            valve.blocks.append(raw)
+
         for kind, topic, take, quality, raw in (
-            (AccelerationBlock, "acceleration", _take_block, qos.samples_wanted(), True),
-            (ModelEstimate, "estimate", _take_estimate, qos.state(), False),
-            (GapAnalysis, "gap", _take_gap, qos.state(), False),
+            (AccelerationBlock, "acceleration", take_block, qos.samples_wanted(), True),
+            (ModelEstimate, "estimate", partial(_keep, valve, "estimate"), qos.state(), False),
+            (GapAnalysis, "gap", partial(_keep, valve, "gap"), qos.state(), False),
         ):
-            made = subscribe(kind, f"/{name}/{topic}", partial(take, valve), quality, raw=raw)
+            made = subscribe(kind, f"/{name}/{topic}", take, quality, raw=raw)
             self._opened[name].append(made)
 
     def _close(self, name: str) -> None:
@@ -324,16 +331,13 @@ class Listening:
     def _ask(self, valve: HeardValve) -> None:
         def take_baseline(answer: Future[Any]) -> None:
             got = answer.result()
-            valve.baseline = got if got is not None and got.success else None
-            valve.changes += 1
+            _keep(valve, "baseline", got if got is not None and got.success else None)
 
         def take_limits(answer: Future[Any]) -> None:
             got = answer.result()
             values = [] if got is None else got.values
-            valve.limits = {
-                name: float(value.double_value) for name, value in zip(NAMES, values, strict=False)
-            }
-            valve.changes += 1
+            named = zip(NAMES, values, strict=False)
+            _keep(valve, "limits", {name: float(value.double_value) for name, value in named})
 
         show = ManageBaseline.Request(action=ManageBaseline.Request.SHOW)
         _ask(self._calls, valve.name, "manage_baseline", show).add_done_callback(take_baseline)
@@ -394,20 +398,6 @@ def _outcome(act: Act, answer: Any) -> Outcome:
     return Outcome(True, ", ".join(getattr(answer, "changed", ())) or str(getattr(answer, "stage", "")))
 
 
-def _take_alarms(valve: HeardValve, message: AlarmList) -> None:
-    valve.alarms = alarms_of(message)
-    valve.changes += 1
-
-
-def _take_estimate(valve: HeardValve, message: ModelEstimate) -> None:
-    valve.estimate = message
-    valve.changes += 1
-
-
-def _take_block(valve: HeardValve, raw: bytes) -> None:
-    valve.blocks.append(raw)
-
-
-def _take_gap(valve: HeardValve, message: GapAnalysis) -> None:
-    valve.gap = message
+def _keep(valve: HeardValve, what: str, value: object) -> None:
+    setattr(valve, what, value)
     valve.changes += 1

@@ -173,8 +173,22 @@ def detail_of(valve: HeardValve, now: float) -> dict[str, Any]:
     detail["alarms"] = list(valve.alarms)
     detail["resonance"] = None if silent or valve.health is None else _resonance(valve)
     detail["judgements"] = [] if silent or valve.health is None else list(valve.health.judgements)
-    detail["baseline"] = _baseline(valve.baseline)
-    detail["gap"] = _gap(valve.gap)
+    detail["baseline"] = detail["gap"] = None
+    if valve.baseline is not None:
+        detail["baseline"] = {
+            "version": int(valve.baseline.version),
+            **{key: getattr(valve.baseline, key) for key in ("stage", "valve_id", "oil", "frozen_by")},
+        }
+    if valve.gap is not None:
+        detail["gap"] = {
+            "done": valve.gap.state == GapAnalysis.STATE_DONE,
+            "verdict": valve.gap.verdict,
+            "confidence": rounded(valve.gap.confidence.value, 3),
+            "sentence": valve.gap.sentence,
+            "window": rounded(valve.gap.window, 3),
+            "stamp": int(valve.gap.header.stamp.sec),
+            "report": bool(valve.gap.json),
+        }
     detail["estimate"] = None
     if estimate is not None:
         state = _STATES[estimate.state] if estimate.state < len(_STATES) else "unknown"
@@ -274,29 +288,20 @@ def known(quantity: Any) -> bool:
 
 def shown(quantity: Any) -> dict[str, Any]:
     """Return ``quantity`` as text with its 95 % half width, and as numbers for pictures."""
-    base = {
+    found = {
         "name": quantity.name,
         "unit": quantity.unit,
         "validity": _VALIDITIES.get(quantity.validity, "unknown"),
+        **dict.fromkeys(("text", "half", "value", "width")),
     }
-    if base["validity"] == "unknown" or not math.isfinite(quantity.value):
-        return {**base, "text": None, "half": None, "value": None, "width": None}
+    if found["validity"] == "unknown" or not math.isfinite(quantity.value):
+        return found
+    found["text"], found["value"] = number(quantity.value), rounded(quantity.value)
     if math.isfinite(quantity.standard_deviation):
         text = interval(quantity.value, quantity.standard_deviation)
-        return {
-            **base,
-            "text": text.value,
-            "half": text.half_width,
-            "value": rounded(quantity.value),
-            "width": rounded(Z_95 * quantity.standard_deviation),
-        }
-    return {
-        **base,
-        "text": number(quantity.value),
-        "half": None,
-        "value": rounded(quantity.value),
-        "width": None,
-    }
+        found["text"], found["half"] = text.value, text.half_width
+        found["width"] = rounded(Z_95 * quantity.standard_deviation)
+    return found
 
 
 def rounded(value: float, digits: int = 6) -> float | None:
@@ -343,32 +348,6 @@ def _parameter(valve: HeardValve, quantity: Any) -> dict[str, Any]:
     if known(compared) and baseline.value:
         found["change"] = rounded(100.0 * (compared.value / baseline.value - 1.0), 3)
     return found
-
-
-def _baseline(answer: Any) -> dict[str, Any] | None:
-    if answer is None:
-        return None
-    return {
-        "version": int(answer.version),
-        "stage": answer.stage,
-        "valve_id": answer.valve_id,
-        "oil": answer.oil,
-        "frozen_by": answer.frozen_by,
-    }
-
-
-def _gap(message: Any) -> dict[str, Any] | None:
-    if message is None:
-        return None
-    return {
-        "done": message.state == GapAnalysis.STATE_DONE,
-        "verdict": message.verdict,
-        "confidence": rounded(message.confidence.value, 3),
-        "sentence": message.sentence,
-        "window": rounded(message.window, 3),
-        "stamp": int(message.header.stamp.sec),
-        "report": bool(message.json),
-    }
 
 
 def _alarm(alarm: Any) -> dict[str, Any]:
