@@ -148,6 +148,9 @@ FittedValve = Annotated[
         autocompletion=valve_names,
     ),
 ]  # fmt: skip
+RunningValve = Annotated[str, typer.Argument(metavar="VALVE", help="Namespace of the valve, e.g. valve_1.")]
+WhoOption = Annotated[str, typer.Option("--who", help="Who does it; default: the user's name.")]
+CommentOption = Annotated[str, typer.Option("--comment", help="What is to be said about it.")]
 LanguageOption = Annotated[
     str,
     typer.Option(
@@ -188,6 +191,10 @@ SensorGain = Annotated[
 SensorDelay = Annotated[
     bool, typer.Option("--sensor-delay", help="Fit the delay of the spool's sensor as well.")
 ]
+
+
+#: Settings of a command that passes on what follows its own arguments, options included.
+PASSING_ON = {"allow_extra_args": True, "ignore_unknown_options": True, "allow_interspersed_args": False}
 
 
 @dataclass(frozen=True, slots=True)

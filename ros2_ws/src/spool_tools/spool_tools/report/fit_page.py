@@ -63,13 +63,10 @@ RATIO_SHOWN = (0.0, 2.0)
 def fit_page(validated: ValidatedFit) -> str:
     """Return the page of a fit that has a result."""
     found = validated.fit
-    agreement = found.agreement
-    assert agreement is not None
     title = f"{found.model.name.replace('_', ' ')} fitted to {validated.data.name}"
     rows = parameter_rows(found)
-    quality = quality_rows(validated)
     doubts = [f"Warning: {doubt}" for doubt in validated.data.doubts]
-    sections = [
+    sections: list[str] = [
         html.verdict(summary(validated)),
         html.heading("Parameters"),
         html.table(list(rows[0]), rows),
@@ -78,32 +75,32 @@ def fit_page(validated: ValidatedFit) -> str:
         ),
         *(html.listing(lines) for lines in (correlations(validated), found.warnings, doubts) if lines),
         html.heading("How well it holds"),
-        html.table(["what", "value"], quality),
-    ]
-    shown = curves.overlay(validated.data.fitted, found, validated.data.valve)
-    name = found.model.name
-    friction = curves.friction(validated.data.fitted, found, validated.data.valve)
-    sections += [
-        html.drawing(waveform_figure({name: shown}, curves.excerpts(shown.run)), WAVEFORM, seen([validated])),
-        html.drawing(
-            ratio_figure({name: agreement}, curves.highest_frequency(shown.run)),
-            RATIO,
-            ratio_seen([validated]),
-        ),
-        html.drawing(friction_figure({name: friction}), FRICTION, f"Law of {name} over velocity."),
-        html.drawing(
-            spectrum_figure({name: agreement}, curves.spectra(validated.data.fitted)),
-            SPECTRUM,
-            seen([validated]),
-        ),
+        html.table(["what", "value"], quality_rows(validated)),
     ]
     sections += [
+        *pictures([validated]),
         html.heading("Evidence"),
         html.paragraph(EVIDENCE),
         *html.evidence(fit_exhibits(found, validated.data.valve, validated.data.fitted)),
     ]
     records = (*validated.data.paths, *validated.data.held_paths)
     return html.page(title, sections, sources(records, validated.data.valve))
+
+
+def pictures(validated: Sequence[ValidatedFit]) -> list[str]:
+    """Return the pictures of models that have a result on one set of data."""
+    data = validated[0].data
+    fitted, valve = data.fitted, data.valve
+    overlays = {one.name: curves.overlay(fitted, one.fit, valve) for one in validated}
+    agreements = {one.name: one.fit.agreement for one in validated if one.fit.agreement is not None}
+    run = overlays[validated[0].name].run
+    friction = {one.name: curves.friction(fitted, one.fit, valve) for one in validated}
+    return [
+        html.drawing(waveform_figure(overlays, curves.excerpts(run)), WAVEFORM, seen(validated)),
+        html.drawing(ratio_figure(agreements, curves.highest_frequency(run)), RATIO, ratio_seen(validated)),
+        html.drawing(friction_figure(friction), FRICTION, f"Laws over velocity: {', '.join(friction)}."),
+        html.drawing(spectrum_figure(agreements, curves.spectra(fitted)), SPECTRUM, seen(validated)),
+    ]
 
 
 def seen(validated: Sequence[ValidatedFit]) -> str:
@@ -363,20 +360,7 @@ def _series(one: FittedSeries, ranking: Ranking) -> list[str]:
         html.table(list(rows[0]), rows),
         html.paragraph(f"{LEGEND}. 'Not told': only combinations of them act."),
     ]
-    if not validated:
-        return sections
-    fitted, valve = one.data.fitted, one.data.valve
-    overlays = {entry.name: curves.overlay(fitted, entry.fit, valve) for entry in validated}
-    agreements = {entry.name: entry.fit.agreement for entry in validated if entry.fit.agreement is not None}
-    run = next(iter(overlays.values())).run
-    friction = {entry.name: curves.friction(fitted, entry.fit, valve) for entry in validated}
-    return [
-        *sections,
-        html.drawing(waveform_figure(overlays, curves.excerpts(run)), WAVEFORM, seen(validated)),
-        html.drawing(ratio_figure(agreements, curves.highest_frequency(run)), RATIO, ratio_seen(validated)),
-        html.drawing(friction_figure(friction), FRICTION, f"Laws over velocity: {', '.join(friction)}."),
-        html.drawing(spectrum_figure(agreements, curves.spectra(fitted)), SPECTRUM, seen(validated)),
-    ]
+    return [*sections, *(pictures(validated) if validated else [])]
 
 
 def _said(name: str) -> str:

@@ -162,7 +162,10 @@ def _exhibited(item: Exhibit) -> Markup:
                 "x": plain_numbers(one.x),
                 "log_x": one.log_x,
                 "log_y": one.log_y,
-                "marks": [[*plain_numbers([place]), text] for place, text in one.marks],
+                "marks": [
+                    [*plain_numbers([mark.time]), mark.text if mark.raised else f"{mark.text} over"]
+                    for mark in one.marks
+                ],
                 "lines": [
                     {
                         "label": line.label,

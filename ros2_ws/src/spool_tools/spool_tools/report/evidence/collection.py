@@ -25,7 +25,6 @@ from spool_sim.valve import Valve
 from spool_tools.report.evidence.confidence import (
     ELLIPSE_TITLE,
     WHITENESS_TITLE,
-    Mark,
     confidence_ellipse,
     drift,
     ellipse_of,
@@ -33,7 +32,7 @@ from spool_tools.report.evidence.confidence import (
     title_of,
     whiteness,
 )
-from spool_tools.report.evidence.exhibit import Exhibit, LeftOut, made
+from spool_tools.report.evidence.exhibit import Exhibit, LeftOut, Mark, made
 from spool_tools.report.evidence.motion import (
     LOOPS_TITLE,
     TRANSMISSIBILITY_TITLE,

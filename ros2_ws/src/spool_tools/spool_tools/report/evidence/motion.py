@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -23,10 +23,12 @@ from spool_tools.report.evidence.exhibit import (
     DARK,
     DASHED,
     MEASURED,
+    MODEL_LOOKS,
     WIDTH,
     Exhibit,
     Line,
     Panel,
+    drawn,
     listed,
     plain,
 )
@@ -65,7 +67,6 @@ TRANSMISSIBILITY_CAPTION = (
 LEAST_BAND = 0.1
 #: Coherence from which a deviation is held against the model.
 TOLD = 0.8
-COLOURS = ((BEFORE, DASHED, (6, 3)), (AFTER, "-", ()))
 
 
 @dataclass(frozen=True, slots=True)
@@ -343,58 +344,38 @@ def transmissibility(runs: Runs) -> Exhibit:
     frequency = measured.frequency[shown]
     size, error = np.abs(measured.response), measured.relative_error
     low, high = (size * np.maximum(1.0 + sign * Z_95 * error, LEAST_BAND) for sign in (-1.0, 1.0))
-    phase, spread = empty * _degrees(measured, shown), np.degrees(Z_95 * np.minimum(error, np.pi))
-    figure, axes = plt.subplots(
-        3, 1, figsize=(WIDTH, 7.0), layout="constrained", sharex=True, height_ratios=(3, 2, 1.3)
-    )
-    axes[0].fill_between(
-        frequency, (empty * low[shown]), (empty * high[shown]), color=MEASURED, alpha=0.35, lw=0
-    )
-    axes[0].plot(frequency, (empty * size[shown]), color=MEASURED, lw=2.6, label="measured, with 95 % band")
-    axes[1].fill_between(
-        frequency, phase - spread[shown], phase + spread[shown], color=MEASURED, alpha=0.35, lw=0
-    )
-    axes[1].plot(frequency, phase, color=MEASURED, lw=2.6)
-    axes[2].plot(frequency, (empty * measured.coherence[shown]), color=MEASURED, lw=2.6)
-    looks = dict(zip(models, COLOURS[-len(models) :], strict=True))
-    for name, found in models.items():
-        colour, dash, _ = looks[name]
-        axes[0].plot(
-            frequency, empty * np.abs(found.response)[shown], color=colour, ls=dash, lw=1.2, label=name
-        )
-        axes[1].plot(frequency, empty * _degrees(found, shown), color=colour, ls=dash, lw=1.2)
-        axes[2].plot(frequency, empty * found.coherence[shown], color=colour, ls=dash, lw=1.0)
-    axes[0].set_xscale("log")
-    axes[0].set_yscale("log")
-    axes[0].axhline(1.0, color=DARK, lw=0.6)
-    axes[2].set_ylim(0.0, 1.05)
-    plain(axes[0], "", "magnitude, spool over body, 1")
-    plain(axes[1], "", "phase, degrees")
-    plain(axes[2], "frequency, Hz", "coherence, 1")
-    axes[0].legend(fontsize=8, frameon=False)
-    size_line = Line(
-        "measured", (empty * size[shown]), MEASURED, (), (empty * low[shown]), (empty * high[shown]), 2.5
-    )
-    phase_line = Line("measured", phase, MEASURED, (), phase - spread[shown], phase + spread[shown], 2.5)
-    coherence = Line("measured", (empty * measured.coherence[shown]), MEASURED, width=2.5)
-    panels = tuple(
-        Panel("frequency, Hz", label, frequency, (own, *lines), log_x=True, log_y=log)
-        for label, own, lines, log in (
+    phase, spread = empty * _degrees(measured, shown), np.degrees(Z_95 * np.minimum(error, np.pi))[shown]
+    own = Line("measured", empty * size[shown], MEASURED, (), empty * low[shown], empty * high[shown], 2.5)
+    looks = MODEL_LOOKS[-len(models) :]
+
+    def of_models(take: Callable[[CrossSpectra], Array]) -> list[Line]:
+        pairs = zip(models.items(), looks, strict=True)
+        return [Line(name, empty * take(one), *look, width=1.2) for (name, one), look in pairs]
+
+    panels = (
+        Panel(
+            "frequency, Hz", "magnitude, spool over body, 1", frequency,
+            (own, *of_models(lambda one: np.abs(one.response)[shown])), log_x=True, log_y=True,
+        ),
+        Panel(
+            "frequency, Hz", "phase, degrees", frequency,
             (
-                "magnitude, 1",
-                size_line,
-                _lines(models, looks, lambda s: empty * np.abs(s.response)[shown]),
-                True,
+                replace(own, values=phase, low=phase - spread, high=phase + spread),
+                *of_models(lambda one: _degrees(one, shown)),
             ),
+            log_x=True,
+        ),
+        Panel(
+            "frequency, Hz", "coherence, 1", frequency,
             (
-                "phase, degrees",
-                phase_line,
-                _lines(models, looks, lambda s: empty * _degrees(s, shown)),
-                False,
+                replace(own, values=empty * measured.coherence[shown], low=None, high=None),
+                *of_models(lambda one: one.coherence[shown]),
             ),
-            ("coherence, 1", coherence, _lines(models, looks, lambda s: empty * s.coherence[shown]), False),
-        )
-    )
+            log_x=True, span=(0.0, 1.05),
+        ),
+    )  # fmt: skip
+    figure = drawn(panels, (3, 2, 1.3), 7.0)
+    figure.axes[0].axhline(1.0, color=DARK, lw=0.6)
     return Exhibit(
         TRANSMISSIBILITY_TITLE,
         figure,
@@ -446,14 +427,6 @@ def _profile(over: Array, force: Array) -> Profile:
     ]
     table = np.array(rows).reshape(-1, 2)
     return Profile(table[:, 0], table[:, 1])
-
-
-def _lines(
-    models: Mapping[str, CrossSpectra],
-    looks: Mapping[str, tuple[str, object, tuple[int, ...]]],
-    take: Callable[[CrossSpectra], Array],
-) -> tuple[Line, ...]:
-    return tuple(Line(name, take(found), looks[name][0], looks[name][2]) for name, found in models.items())
 
 
 def _degrees(spectra: CrossSpectra, shown: slice) -> Array:
