@@ -388,7 +388,16 @@ def _of_valves(fleet: Fleet, faulty: Set[int], least: int) -> tuple[list[Change 
     if fleet.referred is not None:
         slope_spread = pooled_slope(usable, fleet.referred)[1]
         if chosen == "machine":
-            slope_spread = min(slope_spread, _spread_within(best, fleet.members()))
+            # Spread of the slopes on the oil temperature between the valves of one machine, 1/K.
+            around: list[float] = []
+            for own in fleet.members().values():
+                slopes = np.array([own_slope(best[n]) for n in own])
+                slopes = slopes[np.isfinite(slopes)]
+                if slopes.size > MATES:
+                    factor = math.sqrt(slopes.size / (slopes.size - 1.0))
+                    around += (factor * (slopes - np.median(slopes))).tolist()
+            if len(around) > MATES:
+                slope_spread = min(slope_spread, spread(np.array(around)))
     scatter = scatter_of(usable, slope_spread)
     changes = [
         likeliest_change(one, scatter, days, fleet.parameters)
@@ -415,8 +424,13 @@ def _courses(fleet: Fleet, faulty: Set[int], least: int) -> dict[str, list[dict[
             for n in members[fleet.machines[number]]
             if n != number and n not in faulty and fleet.weeks[n].week.size
         ]
-        enough = len(mates) >= least
-        of_machine.append(_smoothed(common_course(mates, least=2)) if enough else of_fleet[number])
+        if len(mates) < least:
+            of_machine.append(of_fleet[number])
+            continue
+        course = common_course(mates, least=2)
+        # Running medians over five weeks: what machines share is slow, and adds less noise so.
+        near = {week: [course[one] for one in range(week - 2, week + 3) if one in course] for week in course}
+        of_machine.append({week: median(values) for week, values in near.items()})
     return {"nothing": [{} for _ in range(count)], "fleet": of_fleet, "machine": of_machine}
 
 
@@ -483,25 +497,6 @@ def _of_machines(fleet: Fleet, faulty: Set[int]) -> dict[str, Change]:
     }
     found = _beyond_sisters(list(changes.values()))
     return {name: one for n, (name, one) in enumerate(changes.items()) if n in found and one is not None}
-
-
-def _spread_within(weeks: Sequence[Weekly], members: Mapping[str, Sequence[int]]) -> float:
-    """Return the spread of the slopes on the oil temperature between the valves of one machine, 1/K."""
-    apart: list[float] = []
-    for own in members.values():
-        slopes = np.array([own_slope(weeks[n]) for n in own])
-        slopes = slopes[np.isfinite(slopes)]
-        if slopes.size > MATES:
-            apart += ((slopes - np.median(slopes)) * math.sqrt(slopes.size / (slopes.size - 1.0))).tolist()
-    return spread(np.array(apart)) if len(apart) > MATES else math.inf
-
-
-def _smoothed(course: Mapping[int, float]) -> dict[int, float]:
-    """Return the running medians over five weeks: what machines share is slow, and adds less noise so."""
-    return {
-        week: median([course[near] for near in range(week - 2, week + 3) if near in course])
-        for week in course
-    }
 
 
 def _shapes(weeks: Array) -> list[tuple[int, bool, Array]]:

@@ -44,10 +44,12 @@ def add_to_store(
     Raises:
         InputError: a folder, the pattern, the table or the valve file cannot be used.
     """
+    if valve:
+        find_valve(valve)
     naming = Naming(
         None if pattern is None else PathPattern(pattern),
         {} if table is None else read_table(table),
-        _valve(valve),
+        str(Path(valve).absolute()) if Path(valve).is_file() else valve,  # as workers find it
     )
     bags = found_bags(folders)
     pool = ProcessPool(workers or processors())
@@ -176,11 +178,3 @@ def write_page(store: Path, out: Path, reports: int, params_file: Path | None = 
         made = write_reports(content, out, reports, params_file) if reports else {}
         write_file(out, fleet_page(content, made), "--out")
     return f"{out}: {content.summary}" + (f"; {len(made)} reports beside it" if made else "")
-
-
-def _valve(text: str) -> str:
-    """Return the valve file ``text`` as workers find it, checked."""
-    if not text:
-        return ""
-    find_valve(text)
-    return str(Path(text).absolute()) if Path(text).is_file() else text

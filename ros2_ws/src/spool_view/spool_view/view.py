@@ -206,7 +206,25 @@ def detail_of(valve: HeardValve, now: float) -> dict[str, Any]:
 def alarms_of(message: Any) -> tuple[dict[str, Any], ...]:
     """Return the alarms of an ``AlarmList`` that are not normal, in its order."""
     shown = [one for one in message.alarms if one.state != Alarm.STATE_NORMAL]
-    return tuple(_alarm(one) for one in shown[:MOST])
+    return tuple(
+        {
+            "name": one.name[:_LONGEST],
+            "code": int(one.code),
+            "kind": one.kind[:_LONGEST],
+            "cause": one.cause[:_LONGEST],
+            "state": STATES.get(one.state, "unknown"),
+            "underlying": STATES.get(one.underlying, "unknown"),
+            "severity": _SEVERITIES.get(one.severity, "unknown"),
+            "occurrence": int(one.occurrence),
+            "texts": _texts(one),
+            "raised": int(one.raised_at.sec) or None,
+            "acknowledged": int(one.acknowledged_at.sec) or None,
+            "by": one.acknowledged_by[:_LONGEST],
+            "comment": one.comment[:_LONGEST],
+            "shelved_until": int(one.shelved_until.sec) or None,
+        }
+        for one in shown[:MOST]
+    )
 
 
 def spectrum_of(blocks: Sequence[Any]) -> dict[str, Any] | None:
@@ -348,25 +366,6 @@ def _parameter(valve: HeardValve, quantity: Any) -> dict[str, Any]:
     if known(compared) and baseline.value:
         found["change"] = rounded(100.0 * (compared.value / baseline.value - 1.0), 3)
     return found
-
-
-def _alarm(alarm: Any) -> dict[str, Any]:
-    return {
-        "name": alarm.name[:_LONGEST],
-        "code": int(alarm.code),
-        "kind": alarm.kind[:_LONGEST],
-        "cause": alarm.cause[:_LONGEST],
-        "state": STATES.get(alarm.state, "unknown"),
-        "underlying": STATES.get(alarm.underlying, "unknown"),
-        "severity": _SEVERITIES.get(alarm.severity, "unknown"),
-        "occurrence": int(alarm.occurrence),
-        "texts": _texts(alarm),
-        "raised": int(alarm.raised_at.sec) or None,
-        "acknowledged": int(alarm.acknowledged_at.sec) or None,
-        "by": alarm.acknowledged_by[:_LONGEST],
-        "comment": alarm.comment[:_LONGEST],
-        "shelved_until": int(alarm.shelved_until.sec) or None,
-    }
 
 
 def _texts(alarm: Any) -> dict[str, Any]:

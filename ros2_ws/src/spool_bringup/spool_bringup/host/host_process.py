@@ -161,7 +161,19 @@ class HostProcess:
             print(one_line(error), file=sys.stderr, flush=True)
             code = code or 2
         STOP.phase = Phase.ENDING
-        self._end()
+        if HUB.worker is not None:
+            HUB.worker.close()
+        for one in self.hosted:
+            with contextlib.suppress(Exception):
+                one.node.trigger_shutdown()
+        # A process that analyses is not waited for: what it is at is lost.
+        for child in multiprocessing.active_children():
+            child.terminate()
+        if hasattr(self, "_executor"):
+            with contextlib.suppress(Exception):
+                self._node.trigger_shutdown()
+            self._executor.shutdown()
+        rclpy.try_shutdown()
         STOP.finish()
         if any(one.node.compiling for one in self.hosted):
             # The interpreter would take itself down beneath the compiler.
@@ -333,7 +345,8 @@ class HostProcess:
             level = Level.ERROR
             text = "; ".join(f"{one.node.get_fully_qualified_name()}: {one.failed}" for one in failed[:5])
         wait = max((one.longest_wait for one in HUB.times.values()), default=0.0)
-        resident = _resident()
+        with open("/proc/self/statm", encoding="ascii") as stream:
+            resident = int(stream.read().split()[1]) * resource.getpagesize()
         valves = valve_timings(HUB.times, elapsed, resident)
         values: dict[str, object] = {
             "nodes": len(self.hosted),
@@ -344,21 +357,6 @@ class HostProcess:
             "longest_wait_s": wait,
         }
         self._diagnostics.publish(Status("host", level, text, values), *valves)
-
-    def _end(self) -> None:
-        if HUB.worker is not None:
-            HUB.worker.close()
-        for one in self.hosted:
-            with contextlib.suppress(Exception):
-                one.node.trigger_shutdown()
-        # A process that analyses is not waited for: what it is at is lost.
-        for child in multiprocessing.active_children():
-            child.terminate()
-        if hasattr(self, "_executor"):
-            with contextlib.suppress(Exception):
-                self._node.trigger_shutdown()
-            self._executor.shutdown()
-        rclpy.try_shutdown()
 
 
 def load_source(name: str) -> type[ManagedNode] | None:
@@ -391,11 +389,6 @@ def valve_timings(times: Mapping[str, TopicTimes], elapsed: float, resident: int
         _timing(topic.strip("/").rpartition("/")[0], one, elapsed, resident // len(times))
         for topic, one in times.items()
     ]
-
-
-def _resident() -> int:
-    with open("/proc/self/statm", encoding="ascii") as stream:
-        return int(stream.read().split()[1]) * resource.getpagesize()
 
 
 def _timing(valve: str, times: TopicTimes, elapsed: float, resident: int) -> Status:
