@@ -25,28 +25,16 @@ from spool_msgs.msg import AccelerationBlock, AlarmList, GapAnalysis, ModelEstim
 from spool_msgs.srv import AcknowledgeAlarm, ManageBaseline, ResetAlarms, ShelveAlarm, TakeSnapshot
 from std_srvs.srv import Trigger
 
+from spool_view import operator as operating
 from spool_view.application import ServerThread, application
-from spool_view.operator import (
-    ACKNOWLEDGE,
-    ANALYSE,
-    FREEZE,
-    LEARN,
-    RESET,
-    SHELVE,
-    SNAPSHOT,
-    Act,
-    ActLog,
-    Desk,
-    OperatorToken,
-    Outcome,
-)
+from spool_view.operator import Act, Desk, Outcome
 from spool_view.view import NAMES, Board, HeardValve, alarms_of, spectrum_of
 
 #: Folder of token and log below the state folder.
 FOLDER = "web_page"
 
 #: Nodes that do what the monitor does not.
-_NODES = {ANALYSE: "estimator", SNAPSHOT: "recorder"}
+_NODES = {operating.ANALYSE: "estimator", operating.SNAPSHOT: "recorder"}
 
 #: s between two askings for the baseline and the limits of a valve whose page is open.
 ASK_EVERY = 10.0
@@ -101,8 +89,8 @@ class PageNode(ManagedNode):
         self._server: ServerThread | None = None
         self._listening: Listening | None = None
         self._calls: ServiceCalls | None = None
-        self._token: OperatorToken | None = None
-        self._log: ActLog | None = None
+        self._token: operating.OperatorToken | None = None
+        self._log: operating.ActLog | None = None
         self._changed: list[str] = []
 
     def configure(self) -> None:
@@ -122,8 +110,8 @@ class PageNode(ManagedNode):
         folder = self._folder()
         address, port = self._socket.getsockname()[:2]
         if self.value("operator"):
-            self._token = OperatorToken(folder / FOLDER / f"token_{port}")
-            self._log = ActLog(folder / FOLDER / "operator_log.jsonl")
+            self._token = operating.OperatorToken(folder / FOLDER / f"token_{port}")
+            self._log = operating.ActLog(folder / FOLDER / "operator_log.jsonl")
         board = Board()
         names = tuple(name.strip("/") for name in self.value("valves") if name.strip("/"))
         calls = self._calls = ServiceCalls(self)
@@ -206,7 +194,7 @@ class PageNode(ManagedNode):
         """Ask for ``act``; called by the server's thread."""
         assert self._calls is not None
         outcome = do(self._calls, act)
-        if act.act in (FREEZE, LEARN):
+        if act.act in (operating.FREEZE, operating.LEARN):
             outcome.add_done_callback(lambda _: self._changed.append(act.valve))
         return outcome
 
@@ -371,19 +359,21 @@ def _ask(calls: ServiceCalls, valve: str, service: str, request: Any) -> Future[
 
 def _request(act: Act) -> tuple[str, Any]:
     by = {"who": act.who, "comment": act.comment}
-    if act.act == ANALYSE:
+    if act.act == operating.ANALYSE:
         return "analyse_gap", Trigger.Request()
-    if act.act == SNAPSHOT:
+    if act.act == operating.SNAPSHOT:
         return "take_snapshot", TakeSnapshot.Request(valve=act.valve, **by)
-    if act.act in (FREEZE, LEARN):
+    if act.act in (operating.FREEZE, operating.LEARN):
         kind = ManageBaseline.Request
-        return "manage_baseline", kind(action=kind.FREEZE if act.act == FREEZE else kind.LEARN, **by)
+        return "manage_baseline", kind(
+            action=kind.FREEZE if act.act == operating.FREEZE else kind.LEARN, **by
+        )
     by["alarm"] = act.alarm
-    if act.act == ACKNOWLEDGE:
+    if act.act == operating.ACKNOWLEDGE:
         return "acknowledge_alarm", AcknowledgeAlarm.Request(occurrence=act.occurrence, **by)
-    if act.act == RESET:
+    if act.act == operating.RESET:
         return "reset_alarms", ResetAlarms.Request(**by)
-    shelved = act.act == SHELVE
+    shelved = act.act == operating.SHELVE
     return "shelve_alarm", ShelveAlarm.Request(shelved=shelved, duration=60.0 * act.minutes, **by)
 
 
@@ -391,7 +381,7 @@ def _outcome(act: Act, answer: Any) -> Outcome:
     if answer is None:
         node = _NODES.get(act.act, "monitor")
         return Outcome(False, f"{act.valve}: its {node} does not answer")
-    if act.act == ANALYSE:
+    if act.act == operating.ANALYSE:
         return Outcome(bool(answer.success), str(answer.message))
     if not answer.success:
         return Outcome(False, str(answer.reason))

@@ -148,7 +148,18 @@ def run_demo(seconds: float, out: Path) -> int:
     display.say(f"starting 7 nodes (ROS_DOMAIN_ID={domain}, this host only), recording to {folder / 'bag'}")
     events, whole = _live(seconds, folder, display)
     if not whole:
-        return _say_interrupted(display, folder)
+        try:
+            information = describe(folder / "bag")
+        except InputError:
+            display.say("interrupted before anything was recorded")
+            return 130
+        recorded = sum(valve.blocks for valve in information.valves)
+        missing = sum(valve.lost_blocks for valve in information.valves)
+        display.say(
+            f"interrupted: {recorded} blocks recorded, {missing} lost, in {folder / 'bag'}; "
+            f"see ./spool replay {folder / 'bag'}"
+        )
+        return 130
     information = describe(folder / "bag")
     display.say("analysing the bag ...")
     analysis = replay_bag(folder / "bag", [], baseline_time=_baseline(seconds))
@@ -401,22 +412,6 @@ def _live(seconds: float, folder: Path, display: Display) -> tuple[list[tuple[st
         node.destroy_node()
         rclpy.try_shutdown()
     return events, whole
-
-
-def _say_interrupted(display: Display, folder: Path) -> int:
-    """Say what was recorded before Ctrl-C; return the exit code."""
-    try:
-        information = describe(folder / "bag")
-    except InputError:
-        display.say("interrupted before anything was recorded")
-        return 130
-    blocks = sum(valve.blocks for valve in information.valves)
-    lost = sum(valve.lost_blocks for valve in information.valves)
-    display.say(
-        f"interrupted: {blocks} blocks recorded, {lost} lost, in {folder / 'bag'}; "
-        f"see ./spool replay {folder / 'bag'}"
-    )
-    return 130
 
 
 def _start(nodes: Nodes, folder: Path, seconds: float) -> None:

@@ -165,11 +165,11 @@ class Listener:
             return
         valve = self.valves[name] = HeardValve(name)
         for kind, topic, take in (
-            (ValveHealth, "health", self._on_health),
-            (ModelEstimate, "estimate", self._on_estimate),
-            (AlarmList, "alarms", self._on_alarms),
+            (ValveHealth, "health", partial(self._on_health, valve)),
+            (ModelEstimate, "estimate", partial(setattr, valve, "estimate")),
+            (AlarmList, "alarms", partial(setattr, valve, "alarms")),
         ):
-            self._node.create_subscription(kind, f"/{name}/{topic}", partial(take, valve), qos.state())
+            self._node.create_subscription(kind, f"/{name}/{topic}", take, qos.state())
         self._node.create_subscription(
             HealthEvent, f"/{name}/events", partial(self._on_event, name), qos.state(100)
         )
@@ -177,14 +177,6 @@ class Listener:
     @staticmethod
     def _on_health(valve: HeardValve, message: ValveHealth) -> None:
         valve.health, valve.health_at = message, time.monotonic()
-
-    @staticmethod
-    def _on_estimate(valve: HeardValve, message: ModelEstimate) -> None:
-        valve.estimate = message
-
-    @staticmethod
-    def _on_alarms(valve: HeardValve, message: AlarmList) -> None:
-        valve.alarms = message
 
     def _on_event(self, name: str, message: HealthEvent) -> None:
         self.events.append((name, message))

@@ -197,15 +197,23 @@ def recorded_valve(reader: BagReader, name: str) -> Valve | None:
     return valve_from_mapping({"id": last.header.frame_id, "oil": last.oil or None, **mapping}, where)
 
 
+def iso_time(text: str) -> datetime:
+    """Return the time that ``text`` says in ISO 8601, UTC where it names no zone.
+
+    Raises:
+        ValueError: it says none.
+    """
+    time = datetime.fromisoformat(text.strip().replace("Z", "+00:00"))
+    return time if time.tzinfo else time.replace(tzinfo=timezone.utc)
+
+
 def _moment(option: str, text: str, end: int) -> int:
     """Return the time (ns since 1970) that is meant: ISO 8601, or how long before the record's ``end``."""
     match = re.fullmatch(r"-?(\d+(?:\.\d+)?)\s*(s|min|m|h|d|w)", text.strip())
     if match:
         return end - round(float(match[1]) * _UNITS[match[2]] * 1e9)
     try:
-        moment = datetime.fromisoformat(text.strip().replace("Z", "+00:00"))
-        zoned = moment if moment.tzinfo else moment.replace(tzinfo=timezone.utc)
-        return round(zoned.timestamp() * 1e6) * 1000
+        return round(iso_time(text).timestamp() * 1e6) * 1000
     except (ValueError, OverflowError):
         raise InputError(
             f"{option} {printable(text, 40)!r}: write it like 30s, 10m, 6h or 7d before the record's "

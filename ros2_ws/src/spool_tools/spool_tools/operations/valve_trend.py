@@ -20,6 +20,7 @@ from spool_monitor.state_file import default_folder, valve_folder
 from spool_monitor.trend import KEPT, TrendStore, finest, own_file
 from spool_monitor.valve_state import TRENDS
 
+from spool_tools.operations.record_sources import iso_time
 from spool_tools.outputs import check_output, write_file, write_json
 from spool_tools.report import page as html
 
@@ -199,12 +200,11 @@ def _since(text: str | None) -> int:
         except OverflowError:
             return 0
     try:
-        time = datetime.fromisoformat(text.replace("Z", "+00:00"))
+        return max(0, round(iso_time(text).timestamp()))
     except ValueError as error:
         raise InputError(
             f"--since {text!r}: write it like 90m, 6h, 7d or 2w, or like 2025-01-31T12:00:00 (UTC)"
         ) from error
-    return max(0, round((time if time.tzinfo else time.replace(tzinfo=timezone.utc)).timestamp()))
 
 
 def _print(result: dict[str, Any], out: Path | None) -> None:

@@ -23,19 +23,11 @@ from spool_estimator.identification.fit_result import Agreement
 
 from spool_tools.outputs import sources
 from spool_tools.report import fit_curves as curves
+from spool_tools.report import fit_tables as tables
 from spool_tools.report import page as html
 from spool_tools.report.evidence.collection import fit_exhibits
 from spool_tools.report.evidence.exhibit import DARK, MEASURED, STYLES, WIDTH
 from spool_tools.report.fit_curves import Excerpt, FrictionCurve, Overlay
-from spool_tools.report.fit_tables import (
-    COLUMNS,
-    correlated,
-    parameter_lines,
-    parameter_rows,
-    quality_rows,
-    ranking_rows,
-    series_rows,
-)
 from spool_tools.report.ranking import WORTH, FittedSeries, Ranking, ValidatedFit
 
 WAVEFORM = (
@@ -64,7 +56,7 @@ def fit_page(validated: ValidatedFit) -> str:
     """Return the page of a fit that has a result."""
     found = validated.fit
     title = f"{found.model.name.replace('_', ' ')} fitted to {validated.data.name}"
-    rows = parameter_rows(found)
+    rows = tables.parameter_rows(found)
     doubts = [f"Warning: {doubt}" for doubt in validated.data.doubts]
     sections: list[str] = [
         html.verdict(summary(validated)),
@@ -75,7 +67,7 @@ def fit_page(validated: ValidatedFit) -> str:
         ),
         *(html.listing(lines) for lines in (correlations(validated), found.warnings, doubts) if lines),
         html.heading("How well it holds"),
-        html.table(["what", "value"], quality_rows(validated)),
+        html.table(["what", "value"], tables.quality_rows(validated)),
     ]
     sections += [
         *pictures([validated]),
@@ -134,13 +126,13 @@ def correlations(validated: ValidatedFit) -> list[str]:
     """Return a line for each pair of parameters that is hardly distinguished."""
     return [
         f"{first} and {second} are correlated by {value:+.3f}".replace("_", " ")
-        for first, second, value in correlated(validated.fit)
+        for first, second, value in tables.correlated(validated.fit)
     ]
 
 
 def compare_page(series: Sequence[FittedSeries], ranking: Ranking) -> str:
     """Return the page of a comparison in which at least one model has a result."""
-    rows = ranking_rows(ranking)
+    rows = tables.ranking_rows(ranking)
     shown = [entry for entry in ranking.ranks if math.isfinite(entry.error)]
     sections: list[str] = [
         html.verdict(" ".join(ranking.sentences)),
@@ -156,7 +148,7 @@ def compare_page(series: Sequence[FittedSeries], ranking: Ranking) -> str:
             f"From best to worst: {', '.join(entry.model.replace('_', ' ') for entry in shown)}.",
         ),
         html.table(list(rows[0]), rows),
-        html.listing(COLUMNS),
+        html.listing(tables.COLUMNS),
     ]
     for one in series:
         sections += _series(one, ranking)
@@ -352,8 +344,8 @@ def _series(one: FittedSeries, ranking: Ranking) -> list[str]:
         key=lambda entry: order.index(entry.name),
     )
     rows = [
-        {**row, "parameters": "; ".join(parameter_lines(validated))}
-        for row, validated in zip(series_rows(one), one.validated, strict=True)
+        {**row, "parameters": "; ".join(tables.parameter_lines(validated))}
+        for row, validated in zip(tables.series_rows(one), one.validated, strict=True)
     ]
     sections: list[str] = [
         html.heading(f"{one.data.name} ({one.data.valve.id})"),

@@ -256,7 +256,11 @@ def ranking_rows(ranking: Ranking) -> list[dict[str, str]]:
             "model": entry.model.replace("_", " "),
             "par.": str(entry.parameters or ""),
             "error": _number(entry.error, ".4g"),
-            "more": _more(entry.excess),
+            "more": ""
+            if math.isnan(entry.excess)
+            else f"{100.0 * entry.excess:+.1f} %"
+            if entry.excess < 1.0
+            else f"x {1.0 + entry.excess:.3g}",
             "BIC": _number(entry.criterion - best, "+.0f"),
             "(33)": _number(entry.objective, ".3g"),
             "ratio": _number(entry.amplitude_ratio, ".3f"),
@@ -306,19 +310,16 @@ def save_model(
     ]
     for parameter in model.parameters:
         if parameter.name in values:
-            note = _note(known.get(parameter.name))
+            found = known.get(parameter.name)
+            note = "held" if found is None else "one choice of several that act alike"
+            if found is not None and math.isfinite(found.value):
+                note = width(found.value, found.standard_deviation)
             lines.append(f"  {parameter.name}: {float(values[parameter.name])!r}  # {parameter.unit}, {note}")
     write_file(path, "\n".join(lines) + "\n", "--save-model")
 
 
 def _with_unit(value: float, unit: str) -> str:
     return f"{number(value)}{unit_text(unit)}" if math.isfinite(value) else UNKNOWN
-
-
-def _more(excess: float) -> str:
-    if math.isnan(excess):
-        return ""
-    return f"{100.0 * excess:+.1f} %" if excess < 1.0 else f"x {1.0 + excess:.3g}"
 
 
 def _print(rows: Sequence[dict[str, str]], console: Console) -> None:
@@ -332,11 +333,3 @@ def _print(rows: Sequence[dict[str, str]], console: Console) -> None:
 
 def _number(value: float, digits: str) -> str:
     return f"{value:{digits}}" if math.isfinite(value) else "?"
-
-
-def _note(quantity: Quantity | None) -> str:
-    if quantity is None:
-        return "held"
-    if not math.isfinite(quantity.value):
-        return "one choice of several that act alike"
-    return width(quantity.value, quantity.standard_deviation)

@@ -114,12 +114,14 @@ def rank(series: Sequence[FittedSeries]) -> Ranking:
         own = [one.validated[place] for one in series]
         reason = next((entry.fit.reason for entry in own if entry.fit.reason is not None), None)
         agreements = [entry.fit.agreement for entry in own]
+        sums = [one for errors in counted if (one := errors[place]) is not None]
+        together = ResidualSum(sum(one.squares for one in sums), sum(one.samples for one in sums))
         found.append(
             Rank(
                 first.name,
                 len(first.fit.parameters),
                 sum(entry.fit.information_criterion for entry in own),
-                _together([errors[place] for errors in counted]),
+                together.rms if len(sums) == len(counted) else math.nan,
                 math.nan,
                 _mean([math.nan if entry is None else entry.objective for entry in agreements]),
                 _mean([math.nan if entry is None else entry.amplitude_ratio for entry in agreements]),
@@ -330,14 +332,6 @@ def _names(entries: Sequence[Rank]) -> str:
 
 def _mean(values: Sequence[float]) -> float:
     return sum(values) / len(values)
-
-
-def _together(errors: Sequence[ResidualSum | None]) -> float:
-    if any(error is None for error in errors):
-        return math.nan
-    return ResidualSum(
-        sum(error.squares for error in errors if error), sum(error.samples for error in errors if error)
-    ).rms
 
 
 def _errors(series: FittedSeries, records: Sequence[Record]) -> list[ResidualSum | None]:

@@ -7,6 +7,7 @@ from spool_core.numbers import Array
 
 matplotlib.use("Agg")
 
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,7 @@ from spool_bag.reader import BagReader
 from spool_core.block_gate import malformed
 from spool_core.events.sentences import title
 from spool_core.text import plural
-from spool_core.uncertainty import LEGEND, PLUS_MINUS, Z_95, Shown, interval, with_interval
+from spool_core.uncertainty import LEGEND, PLUS_MINUS, Z_95, interval, with_interval
 
 from spool_tools.outputs import sources
 from spool_tools.report import page as html
@@ -106,7 +107,12 @@ def draw_valve(
             axis.axvspan(begin, until, color=EVENT, alpha=0.18, lw=0)
     for axis in axes[:2]:
         axis.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, frameon=False, borderpad=0.0)
-    _name_events(axes[0], events)
+    for number, (label, begin, _) in enumerate(sorted(_spans(events, 0.0), key=lambda span: span[1])):
+        # Two heights in turn, so that neighbours stay apart.
+        axes[0].annotate(
+            label, (begin, 0.02 + 0.13 * (number % 2)), xycoords=("data", "axes fraction"), fontsize=8,
+            va="bottom", xytext=(2, 0), textcoords="offset points",
+        )  # fmt: skip
     figure.suptitle(name)
     return figure
 
@@ -210,15 +216,6 @@ def _spans(events: list[dict[str, Any]], end: float) -> list[tuple[str, float, f
     return spans + [(key, since, end) for key, since in begun.items()]
 
 
-def _name_events(axis: Axes, events: list[dict[str, Any]]) -> None:
-    for number, (label, begin, _) in enumerate(sorted(_spans(events, 0.0), key=lambda span: span[1])):
-        # Two heights in turn, so that neighbours stay apart.
-        axis.annotate(
-            label, (begin, 0.02 + 0.13 * (number % 2)), xycoords=("data", "axes fraction"), fontsize=8,
-            va="bottom", xytext=(2, 0), textcoords="offset points",
-        )  # fmt: skip
-
-
 def _section(name: str, valve: dict[str, Any], image: str) -> list[str]:
     parameters = [
         {
@@ -228,7 +225,8 @@ def _section(name: str, valve: dict[str, Any], image: str) -> list[str]:
             "unit": value["unit"],
         }
         for key, value in valve["estimate"]["parameters"].items()
-        for shown in (_interval(value),)
+        for numbers in [[math.nan if value[one] is None else value[one] for one in ("value", "std")]]
+        for shown in [interval(*numbers)]
     ]
     events = [
         {
@@ -245,12 +243,6 @@ def _section(name: str, valve: dict[str, Any], image: str) -> list[str]:
         html.table(["parameter", "at the end", PLUS_MINUS, "unit"], parameters, ("at the end", PLUS_MINUS)),
         html.table(["time", "event", "headline", "details"], events, ("time",)),
     ]
-
-
-def _interval(value: dict[str, Any]) -> Shown:
-    """Return what is shown of an entry of ``replay --json``, in which null is what is not known."""
-    number, deviation = (float("nan") if value[key] is None else value[key] for key in ("value", "std"))
-    return interval(number, deviation)
 
 
 def _events(valve: Mapping[str, Any]) -> list[str]:
