@@ -92,18 +92,18 @@ def check_output(path: Path | None, option: str) -> Path | None:
     return path
 
 
-def check_folder(path: Path, option: str = "--out") -> Path:
+def check_folder(path: Path) -> Path:
     """Return ``path`` if a command may fill it with files: it is new, empty, or ``--force`` was given.
 
     Raises:
         InputError: it is not so, or it is a link or a file.
     """
     if path.is_symlink():
-        raise InputError(f"{option} {path}: it is a link: name the folder itself")
+        raise InputError(f"--out {path}: it is a link: name the folder itself")
     if path.exists() and not path.is_dir():
-        raise InputError(f"{option} {path}: it is a file: name a folder")
+        raise InputError(f"--out {path}: it is a file: name a folder")
     if path.is_dir() and any(path.iterdir()) and not _force.get():
-        raise InputError(f"{option} {path}: it is not empty: name another one, or fill it by --force")
+        raise InputError(f"--out {path}: it is not empty: name another one, or fill it by --force")
     return path
 
 
@@ -128,7 +128,7 @@ def write_file(path: Path, content: str | bytes, option: str = "output") -> None
 
 
 @contextlib.contextmanager
-def making_room(path: Path, option: str = "--out") -> Iterator[None]:
+def making_room(path: Path) -> Iterator[None]:
     """Move aside what is at ``path`` while the block makes a bag or a table there; ``--force`` only.
 
     What was there comes back where the block fails, and goes where it succeeds.
@@ -137,19 +137,19 @@ def making_room(path: Path, option: str = "--out") -> Iterator[None]:
         InputError: it is there and ``--force`` was not given, it is a link, or a folder that is no bag.
     """
     if path.is_symlink():
-        raise InputError(f"{option} {path}: it is a link: name the bag or the file itself")
+        raise InputError(f"--out {path}: it is a link: name the bag or the file itself")
     if not path.exists() or (path.is_dir() and not any(path.iterdir())):
         yield
         return
     if not _force.get():
-        raise InputError(f"{option} {path}: it is there already: name another one, or replace it by --force")
+        raise InputError(f"--out {path}: it is there already: name another one, or replace it by --force")
     if path.is_dir() and not any(path.glob("*.mcap")):
-        raise InputError(f"{option} {path}: a folder that is no bag is not replaced: name another one")
+        raise InputError(f"--out {path}: a folder that is no bag is not replaced: name another one")
     aside = path.with_name(f".{path.name}.replaced-{os.getpid()}")
     try:
         path.rename(aside)
     except OSError as error:
-        raise InputError(f"{option} {path}: cannot be replaced: {error.strerror}") from error
+        raise InputError(f"--out {path}: cannot be replaced: {error.strerror}") from error
     try:
         yield
     except BaseException:

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from spool_core.errors import InputError
 from spool_core.events.sentences import LANGUAGES, details, headline
 from spool_core.node.messages import from_event_message
@@ -241,9 +240,25 @@ def spectrum_of(blocks: Sequence[Any]) -> dict[str, Any] | None:
     period = blocks[-1].sample_period
     if not (np.isfinite(period) and WINDOW / MOST_SAMPLES < period < WINDOW / 16):
         return None
-    body, spool = _newest(blocks, period)
-    size = body.size
-    if size < 16 or size * period < 0.5 * WINDOW:
+    # The newest samples without a gap, at most WINDOW s of them.
+    wanted, gathered, taken = round(WINDOW / period), 0, []
+    following: int | None = None
+    for block in reversed(blocks):
+        held = len(block.body)
+        fits = following is None or block.sequence == following - 1
+        if not fits or held != len(block.spool) or block.sample_period != period:
+            break
+        taken.append(block)
+        following, gathered = block.sequence, gathered + held
+        if gathered >= wanted:
+            break
+    parts = [
+        np.concatenate([np.frombuffer(getattr(one, name), np.float32) for one in reversed(taken)])
+        for name in ("body", "spool")
+    ]
+    body, spool = (part[-wanted:].astype(np.float64) for part in parts)
+    size, whole = body.size, np.isfinite(body).all() and np.isfinite(spool).all()
+    if not whole or size < 16 or size * period < 0.5 * WINDOW:
         return None
     taper = np.hanning(size)
     scale = 2.0 / taper.sum()
@@ -380,25 +395,3 @@ def _texts(alarm: Any) -> dict[str, Any]:
         }
         for code, language in LANGUAGES.items()
     }
-
-
-def _newest(blocks: Sequence[Any], period: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the newest samples without a gap, at most ``WINDOW`` s of them; none where any is no number."""
-    wanted, count, taken = round(WINDOW / period), 0, []
-    following: int | None = None
-    for block in reversed(blocks):
-        size = len(block.body)
-        fits = following is None or block.sequence == following - 1
-        if not fits or size != len(block.spool) or block.sample_period != period:
-            break
-        taken.append(block)
-        following, count = block.sequence, count + size
-        if count >= wanted:
-            break
-    parts = [
-        np.concatenate([np.frombuffer(getattr(one, name), np.float32) for one in reversed(taken)])
-        for name in ("body", "spool")
-    ]
-    body, spool = (part[-wanted:].astype(np.float64) for part in parts)
-    whole = bool(np.isfinite(body).all() and np.isfinite(spool).all())
-    return (body, spool) if whole else (np.zeros(0), np.zeros(0))

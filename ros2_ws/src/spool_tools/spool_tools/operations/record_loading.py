@@ -162,7 +162,16 @@ def load_recording(path: Path, selection: Selection | None = None) -> Recording:
         described = recorded_valve(reader, name) if chosen.described else None
     if not stretches:
         raise InputError(f"{path}: no sample in it that can be used")
-    kept = _between(stretches, chosen.start, chosen.stop)
+    # What lies between start and stop, s since the first sample.
+    kept = []
+    for stretch in stretches:
+        begins = (stretch.start - stretches[0].start) * 1e-9
+        first = max(0, math.ceil((chosen.start - begins) / stretch.sample_period - 1e-6))
+        end = (chosen.stop - begins) / stretch.sample_period
+        until = stretch.body.size if end >= stretch.body.size else math.ceil(end - 1e-6)
+        if first < until:
+            whole = first == 0 and until == stretch.body.size
+            kept.append(stretch if whole else stretch.part(first, until))
     if not kept:
         last = stretches[-1]
         ends = (last.start - stretches[0].start) * 1e-9 + last.duration
@@ -512,20 +521,6 @@ def _valve_in(reader: BagReader, name: str | None) -> str:
     if len(known) > 1:
         raise InputError(f"{reader.path}: it holds {', '.join(known)}: say which with --name")
     return known[0]
-
-
-def _between(stretches: Sequence[Record], start: float, stop: float) -> list[Record]:
-    """Return what lies between ``start`` and ``stop``, s since the first sample."""
-    kept = []
-    for stretch in stretches:
-        begins = (stretch.start - stretches[0].start) * 1e-9
-        first = max(0, math.ceil((start - begins) / stretch.sample_period - 1e-6))
-        end = (stop - begins) / stretch.sample_period
-        last = stretch.body.size if end >= stretch.body.size else math.ceil(end - 1e-6)
-        if first < last:
-            whole = first == 0 and last == stretch.body.size
-            kept.append(stretch if whole else stretch.part(first, last))
-    return kept
 
 
 def _without_file(source: Source, name: str) -> ChosenValve:

@@ -320,12 +320,9 @@ def plan_record(
         elif ask is not None:
             answer = ask(plan)
         else:
-            done = 0.0
             for one in named_effects(plan, effects or USUAL):
                 found.append(one)
-                share = 1.0 / (len(effects or USUAL) * len(SHARES))
-                advance(share)
-                done += share
+                advance(1.0 / (len(effects or USUAL) * len(SHARES)))
     result = _dictionary(plan, valve, name, excitation, quiet, answer, found)
     if json is not None:
         write_json(json, result)
@@ -363,9 +360,7 @@ class Named:
         return self.verdict == self.effect
 
 
-def named_effects(
-    plan: Plan, effects: Sequence[str], tell: Callable[[str, float], None] = lambda _what, _share: None
-) -> Iterator[Named]:
+def named_effects(plan: Plan, effects: Sequence[str]) -> Iterator[Named]:
     """Yield for each effect what is said of it, at falling shares until it is not named any more.
 
     Raises:
@@ -373,14 +368,13 @@ def named_effects(
     """
     base = load_model("fluid")
     plain = plan.record(base, {}, noisy=False)
-    for place, name in enumerate(effects):
+    for name in effects:
         effect = find_effect(name)
         if not effect.terms or not effect.fitted:
             known = [one for one, entry in EFFECTS.items() if entry.terms and entry.fitted]
             raise InputError(f"--effect {name}: it is no force; use one of {', '.join(known)}")
         model = Model(f"fluid_{name}", tuple(term(one) for one in dict.fromkeys((*FLUID, *effect.terms))))
-        for step, share in enumerate(SHARES):
-            tell(name, (place + step / len(SHARES)) / len(effects))
+        for share in SHARES:
             values = _values_for_share(plan, effect, model, plain, share)
             if values is None:
                 continue

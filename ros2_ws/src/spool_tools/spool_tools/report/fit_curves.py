@@ -14,8 +14,10 @@ from spool_estimator.identification.record import Record, first_seconds
 from spool_estimator.identification.spectra import ZeroPhase, density_of, relative_motion
 from spool_sim.valve import Valve
 
-#: s of data that pictures are made from at most.
-LONGEST = 60.0
+#: s of data that pictures are made from at most, and of a window of a free run.
+LONGEST, WINDOW = 60.0, 4.0
+#: Bins of velocity, samples in each at least, and samples of the measured friction that are drawn.
+BINS, LEAST, POINTS = 41, 10, 4000
 #: Hz, of the conditioning.
 LOW_CUT = 3.0
 #: Hz, the frequency of the paper's figure 13.
@@ -83,13 +85,13 @@ class Overlay:
         return np.asarray(self.responses[excerpt.window].acceleration[0, excerpt.first : excerpt.stop])
 
 
-def overlay(records: Sequence[Record], fit: Fit, valve: Valve, *, window: float = 4.0) -> Overlay:
-    """Return the free run of a fitted model over ``records``, in windows of ``window`` s.
+def overlay(records: Sequence[Record], fit: Fit, valve: Valve) -> Overlay:
+    """Return the free run of a fitted model over ``records``, in windows of ``WINDOW`` s.
 
     Raises:
         InputError: no record is long enough.
     """
-    run = FreeRun(records, fit.model, valve, window=window, low_cut=LOW_CUT, longest=LONGEST)
+    run = FreeRun(records, fit.model, valve, window=WINDOW, low_cut=LOW_CUT, longest=LONGEST)
     run.choose_substeps(fit.values)
     gain, delay = fit.sensor.get(SPOOL_GAIN, 0.0), fit.sensor.get(SPOOL_DELAY, 0.0)
     return Overlay(run, tuple(run.responses(run.sets(fit.values), np.array([gain]), np.array([delay]))))
@@ -113,9 +115,7 @@ def highest_frequency(run: FreeRun) -> float:
     return 1.2 * max(100.0, *run.highest_frequency)
 
 
-def friction(
-    records: Sequence[Record], fit: Fit, valve: Valve, *, bins: int = 41, points: int = 4000
-) -> FrictionCurve:
+def friction(records: Sequence[Record], fit: Fit, valve: Valve) -> FrictionCurve:
     """Return measured and fitted friction over velocity.
 
     Raises:
@@ -123,7 +123,7 @@ def friction(
     """
     run = FreeRun(records, fit.model, valve, low_cut=LOW_CUT)
     stiffness, mass = fit.values["spring_stiffness"], fit.values["mass"]
-    velocity, force, law = [], [], []
+    parts = []
     for number, some in first_seconds(run.records, LONGEST, shortest=5.0 / LOW_CUT):
         both = ZeroPhase(some.sample_period, LOW_CUT, 1.5 * max(run.highest_frequency[number], 30.0))
         motion = relative_motion(some.body, some.spool, ZeroPhase(some.sample_period, LOW_CUT))
@@ -133,12 +133,25 @@ def friction(
         )[0]  # fmt: skip
         inside = slice(2 * both.settling, some.body.size - 2 * both.settling)
         spring = stiffness * both.apply(motion.displacement)
-        velocity.append(motion.velocity[inside])
-        force.append((-mass * both.apply(motion.spool) - spring)[inside])
-        law.append((both.apply(model) - spring)[inside])
-    if not velocity:
+        rows = (motion.velocity, -mass * both.apply(motion.spool) - spring, both.apply(model) - spring)
+        parts.append([row[inside] for row in rows])
+    if not parts:
         raise InputError("no stretch is long enough for the motion of both accelerometers to settle")
-    return _binned(np.concatenate(velocity), np.concatenate(force), np.concatenate(law), bins, points)
+    velocity, force, law = (np.concatenate(rows) for rows in zip(*parts, strict=True))
+    reach = float(np.quantile(np.abs(velocity), 0.998))
+    # Finer where friction changes: around reversal.
+    edges = reach * np.sinh(np.linspace(-3.0, 3.0, BINS + 1)) / np.sinh(3.0)
+    place = np.digitize(velocity, edges) - 1
+    bins = []
+    for number in range(BINS):
+        own = place == number
+        if np.count_nonzero(own) >= LEAST:
+            low, middle, high = np.quantile(force[own], (0.25, 0.5, 0.75)).tolist()
+            centre = 0.5 * float(edges[number] + edges[number + 1])
+            bins.append((centre, middle, low, high, float(np.median(law[own]))))
+    table = np.array(bins).reshape(-1, 5)
+    chosen = np.random.default_rng(0).permutation(velocity.size)[:POINTS]
+    return FrictionCurve(velocity[chosen], force[chosen], *table.T)
 
 
 def spectra(records: Sequence[Record]) -> tuple[Array, Array, float]:
@@ -158,23 +171,6 @@ def sensor_noise(records: Sequence[Record]) -> float:
     """Return an upper bound of the rms noise of the spool's accelerometer, m/s^2."""
     _, _, floor = spectra(records)
     return float(np.sqrt(0.5 * floor / min(entry.sample_period for entry in records)))
-
-
-def _binned(velocity: Array, force: Array, law: Array, bins: int, points: int) -> FrictionCurve:
-    reach = float(np.quantile(np.abs(velocity), 0.998))
-    # Finer where friction changes: around reversal.
-    edges = reach * np.sinh(np.linspace(-3.0, 3.0, bins + 1)) / np.sinh(3.0)
-    place = np.digitize(velocity, edges) - 1
-    rows = []
-    for number in range(bins):
-        own = place == number
-        if np.count_nonzero(own) >= 10:
-            low, middle, high = np.quantile(force[own], (0.25, 0.5, 0.75)).tolist()
-            centre = 0.5 * float(edges[number] + edges[number + 1])
-            rows.append((centre, middle, low, high, float(np.median(law[own]))))
-    table = np.array(rows).reshape(-1, 5)
-    chosen = np.random.default_rng(0).permutation(velocity.size)[:points]
-    return FrictionCurve(velocity[chosen], force[chosen], *table.T)
 
 
 def _largest_motion(run: FreeRun) -> Excerpt:

@@ -5,10 +5,6 @@ Everywhere models come by name, in the order in which they are to be seen.
 
 from __future__ import annotations
 
-import matplotlib
-
-matplotlib.use("Agg")
-
 import math
 from collections.abc import Mapping, Sequence
 from itertools import cycle, islice

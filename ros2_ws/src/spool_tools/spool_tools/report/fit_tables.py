@@ -49,6 +49,8 @@ COLUMNS = (
 
 #: Characters of a model's name that its file keeps; with what is added it stays below the 100 that are read.
 LONGEST_NAME = 93
+#: Correlation from which two parameters are hardly distinguished.
+ALIKE = 0.9
 
 
 def to_dictionary(validated: ValidatedFit) -> dict[str, Any]:
@@ -142,14 +144,14 @@ def quality_rows(validated: ValidatedFit) -> list[dict[str, str]]:
     return [{"what": what, "value": value} for what, value in rows.items()]
 
 
-def correlated(found: Fit, least: float = 0.9) -> list[tuple[str, str, float]]:
+def correlated(found: Fit) -> list[tuple[str, str, float]]:
     """Return pairs of parameters that the record hardly distinguishes, with their correlation."""
     size = len(found.observable)
     return [
         (found.observable[i], found.observable[j], float(found.correlation[i, j]))
         for i in range(size)
         for j in range(i + 1, size)
-        if abs(found.correlation[i, j]) >= least
+        if abs(found.correlation[i, j]) >= ALIKE
     ]
 
 

@@ -2,11 +2,6 @@
 
 from __future__ import annotations
 
-import matplotlib
-from spool_core.numbers import Array
-
-matplotlib.use("Agg")
-
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -19,6 +14,7 @@ from matplotlib.figure import Figure
 from spool_bag.reader import BagReader
 from spool_core.block_gate import malformed
 from spool_core.events.sentences import title
+from spool_core.numbers import Array
 from spool_core.text import plural
 from spool_core.uncertainty import LEGEND, PLUS_MINUS, Z_95, interval, with_interval
 
@@ -56,7 +52,34 @@ def write_report(folder: Path, reader: BagReader, analysis: dict[str, Any]) -> P
             dpi=150,
         )
         (folder / f"{name.replace('/', '_')}.png").write_bytes(content)
-        sections += _section(name, valve, image)
+        parameters = [
+            {
+                "parameter": key.replace("_", " "),
+                "at the end": shown.value,
+                PLUS_MINUS: shown.half_width,
+                "unit": value["unit"],
+            }
+            for key, value in valve["estimate"]["parameters"].items()
+            for numbers in [[math.nan if value[one] is None else value[one] for one in ("value", "std")]]
+            for shown in [interval(*numbers)]
+        ]
+        listed = [
+            {
+                "time": f"{event['t_s']:.1f} s",
+                "event": f"{event['severity']} {event['state']}",
+                "headline": event["message"],
+                "details": html.folded("show", event["details"]),
+            }
+            for event in valve["events"]
+        ]
+        sections += [
+            html.heading(name),
+            image,
+            html.table(
+                ["parameter", "at the end", PLUS_MINUS, "unit"], parameters, ("at the end", PLUS_MINUS)
+            ),
+            html.table(["time", "event", "headline", "details"], listed, ("time",)),
+        ]
     lost = sum(valve["lost_blocks"] for valve in analysis["valves"].values())
     summary = (
         f"{plural(len(analysis['valves']), 'valve')}, {analysis['duration_s'] or 0.0:.0f} s, "
@@ -214,35 +237,6 @@ def _spans(events: list[dict[str, Any]], end: float) -> list[tuple[str, float, f
         elif key in begun:
             spans.append((key, begun.pop(key), event["t_s"]))
     return spans + [(key, since, end) for key, since in begun.items()]
-
-
-def _section(name: str, valve: dict[str, Any], image: str) -> list[str]:
-    parameters = [
-        {
-            "parameter": key.replace("_", " "),
-            "at the end": shown.value,
-            PLUS_MINUS: shown.half_width,
-            "unit": value["unit"],
-        }
-        for key, value in valve["estimate"]["parameters"].items()
-        for numbers in [[math.nan if value[one] is None else value[one] for one in ("value", "std")]]
-        for shown in [interval(*numbers)]
-    ]
-    events = [
-        {
-            "time": f"{event['t_s']:.1f} s",
-            "event": f"{event['severity']} {event['state']}",
-            "headline": event["message"],
-            "details": html.folded("show", event["details"]),
-        }
-        for event in valve["events"]
-    ]
-    return [
-        html.heading(name),
-        image,
-        html.table(["parameter", "at the end", PLUS_MINUS, "unit"], parameters, ("at the end", PLUS_MINUS)),
-        html.table(["time", "event", "headline", "details"], events, ("time",)),
-    ]
 
 
 def _events(valve: Mapping[str, Any]) -> list[str]:

@@ -107,9 +107,9 @@ class Ellipse:
         apart = np.asarray(pair) - self.centre
         return bool(apart @ np.linalg.solve(self.covariance, apart) <= CHI_SQUARED_95)
 
-    def outline(self, points: int = 181) -> Array:
-        """Return points around it, shape (2, points)."""
-        angle = np.linspace(0.0, 2.0 * math.pi, points)
+    def outline(self) -> Array:
+        """Return points around it, shape (2, 181)."""
+        angle = np.linspace(0.0, 2.0 * math.pi, 181)
         circle = np.array([np.cos(angle), np.sin(angle)])
         root = np.linalg.cholesky(self.covariance)
         return np.asarray(self.centre[:, np.newaxis] + math.sqrt(CHI_SQUARED_95) * root @ circle)

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import matplotlib
-from spool_core.numbers import Array
-
-matplotlib.use("Agg")
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+import matplotlib
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from spool_core.errors import InputError
+from spool_core.numbers import Array
+
+matplotlib.use("Agg")  # pictures are drawn where there is no screen
 
 #: Points of a line that a reader can zoom into, at most.
 POINTS = 1500
