@@ -15,7 +15,7 @@ import shlex
 import stat
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextvars import ContextVar
 from dataclasses import dataclass
 from datetime import datetime, timezone
@@ -260,15 +260,32 @@ def provenance() -> list[tuple[str, str]]:
 
 def sources(records: Sequence[Path], valve: Valve | None = None) -> list[tuple[str, str]]:
     """Return label and value for each file of ``records`` with its checksum, and for the valve."""
-    rows = [
-        ("record", f"{file}, SHA-256 {_checksum(file)}")
-        for path in records
-        for file in (sorted(path.glob("*.mcap"))[:MOST_FILES] if path.is_dir() else [path])
-    ]
+    rows = []
+    for path in records:
+        for file in sorted(path.glob("*.mcap"))[:MOST_FILES] if path.is_dir() else [path]:
+            try:
+                checksum = sha256_of([file])
+            except OSError as error:
+                checksum = f"not known: {error.strerror}"
+            rows.append(("record", f"{file}, SHA-256 {checksum}"))
     if valve is not None:
         numbers = f"{valve.moving_mass:g} kg, {valve.spring_stiffness:g} N/m"
         rows.append(("valve", f"{valve.id}: {numbers}, {valve.natural_frequency:.3g} Hz"))
     return rows
+
+
+def sha256_of(files: Iterable[Path]) -> str:
+    """Return the SHA-256 of the content of ``files``, one after the other.
+
+    Raises:
+        OSError: one cannot be read.
+    """
+    digest = hashlib.sha256()
+    for file in files:
+        with file.open("rb") as stream:
+            while piece := stream.read(1 << 20):
+                digest.update(piece)
+    return digest.hexdigest()
 
 
 def _is_device(path: Path) -> bool:
@@ -302,14 +319,3 @@ def _git(folder: Path, *words: str) -> str:
     except (OSError, subprocess.SubprocessError):
         return ""
     return done.stdout.strip() if done.returncode == 0 else ""
-
-
-def _checksum(path: Path) -> str:
-    digest = hashlib.sha256()
-    try:
-        with path.open("rb") as stream:
-            while chunk := stream.read(1 << 20):
-                digest.update(chunk)
-    except OSError as error:
-        return f"not known: {error.strerror}"
-    return digest.hexdigest()

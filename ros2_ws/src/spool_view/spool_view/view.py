@@ -170,8 +170,17 @@ def detail_of(valve: HeardValve, now: float) -> dict[str, Any]:
     detail = row_of(valve, now)
     silent = detail["condition"] == NO_WORD
     detail["alarms"] = list(valve.alarms)
-    detail["resonance"] = None if silent or valve.health is None else _resonance(valve)
-    detail["judgements"] = [] if silent or valve.health is None else list(valve.health.judgements)
+    health = None if silent else valve.health
+    detail["resonance"], detail["judgements"] = None, [] if health is None else list(health.judgements)
+    if health is not None:
+        margin, band = margin_of(health), valve.limits.get(BAND)
+        detail["resonance"] = {
+            "margin": None if margin is None else round(100.0 * margin),
+            "band": None if band is None else rounded(100.0 * band, 3),
+            "shakes": shown(health.dominant_frequency),
+            "natural": shown(health.natural_frequency),
+            "amplification": shown(health.amplification),
+        }
     detail["baseline"] = detail["gap"] = None
     if valve.baseline is not None:
         detail["baseline"] = {
@@ -345,18 +354,6 @@ def rounded(value: float, digits: int = 6) -> float | None:
 def hertz(quantity: Any) -> str | None:
     """Return a frequency with one decimal, ``None`` where there is none."""
     return f"{quantity.value:.1f}" if known(quantity) else None
-
-
-def _resonance(valve: HeardValve) -> dict[str, Any]:
-    health = valve.health
-    margin, band = margin_of(health), valve.limits.get(BAND)
-    return {
-        "margin": None if margin is None else round(100.0 * margin),
-        "band": None if band is None else rounded(100.0 * band, 3),
-        "shakes": shown(health.dominant_frequency),
-        "natural": shown(health.natural_frequency),
-        "amplification": shown(health.amplification),
-    }
 
 
 def _parameter(valve: HeardValve, quantity: Any) -> dict[str, Any]:

@@ -15,8 +15,6 @@ from spool_gap.result import (
     Curves,
     GapResult,
     ProfileLikelihood,
-    RankedHypothesis,
-    Share,
     Surface,
     Where,
 )
@@ -158,9 +156,12 @@ def where_figure(before: Where, after: Where, share_left: float) -> Figure:
             places, [100.0 * s.floor for s in first], ls="", marker="_", ms=14, mew=1.6, color=FLOOR,
             label="noise alone",
         )  # fmt: skip
-        axis.set_xticks(places, _labels(first), rotation=40, ha="right", fontsize=7)
-        unit = first[0].unit if first else "1"
-        axis.set_title(name + ("" if unit == "1" else f", {UNIT.get(unit, (1.0, unit))[1]}"), fontsize=9)
+        unit = first[0].unit if first else ""
+        factor, shown = UNIT.get(unit, (1.0, unit))
+        labels = [f"{factor * s.low:.3g}–{factor * s.high:.3g}" for s in first]
+        labels = ["backward", "forward"] if unit == "1" else labels
+        axis.set_xticks(places, labels, rotation=40, ha="right", fontsize=7)
+        axis.set_title(name + ("" if unit in ("", "1") else f", {shown}"), fontsize=9)
         axis.tick_params(axis="y", labelsize=7)
         _plain(axis)
     axes[0, 0].set_ylabel("share of the gap's energy, %", fontsize=8)
@@ -228,7 +229,12 @@ def ranking_figure(result: GapResult) -> Figure:
         axis.barh(place, 100.0 * length, 0.62, color=AFTER if row.accepted else "#bbbbbb")
         text = f"{100.0 * row.nrmse_after:.2g} %" + ("  accepted" if row.accepted else "")
         axis.text(100.0 * length, place, f" {text}", va="center", fontsize=7.5)
-    axis.set_yticks(range(len(rows)), [_hypothesis(row) for row in rows], fontsize=8)
+    labels = [
+        _said(row.id)
+        + (f"  (jointly with {', '.join(map(_said, row.jointly_with))})" if row.jointly_with else "")
+        for row in rows
+    ]
+    axis.set_yticks(range(len(rows)), labels, fontsize=8)
     axis.axvline(100.0 * result.before.nrmse, color=BEFORE, lw=1.4, label="base model")
     axis.axvline(100.0 * result.noise_floor, color=FLOOR, lw=1.2, ls=(0, (4, 2)), label="noise alone")
     axis.set_xlim(0.0, 115.0 * top)
@@ -403,20 +409,6 @@ def _number(quantity: Quantity | None) -> str:
     if quantity is None:
         return ""
     return str(interval(quantity.value, quantity.standard_deviation))
-
-
-def _labels(shares: Sequence[Share]) -> list[str]:
-    if shares and shares[0].unit == "1":
-        return ["backward", "forward"]
-    factor = UNIT.get(shares[0].unit, (1.0, ""))[0] if shares else 1.0
-    return [f"{factor * s.low:.3g}–{factor * s.high:.3g}" for s in shares]
-
-
-def _hypothesis(row: RankedHypothesis) -> str:
-    joint = (
-        f"  (jointly with {', '.join(_said(name) for name in row.jointly_with)})" if row.jointly_with else ""
-    )
-    return _said(row.id) + joint
 
 
 def _said(name: str) -> str:

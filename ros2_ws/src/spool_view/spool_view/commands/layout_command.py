@@ -89,7 +89,18 @@ def plotjuggler_layout(valves: Sequence[PlottedValve]) -> str:
     for valve in valves:
         tab = ElementTree.SubElement(widget, "Tab", tab_name=valve.name, containers="1")
         container = ElementTree.SubElement(tab, "Container")
-        plots = _plots(valve)
+        # The plots of valve: the title of each, and topic and field of its curves.
+        health, estimate = f"/{valve.name}/health", f"/{valve.name}/estimate"
+        frequencies = [(health, "dominant_frequency/value"), (estimate, "natural_frequency/value")]
+        plots = [
+            ("frequencies, Hz", frequencies),
+            ("amplification", [(health, "amplification/value")]),
+            *(
+                (name.replace("_", " "), [(estimate, f"parameters[{place}]/value")])
+                for place, name in enumerate(valve.parameters)
+            ),
+            ("residual", [(estimate, "residual/value")]),
+        ]
         sizes = ";".join([f"{1.0 / len(plots):.6g}"] * len(plots))
         splitter = ElementTree.SubElement(
             container, "DockSplitter", orientation="-", count=str(len(plots)), sizes=sizes
@@ -200,21 +211,6 @@ def _stacked(keys: Sequence[str]) -> Any:
         "direction": "column",
         "splitPercentage": share,
     }
-
-
-def _plots(valve: PlottedValve) -> list[tuple[str, list[tuple[str, str]]]]:
-    """Return the plots of ``valve``: the title of each, and topic and field of its curves."""
-    health, estimate = f"/{valve.name}/health", f"/{valve.name}/estimate"
-    frequencies = [(health, "dominant_frequency/value"), (estimate, "natural_frequency/value")]
-    return [
-        ("frequencies, Hz", frequencies),
-        ("amplification", [(health, "amplification/value")]),
-        *(
-            (name.replace("_", " "), [(estimate, f"parameters[{place}]/value")])
-            for place, name in enumerate(valve.parameters)
-        ),
-        ("residual", [(estimate, "residual/value")]),
-    ]
 
 
 COMMAND = Command(layout, place=175, line="layouts of viewers (Foxglove, Lichtblick, PlotJuggler) for valves")
