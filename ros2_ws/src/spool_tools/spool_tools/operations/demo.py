@@ -31,11 +31,11 @@ from spool_core.events.sentences import language_of
 from spool_core.node import qos
 from spool_core.node.network import isolate
 from spool_core.node.parameters import rule
-from spool_core.uncertainty import LEGEND, with_interval
+from spool_core.uncertainty import LEGEND
 from spool_msgs.msg import HealthEvent, ModelEstimate, Quantity, ValveHealth
 from spool_sim.excitation import from_mapping
 
-from spool_tools.operations.heard import event_line
+from spool_tools.operations.heard import estimate_cells, event_line
 from spool_tools.operations.service_client import call
 from spool_tools.outputs import write_json
 
@@ -248,15 +248,11 @@ class Display:
         health, estimate = self.health.get(name), self.estimates.get(name)
         if health is None or estimate is None:
             return [Text("waiting", style="dim")]
-        values = {quantity.name: quantity for quantity in estimate.parameters}
         level, style = _LEVELS.get(health.level, ("?", "dim"))
         known = health.dominant_frequency.validity == Quantity.VALIDITY_VALID
         return [
             Text(f"{health.dominant_frequency.value:5.1f} Hz" if known else "no line "),
-            Text(_with_uncertainty(estimate.natural_frequency)),
-            Text(_with_uncertainty(values.get("spring_stiffness"))),
-            Text(_with_uncertainty(values.get("viscous_coefficient"))),
-            Text(_with_uncertainty(values.get("coulomb_force"))),
+            *map(Text, estimate_cells(estimate, "learning")),
             Text(level, style=style).append(f" {health.summary}", style="default"),
         ]
 
@@ -461,11 +457,3 @@ def _let_drift(node: Node, valve: DemoValve, duration: float) -> None:
     result = call(node, server, "set_parameters_atomically", request, SetParametersAtomically).result
     if not result.successful:
         raise InputError(f"{valve.name}: the drift was refused: {result.reason}")
-
-
-def _with_uncertainty(quantity: Quantity | None) -> str:
-    if quantity is None or quantity.validity == Quantity.VALIDITY_UNKNOWN:
-        return "learning"
-    held = " held" if quantity.validity == Quantity.VALIDITY_HELD else ""
-    unit = quantity.unit.replace(" s", "·s")
-    return f"{with_interval(quantity.value, quantity.standard_deviation, unit)}{held}"

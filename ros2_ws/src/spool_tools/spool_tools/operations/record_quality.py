@@ -63,7 +63,20 @@ def look(files: Sequence[Path], how: Choices, json: Path | None, report: Path | 
     """Show what is understood of files, and the record's quality; return whether `import` would take them."""
     tables = [open_table(path) for path in files]
     for table in tables:
-        _show_channels(table)
+        console = Console()
+        console.print(f"{cell(str(table.path))}: {format_of(table.path).name}", soft_wrap=True, markup=False)
+        for note in table.notes:
+            console.print(f"  {cell(note)}", soft_wrap=True, markup=False)
+        listed = Table(box=None, pad_edge=False)
+        for column in ("  #", "channel", "unit", "measures"):
+            listed.add_column(column)
+        for group in table.groups:
+            for one in group.channels:
+                name = f"{group.name}/{one.name}" if group.name else one.name
+                unit = "time of day" if one.unit == STAMP else one.unit or "not named"
+                what = "time" if one.time or one.unit == STAMP else quantity_of(one.unit) or "not known"
+                listed.add_row(f"  {one.number}", cell(name), cell(unit), what)
+        console.print(listed)
     try:
         record = read_record(files, how=how)
     except InputError as error:
@@ -227,23 +240,6 @@ def _channels(table: Channels) -> dict[str, Any]:
             for one in group.channels
         ],
     }
-
-
-def _show_channels(table: Channels) -> None:
-    console = Console()
-    console.print(f"{cell(str(table.path))}: {format_of(table.path).name}", soft_wrap=True, markup=False)
-    for note in table.notes:
-        console.print(f"  {cell(note)}", soft_wrap=True, markup=False)
-    shown = Table(box=None, pad_edge=False)
-    for column in ("  #", "channel", "unit", "measures"):
-        shown.add_column(column)
-    for group in table.groups:
-        for one in group.channels:
-            name = f"{group.name}/{one.name}" if group.name else one.name
-            unit = "time of day" if one.unit == STAMP else one.unit or "not named"
-            what = "time" if one.time or one.unit == STAMP else quantity_of(one.unit) or "not known"
-            shown.add_row(f"  {one.number}", cell(name), cell(unit), what)
-    console.print(shown)
 
 
 def print_quality(found: RecordQuality, notes: Sequence[str], console: Console) -> None:

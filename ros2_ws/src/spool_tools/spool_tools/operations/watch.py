@@ -201,13 +201,19 @@ class WatchApp(App[None]):
         self.query_one("#said", Static).update(text)
 
     def _ask_then(
-        self, title: str, do: Callable[[float, str], Future[str]], *, minutes: bool = False
+        self, verb: str, do: Callable[[str, Alarm, float, str], Future[str]], *, minutes: bool = False
     ) -> None:
+        """Ask for a comment, then do something about the chosen alarm."""
+        found = self._alarm()
+        if found is None:
+            return
+        valve, alarm = found
+
         def done(given: tuple[float, str] | None) -> None:
             if given is not None:
-                self._awaited.append(do(*given))
+                self._awaited.append(do(valve, alarm, *given))
 
-        self.push_screen(AskScreen(title, minutes=minutes), done)
+        self.push_screen(AskScreen(f"{verb} {valve}: {alarm.name}", minutes=minutes), done)
 
     def action_details(self) -> None:
         """Show everything that is known of the chosen alarm."""
@@ -219,45 +225,38 @@ class WatchApp(App[None]):
 
     def action_acknowledge(self) -> None:
         """Note that the chosen alarm was seen: the occurrence that is shown, no newer one."""
-        found = self._alarm()
-        if found:
-            valve, alarm = found
-            self._ask_then(
-                f"acknowledge {valve}: {alarm.name}",
-                lambda _minutes, comment: self._listener.acknowledge(
-                    valve, alarm.name, alarm.occurrence, self._who, comment
-                ),
-            )
+        self._ask_then(
+            "acknowledge",
+            lambda valve, alarm, _minutes, comment: self._listener.acknowledge(
+                valve, alarm.name, alarm.occurrence, self._who, comment
+            ),
+        )
 
     def action_shelve(self) -> None:
         """Put the chosen alarm aside for a time."""
-        self._shelve(shelved=True)
+        self._shelve("shelve", shelved=True)
 
     def action_unshelve(self) -> None:
         """Take the chosen alarm off the shelf."""
-        self._shelve(shelved=False)
+        self._shelve("take off the shelf", shelved=False)
 
-    def _shelve(self, *, shelved: bool) -> None:
-        found = self._alarm()
-        if found:
-            valve, alarm = found
-            self._ask_then(
-                f"{'shelve' if shelved else 'take off the shelf'} {valve}: {alarm.name}",
-                lambda minutes, comment: self._listener.shelve(
-                    valve, alarm.name, 60.0 * minutes, self._who, comment, shelved=shelved
-                ),
-                minutes=shelved,
-            )
+    def _shelve(self, verb: str, *, shelved: bool) -> None:
+        self._ask_then(
+            verb,
+            lambda valve, alarm, minutes, comment: self._listener.shelve(
+                valve, alarm.name, 60.0 * minutes, self._who, comment, shelved=shelved
+            ),
+            minutes=shelved,
+        )
 
     def action_reset(self) -> None:
-        """Let go of the chosen latched alarm."""
-        found = self._alarm()
-        if found:
-            valve, alarm = found
-            self._ask_then(
-                f"reset {valve}: {alarm.name}",
-                lambda _minutes, comment: self._listener.reset(valve, alarm.name, self._who, comment),
-            )
+        """Reset the chosen latched alarm."""
+        self._ask_then(
+            "reset",
+            lambda valve, alarm, _minutes, comment: self._listener.reset(
+                valve, alarm.name, self._who, comment
+            ),
+        )
 
 
 def _fill(

@@ -61,7 +61,7 @@ def fit_page(validated: ValidatedFit) -> str:
         html.paragraph(
             f"{LEGEND}; the true value lies within it in 95 of 100 such records, if the model is right."
         ),
-        *(html.listing(lines) for lines in (correlations(validated), found.warnings, doubts) if lines),
+        *(html.listing(lines) for lines in (tables.correlations(found), found.warnings, doubts) if lines),
         html.heading("How well it holds"),
         html.table(["what", "value"], tables.quality_rows(validated)),
     ]
@@ -116,14 +116,6 @@ def summary(validated: ValidatedFit) -> str:
         f"With these parameters {found.model.name.replace('_', ' ')} gives the spool's acceleration on "
         f"{where} to within {100.0 * error:.2g} % of its rms.{state}"
     )
-
-
-def correlations(validated: ValidatedFit) -> list[str]:
-    """Return a line for each pair of parameters that is hardly distinguished."""
-    return [
-        f"{first} and {second} are correlated by {value:+.3f}".replace("_", " ")
-        for first, second, value in tables.correlated(validated.fit)
-    ]
 
 
 def compare_page(series: Sequence[FittedSeries], ranking: Ranking) -> str:

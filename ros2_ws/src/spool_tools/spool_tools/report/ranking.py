@@ -102,6 +102,11 @@ class Ranking:
     equal: tuple[str, ...]
     sentences: tuple[str, ...]
 
+    @property
+    def least_criterion(self) -> float:
+        """Least information criterion of all, NaN where no model has one."""
+        return min((one.criterion for one in self.ranks if math.isfinite(one.criterion)), default=math.nan)
+
 
 def rank(series: Sequence[FittedSeries]) -> Ranking:
     """Return the ranking of models, each fitted to every one of ``series``."""

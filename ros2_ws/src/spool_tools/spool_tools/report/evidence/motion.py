@@ -249,8 +249,15 @@ def loops_from(
     models = {name: np.concatenate([part[4][name] for part in parts]) for name in parts[0][4]}
     if not (float(np.ptp(z)) > 0.0 and float(np.ptp(v)) > 0.0):
         raise InputError("the spool does not move in its body")
-    begin, first, stop, number = _excerpt(parts, period)
-    chosen = parts[number]
+    # A few periods around the largest motion. A sine of amplitude Z has velocity 2 pi f Z: what the motion
+    # repeats at, about.
+    chosen = max(parts, key=lambda part: float(np.abs(part[1]).max()))
+    begin, displacement, velocity = chosen[:3]
+    centre, size = int(np.argmax(np.abs(displacement))), displacement.size
+    near = slice(*_around(centre, round(0.5 / period), size))
+    rms = [float(np.sqrt(np.mean(row[near] ** 2))) for row in (displacement, velocity)]
+    frequency = max(rms[1] / max(2.0 * np.pi * rms[0], 1e-12), 1.0)
+    first, stop = _around(centre, round(PERIODS / frequency / period), size)
     excerpt = slice(first, stop)
     missing = {name: measured - force for name, force in models.items()}
     return Loops(
@@ -393,21 +400,6 @@ def within(measured: CrossSpectra, model: CrossSpectra, places: Sequence[int] | 
     apart = np.abs(np.abs(model.response[chosen]) - np.abs(measured.response[chosen]))
     width = Z_95 * measured.relative_error[chosen] * np.abs(measured.response[chosen])
     return float(np.mean(apart <= width))
-
-
-def _excerpt(
-    parts: Sequence[tuple[float, Array, Array, Array, Mapping[str, Array]]], period: float
-) -> tuple[float, int, int, int]:
-    """Return start (s), first and last sample and number of the part with the largest motion."""
-    sizes = [float(np.abs(part[1]).max()) for part in parts]
-    number = int(np.argmax(sizes))
-    begin, z, v = parts[number][0], parts[number][1], parts[number][2]
-    # A sine of amplitude Z has velocity 2 pi f Z: what the motion repeats at, about.
-    near = slice(*_around(int(np.argmax(np.abs(z))), round(0.5 / period), z.size))
-    rms = [float(np.sqrt(np.mean(row[near] ** 2))) for row in (z, v)]
-    frequency = max(rms[1] / max(2.0 * np.pi * rms[0], 1e-12), 1.0)
-    first, stop = _around(int(np.argmax(np.abs(z))), round(PERIODS / frequency / period), z.size)
-    return begin, first, stop, number
 
 
 def _around(centre: int, length: int, size: int) -> tuple[int, int]:
