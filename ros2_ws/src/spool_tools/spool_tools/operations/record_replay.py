@@ -24,7 +24,7 @@ from spool_estimator.estimator import make_estimator, phase_of, settings_for
 from spool_estimator.gap_requests import GapWatch
 from spool_estimator.identification.record import PartKeeper, Record
 from spool_estimator.plausibility import ValveCheck, check_rate
-from spool_estimator.refit import RefitSettings, WindowRefits
+from spool_estimator.refit import Refit, RefitSettings, WindowRefits
 from spool_estimator.stream_estimator import StreamEstimator
 from spool_monitor.detectors import JUDGEMENT_TEXTS, LIMITS, MonitorSettings, check_settings
 from spool_monitor.detectors.base import BASELINE_TIME, NATURAL_FREQUENCY
@@ -417,27 +417,7 @@ def valve_dictionary(
             },
         },
         "events": [event_dictionary(event, events, language) for event in one.events],
-        **(
-            {}
-            if one.refits is None
-            else {
-                "refits": [
-                    {
-                        "t_s": refits.since(found.stamp),
-                        "model": found.model,
-                        "state": found.state.name.lower(),
-                        "reason": found.reason,
-                        "parameters": {quantity.name: quantity.to_dict() for quantity in found.parameters},
-                        "fitted": list(found.fitted),
-                        "correlations": np.reshape(found.correlations, (len(found.fitted),) * 2).tolist(),
-                        "objective": found.objective.value,
-                        "amplitude_ratio": found.amplitude_ratio.value,
-                        "nrmse": found.nrmse.value,
-                    }
-                    for found in one.refitted
-                ]
-            }
-        ),
+        **({} if one.refits is None else {"refits": [_refit(found, refits) for found in one.refitted]}),
         "valve": {
             "id": chosen.valve.id,
             "source": chosen.source,
@@ -518,6 +498,21 @@ def _warnings(reader: Source, times: Mapping[str, Timeline]) -> list[str]:
         for topic, count in left_out.items()
     ]
     return told
+
+
+def _refit(found: Refit, clock: Clock) -> dict[str, Any]:
+    return {
+        "t_s": clock.since(found.stamp),
+        "model": found.model,
+        "state": found.state.name.lower(),
+        "reason": found.reason,
+        "parameters": {quantity.name: quantity.to_dict() for quantity in found.parameters},
+        "fitted": list(found.fitted),
+        "correlations": np.reshape(found.correlations, (len(found.fitted),) * 2).tolist(),
+        "objective": found.objective.value,
+        "amplitude_ratio": found.amplitude_ratio.value,
+        "nrmse": found.nrmse.value,
+    }
 
 
 def _estimate(estimate: Estimate | None, rate_std: float) -> dict[str, Any]:

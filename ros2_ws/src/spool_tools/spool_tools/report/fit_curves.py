@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 from spool_core.errors import InputError
@@ -99,15 +100,26 @@ def overlay(records: Sequence[Record], fit: Fit, valve: Valve) -> Overlay:
 
 def excerpts(run: FreeRun) -> list[Excerpt]:
     """Return the excerpt with the largest motion, and one at 60 Hz or else at the record's main frequency."""
-    largest = _largest_motion(run)
-    frequency, window, centre = _near(run, PAPER_FREQUENCY)
-    if frequency is None:
-        frequency = _main_frequency(run)
-        window, centre = _strongest(run, frequency)
-        title = f"main frequency, {frequency:.0f} Hz"
-    else:
-        title = f"at {PAPER_FREQUENCY:.0f} Hz"
-    return [largest, _around(run, title, window, centre, frequency)]
+    pieces = _pieces(run)
+    strongest = max((float(power[1:].sum()) for *_, power in pieces), default=0.0)
+    shares = [
+        (float(power[np.abs(frequency - PAPER_FREQUENCY) <= 5.0].sum()) / total, number, centre)
+        for number, centre, frequency, power in pieces
+        if (total := float(power[1:].sum())) > 1e-3 * strongest
+    ]
+    share, window, centre = max(shares, default=(0.0, 0, 0))
+    wanted, title = PAPER_FREQUENCY, f"at {PAPER_FREQUENCY:.0f} Hz"
+    if share < ONE_FREQUENCY:  # the body never shakes at little else
+        longest = max((frequency.size for *_, frequency, _ in pieces), default=0)
+        alike = [(frequency, power) for *_, frequency, power in pieces if frequency.size == longest]
+        wanted = _line(alike[0][0], np.sum([power for _, power in alike], axis=0)) if alike else 1.0
+        title = f"main frequency, {wanted:.0f} Hz"
+        powers = (
+            (float(power[np.abs(frequency - wanted) <= 2.5].sum()), number, centre)
+            for number, centre, frequency, power in pieces
+        )
+        _, window, centre = max(powers, default=(0.0, 0, 0))
+    return [_largest_motion(run, pieces), _around(run, title, window, centre, wanted)]
 
 
 def highest_frequency(run: FreeRun) -> float:
@@ -173,7 +185,11 @@ def sensor_noise(records: Sequence[Record]) -> float:
     return float(np.sqrt(0.5 * floor / min(entry.sample_period for entry in records)))
 
 
-def _largest_motion(run: FreeRun) -> Excerpt:
+#: Window, central sample, frequencies (Hz) and power of a piece of the body's acceleration.
+Piece: TypeAlias = tuple[int, int, Array, Array]
+
+
+def _largest_motion(run: FreeRun, pieces: Sequence[Piece]) -> Excerpt:
     best = (-1.0, 0, 0)
     for number, entry in enumerate(run.records):
         motion = relative_motion(entry.body, entry.spool, ZeroPhase(entry.sample_period, LOW_CUT))
@@ -184,10 +200,16 @@ def _largest_motion(run: FreeRun) -> Excerpt:
                 part = size[window.start : window.stop]
                 at = int(np.argmax(part))
                 best = max(best, (float(part[at]), place, at))
-    size_there, window_number, centre = best
-    frequency = _local_frequency(run, window_number, centre)
-    title = f"largest motion, {1e3 * size_there:.2g} mm"
-    return _around(run, title, window_number, centre, frequency)
+    reach, chosen, centre = best
+    own = [piece for piece in pieces if piece[0] == chosen]
+    nearest = min(own, key=lambda piece: abs(piece[1] - centre), default=None)
+    wanted = PAPER_FREQUENCY if nearest is None else _line(*nearest[2:])
+    return _around(run, f"largest motion, {1e3 * reach:.2g} mm", chosen, centre, wanted)
+
+
+def _line(frequency: Array, power: Array) -> float:
+    """Return the strongest frequency, Hz."""
+    return max(float(frequency[1 + int(np.argmax(power[1:]))]), 1.0)
 
 
 def _around(run: FreeRun, title: str, number: int, centre: int, frequency: float) -> Excerpt:
@@ -200,8 +222,7 @@ def _around(run: FreeRun, title: str, number: int, centre: int, frequency: float
     return Excerpt(title, number, first, first + length, start)
 
 
-def _pieces(run: FreeRun) -> list[tuple[int, int, Array, Array]]:
-    """Return window, central sample, frequencies (Hz) and power of pieces of the body's acceleration."""
+def _pieces(run: FreeRun) -> list[Piece]:
     pieces = []
     for number, window in enumerate(run.windows):
         entry = run.records[window.record]
@@ -213,48 +234,3 @@ def _pieces(run: FreeRun) -> list[tuple[int, int, Array, Array]]:
             power = np.abs(np.fft.rfft(body[first : first + length] * taper)) ** 2
             pieces.append((number, first + length // 2, np.asarray(frequency), np.asarray(power)))
     return pieces
-
-
-def _near(run: FreeRun, wanted: float) -> tuple[float | None, int, int]:
-    """Return ``wanted`` (Hz) and where the body shakes at little else, or ``None`` where it never does."""
-    best = (0.0, 0, 0)
-    pieces = _pieces(run)
-    strongest = max((float(power[1:].sum()) for *_, power in pieces), default=0.0)
-    for number, centre, frequency, power in pieces:
-        total = float(power[1:].sum())
-        inside = float(power[np.abs(frequency - wanted) <= 5.0].sum())
-        if total > 1e-3 * strongest:
-            best = max(best, (inside / total, number, centre))
-    return (wanted if best[0] >= ONE_FREQUENCY else None), best[1], best[2]
-
-
-def _main_frequency(run: FreeRun) -> float:
-    frequency: Array = np.zeros(1)
-    power: Array = np.zeros(1)
-    for *_, own, piece in _pieces(run):
-        if own.size > frequency.size:
-            frequency, power = own, np.zeros(own.size)
-        if own.size == frequency.size:
-            power = power + piece
-    return max(float(frequency[1 + int(np.argmax(power[1:]))]), 1.0) if power.size > 1 else 1.0
-
-
-def _strongest(run: FreeRun, wanted: float) -> tuple[int, int]:
-    """Return window and sample where the body shakes most at ``wanted`` Hz."""
-    found = max(
-        (
-            (float(power[np.abs(frequency - wanted) <= 2.5].sum()), number, centre)
-            for number, centre, frequency, power in _pieces(run)
-        ),
-        default=(0.0, 0, 0),
-    )
-    return found[1], found[2]
-
-
-def _local_frequency(run: FreeRun, number: int, centre: int) -> float:
-    """Return the strongest frequency, Hz, of the body around a sample."""
-    own = [piece for piece in _pieces(run) if piece[0] == number]
-    if not own:
-        return PAPER_FREQUENCY
-    _, _, frequency, power = min(own, key=lambda piece: abs(piece[1] - centre))
-    return max(float(frequency[1 + int(np.argmax(power[1:]))]), 1.0)
