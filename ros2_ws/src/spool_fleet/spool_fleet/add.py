@@ -15,7 +15,7 @@ from spool_bag.metadata import MACHINE, custom_data
 from spool_bag.reader import BagReader
 from spool_core.errors import InputError
 from spool_core.text import plural, printable
-from spool_tools.outputs import sha256_of
+from spool_tools.outputs import finite, sha256_of
 
 from spool_fleet.manifest import Entry, Manifest
 
@@ -334,7 +334,7 @@ def _take(manifest: Manifest, scan: Scan, naming: Naming, added: Added) -> None:
         entries.append(
             Entry(
                 path, valve.namespace, scan.content, stamp, named.machine, name, start, valve.duration,
-                _known(valve.rate), valve.lost_blocks, _known(valve.oil_temperature), status,
+                finite(valve.rate), valve.lost_blocks, finite(valve.oil_temperature), status,
                 reason or said, naming.valve_file,
             )
         )  # fmt: skip
@@ -346,10 +346,6 @@ def _take(manifest: Manifest, scan: Scan, naming: Naming, added: Added) -> None:
     if status != OK:
         added.told.append(reason if reason.startswith(path) else f"{path}: {reason}")
     added.redated += any(entry.reason for entry in entries) and status == OK
-
-
-def _known(value: float) -> float | None:
-    return value if math.isfinite(value) else None
 
 
 def _alone(folder: Path) -> bool:

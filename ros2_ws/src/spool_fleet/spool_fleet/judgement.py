@@ -13,6 +13,7 @@ import numpy as np
 from spool_core.uncertainty import Z_95
 from spool_monitor.detectors.friction_drift import COULOMB_CHANGE, VISCOUS_CHANGE
 from spool_monitor.detectors.spring_change import STIFFNESS_CHANGE
+from spool_tools.outputs import finite
 
 from spool_fleet.comparison import LEAST_WEEKS, Change, Fleet, compare, pooled_slope
 from spool_fleet.manifest import Service
@@ -173,7 +174,7 @@ def write_trends(store: Path, services: Sequence[Service]) -> list[Trend]:
     trends = judge(valves, services)
     changed = {one.key: one.since for one in trends if one.state in (CHANGED, MACHINE)}
     noticed = noticed_days(changed, valves, services)
-    write_whole(store, "trends", [_row(one, noticed) for one in trends])
+    write_whole(store, "trends", finite([_row(one, noticed) for one in trends]))
     return trends
 
 
@@ -312,19 +313,15 @@ def _row(one: Trend, noticed: Mapping[Key, float]) -> dict[str, Any]:
     return {
         "machine": one.machine, "valve": one.valve, "parameter": one.parameter, "unit": one.unit,
         "bags": one.bags, "first": _time(one.first), "latest": _time(one.latest),
-        "baseline": _number(one.baseline), "baseline_std": _number(one.baseline_std), "state": one.state,
+        "baseline": one.baseline, "baseline_std": one.baseline_std, "state": one.state,
         "cause": one.cause or None, "since": _time(one.since) if changed else None,
         "noticed": _time(noticed.get(one.key, math.nan)),
-        "change": _number(one.change), "change_std": _number(one.change_std),
-        "rate_per_month": _number(one.rate), "rate_per_month_std": _number(one.rate_std),
-        "threshold": _number(one.threshold) if changed else None,
-        "months_to_threshold": _number(expected), "months_earliest": _number(earliest),
-        "months_latest": _number(latest), "reason": one.reason or None,
+        "change": one.change, "change_std": one.change_std,
+        "rate_per_month": one.rate, "rate_per_month_std": one.rate_std,
+        "threshold": one.threshold if changed else None,
+        "months_to_threshold": expected, "months_earliest": earliest,
+        "months_latest": latest, "reason": one.reason or None,
     }  # fmt: skip
-
-
-def _number(value: float) -> float | None:
-    return value if math.isfinite(value) else None
 
 
 def _time(day: float) -> datetime | None:
