@@ -93,9 +93,9 @@ class Record:
         """
         with keeping_backend():
             from spool_tools.operations.record_loading import Selection  # noqa: PLC0415
-            from spool_tools.operations.record_look import record_quality  # noqa: PLC0415
+            from spool_tools.operations.record_quality import quality_of_record  # noqa: PLC0415
 
-            return Quality(*record_quality(self.path, Selection()))
+            return Quality(*quality_of_record(self.path, Selection()))
 
     @one_error
     def plot(self) -> Picture:
@@ -105,8 +105,7 @@ class Record:
             InputError: the record cannot be read.
         """
         with keeping_backend():
-            from spool_tools.operations.record_look import signals_figure  # noqa: PLC0415
-            from spool_tools.operations.record_quality import quality_of  # noqa: PLC0415
+            from spool_tools.operations.record_quality import quality_of, signals_figure  # noqa: PLC0415
 
             return Picture(signals_figure(quality_of(self._recording.stretches, str(self.path))))
 

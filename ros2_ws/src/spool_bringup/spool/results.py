@@ -147,19 +147,19 @@ class Quality(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """Return what ``check --json`` writes."""
-        from spool_tools.operations.record_look import quality_dictionary  # noqa: PLC0415
+        from spool_tools.operations.record_quality import quality_dictionary  # noqa: PLC0415
         from spool_tools.outputs import finite  # noqa: PLC0415
 
         found: dict[str, Any] = finite(quality_dictionary(self._found, self._notes))
         return found
 
     def _print(self, console: Console) -> None:
-        from spool_tools.operations.record_look import print_quality  # noqa: PLC0415
+        from spool_tools.operations.record_quality import print_quality  # noqa: PLC0415
 
         print_quality(self._found, self._notes, console)
 
     def _page(self) -> str:
-        from spool_tools.operations.record_look import quality_page  # noqa: PLC0415
+        from spool_tools.operations.record_quality import quality_page  # noqa: PLC0415
 
         return quality_page(self._found, self._notes)
 

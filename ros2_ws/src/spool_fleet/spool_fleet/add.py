@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import hashlib
 import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -16,6 +15,7 @@ from spool_bag.metadata import MACHINE, custom_data
 from spool_bag.reader import BagReader
 from spool_core.errors import InputError
 from spool_core.text import plural, printable
+from spool_tools.outputs import finite, sha256_of
 
 from spool_fleet.manifest import Entry, Manifest
 
@@ -173,7 +173,7 @@ def scan(path: Path) -> Scan:
     """Return what is in the bag at ``path``; what is wrong with it is its status."""
     content = ""
     try:
-        content = content_of(path)
+        content = sha256_of(sorted(path.glob("*.mcap")) if path.is_dir() else [path])
         found = describe(path)
         machine = custom_data(path).get(MACHINE, "")
         valves = tuple(_valve(path, one) for one in found.valves if one.first_stamp is not None)
@@ -185,21 +185,6 @@ def scan(path: Path) -> Scan:
     if not valves:
         return Scan(path, content, machine, (), DAMAGED, reason or f"{path}: no accelerations in it")
     return Scan(path, content, machine, valves, DAMAGED if reason else OK, reason)
-
-
-def content_of(path: Path) -> str:
-    """Return the SHA-256 of the messages' files of a bag, in order of name.
-
-    Raises:
-        OSError: one cannot be read.
-    """
-    files = sorted(path.glob("*.mcap")) if path.is_dir() else [path]
-    digest = hashlib.sha256()
-    for file in files:
-        with file.open("rb") as stream:
-            while piece := stream.read(1 << 20):
-                digest.update(piece)
-    return digest.hexdigest()
 
 
 @dataclass(frozen=True, slots=True)
@@ -349,7 +334,7 @@ def _take(manifest: Manifest, scan: Scan, naming: Naming, added: Added) -> None:
         entries.append(
             Entry(
                 path, valve.namespace, scan.content, stamp, named.machine, name, start, valve.duration,
-                _known(valve.rate), valve.lost_blocks, _known(valve.oil_temperature), status,
+                finite(valve.rate), valve.lost_blocks, finite(valve.oil_temperature), status,
                 reason or said, naming.valve_file,
             )
         )  # fmt: skip
@@ -361,10 +346,6 @@ def _take(manifest: Manifest, scan: Scan, naming: Naming, added: Added) -> None:
     if status != OK:
         added.told.append(reason if reason.startswith(path) else f"{path}: {reason}")
     added.redated += any(entry.reason for entry in entries) and status == OK
-
-
-def _known(value: float) -> float | None:
-    return value if math.isfinite(value) else None
 
 
 def _alone(folder: Path) -> bool:

@@ -113,7 +113,15 @@ def compare(fleet: Fleet) -> Compared:
         # What is found is no sister: even a median leans towards one that is far off.
         changes, alone = _of_valves(fleet, found, KNOWN_MATES)
         found = _beyond_sisters(changes)
-    together = _together(fleet, changes, found)
+    # The numbers of the found valves whose machine has most of its valves among them.
+    together: set[int] = set()
+    for own in fleet.members().values():
+        for sign in (1.0, -1.0):
+            alike = {
+                n for n in own if n in found and (one := changes[n]) is not None and one.size * sign > 0.0
+            }
+            if len(alike) >= max(LEAST_MEMBERS, TOGETHER * len(own)):
+                together |= alike
     machines = _of_machines(fleet, found - together)
     found -= {n for n in together if fleet.machines[n] in machines}
     return Compared(changes, found, machines, alone)
@@ -352,19 +360,6 @@ def differences(valve: Weekly, flat: Array, lag: int) -> tuple[Array, float]:
     return flat[second] - flat[first], float(np.median(valve.week[second] - valve.week[first]))
 
 
-def _together(fleet: Fleet, changes: Sequence[Change | None], found: Set[int]) -> set[int]:
-    """Return the numbers of the ``found`` valves whose machine has most of its valves among them."""
-    together: set[int] = set()
-    for own in fleet.members().values():
-        for sign in (1.0, -1.0):
-            alike = {
-                n for n in own if n in found and (one := changes[n]) is not None and one.size * sign > 0.0
-            }
-            if len(alike) >= max(LEAST_MEMBERS, TOGETHER * len(own)):
-                together |= alike
-    return together
-
-
 def _of_valves(fleet: Fleet, faulty: Set[int], least: int) -> tuple[list[Change | None], set[int]]:
     """Return the likeliest change of each valve, and the numbers of those that have no sisters.
 
@@ -376,7 +371,16 @@ def _of_valves(fleet: Fleet, faulty: Set[int], least: int) -> tuple[list[Change 
     best, rest, chosen = list(fleet.weeks), math.inf, order[0]
     for kind in order:
         less = [_less(week, course) for week, course in zip(fleet.weeks, courses[kind], strict=True)]
-        square = _over_months([one for n, one in enumerate(less) if n not in faulty])
+        # The median over valves of the mean square of differences over months, or over what there is.
+        weeks = [one for n, one in enumerate(less) if n not in faulty]
+        squares = []
+        for one in weeks:
+            for lag in (LAG, 0):
+                apart, _ = differences(one, one.value, lag)
+                if apart.size >= LEAST_WEEKS:
+                    squares.append(mean_square(apart))
+                    break
+        square = float(np.median(squares)) if squares else math.inf
         if kind == order[0] or square < QUIETER * rest:
             best, rest, chosen = less, square, kind
     usable = [one for one in best if one.week.size >= LEAST_WEEKS]
@@ -384,7 +388,16 @@ def _of_valves(fleet: Fleet, faulty: Set[int], least: int) -> tuple[list[Change 
     if fleet.referred is not None:
         slope_spread = pooled_slope(usable, fleet.referred)[1]
         if chosen == "machine":
-            slope_spread = min(slope_spread, _spread_within(best, fleet.members()))
+            # Spread of the slopes on the oil temperature between the valves of one machine, 1/K.
+            around: list[float] = []
+            for own in fleet.members().values():
+                slopes = np.array([own_slope(best[n]) for n in own])
+                slopes = slopes[np.isfinite(slopes)]
+                if slopes.size > MATES:
+                    factor = math.sqrt(slopes.size / (slopes.size - 1.0))
+                    around += (factor * (slopes - np.median(slopes))).tolist()
+            if len(around) > MATES:
+                slope_spread = min(slope_spread, spread(np.array(around)))
     scatter = scatter_of(usable, slope_spread)
     changes = [
         likeliest_change(one, scatter, days, fleet.parameters)
@@ -411,26 +424,19 @@ def _courses(fleet: Fleet, faulty: Set[int], least: int) -> dict[str, list[dict[
             for n in members[fleet.machines[number]]
             if n != number and n not in faulty and fleet.weeks[n].week.size
         ]
-        enough = len(mates) >= least
-        of_machine.append(_smoothed(common_course(mates, least=2)) if enough else of_fleet[number])
+        if len(mates) < least:
+            of_machine.append(of_fleet[number])
+            continue
+        course = common_course(mates, least=2)
+        # Running medians over five weeks: what machines share is slow, and adds less noise so.
+        near = {week: [course[one] for one in range(week - 2, week + 3) if one in course] for week in course}
+        of_machine.append({week: median(values) for week, values in near.items()})
     return {"nothing": [{} for _ in range(count)], "fleet": of_fleet, "machine": of_machine}
 
 
 def _less(week: Weekly, course: Mapping[int, float]) -> Weekly:
     """Return ``week`` less ``course``."""
     return replace(week, value=week.value - np.array([course.get(one, 0.0) for one in week.week.tolist()]))
-
-
-def _over_months(weeks: Sequence[Weekly]) -> float:
-    """Return the median over valves of the mean square of differences over months, or over what there is."""
-    squares = []
-    for one in weeks:
-        for lag in (LAG, 0):
-            apart, _ = differences(one, one.value, lag)
-            if apart.size >= LEAST_WEEKS:
-                squares.append(mean_square(apart))
-                break
-    return float(np.median(squares)) if squares else math.inf
 
 
 def _beyond_sisters(changes: Sequence[Change | None]) -> set[int]:
@@ -465,7 +471,21 @@ def _of_machines(fleet: Fleet, faulty: Set[int]) -> dict[str, Change]:
             others = [n for n in range(len(fleet.weeks)) if n not in faulty and (many or n not in own)]
             if not many or shared is None:
                 shared = common_course([fleet.weeks[n] for n in others])
-            courses[name] = _less(_as_weekly(course, mates), shared)
+            # As weekly values, with the mean oil temperature of the valves.
+            warm: dict[int, list[float]] = {}
+            for one in mates:
+                for week, celsius in zip(one.week.tolist(), one.temperature.tolist(), strict=True):
+                    if math.isfinite(celsius):
+                        warm.setdefault(week, []).append(celsius)
+            weeks = sorted(course)
+            together = Weekly(
+                np.array(weeks, dtype=np.int64),
+                np.array([course[one] for one in weeks]),
+                np.ones(len(weeks)),
+                np.array([np.mean(warm[one]) if one in warm else math.nan for one in weeks]),
+                np.zeros(len(weeks), dtype=np.int64),
+            )
+            courses[name] = _less(together, shared)
     if not courses:
         return {}
     shown = list(courses.values())
@@ -477,42 +497,6 @@ def _of_machines(fleet: Fleet, faulty: Set[int]) -> dict[str, Change]:
     }
     found = _beyond_sisters(list(changes.values()))
     return {name: one for n, (name, one) in enumerate(changes.items()) if n in found and one is not None}
-
-
-def _as_weekly(course: Mapping[int, float], mates: Sequence[Weekly]) -> Weekly:
-    """Return ``course`` as weekly values, with the mean oil temperature of the valves."""
-    warm: dict[int, list[float]] = {}
-    for one in mates:
-        for week, celsius in zip(one.week.tolist(), one.temperature.tolist(), strict=True):
-            if math.isfinite(celsius):
-                warm.setdefault(week, []).append(celsius)
-    week = np.array(sorted(course), dtype=np.int64)
-    return Weekly(
-        week,
-        np.array([course[one] for one in week.tolist()]),
-        np.ones(week.size),
-        np.array([np.mean(warm[one]) if one in warm else math.nan for one in week.tolist()]),
-        np.zeros(week.size, dtype=np.int64),
-    )
-
-
-def _spread_within(weeks: Sequence[Weekly], members: Mapping[str, Sequence[int]]) -> float:
-    """Return the spread of the slopes on the oil temperature between the valves of one machine, 1/K."""
-    apart: list[float] = []
-    for own in members.values():
-        slopes = np.array([own_slope(weeks[n]) for n in own])
-        slopes = slopes[np.isfinite(slopes)]
-        if slopes.size > MATES:
-            apart += ((slopes - np.median(slopes)) * math.sqrt(slopes.size / (slopes.size - 1.0))).tolist()
-    return spread(np.array(apart)) if len(apart) > MATES else math.inf
-
-
-def _smoothed(course: Mapping[int, float]) -> dict[int, float]:
-    """Return the running medians over five weeks: what machines share is slow, and adds less noise so."""
-    return {
-        week: median([course[near] for near in range(week - 2, week + 3) if near in course])
-        for week in course
-    }
 
 
 def _shapes(weeks: Array) -> list[tuple[int, bool, Array]]:

@@ -7,6 +7,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Iterable, Sequence
+from contextlib import closing
 from dataclasses import dataclass, field
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
@@ -27,7 +28,6 @@ from spool_fleet.comparison import MONTH
 from spool_fleet.courses import (
     NAMES,
     Course,
-    Told,
     TrendRow,
     courses_of,
     day_of,
@@ -37,8 +37,8 @@ from spool_fleet.courses import (
     trend_rows,
 )
 from spool_fleet.judgement import CHANGED, LEARNING, MACHINE, UNKNOWN
-from spool_fleet.manifest import FILE_NAME, Manifest
-from spool_fleet.observations import COULOMB, DAY, STIFFNESS, VISCOUS, observed_valves
+from spool_fleet.manifest import DAY, FILE_NAME, Manifest, Service
+from spool_fleet.observations import COULOMB, STIFFNESS, VISCOUS, observed_valves
 from spool_fleet.query import ask
 
 Key = tuple[str, str]
@@ -166,7 +166,7 @@ class ValveContent:
     courses: dict[str, Course]
     temperature: tuple[NDArray[np.float64], NDArray[np.float64]] | None
     records: Records
-    services: tuple[Told, ...]
+    services: tuple[Service, ...]
     quiet: float
     overdue: float
 
@@ -208,7 +208,7 @@ class PageContent:
     bags: int
     usable: int
     valves: tuple[ValveContent, ...] = field(default=())
-    services: tuple[Told, ...] = field(default=())
+    services: tuple[Service, ...] = field(default=())
 
     @property
     def summary(self) -> str:
@@ -272,7 +272,6 @@ class BagRow:
 
     bag: str
     start: datetime
-    duration: float
     temperature: float | None
     parameters: dict[str, tuple[float, float | None, str]]
     raised: int
@@ -282,7 +281,6 @@ class BagRow:
 class EventRow:
     """Event that the monitor raised in a bag."""
 
-    bag: str
     start: datetime
     kind: str
     severity: str
@@ -330,15 +328,14 @@ def records_of(store: Path) -> dict[Key, Records]:
         own = values.get((row["bag"], key), {})
         if key in found:
             found[key].newest_bags.append(
-                BagRow(row["bag"], row["start"], row["duration_s"] or 0.0, row["oil_temperature_C"], own,
-                       row["raised"])
-            )  # fmt: skip
+                BagRow(row["bag"], row["start"], row["oil_temperature_C"], own, row["raised"])
+            )
     for row in _rows(store, _EVENTS):
         one = found.get((row["machine"], row["valve"]))
         if one is not None:
             one.raised = row["count"]
             one.newest_events.append(
-                EventRow(row["bag"], row["start"], row["kind"], row["severity"] or "", row["message"] or "")
+                EventRow(row["start"], row["kind"], row["severity"] or "", row["message"] or "")
             )
     for row in _rows(store, _TROUBLES):
         one = found.get((row["machine"], row["valve"]))
@@ -374,7 +371,18 @@ class News:
 def news_of(content: PageContent) -> News:
     """Return what the last month brought."""
     since = content.month_ago
-    changes = sorted(_changes(content), key=lambda one: -one.trend.share_of_limit)
+    single: list[Change] = []
+    shared: dict[tuple[str, str], list[tuple[ValveContent, TrendRow]]] = {}
+    for valve in content.valves:
+        for trend in valve.trends:
+            if trend.state == MACHINE:
+                shared.setdefault((trend.machine, trend.parameter), []).append((valve, trend))
+            elif trend.changed:
+                single.append(Change((valve,), trend))
+    for same in shared.values():
+        middle = sorted((trend for _, trend in same), key=lambda one: one.change)[len(same) // 2]
+        single.append(Change(tuple(valve for valve, _ in same), middle))
+    changes = sorted(single, key=lambda one: -one.trend.share_of_limit)
     lines = [] if content.newest is None else _counts(content, content.newest)
     silent = [one for one in content.valves if one.silent and one.overdue <= MONTH]
     lines += [
@@ -548,21 +556,6 @@ def _rows(store: Path, query: str) -> Iterable[dict[str, Any]]:
     return ask(store, query).to_pylist()  # type: ignore[no-any-return]
 
 
-def _changes(content: PageContent) -> list[Change]:
-    single: list[Change] = []
-    shared: dict[tuple[str, str], list[tuple[ValveContent, TrendRow]]] = {}
-    for valve in content.valves:
-        for trend in valve.trends:
-            if trend.state == MACHINE:
-                shared.setdefault((trend.machine, trend.parameter), []).append((valve, trend))
-            elif trend.changed:
-                single.append(Change((valve,), trend))
-    for same in shared.values():
-        middle = sorted((trend for _, trend in same), key=lambda one: one.change)[len(same) // 2]
-        single.append(Change(tuple(valve for valve, _ in same), middle))
-    return single
-
-
 def _counts(content: PageContent, newest: datetime) -> list[str]:
     """Return lines on bags and events of the last month."""
     begin = datetime(1970, 1, 1, tzinfo=timezone.utc) + timedelta(days=content.month_ago)
@@ -604,11 +597,8 @@ def _valve_files(store: Path, bags: list[str]) -> dict[str, list[str]]:
     """Return the valve files that `./spool fleet add` was given for ``bags``; the tables do not have them."""
     if not (store / FILE_NAME).is_file():
         return {}
-    manifest = Manifest(store)
-    try:
+    with closing(Manifest(store)) as manifest:
         return {
             bag: [f"{one.namespace}={one.valve_file}" for one in manifest.of(bag) if one.valve_file]
             for bag in bags
         }
-    finally:
-        manifest.close()

@@ -14,17 +14,16 @@ from spool_core.numbers import Array
 from spool_core.uncertainty import Z_95
 
 from spool_fleet.comparison import LEAST_WEEKS, pooled_slope
-from spool_fleet.judgement import AFFECTED, CHANGED, LIMITS, MACHINE
+from spool_fleet.judgement import CHANGED, LIMITS, MACHINE, stepping_days
+from spool_fleet.manifest import DAY, Service
 from spool_fleet.observations import (
     BIN,
     COULOMB,
-    DAY,
     PARAMETERS,
     REFERENCE,
     STIFFNESS,
     VISCOUS,
     ObservedValve,
-    Series,
     spread,
     weekly,
 )
@@ -35,21 +34,6 @@ MOST_POINTS = 104
 
 #: What people call the parameters.
 NAMES = {VISCOUS: "viscous coefficient", COULOMB: "Coulomb force", STIFFNESS: "spring stiffness"}
-
-
-@dataclass(frozen=True, slots=True)
-class Told:
-    """Service that was told: the day, what was done, what was said about it."""
-
-    machine: str
-    valve: str
-    day: float
-    kind: str
-    comment: str
-
-    def concerns(self, machine: str, valve: str) -> bool:
-        """Return whether it was done to this valve."""
-        return self.machine in ("", machine) and self.valve in ("", valve)
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +68,7 @@ class Course:
     levels: tuple[Level, ...]
     limit: float
     trend: TrendRow
-    services: tuple[Told, ...] = field(default=())
+    services: tuple[Service, ...] = field(default=())
 
     @property
     def largest(self) -> float:
@@ -94,19 +78,19 @@ class Course:
         return max(float(seen.max(initial=0.0)), abs(found))
 
 
-def services_told(store: Path) -> tuple[Told, ...]:
+def services_told(store: Path) -> tuple[Service, ...]:
     """Return the service events by time."""
     rows = ask(
         store,
-        "SELECT machine, valve, epoch(start) / 86400.0 AS day, kind, comment FROM services ORDER BY start",
+        "SELECT machine, valve, 1000 * epoch_us(start) AS start, kind, comment FROM services ORDER BY start",
     ).to_pylist()
     return tuple(
-        Told(row["machine"] or "", row["valve"] or "", row["day"], row["kind"], row["comment"] or "")
+        Service(row["machine"] or "", row["valve"] or "", row["start"], row["kind"], row["comment"] or "")
         for row in rows
     )
 
 
-def temperature_slopes(valves: Sequence[ObservedValve], services: Sequence[Told]) -> dict[bool, float]:
+def temperature_slopes(valves: Sequence[ObservedValve], services: Sequence[Service]) -> dict[bool, float]:
     """Return the slope of the viscous coefficient's logarithm on the oil temperature, 1/K.
 
     It is that of the trends: one for values that are ``referred`` to a temperature already, and one for those
@@ -115,7 +99,7 @@ def temperature_slopes(valves: Sequence[ObservedValve], services: Sequence[Told]
     found = {}
     for referred in (True, False):
         weeks = [
-            weekly(valve.series[VISCOUS], [one.day for one in _stepping(services, valve, VISCOUS)])
+            weekly(valve.series[VISCOUS], stepping_days(services, valve, VISCOUS))
             for valve in valves
             if VISCOUS in valve.series and valve.series[VISCOUS].referred is referred
         ]
@@ -125,7 +109,10 @@ def temperature_slopes(valves: Sequence[ObservedValve], services: Sequence[Told]
 
 
 def courses_of(
-    valve: ObservedValve, trends: Sequence[TrendRow], services: Sequence[Told], slopes: Mapping[bool, float]
+    valve: ObservedValve,
+    trends: Sequence[TrendRow],
+    services: Sequence[Service],
+    slopes: Mapping[bool, float],
 ) -> dict[str, Course]:
     """Return the course of each parameter of ``valve`` that has a trend; ``slopes`` as above."""
     found = {}
@@ -133,9 +120,31 @@ def courses_of(
         series = valve.series.get(trend.parameter)
         if series is not None and series.days.size:
             slope = slopes[series.referred] if trend.parameter == VISCOUS else 0.0
-            stepping = _stepping(services, valve, trend.parameter)
+            turns = stepping_days(services, valve, trend.parameter)
             own = tuple(one for one in services if one.concerns(*valve.key))
-            found[trend.parameter] = _course(series, trend, slope, [one.day for one in stepping], own)
+            known = np.isfinite(series.temperature)
+            warm = np.where(known, series.temperature - REFERENCE, 0.0)
+            row = series.logarithm - slope * warm
+            segment = np.searchsorted(np.array(turns), series.days, side="right")
+            judged = trend.baseline > 0.0
+            baseline = trend.baseline if judged else float(np.exp(np.median(row)))
+            day, value, variance, segments = _weeks(series.days, row, series.deviation, segment)
+            relative = value - math.log(baseline)
+            half = _thinned(Z_95 * np.sqrt(variance))
+            middle = np.exp(_thinned(relative))
+            cold = trend.parameter == VISCOUS and (series.referred or bool(known.all()))
+            found[trend.parameter] = Course(
+                trend.parameter,
+                NAMES[trend.parameter] + (f" at {REFERENCE:g} °C" if cold else ""),
+                series.unit,
+                Points(_thinned(day), middle, middle * np.exp(-half), middle * np.exp(half)),
+                baseline,
+                judged,
+                levels_of(day, np.exp(relative), segments, trend, turns),
+                trend.limit,
+                trend,
+                own,
+            )
     return found
 
 
@@ -273,43 +282,6 @@ def trend_rows(store: Path) -> dict[tuple[str, str], list[TrendRow]]:
 def day_of(moment: datetime | None) -> float:
     """Return ``moment`` in days since 1970."""
     return math.nan if moment is None else moment.timestamp() / DAY
-
-
-def _stepping(services: Sequence[Told], valve: ObservedValve, parameter: str) -> list[Told]:
-    """Return the services that may have stepped a parameter of ``valve``."""
-    return [
-        one
-        for one in services
-        if one.concerns(*valve.key) and parameter in AFFECTED.get(one.kind, PARAMETERS)
-    ]
-
-
-def _course(
-    series: Series, trend: TrendRow, slope: float, turns: Sequence[float], services: tuple[Told, ...]
-) -> Course:
-    known = np.isfinite(series.temperature)
-    warm = np.where(known, series.temperature - REFERENCE, 0.0)
-    row = series.logarithm - slope * warm
-    segment = np.searchsorted(np.array(turns), series.days, side="right")
-    judged = trend.baseline > 0.0
-    baseline = trend.baseline if judged else float(np.exp(np.median(row)))
-    day, value, variance, segments = _weeks(series.days, row, series.deviation, segment)
-    relative = value - math.log(baseline)
-    half = _thinned(Z_95 * np.sqrt(variance))
-    middle = np.exp(_thinned(relative))
-    cold = trend.parameter == VISCOUS and (series.referred or bool(known.all()))
-    return Course(
-        trend.parameter,
-        NAMES[trend.parameter] + (f" at {REFERENCE:g} °C" if cold else ""),
-        series.unit,
-        Points(_thinned(day), middle, middle * np.exp(-half), middle * np.exp(half)),
-        baseline,
-        judged,
-        levels_of(day, np.exp(relative), segments, trend, turns),
-        trend.limit,
-        trend,
-        services,
-    )
 
 
 def _weeks(

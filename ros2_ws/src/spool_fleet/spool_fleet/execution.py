@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gc
-import math
 import multiprocessing
 import os
 import signal
@@ -19,6 +18,7 @@ from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 from spool_core.errors import InputError, how_to_install
 from spool_core.system import end_with_parent, limit_processors
 from spool_core.text import printable
+from spool_tools.outputs import finite
 
 from spool_fleet.analyses.base import Rows, Subject, analyses
 from spool_fleet.manifest import Manifest, StoredResult
@@ -297,18 +297,7 @@ def _run(task: Task, namespace: str, name: str) -> Outcome:
     except Exception as error:  # one bag must not end a run over thousands; the reason is kept
         text = f"{type(error).__name__}: {error}"
         return Outcome(namespace, name, FAILED, printable(text, LONGEST), {})
-    return Outcome(namespace, name, DONE, "", _finite(rows))
-
-
-def _finite(rows: Mapping[str, list[list[Any]]]) -> Rows:
-    """Return ``rows`` with nothing in place of numbers that are none."""
-    return {
-        table: [
-            [None if isinstance(value, float) and not math.isfinite(value) else value for value in row]
-            for row in content
-        ]
-        for table, content in rows.items()
-    }
+    return Outcome(namespace, name, DONE, "", finite(rows))
 
 
 def _alone(work: Callable[[Item], Found], item: Item) -> Done[Item, Found]:

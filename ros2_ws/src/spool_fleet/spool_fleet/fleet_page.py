@@ -1,27 +1,25 @@
-"""Page of a fleet: its tables and charts.
-
-Colours and strokes stand in the page's styles; axes are drawn once and used by every chart.
-"""
+"""Page of a fleet: its tables, and the numbers of its charts, which uPlot draws in the browser."""
 
 from __future__ import annotations
 
 import base64
 import hashlib
-import itertools
+import json
 import math
 import shlex
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from datetime import datetime, timedelta, timezone
 from urllib.parse import quote
 
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
+from spool_core.numbers import Array
 from spool_core.text import plural
 from spool_core.uncertainty import LEGEND, Z_95, interval, number, unit_text, with_interval
 from spool_tools.outputs import provenance
+from spool_tools.report.page import plain_numbers, plotter
 
 from spool_fleet.content import (
     LIGHTS,
@@ -38,12 +36,12 @@ from spool_fleet.content import (
     report_name,
     time_left,
 )
-from spool_fleet.courses import NAMES, Course, Points, TrendRow, day_of
+from spool_fleet.courses import NAMES, Course, TrendRow, day_of
 from spool_fleet.judgement import MACHINE
-from spool_fleet.observations import BIN, DAY, PARAMETERS
+from spool_fleet.observations import BIN, PARAMETERS
 
-#: Changes in the list of the worst, services and bags in trouble in their lists, at most.
-MOST_WORST, MOST_SERVICES, MOST_TROUBLES = 20, 50, 50
+#: Changes in the list of the worst, and services in theirs, at most.
+MOST_WORST, MOST_SERVICES = 20, 50
 
 _TEMPLATES = Environment(
     loader=PackageLoader(__package__), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
@@ -61,36 +59,7 @@ _TEMPLATES.globals |= {
 }  # fmt: skip
 
 
-_DOT = Markup(
-    '<marker id="dot" viewBox="0 0 4 4" refX="2" refY="2" markerWidth="4" markerHeight="4" '
-    'markerUnits="userSpaceOnUse"><circle cx="2" cy="2" r="1.7"/></marker>'
-)
-
 TEMPERATURE = "temperature"
-
-
-@dataclass(frozen=True, slots=True)
-class Frame:
-    """Frame of a chart: its size and margins, px."""
-
-    width: float
-    height: float
-    left: float = 0.0
-    right: float = 0.0
-    top: float = 2.0
-    bottom: float = 2.0
-
-    def x(self, share: float) -> float:
-        """Return the place of ``share`` of the width."""
-        return self.left + share * (self.width - self.left - self.right)
-
-    def y(self, share: float) -> float:
-        """Return the place of ``share`` of the height, kept within the frame."""
-        return self.height - self.bottom - min(max(share, 0.0), 1.0) * (self.height - self.top - self.bottom)
-
-
-LARGE = Frame(440.0, 190.0, 46.0, 58.0, 16.0, 24.0)
-SMALL = Frame(200.0, 44.0)
 
 #: Limits of the monitor that a chart shows on either side at least, and at most: what goes further is drawn
 #: at the edge, else one broken estimate would make lines of all others.
@@ -98,8 +67,6 @@ LEAST_SEEN, MOST_SEEN = 1.2, 3.0
 #: Share of the baseline beyond which a limit is not shown (dry friction near zero has limits of many times
 #: its value), and share up to which is shown at least what there is.
 FAR_LIMIT, NEAR = 0.5, 1.0
-#: Marks on an axis at most.
-MOST_TICKS, MOST_DATES = 5, 5
 
 #: Weeks without a bag over which no line is drawn.
 BREAK = 5.0
@@ -117,7 +84,8 @@ class Worst:
 
 def fleet_page(content: PageContent, reports: Mapping[str, str]) -> str:
     """Return the whole page; ``reports``: files of bags' reports, relative to it, by the bag's path."""
-    style, program = _source("fleet.css"), _source("fleet.js")
+    (plot_style, plot_program), own = plotter(), _source("fleet.js")
+    style = plot_style + _source("fleet.css")
     counts = Counter(one.light for one in content.valves)
     text = _TEMPLATES.get_template("fleet.html").render(
         content=content,
@@ -131,8 +99,9 @@ def fleet_page(content: PageContent, reports: Mapping[str, str]) -> str:
         command=replay_command,
         services=content.services[::-1][:MOST_SERVICES],
         style=Markup(style),
-        program=Markup(program),
-        policy=_policy(style, program),
+        programs=[Markup(plot_program), Markup(own)],
+        policy=f"default-src 'none'; style-src {_digest(style)}; script-src {_digest(plot_program)} "
+        f"{_digest(own)}; base-uri 'none'; form-action 'none'",
         provenance=provenance(),
     )
     return text + "\n"
@@ -151,7 +120,7 @@ def replay_command(valve: ValveContent, row: BagRow) -> str:
 
 
 class Charts:
-    """Charts of the valves of ``content`` on common scales."""
+    """Charts of the valves of ``content`` on common scales: what uPlot draws, in days and per cent."""
 
     def __init__(self, content: PageContent) -> None:
         courses = [course for valve in content.valves for course in valve.courses.values()]
@@ -162,66 +131,52 @@ class Charts:
             )
             for name in PARAMETERS
         }
-        celsius = [valve.temperature[1] for valve in content.valves if valve.temperature is not None]
-        self.scales[TEMPERATURE] = plain_scale([float(value) for row in celsius for value in row])
-        first, last = day_of(content.first), day_of(content.newest)
-        self.time = time_scale(first, last) if math.isfinite(first) else time_scale(0.0, 1.0)
-
-    def frames(self) -> Markup:
-        """Return the axes, to stand once on the page before any chart."""
-        drawn = [
-            Markup('<g id="{}-{}">{}</g>').format(kind, name, axes(frame, self.time, scale, name))
-            for name, scale in self.scales.items()
-            for kind, frame in (("large", LARGE), ("small", SMALL))
-        ]
-        template = '<svg class="frames" width="0" height="0" aria-hidden="true"><defs>{}{}</defs></svg>'
-        return Markup(template).format(_DOT, Markup().join(drawn))
+        celsius = [value for valve in content.valves if valve.temperature for value in valve.temperature[1]]
+        low, high = (min(celsius), max(celsius)) if celsius else (0.0, 1.0)
+        margin = max(0.05 * (high - low), 1.0)
+        self.scales[TEMPERATURE] = (low - margin, high + margin)
+        first, last = (day_of(content.first), day_of(content.newest)) if content.first else (0.0, 1.0)
+        margin = max(0.02 * (last - first), 7.0 - 0.5 * (last - first), 1.0)  # two weeks at least
+        self.time = (first - margin, last + margin)
+        self._drawn: dict[str, dict[str, object]] = {}
 
     def reach(self, parameter: str) -> str:
         """Return what the small charts of ``parameter`` show from bottom to top."""
-        scale = self.scales[parameter]
-        return f"{100.0 * (scale.low - 1.0):+.0f} to {100.0 * (scale.high - 1.0):+.0f} %"
+        low, high = self.scales[parameter]
+        return f"{low:+.0f} to {high:+.0f} %"
 
-    def small(self, course: Course) -> Markup:
-        """Return the small chart of a course."""
-        draw = Pen(SMALL, self.time, self.scales[course.parameter])
-        body = [draw.levels(course), draw.marks(course, letters=False), draw.line(course.points, dots=False)]
-        template = (
-            '<svg class="small" viewBox="0 0 {:g} {:g}" preserveAspectRatio="none" role="img" '
-            'aria-label="{}"><use href="#small-{}"/>{}</svg>'
-        )
-        return Markup(template).format(
-            SMALL.width, SMALL.height, described(course), course.parameter, Markup().join(body)
-        )
-
-    def large(self, course: Course) -> Markup:
-        """Return the large chart of a course: intervals, levels, limits, services, the fitted change."""
-        scale = self.scales[course.parameter]
-        draw = Pen(LARGE, self.time, scale)
-        body = [
-            draw.levels(course),
-            draw.limits(course),
-            draw.band(course.points),
-            draw.marks(course),
-            draw.line(course.points),
-            draw.beyond(course.points),
-            draw.change(course),
-            *(
-                label(LARGE.width - LARGE.right + 4.0, LARGE.y(scale.share(tick)) + 3.5, number(
-                    tick * course.baseline, 3), "start")
-                for tick in scale.ticks
-            ),
-        ]  # fmt: skip
-        return _chart(described(course), course.parameter, body)
+    def chart(self, valve: ValveContent, course: Course, size: str) -> Markup:
+        """Return the place of the ``small`` or ``large`` chart of a course."""
+        key = f"{valve.anchor}-{course.parameter}"
+        points, trend = course.points, course.trend
+        bounds = {"value": points.value, "low": points.low, "high": points.high}
+        self._drawn[key] = {
+            **_columns(points.day, **{name: 100.0 * (row - 1.0) for name, row in bounds.items()}),
+            "baseline": course.baseline,
+            "limit": course.limit if math.isfinite(course.limit) else None,
+            "levels": [
+                plain_numbers([one.first, one.last, one.value, one.half_width]) for one in course.levels
+            ],
+            "services": [[one.day, LETTERS.get(one.kind, "*")] for one in course.services],
+            "since": trend.since if trend.changed else None,
+            "fit": _fitted(course),
+        }
+        return _place(size, key, course.parameter, described(course))
 
     def temperature(self, valve: ValveContent) -> Markup:
-        """Return the large chart of the oil temperature."""
+        """Return the place of the large chart of the oil temperature."""
         assert valve.temperature is not None
         days, values = valve.temperature
-        draw = Pen(LARGE, self.time, self.scales[TEMPERATURE])
-        points = Points(days, values, values, values)
+        key = f"{valve.anchor}-{TEMPERATURE}"
+        self._drawn[key] = _columns(days, value=values)
         text = f"oil temperature: {number(values.min(), 2)} to {number(values.max(), 2)} °C in weekly means"
-        return _chart(text, TEMPERATURE, [draw.line(points)])
+        return _place("large", key, TEMPERATURE, text)
+
+    def numbers(self) -> Markup:
+        """Return the numbers of all charts that have a place on the page so far, as JSON."""
+        shown = {"time": self.time, "scales": self.scales, "charts": self._drawn}
+        # What ends a script in HTML must not stand in one.
+        return Markup(json.dumps(shown, allow_nan=False, separators=(",", ":")).replace("</", "<\\/"))
 
 
 def described(course: Course) -> str:
@@ -233,60 +188,8 @@ def described(course: Course) -> str:
     return f"{course.title}: {level}; {change_sentence(trend) if trend.changed else 'no change found'}"
 
 
-def axes(frame: Frame, time: TimeScale, scale: Scale, name: str) -> Markup:
-    """Return the axes of a chart of the parameter ``name``, without texts in a small one."""
-    left, right = frame.left, frame.width - frame.right
-    top, bottom = frame.top, frame.height - frame.bottom
-    grid = "".join(f"M{left:g} {frame.y(scale.share(tick)):.1f}H{right:g}" for tick in scale.ticks)
-    months = "".join(f"M{frame.x(time.share(day)):.1f} {bottom:g}v-4" for day, _ in time.ticks)
-    drawn = [
-        Markup('<path class="grid" d="{}"/><path class="edge" d="M{:g} {:g}V{:g}H{:g}{}"/>').format(
-            grid, left, top, bottom, right, months
-        )
-    ]
-    if frame is LARGE:
-        for tick in scale.ticks:
-            said = f"{tick:g} °C" if name == TEMPERATURE else f"{100.0 * (tick - 1.0):+.3g} %"
-            text = "0 %" if name != TEMPERATURE and abs(tick - 1.0) < 1e-9 else said
-            drawn.append(label(left - 4.0, frame.y(scale.share(tick)) + 3.5, text, "end"))
-        for day, text in time.ticks:
-            drawn.append(label(frame.x(time.share(day)), frame.height - 8.0, text, "middle"))
-    return Markup().join(drawn)
-
-
-def label(x: float, y: float, text: str, anchor: str) -> Markup:
-    """Return a text at a place."""
-    return Markup('<text x="{:.1f}" y="{:.1f}" text-anchor="{}">{}</text>').format(x, y, anchor, text)
-
-
-@dataclass(frozen=True, slots=True)
-class Scale:
-    """Scale from ``low`` to ``high`` with marks."""
-
-    low: float
-    high: float
-    ticks: tuple[float, ...]
-
-    def share(self, value: float) -> float:
-        """Return where ``value`` lies: 0 at the low end, 1 at the high one."""
-        return (value - self.low) / (self.high - self.low)
-
-
-@dataclass(frozen=True, slots=True)
-class TimeScale:
-    """Scale of days since 1970; ``ticks`` are the days and names of months."""
-
-    first: float
-    last: float
-    ticks: tuple[tuple[float, str], ...]
-
-    def share(self, day: float) -> float:
-        """Return where ``day`` lies: 0 at the begin, 1 at the end."""
-        return (day - self.first) / (self.last - self.first)
-
-
-def relative_scale(largest: Sequence[float], limits: Sequence[float]) -> Scale:
-    """Return the scale of relative values (1: baseline) of one parameter over all valves.
+def relative_scale(largest: Sequence[float], limits: Sequence[float]) -> tuple[float, float]:
+    """Return the ends of the scale of one parameter over all valves, per cent from the baseline.
 
     Args:
         largest: difference from the baseline in each valve.
@@ -295,162 +198,36 @@ def relative_scale(largest: Sequence[float], limits: Sequence[float]) -> Scale:
     known = [one for one in limits if math.isfinite(one)]
     limit = min(float(np.median(known)), FAR_LIMIT) if known else FAR_LIMIT
     reach = min(max(1.05 * max(largest, default=0.0), LEAST_SEEN * limit), max(MOST_SEEN * limit, NEAR))
-    low, high = max(0.0, 1.0 - reach), 1.0 + reach
-    return Scale(low, high, tuple(1.0 + one for one in ticks(low - 1.0, high - 1.0)))
+    return 100.0 * max(-1.0, -reach), 100.0 * reach
 
 
-def plain_scale(values: Sequence[float]) -> Scale:
-    """Return a scale around ``values``."""
-    low, high = (min(values), max(values)) if values else (0.0, 1.0)
-    margin = max(0.05 * (high - low), 1.0)
-    return Scale(low - margin, high + margin, ticks(low - margin, high + margin))
+def _fitted(course: Course) -> dict[str, float] | None:
+    """Return the change that was fitted, and its 95 % interval at its end; not through a service."""
+    trend = course.trend
+    begun = [level for level in course.levels if level.first <= trend.since]
+    if not trend.changed or not begun or any(one.day > trend.since for one in course.services):
+        return None
+    level = begun[-1].value
+    end, half = level * (1.0 + trend.change), level * Z_95 * trend.change_std
+    begin = level if math.isfinite(trend.rate) else end
+    return {"latest": trend.latest, "begin": begin, "end": end, "low": end - half, "high": end + half}
 
 
-def time_scale(first: float, last: float) -> TimeScale:
-    """Return the scale of the days from ``first`` to ``last``, at least two weeks, with months marked."""
-    margin = max(0.02 * (last - first), 7.0 - 0.5 * (last - first), 1.0)
-    first, last = first - margin, last + margin
-    begin = datetime.fromtimestamp(first * DAY, timezone.utc)
-    months = 12 * begin.year + begin.month  # the month after the first day's
-    found = []
-    while (day := _first_of(months)) <= last:
-        found.append((day, months))
-        months += 1
-    steps = (1, 2, 3, 6, 12, 24, 60, 120, 1200)
-    step = next((one for one in steps if len(found) <= MOST_DATES * one), 12000)
-    named = [(day, f"{number // 12}-{number % 12 + 1:02d}") for day, number in found if number % step == 0]
-    if not named:
-        named = [(0.5 * (first + last), (begin + timedelta(days=margin)).strftime("%Y-%m-%d"))]
-    return TimeScale(first, last, tuple(named))
+def _columns(days: Array, **rows: Array) -> dict[str, object]:
+    """Return the rows of a chart by name, with a gap where weeks without bags interrupt its line."""
+    pauses = np.diff(days)
+    usual = np.sort(pauses)[pauses.size // 2] if pauses.size else 0.0
+    after = np.flatnonzero(pauses > max(BREAK * BIN, 3.0 * usual)) + 1
+    between = 0.5 * (days[after - 1] + days[after])
+    return {
+        "day": np.insert(days, after, between).round(3).tolist(),
+        **{name: plain_numbers(np.insert(row, after, np.nan)) for name, row in rows.items()},
+    }
 
 
-def ticks(low: float, high: float, most: int = MOST_TICKS) -> tuple[float, ...]:
-    """Return round numbers between ``low`` and ``high``, ``most`` at most."""
-    power = 10.0 ** math.floor(math.log10((high - low) / most))
-    for factor in (1.0, 2.0, 5.0, 10.0, 20.0):
-        step = factor * power
-        first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
-        if last - first < most:
-            break
-    return tuple(number * step for number in range(first, last + 1))
-
-
-@dataclass(frozen=True, slots=True)
-class Pen:
-    """Pen that draws in ``frame`` on two scales."""
-
-    frame: Frame
-    time: TimeScale
-    scale: Scale
-
-    def x(self, day: float) -> str:
-        """Return the place of ``day``."""
-        return f"{self.frame.x(self.time.share(day)):.1f}"
-
-    def y(self, value: float) -> str:
-        """Return the place of ``value``."""
-        return f"{self.frame.y(self.scale.share(value)):.1f}"
-
-    def levels(self, course: Course) -> Markup:
-        """Draw the levels, with the band in which healthy weeks lie where that is known."""
-        drawn = []
-        for level in course.levels:
-            first, last, middle = self.x(level.first), self.x(level.last), self.y(level.value)
-            if math.isfinite(level.half_width):
-                ends = (self.y(level.value - level.half_width), self.y(level.value + level.half_width))
-                path = f"M{first} {ends[0]}H{last}V{ends[1]}H{first}Z"
-                drawn.append(Markup('<path class="healthy" d="{}"/>').format(path))
-            drawn.append(Markup('<path class="base" d="M{} {}H{}"/>').format(first, middle, last))
-        return Markup().join(drawn)
-
-    def limits(self, course: Course) -> Markup:
-        """Draw the monitor's limits around the levels."""
-        lines = [
-            f"M{self.x(level.first)} {self.y(value)}H{self.x(level.last)}"
-            for level in course.levels
-            for value in (level.value * (1.0 - course.limit), level.value * (1.0 + course.limit))
-            if self.scale.low < value < self.scale.high
-        ]
-        return Markup('<path class="limit" d="{}"/>').format("".join(lines)) if lines else Markup()
-
-    def line(self, points: Points, *, dots: bool = True) -> Markup:
-        """Draw the course."""
-        path = "".join(
-            f"{'M' if apart else 'L'}{self.x(day)} {self.y(value)}"
-            for day, value, apart in zip(points.day, points.value, _apart(points.day), strict=True)
-        )
-        return Markup('<path class="course{}" d="{}"/>').format(" dots" if dots else "", path)
-
-    def band(self, points: Points) -> Markup:
-        """Draw the 95 % interval around the course."""
-        path, start = [], 0
-        apart = [*_apart(points.day)[1:], True]
-        for end, closes in enumerate(apart, start=1):
-            if closes:
-                own = range(start, end)
-                up = [f"{self.x(points.day[one])} {self.y(points.high[one])}" for one in own]
-                down = [f"{self.x(points.day[one])} {self.y(points.low[one])}" for one in reversed(own)]
-                path.append("M" + "L".join(up + down) + "Z")
-                start = end
-        return Markup('<path class="band" d="{}"/>').format("".join(path))
-
-    def beyond(self, points: Points) -> Markup:
-        """Mark points that lie beyond the scale."""
-        path = []
-        for day, value in zip(points.day, points.value, strict=True):
-            way = 1.0 if value > self.scale.high else -1.0 if value < self.scale.low else 0.0
-            if way:
-                tip = self.frame.y(0.5 + way) - 3.0 * way
-                path.append(f"M{self.x(day)} {tip:.1f}l-4 {7.0 * way:g}h8Z")
-        return Markup('<path class="beyond" d="{}"/>').format("".join(path)) if path else Markup()
-
-    def marks(self, course: Course, *, letters: bool = True) -> Markup:
-        """Mark services, and the begin of a change."""
-        drawn = []
-        top, bottom = self.frame.top, self.frame.height - self.frame.bottom
-        for one in course.services:
-            path = f"M{self.x(one.day)} {top:g}V{bottom:g}"
-            drawn.append(Markup('<path class="service" d="{}"/>').format(path))
-            if letters:
-                drawn.append(
-                    Markup('<text class="service" x="{}" y="{:g}">{}<title>{}</title></text>').format(
-                        self.x(one.day), top - 4.0, LETTERS.get(one.kind, "*"),
-                        f"{one.kind.replace('_', ' ')} {date(one.day)} {one.comment}".strip(),
-                    )
-                )  # fmt: skip
-        if course.trend.changed:
-            path = f"M{self.x(course.trend.since)} {top:g}V{bottom:g}"
-            drawn.append(Markup('<path class="since" d="{}"/>').format(path))
-            if letters:
-                drawn.append(
-                    Markup('<text class="since" x="{}" y="{:g}">▼<title>began {}</title></text>').format(
-                        self.x(course.trend.since), top - 4.0, date(course.trend.since)
-                    )
-                )
-        return Markup().join(drawn)
-
-    def change(self, course: Course) -> Markup:
-        """Draw the change that was fitted, with the 95 % interval at its end; not through a service."""
-        trend = course.trend
-        begun = [level for level in course.levels if level.first <= trend.since]
-        if not trend.changed or not begun or any(one.day > trend.since for one in course.services):
-            return Markup()
-        level = begun[-1].value
-        end, half = level * (1.0 + trend.change), level * Z_95 * trend.change_std
-        first, last, at = self.x(trend.since), self.x(trend.latest), self.y(end)
-        start = f"{first} {self.y(level)}L" if math.isfinite(trend.rate) else f"{first} {at}L"
-        bar = f"M{last} {self.y(end - half)}V{self.y(end + half)}m-4 0h8m-4 0V{self.y(end - half)}m-4 0h8"
-        return Markup('<path class="fit" d="M{}{} {}"/><path class="bar" d="{}"/>').format(
-            start, last, at, bar
-        )
-
-
-def _policy(style: str, program: str) -> str:
-    """Return the content security policy: this page's own style and program, nothing from anywhere."""
-    return (
-        f"default-src 'none'; style-src {_digest(style)}; script-src {_digest(program)}; base-uri 'none'; "
-        "form-action 'none'"
-    )
+def _place(size: str, key: str, scale: str, described_as: str) -> Markup:
+    template = '<div class="{} chart" data-key="{}" data-scale="{}" role="img" aria-label="{}"></div>'
+    return Markup(template).format(size, key, scale, described_as)
 
 
 def _digest(text: str) -> str:
@@ -461,23 +238,3 @@ def _source(name: str) -> str:
     """Return a file of the templates' folder as it stands."""
     assert _TEMPLATES.loader is not None
     return _TEMPLATES.loader.get_source(_TEMPLATES, name)[0]
-
-
-def _chart(described_as: str, name: str, body: Sequence[Markup]) -> Markup:
-    return Markup(
-        '<svg class="large" viewBox="0 0 {:g} {:g}" role="img" aria-label="{}">'
-        '<use href="#large-{}"/>{}</svg>'
-    ).format(LARGE.width, LARGE.height, described_as, name, Markup().join(body))
-
-
-def _first_of(months: int) -> float:
-    """Return the day on which a month begins, counted from the year 0."""
-    return datetime(months // 12, months % 12 + 1, 1, tzinfo=timezone.utc).timestamp() / DAY
-
-
-def _apart(days: Iterable[float]) -> list[bool]:
-    """Return of each day whether it begins a new line: the first, and what follows weeks without bags."""
-    row = list(days)
-    gaps = [later - earlier for earlier, later in itertools.pairwise(row)]
-    usual = sorted(gaps)[len(gaps) // 2] if gaps else 0.0
-    return [True, *(gap > max(BREAK * BIN, 3.0 * usual) for gap in gaps)] if row else []

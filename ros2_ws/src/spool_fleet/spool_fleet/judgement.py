@@ -10,15 +10,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from spool_core.uncertainty import Z_95
 from spool_monitor.detectors.friction_drift import COULOMB_CHANGE, VISCOUS_CHANGE
 from spool_monitor.detectors.spring_change import STIFFNESS_CHANGE
+from spool_tools.outputs import finite
 
 from spool_fleet.comparison import LEAST_WEEKS, Change, Fleet, compare, pooled_slope
 from spool_fleet.manifest import Service
 from spool_fleet.observations import (
     BIN,
     COULOMB,
-    DAY,
     PARAMETERS,
     STIFFNESS,
     VISCOUS,
@@ -41,9 +42,6 @@ AFFECTED = {
     "spring_change": (STIFFNESS,),
     "repair": PARAMETERS,
 }
-#: Half width of a 95 % interval in standard deviations.
-Z_95 = 1.96
-
 #: What the monitor of a running valve warns at.
 LIMITS = {VISCOUS: VISCOUS_CHANGE, COULOMB: COULOMB_CHANGE, STIFFNESS: STIFFNESS_CHANGE}
 
@@ -89,7 +87,7 @@ class Trend:
     reason: str = ""
 
     @property
-    def key(self) -> tuple[str, str, str]:
+    def key(self) -> Key:
         """Machine, valve and parameter."""
         return self.machine, self.valve, self.parameter
 
@@ -129,6 +127,15 @@ def judge(
     return confirmed(trends, judged_alone(valves, told, latest - BIN))
 
 
+def stepping_days(services: Iterable[Service], valve: ObservedValve, parameter: str) -> list[float]:
+    """Return the days of the services that may have stepped ``parameter`` of ``valve``."""
+    return [
+        one.day
+        for one in services
+        if one.concerns(*valve.key) and parameter in AFFECTED.get(one.kind, PARAMETERS)
+    ]
+
+
 def confirmed(trends: Sequence[Trend], before: Sequence[Trend]) -> list[Trend]:
     """Return ``trends`` with what was not found a week ``before`` as well taken for chance."""
     known = {one.key for one in before if one.state in (CHANGED, MACHINE)}
@@ -142,9 +149,9 @@ def confirmed(trends: Sequence[Trend], before: Sequence[Trend]) -> list[Trend]:
 
 def judged_alone(valves: Sequence[ObservedValve], services: Sequence[Service], until: float) -> list[Trend]:
     """Return the trends by what was known on the day ``until`` alone."""
-    told = [one for one in services if one.start / 1e9 / DAY <= until]
-    found: dict[tuple[str, str, str], Trend] = {}
-    changes: dict[tuple[str, str, str], Change] = {}
+    told = [one for one in services if one.day <= until]
+    found: dict[Key, Trend] = {}
+    changes: dict[Key, Change] = {}
     for parameter in PARAMETERS:
         for referred in (True, False) if parameter == VISCOUS else (False,):
             own = [
@@ -153,19 +160,21 @@ def judged_alone(valves: Sequence[ObservedValve], services: Sequence[Service], u
                 if parameter in valve.series and valve.series[parameter].referred is referred
             ]
             _judge_parameter(own, parameter, referred, told, found, changes)
-    _name_causes(found, changes)
+    for key, change in changes.items():
+        rubs = changes.get((*key[:2], COULOMB))
+        found[key] = replace(found[key], cause=_cause(key[2], change, rubs))
     return [found[key] for key in sorted(found)]
 
 
 def write_trends(store: Path, services: Sequence[Service]) -> list[Trend]:
     """Judge every valve of ``store``, write the tables ``trends`` and ``services``, return the trends."""
-    rows = [{**asdict(one), "start": _time(one.start / 1e9 / DAY)} for one in services]
+    rows = [{**asdict(one), "start": _time(one.day)} for one in services]
     write_whole(store, "services", rows)
     valves = observed_valves(store)
     trends = judge(valves, services)
     changed = {one.key: one.since for one in trends if one.state in (CHANGED, MACHINE)}
     noticed = noticed_days(changed, valves, services)
-    write_whole(store, "trends", [_row(one, noticed) for one in trends])
+    write_whole(store, "trends", finite([_row(one, noticed) for one in trends]))
     return trends
 
 
@@ -213,10 +222,10 @@ def _judge_parameter(
     parameter: str,
     referred: bool,
     services: Sequence[Service],
-    found: dict[tuple[str, str, str], Trend],
-    changes: dict[tuple[str, str, str], Change],
+    found: dict[Key, Trend],
+    changes: dict[Key, Change],
 ) -> None:
-    stepped = [_days(services, valve, parameter) for valve in valves]
+    stepped = [stepping_days(services, valve, parameter) for valve in valves]
     weeks = [weekly(valve.series[parameter], days) for valve, days in zip(valves, stepped, strict=True)]
     thermal = referred if parameter == VISCOUS else None
     if thermal is not None:
@@ -269,27 +278,6 @@ def _trend(trend: Trend, change: Change, state: str) -> Trend:
     )
 
 
-def _days(services: Sequence[Service], valve: ObservedValve, parameter: str) -> list[float]:
-    """Return the days of the services that may have stepped ``parameter`` of ``valve``."""
-    return [
-        one.start / 1e9 / DAY
-        for one in services
-        if one.machine in ("", valve.machine)
-        and one.valve in ("", valve.valve)
-        and parameter in AFFECTED.get(one.kind, PARAMETERS)
-    ]
-
-
-def _name_causes(
-    found: dict[tuple[str, str, str], Trend], changes: dict[tuple[str, str, str], Change]
-) -> None:
-    """Give each change its cause, by what else changed in the valve."""
-    for (machine, valve, parameter), change in changes.items():
-        rubs = changes.get((machine, valve, COULOMB))
-        key = (machine, valve, parameter)
-        found[key] = replace(found[key], cause=_cause(parameter, change, rubs))
-
-
 def _cause(parameter: str, change: Change, rubs: Change | None) -> str:
     """Return the cause, as the monitor names it: a wider gap drags less, dirt and varnish rub more."""
     if parameter == STIFFNESS:
@@ -325,19 +313,15 @@ def _row(one: Trend, noticed: Mapping[Key, float]) -> dict[str, Any]:
     return {
         "machine": one.machine, "valve": one.valve, "parameter": one.parameter, "unit": one.unit,
         "bags": one.bags, "first": _time(one.first), "latest": _time(one.latest),
-        "baseline": _number(one.baseline), "baseline_std": _number(one.baseline_std), "state": one.state,
+        "baseline": one.baseline, "baseline_std": one.baseline_std, "state": one.state,
         "cause": one.cause or None, "since": _time(one.since) if changed else None,
         "noticed": _time(noticed.get(one.key, math.nan)),
-        "change": _number(one.change), "change_std": _number(one.change_std),
-        "rate_per_month": _number(one.rate), "rate_per_month_std": _number(one.rate_std),
-        "threshold": _number(one.threshold) if changed else None,
-        "months_to_threshold": _number(expected), "months_earliest": _number(earliest),
-        "months_latest": _number(latest), "reason": one.reason or None,
+        "change": one.change, "change_std": one.change_std,
+        "rate_per_month": one.rate, "rate_per_month_std": one.rate_std,
+        "threshold": one.threshold if changed else None,
+        "months_to_threshold": expected, "months_earliest": earliest,
+        "months_latest": latest, "reason": one.reason or None,
     }  # fmt: skip
-
-
-def _number(value: float) -> float | None:
-    return value if math.isfinite(value) else None
 
 
 def _time(day: float) -> datetime | None:

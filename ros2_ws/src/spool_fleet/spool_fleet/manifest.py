@@ -10,7 +10,8 @@ import json
 import sqlite3
 import zlib
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from contextlib import contextmanager
+from dataclasses import astuple, dataclass
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,8 @@ from spool_core.errors import InputError
 FILE_NAME = "manifest.sqlite"
 #: Format of the file; another one is refused.
 FORMAT = 1
+#: s.
+DAY = 86_400.0
 #: s to wait for another process that writes.
 PATIENCE = 30.0
 _TABLES = """
@@ -39,15 +42,10 @@ CREATE TABLE IF NOT EXISTS services (
 CREATE TABLE IF NOT EXISTS outdated (month TEXT PRIMARY KEY) WITHOUT ROWID;
 """
 
-_COLUMNS = (
-    "path", "namespace", "content", "stamp", "machine", "valve", "start", "duration", "rate", "lost",
-    "temperature", "status", "reason", "valve_file",
-)  # fmt: skip
-
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """Entry of the catalogue: the record of one valve in one bag.
+    """Entry of the catalogue: the record of one valve in one bag; its fields are the columns of ``bags``.
 
     Attributes:
         path: of the bag.
@@ -103,6 +101,15 @@ class Service:
     start: int
     kind: str
     comment: str = ""
+
+    @property
+    def day(self) -> float:
+        """Day since 1970."""
+        return self.start / 1e9 / DAY
+
+    def concerns(self, machine: str, valve: str) -> bool:
+        """Return whether it was done to this valve."""
+        return self.machine in ("", machine) and self.valve in ("", valve)
 
 
 def month_of(start: int) -> str:
@@ -175,7 +182,7 @@ class Manifest:
                     self._db.execute("DELETE FROM results WHERE path = ? AND namespace = ?", (path, name))
             self._db.executemany(
                 f"INSERT INTO bags VALUES ({','.join('?' * 14)})",
-                [tuple(getattr(entry, name) for name in _COLUMNS) for entry in new.values()],
+                [astuple(entry) for entry in new.values()],
             )
 
     def entries(self, month: str | None = None) -> Iterator[Entry]:
@@ -269,28 +276,15 @@ class Manifest:
         return [Service(*row) for row in rows]
 
     def _entries(self, rest: str, values: tuple[str, ...] = ()) -> list[Entry]:
-        names = ", ".join(_COLUMNS)
-        return [
-            Entry(*row) for row in self._db.execute(f"SELECT {names} FROM bags {rest}", values).fetchall()
-        ]
+        return [Entry(*row) for row in self._db.execute(f"SELECT * FROM bags {rest}", values).fetchall()]
 
-    def _transaction(self) -> _Transaction:
-        return _Transaction(self._db)
+    @contextmanager
+    def _transaction(self) -> Iterator[None]:
+        self._db.execute("BEGIN IMMEDIATE")
+        with self._db:  # commits, or takes back on an error
+            yield
 
 
 def _content(entry: Entry) -> tuple[str, ...]:
     """Return what the results of a record follow from."""
     return entry.content, entry.valve_file, entry.status
-
-
-@dataclass(slots=True)
-class _Transaction:
-    """Transaction that is begun and committed, or taken back on an error."""
-
-    db: sqlite3.Connection
-
-    def __enter__(self) -> None:
-        self.db.execute("BEGIN IMMEDIATE")
-
-    def __exit__(self, kind: object, *_: object) -> None:
-        self.db.execute("COMMIT" if kind is None else "ROLLBACK")

@@ -18,7 +18,6 @@ from spool_fleet.query import ask
 VISCOUS, COULOMB, STIFFNESS = "viscous_coefficient", "coulomb_force", "spring_stiffness"
 #: Parameters that wear, dirt and springs change.
 PARAMETERS = (VISCOUS, COULOMB, STIFFNESS)
-DAY = 86_400.0
 #: Relative standard deviation above which a bag says nothing of a parameter, as in the monitor.
 UNCERTAIN = 0.35
 

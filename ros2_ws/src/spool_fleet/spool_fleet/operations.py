@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, closing, nullcontext
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,15 @@ from spool_tools.outputs import suite_version
 from spool_tools.terminal import progress
 
 from spool_fleet.add import DAMAGED, Added, Naming, PathPattern, Scan, add, found_bags, read_table, scan
-from spool_fleet.execution import Executor, ProcessPool, RunResult, bring_up_to_date, run_tasks, tasks_due
+from spool_fleet.execution import (
+    DaskCluster,
+    Executor,
+    ProcessPool,
+    RunResult,
+    bring_up_to_date,
+    run_tasks,
+    tasks_due,
+)
 from spool_fleet.manifest import Manifest, Service
 from spool_fleet.query import QUESTIONS, ask, rows_of, sql_of
 
@@ -36,10 +44,12 @@ def add_to_store(
     Raises:
         InputError: a folder, the pattern, the table or the valve file cannot be used.
     """
+    if valve:
+        find_valve(valve)
     naming = Naming(
         None if pattern is None else PathPattern(pattern),
         {} if table is None else read_table(table),
-        _valve(valve),
+        str(Path(valve).absolute()) if Path(valve).is_file() else valve,  # as workers find it
     )
     bags = found_bags(folders)
     pool = ProcessPool(workers or processors())
@@ -51,7 +61,7 @@ def add_to_store(
         for done in pool.run(scan, changed):
             yield done.found or Scan(done.item, "", "", (), DAMAGED, done.reason)
 
-    with _opened(store, make=True) as manifest, progress("looking at bags", len(bags)) as advance:
+    with closing(Manifest(store, make=True)) as manifest, progress("looking at bags", len(bags)) as advance:
         added = add(manifest, bags, naming, scans, advance)
         bring_up_to_date(manifest)
     return added
@@ -85,9 +95,12 @@ def run_over_store(
         keys["monitor"] += (
             "" if params_file is None else f" {hashlib.sha256(params_file.read_bytes()).hexdigest()}"
         )
-    with _opened(store) as manifest:
+    with closing(Manifest(store)) as manifest:
         tasks = tasks_due(manifest, keys, lambda name: settings_from(params_file, name))
-        with _executor(dask, count) as executor, progress("analysing bags", len(tasks)) as advance:
+        executing: AbstractContextManager[Executor] = (
+            nullcontext(ProcessPool(count)) if dask is None else closing(DaskCluster(dask, count))
+        )
+        with executing as executor, progress("analysing bags", len(tasks)) as advance:
             result = run_tasks(manifest, tasks, keys, executor, advance)
         trends = write_trends(store, manifest.services())
     return result, [*lines, *sentences(trends)]
@@ -126,7 +139,7 @@ def add_service(
     if not machine and not valve:
         raise InputError("fleet event: say on which --machine or --valve")
     lines = []
-    with _opened(store) as manifest:
+    with closing(Manifest(store)) as manifest:
         known = {(entry.machine, entry.valve) for entry in manifest.entries()}
         if not any(machine in ("", one) and valve in ("", other) for one, other in known):
             raise InputError(f"fleet event: no bag of {' '.join(filter(None, (machine, valve)))} in {store}")
@@ -165,34 +178,3 @@ def write_page(store: Path, out: Path, reports: int, params_file: Path | None = 
         made = write_reports(content, out, reports, params_file) if reports else {}
         write_file(out, fleet_page(content, made), "--out")
     return f"{out}: {content.summary}" + (f"; {len(made)} reports beside it" if made else "")
-
-
-@contextlib.contextmanager
-def _opened(store: Path, *, make: bool = False) -> Iterator[Manifest]:
-    manifest = Manifest(store, make=make)
-    try:
-        yield manifest
-    finally:
-        manifest.close()
-
-
-@contextlib.contextmanager
-def _executor(dask: str | None, workers: int) -> Iterator[Executor]:
-    if dask is None:
-        yield ProcessPool(workers)
-        return
-    from spool_fleet.execution import DaskCluster  # noqa: PLC0415 - an extra
-
-    cluster = DaskCluster(dask, workers)
-    try:
-        yield cluster
-    finally:
-        cluster.close()
-
-
-def _valve(text: str) -> str:
-    """Return the valve file ``text`` as workers find it, checked."""
-    if not text:
-        return ""
-    find_valve(text)
-    return str(Path(text).absolute()) if Path(text).is_file() else text

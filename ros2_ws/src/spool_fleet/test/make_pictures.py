@@ -26,7 +26,7 @@ def main(file: Path, folder: Path) -> None:
             page.goto(file.absolute().as_uri())
             if name == "fleet_valve":
                 page.click("section[aria-labelledby=worst] tbody a")
-                page.wait_for_selector("details[open] svg.large")
+                page.wait_for_selector("details[open] .large canvas")
             page.screenshot(path=folder / f"{name}.png")
         browser.close()
 

@@ -10,11 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from spool_fleet.comparison import MONTH, Scatter, chance_score, likeliest_change
 from spool_fleet.judgement import CHANGED, LEARNING, MACHINE, OK, UNKNOWN, Trend, judge
-from spool_fleet.manifest import Service
+from spool_fleet.manifest import DAY, Service
 from spool_fleet.observations import (
     BIN,
     COULOMB,
-    DAY,
     PARAMETERS,
     STIFFNESS,
     VISCOUS,

@@ -49,43 +49,36 @@ def main(arguments: list[str] | None = None) -> int:
     """Run the command line; return the exit code: 0 done, 1 found a problem, 2 bad input or usage."""
     arguments = sys.argv[1:] if arguments is None else arguments
     with one_command(arguments):
-        return _run(arguments)
-
-
-def _run(arguments: list[str]) -> int:
-    try:
-        result = app(arguments, prog_name="spool", standalone_mode=False)
-    except InputError as error:
-        return fail(str(error))
-    except BrokenPipeError:  # the reader of the output has ended: no fault, and nobody to tell
-        raise
-    except OSError as error:
-        return fail(f"{error.filename}: {error.strerror}" if error.filename else str(error))
-    except KeyboardInterrupt:
-        return fail("interrupted", 130)
-    except typer.Exit as stop:
-        return stop.exit_code
-    except typer.Abort as abort:
-        if isinstance(abort.__cause__, EOFError):  # typer takes the end of any file for Ctrl-D
-            return fail(_cut_off(abort.__cause__))
-        return fail("interrupted", 130)
-    except TyperException as error:
-        command = next((word for word in arguments if not word.startswith("-")), "")
-        text = error.format_message()
-        if not text:  # no arguments: the help has been shown
-            return 2
-        end = "" if text[-1] in ".?" else "."
-        return fail(f"{text}{end} See: ./spool {command} --help".replace("  ", " "))
-    return result if isinstance(result, int) else 0
-
-
-def _cut_off(error: EOFError) -> str:
-    """Return what is wrong where a file ended early and nothing closer to it named the file."""
-    place = traceback.extract_tb(error.__traceback__)[-1]
-    return (
-        f"a file or the input ends too early ({error or 'EOFError'}; read by {Path(place.filename).name}, "
-        f"line {place.lineno}): a file that was cut off must be written or copied again"
-    )
+        try:
+            result = app(arguments, prog_name="spool", standalone_mode=False)
+        except InputError as error:
+            return fail(str(error))
+        except BrokenPipeError:  # the reader of the output has ended: no fault, and nobody to tell
+            raise
+        except OSError as error:
+            return fail(f"{error.filename}: {error.strerror}" if error.filename else str(error))
+        except KeyboardInterrupt:
+            return fail("interrupted", 130)
+        except typer.Exit as stop:
+            return stop.exit_code
+        except typer.Abort as abort:
+            if isinstance(abort.__cause__, EOFError):  # typer takes the end of any file for Ctrl-D
+                # A file ended early, and nothing closer to it named the file.
+                place = traceback.extract_tb(abort.__cause__.__traceback__)[-1]
+                return fail(
+                    f"a file or the input ends too early ({abort.__cause__ or 'EOFError'}; read by "
+                    f"{Path(place.filename).name}, line {place.lineno}): a file that was cut off "
+                    "must be written or copied again"
+                )
+            return fail("interrupted", 130)
+        except TyperException as error:
+            command = next((word for word in arguments if not word.startswith("-")), "")
+            text = error.format_message()
+            if not text:  # no arguments: the help has been shown
+                return 2
+            end = "" if text[-1] in ".?" else "."
+            return fail(f"{text}{end} See: ./spool {command} --help".replace("  ", " "))
+        return result if isinstance(result, int) else 0
 
 
 if __name__ == "__main__":

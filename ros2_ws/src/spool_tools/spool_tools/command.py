@@ -148,6 +148,9 @@ FittedValve = Annotated[
         autocompletion=valve_names,
     ),
 ]  # fmt: skip
+RunningValve = Annotated[str, typer.Argument(metavar="VALVE", help="Namespace of the valve, e.g. valve_1.")]
+WhoOption = Annotated[str, typer.Option("--who", help="Who does it; default: the user's name.")]
+CommentOption = Annotated[str, typer.Option("--comment", help="What is to be said about it.")]
 LanguageOption = Annotated[
     str,
     typer.Option(
@@ -188,6 +191,10 @@ SensorGain = Annotated[
 SensorDelay = Annotated[
     bool, typer.Option("--sensor-delay", help="Fit the delay of the spool's sensor as well.")
 ]
+
+
+#: Settings of a command that passes on what follows its own arguments, options included.
+PASSING_ON = {"allow_extra_args": True, "ignore_unknown_options": True, "allow_interspersed_args": False}
 
 
 @dataclass(frozen=True, slots=True)
@@ -246,7 +253,13 @@ class CommandGroup(TyperGroup):
         """
         if cmd_name in command_modules():
             if cmd_name not in self.commands:
-                self.commands[cmd_name] = _parser(cmd_name, declaration(cmd_name))
+                declared = declaration(cmd_name)
+                around = Typer(rich_markup_mode="rich")
+                if isinstance(declared.run, Typer):
+                    around.add_typer(declared.run, name=cmd_name)
+                else:
+                    around.command(cmd_name, context_settings=dict(declared.settings))(declared.run)
+                self.commands[cmd_name] = get_group(around).commands[cmd_name]
         elif cmd_name in IN_A_CHECKOUT:
             raise InputError(
                 f"{cmd_name}: this command needs a checkout of the sources: type ./spool {cmd_name} there"
@@ -266,13 +279,3 @@ def in_range(low: float, high: float = math.inf) -> Callable[[float | None], flo
         return value
 
     return checked
-
-
-def _parser(name: str, declared: Command) -> Any:
-    """Return what parses the arguments of a command."""
-    around = Typer(rich_markup_mode="rich")
-    if isinstance(declared.run, Typer):
-        around.add_typer(declared.run, name=name)
-    else:
-        around.command(name, context_settings=dict(declared.settings))(declared.run)
-    return get_group(around).commands[name]

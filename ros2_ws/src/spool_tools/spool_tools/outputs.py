@@ -15,7 +15,7 @@ import shlex
 import stat
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextvars import ContextVar
 from dataclasses import dataclass
 from datetime import datetime, timezone
@@ -92,18 +92,18 @@ def check_output(path: Path | None, option: str) -> Path | None:
     return path
 
 
-def check_folder(path: Path, option: str = "--out") -> Path:
+def check_folder(path: Path) -> Path:
     """Return ``path`` if a command may fill it with files: it is new, empty, or ``--force`` was given.
 
     Raises:
         InputError: it is not so, or it is a link or a file.
     """
     if path.is_symlink():
-        raise InputError(f"{option} {path}: it is a link: name the folder itself")
+        raise InputError(f"--out {path}: it is a link: name the folder itself")
     if path.exists() and not path.is_dir():
-        raise InputError(f"{option} {path}: it is a file: name a folder")
+        raise InputError(f"--out {path}: it is a file: name a folder")
     if path.is_dir() and any(path.iterdir()) and not _force.get():
-        raise InputError(f"{option} {path}: it is not empty: name another one, or fill it by --force")
+        raise InputError(f"--out {path}: it is not empty: name another one, or fill it by --force")
     return path
 
 
@@ -128,7 +128,7 @@ def write_file(path: Path, content: str | bytes, option: str = "output") -> None
 
 
 @contextlib.contextmanager
-def making_room(path: Path, option: str = "--out") -> Iterator[None]:
+def making_room(path: Path) -> Iterator[None]:
     """Move aside what is at ``path`` while the block makes a bag or a table there; ``--force`` only.
 
     What was there comes back where the block fails, and goes where it succeeds.
@@ -137,19 +137,19 @@ def making_room(path: Path, option: str = "--out") -> Iterator[None]:
         InputError: it is there and ``--force`` was not given, it is a link, or a folder that is no bag.
     """
     if path.is_symlink():
-        raise InputError(f"{option} {path}: it is a link: name the bag or the file itself")
+        raise InputError(f"--out {path}: it is a link: name the bag or the file itself")
     if not path.exists() or (path.is_dir() and not any(path.iterdir())):
         yield
         return
     if not _force.get():
-        raise InputError(f"{option} {path}: it is there already: name another one, or replace it by --force")
+        raise InputError(f"--out {path}: it is there already: name another one, or replace it by --force")
     if path.is_dir() and not any(path.glob("*.mcap")):
-        raise InputError(f"{option} {path}: a folder that is no bag is not replaced: name another one")
+        raise InputError(f"--out {path}: a folder that is no bag is not replaced: name another one")
     aside = path.with_name(f".{path.name}.replaced-{os.getpid()}")
     try:
         path.rename(aside)
     except OSError as error:
-        raise InputError(f"{option} {path}: cannot be replaced: {error.strerror}") from error
+        raise InputError(f"--out {path}: cannot be replaced: {error.strerror}") from error
     try:
         yield
     except BaseException:
@@ -260,15 +260,32 @@ def provenance() -> list[tuple[str, str]]:
 
 def sources(records: Sequence[Path], valve: Valve | None = None) -> list[tuple[str, str]]:
     """Return label and value for each file of ``records`` with its checksum, and for the valve."""
-    rows = [
-        ("record", f"{file}, SHA-256 {_checksum(file)}")
-        for path in records
-        for file in (sorted(path.glob("*.mcap"))[:MOST_FILES] if path.is_dir() else [path])
-    ]
+    rows = []
+    for path in records:
+        for file in sorted(path.glob("*.mcap"))[:MOST_FILES] if path.is_dir() else [path]:
+            try:
+                checksum = sha256_of([file])
+            except OSError as error:
+                checksum = f"not known: {error.strerror}"
+            rows.append(("record", f"{file}, SHA-256 {checksum}"))
     if valve is not None:
         numbers = f"{valve.moving_mass:g} kg, {valve.spring_stiffness:g} N/m"
         rows.append(("valve", f"{valve.id}: {numbers}, {valve.natural_frequency:.3g} Hz"))
     return rows
+
+
+def sha256_of(files: Iterable[Path]) -> str:
+    """Return the SHA-256 of the content of ``files``, one after the other.
+
+    Raises:
+        OSError: one cannot be read.
+    """
+    digest = hashlib.sha256()
+    for file in files:
+        with file.open("rb") as stream:
+            while piece := stream.read(1 << 20):
+                digest.update(piece)
+    return digest.hexdigest()
 
 
 def _is_device(path: Path) -> bool:
@@ -302,14 +319,3 @@ def _git(folder: Path, *words: str) -> str:
     except (OSError, subprocess.SubprocessError):
         return ""
     return done.stdout.strip() if done.returncode == 0 else ""
-
-
-def _checksum(path: Path) -> str:
-    digest = hashlib.sha256()
-    try:
-        with path.open("rb") as stream:
-            while chunk := stream.read(1 << 20):
-                digest.update(chunk)
-    except OSError as error:
-        return f"not known: {error.strerror}"
-    return digest.hexdigest()

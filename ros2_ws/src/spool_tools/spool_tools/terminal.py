@@ -26,6 +26,12 @@ def cell(text: object, style: str = "") -> Text:
     return Text(printable(text), style=style)
 
 
+def wide_console(width: int, *, markup: bool = True) -> Console:
+    """Return standard output; off a terminal its lines are ``width`` wide, so that no name is cut."""
+    console = Console(highlight=False, markup=markup)
+    return console if console.is_terminal else Console(highlight=False, markup=markup, width=width)
+
+
 def warn(text: str, console: Console | None = None) -> None:
     """Show a warning on ``console``; default: standard error."""
     (console or Console(stderr=True)).print(

@@ -155,13 +155,13 @@ class Guard:
 
 def own_host(host: str) -> bool:
     """Return whether ``host`` (with port) is localhost or an IP address, no name that others resolve."""
-    name = _split(host)
-    if name is None:
+    if not host or len(host) > 100 or any(mark in host for mark in "/\\@?#% \t"):
         return False
-    if name == "localhost":
-        return True
     try:
-        ipaddress.ip_address(name)
+        parts = urlsplit(f"//{host}")
+        _ = parts.port  # raises where it is none
+        if parts.hostname != "localhost":
+            ipaddress.ip_address(parts.hostname or "")
     except ValueError:
         return False
     return True
@@ -528,18 +528,6 @@ def abort(client: Any) -> None:
     transport = _OPEN.get(tuple(client)) if client else None
     if transport is not None:
         transport.abort()
-
-
-def _split(host: str) -> str | None:
-    """Return the name in ``host`` without its port, ``None`` where it is none."""
-    if not host or len(host) > 100 or any(mark in host for mark in "/\\@?#% \t"):
-        return None
-    try:
-        parts = urlsplit(f"//{host}")
-        _ = parts.port
-    except ValueError:
-        return None
-    return parts.hostname
 
 
 def _files(folder: Path) -> dict[str, tuple[bytes, str, str]]:

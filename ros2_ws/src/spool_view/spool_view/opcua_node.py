@@ -206,25 +206,23 @@ class AddressSpace:
         written = 0
         for valve in valves:
             for item in items_of(valve, now, self._language):
-                if self._written.get(item.path) != item:
-                    await self._write(item)
-                    written += 1
+                if self._written.get(item.path) == item:
+                    continue
+                value = ua.DataValue(
+                    ua.Variant(item.value),
+                    ua.StatusCode(item.quality),
+                    SourceTimestamp=item.time,
+                    ServerTimestamp=datetime.now(timezone.utc),
+                )
+                known = item.path in self._written
+                self._written[item.path] = item
+                identity = ua.NodeId(".".join(item.path), self._index)
+                if not known:
+                    folder = await self._folder(item.path[:-1])
+                    await folder.add_variable(identity, item.path[-1], item.value)
+                await self._server.write_attribute_value(identity, value)
+                written += 1
         return written
-
-    async def _write(self, item: Item) -> None:
-        value = ua.DataValue(
-            ua.Variant(item.value),
-            ua.StatusCode(item.quality),
-            SourceTimestamp=item.time,
-            ServerTimestamp=datetime.now(timezone.utc),
-        )
-        known = item.path in self._written
-        self._written[item.path] = item
-        identity = ua.NodeId(".".join(item.path), self._index)
-        if not known:
-            folder = await self._folder(item.path[:-1])
-            await folder.add_variable(identity, item.path[-1], item.value)
-        await self._server.write_attribute_value(identity, value)
 
     async def _folder(self, path: tuple[str, ...]) -> Any:
         if path not in self._folders:

@@ -103,7 +103,12 @@ def act_of(given: Any, alarms: Mapping[str, frozenset[str]]) -> Act:
     occurrence = given.get("occurrence", 0)
     if type(occurrence) is not int or not 0 <= occurrence < 2**32:
         raise ActRefusedError("occurrence: no whole number from 0 on")
-    return Act(act, valve, who, comment, alarm, occurrence, _minutes(given) if act == SHELVE else 0.0)
+    minutes = given.get("minutes") if act == SHELVE else 0.0
+    if isinstance(minutes, bool) or not isinstance(minutes, int | float) or not math.isfinite(minutes):
+        raise ActRefusedError("minutes: a number, 0 until the condition is over")
+    if not 0 <= minutes <= MOST_MINUTES:
+        raise ActRefusedError(f"minutes: from 0 to {MOST_MINUTES:g}")
+    return Act(act, valve, who, comment, alarm, occurrence, float(minutes))
 
 
 class OperatorToken:
@@ -301,15 +306,6 @@ def _text(given: Mapping[str, Any], name: str, most: int) -> str:
     if not value.isprintable():
         raise ActRefusedError(f"{name}: one line without control characters")
     return value.strip()
-
-
-def _minutes(given: Mapping[str, Any]) -> float:
-    value = given.get("minutes")
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise ActRefusedError("minutes: a number, 0 until the condition is over")
-    if not 0 <= value <= MOST_MINUTES:
-        raise ActRefusedError(f"minutes: from 0 to {MOST_MINUTES:g}")
-    return float(value)
 
 
 async def _content(request: Request) -> Any:

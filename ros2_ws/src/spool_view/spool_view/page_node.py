@@ -25,28 +25,16 @@ from spool_msgs.msg import AccelerationBlock, AlarmList, GapAnalysis, ModelEstim
 from spool_msgs.srv import AcknowledgeAlarm, ManageBaseline, ResetAlarms, ShelveAlarm, TakeSnapshot
 from std_srvs.srv import Trigger
 
+from spool_view import operator as operating
 from spool_view.application import ServerThread, application
-from spool_view.operator import (
-    ACKNOWLEDGE,
-    ANALYSE,
-    FREEZE,
-    LEARN,
-    RESET,
-    SHELVE,
-    SNAPSHOT,
-    Act,
-    ActLog,
-    Desk,
-    OperatorToken,
-    Outcome,
-)
+from spool_view.operator import Act, Desk, Outcome
 from spool_view.view import NAMES, Board, HeardValve, alarms_of, spectrum_of
 
 #: Folder of token and log below the state folder.
 FOLDER = "web_page"
 
 #: Nodes that do what the monitor does not.
-_NODES = {ANALYSE: "estimator", SNAPSHOT: "recorder"}
+_NODES = {operating.ANALYSE: "estimator", operating.SNAPSHOT: "recorder"}
 
 #: s between two askings for the baseline and the limits of a valve whose page is open.
 ASK_EVERY = 10.0
@@ -101,8 +89,8 @@ class PageNode(ManagedNode):
         self._server: ServerThread | None = None
         self._listening: Listening | None = None
         self._calls: ServiceCalls | None = None
-        self._token: OperatorToken | None = None
-        self._log: ActLog | None = None
+        self._token: operating.OperatorToken | None = None
+        self._log: operating.ActLog | None = None
         self._changed: list[str] = []
 
     def configure(self) -> None:
@@ -122,8 +110,8 @@ class PageNode(ManagedNode):
         folder = self._folder()
         address, port = self._socket.getsockname()[:2]
         if self.value("operator"):
-            self._token = OperatorToken(folder / FOLDER / f"token_{port}")
-            self._log = ActLog(folder / FOLDER / "operator_log.jsonl")
+            self._token = operating.OperatorToken(folder / FOLDER / f"token_{port}")
+            self._log = operating.ActLog(folder / FOLDER / "operator_log.jsonl")
         board = Board()
         names = tuple(name.strip("/") for name in self.value("valves") if name.strip("/"))
         calls = self._calls = ServiceCalls(self)
@@ -206,7 +194,7 @@ class PageNode(ManagedNode):
         """Ask for ``act``; called by the server's thread."""
         assert self._calls is not None
         outcome = do(self._calls, act)
-        if act.act in (FREEZE, LEARN):
+        if act.act in (operating.FREEZE, operating.LEARN):
             outcome.add_done_callback(lambda _: self._changed.append(act.valve))
         return outcome
 
@@ -293,7 +281,10 @@ class Listening:
         valve = self._board.join(name)
         if valve is None:
             return
-        take = partial(_take_alarms, valve)
+
+        def take(message: AlarmList) -> None:
+            _keep(valve, "alarms", alarms_of(message))
+
         self._heard[name] = self._node.create_subscription(AlarmList, f"/{name}/alarms", take, qos.state())
         # What is lost is said again a second later, so nothing has to be confirmed or sent again.
         quality = qos.samples_wanted(1)
@@ -305,12 +296,16 @@ class Listening:
         valve = self._board.valves[name]
         subscribe = self._node.create_subscription
         self._opened[name] = []
+
+        def take_block(raw: bytes) -> None:  # rclpy refuses a method of deque: it has no signature
+            valve.blocks.append(raw)
+
         for kind, topic, take, quality, raw in (
-            (AccelerationBlock, "acceleration", _take_block, qos.samples_wanted(), True),
-            (ModelEstimate, "estimate", _take_estimate, qos.state(), False),
-            (GapAnalysis, "gap", _take_gap, qos.state(), False),
+            (AccelerationBlock, "acceleration", take_block, qos.samples_wanted(), True),
+            (ModelEstimate, "estimate", partial(_keep, valve, "estimate"), qos.state(), False),
+            (GapAnalysis, "gap", partial(_keep, valve, "gap"), qos.state(), False),
         ):
-            made = subscribe(kind, f"/{name}/{topic}", partial(take, valve), quality, raw=raw)
+            made = subscribe(kind, f"/{name}/{topic}", take, quality, raw=raw)
             self._opened[name].append(made)
 
     def _close(self, name: str) -> None:
@@ -324,16 +319,13 @@ class Listening:
     def _ask(self, valve: HeardValve) -> None:
         def take_baseline(answer: Future[Any]) -> None:
             got = answer.result()
-            valve.baseline = got if got is not None and got.success else None
-            valve.changes += 1
+            _keep(valve, "baseline", got if got is not None and got.success else None)
 
         def take_limits(answer: Future[Any]) -> None:
             got = answer.result()
             values = [] if got is None else got.values
-            valve.limits = {
-                name: float(value.double_value) for name, value in zip(NAMES, values, strict=False)
-            }
-            valve.changes += 1
+            named = zip(NAMES, values, strict=False)
+            _keep(valve, "limits", {name: float(value.double_value) for name, value in named})
 
         show = ManageBaseline.Request(action=ManageBaseline.Request.SHOW)
         _ask(self._calls, valve.name, "manage_baseline", show).add_done_callback(take_baseline)
@@ -367,19 +359,21 @@ def _ask(calls: ServiceCalls, valve: str, service: str, request: Any) -> Future[
 
 def _request(act: Act) -> tuple[str, Any]:
     by = {"who": act.who, "comment": act.comment}
-    if act.act == ANALYSE:
+    if act.act == operating.ANALYSE:
         return "analyse_gap", Trigger.Request()
-    if act.act == SNAPSHOT:
+    if act.act == operating.SNAPSHOT:
         return "take_snapshot", TakeSnapshot.Request(valve=act.valve, **by)
-    if act.act in (FREEZE, LEARN):
+    if act.act in (operating.FREEZE, operating.LEARN):
         kind = ManageBaseline.Request
-        return "manage_baseline", kind(action=kind.FREEZE if act.act == FREEZE else kind.LEARN, **by)
+        return "manage_baseline", kind(
+            action=kind.FREEZE if act.act == operating.FREEZE else kind.LEARN, **by
+        )
     by["alarm"] = act.alarm
-    if act.act == ACKNOWLEDGE:
+    if act.act == operating.ACKNOWLEDGE:
         return "acknowledge_alarm", AcknowledgeAlarm.Request(occurrence=act.occurrence, **by)
-    if act.act == RESET:
+    if act.act == operating.RESET:
         return "reset_alarms", ResetAlarms.Request(**by)
-    shelved = act.act == SHELVE
+    shelved = act.act == operating.SHELVE
     return "shelve_alarm", ShelveAlarm.Request(shelved=shelved, duration=60.0 * act.minutes, **by)
 
 
@@ -387,27 +381,13 @@ def _outcome(act: Act, answer: Any) -> Outcome:
     if answer is None:
         node = _NODES.get(act.act, "monitor")
         return Outcome(False, f"{act.valve}: its {node} does not answer")
-    if act.act == ANALYSE:
+    if act.act == operating.ANALYSE:
         return Outcome(bool(answer.success), str(answer.message))
     if not answer.success:
         return Outcome(False, str(answer.reason))
     return Outcome(True, ", ".join(getattr(answer, "changed", ())) or str(getattr(answer, "stage", "")))
 
 
-def _take_alarms(valve: HeardValve, message: AlarmList) -> None:
-    valve.alarms = alarms_of(message)
-    valve.changes += 1
-
-
-def _take_estimate(valve: HeardValve, message: ModelEstimate) -> None:
-    valve.estimate = message
-    valve.changes += 1
-
-
-def _take_block(valve: HeardValve, raw: bytes) -> None:
-    valve.blocks.append(raw)
-
-
-def _take_gap(valve: HeardValve, message: GapAnalysis) -> None:
-    valve.gap = message
+def _keep(valve: HeardValve, what: str, value: object) -> None:
+    setattr(valve, what, value)
     valve.changes += 1

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from spool_core.errors import InputError
 from spool_core.events.sentences import LANGUAGES, details, headline
 from spool_core.node.messages import from_event_message
@@ -171,10 +170,33 @@ def detail_of(valve: HeardValve, now: float) -> dict[str, Any]:
     detail = row_of(valve, now)
     silent = detail["condition"] == NO_WORD
     detail["alarms"] = list(valve.alarms)
-    detail["resonance"] = None if silent or valve.health is None else _resonance(valve)
-    detail["judgements"] = [] if silent or valve.health is None else list(valve.health.judgements)
-    detail["baseline"] = _baseline(valve.baseline)
-    detail["gap"] = _gap(valve.gap)
+    health = None if silent else valve.health
+    detail["resonance"], detail["judgements"] = None, [] if health is None else list(health.judgements)
+    if health is not None:
+        margin, band = margin_of(health), valve.limits.get(BAND)
+        detail["resonance"] = {
+            "margin": None if margin is None else round(100.0 * margin),
+            "band": None if band is None else rounded(100.0 * band, 3),
+            "shakes": shown(health.dominant_frequency),
+            "natural": shown(health.natural_frequency),
+            "amplification": shown(health.amplification),
+        }
+    detail["baseline"] = detail["gap"] = None
+    if valve.baseline is not None:
+        detail["baseline"] = {
+            "version": int(valve.baseline.version),
+            **{key: getattr(valve.baseline, key) for key in ("stage", "valve_id", "oil", "frozen_by")},
+        }
+    if valve.gap is not None:
+        detail["gap"] = {
+            "done": valve.gap.state == GapAnalysis.STATE_DONE,
+            "verdict": valve.gap.verdict,
+            "confidence": rounded(valve.gap.confidence.value, 3),
+            "sentence": valve.gap.sentence,
+            "window": rounded(valve.gap.window, 3),
+            "stamp": int(valve.gap.header.stamp.sec),
+            "report": bool(valve.gap.json),
+        }
     detail["estimate"] = None
     if estimate is not None:
         state = _STATES[estimate.state] if estimate.state < len(_STATES) else "unknown"
@@ -192,7 +214,25 @@ def detail_of(valve: HeardValve, now: float) -> dict[str, Any]:
 def alarms_of(message: Any) -> tuple[dict[str, Any], ...]:
     """Return the alarms of an ``AlarmList`` that are not normal, in its order."""
     shown = [one for one in message.alarms if one.state != Alarm.STATE_NORMAL]
-    return tuple(_alarm(one) for one in shown[:MOST])
+    return tuple(
+        {
+            "name": one.name[:_LONGEST],
+            "code": int(one.code),
+            "kind": one.kind[:_LONGEST],
+            "cause": one.cause[:_LONGEST],
+            "state": STATES.get(one.state, "unknown"),
+            "underlying": STATES.get(one.underlying, "unknown"),
+            "severity": _SEVERITIES.get(one.severity, "unknown"),
+            "occurrence": int(one.occurrence),
+            "texts": _texts(one),
+            "raised": int(one.raised_at.sec) or None,
+            "acknowledged": int(one.acknowledged_at.sec) or None,
+            "by": one.acknowledged_by[:_LONGEST],
+            "comment": one.comment[:_LONGEST],
+            "shelved_until": int(one.shelved_until.sec) or None,
+        }
+        for one in shown[:MOST]
+    )
 
 
 def spectrum_of(blocks: Sequence[Any]) -> dict[str, Any] | None:
@@ -209,9 +249,25 @@ def spectrum_of(blocks: Sequence[Any]) -> dict[str, Any] | None:
     period = blocks[-1].sample_period
     if not (np.isfinite(period) and WINDOW / MOST_SAMPLES < period < WINDOW / 16):
         return None
-    body, spool = _newest(blocks, period)
-    size = body.size
-    if size < 16 or size * period < 0.5 * WINDOW:
+    # The newest samples without a gap, at most WINDOW s of them.
+    wanted, gathered, taken = round(WINDOW / period), 0, []
+    following: int | None = None
+    for block in reversed(blocks):
+        held = len(block.body)
+        fits = following is None or block.sequence == following - 1
+        if not fits or held != len(block.spool) or block.sample_period != period:
+            break
+        taken.append(block)
+        following, gathered = block.sequence, gathered + held
+        if gathered >= wanted:
+            break
+    parts = [
+        np.concatenate([np.frombuffer(getattr(one, name), np.float32) for one in reversed(taken)])
+        for name in ("body", "spool")
+    ]
+    body, spool = (part[-wanted:].astype(np.float64) for part in parts)
+    size, whole = body.size, np.isfinite(body).all() and np.isfinite(spool).all()
+    if not whole or size < 16 or size * period < 0.5 * WINDOW:
         return None
     taper = np.hanning(size)
     scale = 2.0 / taper.sum()
@@ -274,29 +330,20 @@ def known(quantity: Any) -> bool:
 
 def shown(quantity: Any) -> dict[str, Any]:
     """Return ``quantity`` as text with its 95 % half width, and as numbers for pictures."""
-    base = {
+    found = {
         "name": quantity.name,
         "unit": quantity.unit,
         "validity": _VALIDITIES.get(quantity.validity, "unknown"),
+        **dict.fromkeys(("text", "half", "value", "width")),
     }
-    if base["validity"] == "unknown" or not math.isfinite(quantity.value):
-        return {**base, "text": None, "half": None, "value": None, "width": None}
+    if found["validity"] == "unknown" or not math.isfinite(quantity.value):
+        return found
+    found["text"], found["value"] = number(quantity.value), rounded(quantity.value)
     if math.isfinite(quantity.standard_deviation):
         text = interval(quantity.value, quantity.standard_deviation)
-        return {
-            **base,
-            "text": text.value,
-            "half": text.half_width,
-            "value": rounded(quantity.value),
-            "width": rounded(Z_95 * quantity.standard_deviation),
-        }
-    return {
-        **base,
-        "text": number(quantity.value),
-        "half": None,
-        "value": rounded(quantity.value),
-        "width": None,
-    }
+        found["text"], found["half"] = text.value, text.half_width
+        found["width"] = rounded(Z_95 * quantity.standard_deviation)
+    return found
 
 
 def rounded(value: float, digits: int = 6) -> float | None:
@@ -307,18 +354,6 @@ def rounded(value: float, digits: int = 6) -> float | None:
 def hertz(quantity: Any) -> str | None:
     """Return a frequency with one decimal, ``None`` where there is none."""
     return f"{quantity.value:.1f}" if known(quantity) else None
-
-
-def _resonance(valve: HeardValve) -> dict[str, Any]:
-    health = valve.health
-    margin, band = margin_of(health), valve.limits.get(BAND)
-    return {
-        "margin": None if margin is None else round(100.0 * margin),
-        "band": None if band is None else rounded(100.0 * band, 3),
-        "shakes": shown(health.dominant_frequency),
-        "natural": shown(health.natural_frequency),
-        "amplification": shown(health.amplification),
-    }
 
 
 def _parameter(valve: HeardValve, quantity: Any) -> dict[str, Any]:
@@ -345,51 +380,6 @@ def _parameter(valve: HeardValve, quantity: Any) -> dict[str, Any]:
     return found
 
 
-def _baseline(answer: Any) -> dict[str, Any] | None:
-    if answer is None:
-        return None
-    return {
-        "version": int(answer.version),
-        "stage": answer.stage,
-        "valve_id": answer.valve_id,
-        "oil": answer.oil,
-        "frozen_by": answer.frozen_by,
-    }
-
-
-def _gap(message: Any) -> dict[str, Any] | None:
-    if message is None:
-        return None
-    return {
-        "done": message.state == GapAnalysis.STATE_DONE,
-        "verdict": message.verdict,
-        "confidence": rounded(message.confidence.value, 3),
-        "sentence": message.sentence,
-        "window": rounded(message.window, 3),
-        "stamp": int(message.header.stamp.sec),
-        "report": bool(message.json),
-    }
-
-
-def _alarm(alarm: Any) -> dict[str, Any]:
-    return {
-        "name": alarm.name[:_LONGEST],
-        "code": int(alarm.code),
-        "kind": alarm.kind[:_LONGEST],
-        "cause": alarm.cause[:_LONGEST],
-        "state": STATES.get(alarm.state, "unknown"),
-        "underlying": STATES.get(alarm.underlying, "unknown"),
-        "severity": _SEVERITIES.get(alarm.severity, "unknown"),
-        "occurrence": int(alarm.occurrence),
-        "texts": _texts(alarm),
-        "raised": int(alarm.raised_at.sec) or None,
-        "acknowledged": int(alarm.acknowledged_at.sec) or None,
-        "by": alarm.acknowledged_by[:_LONGEST],
-        "comment": alarm.comment[:_LONGEST],
-        "shelved_until": int(alarm.shelved_until.sec) or None,
-    }
-
-
 def _texts(alarm: Any) -> dict[str, Any]:
     """Return headline and details of the alarm's last event in every language of the page."""
     if not alarm.message:
@@ -402,25 +392,3 @@ def _texts(alarm: Any) -> dict[str, Any]:
         }
         for code, language in LANGUAGES.items()
     }
-
-
-def _newest(blocks: Sequence[Any], period: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the newest samples without a gap, at most ``WINDOW`` s of them; none where any is no number."""
-    wanted, count, taken = round(WINDOW / period), 0, []
-    following: int | None = None
-    for block in reversed(blocks):
-        size = len(block.body)
-        fits = following is None or block.sequence == following - 1
-        if not fits or size != len(block.spool) or block.sample_period != period:
-            break
-        taken.append(block)
-        following, count = block.sequence, count + size
-        if count >= wanted:
-            break
-    parts = [
-        np.concatenate([np.frombuffer(getattr(one, name), np.float32) for one in reversed(taken)])
-        for name in ("body", "spool")
-    ]
-    body, spool = (part[-wanted:].astype(np.float64) for part in parts)
-    whole = bool(np.isfinite(body).all() and np.isfinite(spool).all())
-    return (body, spool) if whole else (np.zeros(0), np.zeros(0))

@@ -63,8 +63,9 @@ def arguments_of_process(arguments: Sequence[str], number: int) -> list[str]:
     if number == 0:
         return list(arguments)
     words = list(arguments)
-    base = next((found for found in map(_given_name, _pairs(words)) if found), NAME)
-    for at, (before, word) in enumerate(_pairs(arguments), 1):
+    given = (_NAMING.match(word) for before, word in pairwise(words) if before in _REMAP)
+    base = next((match[1] for match in given if match), NAME)
+    for at, (before, word) in enumerate(pairwise(arguments), 1):
         if before in _FILE:
             words[at] = _copied(word, base, f"{base}_{number}")
         elif before in _REMAP and _NAMING.match(word):
@@ -76,13 +77,13 @@ def arguments_of_process(arguments: Sequence[str], number: int) -> list[str]:
 
 def arguments_of_nodes(arguments: Sequence[str]) -> list[str]:
     """Return what the hosted nodes get: the parameter files. The rest is for the host's node alone."""
-    return [word for pair in _pairs(arguments) if pair[0] in _FILE for word in pair]
+    return [word for pair in pairwise(arguments) if pair[0] in _FILE for word in pair]
 
 
 def names_for_all(arguments: Sequence[str]) -> set[str]:
     """Return the parameters in sections for nodes of every name, such as ``/**``, of the parameter files."""
     found: set[str] = set()
-    for before, path in _pairs(arguments):
+    for before, path in pairwise(arguments):
         if before in _FILE and (root := _composed(path)) is not None:
             for key, section in _sections(root):
                 if _split(key)[1] in ("*", "**"):
@@ -170,15 +171,6 @@ def economise() -> None:
     for name in FILES:
         os.environ[name] = str(path)
     os.environ["RMW_FASTRTPS_USE_QOS_FROM_XML"] = "1"
-
-
-def _pairs(words: Sequence[str]) -> Iterator[tuple[str, str]]:
-    return pairwise(words)
-
-
-def _given_name(pair: tuple[str, str]) -> str | None:
-    match = _NAMING.match(pair[1])
-    return match[1] if match and pair[0] in _REMAP else None
 
 
 def _split(key: str) -> tuple[str, str]:

@@ -9,7 +9,7 @@ import os
 import resource
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import entry_points
 from typing import Any, ClassVar
@@ -147,7 +147,13 @@ class HostProcess:
             self._begin()
             code = 1  # from here on nothing that was given is wrong
             STOP.phase = Phase.RUNNING
-            self._spin()
+            # The events executor has no end of a spin that is not a busy one.
+            while not STOP.requested:
+                self._turn(TURN)
+                now = time.monotonic()
+                self._guarded(self._look, now)
+                if now - self._reported >= REPORT:
+                    self._guarded(self._report, now)
             code = 0
         except StopRequested:
             code = 0
@@ -155,7 +161,19 @@ class HostProcess:
             print(one_line(error), file=sys.stderr, flush=True)
             code = code or 2
         STOP.phase = Phase.ENDING
-        self._end()
+        if HUB.worker is not None:
+            HUB.worker.close()
+        for one in self.hosted:
+            with contextlib.suppress(Exception):
+                one.node.trigger_shutdown()
+        # A process that analyses is not waited for: what it is at is lost.
+        for child in multiprocessing.active_children():
+            child.terminate()
+        if hasattr(self, "_executor"):
+            with contextlib.suppress(Exception):
+                self._node.trigger_shutdown()
+            self._executor.shutdown()
+        rclpy.try_shutdown()
         STOP.finish()
         if any(one.node.compiling for one in self.hosted):
             # The interpreter would take itself down beneath the compiler.
@@ -252,15 +270,6 @@ class HostProcess:
             if now - begun >= TURNS and not HUB.worker.waiting and not HUB.behind:
                 return
 
-    def _spin(self) -> None:
-        # The events executor has no end of a spin that is not a busy one.
-        while not STOP.requested:
-            self._turn(TURN)
-            now = time.monotonic()
-            self._guarded(self._look, now)
-            if now - self._reported >= REPORT:
-                self._guarded(self._report, now)
-
     def _turn(self, seconds: float) -> None:
         """Let the executor wait so long for work."""
         self._guarded(self._executor.spin_once, seconds)
@@ -292,7 +301,9 @@ class HostProcess:
         owner = worker.hanging(LONGEST_CALL)
         # After a callback of this thread that took long, or a pause of the whole process, it waits its turn.
         if owner is not None and since < LONGEST_CALL and worker.give_up(owner):
-            for one in self._of(owner):
+            valve = next((one.valve for one in self.hosted if one.node is owner), None)
+            takers = [one for one in self.hosted if one.valve == valve]
+            for one in [one for one in takers if isinstance(one.node, EstimatorNode | MonitorNode)]:
                 one.node.give_up()
                 HUB.give_up(one.node)
                 one.failed, one.due = f"a callback did not return within {LONGEST_CALL:g} s", now + AGAIN
@@ -305,12 +316,6 @@ class HostProcess:
                 worker.admit(one.node)
                 one.node.admit()
                 self._begin_again(one)
-
-    def _of(self, owner: object) -> Iterator[Hosted]:
-        """Yield the nodes that take the blocks of the valve of ``owner``."""
-        valve = next((one.valve for one in self.hosted if one.node is owner), None)
-        takers = EstimatorNode, MonitorNode
-        return (one for one in self.hosted if one.valve == valve and isinstance(one.node, takers))
 
     def _begin_again(self, one: Hosted) -> None:
         one.failed = ""
@@ -340,7 +345,8 @@ class HostProcess:
             level = Level.ERROR
             text = "; ".join(f"{one.node.get_fully_qualified_name()}: {one.failed}" for one in failed[:5])
         wait = max((one.longest_wait for one in HUB.times.values()), default=0.0)
-        resident = _resident()
+        with open("/proc/self/statm", encoding="ascii") as stream:
+            resident = int(stream.read().split()[1]) * resource.getpagesize()
         valves = valve_timings(HUB.times, elapsed, resident)
         values: dict[str, object] = {
             "nodes": len(self.hosted),
@@ -351,21 +357,6 @@ class HostProcess:
             "longest_wait_s": wait,
         }
         self._diagnostics.publish(Status("host", level, text, values), *valves)
-
-    def _end(self) -> None:
-        if HUB.worker is not None:
-            HUB.worker.close()
-        for one in self.hosted:
-            with contextlib.suppress(Exception):
-                one.node.trigger_shutdown()
-        # A process that analyses is not waited for: what it is at is lost.
-        for child in multiprocessing.active_children():
-            child.terminate()
-        if hasattr(self, "_executor"):
-            with contextlib.suppress(Exception):
-                self._node.trigger_shutdown()
-            self._executor.shutdown()
-        rclpy.try_shutdown()
 
 
 def load_source(name: str) -> type[ManagedNode] | None:
@@ -398,11 +389,6 @@ def valve_timings(times: Mapping[str, TopicTimes], elapsed: float, resident: int
         _timing(topic.strip("/").rpartition("/")[0], one, elapsed, resident // len(times))
         for topic, one in times.items()
     ]
-
-
-def _resident() -> int:
-    with open("/proc/self/statm", encoding="ascii") as stream:
-        return int(stream.read().split()[1]) * resource.getpagesize()
 
 
 def _timing(valve: str, times: TopicTimes, elapsed: float, resident: int) -> Status:

@@ -197,16 +197,20 @@ class Supervisor:
             self._ended.update(self._due)
             self._due.clear()
             return
-        late = set() if now < self._patient_until else self._late(now)
+        known = {self._heartbeat.process(number): number for number in range(self._count)}
+        late: set[int] = set()
+        if now >= self._patient_until:  # those that make no progress, or load for too long
+            late = {one for one in known if one and self._heartbeat.age(known[one]) > LONGEST_SILENCE}
+            loads = self._loading_since.items()
+            late |= {one for one, since in loads if one not in known and now - since > LONGEST_LOAD}
         for process in late:
             print(f"host process {process} makes no progress: it is killed", file=sys.stderr, flush=True)
             _signal(process, signal.SIGKILL)
         if not late:
             notify("WATCHDOG=1")
-        there = {self._heartbeat.process(number) for number in range(self._count)}
-        loading = (numbers for process, numbers in self._loading.items() if process not in there)
-        known = {number for numbers in loading for number in numbers} | self._ended
-        for number in set(range(self._count)) - known - set(self._due):
+        loading = (numbers for process, numbers in self._loading.items() if process not in known)
+        begun = {number for numbers in loading for number in numbers} | self._ended
+        for number in set(range(self._count)) - begun - set(self._due):
             if not self._heartbeat.process(number):  # it ended before it said a word
                 self._due[number] = now
         due = [number for number, at in self._due.items() if at <= now]
@@ -214,13 +218,6 @@ class Supervisor:
             del self._due[number]
         if due:
             self._begin(due)
-
-    def _late(self, now: float) -> set[int]:
-        """Return the processes that make no progress, or load for too long."""
-        known = {self._heartbeat.process(number): number for number in range(self._count)}
-        late = {one for one, number in known.items() if one and self._heartbeat.age(number) > LONGEST_SILENCE}
-        loading = {one for one, since in self._loading_since.items() if one not in known}
-        return late | {one for one in loading if now - self._loading_since[one] > LONGEST_LOAD}
 
     def _take_end(self, process: int, code: int) -> None:
         """Begin again what ended with ``process``; where all are asked to end, count it."""

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from spool_core.errors import InputError
-from spool_core.numbers import Array
-from spool_estimator.identification.record import Record
 from spool_estimator.identification.spectra import cross_spectrum
 from spool_tools.operations.record_loading import Selection, load_recording
 
@@ -35,36 +33,28 @@ def run(subject: Subject) -> Rows:
     rows = []
     for channel in ("body", "spool"):
         row = np.concatenate([getattr(stretch, channel) for stretch in recording.stretches])
-        for name, value, unit in _shape(row):
+        around = row - row.mean()
+        power = float(np.mean(around**2))
+        rms = power**0.5
+        crest = float(np.abs(around).max()) / rms if rms > 0.0 else float("nan")
+        kurtosis = float(np.mean(around**4)) / power**2 if power > 0.0 else float("nan")
+        shape = (("rms", rms, "m/s^2"), ("crest_factor", crest, "1"), ("kurtosis", kurtosis, "1"))
+        for name, value, unit in shape:
             rows.append(parameter("features", "", f"{channel}_{name}", {"value": value, "unit": unit}))
-    for name, value, unit in _resonance(longest):
-        rows.append(parameter("features", "", name, {"value": value, "unit": unit}))
-    return {"parameters": rows}
-
-
-def _shape(row: Array) -> list[tuple[str, float, str]]:
-    around = row - row.mean()
-    power = float(np.mean(around**2))
-    rms = power**0.5
-    crest = float(np.abs(around).max()) / rms if rms > 0.0 else float("nan")
-    kurtosis = float(np.mean(around**4)) / power**2 if power > 0.0 else float("nan")
-    return [("rms", rms, "m/s^2"), ("crest_factor", crest, "1"), ("kurtosis", kurtosis, "1")]
-
-
-def _resonance(record: Record) -> list[tuple[str, float, str]]:
-    """Return frequency and height of the highest peak of spool over body where the two are coherent."""
-    length = min(record.body.size, round(SEGMENT * record.sample_rate))
-    both = cross_spectrum(record.body, record.spool, record.sample_rate, length)
+    # The highest peak of spool over body where the two are coherent.
+    length = min(longest.body.size, round(SEGMENT * longest.sample_rate))
+    both = cross_spectrum(longest.body, longest.spool, longest.sample_rate, length)
     frequency = both.frequency
     seen = (frequency >= BAND[0]) & (frequency <= BAND[1]) & (both.coherence >= COHERENT)
-    if not seen.any():
-        return []
-    height = np.where(seen, both.amplification, 0.0)
-    peak = int(np.argmax(height))
-    return [
-        ("transmissibility_peak_frequency", float(frequency[peak]), "Hz"),
-        ("transmissibility_peak", float(height[peak]), "1"),
-    ]
+    if seen.any():
+        height = np.where(seen, both.amplification, 0.0)
+        peak = int(np.argmax(height))
+        for name, value, unit in (
+            ("transmissibility_peak_frequency", float(frequency[peak]), "Hz"),
+            ("transmissibility_peak", float(height[peak]), "1"),
+        ):
+            rows.append(parameter("features", "", name, {"value": value, "unit": unit}))
+    return {"parameters": rows}
 
 
 ANALYSIS = Analysis("features", run, "sizes and shapes of both signals, resonance")

@@ -6,12 +6,11 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.console import Console
 from rich.table import Table
 from spool_tools import command as cli
 from spool_tools.command import Command
 from spool_tools.outputs import write_json
-from spool_tools.terminal import cell, warn
+from spool_tools.terminal import cell, warn, wide_console
 
 fleet = typer.Typer(
     no_args_is_help=True,
@@ -177,22 +176,19 @@ def _tell(lines: list[str], table: str, sql: str) -> None:
 
 
 def _show(rows: list[dict[str, Any]]) -> None:
-    """Print rows as a table, wide where no terminal limits it."""
-    console = Console()
-    console = console if console.is_terminal else Console(width=240)
+    console = wide_console(240)
     if not rows:
         console.print("nothing found")
         return
     table = Table(*rows[0], box=None, pad_edge=False)
     for row in rows:
-        table.add_row(*(cell(_text(value)) for value in row.values()))
+        table.add_row(
+            *(
+                cell(f"{value:.5g}" if isinstance(value, float) else "" if value is None else value)
+                for value in row.values()
+            )
+        )
     console.print(table)
-
-
-def _text(value: object) -> str:
-    if value is None:
-        return ""
-    return f"{value:.5g}" if isinstance(value, float) else str(value)
 
 
 COMMAND = Command(fleet, place=177, line="many bags of many valves: catalogue, analyses, questions, page")

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
-from spool_tools.command import Command, LanguageOption
+from spool_tools.command import Command, CommentOption, LanguageOption, RunningValve, WhoOption
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -14,16 +14,13 @@ app = typer.Typer(
     "Example: ./spool alarm list valve_1",
 )
 
-Valve = Annotated[str, typer.Argument(metavar="VALVE", help="Namespace of the valve, e.g. valve_1.")]
 Name = Annotated[str, typer.Argument(metavar="[ALARM]", help="Its name or kind; default: all that can.")]
-Who = Annotated[str, typer.Option(help="Who does it; default: the user's name.")]
-Comment = Annotated[str, typer.Option(help="What is to be said about it.")]
 Back = Annotated[bool, typer.Option("--back", help="Take it back.")]
 
 
 @app.command("list")
 def list_(
-    valve: Valve,
+    valve: RunningValve,
     every: Annotated[bool, typer.Option("--all", help="Include alarms in the normal state.")] = False,
     details: Annotated[bool, typer.Option("--details", help="Show everything known of each alarm.")] = False,
     language: LanguageOption = "",
@@ -40,7 +37,9 @@ def list_(
 
 
 @app.command()
-def acknowledge(valve: Valve, alarm: Name = "", who: Who = "", comment: Comment = "") -> None:
+def acknowledge(
+    valve: RunningValve, alarm: Name = "", who: WhoOption = "", comment: CommentOption = ""
+) -> None:
     """Say that somebody has seen it.
 
     Example: ./spool alarm acknowledge valve_1 resonance --comment "speed reduced"
@@ -50,12 +49,12 @@ def acknowledge(valve: Valve, alarm: Name = "", who: Who = "", comment: Comment 
 
 @app.command()
 def shelve(
-    valve: Valve,
+    valve: RunningValve,
     alarm: Name = "",
     minutes: Annotated[float, typer.Option(help="How long; 0: until the condition is over.")] = 30.0,
     back: Back = False,
-    who: Who = "",
-    comment: Comment = "",
+    who: WhoOption = "",
+    comment: CommentOption = "",
 ) -> None:
     """Put it aside for a time.
 
@@ -67,12 +66,12 @@ def shelve(
 
 @app.command()
 def suppress(
-    valve: Valve,
+    valve: RunningValve,
     alarm: Name = "",
     maintenance: Annotated[bool, typer.Option("--maintenance", help="Take it out of service.")] = False,
     back: Back = False,
-    who: Who = "",
-    comment: Comment = "",
+    who: WhoOption = "",
+    comment: CommentOption = "",
 ) -> None:
     """Put it aside because the plant's state makes it meaningless, or for maintenance.
 
@@ -85,7 +84,7 @@ def suppress(
 
 
 @app.command()
-def reset(valve: Valve, alarm: Name = "", who: Who = "", comment: Comment = "") -> None:
+def reset(valve: RunningValve, alarm: Name = "", who: WhoOption = "", comment: CommentOption = "") -> None:
     """Let go of latched alarms that are over and acknowledged.
 
     Example: ./spool alarm reset valve_1 stuck_spool

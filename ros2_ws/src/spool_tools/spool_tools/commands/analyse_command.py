@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
-import typer
-
 from spool_tools import command as cli
 from spool_tools.command import Command
 
 
 def analyse(
-    valve: Annotated[str, typer.Argument(metavar="VALVE", help="Namespace of the valve, e.g. valve_1.")],
+    valve: cli.RunningValve,
     json: cli.JsonFile = None,
     _force: cli.Force = False,
 ) -> None:

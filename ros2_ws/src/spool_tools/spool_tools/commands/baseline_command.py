@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from spool_tools.command import Command
+from spool_tools.command import Command, CommentOption, RunningValve, WhoOption
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -14,13 +14,9 @@ app = typer.Typer(
     "back.\n\nExample: ./spool baseline show valve_1",
 )
 
-Valve = Annotated[str, typer.Argument(metavar="VALVE", help="Namespace of the valve, e.g. valve_1.")]
-Who = Annotated[str, typer.Option(help="Who does it; default: the user's name.")]
-Comment = Annotated[str, typer.Option(help="What is to be said about it.")]
-
 
 @app.command()
-def show(valve: Valve) -> None:
+def show(valve: RunningValve) -> None:
     """Show the start values that drift is judged against.
 
     Example: ./spool baseline show valve_1
@@ -29,7 +25,7 @@ def show(valve: Valve) -> None:
 
 
 @app.command()
-def learn(valve: Valve, who: Who = "", comment: Comment = "") -> None:
+def learn(valve: RunningValve, who: WhoOption = "", comment: CommentOption = "") -> None:
     """Forget them and learn new ones from here on, as after a repair.
 
     Example: ./spool baseline learn valve_1 --comment "new spool fitted"
@@ -38,7 +34,7 @@ def learn(valve: Valve, who: Who = "", comment: Comment = "") -> None:
 
 
 @app.command()
-def freeze(valve: Valve, who: Who = "", comment: Comment = "") -> None:
+def freeze(valve: RunningValve, who: WhoOption = "", comment: CommentOption = "") -> None:
     """Confirm what was learned.
 
     Example: ./spool baseline freeze valve_1 --who Eva
@@ -48,10 +44,10 @@ def freeze(valve: Valve, who: Who = "", comment: Comment = "") -> None:
 
 @app.command()
 def restore(
-    valve: Valve,
+    valve: RunningValve,
     version: Annotated[int, typer.Argument(help="Number of the version.")],
-    who: Who = "",
-    comment: Comment = "",
+    who: WhoOption = "",
+    comment: CommentOption = "",
 ) -> None:
     """Take an older version back.
 

@@ -4,30 +4,20 @@ from __future__ import annotations
 
 import typer
 
-from spool_tools.command import (
-    AroundOption,
-    ColumnsOption,
-    Command,
-    Force,
-    JsonFile,
-    NameOption,
-    RecordArgument,
-    ReportFile,
-    SinceOption,
-    UntilOption,
-)
+from spool_tools import command as cli
+from spool_tools.command import Command
 
 
 def check(
-    record: RecordArgument,
-    name: NameOption = None,
-    columns: ColumnsOption = None,
-    since: SinceOption = None,
-    until: UntilOption = None,
-    around: AroundOption = None,
-    json: JsonFile = None,
-    report: ReportFile = None,
-    _force: Force = False,
+    record: cli.RecordArgument,
+    name: cli.NameOption = None,
+    columns: cli.ColumnsOption = None,
+    since: cli.SinceOption = None,
+    until: cli.UntilOption = None,
+    around: cli.AroundOption = None,
+    json: cli.JsonFile = None,
+    report: cli.ReportFile = None,
+    _force: cli.Force = False,
 ) -> None:
     """Tell the quality of a record: rate, gaps, clipping, noise, coherence, resonance, doubts.
 
@@ -36,7 +26,7 @@ def check(
     Example: ./spool check bags/practice_01 --report quality.html
     """
     from spool_tools.operations.record_loading import selection  # noqa: PLC0415
-    from spool_tools.operations.record_look import check as checked  # noqa: PLC0415
+    from spool_tools.operations.record_quality import check as checked  # noqa: PLC0415
     from spool_tools.terminal import progress  # noqa: PLC0415 - slow to load, as below
 
     with progress("reading"):

@@ -22,17 +22,11 @@ def doctor(
     del live
     from pathlib import Path  # noqa: PLC0415
 
-    from spool_tools.operations.machine_findings import (  # noqa: PLC0415
-        listen,
-        machine_findings,
-        node_findings,
-        ros_domain,
-        udp_counts,
-    )
+    from spool_tools.operations import machine_findings as findings  # noqa: PLC0415
 
-    before = udp_counts(Path("/proc/net/snmp").read_text(encoding="ascii"))
-    heard = listen(seconds)
-    found = [*node_findings(heard), *machine_findings(ros_domain(), before)]
+    before = findings.udp_counts(Path("/proc/net/snmp").read_text(encoding="ascii"))
+    heard = findings.listen(seconds)
+    found = [*findings.node_findings(heard), *findings.machine_findings(findings.ros_domain(), before)]
     for one in found:
         print(f"{one.level:8} {one.text}", flush=True)
     raise typer.Exit(int(any(one.level == "problem" for one in found)))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from datetime import datetime, timezone
 from pathlib import Path
 from typing import Annotated
 
@@ -84,13 +83,14 @@ def import_(
     from spool_bag.importing.bag_import import import_record  # noqa: PLC0415 - slow to load, as below
     from spool_bag.importing.choices import choices  # noqa: PLC0415
 
+    from spool_tools.operations.record_sources import iso_time  # noqa: PLC0415
     from spool_tools.terminal import progress  # noqa: PLC0415
 
     how = choices(columns, unit, scale, topic, rate, align, exclude, stamps, dates, empty_as_gap)
     if len(files) > 2:
         raise InputError(f"{files[2]}: two files at most, body and spool; import each record by itself")
     if look:
-        from spool_tools.operations.record_look import look as looked  # noqa: PLC0415
+        from spool_tools.operations.record_quality import look as looked  # noqa: PLC0415
 
         with progress("reading"):
             fine = looked(files, how, json, report)
@@ -99,7 +99,12 @@ def import_(
         raise InputError("--out: name the bag to be made, or --look to see what is understood")
     if json is not None or report is not None:
         raise InputError("--json and --report show what --look finds: add --look")
-    moment = None if start is None else _moment(start)
+    moment = None
+    if start is not None:
+        try:
+            moment = round(iso_time(start).timestamp()) * 1_000_000_000
+        except (ValueError, OverflowError) as error:
+            raise InputError(f"--start {start!r}: write it like 2025-01-31T12:00:00") from error
     with making_room(out), progress("importing"):
         result = import_record(files, out, valve=name, how=how, start=moment)
     for warning in result.warnings:
@@ -111,16 +116,6 @@ def import_(
         f"{out}: {plural(result.samples, 'sample')} in {plural(result.blocks, 'block')} of /{name}, "
         f"{result.duration:.1f} s at {1.0 / result.period:.7g} Hz{lost}"
     )
-
-
-def _moment(start: str) -> int:
-    """Return the time ``start`` (ISO 8601, UTC where it names no zone) in ns since 1970."""
-    try:
-        time = datetime.fromisoformat(start.replace("Z", "+00:00"))
-        zoned = time if time.tzinfo else time.replace(tzinfo=timezone.utc)
-        return round(zoned.timestamp()) * 1_000_000_000
-    except (ValueError, OverflowError) as error:
-        raise InputError(f"--start {start!r}: write it like 2025-01-31T12:00:00") from error
 
 
 COMMAND = Command(import_, place=40, line="any logger's file, or a foreign bag, to a bag of a valve")

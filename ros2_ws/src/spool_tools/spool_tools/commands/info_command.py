@@ -8,16 +8,8 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from spool_tools.command import (
-    AroundOption,
-    ColumnsOption,
-    Command,
-    Force,
-    JsonFile,
-    RecordArgument,
-    SinceOption,
-    UntilOption,
-)
+from spool_tools import command as cli
+from spool_tools.command import Command
 from spool_tools.outputs import damaged_places, lost_messages, write_json
 from spool_tools.terminal import cell, fail, progress, warn
 
@@ -26,13 +18,13 @@ if TYPE_CHECKING:
 
 
 def info(
-    record: RecordArgument,
-    columns: ColumnsOption = None,
-    since: SinceOption = None,
-    until: UntilOption = None,
-    around: AroundOption = None,
-    json: JsonFile = None,
-    _force: Force = False,
+    record: cli.RecordArgument,
+    columns: cli.ColumnsOption = None,
+    since: cli.SinceOption = None,
+    until: cli.UntilOption = None,
+    around: cli.AroundOption = None,
+    json: cli.JsonFile = None,
+    _force: cli.Force = False,
 ) -> None:
     """Say what is in a record and what was lost on the way into it; exit 1 where something was.
 

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from spool_tools.command import Command
+from spool_tools.command import Command, RunningValve
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -14,12 +14,11 @@ app = typer.Typer(
     "Example: ./spool param list valve_1",
 )
 
-Valve = Annotated[str, typer.Argument(metavar="VALVE", help="Namespace of the valve, e.g. valve_1.")]
 NodeName = Annotated[str, typer.Option("--node", help="Node of the valve, e.g. estimator.")]
 
 
 @app.command("list")
-def list_(valve: Valve, node: NodeName = "monitor") -> None:
+def list_(valve: RunningValve, node: NodeName = "monitor") -> None:
     """List the parameters with value, unit, range and meaning.
 
     Example: ./spool param list valve_1
@@ -31,7 +30,7 @@ def list_(valve: Valve, node: NodeName = "monitor") -> None:
 
 @app.command()
 def get(
-    valve: Valve,
+    valve: RunningValve,
     name: Annotated[str, typer.Argument(metavar="NAME", help="Parameter, e.g. coulomb_change.")],
     node: NodeName = "monitor",
 ) -> None:
@@ -46,7 +45,7 @@ def get(
 
 @app.command("set")
 def set_(
-    valve: Valve,
+    valve: RunningValve,
     changes: Annotated[
         list[str], typer.Argument(metavar="NAME=VALUE...", help="New values; all of them are taken, or none.")
     ],

@@ -9,7 +9,7 @@ from pathlib import Path
 import typer
 from spool_core.errors import InputError
 
-from spool_tools.command import Command
+from spool_tools.command import PASSING_ON, Command
 
 
 def python(context: typer.Context) -> None:
@@ -35,9 +35,5 @@ COMMAND = Command(
     python,
     place=22,
     line="Python with the suite's packages: ./spool python [SCRIPT|-m MODULE|-c CODE] [arguments]",
-    settings={
-        "allow_extra_args": True,
-        "ignore_unknown_options": True,
-        "allow_interspersed_args": False,  # what follows the script is the script's
-    },
+    settings=PASSING_ON,
 )

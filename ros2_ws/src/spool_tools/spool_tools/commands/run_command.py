@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from spool_tools.command import Command
+from spool_tools.command import PASSING_ON, Command
 
 
 def run(
@@ -27,9 +27,5 @@ COMMAND = Command(
     run,
     place=20,
     line="what `ros2 run` does: ./spool run PACKAGE EXECUTABLE [arguments]",
-    settings={
-        "allow_extra_args": True,
-        "ignore_unknown_options": True,
-        "allow_interspersed_args": False,  # what follows the node's name is the node's
-    },
+    settings=PASSING_ON,
 )

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
-import typer
-
-from spool_tools.command import Command
+from spool_tools.command import Command, CommentOption, RunningValve, WhoOption
 
 
 def snapshot(
-    valve: Annotated[str, typer.Argument(metavar="VALVE", help="Namespace of the valve, e.g. valve_1.")],
-    who: Annotated[str, typer.Option(help="Who does it; default: the user's name.")] = "",
-    comment: Annotated[str, typer.Option(help="What is to be said about it.")] = "",
+    valve: RunningValve,
+    who: WhoOption = "",
+    comment: CommentOption = "",
 ) -> None:
     """Let the running recorder keep what came before and comes after this moment, as it does on an alarm.
 

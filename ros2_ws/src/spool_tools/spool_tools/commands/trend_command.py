@@ -7,11 +7,11 @@ from typing import Annotated
 
 import typer
 
-from spool_tools.command import Command, Force, JsonFile
+from spool_tools.command import Command, Force, JsonFile, RunningValve
 
 
 def trend(
-    valve: Annotated[str, typer.Argument(metavar="VALVE", help="Namespace of the valve, e.g. valve_1.")],
+    valve: RunningValve,
     state_folder: Annotated[
         Path | None, typer.Option(help="The monitors' state_folder; default: where they keep it by default.")
     ] = None,

@@ -64,13 +64,7 @@ def new(
 
     Example: ./spool valve new --out my_valve.yaml --id mine --moving-mass 180g --spring-rate 0.816N/mm
     """
-    from spool_tools.operations.valve_sheet import (  # noqa: PLC0415
-        asked,
-        described,
-        file_text,
-        judged,
-        quantities,
-    )
+    from spool_tools.operations import valve_sheet as sheet  # noqa: PLC0415
     from spool_tools.outputs import write_file  # noqa: PLC0415 - slow to load, as below
     from spool_tools.terminal import warn  # noqa: PLC0415
 
@@ -85,17 +79,17 @@ def new(
     if sys.stdin.isatty():
         print("Answers with their units; Enter where the data sheet does not say.")
         try:
-            answers = asked(answers, lambda question: input(f"{question}: "), warn)
+            answers = sheet.asked(answers, lambda question: input(f"{question}: "), warn)
         except EOFError:
             raise InputError(
                 "the answers ended before the last question: press Enter at what you do not know, or give "
                 "all answers as options (./spool valve new --help)"
             ) from None
-    valve, how = described(answers)
-    write_file(out, file_text(valve, how), "--out")
-    for line in quantities(valve):
+    valve, how = sheet.described(answers)
+    write_file(out, sheet.file_text(valve, how), "--out")
+    for line in sheet.quantities(valve):
         print(line)
-    for said in judged(str(out)).wrong:
+    for said in sheet.judged(str(out)).wrong:
         print(f"looks wrong: {said}")
     print(f"written: {out}")
 
@@ -115,19 +109,15 @@ def check(
 
     Example: ./spool valve check 4weh10_soft --record bags/practice_03
     """
+    from spool_tools.operations import valve_sheet as sheet  # noqa: PLC0415
     from spool_tools.operations.record_replay import check_of_record  # noqa: PLC0415
-    from spool_tools.operations.valve_sheet import (  # noqa: PLC0415
-        against_record,
-        judged,
-        quantities,
-    )
     from spool_tools.outputs import write_json  # noqa: PLC0415 - slow to load, as below
 
-    verdict = judged(file)
+    verdict = sheet.judged(file)
     if verdict.valve is not None:
         if record is not None:
-            against_record(verdict, check_of_record(record, verdict.valve, name, columns), record)
-        for line in quantities(verdict.valve):
+            sheet.against_record(verdict, check_of_record(record, verdict.valve, name, columns), record)
+        for line in sheet.quantities(verdict.valve):
             print(line)
     shown = verdict.shown
     if shown is not None:

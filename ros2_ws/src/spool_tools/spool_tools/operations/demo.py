@@ -23,7 +23,7 @@ from rich.console import Console, Group
 from rich.live import Live
 from rich.table import Table
 from rich.text import Text
-from spool_bag.information import BagInformation, describe
+from spool_bag.information import describe
 from spool_bag.reader import BagReader
 from spool_core.errors import InputError
 from spool_core.events.english import Language
@@ -31,11 +31,11 @@ from spool_core.events.sentences import language_of
 from spool_core.node import qos
 from spool_core.node.network import isolate
 from spool_core.node.parameters import rule
-from spool_core.uncertainty import LEGEND, with_interval
+from spool_core.uncertainty import LEGEND
 from spool_msgs.msg import HealthEvent, ModelEstimate, Quantity, ValveHealth
 from spool_sim.excitation import from_mapping
 
-from spool_tools.operations.heard import event_line
+from spool_tools.operations.heard import estimate_cells, event_line
 from spool_tools.operations.service_client import call
 from spool_tools.outputs import write_json
 
@@ -148,14 +148,43 @@ def run_demo(seconds: float, out: Path) -> int:
     display.say(f"starting 7 nodes (ROS_DOMAIN_ID={domain}, this host only), recording to {folder / 'bag'}")
     events, whole = _live(seconds, folder, display)
     if not whole:
-        return _say_interrupted(display, folder)
+        try:
+            information = describe(folder / "bag")
+        except InputError:
+            display.say("interrupted before anything was recorded")
+            return 130
+        recorded = sum(valve.blocks for valve in information.valves)
+        missing = sum(valve.lost_blocks for valve in information.valves)
+        display.say(
+            f"interrupted: {recorded} blocks recorded, {missing} lost, in {folder / 'bag'}; "
+            f"see ./spool replay {folder / 'bag'}"
+        )
+        return 130
     information = describe(folder / "bag")
     display.say("analysing the bag ...")
     analysis = replay_bag(folder / "bag", [], baseline_time=_baseline(seconds))
     write_json(folder / "analysis.json", analysis)
     reader = BagReader(folder / "bag")
-    plots = [write_report(folder, reader, analysis)]
-    return _summarise(display, events, information, analysis, plots[0])
+    report = write_report(folder, reader, analysis)
+    lost = sum(valve.lost_blocks for valve in information.valves)
+    blocks = sum(valve.blocks for valve in information.valves)
+    raised = {(name, event.kind) for name, event in events if event.state == HealthEvent.STATE_RAISED}
+    replayed = {
+        (name, event["kind"])
+        for name, valve in analysis["valves"].items()
+        for event in valve["events"]
+        if event["state"] == "raised"
+    }
+    wanted = {(valve.name, kind) for valve in VALVES for kind in ("resonance", "friction_drift")}
+    display.say(f"\n{blocks} blocks recorded, {lost} lost; {information.size / 1e6:.1f} MB")
+    for name, kind in sorted(wanted):
+        display.say(
+            f"{name}  {kind.replace('_', ' '):15} {_RAISED[(name, kind) in raised, (name, kind) in replayed]}"
+        )
+    for sentence in sorted({valve["limits"]["sentence"] for valve in analysis["valves"].values()}):
+        display.say(f"analysed by {sentence}")
+    display.say(f"bag, analysis and report: {report.parent}  (open {report.name} in a browser)")
+    return 0 if lost == 0 and wanted <= raised and wanted <= replayed else 1
 
 
 @dataclass(slots=True)
@@ -219,15 +248,11 @@ class Display:
         health, estimate = self.health.get(name), self.estimates.get(name)
         if health is None or estimate is None:
             return [Text("waiting", style="dim")]
-        values = {quantity.name: quantity for quantity in estimate.parameters}
         level, style = _LEVELS.get(health.level, ("?", "dim"))
         known = health.dominant_frequency.validity == Quantity.VALIDITY_VALID
         return [
             Text(f"{health.dominant_frequency.value:5.1f} Hz" if known else "no line "),
-            Text(_with_uncertainty(estimate.natural_frequency)),
-            Text(_with_uncertainty(values.get("spring_stiffness"))),
-            Text(_with_uncertainty(values.get("viscous_coefficient"))),
-            Text(_with_uncertainty(values.get("coulomb_force"))),
+            *map(Text, estimate_cells(estimate, "learning")),
             Text(level, style=style).append(f" {health.summary}", style="default"),
         ]
 
@@ -385,22 +410,6 @@ def _live(seconds: float, folder: Path, display: Display) -> tuple[list[tuple[st
     return events, whole
 
 
-def _say_interrupted(display: Display, folder: Path) -> int:
-    """Say what was recorded before Ctrl-C; return the exit code."""
-    try:
-        information = describe(folder / "bag")
-    except InputError:
-        display.say("interrupted before anything was recorded")
-        return 130
-    blocks = sum(valve.blocks for valve in information.valves)
-    lost = sum(valve.lost_blocks for valve in information.valves)
-    display.say(
-        f"interrupted: {blocks} blocks recorded, {lost} lost, in {folder / 'bag'}; "
-        f"see ./spool replay {folder / 'bag'}"
-    )
-    return 130
-
-
 def _start(nodes: Nodes, folder: Path, seconds: float) -> None:
     names = [valve.name for valve in VALVES]
     output = [*rule("output", str(folder / "bag")), *rule("valves", names)]
@@ -448,39 +457,3 @@ def _let_drift(node: Node, valve: DemoValve, duration: float) -> None:
     result = call(node, server, "set_parameters_atomically", request, SetParametersAtomically).result
     if not result.successful:
         raise InputError(f"{valve.name}: the drift was refused: {result.reason}")
-
-
-def _summarise(
-    display: Display,
-    events: list[tuple[str, HealthEvent]],
-    information: BagInformation,
-    analysis: dict[str, Any],
-    report: Path,
-) -> int:
-    lost = sum(valve.lost_blocks for valve in information.valves)
-    blocks = sum(valve.blocks for valve in information.valves)
-    raised = {(name, event.kind) for name, event in events if event.state == HealthEvent.STATE_RAISED}
-    replayed = {
-        (name, event["kind"])
-        for name, valve in analysis["valves"].items()
-        for event in valve["events"]
-        if event["state"] == "raised"
-    }
-    wanted = {(valve.name, kind) for valve in VALVES for kind in ("resonance", "friction_drift")}
-    display.say(f"\n{blocks} blocks recorded, {lost} lost; {information.size / 1e6:.1f} MB")
-    for name, kind in sorted(wanted):
-        display.say(
-            f"{name}  {kind.replace('_', ' '):15} {_RAISED[(name, kind) in raised, (name, kind) in replayed]}"
-        )
-    for sentence in sorted({valve["limits"]["sentence"] for valve in analysis["valves"].values()}):
-        display.say(f"analysed by {sentence}")
-    display.say(f"bag, analysis and report: {report.parent}  (open {report.name} in a browser)")
-    return 0 if lost == 0 and wanted <= raised and wanted <= replayed else 1
-
-
-def _with_uncertainty(quantity: Quantity | None) -> str:
-    if quantity is None or quantity.validity == Quantity.VALIDITY_UNKNOWN:
-        return "learning"
-    held = " held" if quantity.validity == Quantity.VALIDITY_HELD else ""
-    unit = quantity.unit.replace(" s", "·s")
-    return f"{with_interval(quantity.value, quantity.standard_deviation, unit)}{held}"

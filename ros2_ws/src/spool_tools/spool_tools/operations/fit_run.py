@@ -13,14 +13,7 @@ from spool_sim.valve import Valve
 
 from spool_tools.operations.record_loading import FitData, Selection, load_data
 from spool_tools.outputs import ResultFiles, write_file, write_json
-from spool_tools.report.fit_tables import (
-    LONGEST_NAME,
-    comparison_dictionary,
-    print_comparison,
-    print_fit,
-    save_model,
-    to_dictionary,
-)
+from spool_tools.report import fit_tables as tables
 from spool_tools.report.ranking import FittedSeries, Ranking, ValidatedFit, fit_and_validate, rank
 from spool_tools.terminal import progress, warn
 
@@ -55,12 +48,12 @@ def run_fit(
     for doubt in validated.data.doubts:
         warn(doubt)
     if wanted.json is not None:
-        write_json(wanted.json, to_dictionary(validated))
+        write_json(wanted.json, tables.to_dictionary(validated))
     console = Console()
     if validated.fit.reason is not None:
         console.print(f"no result: {validated.fit.reason}", markup=False, highlight=False, soft_wrap=True)
         return 1
-    print_fit(validated, console)
+    tables.print_fit(validated, console)
     if wanted.model is not None:
         save_fit(wanted.model, validated)
         print(f"{wanted.model}: the fitted model")
@@ -100,9 +93,9 @@ def fit_records(
 def save_fit(path: Path, validated: ValidatedFit) -> None:
     """Write the fitted model as a YAML file that simulator and estimator load."""
     found = validated.fit
-    name = f"{found.model.name[:LONGEST_NAME]}_fitted"
+    name = f"{found.model.name[: tables.LONGEST_NAME]}_fitted"
     comment = f"{found.model.name}, fitted to {', '.join(map(str, validated.data.paths))}"
-    save_model(path, found.model, name, found.values, found.parameters, comment)
+    tables.save_model(path, found.model, name, found.values, found.parameters, comment)
 
 
 def fit_settings(
@@ -161,8 +154,8 @@ def run_compare(
         for doubt in one.data.doubts:
             warn(f"{one.data.name}: {doubt}")
     if wanted.json is not None:
-        write_json(wanted.json, comparison_dictionary(series, ranking))
-    print_comparison(series, ranking, Console())
+        write_json(wanted.json, tables.comparison_dictionary(series, ranking))
+    tables.print_comparison(series, ranking, Console())
     if wanted.report is not None and ranking.preferred is not None:
         from spool_tools.report.fit_page import compare_page  # noqa: PLC0415 - matplotlib is needed here only
 

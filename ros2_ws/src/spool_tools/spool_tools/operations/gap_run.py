@@ -35,7 +35,7 @@ from spool_tools.operations.record_loading import (
 from spool_tools.operations.record_sources import is_table, record_of_table
 from spool_tools.outputs import ResultFiles, sources, write_file, write_json
 from spool_tools.report.fit_tables import LONGEST_NAME, save_model
-from spool_tools.terminal import progress, warn
+from spool_tools.terminal import progress, warn, wide_console
 
 if TYPE_CHECKING:
     from spool_tools.report.evidence.exhibit import Exhibit, LeftOut
@@ -106,16 +106,10 @@ def run_gap(
     written = _write(result, outputs, made_from, partial(_evidence, result, model, described, measured))
     for warning in result.warnings:
         warn(warning, console)
-    show(result, console or _standard_output())
+    show(result, console or wide_console(140))
     for line in written:
         print(line)
     return 0
-
-
-def _standard_output() -> Console:
-    """Return standard output; without a terminal its lines are wide, so that no name is cut."""
-    console = Console()
-    return console if console.is_terminal else Console(width=140)
 
 
 @dataclass(slots=True)
@@ -230,24 +224,36 @@ def _force_records(
 def show(result: GapResult, console: Console) -> None:
     """Print the verdict, what was found and how the hypotheses rank."""
     note = f"; {result.confidence_note}" if result.confidence_note else ""
-    console.print(
-        f"{result.verdict}  (confidence {result.confidence:.2f}{note})", style="bold", highlight=False
-    )
-    console.print(result.sentence, markup=False, highlight=False, soft_wrap=True)
-    console.print(f"Where it sat: {result.where.sentence}.", markup=False, highlight=False, soft_wrap=True)
+    console.print(f"{result.verdict}  (confidence {result.confidence:.2f}{note})", style="bold")
+    console.print(result.sentence, markup=False, soft_wrap=True)
+    console.print(f"Where it sat: {result.where.sentence}.", markup=False, soft_wrap=True)
     if result.advice:
-        console.print(
-            f"What would tell more: {result.advice}.", markup=False, highlight=False, soft_wrap=True
-        )
+        console.print(f"What would tell more: {result.advice}.", markup=False, soft_wrap=True)
     numbers = Table("parameter", "value", PLUS_MINUS, "unit", box=None, pad_edge=False)
     for quantity in result.parameters:
         shown = interval(quantity.value, quantity.standard_deviation)
         numbers.add_row(quantity.name, shown.value, shown.half_width, quantity.unit)
     console.print(numbers)
-    console.print(LEGEND, markup=False, highlight=False, soft_wrap=True)
+    console.print(LEGEND, markup=False, soft_wrap=True)
     for profile in result.profiles:
-        console.print(profile.sentence, markup=False, highlight=False, soft_wrap=True)
-    _show_nuisances(result, console)
+        console.print(profile.sentence, markup=False, soft_wrap=True)
+    if result.nuisances:
+        chain = Table("measuring chain", "channel", "size", "unit", "", box=None, pad_edge=False)
+        for entry in result.nuisances:
+            left = "left out; " if entry.corrected else ""
+            chain.add_row(
+                entry.id, entry.channel, number(entry.size, 2), entry.unit, f"{left}check {entry.check}"
+            )
+        console.print(chain)
+    for small in result.small_effects:
+        values = ", ".join(
+            f"{q.name} {with_interval(q.value, q.standard_deviation, q.unit)}" for q in small.parameters
+        )
+        console.print(
+            f"There is some {small.id.replace('_', ' ')} ({values}), which changes the acceleration by "
+            f"{percent(small.share)}: too little to matter.",
+            markup=False, soft_wrap=True,
+        )  # fmt: skip
     table = Table(box=None, pad_edge=False)
     for column in ("hypothesis", "jointly with", "error after", "evidence"):
         table.add_column(column, no_wrap=True)
@@ -258,24 +264,3 @@ def show(result: GapResult, console: Console) -> None:
         table.add_row(row.id, " + ".join(row.jointly_with) or "the base", after, f"{row.evidence:.0f}", note)
     if result.ranking:
         console.print(table)
-
-
-def _show_nuisances(result: GapResult, console: Console) -> None:
-    """Print what the measuring chain did, and what is there but does not matter."""
-    if result.nuisances:
-        table = Table("measuring chain", "channel", "size", "unit", "", box=None, pad_edge=False)
-        for entry in result.nuisances:
-            note = "left out; " if entry.corrected else ""
-            table.add_row(
-                entry.id, entry.channel, number(entry.size, 2), entry.unit, f"{note}check {entry.check}"
-            )
-        console.print(table)
-    for small in result.small_effects:
-        values = ", ".join(
-            f"{q.name} {with_interval(q.value, q.standard_deviation, q.unit)}" for q in small.parameters
-        )
-        console.print(
-            f"There is some {small.id.replace('_', ' ')} ({values}), which changes the acceleration by "
-            f"{percent(small.share)}: too little to matter.",
-            markup=False, highlight=False, soft_wrap=True,
-        )  # fmt: skip

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
+from collections.abc import Iterator
 from concurrent.futures import Future
 from dataclasses import dataclass
 from datetime import datetime
@@ -165,11 +166,11 @@ class Listener:
             return
         valve = self.valves[name] = HeardValve(name)
         for kind, topic, take in (
-            (ValveHealth, "health", self._on_health),
-            (ModelEstimate, "estimate", self._on_estimate),
-            (AlarmList, "alarms", self._on_alarms),
+            (ValveHealth, "health", partial(self._on_health, valve)),
+            (ModelEstimate, "estimate", partial(setattr, valve, "estimate")),
+            (AlarmList, "alarms", partial(setattr, valve, "alarms")),
         ):
-            self._node.create_subscription(kind, f"/{name}/{topic}", partial(take, valve), qos.state())
+            self._node.create_subscription(kind, f"/{name}/{topic}", take, qos.state())
         self._node.create_subscription(
             HealthEvent, f"/{name}/events", partial(self._on_event, name), qos.state(100)
         )
@@ -177,14 +178,6 @@ class Listener:
     @staticmethod
     def _on_health(valve: HeardValve, message: ValveHealth) -> None:
         valve.health, valve.health_at = message, time.monotonic()
-
-    @staticmethod
-    def _on_estimate(valve: HeardValve, message: ModelEstimate) -> None:
-        valve.estimate = message
-
-    @staticmethod
-    def _on_alarms(valve: HeardValve, message: AlarmList) -> None:
-        valve.alarms = message
 
     def _on_event(self, name: str, message: HealthEvent) -> None:
         self.events.append((name, message))
@@ -199,18 +192,28 @@ def valve_row(valve: HeardValve, now: float) -> tuple[Text, ...]:
     """Return the cells of ``VALVE_COLUMNS`` for ``valve`` at ``now`` (s, monotonic)."""
     condition = shown_condition(valve, now)
     state = Text(f"{condition.mark} {condition.word}", style=condition.style)
-    health, estimate = valve.health, valve.estimate
-    values = {} if estimate is None else {one.name: one for one in estimate.parameters}
+    health = valve.health
     shakes = None if health is None else health.dominant_frequency
     cells = (
         f"{shakes.value:.1f} Hz" if shakes and shakes.validity == Quantity.VALIDITY_VALID else "no line",
-        _quantity(None if estimate is None else estimate.natural_frequency),
-        _quantity(values.get("spring_stiffness")),
-        _quantity(values.get("viscous_coefficient")),
-        _quantity(values.get("coulomb_force")),
+        *estimate_cells(valve.estimate),
         "" if health is None else health.summary,
     )
     return (Text(valve.name), state, *(Text(cell) for cell in cells))
+
+
+def estimate_cells(estimate: ModelEstimate | None, unknown: str = "not known") -> Iterator[str]:
+    """Yield natural frequency, stiffness, viscous coefficient and Coulomb force with their intervals."""
+    values = {} if estimate is None else {one.name: one for one in estimate.parameters}
+    names = ("spring_stiffness", "viscous_coefficient", "coulomb_force")
+    natural = None if estimate is None else estimate.natural_frequency
+    for one in (natural, *map(values.get, names)):
+        if one is None or one.validity == Quantity.VALIDITY_UNKNOWN:
+            yield unknown
+            continue
+        held = " held" if one.validity == Quantity.VALIDITY_HELD else ""
+        unit = one.unit.replace(" s", "\u00b7s")
+        yield f"{with_interval(one.value, one.standard_deviation, unit)}{held}"
 
 
 def alarm_row(alarm: Alarm, language: Language) -> tuple[Text, ...]:
@@ -256,11 +259,3 @@ def shown_alarms(valve: HeardValve | None) -> list[Alarm]:
 def line_of(valve: HeardValve, now: float) -> str:
     """Return the row of ``valve`` as a line, for where there is no terminal."""
     return "  ".join(cell.plain for cell in valve_row(valve, now))
-
-
-def _quantity(quantity: Quantity | None) -> str:
-    if quantity is None or quantity.validity == Quantity.VALIDITY_UNKNOWN:
-        return "not known"
-    held = " held" if quantity.validity == Quantity.VALIDITY_HELD else ""
-    unit = quantity.unit.replace(" s", "\u00b7s")
-    return f"{with_interval(quantity.value, quantity.standard_deviation, unit)}{held}"

@@ -198,7 +198,12 @@ def node_findings(heard: Mapping[str, DiagnosticStatus]) -> Iterator[Finding]:
             "warning", "no node publishes on /diagnostics: is one running, in this domain and range?"
         )
         return
-    hosts = {name for name in heard if _is_host(name)}
+    parts = {name: name.partition(": ") for name in heard}  # node and task
+    hosts = {
+        name
+        for name, (node, _, task) in parts.items()
+        if task == "host" and node.rpartition("/")[2].startswith("host")
+    }
     prefixes = tuple(f"{name.partition(':')[0]}:" for name in hosts)
     valves = {name for name in heard if name.startswith(prefixes)} - hosts if hosts else set()
     for name in sorted(hosts):
@@ -267,11 +272,6 @@ def _some(findings: list[Finding]) -> Iterator[Finding]:
     yield from findings[:TOLD]
     if len(findings) > TOLD:
         yield Finding("warning", f"and {len(findings) - TOLD} more of this kind")
-
-
-def _is_host(name: str) -> bool:
-    node, _, task = name.partition(": ")
-    return task == "host" and node.rpartition("/")[2].startswith("host")
 
 
 def _values(status: DiagnosticStatus) -> dict[str, float]:

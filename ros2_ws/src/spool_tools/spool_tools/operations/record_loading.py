@@ -18,7 +18,6 @@ from spool_bag.metadata import rate_std
 from spool_bag.reader import BagReader
 from spool_core.block import Block
 from spool_core.errors import InputError
-from spool_core.numbers import Array
 from spool_core.text import did_you_mean
 from spool_estimator.identification.channel_faults import ChannelFault, faults_of, without_outliers
 from spool_estimator.identification.record import PartKeeper, Record, records_from_blocks
@@ -163,7 +162,16 @@ def load_recording(path: Path, selection: Selection | None = None) -> Recording:
         described = recorded_valve(reader, name) if chosen.described else None
     if not stretches:
         raise InputError(f"{path}: no sample in it that can be used")
-    kept = _between(stretches, chosen.start, chosen.stop)
+    # What lies between start and stop, s since the first sample.
+    kept = []
+    for stretch in stretches:
+        begins = (stretch.start - stretches[0].start) * 1e-9
+        first = max(0, math.ceil((chosen.start - begins) / stretch.sample_period - 1e-6))
+        end = (chosen.stop - begins) / stretch.sample_period
+        until = stretch.body.size if end >= stretch.body.size else math.ceil(end - 1e-6)
+        if first < until:
+            whole = first == 0 and until == stretch.body.size
+            kept.append(stretch if whole else stretch.part(first, until))
     if not kept:
         last = stretches[-1]
         ends = (last.start - stretches[0].start) * 1e-9 + last.duration
@@ -244,7 +252,10 @@ def stretches_of(recordings: Sequence[Recording]) -> list[Record]:
 
 def stretches_of_table(record: LoggerRecord, name: str | None = None) -> list[Record]:
     """Return the stretches without gaps of a logger's record."""
-    oil = _without_holes(record)
+    oil = record.columns.get(OIL_TEMPERATURE)
+    if oil is not None:  # empty cells are filled along straight lines
+        known = np.isfinite(oil)
+        oil = np.interp(record.time, record.time[known], oil[known]) if known.any() else None
     start = start_of(record)
     origin = start + round(float(record.time[0]) * 1e9)
     return [
@@ -510,29 +521,6 @@ def _valve_in(reader: BagReader, name: str | None) -> str:
     if len(known) > 1:
         raise InputError(f"{reader.path}: it holds {', '.join(known)}: say which with --name")
     return known[0]
-
-
-def _without_holes(record: LoggerRecord) -> Array | None:
-    """Return the oil temperature, empty cells filled along straight lines."""
-    oil = record.columns.get(OIL_TEMPERATURE)
-    if oil is None:
-        return None
-    known = np.isfinite(oil)
-    return np.interp(record.time, record.time[known], oil[known]) if known.any() else None
-
-
-def _between(stretches: Sequence[Record], start: float, stop: float) -> list[Record]:
-    """Return what lies between ``start`` and ``stop``, s since the first sample."""
-    kept = []
-    for stretch in stretches:
-        begins = (stretch.start - stretches[0].start) * 1e-9
-        first = max(0, math.ceil((start - begins) / stretch.sample_period - 1e-6))
-        end = (stop - begins) / stretch.sample_period
-        last = stretch.body.size if end >= stretch.body.size else math.ceil(end - 1e-6)
-        if first < last:
-            whole = first == 0 and last == stretch.body.size
-            kept.append(stretch if whole else stretch.part(first, last))
-    return kept
 
 
 def _without_file(source: Source, name: str) -> ChosenValve:

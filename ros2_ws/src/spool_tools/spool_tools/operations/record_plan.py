@@ -320,12 +320,9 @@ def plan_record(
         elif ask is not None:
             answer = ask(plan)
         else:
-            done = 0.0
             for one in named_effects(plan, effects or USUAL):
                 found.append(one)
-                share = 1.0 / (len(effects or USUAL) * len(SHARES))
-                advance(share)
-                done += share
+                advance(1.0 / (len(effects or USUAL) * len(SHARES)))
     result = _dictionary(plan, valve, name, excitation, quiet, answer, found)
     if json is not None:
         write_json(json, result)
@@ -363,9 +360,7 @@ class Named:
         return self.verdict == self.effect
 
 
-def named_effects(
-    plan: Plan, effects: Sequence[str], tell: Callable[[str, float], None] = lambda _what, _share: None
-) -> Iterator[Named]:
+def named_effects(plan: Plan, effects: Sequence[str]) -> Iterator[Named]:
     """Yield for each effect what is said of it, at falling shares until it is not named any more.
 
     Raises:
@@ -373,10 +368,13 @@ def named_effects(
     """
     base = load_model("fluid")
     plain = plan.record(base, {}, noisy=False)
-    for place, name in enumerate(effects):
-        model, effect = _model(name), find_effect(name)
-        for step, share in enumerate(SHARES):
-            tell(name, (place + step / len(SHARES)) / len(effects))
+    for name in effects:
+        effect = find_effect(name)
+        if not effect.terms or not effect.fitted:
+            known = [one for one, entry in EFFECTS.items() if entry.terms and entry.fitted]
+            raise InputError(f"--effect {name}: it is no force; use one of {', '.join(known)}")
+        model = Model(f"fluid_{name}", tuple(term(one) for one in dict.fromkeys((*FLUID, *effect.terms))))
+        for share in SHARES:
             values = _values_for_share(plan, effect, model, plain, share)
             if values is None:
                 continue
@@ -425,14 +423,11 @@ def _dictionary(
             "body_peak": peaks["body"],
             "spool_peak": peaks["spool"],
             "travel_m": travel(quiet),
-            "range_g": _range(max(peaks.values())),
+            "range_g": next(
+                (float(one) for one in RANGES if one * GRAVITY >= MARGIN * max(peaks.values())), math.nan
+            ),
         },
     }
-
-
-def _range(peak: float) -> float:
-    """Return the accelerometer's range, g, that holds ``peak`` (m/s^2) with ``MARGIN``; NaN: none does."""
-    return next((float(one) for one in RANGES if one * GRAVITY >= MARGIN * peak), math.nan)
 
 
 def _show(result: dict[str, Any], answer: Answer, found: Sequence[Named]) -> None:
@@ -468,19 +463,6 @@ def _show(result: dict[str, Any], answer: Answer, found: Sequence[Named]) -> Non
         own = ", ".join(f"{key} {number(value)}" for key, value in tried.parameters.items())
         print(f"  {tried.effect:<20} that changes {percent(tried.share)} of the motion: {said} ({own})")
     print("noise alone is counted: what no model knows of a real valve comes on top")
-
-
-def _model(name: str) -> Model:
-    """Return the fluid model with the effect ``name``.
-
-    Raises:
-        InputError: no such effect, or one of the sensors, which is no force.
-    """
-    effect = find_effect(name)
-    if not effect.terms or not effect.fitted:
-        known = [one for one, entry in EFFECTS.items() if entry.terms and entry.fitted]
-        raise InputError(f"--effect {name}: it is no force; use one of {', '.join(known)}")
-    return Model(f"fluid_{name}", tuple(term(one) for one in dict.fromkeys((*FLUID, *effect.terms))))
 
 
 def _values_for_share(

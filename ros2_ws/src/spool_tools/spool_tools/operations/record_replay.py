@@ -227,27 +227,23 @@ def replay_bag(
 def print_replay(result: Mapping[str, Any], console: Console) -> None:
     """Show what a replay gave, a paragraph for each valve."""
     for name, valve in result["valves"].items():
-        _print_valve(name, valve, console)
-
-
-def _print_valve(name: str, valve: Mapping[str, Any], console: Console) -> None:
-    losses = f"{valve['lost_blocks']} lost" if valve["lost_blocks"] else "none lost"
-    text = f": {valve['blocks']} blocks, {losses}; {valve['valve']['sentence']}"
-    console.print(cell(name, "bold") + cell(text), soft_wrap=True)
-    console.print(cell(f"  {valve['limits']['sentence']}"), soft_wrap=True)
-    state = str(valve["estimate"]["state"] or "no estimate").replace("_", " ")
-    console.print(f"  at the end ({state}), {LEGEND}:", highlight=False, soft_wrap=True)
-    for parameter, quantity in valve["estimate"]["parameters"].items():
-        console.print(f"  {parameter.replace('_', ' '):22} {_number(quantity)}", highlight=False)
-    for found in valve.get("refits", ()):
-        fitted = ", ".join(
-            f"{name.replace('_', ' ')} {_number(found['parameters'][name])}" for name in found["fitted"]
-        )
-        text = f"refit {found['state'].replace('_', ' ')}: {fitted or found['reason']}"
-        console.print(cell(f"  {found['t_s']:8.1f} s  {text}"), soft_wrap=True)
-    for event in valve["events"]:
-        text = f"{event['severity']} {event['state']}: {event['message']}"
-        console.print(cell(f"  {event['t_s']:8.1f} s  {text}"), soft_wrap=True)
+        losses = f"{valve['lost_blocks']} lost" if valve["lost_blocks"] else "none lost"
+        text = f": {valve['blocks']} blocks, {losses}; {valve['valve']['sentence']}"
+        console.print(cell(name, "bold") + cell(text), soft_wrap=True)
+        console.print(cell(f"  {valve['limits']['sentence']}"), soft_wrap=True)
+        state = str(valve["estimate"]["state"] or "no estimate").replace("_", " ")
+        console.print(f"  at the end ({state}), {LEGEND}:", highlight=False, soft_wrap=True)
+        for parameter, quantity in valve["estimate"]["parameters"].items():
+            console.print(f"  {parameter.replace('_', ' '):22} {_number(quantity)}", highlight=False)
+        for found in valve.get("refits", ()):
+            fitted = ", ".join(
+                f"{name.replace('_', ' ')} {_number(found['parameters'][name])}" for name in found["fitted"]
+            )
+            text = f"refit {found['state'].replace('_', ' ')}: {fitted or found['reason']}"
+            console.print(cell(f"  {found['t_s']:8.1f} s  {text}"), soft_wrap=True)
+        for event in valve["events"]:
+            text = f"{event['severity']} {event['state']}: {event['message']}"
+            console.print(cell(f"  {event['t_s']:8.1f} s  {text}"), soft_wrap=True)
 
 
 def _number(quantity: Mapping[str, Any]) -> str:
@@ -311,7 +307,12 @@ def replay_valve(
             if one.samples == 0 and item.sample_period > 0.0:
                 check_rate(f"{reader.path}: {name}", 1.0 / item.sample_period, valve)
             if isinstance(item, BlockRun):
-                _take_run(one, item, timeline, parts)
+                if timeline is not None:
+                    timeline.take_run(item)
+                if parts is not None:
+                    for block in item.blocks():
+                        parts.take(block)
+                one.update_run(item)
                 advance(len(item))
                 continue
             if timeline is not None:
@@ -497,16 +498,6 @@ def _warnings(reader: Source, times: Mapping[str, Timeline]) -> list[str]:
         for topic, count in left_out.items()
     ]
     return told
-
-
-def _take_run(one: Replay, run: BlockRun, timeline: Timeline | None, parts: PartKeeper | None) -> None:
-    """Let a replay, and those that get the blocks, take ``run``."""
-    if timeline is not None:
-        timeline.take_run(run)
-    if parts is not None:
-        for block in run.blocks():
-            parts.take(block)
-    one.update_run(run)
 
 
 def _refit(found: Refit, clock: Clock) -> dict[str, Any]:

@@ -82,7 +82,30 @@ def span_of(path: Path, since: str | None, until: str | None, around: str | None
     if around is not None:
         if since is not None or until is not None:
             raise InputError("--around: leave --since and --until out")
-        return _around(reader, around)
+        # The minutes around the newest alarm of a kind, or with KIND:2 the second newest.
+        kind, _, number = around.partition(":")
+        if number and not (number.isascii() and number.isdigit() and 0 < int(number) < 10**6):
+            raise InputError(f"--around {printable(around, 40)!r}: write it like resonance, or resonance:2")
+        stamps: list[int] = []
+        kinds: set[str] = set()
+        for topic in reader.topics:
+            if topic.rpartition("/")[2] != "events":
+                continue
+            for event in reader.messages(topic):
+                if getattr(event, "state", None) != _RAISED:
+                    continue
+                kinds.add(event.kind)
+                if kind in (event.kind, "alarm"):
+                    stamps.append(event.header.stamp.sec * 1_000_000_000 + event.header.stamp.nanosec)
+        place = int(number or 1)
+        if len(stamps) < place:
+            held = ", ".join(sorted(printable(one, 40) for one in kinds)) or "none"
+            raise InputError(
+                f"{reader.path}: {len(stamps)} alarms of kind {printable(kind, 40)!r} in it; it has: {held}"
+            )
+        stamp = sorted(stamps)[-place]
+        half = round(AROUND * 1e9)
+        return Span(stamp - half, stamp + half)
     received = reader.received
     end = received[1] if received is not None else time.time_ns()
     begin = -ALWAYS if since is None else _moment("--since", since, end)
@@ -174,45 +197,26 @@ def recorded_valve(reader: BagReader, name: str) -> Valve | None:
     return valve_from_mapping({"id": last.header.frame_id, "oil": last.oil or None, **mapping}, where)
 
 
+def iso_time(text: str) -> datetime:
+    """Return the time that ``text`` says in ISO 8601, UTC where it names no zone.
+
+    Raises:
+        ValueError: it says none.
+    """
+    time = datetime.fromisoformat(text.strip().replace("Z", "+00:00"))
+    return time if time.tzinfo else time.replace(tzinfo=timezone.utc)
+
+
 def _moment(option: str, text: str, end: int) -> int:
     """Return the time (ns since 1970) that is meant: ISO 8601, or how long before the record's ``end``."""
     match = re.fullmatch(r"-?(\d+(?:\.\d+)?)\s*(s|min|m|h|d|w)", text.strip())
     if match:
         return end - round(float(match[1]) * _UNITS[match[2]] * 1e9)
     try:
-        moment = datetime.fromisoformat(text.strip().replace("Z", "+00:00"))
-        zoned = moment if moment.tzinfo else moment.replace(tzinfo=timezone.utc)
-        return round(zoned.timestamp() * 1e6) * 1000
+        return round(iso_time(text).timestamp() * 1e6) * 1000
     except (ValueError, OverflowError):
         raise InputError(
             f"{option} {printable(text, 40)!r}: write it like 30s, 10m, 6h or 7d before the record's "
             "end, or like "
             "2025-01-31T12:00:00 (UTC)"
         ) from None
-
-
-def _around(reader: BagReader, text: str) -> Span:
-    """Return the minutes around the newest alarm of a kind, or with ``KIND:2`` the second newest."""
-    kind, _, number = text.partition(":")
-    if number and not (number.isascii() and number.isdigit() and 0 < int(number) < 10**6):
-        raise InputError(f"--around {printable(text, 40)!r}: write it like resonance, or resonance:2")
-    stamps: list[int] = []
-    kinds: set[str] = set()
-    for topic in reader.topics:
-        if topic.rpartition("/")[2] != "events":
-            continue
-        for event in reader.messages(topic):
-            if getattr(event, "state", None) != _RAISED:
-                continue
-            kinds.add(event.kind)
-            if kind in (event.kind, "alarm"):
-                stamps.append(event.header.stamp.sec * 1_000_000_000 + event.header.stamp.nanosec)
-    place = int(number or 1)
-    if len(stamps) < place:
-        held = ", ".join(sorted(printable(one, 40) for one in kinds)) or "none"
-        raise InputError(
-            f"{reader.path}: {len(stamps)} alarms of kind {printable(kind, 40)!r} in it; it has: {held}"
-        )
-    stamp = sorted(stamps)[-place]
-    half = round(AROUND * 1e9)
-    return Span(stamp - half, stamp + half)

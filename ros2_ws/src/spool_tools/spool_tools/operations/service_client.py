@@ -17,7 +17,6 @@ from rcl_interfaces.msg import Parameter, ParameterDescriptor, ParameterType, Pa
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParametersAtomically
 from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
-from rich.console import Console
 from rich.table import Table
 from spool_bag import check_valve
 from spool_core.errors import InputError
@@ -35,6 +34,7 @@ from std_srvs.srv import Trigger
 
 from spool_tools.operations.heard import SERVICES, WAITING, alarm_details, alarm_headline
 from spool_tools.outputs import write_file
+from spool_tools.terminal import wide_console
 
 #: Field of a value and Python type, by the type of a parameter.
 _FIELDS: dict[int, tuple[str, type, str]] = {
@@ -140,12 +140,13 @@ def list_parameters(valve: str, name: str, only: str | None = None) -> None:
         values, descriptors = _values(node, server, names)
     table = Table("parameter", "value", "range", "meaning", box=None, pad_edge=False)
     for value, descriptor in zip(values, descriptors, strict=True):
+        bounds = (*descriptor.floating_point_range, *descriptor.integer_range)
         table.add_row(
-            descriptor.name, _text(value), _range(descriptor),
+            descriptor.name, _text(value),
+            f"{bounds[0].from_value:g} to {bounds[0].to_value:g}" if bounds else "",
             "; ".join(filter(None, (descriptor.description, descriptor.additional_constraints))),
         )  # fmt: skip
-    console = Console(highlight=False, markup=False)
-    (console if console.is_terminal else Console(highlight=False, markup=False, width=200)).print(table)
+    wide_console(200, markup=False).print(table)
 
 
 def set_parameters(valve: str, name: str, changes: Sequence[str]) -> None:
@@ -155,7 +156,13 @@ def set_parameters(valve: str, name: str, changes: Sequence[str]) -> None:
         InputError: no such node answers, a change cannot be read, or the node refuses; its reason is given.
     """
     server = f"{valve}/{name}"
-    wanted = dict(_split(change) for change in changes)
+    wanted = {}
+    for change in changes:
+        key, mark, given = change.partition("=")
+        key, given = key.strip().removesuffix(":"), given.strip()
+        if not (mark and key and given):
+            raise InputError(f"{change}: write NAME=VALUE, e.g. coulomb_change=0.2")
+        wanted[key] = given
     with client_node("spool_param", valve) as node:
         names = _names(node, server)
         for one in wanted:
@@ -192,7 +199,22 @@ def manage_baseline(valve: str, action: str, *, version: int = 0, who: str = "",
         answer = call(node, f"{valve}/monitor", "manage_baseline", request, ManageBaseline)
     if not answer.success:
         raise InputError(f"{valve}: {answer.reason}")
-    _show(valve, answer)
+    words = [f"{valve}: baseline version {answer.version}, {answer.stage}"]
+    words += [f"of {answer.valve_id}"] if answer.valve_id else []
+    words += [f"oil {answer.oil}"] if answer.oil else []
+    low, high = answer.temperature
+    words += [f"learned at {low:.1f} to {high:.1f} deg C"] if math.isfinite(low) else []
+    words += [f"confirmed by {answer.frozen_by}"] if answer.frozen_by else []
+    console = wide_console(140, markup=False)
+    console.print(", ".join(words), soft_wrap=True)
+    if not answer.values:
+        return
+    table = Table("parameter", "value", PLUS_MINUS, "unit", "estimates", box=None, pad_edge=False)
+    for quantity, count in zip(answer.values, answer.counts, strict=True):
+        shown = interval(quantity.value, quantity.standard_deviation)
+        table.add_row(quantity.name, shown.value, shown.half_width, quantity.unit, str(count))
+    console.print(table)
+    console.print(f"{LEGEND}, of a single estimate", soft_wrap=True)
 
 
 def take_snapshot(valve: str, *, who: str, comment: str) -> None:
@@ -306,14 +328,6 @@ def _silent(server: str) -> InputError:
     )
 
 
-def _split(change: str) -> tuple[str, str]:
-    name, mark, text = change.partition("=")
-    name, text = name.strip().removesuffix(":"), text.strip()
-    if not (mark and name and text):
-        raise InputError(f"{change}: write NAME=VALUE, e.g. coulomb_change=0.2")
-    return name, text
-
-
 def _names(node: Node, server: str) -> list[str]:
     """Return the names of the node's own parameters."""
     names = call(node, server, "list_parameters", ListParameters.Request(), ListParameters).result.names
@@ -351,32 +365,6 @@ def _read(name: str, text: str, kind: int) -> ParameterValue:
 
 def _text(value: ParameterValue) -> str:
     return str(parameter_value_to_python(value))
-
-
-def _range(descriptor: ParameterDescriptor) -> str:
-    for one in (*descriptor.floating_point_range, *descriptor.integer_range):
-        return f"{one.from_value:g} to {one.to_value:g}"
-    return ""
-
-
-def _show(valve: str, answer: ManageBaseline.Response) -> None:
-    console = Console(highlight=False)
-    console = console if console.is_terminal else Console(highlight=False, width=140)
-    words = [f"{valve}: baseline version {answer.version}, {answer.stage}"]
-    words += [f"of {answer.valve_id}"] if answer.valve_id else []
-    words += [f"oil {answer.oil}"] if answer.oil else []
-    low, high = answer.temperature
-    words += [f"learned at {low:.1f} to {high:.1f} deg C"] if math.isfinite(low) else []
-    words += [f"confirmed by {answer.frozen_by}"] if answer.frozen_by else []
-    console.print(", ".join(words), markup=False, soft_wrap=True)
-    if not answer.values:
-        return
-    table = Table("parameter", "value", PLUS_MINUS, "unit", "estimates", box=None, pad_edge=False)
-    for quantity, count in zip(answer.values, answer.counts, strict=True):
-        shown = interval(quantity.value, quantity.standard_deviation)
-        table.add_row(quantity.name, shown.value, shown.half_width, quantity.unit, str(count))
-    console.print(table)
-    console.print(f"{LEGEND}, of a single estimate", markup=False, soft_wrap=True)
 
 
 def _stamp(message: GapAnalysis) -> tuple[int, int]:

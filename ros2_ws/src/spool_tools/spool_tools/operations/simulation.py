@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
-from spool_bag import check_valve
+from spool_bag import BODY, check_valve
 from spool_bag.metadata import ACCELERATION_BLOCK, TEMPERATURE, is_bag_file
 from spool_bag.reader import BagReader
 from spool_bag.writer import BagWriter
@@ -135,7 +135,15 @@ def recorded_excitation(path: Path, valve: str | None = None, soft_start: float 
     Raises:
         InputError: unreadable, no such valve, several valves and none named, or samples are missing.
     """
-    samples, period = _from_table(path) if is_table(path) else _from_bag(path, valve)
+    if is_table(path):
+        record = record_of_table(path)
+        if record.gaps.size:
+            raise InputError(
+                f"{path}: samples are missing before {record.time[record.gaps[0]]:g} s; cut the record there"
+            )
+        samples, period = record.columns[BODY], record.period
+    else:
+        samples, period = _from_bag(path, valve)
     if samples.size < 2:
         raise InputError(f"{path}: {samples.size} samples are too few for an excitation")
     return Recorded(samples=samples, sample_rate=1.0 / period, source=str(path), soft_start=soft_start)
@@ -162,15 +170,6 @@ class _RecordFile(BaseModel):
     file: Path
     valve: str | None = None
     soft_start: Annotated[float, Field(ge=0.0, le=1e6)] = 0.0
-
-
-def _from_table(path: Path) -> tuple[Array, float]:
-    record = record_of_table(path)
-    if record.gaps.size:
-        raise InputError(
-            f"{path}: samples are missing before {record.time[record.gaps[0]]:g} s; cut the record there"
-        )
-    return record.columns["body_m_s2"], record.period
 
 
 def _from_bag(path: Path, valve: str | None) -> tuple[Array, float]:

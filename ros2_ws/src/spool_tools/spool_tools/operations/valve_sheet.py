@@ -309,7 +309,30 @@ def judged(file: str) -> ValveVerdict:
         if set(mapping) - set(Valve.model_fields) or needed - set(mapping):
             raise
         return ValveVerdict(file, None, [str(error).removeprefix(f"{file}: ")])
-    return ValveVerdict(file, valve, _odd(valve))
+    # What a valve can hardly have, beyond what no description may hold.
+    said = []
+    frequency, mass = valve.natural_frequency, valve.moving_mass
+    if frequency > HIGHEST_FREQUENCY:
+        said.append(
+            f"natural frequency: {frequency:.4g} Hz by moving_mass {mass:g} kg and spring_stiffness "
+            f"{valve.spring_stiffness:g} N/m: no spring centres a spool so stiffly; the file takes kg and N/m"
+        )
+    if mass < LIGHTEST:
+        said.append(f"moving_mass: {mass:g} kg is less than a pin of 3 mm; the file takes kg, not t")
+    if valve.knows("spool_mass") and valve.spool_mass == mass:
+        said.append(
+            "moving_mass: it is spool_mass: oil and a third of the springs move with the spool; "
+            "`./spool valve new` adds them"
+        )
+    if valve.knows("radial_clearance", "land_diameter"):
+        clearance, diameter = valve.radial_clearance, valve.land_diameter
+        if clearance > WIDEST_SHARE * diameter:
+            said.append(
+                f"radial_clearance: {1e6 * clearance:.4g} um is more than {100.0 * WIDEST_SHARE:g} % of the "
+                "land's diameter, which seals nothing; did you write the diameter's, or another unit? "
+                "the file takes m"
+            )
+    return ValveVerdict(file, valve, said)
 
 
 def against_record(verdict: ValveVerdict, check: ValveCheck | None, record: Path) -> None:
@@ -328,9 +351,13 @@ def against_record(verdict: ValveVerdict, check: ValveCheck | None, record: Path
     doubts = check.doubts()
     verdict.wrong += doubts
     if doubts and abs(shown.middle / valve.natural_frequency - 1.0) > 0.1:
+        factor = stiffness / valve.spring_stiffness
+        slip = next(
+            (f": {text}" for known, text in _SLIPS.items() if abs(math.log(factor / known)) < 0.1), ""
+        )
         verdict.wrong.append(
             f"spring_stiffness: with moving_mass {valve.moving_mass:g} kg the record's frequency means "
-            f"{stiffness:.4g} N/m, the file says {valve.spring_stiffness:g} N/m{_slip(stiffness, valve)}"
+            f"{stiffness:.4g} N/m, the file says {valve.spring_stiffness:g} N/m{slip}"
         )
 
 
@@ -365,38 +392,3 @@ def _add_stiffness(numbers: dict[str, float], how: dict[str, str]) -> None:
             "valve new: the stiffness is missing: give --spring-stiffness, --spring-rate or "
             "--natural-frequency"
         )
-
-
-def _odd(valve: Valve) -> list[str]:
-    """Return what a valve can hardly have, beyond what no description may hold."""
-    said = []
-    frequency, mass = valve.natural_frequency, valve.moving_mass
-    if frequency > HIGHEST_FREQUENCY:
-        said.append(
-            f"natural frequency: {frequency:.4g} Hz by moving_mass {mass:g} kg and spring_stiffness "
-            f"{valve.spring_stiffness:g} N/m: no spring centres a spool so stiffly; the file takes kg and N/m"
-        )
-    if mass < LIGHTEST:
-        said.append(f"moving_mass: {mass:g} kg is less than a pin of 3 mm; the file takes kg, not t")
-    if valve.knows("spool_mass") and valve.spool_mass == mass:
-        said.append(
-            "moving_mass: it is spool_mass: oil and a third of the springs move with the spool; "
-            "`./spool valve new` adds them"
-        )
-    if valve.knows("radial_clearance", "land_diameter"):
-        clearance, diameter = valve.radial_clearance, valve.land_diameter
-        if clearance > WIDEST_SHARE * diameter:
-            said.append(
-                f"radial_clearance: {1e6 * clearance:.4g} um is more than {100.0 * WIDEST_SHARE:g} % of the "
-                "land's diameter, which seals nothing; did you write the diameter's, or another unit? "
-                "the file takes m"
-            )
-    return said
-
-
-def _slip(stiffness: float, valve: Valve) -> str:
-    factor = stiffness / valve.spring_stiffness
-    for known, text in _SLIPS.items():
-        if abs(math.log(factor / known)) < 0.1:
-            return f": {text}"
-    return ""

@@ -17,9 +17,10 @@ from spool_bag import check_valve
 from spool_core.errors import InputError
 from spool_core.uncertainty import exact, number, unit_text
 from spool_monitor.state_file import default_folder, valve_folder
-from spool_monitor.trend import KEPT, Span, TrendStore, finest, own_file
+from spool_monitor.trend import KEPT, TrendStore, finest, own_file
 from spool_monitor.valve_state import TRENDS
 
+from spool_tools.operations.record_sources import iso_time
 from spool_tools.outputs import check_output, write_file, write_json
 from spool_tools.report import page as html
 
@@ -61,7 +62,27 @@ def show_trend(
     finally:
         store.close()
     if json is not None:
-        write_json(json, _as_json(result))
+        write_json(
+            json,
+            {
+                "valve": result["valve"],
+                "span_s": result["seconds"],
+                "counters": {
+                    name: {"value": value, "unit": unit} for name, (value, unit) in result["counters"].items()
+                },
+                "parameters": {
+                    name: {
+                        "unit": unit,
+                        "start_s": [span.start for span in spans],
+                        "count": [span.count for span in spans],
+                        "minimum": [span.minimum for span in spans],
+                        "mean": [span.mean for span in spans],
+                        "maximum": [span.maximum for span in spans],
+                    }
+                    for name, (unit, spans) in result["parameters"].items()
+                },
+            },
+        )
     shown = for_people(result)
     if out is not None:
         page, content = trend_page(shown)
@@ -71,14 +92,31 @@ def show_trend(
 
 def trend_page(result: dict[str, Any]) -> tuple[str, bytes]:
     """Return the page of a history in units that are read easily, and its picture as PNG."""
-    image, content = html.picture(draw(result), _seen(result))
+    parts = [
+        f"{name.replace('_', ' ')} from {number(min(span.minimum for span in spans))} to "
+        f"{number(max(span.maximum for span in spans))} {unit}"
+        for name, (unit, spans) in result["parameters"].items()
+        if spans
+    ]
+    image, content = html.picture(draw(result), f"History of {result['valve']}: {'; '.join(parts)}.")
     rows = trend_rows(result)
     return html.page(f"History of {result['valve']}", [image, html.table(list(rows[0]), rows)]), content
 
 
 def for_people(result: dict[str, Any]) -> dict[str, Any]:
     """Return a history in units that are read easily: lengths below 1 m in mm; JSON keeps SI units."""
-    parameters = {name: _in_mm(unit, spans) for name, (unit, spans) in result["parameters"].items()}
+    parameters = dict(result["parameters"])
+    for name, (unit, spans) in parameters.items():
+        if unit == "m" and all(max(abs(span.minimum), abs(span.maximum)) < 1.0 for span in spans):
+            parameters[name] = (
+                "mm",
+                [
+                    replace(
+                        span, minimum=1e3 * span.minimum, mean=1e3 * span.mean, maximum=1e3 * span.maximum
+                    )
+                    for span in spans
+                ],
+            )
     return {**result, "parameters": parameters}
 
 
@@ -88,7 +126,16 @@ def draw(result: dict[str, Any]) -> Figure:
     figure = Figure(figsize=(10.0, 0.6 + 1.7 * len(shown)), layout="constrained")
     axes = figure.subplots(len(shown), 1, sharex=True, squeeze=False)
     for axis, (name, (unit, spans)) in zip(axes[:, 0], shown.items(), strict=True):
-        times, low, mean, high = _steps(spans, result["seconds"])
+        # NaN where spans are missing, so lines break.
+        seconds = result["seconds"]
+        rows: list[tuple[float, float, float, float]] = []
+        for span in spans:
+            middle = span.start + 0.5 * seconds
+            if rows and middle - rows[-1][0] > 1.5 * seconds:
+                rows.append((middle - seconds, *(float("nan"),) * 3))
+            rows.append((middle, span.minimum, span.mean, span.maximum))
+        times = [datetime.fromtimestamp(row[0], timezone.utc) for row in rows]
+        _, low, mean, high = zip(*rows, strict=True)
         axis.fill_between(times, low, high, color=_BAND, alpha=0.4, lw=0.0)
         axis.plot(times, mean, color=_LINE, lw=1.2, marker="." if len(spans) < 30 else None)
         axis.set_ylabel(f"{name.replace('_', ' ')}\n({unit})", fontsize=8)
@@ -153,33 +200,11 @@ def _since(text: str | None) -> int:
         except OverflowError:
             return 0
     try:
-        time = datetime.fromisoformat(text.replace("Z", "+00:00"))
+        return max(0, round(iso_time(text).timestamp()))
     except ValueError as error:
         raise InputError(
             f"--since {text!r}: write it like 90m, 6h, 7d or 2w, or like 2025-01-31T12:00:00 (UTC)"
         ) from error
-    return max(0, round((time if time.tzinfo else time.replace(tzinfo=timezone.utc)).timestamp()))
-
-
-def _as_json(result: dict[str, Any]) -> dict[str, Any]:
-    return {
-        "valve": result["valve"],
-        "span_s": result["seconds"],
-        "counters": {
-            name: {"value": value, "unit": unit} for name, (value, unit) in result["counters"].items()
-        },
-        "parameters": {
-            name: {
-                "unit": unit,
-                "start_s": [span.start for span in spans],
-                "count": [span.count for span in spans],
-                "minimum": [span.minimum for span in spans],
-                "mean": [span.mean for span in spans],
-                "maximum": [span.maximum for span in spans],
-            }
-            for name, (unit, spans) in result["parameters"].items()
-        },
-    }
 
 
 def _print(result: dict[str, Any], out: Path | None) -> None:
@@ -197,37 +222,3 @@ def _print(result: dict[str, Any], out: Path | None) -> None:
     console.print(shown)
     for name, (value, unit) in result["counters"].items():
         console.print(f"{name} in all: {exact(value)}{unit_text(unit)}", highlight=False)
-
-
-def _in_mm(unit: str, spans: Sequence[Span]) -> tuple[str, Sequence[Span]]:
-    if unit != "m" or any(max(abs(span.minimum), abs(span.maximum)) >= 1.0 for span in spans):
-        return unit, spans
-    return "mm", [
-        replace(span, minimum=1e3 * span.minimum, mean=1e3 * span.mean, maximum=1e3 * span.maximum)
-        for span in spans
-    ]
-
-
-def _steps(
-    spans: Sequence[Span], seconds: int
-) -> tuple[list[datetime], list[float], list[float], list[float]]:
-    """Return middle, minimum, mean and maximum of each span; NaN where spans are missing, so lines break."""
-    rows: list[tuple[float, float, float, float]] = []
-    for span in spans:
-        middle = span.start + 0.5 * seconds
-        if rows and middle - rows[-1][0] > 1.5 * seconds:
-            rows.append((middle - seconds, *(float("nan"),) * 3))
-        rows.append((middle, span.minimum, span.mean, span.maximum))
-    times = [datetime.fromtimestamp(row[0], timezone.utc) for row in rows]
-    return times, [row[1] for row in rows], [row[2] for row in rows], [row[3] for row in rows]
-
-
-def _seen(result: dict[str, Any]) -> str:
-    """Return what the picture shows, in words."""
-    parts = [
-        f"{name.replace('_', ' ')} from {number(min(span.minimum for span in spans))} to "
-        f"{number(max(span.maximum for span in spans))} {unit}"
-        for name, (unit, spans) in result["parameters"].items()
-        if spans
-    ]
-    return f"History of {result['valve']}: {'; '.join(parts)}."

@@ -19,20 +19,7 @@ from textual.containers import Vertical
 from textual.screen import ModalScreen
 from textual.widgets import DataTable, Footer, Input, Label, Static
 
-from spool_tools.operations.heard import (
-    ALARM_COLUMNS,
-    VALVE_COLUMNS,
-    HeardValve,
-    Listener,
-    alarm_details,
-    alarm_headline,
-    alarm_row,
-    event_line,
-    line_of,
-    shown_alarms,
-    shown_condition,
-    valve_row,
-)
+from spool_tools.operations import heard
 from spool_tools.operations.service_client import who_asks
 
 #: s between two pictures.
@@ -57,7 +44,7 @@ def watch(names: tuple[str, ...], who: str, seconds: float | None = None, langua
         InputError: there is no such language.
     """
     chosen = language_of(language)
-    listener = Listener(names)
+    listener = heard.Listener(names)
     try:
         if sys.stdout.isatty():
             WatchApp(listener, who_asks(who), chosen).run()
@@ -152,7 +139,7 @@ class WatchApp(App[None]):
     ]
     ENABLE_COMMAND_PALETTE = False
 
-    def __init__(self, listener: Listener, who: str, language: Language = ENGLISH) -> None:
+    def __init__(self, listener: heard.Listener, who: str, language: Language = ENGLISH) -> None:
         """Show what ``listener`` hears; ``who`` stands in the log of what is done."""
         super().__init__()
         self._listener, self._who, self._language = listener, who, language
@@ -167,9 +154,9 @@ class WatchApp(App[None]):
 
     def on_mount(self) -> None:
         """Begin to show."""
-        for name in VALVE_COLUMNS:
+        for name in heard.VALVE_COLUMNS:
             self.query_one("#valves", DataTable).add_column(name, key=name)
-        for name in ALARM_COLUMNS:
+        for name in heard.ALARM_COLUMNS:
             self.query_one("#alarms", DataTable).add_column(name, key=name)
         self.query_one("#valves", DataTable).focus()
         self.set_interval(PERIOD, self.show)
@@ -179,17 +166,17 @@ class WatchApp(App[None]):
         """Bring both tables up to date; rows stay where they are unless a condition changed."""
         now = time.monotonic()
         valves = list(self._listener.valves.values())
-        valves.sort(key=lambda one: (shown_condition(one, now).rank, one.name))
+        valves.sort(key=lambda one: (heard.shown_condition(one, now).rank, one.name))
         _fill(
             self.query_one("#valves", DataTable),
-            VALVE_COLUMNS,
-            [(one.name, valve_row(one, now)) for one in valves],
+            heard.VALVE_COLUMNS,
+            [(one.name, heard.valve_row(one, now)) for one in valves],
         )
-        alarms = shown_alarms(self._chosen())
+        alarms = heard.shown_alarms(self._chosen())
         _fill(
             self.query_one("#alarms", DataTable),
-            ALARM_COLUMNS,
-            [(one.name, alarm_row(one, self._language)) for one in alarms],
+            heard.ALARM_COLUMNS,
+            [(one.name, heard.alarm_row(one, self._language)) for one in alarms],
         )
         for said in [one for one in self._awaited if one.done()]:
             self._awaited.remove(said)
@@ -197,14 +184,14 @@ class WatchApp(App[None]):
         if not valves:
             self._say("no valve is heard yet: is a monitor running, with the same ROS_DOMAIN_ID?")
 
-    def _chosen(self) -> HeardValve | None:
+    def _chosen(self) -> heard.HeardValve | None:
         key = _chosen_key(self.query_one("#valves", DataTable))
         return None if key is None else self._listener.valves.get(key)
 
     def _alarm(self) -> tuple[str, Alarm] | None:
         valve = self._chosen()
         key = _chosen_key(self.query_one("#alarms", DataTable))
-        for one in shown_alarms(valve):
+        for one in heard.shown_alarms(valve):
             if valve is not None and one.name == key:
                 return valve.name, one
         self._say("no alarm is chosen")
@@ -214,63 +201,62 @@ class WatchApp(App[None]):
         self.query_one("#said", Static).update(text)
 
     def _ask_then(
-        self, title: str, do: Callable[[float, str], Future[str]], *, minutes: bool = False
+        self, verb: str, do: Callable[[str, Alarm, float, str], Future[str]], *, minutes: bool = False
     ) -> None:
+        """Ask for a comment, then do something about the chosen alarm."""
+        found = self._alarm()
+        if found is None:
+            return
+        valve, alarm = found
+
         def done(given: tuple[float, str] | None) -> None:
             if given is not None:
-                self._awaited.append(do(*given))
+                self._awaited.append(do(valve, alarm, *given))
 
-        self.push_screen(AskScreen(title, minutes=minutes), done)
+        self.push_screen(AskScreen(f"{verb} {valve}: {alarm.name}", minutes=minutes), done)
 
     def action_details(self) -> None:
         """Show everything that is known of the chosen alarm."""
         found = self._alarm()
         if found:
             _, alarm = found
-            lines = [alarm_headline(alarm, self._language), *alarm_details(alarm, self._language)]
+            lines = [heard.alarm_headline(alarm, self._language), *heard.alarm_details(alarm, self._language)]
             self.push_screen(DetailsScreen("\n".join(lines)))
 
     def action_acknowledge(self) -> None:
         """Note that the chosen alarm was seen: the occurrence that is shown, no newer one."""
-        found = self._alarm()
-        if found:
-            valve, alarm = found
-            self._ask_then(
-                f"acknowledge {valve}: {alarm.name}",
-                lambda _minutes, comment: self._listener.acknowledge(
-                    valve, alarm.name, alarm.occurrence, self._who, comment
-                ),
-            )
+        self._ask_then(
+            "acknowledge",
+            lambda valve, alarm, _minutes, comment: self._listener.acknowledge(
+                valve, alarm.name, alarm.occurrence, self._who, comment
+            ),
+        )
 
     def action_shelve(self) -> None:
         """Put the chosen alarm aside for a time."""
-        self._shelve(shelved=True)
+        self._shelve("shelve", shelved=True)
 
     def action_unshelve(self) -> None:
         """Take the chosen alarm off the shelf."""
-        self._shelve(shelved=False)
+        self._shelve("take off the shelf", shelved=False)
 
-    def _shelve(self, *, shelved: bool) -> None:
-        found = self._alarm()
-        if found:
-            valve, alarm = found
-            self._ask_then(
-                f"{'shelve' if shelved else 'take off the shelf'} {valve}: {alarm.name}",
-                lambda minutes, comment: self._listener.shelve(
-                    valve, alarm.name, 60.0 * minutes, self._who, comment, shelved=shelved
-                ),
-                minutes=shelved,
-            )
+    def _shelve(self, verb: str, *, shelved: bool) -> None:
+        self._ask_then(
+            verb,
+            lambda valve, alarm, minutes, comment: self._listener.shelve(
+                valve, alarm.name, 60.0 * minutes, self._who, comment, shelved=shelved
+            ),
+            minutes=shelved,
+        )
 
     def action_reset(self) -> None:
-        """Let go of the chosen latched alarm."""
-        found = self._alarm()
-        if found:
-            valve, alarm = found
-            self._ask_then(
-                f"reset {valve}: {alarm.name}",
-                lambda _minutes, comment: self._listener.reset(valve, alarm.name, self._who, comment),
-            )
+        """Reset the chosen latched alarm."""
+        self._ask_then(
+            "reset",
+            lambda valve, alarm, _minutes, comment: self._listener.reset(
+                valve, alarm.name, self._who, comment
+            ),
+        )
 
 
 def _fill(
@@ -298,7 +284,7 @@ def _chosen_key(table: DataTable[object]) -> str | None:
     return table.coordinate_to_cell_key(table.cursor_coordinate).row_key.value
 
 
-def _lines(listener: Listener, seconds: float | None, language: Language) -> None:
+def _lines(listener: heard.Listener, seconds: float | None, language: Language) -> None:
     """Print each event at once, and a line for each valve now and then."""
     before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     begun, last = time.monotonic(), -LINES
@@ -307,11 +293,11 @@ def _lines(listener: Listener, seconds: float | None, language: Language) -> Non
         while seconds is None or time.monotonic() - begun < seconds:
             while listener.events:
                 name, event = listener.events.popleft()
-                print(f"{name}  {event_line(event, language)}", flush=True)
+                print(f"{name}  {heard.event_line(event, language)}", flush=True)
             if time.monotonic() - last >= LINES:
                 last = time.monotonic()
                 for name in sorted(listener.valves):
-                    print(line_of(listener.valves[name], last), flush=True)
+                    print(heard.line_of(listener.valves[name], last), flush=True)
             time.sleep(LOOK)
     except KeyboardInterrupt:
         return

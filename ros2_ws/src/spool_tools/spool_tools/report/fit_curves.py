@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 from spool_core.errors import InputError
@@ -14,8 +15,10 @@ from spool_estimator.identification.record import Record, first_seconds
 from spool_estimator.identification.spectra import ZeroPhase, density_of, relative_motion
 from spool_sim.valve import Valve
 
-#: s of data that pictures are made from at most.
-LONGEST = 60.0
+#: s of data that pictures are made from at most, and of a window of a free run.
+LONGEST, WINDOW = 60.0, 4.0
+#: Bins of velocity, samples in each at least, and samples of the measured friction that are drawn.
+BINS, LEAST, POINTS = 41, 10, 4000
 #: Hz, of the conditioning.
 LOW_CUT = 3.0
 #: Hz, the frequency of the paper's figure 13.
@@ -83,13 +86,13 @@ class Overlay:
         return np.asarray(self.responses[excerpt.window].acceleration[0, excerpt.first : excerpt.stop])
 
 
-def overlay(records: Sequence[Record], fit: Fit, valve: Valve, *, window: float = 4.0) -> Overlay:
-    """Return the free run of a fitted model over ``records``, in windows of ``window`` s.
+def overlay(records: Sequence[Record], fit: Fit, valve: Valve) -> Overlay:
+    """Return the free run of a fitted model over ``records``, in windows of ``WINDOW`` s.
 
     Raises:
         InputError: no record is long enough.
     """
-    run = FreeRun(records, fit.model, valve, window=window, low_cut=LOW_CUT, longest=LONGEST)
+    run = FreeRun(records, fit.model, valve, window=WINDOW, low_cut=LOW_CUT, longest=LONGEST)
     run.choose_substeps(fit.values)
     gain, delay = fit.sensor.get(SPOOL_GAIN, 0.0), fit.sensor.get(SPOOL_DELAY, 0.0)
     return Overlay(run, tuple(run.responses(run.sets(fit.values), np.array([gain]), np.array([delay]))))
@@ -97,15 +100,26 @@ def overlay(records: Sequence[Record], fit: Fit, valve: Valve, *, window: float 
 
 def excerpts(run: FreeRun) -> list[Excerpt]:
     """Return the excerpt with the largest motion, and one at 60 Hz or else at the record's main frequency."""
-    largest = _largest_motion(run)
-    frequency, window, centre = _near(run, PAPER_FREQUENCY)
-    if frequency is None:
-        frequency = _main_frequency(run)
-        window, centre = _strongest(run, frequency)
-        title = f"main frequency, {frequency:.0f} Hz"
-    else:
-        title = f"at {PAPER_FREQUENCY:.0f} Hz"
-    return [largest, _around(run, title, window, centre, frequency)]
+    pieces = _pieces(run)
+    strongest = max((float(power[1:].sum()) for *_, power in pieces), default=0.0)
+    shares = [
+        (float(power[np.abs(frequency - PAPER_FREQUENCY) <= 5.0].sum()) / total, number, centre)
+        for number, centre, frequency, power in pieces
+        if (total := float(power[1:].sum())) > 1e-3 * strongest
+    ]
+    share, window, centre = max(shares, default=(0.0, 0, 0))
+    wanted, title = PAPER_FREQUENCY, f"at {PAPER_FREQUENCY:.0f} Hz"
+    if share < ONE_FREQUENCY:  # the body never shakes at little else
+        longest = max((frequency.size for *_, frequency, _ in pieces), default=0)
+        alike = [(frequency, power) for *_, frequency, power in pieces if frequency.size == longest]
+        wanted = _line(alike[0][0], np.sum([power for _, power in alike], axis=0)) if alike else 1.0
+        title = f"main frequency, {wanted:.0f} Hz"
+        powers = (
+            (float(power[np.abs(frequency - wanted) <= 2.5].sum()), number, centre)
+            for number, centre, frequency, power in pieces
+        )
+        _, window, centre = max(powers, default=(0.0, 0, 0))
+    return [_largest_motion(run, pieces), _around(run, title, window, centre, wanted)]
 
 
 def highest_frequency(run: FreeRun) -> float:
@@ -113,9 +127,7 @@ def highest_frequency(run: FreeRun) -> float:
     return 1.2 * max(100.0, *run.highest_frequency)
 
 
-def friction(
-    records: Sequence[Record], fit: Fit, valve: Valve, *, bins: int = 41, points: int = 4000
-) -> FrictionCurve:
+def friction(records: Sequence[Record], fit: Fit, valve: Valve) -> FrictionCurve:
     """Return measured and fitted friction over velocity.
 
     Raises:
@@ -123,7 +135,7 @@ def friction(
     """
     run = FreeRun(records, fit.model, valve, low_cut=LOW_CUT)
     stiffness, mass = fit.values["spring_stiffness"], fit.values["mass"]
-    velocity, force, law = [], [], []
+    parts = []
     for number, some in first_seconds(run.records, LONGEST, shortest=5.0 / LOW_CUT):
         both = ZeroPhase(some.sample_period, LOW_CUT, 1.5 * max(run.highest_frequency[number], 30.0))
         motion = relative_motion(some.body, some.spool, ZeroPhase(some.sample_period, LOW_CUT))
@@ -133,12 +145,25 @@ def friction(
         )[0]  # fmt: skip
         inside = slice(2 * both.settling, some.body.size - 2 * both.settling)
         spring = stiffness * both.apply(motion.displacement)
-        velocity.append(motion.velocity[inside])
-        force.append((-mass * both.apply(motion.spool) - spring)[inside])
-        law.append((both.apply(model) - spring)[inside])
-    if not velocity:
+        rows = (motion.velocity, -mass * both.apply(motion.spool) - spring, both.apply(model) - spring)
+        parts.append([row[inside] for row in rows])
+    if not parts:
         raise InputError("no stretch is long enough for the motion of both accelerometers to settle")
-    return _binned(np.concatenate(velocity), np.concatenate(force), np.concatenate(law), bins, points)
+    velocity, force, law = (np.concatenate(rows) for rows in zip(*parts, strict=True))
+    reach = float(np.quantile(np.abs(velocity), 0.998))
+    # Finer where friction changes: around reversal.
+    edges = reach * np.sinh(np.linspace(-3.0, 3.0, BINS + 1)) / np.sinh(3.0)
+    place = np.digitize(velocity, edges) - 1
+    bins = []
+    for number in range(BINS):
+        own = place == number
+        if np.count_nonzero(own) >= LEAST:
+            low, middle, high = np.quantile(force[own], (0.25, 0.5, 0.75)).tolist()
+            centre = 0.5 * float(edges[number] + edges[number + 1])
+            bins.append((centre, middle, low, high, float(np.median(law[own]))))
+    table = np.array(bins).reshape(-1, 5)
+    chosen = np.random.default_rng(0).permutation(velocity.size)[:POINTS]
+    return FrictionCurve(velocity[chosen], force[chosen], *table.T)
 
 
 def spectra(records: Sequence[Record]) -> tuple[Array, Array, float]:
@@ -160,24 +185,11 @@ def sensor_noise(records: Sequence[Record]) -> float:
     return float(np.sqrt(0.5 * floor / min(entry.sample_period for entry in records)))
 
 
-def _binned(velocity: Array, force: Array, law: Array, bins: int, points: int) -> FrictionCurve:
-    reach = float(np.quantile(np.abs(velocity), 0.998))
-    # Finer where friction changes: around reversal.
-    edges = reach * np.sinh(np.linspace(-3.0, 3.0, bins + 1)) / np.sinh(3.0)
-    place = np.digitize(velocity, edges) - 1
-    rows = []
-    for number in range(bins):
-        own = place == number
-        if np.count_nonzero(own) >= 10:
-            low, middle, high = np.quantile(force[own], (0.25, 0.5, 0.75)).tolist()
-            centre = 0.5 * float(edges[number] + edges[number + 1])
-            rows.append((centre, middle, low, high, float(np.median(law[own]))))
-    table = np.array(rows).reshape(-1, 5)
-    chosen = np.random.default_rng(0).permutation(velocity.size)[:points]
-    return FrictionCurve(velocity[chosen], force[chosen], *table.T)
+#: Window, central sample, frequencies (Hz) and power of a piece of the body's acceleration.
+Piece: TypeAlias = tuple[int, int, Array, Array]
 
 
-def _largest_motion(run: FreeRun) -> Excerpt:
+def _largest_motion(run: FreeRun, pieces: Sequence[Piece]) -> Excerpt:
     best = (-1.0, 0, 0)
     for number, entry in enumerate(run.records):
         motion = relative_motion(entry.body, entry.spool, ZeroPhase(entry.sample_period, LOW_CUT))
@@ -188,10 +200,16 @@ def _largest_motion(run: FreeRun) -> Excerpt:
                 part = size[window.start : window.stop]
                 at = int(np.argmax(part))
                 best = max(best, (float(part[at]), place, at))
-    size_there, window_number, centre = best
-    frequency = _local_frequency(run, window_number, centre)
-    title = f"largest motion, {1e3 * size_there:.2g} mm"
-    return _around(run, title, window_number, centre, frequency)
+    reach, chosen, centre = best
+    own = [piece for piece in pieces if piece[0] == chosen]
+    nearest = min(own, key=lambda piece: abs(piece[1] - centre), default=None)
+    wanted = PAPER_FREQUENCY if nearest is None else _line(*nearest[2:])
+    return _around(run, f"largest motion, {1e3 * reach:.2g} mm", chosen, centre, wanted)
+
+
+def _line(frequency: Array, power: Array) -> float:
+    """Return the strongest frequency, Hz."""
+    return max(float(frequency[1 + int(np.argmax(power[1:]))]), 1.0)
 
 
 def _around(run: FreeRun, title: str, number: int, centre: int, frequency: float) -> Excerpt:
@@ -204,8 +222,7 @@ def _around(run: FreeRun, title: str, number: int, centre: int, frequency: float
     return Excerpt(title, number, first, first + length, start)
 
 
-def _pieces(run: FreeRun) -> list[tuple[int, int, Array, Array]]:
-    """Return window, central sample, frequencies (Hz) and power of pieces of the body's acceleration."""
+def _pieces(run: FreeRun) -> list[Piece]:
     pieces = []
     for number, window in enumerate(run.windows):
         entry = run.records[window.record]
@@ -217,48 +234,3 @@ def _pieces(run: FreeRun) -> list[tuple[int, int, Array, Array]]:
             power = np.abs(np.fft.rfft(body[first : first + length] * taper)) ** 2
             pieces.append((number, first + length // 2, np.asarray(frequency), np.asarray(power)))
     return pieces
-
-
-def _near(run: FreeRun, wanted: float) -> tuple[float | None, int, int]:
-    """Return ``wanted`` (Hz) and where the body shakes at little else, or ``None`` where it never does."""
-    best = (0.0, 0, 0)
-    pieces = _pieces(run)
-    strongest = max((float(power[1:].sum()) for *_, power in pieces), default=0.0)
-    for number, centre, frequency, power in pieces:
-        total = float(power[1:].sum())
-        inside = float(power[np.abs(frequency - wanted) <= 5.0].sum())
-        if total > 1e-3 * strongest:
-            best = max(best, (inside / total, number, centre))
-    return (wanted if best[0] >= ONE_FREQUENCY else None), best[1], best[2]
-
-
-def _main_frequency(run: FreeRun) -> float:
-    frequency: Array = np.zeros(1)
-    power: Array = np.zeros(1)
-    for *_, own, piece in _pieces(run):
-        if own.size > frequency.size:
-            frequency, power = own, np.zeros(own.size)
-        if own.size == frequency.size:
-            power = power + piece
-    return max(float(frequency[1 + int(np.argmax(power[1:]))]), 1.0) if power.size > 1 else 1.0
-
-
-def _strongest(run: FreeRun, wanted: float) -> tuple[int, int]:
-    """Return window and sample where the body shakes most at ``wanted`` Hz."""
-    found = max(
-        (
-            (float(power[np.abs(frequency - wanted) <= 2.5].sum()), number, centre)
-            for number, centre, frequency, power in _pieces(run)
-        ),
-        default=(0.0, 0, 0),
-    )
-    return found[1], found[2]
-
-
-def _local_frequency(run: FreeRun, number: int, centre: int) -> float:
-    """Return the strongest frequency, Hz, of the body around a sample."""
-    own = [piece for piece in _pieces(run) if piece[0] == number]
-    if not own:
-        return PAPER_FREQUENCY
-    _, _, frequency, power = min(own, key=lambda piece: abs(piece[1] - centre))
-    return max(float(frequency[1 + int(np.argmax(power[1:]))]), 1.0)

@@ -5,10 +5,6 @@ Everywhere models come by name, in the order in which they are to be seen.
 
 from __future__ import annotations
 
-import matplotlib
-
-matplotlib.use("Agg")
-
 import math
 from collections.abc import Mapping, Sequence
 from itertools import cycle, islice
@@ -23,19 +19,11 @@ from spool_estimator.identification.fit_result import Agreement
 
 from spool_tools.outputs import sources
 from spool_tools.report import fit_curves as curves
+from spool_tools.report import fit_tables as tables
 from spool_tools.report import page as html
 from spool_tools.report.evidence.collection import fit_exhibits
 from spool_tools.report.evidence.exhibit import DARK, MEASURED, STYLES, WIDTH
 from spool_tools.report.fit_curves import Excerpt, FrictionCurve, Overlay
-from spool_tools.report.fit_tables import (
-    COLUMNS,
-    correlated,
-    parameter_lines,
-    parameter_rows,
-    quality_rows,
-    ranking_rows,
-    series_rows,
-)
 from spool_tools.report.ranking import WORTH, FittedSeries, Ranking, ValidatedFit
 
 WAVEFORM = (
@@ -63,47 +51,44 @@ RATIO_SHOWN = (0.0, 2.0)
 def fit_page(validated: ValidatedFit) -> str:
     """Return the page of a fit that has a result."""
     found = validated.fit
-    agreement = found.agreement
-    assert agreement is not None
     title = f"{found.model.name.replace('_', ' ')} fitted to {validated.data.name}"
-    rows = parameter_rows(found)
-    quality = quality_rows(validated)
+    rows = tables.parameter_rows(found)
     doubts = [f"Warning: {doubt}" for doubt in validated.data.doubts]
-    sections = [
+    sections: list[str] = [
         html.verdict(summary(validated)),
         html.heading("Parameters"),
         html.table(list(rows[0]), rows),
         html.paragraph(
             f"{LEGEND}; the true value lies within it in 95 of 100 such records, if the model is right."
         ),
-        *(html.listing(lines) for lines in (correlations(validated), found.warnings, doubts) if lines),
+        *(html.listing(lines) for lines in (tables.correlations(found), found.warnings, doubts) if lines),
         html.heading("How well it holds"),
-        html.table(["what", "value"], quality),
-    ]
-    shown = curves.overlay(validated.data.fitted, found, validated.data.valve)
-    name = found.model.name
-    friction = curves.friction(validated.data.fitted, found, validated.data.valve)
-    sections += [
-        html.drawing(waveform_figure({name: shown}, curves.excerpts(shown.run)), WAVEFORM, seen([validated])),
-        html.drawing(
-            ratio_figure({name: agreement}, curves.highest_frequency(shown.run)),
-            RATIO,
-            ratio_seen([validated]),
-        ),
-        html.drawing(friction_figure({name: friction}), FRICTION, f"Law of {name} over velocity."),
-        html.drawing(
-            spectrum_figure({name: agreement}, curves.spectra(validated.data.fitted)),
-            SPECTRUM,
-            seen([validated]),
-        ),
+        html.table(["what", "value"], tables.quality_rows(validated)),
     ]
     sections += [
+        *pictures([validated]),
         html.heading("Evidence"),
         html.paragraph(EVIDENCE),
         *html.evidence(fit_exhibits(found, validated.data.valve, validated.data.fitted)),
     ]
     records = (*validated.data.paths, *validated.data.held_paths)
     return html.page(title, sections, sources(records, validated.data.valve))
+
+
+def pictures(validated: Sequence[ValidatedFit]) -> list[str]:
+    """Return the pictures of models that have a result on one set of data."""
+    data = validated[0].data
+    fitted, valve = data.fitted, data.valve
+    overlays = {one.name: curves.overlay(fitted, one.fit, valve) for one in validated}
+    agreements = {one.name: one.fit.agreement for one in validated if one.fit.agreement is not None}
+    run = overlays[validated[0].name].run
+    friction = {one.name: curves.friction(fitted, one.fit, valve) for one in validated}
+    return [
+        html.drawing(waveform_figure(overlays, curves.excerpts(run)), WAVEFORM, seen(validated)),
+        html.drawing(ratio_figure(agreements, curves.highest_frequency(run)), RATIO, ratio_seen(validated)),
+        html.drawing(friction_figure(friction), FRICTION, f"Laws over velocity: {', '.join(friction)}."),
+        html.drawing(spectrum_figure(agreements, curves.spectra(fitted)), SPECTRUM, seen(validated)),
+    ]
 
 
 def seen(validated: Sequence[ValidatedFit]) -> str:
@@ -133,17 +118,9 @@ def summary(validated: ValidatedFit) -> str:
     )
 
 
-def correlations(validated: ValidatedFit) -> list[str]:
-    """Return a line for each pair of parameters that is hardly distinguished."""
-    return [
-        f"{first} and {second} are correlated by {value:+.3f}".replace("_", " ")
-        for first, second, value in correlated(validated.fit)
-    ]
-
-
 def compare_page(series: Sequence[FittedSeries], ranking: Ranking) -> str:
     """Return the page of a comparison in which at least one model has a result."""
-    rows = ranking_rows(ranking)
+    rows = tables.ranking_rows(ranking)
     shown = [entry for entry in ranking.ranks if math.isfinite(entry.error)]
     sections: list[str] = [
         html.verdict(" ".join(ranking.sentences)),
@@ -159,7 +136,7 @@ def compare_page(series: Sequence[FittedSeries], ranking: Ranking) -> str:
             f"From best to worst: {', '.join(entry.model.replace('_', ' ') for entry in shown)}.",
         ),
         html.table(list(rows[0]), rows),
-        html.listing(COLUMNS),
+        html.listing(tables.COLUMNS),
     ]
     for one in series:
         sections += _series(one, ranking)
@@ -355,28 +332,15 @@ def _series(one: FittedSeries, ranking: Ranking) -> list[str]:
         key=lambda entry: order.index(entry.name),
     )
     rows = [
-        {**row, "parameters": "; ".join(parameter_lines(validated))}
-        for row, validated in zip(series_rows(one), one.validated, strict=True)
+        {**row, "parameters": "; ".join(tables.parameter_lines(validated))}
+        for row, validated in zip(tables.series_rows(one), one.validated, strict=True)
     ]
     sections: list[str] = [
         html.heading(f"{one.data.name} ({one.data.valve.id})"),
         html.table(list(rows[0]), rows),
         html.paragraph(f"{LEGEND}. 'Not told': only combinations of them act."),
     ]
-    if not validated:
-        return sections
-    fitted, valve = one.data.fitted, one.data.valve
-    overlays = {entry.name: curves.overlay(fitted, entry.fit, valve) for entry in validated}
-    agreements = {entry.name: entry.fit.agreement for entry in validated if entry.fit.agreement is not None}
-    run = next(iter(overlays.values())).run
-    friction = {entry.name: curves.friction(fitted, entry.fit, valve) for entry in validated}
-    return [
-        *sections,
-        html.drawing(waveform_figure(overlays, curves.excerpts(run)), WAVEFORM, seen(validated)),
-        html.drawing(ratio_figure(agreements, curves.highest_frequency(run)), RATIO, ratio_seen(validated)),
-        html.drawing(friction_figure(friction), FRICTION, f"Laws over velocity: {', '.join(friction)}."),
-        html.drawing(spectrum_figure(agreements, curves.spectra(fitted)), SPECTRUM, seen(validated)),
-    ]
+    return [*sections, *(pictures(validated) if validated else [])]
 
 
 def _said(name: str) -> str:

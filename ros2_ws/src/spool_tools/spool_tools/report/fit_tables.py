@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -49,6 +50,8 @@ COLUMNS = (
 
 #: Characters of a model's name that its file keeps; with what is added it stays below the 100 that are read.
 LONGEST_NAME = 93
+#: Correlation from which two parameters are hardly distinguished.
+ALIKE = 0.9
 
 
 def to_dictionary(validated: ValidatedFit) -> dict[str, Any]:
@@ -142,14 +145,12 @@ def quality_rows(validated: ValidatedFit) -> list[dict[str, str]]:
     return [{"what": what, "value": value} for what, value in rows.items()]
 
 
-def correlated(found: Fit, least: float = 0.9) -> list[tuple[str, str, float]]:
-    """Return pairs of parameters that the record hardly distinguishes, with their correlation."""
-    size = len(found.observable)
+def correlations(found: Fit) -> list[str]:
+    """Return a line for each pair of parameters that the record hardly distinguishes."""
     return [
-        (found.observable[i], found.observable[j], float(found.correlation[i, j]))
-        for i in range(size)
-        for j in range(i + 1, size)
-        if abs(found.correlation[i, j]) >= least
+        f"{first} and {second} are correlated by {value:+.3f}".replace("_", " ")
+        for (row, first), (column, second) in combinations(enumerate(found.observable), 2)
+        if abs(value := float(found.correlation[row, column])) >= ALIKE
     ]
 
 
@@ -167,18 +168,14 @@ def print_fit(validated: ValidatedFit, console: Console) -> None:
     for row in quality_rows(validated):
         quality.add_row(row["what"], row["value"])
     console.print(quality)
-    for first, second, value in correlated(found):
-        text = f"{first} and {second} are correlated by {value:+.3f}"
-        console.print(text.replace("_", " "), highlight=False, soft_wrap=True)
+    for line in correlations(found):
+        console.print(line, highlight=False, soft_wrap=True)
     for warning in found.warnings:
         console.print(f"warning: {warning}", style="yellow", markup=False, highlight=False, soft_wrap=True)
 
 
 def comparison_dictionary(series: Sequence[FittedSeries], ranking: Ranking) -> dict[str, Any]:
     """Return what ``compare --json`` writes; NaN where something is not known."""
-    best = min(
-        (entry.criterion for entry in ranking.ranks if math.isfinite(entry.criterion)), default=math.nan
-    )
     return {
         "preferred": ranking.preferred,
         "equal": list(ranking.equal),
@@ -190,7 +187,7 @@ def comparison_dictionary(series: Sequence[FittedSeries], ranking: Ranking) -> d
                 "error": {"value": entry.error, "unit": "m/s^2"},
                 "error_over_least": entry.excess + 1.0,
                 "information_criterion": entry.criterion,
-                "information_criterion_behind": entry.criterion - best,
+                "information_criterion_behind": entry.criterion - ranking.least_criterion,
                 "objective": entry.objective,
                 "amplitude_ratio": entry.amplitude_ratio,
                 "nrmse": entry.training_error,
@@ -248,16 +245,17 @@ def parameter_lines(validated: ValidatedFit) -> list[str]:
 
 def ranking_rows(ranking: Ranking) -> list[dict[str, str]]:
     """Return a row of text for each model, best first; means over the series, as the paper's table 7."""
-    best = min(
-        (entry.criterion for entry in ranking.ranks if math.isfinite(entry.criterion)), default=math.nan
-    )
     return [
         {
             "model": entry.model.replace("_", " "),
             "par.": str(entry.parameters or ""),
             "error": _number(entry.error, ".4g"),
-            "more": _more(entry.excess),
-            "BIC": _number(entry.criterion - best, "+.0f"),
+            "more": ""
+            if math.isnan(entry.excess)
+            else f"{100.0 * entry.excess:+.1f} %"
+            if entry.excess < 1.0
+            else f"x {1.0 + entry.excess:.3g}",
+            "BIC": _number(entry.criterion - ranking.least_criterion, "+.0f"),
             "(33)": _number(entry.objective, ".3g"),
             "ratio": _number(entry.amplitude_ratio, ".3f"),
             "held out": _number(entry.held_out_error, ".4f"),
@@ -306,19 +304,16 @@ def save_model(
     ]
     for parameter in model.parameters:
         if parameter.name in values:
-            note = _note(known.get(parameter.name))
+            found = known.get(parameter.name)
+            note = "held" if found is None else "one choice of several that act alike"
+            if found is not None and math.isfinite(found.value):
+                note = width(found.value, found.standard_deviation)
             lines.append(f"  {parameter.name}: {float(values[parameter.name])!r}  # {parameter.unit}, {note}")
     write_file(path, "\n".join(lines) + "\n", "--save-model")
 
 
 def _with_unit(value: float, unit: str) -> str:
     return f"{number(value)}{unit_text(unit)}" if math.isfinite(value) else UNKNOWN
-
-
-def _more(excess: float) -> str:
-    if math.isnan(excess):
-        return ""
-    return f"{100.0 * excess:+.1f} %" if excess < 1.0 else f"x {1.0 + excess:.3g}"
 
 
 def _print(rows: Sequence[dict[str, str]], console: Console) -> None:
@@ -332,11 +327,3 @@ def _print(rows: Sequence[dict[str, str]], console: Console) -> None:
 
 def _number(value: float, digits: str) -> str:
     return f"{value:{digits}}" if math.isfinite(value) else "?"
-
-
-def _note(quantity: Quantity | None) -> str:
-    if quantity is None:
-        return "held"
-    if not math.isfinite(quantity.value):
-        return "one choice of several that act alike"
-    return width(quantity.value, quantity.standard_deviation)

@@ -2,25 +2,20 @@
 
 from __future__ import annotations
 
-import matplotlib
-
-matplotlib.use("Agg")
-
 import math
 from collections.abc import Sequence
 
 import matplotlib.pyplot as plt
 import numpy as np
+from markupsafe import Markup
 from matplotlib.figure import Figure
-from spool_core.uncertainty import LEGEND, Quantity, interval, number, with_interval
+from spool_core.uncertainty import LEGEND, interval, number, with_interval
 from spool_gap.catalogue import EFFECTS
 from spool_gap.result import (
     RISE_95,
     Curves,
     GapResult,
     ProfileLikelihood,
-    RankedHypothesis,
-    Share,
     Surface,
     Where,
 )
@@ -65,78 +60,159 @@ def gap_page(
         sources: label and value of what it was made from.
         evidence: pictures that let an expert check it.
     """
-    said = result.verdict.replace("_", " ").replace("+", " and ")
     title = {
         "none": f"{result.record}: nothing is missing",
         "unexplained": f"{result.record}: something is missing that has no name here",
-    }.get(result.verdict, f"{result.record}: {said}")
+    }.get(result.verdict, f"{result.record}: {_said(result.verdict).replace('+', ' and ')}")
     before, after = result.before, result.after
-    left = (after.nrmse / before.nrmse) ** 2 if before.nrmse > 0.0 else 1.0
+    what = "spool acceleration" if result.kind == "accelerations" else "force"
+    rows: list[dict[str, object]] = [
+        {
+            "": f"held-out error, % of the rms of the {what}",
+            "before": 100.0 * before.nrmse,
+            "after": 100.0 * after.nrmse,
+            "noise alone": 100.0 * result.noise_floor,
+        }
+    ]
+    if math.isfinite(before.amplitude_ratio):
+        ratios = {"before": before.amplitude_ratio, "after": after.amplitude_ratio, "noise alone": 1.0}
+        rows.append({"": "amplitude ratio a_est/a_pom", **ratios})
     sections = [
         html.verdict(result.sentence),
         *([html.listing([f"Warning: {line}" for line in result.warnings])] if result.warnings else []),
-        html.table(["", "before", "after", "noise alone"], _gap_rows(result)),
+        html.table(["", "before", "after", "noise alone"], rows),
         html.paragraph(
             f"Confidence {result.confidence:.2f}{f' ({note})' if (note := result.confidence_note) else ''}. "
             f"Where it sat: {result.where.sentence}. "
             f"What is left: {result.where_after.sentence}."
         ),
+        *([html.paragraph(f"What would tell more: {result.advice}.")] if result.advice else []),
+        *_what_was_found(result),
+        *_where_it_sits(result),
+        *_before_and_after(result, evidence),
     ]
-    if result.advice:
-        sections.append(html.paragraph(f"What would tell more: {result.advice}."))
+    return html.page(title, sections, sources)
+
+
+def _what_was_found(result: GapResult) -> list[Markup]:
+    """Return the effects that are missing, what bounds their numbers, and what else was noticed."""
+    sections = []
     if result.effects:
-        sections.append(html.heading("What is missing"))
-        sections.append(html.table(["effect", "numbers", "what it means", "what to check"], _found(result)))
+        effects = [
+            {
+                "effect": _said(effect.id),
+                "numbers": "; ".join(
+                    f"{_said(one.name)} {with_interval(one.value, one.standard_deviation, one.unit)}"
+                    for one in effect.parameters
+                ),
+                "what it means": effect.meaning,
+                "what to check": effect.check,
+            }
+            for effect in result.effects
+        ]
+        sections += [html.heading("What is missing"), html.table(list(effects[0]), effects)]
     if result.profiles:
+        sentences = [f"{profile.sentence}." for profile in result.profiles]
         sections += [
             html.heading("What the record determines"),
-            html.drawing(
-                profile_figure(result.profiles),
-                PROFILES,
-                " ".join(f"{profile.sentence}." for profile in result.profiles),
-            ),
-            html.listing([f"{profile.sentence}." for profile in result.profiles]),
+            html.drawing(profile_figure(result.profiles), PROFILES, " ".join(sentences)),
+            html.listing(sentences),
         ]
     if result.nuisances:
-        sections.append(html.heading("What the measuring chain did"))
-        sections.append(html.table(["finding", "channel", "size", "what to check"], _nuisances(result)))
+        nuisances = [
+            {
+                "finding": f"{_said(entry.id)}{', left out' if entry.corrected else ''}",
+                "channel": entry.channel,
+                "size": f"{number(entry.size, 2)} {entry.unit}".removesuffix(" 1"),
+                "what to check": entry.check,
+            }
+            for entry in result.nuisances
+        ]
+        sections += [html.heading("What the measuring chain did"), html.table(list(nuisances[0]), nuisances)]
     if result.candidates:
-        sections.append(html.heading("What comes nearest"))
-        sections.append(html.listing([_candidate(name) for name in result.candidates]))
-    sections += [
+        known = {name: EFFECTS[name] for name in result.candidates if name in EFFECTS}
+        checks = {name: f": {one.on_the_machine}; check {one.to_check}" for name, one in known.items()}
+        candidates = [f"{_said(name)}{checks.get(name, '')}" for name in result.candidates]
+        sections += [html.heading("What comes nearest"), html.listing(candidates)]
+    return sections
+
+
+def _where_it_sits(result: GapResult) -> list[Markup]:
+    """Return where the missing force sits, and how the hypotheses about it rank."""
+    before, after = result.before.nrmse, result.after.nrmse
+    left = (after / before) ** 2 if before > 0.0 else 1.0
+    largest = [
+        float(np.nanmax(np.abs(surface.force))) if np.isfinite(surface.force).any() else math.nan
+        for surface in (result.surface, result.surface_after)
+    ]
+    sections = [
         html.heading("Where the gap sits"),
         html.drawing(
             where_figure(result.where, result.where_after, left),
             WHERE,
             f"Before: {result.where.sentence}. After: {result.where_after.sentence}.",
         ),
-        html.drawing(surface_figure(result.surface, result.surface_after), SURFACE, _surface_seen(result)),
+        html.drawing(
+            surface_figure(result.surface, result.surface_after),
+            SURFACE,
+            f"Largest mean force missing: {largest[0]:.2g} N before, {largest[1]:.2g} N after.",
+        ),
     ]
     if result.ranking:
+        first = ", ".join(f"{_said(row.id)} {100.0 * row.nrmse_after:.2g} %" for row in result.ranking[:3])
+        rows = [
+            {
+                "hypothesis": _said(row.id),
+                "jointly with": ", ".join(map(_said, row.jointly_with)) or "the base",
+                "error, %": 100.0 * row.nrmse_after,
+                "evidence": f"{row.evidence:.0f}",
+                "verdict": "accepted" if row.accepted else row.reason or "another one is better",
+            }
+            for row in result.ranking[:SHOWN]
+        ]
         sections += [
             html.heading("Hypotheses"),
-            html.drawing(ranking_figure(result), RANKING, _ranking_seen(result)),
-            html.table(["hypothesis", "jointly with", "error, %", "evidence", "verdict"], _ranking(result)),
+            html.drawing(ranking_figure(result), RANKING, f"Held-out error with the first ones: {first}."),
+            html.table(list(rows[0]), rows),
             html.paragraph(
                 "Evidence: twice the logarithm of the likelihood ratio on held-out data, less the BIC "
                 "penalty of the hypothesis's numbers."
             ),
         ]
-    sections += [
+    return sections
+
+
+def _before_and_after(result: GapResult, evidence: Sequence[Exhibit | LeftOut]) -> list[Markup]:
+    """Return waveforms, spectra, evidence and numbers of both models."""
+    errors = (result.before.nrmse, result.after.nrmse, result.noise_floor)
+    before, after, noise = (f"{100.0 * error:.2g} %" for error in errors)
+    seen = f"Held-out error {before} before, {after} after, noise alone {noise}."
+    base, final = ({one.name: one for one in own} for own in (result.base, result.parameters))
+    rows = [
+        {
+            "parameter": _said(name),
+            **{
+                label: str(interval(own[name].value, own[name].standard_deviation)) if name in own else ""
+                for label, own in (("base model", base), ("with what was found", final))
+            },
+            "unit": (final.get(name) or base[name]).unit,
+        }
+        for name in dict.fromkeys([*final, *base])
+    ]
+    return [
         html.heading("Before and after"),
-        html.drawing(waveform_figure(result.curves), WAVEFORM, _error_seen(result)),
-        html.drawing(spectrum_figure(result.curves), SPECTRUM, _error_seen(result)),
+        html.drawing(waveform_figure(result.curves), WAVEFORM, seen),
+        html.drawing(spectrum_figure(result.curves), SPECTRUM, seen),
         *([html.heading("Evidence"), html.paragraph(EVIDENCE)] if evidence else []),
         *html.evidence(evidence),
         html.heading("Numbers"),
-        html.table(["parameter", "base model", "with what was found", "unit"], _numbers(result)),
+        html.table(["parameter", "base model", "with what was found", "unit"], rows),
         html.paragraph(
             f"{LEGEND}. "
             f"Model: {', '.join(term.name for term in result.model.terms)}; "
             f"{result.seconds:.0f} s of data, {result.elapsed:.1f} s of computing."
         ),
     ]
-    return html.page(title, sections, sources)
 
 
 def where_figure(before: Where, after: Where, share_left: float) -> Figure:
@@ -162,9 +238,12 @@ def where_figure(before: Where, after: Where, share_left: float) -> Figure:
             places, [100.0 * s.floor for s in first], ls="", marker="_", ms=14, mew=1.6, color=FLOOR,
             label="noise alone",
         )  # fmt: skip
-        axis.set_xticks(places, _labels(first), rotation=40, ha="right", fontsize=7)
-        unit = first[0].unit if first else "1"
-        axis.set_title(name + ("" if unit == "1" else f", {UNIT.get(unit, (1.0, unit))[1]}"), fontsize=9)
+        unit = first[0].unit if first else ""
+        factor, shown = UNIT.get(unit, (1.0, unit))
+        labels = [f"{factor * s.low:.3g}–{factor * s.high:.3g}" for s in first]
+        labels = ["backward", "forward"] if unit == "1" else labels
+        axis.set_xticks(places, labels, rotation=40, ha="right", fontsize=7)
+        axis.set_title(name + ("" if unit in ("", "1") else f", {shown}"), fontsize=9)
         axis.tick_params(axis="y", labelsize=7)
         _plain(axis)
     axes[0, 0].set_ylabel("share of the gap's energy, %", fontsize=8)
@@ -232,7 +311,12 @@ def ranking_figure(result: GapResult) -> Figure:
         axis.barh(place, 100.0 * length, 0.62, color=AFTER if row.accepted else "#bbbbbb")
         text = f"{100.0 * row.nrmse_after:.2g} %" + ("  accepted" if row.accepted else "")
         axis.text(100.0 * length, place, f" {text}", va="center", fontsize=7.5)
-    axis.set_yticks(range(len(rows)), [_hypothesis(row) for row in rows], fontsize=8)
+    labels = [
+        _said(row.id)
+        + (f"  (jointly with {', '.join(map(_said, row.jointly_with))})" if row.jointly_with else "")
+        for row in rows
+    ]
+    axis.set_yticks(range(len(rows)), labels, fontsize=8)
     axis.axvline(100.0 * result.before.nrmse, color=BEFORE, lw=1.4, label="base model")
     axis.axvline(100.0 * result.noise_floor, color=FLOOR, lw=1.2, ls=(0, (4, 2)), label="noise alone")
     axis.set_xlim(0.0, 115.0 * top)
@@ -292,135 +376,6 @@ def spectrum_figure(curves: Curves) -> Figure:
     axis.legend(fontsize=8, ncols=4, loc="lower right", bbox_to_anchor=(1.0, 1.0), frameon=False)
     _plain(axis)
     return figure
-
-
-def _surface_seen(result: GapResult) -> str:
-    """Return how large the force is that is missing, before and after."""
-    largest = [
-        float(np.nanmax(np.abs(surface.force))) if np.isfinite(surface.force).any() else math.nan
-        for surface in (result.surface, result.surface_after)
-    ]
-    return f"Largest mean force missing: {largest[0]:.2g} N before, {largest[1]:.2g} N after."
-
-
-def _ranking_seen(result: GapResult) -> str:
-    """Return the hypotheses that come first."""
-    first = [f"{row.id.replace('_', ' ')} {100.0 * row.nrmse_after:.2g} %" for row in result.ranking[:3]]
-    return f"Held-out error with the first ones: {', '.join(first)}."
-
-
-def _error_seen(result: GapResult) -> str:
-    """Return the held-out errors, in words."""
-    before, after, noise = (
-        f"{100.0 * error:.2g} %" for error in (result.before.nrmse, result.after.nrmse, result.noise_floor)
-    )
-    return f"Held-out error {before} before, {after} after, noise alone {noise}."
-
-
-def _gap_rows(result: GapResult) -> list[dict[str, object]]:
-    what = "spool acceleration" if result.kind == "accelerations" else "force"
-    rows: list[dict[str, object]] = [
-        {
-            "": f"held-out error, % of the rms of the {what}",
-            "before": 100.0 * result.before.nrmse,
-            "after": 100.0 * result.after.nrmse,
-            "noise alone": 100.0 * result.noise_floor,
-        }
-    ]
-    if math.isfinite(result.before.amplitude_ratio):
-        rows.append(
-            {
-                "": "amplitude ratio a_est/a_pom",
-                "before": result.before.amplitude_ratio,
-                "after": result.after.amplitude_ratio,
-                "noise alone": 1.0,
-            }
-        )
-    return rows
-
-
-def _found(result: GapResult) -> list[dict[str, object]]:
-    return [
-        {
-            "effect": effect.id.replace("_", " "),
-            "numbers": "; ".join(
-                f"{one.name.replace('_', ' ')} {with_interval(one.value, one.standard_deviation, one.unit)}"
-                for one in effect.parameters
-            ),
-            "what it means": effect.meaning,
-            "what to check": effect.check,
-        }
-        for effect in result.effects
-    ]
-
-
-def _nuisances(result: GapResult) -> list[dict[str, object]]:
-    return [
-        {
-            "finding": f"{entry.id.replace('_', ' ')}{', left out' if entry.corrected else ''}",
-            "channel": entry.channel,
-            "size": f"{number(entry.size, 2)} {entry.unit}".removesuffix(" 1"),
-            "what to check": entry.check,
-        }
-        for entry in result.nuisances
-    ]
-
-
-def _candidate(name: str) -> str:
-    if name not in EFFECTS:
-        return name.replace("_", " ")
-    entry = EFFECTS[name]
-    return f"{name.replace('_', ' ')}: {entry.on_the_machine}; check {entry.to_check}"
-
-
-def _ranking(result: GapResult) -> list[dict[str, object]]:
-    return [
-        {
-            "hypothesis": row.id.replace("_", " "),
-            "jointly with": ", ".join(name.replace("_", " ") for name in row.jointly_with) or "the base",
-            "error, %": 100.0 * row.nrmse_after,
-            "evidence": f"{row.evidence:.0f}",
-            "verdict": "accepted" if row.accepted else row.reason or "another one is better",
-        }
-        for row in result.ranking[:SHOWN]
-    ]
-
-
-def _numbers(result: GapResult) -> list[dict[str, object]]:
-    base, final = _by_name(result.base), _by_name(result.parameters)
-    return [
-        {
-            "parameter": name.replace("_", " "),
-            "base model": _number(base.get(name)),
-            "with what was found": _number(final.get(name)),
-            "unit": (final.get(name) or base[name]).unit,
-        }
-        for name in dict.fromkeys([*final, *base])
-    ]
-
-
-def _by_name(quantities: Sequence[Quantity]) -> dict[str, Quantity]:
-    return {quantity.name: quantity for quantity in quantities}
-
-
-def _number(quantity: Quantity | None) -> str:
-    if quantity is None:
-        return ""
-    return str(interval(quantity.value, quantity.standard_deviation))
-
-
-def _labels(shares: Sequence[Share]) -> list[str]:
-    if shares and shares[0].unit == "1":
-        return ["backward", "forward"]
-    factor = UNIT.get(shares[0].unit, (1.0, ""))[0] if shares else 1.0
-    return [f"{factor * s.low:.3g}–{factor * s.high:.3g}" for s in shares]
-
-
-def _hypothesis(row: RankedHypothesis) -> str:
-    joint = (
-        f"  (jointly with {', '.join(_said(name) for name in row.jointly_with)})" if row.jointly_with else ""
-    )
-    return _said(row.id) + joint
 
 
 def _said(name: str) -> str:

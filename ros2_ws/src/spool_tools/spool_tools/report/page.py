@@ -9,20 +9,15 @@ import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any
 
-import matplotlib
-
-matplotlib.use("Agg")
 import matplotlib.pyplot as plt
-import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 from spool_core.uncertainty import number
 
 from spool_tools.outputs import provenance
 
-from .evidence.exhibit import Exhibit, LeftOut, Panel
+from .evidence.exhibit import Exhibit, LeftOut
 
 #: What marks a figure that can be zoomed into.
 _ZOOM = '<figure class="zoom">'
@@ -45,7 +40,11 @@ def page(title: str, sections: Iterable[str], sources: Sequence[tuple[str, str]]
         sources: label and value of what it was made from.
     """
     shown = list(sections)
-    styles, programs = _viewer() if any(_ZOOM in section for section in shown) else ("", "")
+    styles = programs = Markup()
+    if any(_ZOOM in section for section in shown):
+        style, program = plotter()
+        styles = Markup(f"<style>{style}</style>")
+        programs = Markup(f"<script>{program}</script><script>{_asset('viewer.js')}</script>")
     template = _TEMPLATES.get_template("page.html")
     return (
         template.render(
@@ -55,13 +54,16 @@ def page(title: str, sections: Iterable[str], sources: Sequence[tuple[str, str]]
     )
 
 
-def _viewer() -> tuple[Markup, Markup]:
-    """Return what a page carries to zoom into its charts: uPlot with its licence, and the viewer."""
+def plotter() -> tuple[str, str]:
+    """Return style and program of uPlot, with its licence, for a page that needs no network."""
     licence = _asset("vendor/uplot/LICENSE")
-    plot = _asset("vendor/uplot/uPlot.iife.min.js").partition("*/")[2].strip()
-    style = Markup(f"<style>{_asset('vendor/uplot/uPlot.min.css')}</style>")
-    programs = f"<script>/*! uPlot\n{licence}\n*/\n{plot}</script><script>{_asset('viewer.js')}</script>"
-    return style, Markup(programs)
+    program = _asset("vendor/uplot/uPlot.iife.min.js").partition("*/")[2].strip()
+    return _asset("vendor/uplot/uPlot.min.css"), f"/*! uPlot\n{licence}\n*/\n{program}"
+
+
+def plain_numbers(row: Iterable[float]) -> list[float | None]:
+    """Return numbers for JSON with as many digits as a screen shows, ``None`` for those not known."""
+    return [float(f"{value:.5g}") if math.isfinite(value) else None for value in row]
 
 
 def _asset(name: str) -> str:
@@ -149,40 +151,36 @@ def _exhibited(item: Exhibit) -> Markup:
     if not item.panels:
         return Markup(_PARTS.drawing(f"{item.title}: {item.seen}", address, caption))
     # What ends a script in HTML must not stand in one.
-    numbers = json.dumps([_panel(one) for one in item.panels], allow_nan=False).replace("</", "<\\/")
-    return Markup(_PARTS.zoomable(f"{item.title}: {item.seen}", address, caption, Markup(numbers)))
-
-
-def _panel(panel: Panel) -> dict[str, object]:
-    return {
-        "across": panel.across,
-        "up": panel.up,
-        "x": _numbers(panel.x),
-        "log_x": panel.log_x,
-        "log_y": panel.log_y,
-        "marks": [[_number(place), text] for place, text in panel.marks],
-        "lines": [
+    numbers = json.dumps(
+        [
             {
-                "label": line.label,
-                "values": _numbers(line.values),
-                "colour": line.colour,
-                "dash": list(line.dash),
-                "width": line.width,
-                **({} if line.low is None else {"low": _numbers(line.low)}),
-                **({} if line.high is None else {"high": _numbers(line.high)}),
+                "across": one.across,
+                "up": one.up,
+                "x": plain_numbers(one.x),
+                "log_x": one.log_x,
+                "log_y": one.log_y,
+                "marks": [
+                    [*plain_numbers([mark.time]), mark.text if mark.raised else f"{mark.text} over"]
+                    for mark in one.marks
+                ],
+                "lines": [
+                    {
+                        "label": line.label,
+                        "values": plain_numbers(line.values),
+                        "colour": line.colour,
+                        "dash": list(line.dash),
+                        "width": line.width,
+                        **({} if line.low is None else {"low": plain_numbers(line.low)}),
+                        **({} if line.high is None else {"high": plain_numbers(line.high)}),
+                    }
+                    for line in one.lines
+                ],
             }
-            for line in panel.lines
+            for one in item.panels
         ],
-    }
-
-
-def _numbers(row: NDArray[np.float64]) -> list[float | None]:
-    return [_number(value) for value in row.tolist()]
-
-
-def _number(value: float) -> float | None:
-    """Return ``value`` with as many digits as a screen shows, ``None`` where it is not known."""
-    return float(f"{value:.5g}") if math.isfinite(value) else None
+        allow_nan=False,
+    ).replace("</", "<\\/")
+    return Markup(_PARTS.zoomable(f"{item.title}: {item.seen}", address, caption, Markup(numbers)))
 
 
 def _drawn(figure: Figure, **how: Any) -> bytes:

@@ -102,6 +102,11 @@ class Ranking:
     equal: tuple[str, ...]
     sentences: tuple[str, ...]
 
+    @property
+    def least_criterion(self) -> float:
+        """Least information criterion of all, NaN where no model has one."""
+        return min((one.criterion for one in self.ranks if math.isfinite(one.criterion)), default=math.nan)
+
 
 def rank(series: Sequence[FittedSeries]) -> Ranking:
     """Return the ranking of models, each fitted to every one of ``series``."""
@@ -114,12 +119,14 @@ def rank(series: Sequence[FittedSeries]) -> Ranking:
         own = [one.validated[place] for one in series]
         reason = next((entry.fit.reason for entry in own if entry.fit.reason is not None), None)
         agreements = [entry.fit.agreement for entry in own]
+        sums = [one for errors in counted if (one := errors[place]) is not None]
+        together = ResidualSum(sum(one.squares for one in sums), sum(one.samples for one in sums))
         found.append(
             Rank(
                 first.name,
                 len(first.fit.parameters),
                 sum(entry.fit.information_criterion for entry in own),
-                _together([errors[place] for errors in counted]),
+                together.rms if len(sums) == len(counted) else math.nan,
                 math.nan,
                 _mean([math.nan if entry is None else entry.objective for entry in agreements]),
                 _mean([math.nan if entry is None else entry.amplitude_ratio for entry in agreements]),
@@ -226,7 +233,17 @@ def fit_and_validate(data: FitData, model: Model, settings: FitSettings) -> Vali
     Raises:
         InputError: the settings do not fit the model.
     """
-    found = _converged(data, model, settings)
+    # A fit that goes on from where it stopped until it converges, ROUNDS times at most.
+    found = fit(data.fitted, model, data.valve, settings)
+    for _ in range(ROUNDS):
+        if found.converged or found.reason is not None:
+            break
+        # Bounds are of the model: what is fitted lies within them.
+        reached = {name: value for name, value in found.values.items() if name not in found.held}
+        further = fit(data.fitted, model, data.valve, replace(settings, start=reached, starts=1))
+        if further.agreement is None:
+            break
+        found = further
     if found.agreement is None or not data.held_out:
         return ValidatedFit(data, found, None)
     try:
@@ -322,15 +339,8 @@ def _mean(values: Sequence[float]) -> float:
     return sum(values) / len(values)
 
 
-def _together(errors: Sequence[ResidualSum | None]) -> float:
-    if any(error is None for error in errors):
-        return math.nan
-    return ResidualSum(
-        sum(error.squares for error in errors if error), sum(error.samples for error in errors if error)
-    ).rms
-
-
-def _runs(series: FittedSeries, records: Sequence[Record]) -> list[Overlay | None]:
+def _errors(series: FittedSeries, records: Sequence[Record]) -> list[ResidualSum | None]:
+    """Return what each model leaves over in ``records``, away from the jumps of the one that leaves least."""
     runs: list[Overlay | None] = []
     for validated in series.validated:
         try:
@@ -338,12 +348,6 @@ def _runs(series: FittedSeries, records: Sequence[Record]) -> list[Overlay | Non
             runs.append(overlay(records, validated.fit, series.data.valve) if usable and records else None)
         except InputError:  # too short for the model's run-in
             runs.append(None)
-    return runs
-
-
-def _errors(series: FittedSeries, records: Sequence[Record]) -> list[ResidualSum | None]:
-    """Return what each model leaves over in ``records``, away from the jumps of the one that leaves least."""
-    runs = _runs(series, records)
     kept = away_from_jumps(runs)
     return [
         None if run is None else ResidualSum(
@@ -352,18 +356,3 @@ def _errors(series: FittedSeries, records: Sequence[Record]) -> list[ResidualSum
         )
         for run in runs
     ]  # fmt: skip
-
-
-def _converged(data: FitData, model: Model, settings: FitSettings) -> Fit:
-    """Return a fit that goes on from where it stopped until it converges, ``ROUNDS`` times at most."""
-    found = fit(data.fitted, model, data.valve, settings)
-    for _ in range(ROUNDS):
-        if found.converged or found.reason is not None:
-            break
-        # Bounds are of the model: what is fitted lies within them.
-        reached = {name: value for name, value in found.values.items() if name not in found.held}
-        further = fit(data.fitted, model, data.valve, replace(settings, start=reached, starts=1))
-        if further.agreement is None:
-            break
-        found = further
-    return found

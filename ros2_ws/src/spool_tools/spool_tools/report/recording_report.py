@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import matplotlib
-from spool_core.numbers import Array
-
-matplotlib.use("Agg")
-
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -18,8 +14,9 @@ from matplotlib.figure import Figure
 from spool_bag.reader import BagReader
 from spool_core.block_gate import malformed
 from spool_core.events.sentences import title
+from spool_core.numbers import Array
 from spool_core.text import plural
-from spool_core.uncertainty import LEGEND, PLUS_MINUS, Z_95, Shown, interval, with_interval
+from spool_core.uncertainty import LEGEND, PLUS_MINUS, Z_95, interval, with_interval
 
 from spool_tools.outputs import sources
 from spool_tools.report import page as html
@@ -45,9 +42,44 @@ def write_report(folder: Path, reader: BagReader, analysis: dict[str, Any]) -> P
     start = min((float(table[0, 0]) for table in peaks.values() if table.size), default=0.0)
     for name, valve in analysis["valves"].items():
         figure = draw_valve(reader, name, peaks[name], start, valve["events"])
-        image, content = html.picture(figure, _seen(name, valve), dpi=150)
+        raised = [event for event in valve["events"] if event["state"] == "raised"]
+        events = ", ".join(f"{title(one['code'], one['kind'])} at {one['t_s']:.0f} s" for one in raised)
+        image, content = html.picture(
+            figure,
+            f"{name} over time: peak acceleration of body and spool, the frequency that the body shakes at "
+            "next to the natural frequency, viscous coefficient, Coulomb force. "
+            f"Events: {events or 'none'}.",
+            dpi=150,
+        )
         (folder / f"{name.replace('/', '_')}.png").write_bytes(content)
-        sections += _section(name, valve, image)
+        parameters = [
+            {
+                "parameter": key.replace("_", " "),
+                "at the end": shown.value,
+                PLUS_MINUS: shown.half_width,
+                "unit": value["unit"],
+            }
+            for key, value in valve["estimate"]["parameters"].items()
+            for numbers in [[math.nan if value[one] is None else value[one] for one in ("value", "std")]]
+            for shown in [interval(*numbers)]
+        ]
+        listed = [
+            {
+                "time": f"{event['t_s']:.1f} s",
+                "event": f"{event['severity']} {event['state']}",
+                "headline": event["message"],
+                "details": html.folded("show", event["details"]),
+            }
+            for event in valve["events"]
+        ]
+        sections += [
+            html.heading(name),
+            image,
+            html.table(
+                ["parameter", "at the end", PLUS_MINUS, "unit"], parameters, ("at the end", PLUS_MINUS)
+            ),
+            html.table(["time", "event", "headline", "details"], listed, ("time",)),
+        ]
     lost = sum(valve["lost_blocks"] for valve in analysis["valves"].values())
     summary = (
         f"{plural(len(analysis['valves']), 'valve')}, {analysis['duration_s'] or 0.0:.0f} s, "
@@ -98,7 +130,12 @@ def draw_valve(
             axis.axvspan(begin, until, color=EVENT, alpha=0.18, lw=0)
     for axis in axes[:2]:
         axis.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, frameon=False, borderpad=0.0)
-    _name_events(axes[0], events)
+    for number, (label, begin, _) in enumerate(sorted(_spans(events, 0.0), key=lambda span: span[1])):
+        # Two heights in turn, so that neighbours stay apart.
+        axes[0].annotate(
+            label, (begin, 0.02 + 0.13 * (number % 2)), xycoords=("data", "axes fraction"), fontsize=8,
+            va="bottom", xytext=(2, 0), textcoords="offset points",
+        )  # fmt: skip
     figure.suptitle(name)
     return figure
 
@@ -119,9 +156,19 @@ def replay_page(
     if result["warnings"]:
         sections.append(html.listing([f"Warning: {text}" for text in result["warnings"]]))
     for name, valve in result["valves"].items():
+        raised = [event for event in valve["events"] if event["state"] == "raised"]
+        count = f"{len(raised)} event{'' if len(raised) == 1 else 's'}"
+        lost = f"; {plural(valve['lost_blocks'], 'block')} lost" if valve["lost_blocks"] else ""
+        rows: list[dict[str, object]] = [
+            {
+                "parameter": name.replace("_", " "),
+                "value at the end": with_interval(one["value"], one["std"], one["unit"]),
+            }
+            for name, one in valve["estimate"]["parameters"].items()
+        ]
         sections += [
             html.heading(name),
-            html.verdict(_verdict(name, valve)),
+            html.verdict(f"{name} at the end: {valve['health']['summary']}; {count} in the record{lost}."),
             html.paragraph(valve["valve"]["sentence"]),
             html.paragraph(f"Judged by {valve['limits']['sentence']}."),
             *(
@@ -130,7 +177,7 @@ def replay_page(
                 else []
             ),
             *_events(valve),
-            *_parameters(valve),
+            *([html.table(list(rows[0]), rows), html.paragraph(f"{LEGEND}.")] if rows else []),
             html.heading(f"Evidence of {name}"),
             html.paragraph(ABOUT),
             *html.evidence(evidence.get(name, ())),
@@ -192,67 +239,6 @@ def _spans(events: list[dict[str, Any]], end: float) -> list[tuple[str, float, f
     return spans + [(key, since, end) for key, since in begun.items()]
 
 
-def _name_events(axis: Axes, events: list[dict[str, Any]]) -> None:
-    for number, (label, begin, _) in enumerate(sorted(_spans(events, 0.0), key=lambda span: span[1])):
-        # Two heights in turn, so that neighbours stay apart.
-        axis.annotate(
-            label, (begin, 0.02 + 0.13 * (number % 2)), xycoords=("data", "axes fraction"), fontsize=8,
-            va="bottom", xytext=(2, 0), textcoords="offset points",
-        )  # fmt: skip
-
-
-def _section(name: str, valve: dict[str, Any], image: str) -> list[str]:
-    parameters = [
-        {
-            "parameter": key.replace("_", " "),
-            "at the end": shown.value,
-            PLUS_MINUS: shown.half_width,
-            "unit": value["unit"],
-        }
-        for key, value in valve["estimate"]["parameters"].items()
-        for shown in (_interval(value),)
-    ]
-    events = [
-        {
-            "time": f"{event['t_s']:.1f} s",
-            "event": f"{event['severity']} {event['state']}",
-            "headline": event["message"],
-            "details": html.folded("show", event["details"]),
-        }
-        for event in valve["events"]
-    ]
-    return [
-        html.heading(name),
-        image,
-        html.table(["parameter", "at the end", PLUS_MINUS, "unit"], parameters, ("at the end", PLUS_MINUS)),
-        html.table(["time", "event", "headline", "details"], events, ("time",)),
-    ]
-
-
-def _seen(name: str, valve: dict[str, Any]) -> str:
-    """Return what the picture of a valve shows, in words."""
-    raised = [event for event in valve["events"] if event["state"] == "raised"]
-    events = ", ".join(f"{title(one['code'], one['kind'])} at {one['t_s']:.0f} s" for one in raised)
-    return (
-        f"{name} over time: peak acceleration of body and spool, the frequency that the body shakes at "
-        "next to the natural frequency, viscous coefficient, Coulomb force. "
-        f"Events: {events or 'none'}."
-    )
-
-
-def _interval(value: dict[str, Any]) -> Shown:
-    """Return what is shown of an entry of ``replay --json``, in which null is what is not known."""
-    number, deviation = (float("nan") if value[key] is None else value[key] for key in ("value", "std"))
-    return interval(number, deviation)
-
-
-def _verdict(name: str, valve: Mapping[str, Any]) -> str:
-    raised = [event for event in valve["events"] if event["state"] == "raised"]
-    count = f"{len(raised)} event{'' if len(raised) == 1 else 's'}"
-    lost = f"; {plural(valve['lost_blocks'], 'block')} lost" if valve["lost_blocks"] else ""
-    return f"{name} at the end: {valve['health']['summary']}; {count} in the record{lost}."
-
-
 def _events(valve: Mapping[str, Any]) -> list[str]:
     if not valve["events"]:
         return [html.paragraph("No event.")]
@@ -266,14 +252,3 @@ def _events(valve: Mapping[str, Any]) -> list[str]:
         for event in valve["events"]
     ]
     return [html.table(list(rows[0]), rows, {"time, s"})]
-
-
-def _parameters(valve: Mapping[str, Any]) -> list[str]:
-    rows: list[dict[str, object]] = [
-        {
-            "parameter": name.replace("_", " "),
-            "value at the end": with_interval(one["value"], one["std"], one["unit"]),
-        }
-        for name, one in valve["estimate"]["parameters"].items()
-    ]
-    return [html.table(list(rows[0]), rows), html.paragraph(f"{LEGEND}.")] if rows else []

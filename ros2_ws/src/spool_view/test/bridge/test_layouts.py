@@ -12,7 +12,12 @@ import pytest
 from spool_bag.reader import BagReader
 from spool_msgs.msg import ModelEstimate, ValveHealth
 from spool_tools.cli import main
-from spool_view.layouts import PlottedValve, foxglove_layout, plotjuggler_layout, recorded_valves
+from spool_view.commands.layout_command import (
+    PlottedValve,
+    foxglove_layout,
+    plotjuggler_layout,
+    recorded_valves,
+)
 
 VALVES = [PlottedValve("valve_1"), PlottedValve("press/left", ("spring_stiffness", "viscous_coefficient"))]
 TYPES = {"estimate": ModelEstimate, "health": ValveHealth}

@@ -22,36 +22,13 @@ from spool_monitor.event import Event, EventState
 from spool_monitor.parameter_drift import DriftTrace
 from spool_sim.model import Model, load_model
 from spool_sim.valve import Valve
-from spool_tools.report.evidence.confidence import (
-    ELLIPSE_TITLE,
-    WHITENESS_TITLE,
-    Mark,
-    confidence_ellipse,
-    drift,
-    ellipse_of,
-    residual_whiteness,
-    title_of,
-    whiteness,
-)
-from spool_tools.report.evidence.exhibit import Exhibit, LeftOut, made
-from spool_tools.report.evidence.motion import (
-    LOOPS_TITLE,
-    TRANSMISSIBILITY_TITLE,
-    Numbers,
-    Runs,
-    force_loops,
-    loops_from,
-    loops_of,
-    of_one_rate,
-    runs_of,
-    transmissibility,
-)
+from spool_tools.report.evidence import confidence, motion
+from spool_tools.report.evidence.exhibit import Exhibit, LeftOut, Mark, made
 from spool_tools.report.evidence.spectra import (
     BANDS_TITLE,
     CAMPBELL_TITLE,
     TITLE_FORCE,
     Frequency,
-    Spectrogram,
     bands_of,
     campbell,
     constant,
@@ -85,23 +62,23 @@ class AccelerationEvidence:
 
     records: Sequence[Record]
     valve: Valve
-    sides: Sequence[Numbers]
+    sides: Sequence[motion.Numbers]
     frequencies: Mapping[str, Frequency] | None = None
-    _runs: Runs | None = field(default=None, init=False)
+    _runs: motion.Runs | None = field(default=None, init=False)
 
     def exhibits(self) -> list[Exhibit | LeftOut]:
         """Return every picture, or why it is left out, in the order in which an expert looks."""
         wanted: tuple[tuple[str, Callable[[], Exhibit]], ...] = (
             (BANDS_TITLE, self._bands),
             (CAMPBELL_TITLE, self._campbell),
-            (TRANSMISSIBILITY_TITLE, lambda: transmissibility(self._both())),
-            (LOOPS_TITLE, self._loops),
-            (WHITENESS_TITLE, self._whiteness),
+            (motion.TRANSMISSIBILITY_TITLE, lambda: motion.transmissibility(self._both())),
+            (motion.LOOPS_TITLE, self._loops),
+            (confidence.WHITENESS_TITLE, self._whiteness),
         )
         return [made(title, build) for title, build in wanted]
 
     def _bands(self) -> Exhibit:
-        rows = of_one_rate(self.records)
+        rows = motion.of_one_rate(self.records)
         spectra = cross_spectra(
             [entry.body for entry in rows], [entry.spool for entry in rows], rows[0].sample_period
         )
@@ -111,36 +88,34 @@ class AccelerationEvidence:
         return information_bands(bands_of(spectra, *known))
 
     def _campbell(self) -> Exhibit:
-        rows = of_one_rate(self.records)
+        rows = motion.of_one_rate(self.records)
         limit = max(excitation_limit(entry) for entry in rows)
         highest = max(BEYOND * min(limit, 400.0), HARMONICS * self.valve.natural_frequency)
         shown = spectrogram(rows_of(rows), rows[0].sample_period, highest)
-        return campbell(shown, self.frequencies or self._constant(shown))
-
-    def _constant(self, shown: Spectrogram) -> dict[str, Frequency]:
-        return {
+        of_sides = {
             side.name: constant(side.natural_frequency, shown)
             for side in self.sides
             if np.isfinite(side.natural_frequency)
         }
+        return campbell(shown, self.frequencies or of_sides)
 
     def _loops(self) -> Exhibit:
         self._need_a_model()
-        return force_loops(loops_of(self.records, self.sides))
+        return motion.force_loops(motion.loops_of(self.records, self.sides))
 
     def _whiteness(self) -> Exhibit:
         runs = self._both()
-        found = {name: whiteness(runs.residuals(name), runs.period) for name in runs.simulated}
-        return residual_whiteness(found)
+        found = {name: confidence.whiteness(runs.residuals(name), runs.period) for name in runs.simulated}
+        return confidence.residual_whiteness(found)
 
     def _need_a_model(self) -> None:
         if not self.sides:
             raise InputError("no model of this valve is known from the record")
 
-    def _both(self) -> Runs:
+    def _both(self) -> motion.Runs:
         self._need_a_model()
         if self._runs is None:
-            self._runs = runs_of(self.records, self.valve, self.sides)
+            self._runs = motion.runs_of(self.records, self.valve, self.sides)
         return self._runs
 
 
@@ -149,16 +124,19 @@ def force_exhibits(records: Sequence[ForceRecord], curves: Curves) -> list[Exhib
     wanted: tuple[tuple[str, Callable[[], Exhibit]], ...] = (
         (TITLE_FORCE, lambda: _bands(records)),
         (CAMPBELL_TITLE, lambda: _over_time(records)),
-        (TRANSMISSIBILITY_TITLE, _no_body),
-        (LOOPS_TITLE, lambda: _loops(records, curves)),
-        (WHITENESS_TITLE, lambda: _whiteness(curves)),
+        (motion.LOOPS_TITLE, lambda: _loops(records, curves)),
+        (confidence.WHITENESS_TITLE, lambda: _whiteness(curves)),
     )
-    return [made(title, build) for title, build in wanted]
+    no_body = LeftOut(
+        motion.TRANSMISSIBILITY_TITLE, "a record of force and displacement holds no acceleration of the body"
+    )
+    bands, over_time, *others = [made(title, build) for title, build in wanted]
+    return [bands, over_time, no_body, *others]
 
 
 def fit_exhibits(found: Fit, valve: Valve, records: Sequence[Record]) -> list[Exhibit | LeftOut]:
     """Return the evidence of ``found``, fitted to ``records``."""
-    side = Numbers(
+    side = motion.Numbers(
         found.model.name.replace("_", " "),
         found.model,
         found.values,
@@ -166,8 +144,10 @@ def fit_exhibits(found: Fit, valve: Valve, records: Sequence[Record]) -> list[Ex
         found.sensor.get(SPOOL_DELAY, 0.0),
     )
     ellipse = made(
-        ELLIPSE_TITLE,
-        lambda: confidence_ellipse(ellipse_of(found.parameters, found.observable, found.correlation)),
+        confidence.ELLIPSE_TITLE,
+        lambda: confidence.confidence_ellipse(
+            confidence.ellipse_of(found.parameters, found.observable, found.correlation)
+        ),
     )
     return [*AccelerationEvidence(records, valve, (side,)).exhibits(), ellipse]
 
@@ -223,17 +203,16 @@ def replay_exhibits(one: Replayed) -> list[Exhibit | LeftOut]:
     ]
     units = {} if one.latest is None else {q.name: q.unit for q in one.latest.parameters}
     drifts = [
-        made(title_of(name), partial(drift, name, units.get(name, ""), points, one.first, marks))
+        made(
+            confidence.title_of(name),
+            partial(confidence.drift, name, units.get(name, ""), points, one.first, marks),
+        )
         for name, points in one.trace.points.items()
     ]
     if not drifts:
         drifts = [LeftOut("Drift of the parameters", "the estimator gave no estimate in this record")]
     shown = AccelerationEvidence(one.records, one.valve, _sides(one), _frequencies(one)).exhibits()
-    return [*drifts, *shown, made(ELLIPSE_TITLE, partial(_drift_ellipse, one))]
-
-
-def _no_body() -> Exhibit:
-    raise InputError("a record of force and displacement holds no acceleration of the body")
+    return [*drifts, *shown, made(confidence.ELLIPSE_TITLE, partial(_drift_ellipse, one))]
 
 
 def _bands(records: Sequence[ForceRecord]) -> Exhibit:
@@ -269,31 +248,35 @@ def _loops(records: Sequence[ForceRecord], curves: Curves) -> Exhibit:
             velocity = np.gradient(centred, entry.period)
             models = {BASE: curves.before, FOUND: curves.after}
             part = (float(curves.time[0]), centred, velocity, curves.measured, models)
-            return force_loops(loops_from([part], entry.period))
+            return motion.force_loops(motion.loops_from([part], entry.period))
     raise InputError("the stretch that the analysis shows is not among the records")
 
 
 def _whiteness(curves: Curves) -> Exhibit:
     period = float(np.median(np.diff(curves.time)))
     sides = {BASE: curves.before, FOUND: curves.after}
-    found = {name: whiteness([curves.measured - row], period) for name, row in sides.items()}
-    return residual_whiteness(found, "N")
+    found = {name: confidence.whiteness([curves.measured - row], period) for name, row in sides.items()}
+    return confidence.residual_whiteness(found, "N")
 
 
-def _numbers(name: str, model: Model, values: Mapping[str, float], found: Sequence[Quantity]) -> Numbers:
+def _numbers(
+    name: str, model: Model, values: Mapping[str, float], found: Sequence[Quantity]
+) -> motion.Numbers:
     own = {quantity.name: quantity.value for quantity in found}
     full = {**values, **{key: value for key, value in own.items() if key in values}}
-    return Numbers(name, model, full, own.get(GAIN, 0.0), own.get(DELAY, 0.0))
+    return motion.Numbers(name, model, full, own.get(GAIN, 0.0), own.get(DELAY, 0.0))
 
 
 def _ellipse(result: GapResult) -> Exhibit | LeftOut:
     return made(
-        ELLIPSE_TITLE,
-        lambda: confidence_ellipse(ellipse_of(result.parameters, result.correlated, result.correlation)),
+        confidence.ELLIPSE_TITLE,
+        lambda: confidence.confidence_ellipse(
+            confidence.ellipse_of(result.parameters, result.correlated, result.correlation)
+        ),
     )
 
 
-def _sides(one: Replayed) -> tuple[Numbers, ...]:
+def _sides(one: Replayed) -> tuple[motion.Numbers, ...]:
     if one.latest is None:
         return ()
     known = {q.name: q.value for q in one.latest.parameters if np.isfinite(q.value)}
@@ -301,7 +284,7 @@ def _sides(one: Replayed) -> tuple[Numbers, ...]:
     own = {name: value for name, value in known.items() if name in {p.name for p in model.parameters}}
     if "spring_stiffness" not in own or "viscous_coefficient" not in own:
         return ()
-    return (Numbers(NAME, model, {**model.values_for(one.valve), **own}),)
+    return (motion.Numbers(NAME, model, {**model.values_for(one.valve), **own}),)
 
 
 def _frequencies(one: Replayed) -> dict[str, Frequency] | None:
@@ -319,5 +302,7 @@ def _drift_ellipse(one: Replayed) -> Exhibit:
     for found in reversed(one.refits):
         if found.fitted:
             correlation = np.reshape(found.correlations, (len(found.fitted),) * 2)
-            return confidence_ellipse(ellipse_of(tuple(found.parameters), tuple(found.fitted), correlation))
+            return confidence.confidence_ellipse(
+                confidence.ellipse_of(tuple(found.parameters), tuple(found.fitted), correlation)
+            )
     raise InputError("the online estimates hold no covariance of both; --refits does, or ./spool fit")

@@ -22,13 +22,15 @@ from spool_tools.report.evidence.exhibit import (
     AFTER,
     BEFORE,
     DARK,
-    DASHED,
     FLOOR,
     MEASURED,
+    MODEL_LOOKS,
     WIDTH,
     Exhibit,
     Line,
+    Mark,
     Panel,
+    drawn,
     plain,
     thinned,
 )
@@ -60,7 +62,6 @@ WHITENESS_CAPTION = (
     "missing motion), a slow fall (drift), a sharp line in the spectrum (hum, another machine). Noise of a "
     "real channel is never quite white: what matters is how much less is left than before."
 )
-LOOKS = ((BEFORE, DASHED, (6, 3)), (AFTER, "-", ()))
 #: Share of lags outside of the band up to which chance may do it.
 CHANCE = 0.08
 
@@ -106,9 +107,9 @@ class Ellipse:
         apart = np.asarray(pair) - self.centre
         return bool(apart @ np.linalg.solve(self.covariance, apart) <= CHI_SQUARED_95)
 
-    def outline(self, points: int = 181) -> Array:
-        """Return points around it, shape (2, points)."""
-        angle = np.linspace(0.0, 2.0 * math.pi, points)
+    def outline(self) -> Array:
+        """Return points around it, shape (2, 181)."""
+        angle = np.linspace(0.0, 2.0 * math.pi, 181)
         circle = np.array([np.cos(angle), np.sin(angle)])
         root = np.linalg.cholesky(self.covariance)
         return np.asarray(self.centre[:, np.newaxis] + math.sqrt(CHI_SQUARED_95) * root @ circle)
@@ -162,7 +163,27 @@ def confidence_ellipse(ellipse: Ellipse) -> Exhibit:
     axis.ticklabel_format(useOffset=False)
     plain(axis, f"viscous coefficient, {ellipse.units[0]}", f"Coulomb force, {ellipse.units[1]}")
     axis.legend(fontsize=8, frameon=False)
-    return Exhibit(ELLIPSE_TITLE, figure, ELLIPSE_CAPTION, _ellipse_seen(ellipse))
+    values = [
+        with_interval(value, deviation, unit)
+        for value, deviation, unit in zip(
+            ellipse.centre.tolist(), ellipse.deviations.tolist(), ellipse.units, strict=True
+        )
+    ]
+    correlation = ellipse.correlation
+    told = (
+        "what one gains the other loses, so neither is right by itself if the other is wrong"
+        if abs(correlation) > ALIKE
+        else "the record tells them apart"
+    )
+    without = ellipse.holds(np.array([ellipse.centre[0], 0.0]))
+    zero = "; no dry friction at all lies within" if without else ""
+    return Exhibit(
+        ELLIPSE_TITLE,
+        figure,
+        ELLIPSE_CAPTION,
+        f"Viscous coefficient {values[0]}, Coulomb force {values[1]} (± 95 %), correlation "
+        f"{correlation:+.2f}: {told}{zero}.",
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -223,55 +244,40 @@ def whiteness(rows: Sequence[Array], period: float) -> Whiteness:
 
 def residual_whiteness(found: Mapping[str, Whiteness], unit: str = "m/s²") -> Exhibit:
     """Return the picture of the residuals ``found``, by the name of their model; ``unit`` of the signal."""
-    looks = dict(zip(found, LOOKS[-len(found) :], strict=True))
-    first = next(iter(found.values()))
-    last = list(found.values())[-1]
-    figure, (upper, lower) = plt.subplots(2, 1, figsize=(WIDTH, 6.0), layout="constrained")
-    upper.axhspan(-last.band, last.band, color="#dddddd", lw=0, zorder=0, label="95 % band of white noise")
-    upper.axhline(0.0, color=MEASURED, lw=0.6)
-    for name, one in found.items():
-        colour, dash, _ = looks[name]
-        upper.plot(1e3 * one.lag, one.correlation, color=colour, ls=dash, lw=1.1, label=name)
-        inside = one.frequency > 0.0
-        lower.loglog(
-            one.frequency[inside], np.sqrt(np.maximum(one.density[inside], 1e-30)), color=colour, ls=dash,
-            lw=1.1, label=name,
-        )  # fmt: skip
-    white = last.rms / np.sqrt(max(float(last.frequency[-1]), 1e-9))
-    lower.axhline(white, color=FLOOR, lw=1.0, ls=(0, (1.5, 1.2)), label="white noise of the same size")
-    plain(upper, "lag, ms", "autocorrelation, 1")
-    plain(lower, "frequency, Hz", f"amplitude density, {unit}/√Hz")
-    for axis in (upper, lower):
-        axis.margins(x=0.0)
-        axis.legend(fontsize=8, frameon=False, ncols=3)
+    looks = MODEL_LOOKS[-len(found) :]
+    first, last = next(iter(found.values())), list(found.values())[-1]
     (lag,) = thinned(1e3 * last.lag)
     inside = first.frequency > 0.0
-    correlations = tuple(
-        Line(name, thinned(one.correlation)[0], looks[name][0], looks[name][2]) for name, one in found.items()
-    )
+    shown = list(zip(found.items(), looks, strict=True))
+    correlations = [Line(name, thinned(one.correlation)[0], *look, width=1.1) for (name, one), look in shown]
+    densities = [
+        Line(name, np.sqrt(np.maximum(one.density[inside], 1e-30)), *look, width=1.1)
+        for (name, one), look in shown
+    ]
     band = np.full(lag.size, last.band)
-    zero = Line("95 % band of white noise", np.zeros(lag.size), MEASURED, (), -band, band, 0.6)
-    densities = tuple(
-        Line(name, np.sqrt(np.maximum(one.density[inside], 1e-30)), looks[name][0], looks[name][2])
-        for name, one in found.items()
-    )
+    white = np.full(densities[0].values.size, last.rms / np.sqrt(max(float(last.frequency[-1]), 1e-9)))
     panels = (
-        Panel("lag, ms", "autocorrelation, 1", lag, (zero, *correlations)),
         Panel(
-            "frequency, Hz", f"amplitude density, {unit}/√Hz", first.frequency[inside], densities,
+            "lag, ms", "autocorrelation, 1", lag,
+            (Line("95 % band of white noise", 0.0 * band, MEASURED, (), -band, band, 0.6), *correlations),
+        ),
+        Panel(
+            "frequency, Hz", f"amplitude density, {unit}/√Hz", first.frequency[inside],
+            (*densities, Line("white noise of the same size", white, FLOOR, (2, 2), width=1.0)),
             log_x=True, log_y=True,
         ),
     )  # fmt: skip
-    return Exhibit(WHITENESS_TITLE, figure, WHITENESS_CAPTION, _whiteness_seen(found, unit), panels)
-
-
-@dataclass(frozen=True, slots=True)
-class Mark:
-    """Event at ``time`` (s): its ``text``, and whether it was raised or cleared."""
-
-    time: float
-    text: str
-    raised: bool
+    parts = []
+    for name, one in found.items():
+        verdict = "as white noise would" if one.outside <= CHANCE else "where white noise leaves it at 5 %"
+        peak = float(one.frequency[inside][int(np.argmax(one.density[inside]))])
+        parts.append(
+            f"{name}: {number(one.rms, 2)} {unit} rms left, most of it per Hz at {number(peak, 3)} Hz, and "
+            f"its autocorrelation leaves the band at {100.0 * one.outside:.0f} % of the lags, {verdict}"
+        )
+    text = "; ".join(parts)
+    figure = drawn(panels, (1, 1), 6.0)
+    return Exhibit(WHITENESS_TITLE, figure, WHITENESS_CAPTION, f"{text[0].upper()}{text[1:]}.", panels)
 
 
 def title_of(name: str) -> str:
@@ -306,73 +312,47 @@ def drift(name: str, unit: str, points: Sequence[DriftPoint], first: int, marks:
     if not np.isfinite(table[:, 0]).any():
         raise InputError("the estimator gave no value of it in this record")
     time = np.asarray((stamps[rising] - first) * 1e-9, dtype=np.float64)
-    value, deviation, baseline, spread, matters, up, down, threshold = table.T
-    half = Z_95 * deviation
-    figure, (upper, lower) = plt.subplots(
-        2, 1, figsize=(WIDTH, 5.2), layout="constrained", sharex=True, height_ratios=(3, 2)
-    )
-    upper.fill_between(
-        time, baseline - Z_95 * spread, baseline + Z_95 * spread, color=MEASURED, alpha=0.3, lw=0
-    )
-    upper.plot(time, baseline, color=MEASURED, lw=1.6, label="baseline")
-    for factor, dash, label in ((1.0, (0, (5, 2)), "matters"), (2.0, (0, (1.5, 1.2)), "alarm")):
-        for place, sign in enumerate((-1.0, 1.0)):
-            upper.plot(
-                time, baseline + sign * factor * matters, color=DARK, ls=dash, lw=0.9,
-                label=label if place == 0 else None,
-            )  # fmt: skip
-    upper.fill_between(time, value - half, value + half, color=AFTER, alpha=0.3, lw=0)
-    upper.plot(time, value, color=AFTER, lw=1.2, label="estimate")
-    for row, colour, style, label in (
-        (up, BEFORE, "--", "sum of a rise"),
-        (down, AFTER, "-", "sum of a fall"),
-    ):
-        lower.plot(time, row, color=colour, ls=style, lw=1.3, label=label)
-    lower.plot(time, threshold, color=FLOOR, ls=(0, (1.5, 1.2)), lw=1.2, label="threshold")
-    top = (
-        max(3.0 * float(np.nanmin(threshold)), 1.1 * float(max(up.max(), down.max())))
-        if np.isfinite(threshold).any()
-        else None
-    )
-    lower.set_ylim(0.0, top)
-    for mark in marks[:MARKED]:
-        for axis in (upper, lower):
-            axis.axvline(mark.time, color=DARK, lw=0.7, ls="-" if mark.raised else ":")
-    _bounded(upper, value, half, baseline, matters)
-    _labelled(upper, marks[:MARKED])
-    plain(upper, "", f"{_words(name)}, {unit}")
-    plain(lower, "time since the start of the record, s", "cumulative sum, s")
-    for axis in (upper, lower):
-        axis.legend(fontsize=7.5, frameon=False, ncols=4, loc="lower left")
-        axis.margins(x=0.0)
-    return Exhibit(
-        title_of(name),
-        figure,
-        DRIFT_CAPTION,
-        _drift_seen(name, unit, time, table),
-        _panels(name, unit, time, table, marks),
-    )
-
-
-def _ellipse_seen(ellipse: Ellipse) -> str:
-    values = [
-        with_interval(value, deviation, unit)
-        for value, deviation, unit in zip(
-            ellipse.centre.tolist(), ellipse.deviations.tolist(), ellipse.units, strict=True
+    x, *rows = thinned(time, *table.T)
+    value, deviation, baseline, spread, matters, up, down, threshold = rows
+    half, wide = Z_95 * deviation, Z_95 * spread
+    limits = [
+        Line(
+            f"{label} {'above' if sign > 0.0 else 'below'}", baseline + sign * factor * matters, DARK, dash,
+            width=0.9,
         )
-    ]
-    correlation = ellipse.correlation
-    told = (
-        "what one gains the other loses, so neither is right by itself if the other is wrong"
-        if abs(correlation) > ALIKE
-        else "the record tells them apart"
-    )
-    without = ellipse.holds(np.array([ellipse.centre[0], 0.0]))
-    zero = "; no dry friction at all lies within" if without else ""
-    return (
-        f"Viscous coefficient {values[0]}, Coulomb force {values[1]} (± 95 %), correlation "
-        f"{correlation:+.2f}: {told}{zero}."
-    )
+        for factor, dash, label in ((1.0, (6, 3), "matters"), (2.0, (2, 2), "alarm"))
+        for sign in (-1.0, 1.0)
+    ]  # fmt: skip
+    span = top = None
+    if np.isfinite(baseline).any():  # show what was judged: first estimates may be anything
+        known = np.concatenate([value, baseline - 2.2 * matters, baseline + 2.2 * matters])
+        low, high = np.quantile(known[np.isfinite(known)], (0.01, 0.99)).tolist()
+        room = 0.08 * (high - low) + float(np.nanmedian(half))
+        span = (low - room, high + room)
+    if np.isfinite(threshold).any():
+        top = max(3.0 * float(np.nanmin(threshold)), 1.1 * float(max(up.max(), down.max())))
+    panels = (
+        Panel(
+            "time since the start of the record, s", f"{_words(name)}, {unit}", x,
+            (
+                Line("baseline", baseline, MEASURED, (), baseline - wide, baseline + wide, 1.6),
+                *limits,
+                Line("estimate", value, AFTER, (), value - half, value + half, 1.2),
+            ),
+            marks=tuple(marks[:MARKED]), span=span,
+        ),
+        Panel(
+            "time since the start of the record, s", "cumulative sum, s", x,
+            (
+                Line("sum of a rise", up, BEFORE, (6, 3), width=1.3),
+                Line("sum of a fall", down, AFTER, width=1.3),
+                Line("threshold", threshold, FLOOR, (2, 2), width=1.2),
+            ),
+            marks=tuple(marks[:MARKED]), span=None if top is None else (0.0, top),
+        ),
+    )  # fmt: skip
+    seen = _drift_seen(name, unit, time, table)
+    return Exhibit(title_of(name), drawn(panels, (3, 2), 5.2), DRIFT_CAPTION, seen, panels)
 
 
 def _products(row: Array, lags: int) -> Array:
@@ -380,77 +360,6 @@ def _products(row: Array, lags: int) -> Array:
     length = fft.next_fast_len(row.size + lags, real=True)
     lines = fft.rfft(row, length)
     return np.asarray(fft.irfft(lines * np.conj(lines), length)[: lags + 1])
-
-
-def _whiteness_seen(found: Mapping[str, Whiteness], unit: str) -> str:
-    parts = []
-    for name, one in found.items():
-        verdict = "as white noise would" if one.outside <= CHANCE else "where white noise leaves it at 5 %"
-        inside = one.frequency > 0.0
-        peak = float(one.frequency[inside][int(np.argmax(one.density[inside]))])
-        parts.append(
-            f"{name}: {number(one.rms, 2)} {unit} rms left, most of it per Hz at {number(peak, 3)} Hz, and "
-            f"its autocorrelation leaves the band at {100.0 * one.outside:.0f} % of the lags, {verdict}"
-        )
-    text = "; ".join(parts)
-    return f"{text[0].upper()}{text[1:]}."
-
-
-def _bounded(axis: plt.Axes, value: Array, half: Array, baseline: Array, matters: Array) -> None:
-    """Show what was judged: first estimates may be anything."""
-    known = np.concatenate([value, baseline - 2.2 * matters, baseline + 2.2 * matters])
-    known = known[np.isfinite(known)]
-    if np.isfinite(baseline).any():
-        low, high = np.quantile(known, (0.01, 0.99)).tolist()
-        room = 0.08 * (high - low) + float(np.nanmedian(half))
-        axis.set_ylim(low - room, high + room)
-
-
-def _labelled(axis: plt.Axes, marks: Sequence[Mark]) -> None:
-    for mark in marks:
-        if mark.raised:
-            axis.annotate(
-                mark.text, (mark.time, 1.0), xycoords=("data", "axes fraction"), xytext=(2, -2),
-                textcoords="offset points", rotation=90, va="top", fontsize=6.5, color=DARK,
-            )  # fmt: skip
-
-
-def _panels(name: str, unit: str, time: Array, table: Array, marks: Sequence[Mark]) -> tuple[Panel, ...]:
-    x, *rows = thinned(time, *table.T)
-    value, deviation, baseline, spread, matters, up, down, threshold = rows
-    half, wide = Z_95 * deviation, Z_95 * spread
-    limits = tuple(
-        Line(
-            f"{label} {'above' if sign > 0.0 else 'below'}",
-            baseline + sign * factor * matters,
-            DARK,
-            dash,
-            width=1.0,
-        )
-        for factor, dash, label in ((1.0, (6, 3), "matters"), (2.0, (2, 2), "alarm"))
-        for sign in (-1.0, 1.0)
-    )
-    shown = tuple((mark.time, mark.text if mark.raised else f"{mark.text} over") for mark in marks[:MARKED])
-    return (
-        Panel(
-            "time, s", f"{_words(name)}, {unit}", x,
-            (
-                Line("baseline", baseline, MEASURED, (), baseline - wide, baseline + wide),
-                *limits,
-                Line("estimate", value, AFTER, (), value - half, value + half),
-            ),
-            marks=shown,
-        ),
-        Panel(
-            "time, s", "cumulative sum, s", x,
-            (
-                Line("sum of a rise", up, BEFORE, (6, 3)),
-                Line("sum of a fall", down, AFTER),
-                Line("threshold", threshold, FLOOR, (2, 2)),
-            ),
-            marks=shown,
-        ),
-    )  # fmt: skip
 
 
 def _drift_seen(name: str, unit: str, time: Array, table: Array) -> str:

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import matplotlib
-from spool_core.numbers import Array
-
-matplotlib.use("Agg")
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+import matplotlib
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from spool_core.errors import InputError
+from spool_core.numbers import Array
+
+matplotlib.use("Agg")  # pictures are drawn where there is no screen
 
 #: Points of a line that a reader can zoom into, at most.
 POINTS = 1500
@@ -28,6 +27,8 @@ STYLES = (
 )  # fmt: skip
 #: Base model, model with what was found, and what noise alone would show.
 BEFORE, AFTER, FLOOR = "#D55E00", "#0072B2", "#555555"
+#: Colour and dash (on and off, pixels) of two models, base first: distinguished without colour as well.
+MODEL_LOOKS: tuple[tuple[str, tuple[int, ...]], ...] = ((BEFORE, (6, 3)), (AFTER, ()))
 #: Dash of a line before, so that it is distinguished from the one after without colour.
 DASHED = (0, (5, 2))
 #: Inches across a page.
@@ -48,15 +49,25 @@ class Line:
 
 
 @dataclass(frozen=True, slots=True)
+class Mark:
+    """Event at ``time`` (s): its ``text``, and whether it was raised or cleared."""
+
+    time: float
+    text: str
+    raised: bool
+
+
+@dataclass(frozen=True, slots=True)
 class Panel:
-    """Panel of numbers to zoom into.
+    """Panel of numbers: drawn, and there to zoom into.
 
     Attributes:
         across, up: labels of the axes, with units.
         x: shape (n,), rising.
         lines: each of n values; NaN where there is none.
         log_x, log_y: logarithmic axes.
-        marks: places on the x axis with their texts.
+        marks: events on the x axis.
+        span: ends of the y axis as it is drawn; ``None`` fits them to the lines.
     """
 
     across: str
@@ -65,7 +76,8 @@ class Panel:
     lines: tuple[Line, ...]
     log_x: bool = False
     log_y: bool = False
-    marks: tuple[tuple[float, str], ...] = ()
+    marks: tuple[Mark, ...] = ()
+    span: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,6 +105,43 @@ class LeftOut:
 
     title: str
     reason: str
+
+
+def drawn(panels: Sequence[Panel], heights: Sequence[float], height: float) -> Figure:
+    """Return ``panels`` below each other, ``height`` inches in all, shared out as ``heights``.
+
+    A legend stands where a panel has other lines than the one above; events are named in the first.
+    """
+    figure: Figure
+    alike = len({panel.across for panel in panels}) == 1
+    figure, axes = plt.subplots(
+        len(panels), 1, figsize=(WIDTH, height), layout="constrained", sharex=alike, height_ratios=heights
+    )
+    before: list[str] = []
+    for axis, panel in zip(axes, panels, strict=True):
+        for line in panel.lines:
+            if line.low is not None and line.high is not None:
+                axis.fill_between(panel.x, line.low, line.high, color=line.colour, alpha=0.3, lw=0)
+            dash = (0, line.dash) if line.dash else "-"
+            axis.plot(panel.x, line.values, color=line.colour, ls=dash, lw=line.width, label=line.label)
+        for mark in panel.marks:
+            axis.axvline(mark.time, color=DARK, lw=0.7, ls="-" if mark.raised else ":")
+            if mark.raised and axis is axes[0]:
+                axis.annotate(
+                    mark.text, (mark.time, 1.0), xycoords=("data", "axes fraction"), xytext=(2, -2),
+                    textcoords="offset points", rotation=90, va="top", fontsize=6.5, color=DARK,
+                )  # fmt: skip
+        axis.set_xscale("log" if panel.log_x else "linear")
+        axis.set_yscale("log" if panel.log_y else "linear")
+        axis.margins(x=0.0)
+        if panel.span is not None:
+            axis.set_ylim(*panel.span)
+        plain(axis, "" if alike and axis is not axes[-1] else panel.across, panel.up)
+        labels = [line.label for line in panel.lines]
+        if labels != before:
+            axis.legend(fontsize=8, frameon=False, ncols=4)
+        before = labels
+    return figure
 
 
 def made(title: str, build: Callable[[], Exhibit]) -> Exhibit | LeftOut:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from spool_core.errors import InputError
 from spool_core.numbers import Array
 from spool_core.uncertainty import Z_95, number, percent
-from spool_estimator.identification.free_run import FreeRun, Window, excitation_limit
+from spool_estimator.identification.free_run import FreeRun, excitation_limit
 from spool_estimator.identification.record import Record, first_seconds
 from spool_estimator.identification.spectra import ZeroPhase, delayed, relative_motion
 from spool_sim.integration.composed_motion import ComposedMotion
@@ -23,10 +23,12 @@ from spool_tools.report.evidence.exhibit import (
     DARK,
     DASHED,
     MEASURED,
+    MODEL_LOOKS,
     WIDTH,
     Exhibit,
     Line,
     Panel,
+    drawn,
     listed,
     plain,
 )
@@ -65,7 +67,6 @@ TRANSMISSIBILITY_CAPTION = (
 LEAST_BAND = 0.1
 #: Coherence from which a deviation is held against the model.
 TOLD = 0.8
-COLOURS = ((BEFORE, DASHED, (6, 3)), (AFTER, "-", ()))
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,7 +145,14 @@ def runs_of(records: Sequence[Record], valve: Valve, sides: Sequence[Numbers]) -
         run = FreeRun(rows, side.model, valve, window=WINDOW, low_cut=LOW_CUT, longest=LONGEST)
         run.choose_substeps(side.values)
         found = run.responses(run.sets(side.values), np.array([side.gain]), np.array([side.delay]))
-        joined = _continued(run.windows)
+        # The numbers of windows in groups that follow one another without a gap.
+        joined: list[list[int]] = []
+        for place, window in enumerate(run.windows):
+            before = run.windows[place - 1] if place else None
+            if before is not None and before.record == window.record and before.stop == window.start:
+                joined[-1].append(place)
+            else:
+                joined.append([place])
         simulated[side.name] = tuple(
             np.concatenate([found[place].acceleration[0] for place in group]) for group in joined
         )
@@ -241,8 +249,15 @@ def loops_from(
     models = {name: np.concatenate([part[4][name] for part in parts]) for name in parts[0][4]}
     if not (float(np.ptp(z)) > 0.0 and float(np.ptp(v)) > 0.0):
         raise InputError("the spool does not move in its body")
-    begin, first, stop, number = _excerpt(parts, period)
-    chosen = parts[number]
+    # A few periods around the largest motion. A sine of amplitude Z has velocity 2 pi f Z: what the motion
+    # repeats at, about.
+    chosen = max(parts, key=lambda part: float(np.abs(part[1]).max()))
+    begin, displacement, velocity = chosen[:3]
+    centre, size = int(np.argmax(np.abs(displacement))), displacement.size
+    near = slice(*_around(centre, round(0.5 / period), size))
+    rms = [float(np.sqrt(np.mean(row[near] ** 2))) for row in (displacement, velocity)]
+    frequency = max(rms[1] / max(2.0 * np.pi * rms[0], 1e-12), 1.0)
+    first, stop = _around(centre, round(PERIODS / frequency / period), size)
     excerpt = slice(first, stop)
     missing = {name: measured - force for name, force in models.items()}
     return Loops(
@@ -282,7 +297,31 @@ def force_loops(loops: Loops) -> Exhibit:
         plain(lower, label, "missing force, N" if column == 0 else "")
     handles, names = axes[0, 0].get_legend_handles_labels()
     figure.legend(handles, names, fontsize=8, loc="outside lower center", ncols=3)
-    return Exhibit(LOOPS_TITLE, figure, LOOPS_CAPTION, _loops_seen(loops))
+    parts = []
+    for name, missing in loops.missing.items():
+        # What the medians of the missing force look like, empty where they are flat.
+        over_z = loops.over_displacement[name]
+        over_v = loops.over_velocity[name]
+        found = []
+        if over_v.centres.size >= 6:
+            step = step_at_zero(over_v)
+            if abs(step) > WORTH_SAYING * missing:
+                found.append(f"a step of {number(step, 2)} N at velocity 0")
+        if over_z.centres.size >= 6:
+            slope = float(np.polyfit(over_z.centres, over_z.force, 1)[0])
+            reach = float(np.abs(over_z.centres).max())
+            if abs(slope) * reach > WORTH_SAYING * missing:
+                found.append(f"a slope of {number(slope, 2)} N/m over displacement")
+        shape = f", with {listed(found)}" if found else ""
+        share = percent(missing / max(loops.force, 1e-30))
+        parts.append(f"{name} {share} ({number(missing, 2)} N rms){shape}")
+    text = "; ".join(parts)
+    return Exhibit(
+        LOOPS_TITLE,
+        figure,
+        LOOPS_CAPTION,
+        f"Of a force of {number(loops.force, 3)} N rms there is missing at the same motion: {text}.",
+    )
 
 
 def step_at_zero(profile: Profile) -> float:
@@ -312,58 +351,38 @@ def transmissibility(runs: Runs) -> Exhibit:
     frequency = measured.frequency[shown]
     size, error = np.abs(measured.response), measured.relative_error
     low, high = (size * np.maximum(1.0 + sign * Z_95 * error, LEAST_BAND) for sign in (-1.0, 1.0))
-    phase, spread = empty * _degrees(measured, shown), np.degrees(Z_95 * np.minimum(error, np.pi))
-    figure, axes = plt.subplots(
-        3, 1, figsize=(WIDTH, 7.0), layout="constrained", sharex=True, height_ratios=(3, 2, 1.3)
-    )
-    axes[0].fill_between(
-        frequency, (empty * low[shown]), (empty * high[shown]), color=MEASURED, alpha=0.35, lw=0
-    )
-    axes[0].plot(frequency, (empty * size[shown]), color=MEASURED, lw=2.6, label="measured, with 95 % band")
-    axes[1].fill_between(
-        frequency, phase - spread[shown], phase + spread[shown], color=MEASURED, alpha=0.35, lw=0
-    )
-    axes[1].plot(frequency, phase, color=MEASURED, lw=2.6)
-    axes[2].plot(frequency, (empty * measured.coherence[shown]), color=MEASURED, lw=2.6)
-    looks = dict(zip(models, COLOURS[-len(models) :], strict=True))
-    for name, found in models.items():
-        colour, dash, _ = looks[name]
-        axes[0].plot(
-            frequency, empty * np.abs(found.response)[shown], color=colour, ls=dash, lw=1.2, label=name
-        )
-        axes[1].plot(frequency, empty * _degrees(found, shown), color=colour, ls=dash, lw=1.2)
-        axes[2].plot(frequency, empty * found.coherence[shown], color=colour, ls=dash, lw=1.0)
-    axes[0].set_xscale("log")
-    axes[0].set_yscale("log")
-    axes[0].axhline(1.0, color=DARK, lw=0.6)
-    axes[2].set_ylim(0.0, 1.05)
-    plain(axes[0], "", "magnitude, spool over body, 1")
-    plain(axes[1], "", "phase, degrees")
-    plain(axes[2], "frequency, Hz", "coherence, 1")
-    axes[0].legend(fontsize=8, frameon=False)
-    size_line = Line(
-        "measured", (empty * size[shown]), MEASURED, (), (empty * low[shown]), (empty * high[shown]), 2.5
-    )
-    phase_line = Line("measured", phase, MEASURED, (), phase - spread[shown], phase + spread[shown], 2.5)
-    coherence = Line("measured", (empty * measured.coherence[shown]), MEASURED, width=2.5)
-    panels = tuple(
-        Panel("frequency, Hz", label, frequency, (own, *lines), log_x=True, log_y=log)
-        for label, own, lines, log in (
+    phase, spread = empty * _degrees(measured, shown), np.degrees(Z_95 * np.minimum(error, np.pi))[shown]
+    own = Line("measured", empty * size[shown], MEASURED, (), empty * low[shown], empty * high[shown], 2.5)
+    looks = MODEL_LOOKS[-len(models) :]
+
+    def of_models(take: Callable[[CrossSpectra], Array]) -> list[Line]:
+        pairs = zip(models.items(), looks, strict=True)
+        return [Line(name, empty * take(one), *look, width=1.2) for (name, one), look in pairs]
+
+    panels = (
+        Panel(
+            "frequency, Hz", "magnitude, spool over body, 1", frequency,
+            (own, *of_models(lambda one: np.abs(one.response)[shown])), log_x=True, log_y=True,
+        ),
+        Panel(
+            "frequency, Hz", "phase, degrees", frequency,
             (
-                "magnitude, 1",
-                size_line,
-                _lines(models, looks, lambda s: empty * np.abs(s.response)[shown]),
-                True,
+                replace(own, values=phase, low=phase - spread, high=phase + spread),
+                *of_models(lambda one: _degrees(one, shown)),
             ),
+            log_x=True,
+        ),
+        Panel(
+            "frequency, Hz", "coherence, 1", frequency,
             (
-                "phase, degrees",
-                phase_line,
-                _lines(models, looks, lambda s: empty * _degrees(s, shown)),
-                False,
+                replace(own, values=empty * measured.coherence[shown], low=None, high=None),
+                *of_models(lambda one: one.coherence[shown]),
             ),
-            ("coherence, 1", coherence, _lines(models, looks, lambda s: empty * s.coherence[shown]), False),
-        )
-    )
+            log_x=True, span=(0.0, 1.05),
+        ),
+    )  # fmt: skip
+    figure = drawn(panels, (3, 2, 1.3), 7.0)
+    figure.axes[0].axhline(1.0, color=DARK, lw=0.6)
     return Exhibit(
         TRANSMISSIBILITY_TITLE,
         figure,
@@ -383,36 +402,6 @@ def within(measured: CrossSpectra, model: CrossSpectra, places: Sequence[int] | 
     return float(np.mean(apart <= width))
 
 
-def _continued(windows: Sequence[Window]) -> list[list[int]]:
-    """Return the numbers of ``windows`` in groups that follow one another without a gap.
-
-    A sweep passes each frequency once: averages over pieces must not leave out where two windows meet.
-    """
-    groups: list[list[int]] = []
-    for place, window in enumerate(windows):
-        before = windows[place - 1] if place else None
-        if before is not None and before.record == window.record and before.stop == window.start:
-            groups[-1].append(place)
-        else:
-            groups.append([place])
-    return groups
-
-
-def _excerpt(
-    parts: Sequence[tuple[float, Array, Array, Array, Mapping[str, Array]]], period: float
-) -> tuple[float, int, int, int]:
-    """Return start (s), first and last sample and number of the part with the largest motion."""
-    sizes = [float(np.abs(part[1]).max()) for part in parts]
-    number = int(np.argmax(sizes))
-    begin, z, v = parts[number][0], parts[number][1], parts[number][2]
-    # A sine of amplitude Z has velocity 2 pi f Z: what the motion repeats at, about.
-    near = slice(*_around(int(np.argmax(np.abs(z))), round(0.5 / period), z.size))
-    rms = [float(np.sqrt(np.mean(row[near] ** 2))) for row in (z, v)]
-    frequency = max(rms[1] / max(2.0 * np.pi * rms[0], 1e-12), 1.0)
-    first, stop = _around(int(np.argmax(np.abs(z))), round(PERIODS / frequency / period), z.size)
-    return begin, first, stop, number
-
-
 def _around(centre: int, length: int, size: int) -> tuple[int, int]:
     length = min(size, max(16, length))
     first = min(max(0, centre - length // 2), size - length)
@@ -430,39 +419,6 @@ def _profile(over: Array, force: Array) -> Profile:
     ]
     table = np.array(rows).reshape(-1, 2)
     return Profile(table[:, 0], table[:, 1])
-
-
-def _loops_seen(loops: Loops) -> str:
-    parts = []
-    for name, missing in loops.missing.items():
-        shape = _shape(loops.over_displacement[name], loops.over_velocity[name], missing)
-        share = percent(missing / max(loops.force, 1e-30))
-        parts.append(f"{name} {share} ({number(missing, 2)} N rms){shape}")
-    text = "; ".join(parts)
-    return f"Of a force of {number(loops.force, 3)} N rms there is missing at the same motion: {text}."
-
-
-def _shape(over_z: Profile, over_v: Profile, missing: float) -> str:
-    """Return what the medians of the missing force look like, empty where they are flat."""
-    found = []
-    if over_v.centres.size >= 6:
-        step = step_at_zero(over_v)
-        if abs(step) > WORTH_SAYING * missing:
-            found.append(f"a step of {number(step, 2)} N at velocity 0")
-    if over_z.centres.size >= 6:
-        slope = float(np.polyfit(over_z.centres, over_z.force, 1)[0])
-        reach = float(np.abs(over_z.centres).max())
-        if abs(slope) * reach > WORTH_SAYING * missing:
-            found.append(f"a slope of {number(slope, 2)} N/m over displacement")
-    return f", with {listed(found)}" if found else ""
-
-
-def _lines(
-    models: Mapping[str, CrossSpectra],
-    looks: Mapping[str, tuple[str, object, tuple[int, ...]]],
-    take: Callable[[CrossSpectra], Array],
-) -> tuple[Line, ...]:
-    return tuple(Line(name, take(found), looks[name][0], looks[name][2]) for name, found in models.items())
 
 
 def _degrees(spectra: CrossSpectra, shown: slice) -> Array:

@@ -249,7 +249,24 @@ def information_bands(bands: Sequence[Band], what: str = "body acceleration, m/s
         plain(axes[2], "", "information, %")
     axes[-1].set_xticks(places, [f"{band.low:g}–{band.high:g}" for band in bands], fontsize=8)
     axes[-1].set_xlabel("frequency, Hz", fontsize=9)
-    seen = _bands_seen(bands, informed=informed)
+    loudest = max(bands, key=lambda band: band.drive)
+    parts = [f"The drive moves most from {_hertz(loudest)}"]
+    weak = [band for band in bands if band.coherence < 0.8]
+    if weak:
+        parts.append(f"the coherence is below 0.8 from {' and from '.join(map(_hertz, weak))}")
+    for name, said in (("stiffness", "the spring"), ("damping", "the drag")) if informed else ():
+        values = [getattr(band, name) for band in bands]
+        best = int(np.argmax(values))
+        total = sum(values)
+        if not total > Z_95**2:  # not even to 100 %
+            parts.append(f"it says nothing about {said}")
+            continue
+        parts.append(
+            f"{_shares(values)[best]:.0f} % of what it says about {said} comes from {_hertz(bands[best])}; "
+            f"all of it tells {said} to {percent(Z_95 / float(np.sqrt(total)))} on either side (95 %) or "
+            "better, were the spool's law linear"
+        )
+    seen = f"{'; '.join(parts)}."
     return (
         Exhibit(BANDS_TITLE, figure, BANDS_CAPTION, seen)
         if informed
@@ -396,30 +413,6 @@ def campbell(shown: Spectrogram, natural: Mapping[str, Frequency], unit: str = "
 def _shares(values: list[float]) -> list[float]:
     total = sum(values)
     return [100.0 * value / total if total > 0.0 else 0.0 for value in values]
-
-
-def _bands_seen(bands: Sequence[Band], *, informed: bool) -> str:
-    loudest = max(bands, key=lambda band: band.drive)
-    parts = [f"The drive moves most from {_hertz(loudest)}"]
-    weak = [band for band in bands if band.coherence < 0.8]
-    if weak:
-        parts.append(f"the coherence is below 0.8 from {' and from '.join(map(_hertz, weak))}")
-    if not informed:
-        return f"{'; '.join(parts)}."
-    for name, said in (("stiffness", "the spring"), ("damping", "the drag")):
-        values = [getattr(band, name) for band in bands]
-        best = int(np.argmax(values))
-        total = sum(values)
-        if not total > Z_95**2:  # not even to 100 %
-            parts.append(f"it says nothing about {said}")
-            continue
-        parts.append(
-            f"{_shares(values)[best]:.0f} % of what it says about {said} comes from {_hertz(bands[best])}; "
-            f"all of it tells {said} to {percent(Z_95 / float(np.sqrt(total)))} on either side (95 %) or "
-            "better, "
-            "were the spool's law linear"
-        )
-    return f"{'; '.join(parts)}."
 
 
 def _hertz(band: Band) -> str:

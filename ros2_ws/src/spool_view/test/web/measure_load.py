@@ -1,6 +1,6 @@
 """Load of the page, measured: many valves, many readers; processor time and memory of the page's process.
 
-python -m spool_view.load --valves 100 --readers 10 --seconds 60
+./spool python ros2_ws/src/spool_view/test/web/measure_load.py --valves 100 --readers 10 --seconds 60
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _TICKS, _PAGE = os.sysconf("SC_CLK_TCK"), os.sysconf("SC_PAGE_SIZE")
 
 def main() -> int:
     """Measure, and print a line for no load, for the valves alone, and for valves with readers."""
-    parser = argparse.ArgumentParser(prog="spool_view.load", description=(__doc__ or "").splitlines()[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--valves", type=int, default=100)
     parser.add_argument("--readers", type=int, default=10)
     parser.add_argument("--seconds", type=float, default=60.0, help="that each load is measured for")
@@ -64,7 +64,7 @@ def _measure(valves: int, readers: int, seconds: float, folder: Path) -> None:
         port = int(log.read_text().partition("page is at http://127.0.0.1:")[2].partition("/")[0])
         time.sleep(3.0)
         before = _say("no valve, no reader", page.pid, seconds / 4, 0)
-        command = [sys.executable, "-m", "spool_view.load", "--speak", "--valves", str(valves)]
+        command = [sys.executable, __file__, "--speak", "--valves", str(valves)]
         speaker = subprocess.Popen([*command, "--domain", os.environ["ROS_DOMAIN_ID"]])
         time.sleep(SETTLES)
         _say(f"{valves} valves, no reader", page.pid, seconds, before)
