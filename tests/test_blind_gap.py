@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 from spool_blind.case import BlindCase, limit_case, make, write, write_record
-from spool_blind.simulator.plant import Plant, move
+from spool_blind.simulator import Plant, move
 from spool_blind.spoiling import SPOILINGS
 from spool_evaluation.studies.gap import judge
 from spool_sim.excitation import SweptSine

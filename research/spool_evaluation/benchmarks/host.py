@@ -20,8 +20,9 @@ from spool_core.errors import InputError
 from spool_core.node.network import isolate
 from spool_tools.operations.demo import Nodes
 
+from spool_evaluation.benchmarks.load.valve_source import family, memory, processor_time
+
 from .load import valve_source
-from .load.process_cost import family, memory, processor_time
 
 VALVES = (1, 10, 32, 100)
 #: s that blocks are sent, and how long after the start processor time is taken from.

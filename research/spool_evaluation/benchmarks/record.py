@@ -22,8 +22,9 @@ from spool_core.errors import InputError
 from spool_core.node.network import isolate
 from spool_tools.operations.demo import Nodes
 
+from spool_evaluation.benchmarks.load.valve_source import memory, processor_time
+
 from .load import plain_recorder, valve_source
-from .load.process_cost import memory, processor_time
 
 VALVES = (32,)
 #: s that blocks are sent, after which processor time is taken, and that nodes have to start.

@@ -23,8 +23,7 @@ from spool_sim.model import MODELS
 from spool_sim.valve import Valve, valve_from_mapping
 from spool_tools.outputs import write_json
 
-from spool_evaluation.results.page import markdown_table, save_picture, study_command, write_page
-from spool_evaluation.results.proportion import Proportion
+from spool_evaluation.results.page import Proportion, markdown_table, save_picture, study_command, write_page
 from spool_evaluation.results.timing import Stopwatch
 from spool_evaluation.studies.workers import spread
 

@@ -19,12 +19,18 @@ from spool_blind.field.case import FieldCase, make_field, write_field
 from spool_core.errors import InputError
 from spool_sim.model import MODELS
 
-from spool_evaluation.results.page import markdown_table, renew_json, save_picture, study_command, write_page
-from spool_evaluation.results.proportion import Proportion
+from spool_evaluation.results.page import (
+    Proportion,
+    markdown_table,
+    renew_json,
+    save_picture,
+    study_command,
+    write_page,
+)
 from spool_evaluation.results.timing import Stopwatch
 from spool_evaluation.studies.field.diagnosis import diagnose, stretches_as_told
-from spool_evaluation.studies.field.reliability import ENOUGH, brier_scores, deciles, reliability_figure
-from spool_evaluation.studies.field.summary import (
+from spool_evaluation.studies.field.verdicts import (
+    ENOUGH,
     FAILED,
     OUTCOMES,
     QUESTIONS,
@@ -34,9 +40,12 @@ from spool_evaluation.studies.field.summary import (
     ChainFault,
     FieldVerdict,
     HiddenShare,
+    brier_scores,
     by_nuisance,
     counted,
+    deciles,
     field_targets,
+    reliability_figure,
     told_of,
     verdict_from,
 )
