@@ -1,4 +1,4 @@
-"""Pages made by command: tables of results, and documentation written between two marks."""
+"""Results of studies: proportions with intervals, targets, dated pages, documentation between two marks."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import Literal
 
 from matplotlib.figure import Figure
+from rich.console import Console
+from rich.table import Table
 from scipy.stats import binomtest, chi2
 from spool_tools.outputs import suite_version, write_json
 
@@ -132,3 +134,46 @@ class Proportion:
             return "-"
         low, high = (100.0 * bound for bound in self.interval)
         return f"{self.count}/{self.of} = {100.0 * self.value:.1f} % ({low:.0f} to {high:.0f})"
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """Target of a study: a proportion, what is wanted of it in words, and whether it is met."""
+
+    name: str
+    wanted: str
+    share: Proportion
+    met: bool
+
+    @property
+    def answer(self) -> str:
+        """yes, no, or unknown where no case asked."""
+        return ("yes" if self.met else "no") if self.share.of else "unknown"
+
+    def to_dict(self) -> dict[str, object]:
+        """Return what the JSON file holds of it."""
+        return {
+            "name": self.name,
+            "wanted": self.wanted,
+            "count": self.share.count,
+            "of": self.share.of,
+            "interval": list(self.share.interval),
+            "met": self.met if self.share.of else None,
+        }
+
+
+#: Head of a table of targets, and its rows.
+TARGET_HEAD = ("question", "target", "found (95 % interval)", "met")
+
+
+def target_rows(targets: Sequence[Target]) -> list[tuple[str, str, str, str]]:
+    """Return the study's questions with their answers, as cells."""
+    return [(one.name, one.wanted, str(one.share), one.answer) for one in targets]
+
+
+def show_targets(targets: Sequence[Target]) -> None:
+    """Print the study's questions with their answers."""
+    table = Table(*TARGET_HEAD, box=None, pad_edge=False)
+    for row in target_rows(targets):
+        table.add_row(*row)
+    Console(width=140).print(table)

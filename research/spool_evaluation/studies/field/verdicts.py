@@ -8,7 +8,7 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from spool_evaluation.results.page import Proportion
+from spool_evaluation.results.page import Proportion, Target
 
 UNEXPLAINED, NONE = "unexplained", "none"
 REFUSED, FAILED = "refused", "failed"
@@ -200,22 +200,7 @@ def told_of(rows: Sequence[FieldVerdict], name: str) -> tuple[Proportion, Propor
     return told(having), told(without)
 
 
-@dataclass(frozen=True, slots=True)
-class FieldTarget:
-    """Target of the field study: a proportion, what is wanted of it in words, and whether it is met."""
-
-    name: str
-    wanted: str
-    share: Proportion
-    met: bool
-
-    @property
-    def answer(self) -> str:
-        """yes, no, or unknown where no case asked."""
-        return ("yes" if self.met else "no") if self.share.of else "unknown"
-
-
-def field_targets(rows: Sequence[FieldVerdict]) -> list[FieldTarget]:
+def field_targets(rows: Sequence[FieldVerdict]) -> list[Target]:
     """Return the study's questions with their answers."""
 
     def share(question: str, right: Callable[[FieldVerdict], bool]) -> Proportion:
@@ -230,14 +215,12 @@ def field_targets(rows: Sequence[FieldVerdict]) -> list[FieldTarget]:
     outside = share(OUTSIDE, lambda row: row.outcome == RIGHT)
     at_least = "at least {:.0%}".format
     return [
-        FieldTarget("one effect of importance, its name right", at_least(0.95), single, _from(single, 0.95)),
-        FieldTarget("two effects of importance, both names right", at_least(0.9), pair, _from(pair, 0.9)),
-        FieldTarget("nothing hidden, a false name", "at most 1%", false, (false.value or 0.0) <= 0.01),
-        FieldTarget("nothing hidden, `none` said", at_least(0.9), quiet, _from(quiet, 0.9)),
-        FieldTarget(
-            "out-of-catalogue laws not given a name alone", at_least(0.85), outside, _from(outside, 0.85)
-        ),
-        FieldTarget(
+        Target("one effect of importance, its name right", at_least(0.95), single, _from(single, 0.95)),
+        Target("two effects of importance, both names right", at_least(0.9), pair, _from(pair, 0.9)),
+        Target("nothing hidden, a false name", "at most 1%", false, (false.value or 0.0) <= 0.01),
+        Target("nothing hidden, `none` said", at_least(0.9), quiet, _from(quiet, 0.9)),
+        Target("out-of-catalogue laws not given a name alone", at_least(0.85), outside, _from(outside, 0.85)),
+        Target(
             "95 % intervals that hold the truth", "93% to 97%", cover, 0.93 <= (cover.value or 0.0) <= 0.97
         ),
     ]
