@@ -20,8 +20,7 @@ from spool_blind.simulator import Plant, move
 from spool_core.numbers import GRAVITY, Array
 from spool_evaluation.studies.gap import judge
 from spool_sim.excitation import SweptSine
-from spool_sim.integration.composed_motion import ComposedMotion, MotionState
-from spool_sim.integration.step_size import half_step_times
+from spool_sim.integration.composed_motion import ComposedMotion, MotionState, half_step_times
 from spool_sim.model import MODELS
 from spool_tools.cli import main
 
