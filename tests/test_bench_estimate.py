@@ -36,7 +36,7 @@ def test_replay_and_refits_are_measured(tmp_path: Path, monkeypatch: pytest.Monk
 
 
 @pytest.mark.slow
-def test_every_block_of_several_live_valves_is_judged(
+def test_every_block_of_a_live_valve_is_judged(
     system: System, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("ROS_DOMAIN_ID", str(system.domain_id))
@@ -44,9 +44,5 @@ def test_every_block_of_several_live_valves_is_judged(
     p50, p99, lag = estimate.latency(tmp_path / "one", 8.0)
     assert 0.0 < p50.ours_s <= p99.ours_s
     assert lag.ours_s == pytest.approx(5 / 2000.0)
-    (tmp_path / "many").mkdir()
-    row = estimate.many(tmp_path / "many", 8, 6.0)
-    assert row.ours_s > 0.0
     said = capfd.readouterr()
     assert "; 0 blocks lost" in said.out + said.err
-    assert "2400 blocks, 0 lost" in said.out + said.err

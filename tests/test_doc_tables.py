@@ -7,17 +7,17 @@ from pathlib import Path
 
 import pytest
 from spool_evaluation.bench import markdown_of
-from spool_evaluation.monitor_cases.run import ScenarioOutcome, table
 from spool_evaluation.results.timing import Timing
 from spool_evaluation.studies import records, steps
 from spool_evaluation.studies.estimation import LIMITS, Estimated, RecordFit
 from spool_evaluation.studies.estimation import page_parts as estimation_parts
 from spool_evaluation.studies.field.study import field_parts
-from spool_evaluation.studies.field.summary import ChainFault, FieldVerdict, HiddenShare
+from spool_evaluation.studies.field.verdicts import ChainFault, FieldVerdict, HiddenShare
 from spool_evaluation.studies.gap import BlindVerdict
 from spool_evaluation.studies.gap import page_parts as gap_parts
 from spool_evaluation.studies.gap_limit import DetectionLimit, sentence, within
 from spool_evaluation.studies.gap_limit import page_parts as limit_parts
+from spool_evaluation.studies.monitor import ScenarioOutcome, table
 from spool_gap.checks import thresholds_table
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -20,7 +20,7 @@ from scipy.optimize import least_squares
 
 from spool_blind.condition import DELAY_TOLERANCE, GAIN_TOLERANCE, ExperimentCondition, Scale, draw_condition
 from spool_blind.hidden import EFFECTS, OUT_OF_CATALOGUE, Hidden, Kind
-from spool_blind.simulator.plant import Channels
+from spool_blind.simulator import Channels
 from spool_blind.visibility import Visibility, look, noncentrality, threshold
 
 Array = NDArray[np.float64]

@@ -19,7 +19,7 @@ class Hidden:
     """Hidden effect at the size it was drawn with.
 
     Attributes:
-        plant: numbers of the plant that it sets, see ``laws.NAMES``.
+        plant: numbers of the plant that it sets, see ``simulator.NAMES``.
         channel: attributes of ``Channels`` that it sets.
         truth: values that a fit should find, by the names of the catalogue's parameters, SI.
         size: names in ``plant``, ``channel`` and ``truth`` that grow with its size.

@@ -22,7 +22,6 @@ BENCHMARKS: dict[str, tuple[str, ...]] = {
     "estimate": (),
     "gap": ("seed", "cases"),
     "monitor": ("seed", "cases"),
-    "nodes": (),
     "host": ("seconds", "valves"),
     "record": ("seconds", "valves"),
 }

@@ -20,8 +20,8 @@ from spool_core.block import Block, joined
 from spool_core.numbers import Array
 from spool_estimator.estimator import Estimator, settings_for
 from spool_estimator.gap_requests import GapWatch
-from spool_evaluation.monitor_cases.scenario import Scenario, draw_case
 from spool_evaluation.results.page import markdown_table, study_command, write_page
+from spool_evaluation.studies.scenarios import Scenario, draw_case
 from spool_evaluation.studies.workers import spread
 from spool_sim.model import MODELS, Model
 from spool_sim.sensors import Sensor

@@ -3,24 +3,26 @@
 from __future__ import annotations
 
 import math
+import pickle
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-from spool_evaluation.results.page import markdown_table, renew_json, write_page
-from spool_evaluation.results.proportion import interval, poisson_interval
+from spool_core.numbers import Array
+from spool_evaluation.results.page import interval, markdown_table, poisson_interval, renew_json, write_page
 from spool_evaluation.studies.workers import spread
 from spool_tools.outputs import suite_version
 
-from .comparison import Comparison, compare
-from .faults import SPEEDS
-from .memory import YearMemory, simulated_year
-from .run_day import DayOutcome, RaisedEvent, run_day
-from .surrogate import load_surrogate
+from spool_operation.comparison import Comparison, compare
+from spool_operation.faults import SPEEDS
+from spool_operation.run_day import DayOutcome, DayRun, RaisedEvent, run_day
+from spool_operation.surrogate import load_surrogate
+from spool_operation.world import draw_day, stretches_of
 
 YEAR = 365.25
 #: Seeds are apart by this much: healthy days, days with faults, days that thresholds are set on.
@@ -299,3 +301,61 @@ def span(seconds: float) -> str:
         if size < limit:
             return f"{seconds / length:.1f} {unit}"
     return f"{seconds / 86_400.0:.1f} d"
+
+
+#: Days of the year, s of production that are simulated of each.
+DAYS, EACH = 365, 120
+#: Days from which the slope counts: until then the bounded histories fill.
+FILLED = 60
+
+
+@dataclass(frozen=True, slots=True)
+class YearMemory:
+    """Size of the monitor's whole state and of its state files, bytes at the end of each day, shapes (n,)."""
+
+    monitor: Array
+    files: Array
+
+    @property
+    def slope(self) -> float:
+        """Growth of the monitor's state, bytes a day."""
+        days = np.arange(self.monitor.size)[FILLED:]
+        return float(np.polyfit(days, self.monitor[FILLED:], 1)[0]) if days.size > 2 else 0.0
+
+    def text(self) -> str:
+        """Return what the page states."""
+        return (
+            f"One valve over a simulated year ({self.monitor.size} days, {EACH} s of production of "
+            "each): the "
+            f"monitor's state grows by {self.slope:.1f} bytes a day and is "
+            f"{self.monitor.max() / 1000.0:.0f} kB at "
+            f"most (serialised size of all its objects); state files are {self.files.max() / 1000.0:.1f} "
+            "kB at most."
+        )
+
+
+class _YearRun(DayRun):
+    """Run of stretches of a year; sizes are taken at the end of each."""
+
+    sizes: list[tuple[int, int]]
+
+    def run(self) -> None:
+        """Live the stretches."""
+        self.sizes = []
+        super().run()
+
+    def _ended(self) -> None:
+        self.sizes.append((len(pickle.dumps(self.monitor)), self.state_size))
+
+
+def simulated_year(seed: int, days: int = DAYS) -> YearMemory:
+    """Live ``days`` of one valve, without a restart, and take the size of what is kept."""
+    day = draw_day(seed)
+    draw = np.random.default_rng([seed, 31])
+    year = replace(stretches_of(draw, day, days, EACH, 86_400), weekend=0.0, fault=None, dense=True)
+    with TemporaryDirectory() as folder:
+        one = _YearRun(year, Path(folder))
+        one.run()
+        one.close()
+    monitor, files = np.array(one.sizes, dtype=float).T
+    return YearMemory(monitor, files)

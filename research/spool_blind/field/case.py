@@ -29,13 +29,17 @@ from spool_blind.case import (
     valve_text,
     write_record,
 )
-from spool_blind.condition import DELAY_TOLERANCE, GAIN_TOLERANCE, ExperimentCondition
-from spool_blind.field.condition import NOISE, draw_field_condition
+from spool_blind.condition import (
+    DELAY_TOLERANCE,
+    FIELD_NOISE,
+    GAIN_TOLERANCE,
+    ExperimentCondition,
+    draw_field_condition,
+)
 from spool_blind.field.hiding import HiddenPhysics, draw_hidden, field_hidden_by
 from spool_blind.field.nuisances import BODY, CHANNELS, SPOOL, FieldNuisance, Seen, draw_nuisances, names_by
 from spool_blind.hidden import EFFECTS, Hidden
-from spool_blind.simulator.laws import dry
-from spool_blind.simulator.plant import Plant, SpoolMotion, transmissibility
+from spool_blind.simulator import Plant, SpoolMotion, dry, transmissibility
 from spool_blind.visibility import threshold
 
 Array = NDArray[np.float64]
@@ -485,7 +489,7 @@ def _chain(
     sensor: dict[str, float] = {}
     for part in physics.parts.values():
         sensor.update(part.channel)
-    shares = {SPOOL: condition.noise_share, BODY: float(np.exp(generator.uniform(*np.log(NOISE))))}
+    shares = {SPOOL: condition.noise_share, BODY: float(np.exp(generator.uniform(*np.log(FIELD_NOISE))))}
     rows = dict(_moving(motion))
     return MeasuringChain(
         gain=sensor.get("gain", condition.gain),

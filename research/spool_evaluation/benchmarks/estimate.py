@@ -30,13 +30,14 @@ from spool_tools.operations.record_loading import DEFAULT_VALVE
 from spool_tools.operations.record_replay import RefitRequest, replay_valve
 from spool_tools.operations.simulation import simulate
 
-from spool_evaluation.benchmarks.load.live_source import BLOCK_RATE, LiveSource
+from spool_evaluation.benchmarks.load.valve_source import BLOCK_RATE, PATIENCE, last_words, report_of, sending
 from spool_evaluation.results.timing import Timing, best_of
 
 SECONDS = 120.0
 #: s of the record that is replayed with refits, and how often the refits come.
 REFIT_SECONDS, REFIT_PERIOD = 40.0, 5.0
-LIVE_SECONDS = 10.0
+#: s of live blocks, s of them until a valve counts as run in, and nodes that hear them.
+LIVE_SECONDS, RUN_IN, LISTENERS = 10.0, 4, 3
 
 
 SAMPLES, SIZE, BLOCK, FACTOR = 20_000, 6, 200, 0.9995
@@ -76,26 +77,27 @@ def offline(folder: Path) -> Iterator[Timing]:
 
 def latency(folder: Path, seconds: float) -> Iterator[Timing]:
     """Yield median and 99 % of the time from a block to its estimate, and the filter's own lag."""
-    source = LiveSource(1, seconds)
     with Nodes(folder / "nodes.log") as nodes:
         recorder = ["--ros-args", "-p", f"output:={folder / 'bag'}", "-p", "valves:=[valve_1]"]
         nodes.start("recorder", "spool_bag", "recorder", recorder)
         own = ["--ros-args", "-r", "__ns:=/valve_1"]
         nodes.start("estimator", "spool_estimator", "estimator", [*own, "-p", "period:=0.1"])
         nodes.start("monitor", "spool_monitor", "monitor", own)
-        source.run(listeners=3)
-    if not source.latencies:
-        raise InputError(f"bench: no estimate came: {(folder / 'nodes.log').read_text().strip()[-200:]}")
-    p50, p99 = (float(np.quantile(source.latencies, share)) for share in (0.5, 0.99))
+        with sending(folder, 1, seconds, 0, RUN_IN, LISTENERS) as source:
+            source.wait(timeout=seconds + 2.0 * PATIENCE)
+    seen = report_of(folder)
+    if not seen["estimates"]:
+        raise InputError(f"bench: no estimate came: {last_words(folder / 'nodes.log')}")
+    p50, p99, delay = seen["p50_s"], seen["p99_s"], seen["delay_s"]
     _say(
         f"from a block to its estimate, 2 kHz, {BLOCK_RATE:g} blocks a second, four nodes, "
-        f"{len(source.latencies)} estimates: p50 {1e3 * p50:.2f} ms, p99 {1e3 * p99:.2f} ms; "
-        f"the filter's own lag {1e3 * source.delay:.1f} ms; {source.lost.get(1, 0)} blocks lost"
+        f"{seen['estimates']} estimates: p50 {1e3 * p50:.2f} ms, p99 {1e3 * p99:.2f} ms; "
+        f"the filter's own lag {1e3 * delay:.1f} ms; {seen['lost']} blocks lost"
     )
     work = "block to estimate over DDS, four nodes"
     yield Timing(f"{work}: p50", "20 ms", p50, 0.02)
     yield Timing(f"{work}: p99", "20 ms", p99, 0.02)
-    yield Timing("the filter's own lag", "one block", source.delay, 1.0 / BLOCK_RATE)
+    yield Timing("the filter's own lag", "one block", delay, 1.0 / BLOCK_RATE)
 
 
 class Recursion(Protocol):

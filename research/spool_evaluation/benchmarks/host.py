@@ -5,13 +5,10 @@ Blocks of 40 samples at 2 kHz come from one process of its own, from before the 
 
 from __future__ import annotations
 
-import json
-import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import yaml
@@ -20,8 +17,14 @@ from spool_core.errors import InputError
 from spool_core.node.network import isolate
 from spool_tools.operations.demo import Nodes
 
-from .load import valve_source
-from .load.process_cost import family, memory, processor_time
+from spool_evaluation.benchmarks.load.valve_source import (
+    family,
+    last_words,
+    memory,
+    processor_time,
+    report_of,
+    sending,
+)
 
 VALVES = (1, 10, 32, 100)
 #: s that blocks are sent, and how long after the start processor time is taken from.
@@ -79,10 +82,7 @@ class HostCost:
 
     def to_dict(self) -> dict[str, object]:
         """Return what ``--json`` writes."""
-        own = {
-            name: getattr(self, name)
-            for name in ("valves", "way", "processes", "cores", "memory", "resident")
-        }
+        own = {name: value for name, value in asdict(self).items() if name != "seen"}
         return {**own, **self.seen}
 
 
@@ -99,35 +99,19 @@ def _measured(count: int, seconds: float, way: str) -> HostCost:
     Console(stderr=True).print(f"{count} valves, {way}: {seconds:g} s ...", highlight=False)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        report = folder / "report.json"
-        words = [str(count), str(seconds), str(report)]
-        with (folder / "source.log").open("wb") as log:
-            source = subprocess.Popen(
-                [sys.executable, "-m", valve_source.__name__, *words], stdout=log, stderr=log
-            )
-        try:
-            with Nodes(folder / "nodes.log") as nodes:
-                begin = time.monotonic()
-                _start(nodes, folder, count, way)
-                time.sleep(max(0.0, min(SETTLED, 0.5 * seconds) - (time.monotonic() - begin)))
-                processes = [one for process in nodes.running.values() for one in family(process.pid)]
-                before, from_then = sum(processor_time(one) for one in processes), time.monotonic()
-                time.sleep(max(1.0, begin + seconds - 3.0 - from_then))
-                cores = (sum(processor_time(one) for one in processes) - before) / (
-                    time.monotonic() - from_then
-                )
-                shared, resident = (sum(one) for one in zip(*map(memory, processes), strict=True))
-                if nodes.dead():
-                    raise InputError(
-                        f"bench host: {nodes.dead()[0]} ended: {_last_words(folder / 'nodes.log')}"
-                    )
-                source.wait(timeout=60.0)
-        finally:
-            if source.poll() is None:
-                source.kill()
-        if not report.exists():
-            raise InputError(f"bench host: the source failed: {_last_words(folder / 'source.log')}")
-        seen = json.loads(report.read_text(encoding="utf-8"))
+        with sending(folder, count, seconds) as source, Nodes(folder / "nodes.log") as nodes:
+            begin = time.monotonic()
+            _start(nodes, folder, count, way)
+            time.sleep(max(0.0, min(SETTLED, 0.5 * seconds) - (time.monotonic() - begin)))
+            processes = [one for process in nodes.running.values() for one in family(process.pid)]
+            before, from_then = sum(map(processor_time, processes)), time.monotonic()
+            time.sleep(max(1.0, begin + seconds - 3.0 - from_then))
+            cores = (sum(map(processor_time, processes)) - before) / (time.monotonic() - from_then)
+            shared, resident = (sum(one) for one in zip(*map(memory, processes), strict=True))
+            if nodes.dead():
+                raise InputError(f"bench host: {nodes.dead()[0]} ended: {last_words(folder / 'nodes.log')}")
+            source.wait(timeout=60.0)
+        seen = report_of(folder)
     return HostCost(count, way, len(processes), cores, int(shared), int(resident), seen)
 
 
@@ -150,7 +134,3 @@ def _start(nodes: Nodes, folder: Path, count: int, way: str) -> None:
 def _available() -> int:
     lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
     return next(1024 * int(line.split()[1]) for line in lines if line.startswith("MemAvailable"))
-
-
-def _last_words(log: Path) -> str:
-    return log.read_text(encoding="utf-8", errors="replace").strip()[-300:]

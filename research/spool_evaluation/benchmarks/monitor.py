@@ -30,9 +30,9 @@ from spool_monitor.parameter_drift import CAP, CumulativeSum, ParameterDrift
 from spool_monitor.state_file import Baseline
 from spool_sim.simulator import DEFAULT_START_STAMP
 
-from spool_evaluation.monitor_cases.run import replay
-from spool_evaluation.monitor_cases.scenario import Scenario, draw_scenario
 from spool_evaluation.results.timing import Stopwatch, Timing
+from spool_evaluation.studies.monitor import replay
+from spool_evaluation.studies.scenarios import Scenario, draw_scenario
 
 #: Of the streams; no seed from here to 30999 was used for making the detectors or a published table.
 FRESH = 30_000

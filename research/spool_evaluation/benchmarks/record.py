@@ -6,13 +6,12 @@ snapshots, and syncs nothing: what it has not written when the power fails is lo
 
 from __future__ import annotations
 
-import json
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from rich.console import Console
@@ -22,8 +21,9 @@ from spool_core.errors import InputError
 from spool_core.node.network import isolate
 from spool_tools.operations.demo import Nodes
 
-from .load import plain_recorder, valve_source
-from .load.process_cost import memory, processor_time
+from spool_evaluation.benchmarks.load.valve_source import memory, processor_time, report_of, sending
+
+from .load import plain_recorder
 
 VALVES = (32,)
 #: s that blocks are sent, after which processor time is taken, and that nodes have to start.
@@ -67,7 +67,7 @@ class RecordingCost:
 
     def to_dict(self) -> dict[str, object]:
         """Return what ``--json`` writes."""
-        return {name: getattr(self, name) for name in self.__dataclass_fields__}
+        return asdict(self)
 
 
 def run(seconds: float = SECONDS, valves: Sequence[int] = VALVES) -> Iterator[RecordingCost]:
@@ -83,7 +83,7 @@ def _measured(count: int, seconds: float, recorder: str) -> RecordingCost:
     names = [f"valve_{number + 1}" for number in range(count)]
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        bag, report = folder / "bag", folder / "report.json"
+        bag = folder / "bag"
         with Nodes(folder / "nodes.log") as nodes:
             if recorder == "spool_bag":
                 given = ["-p", f"output:={bag}", "-p", f"valves:=[{','.join(names)}]"]
@@ -95,12 +95,7 @@ def _measured(count: int, seconds: float, recorder: str) -> RecordingCost:
                     [sys.executable, "-m", plain_recorder.__name__, str(bag), *topics], start_new_session=True
                 )
             time.sleep(START)
-            with (folder / "source.log").open("wb") as log:
-                words = [str(count), str(seconds), str(report), str(SHIFT)]
-                source = subprocess.Popen(
-                    [sys.executable, "-m", valve_source.__name__, *words], stdout=log, stderr=log
-                )
-            try:
+            with sending(folder, count, seconds, SHIFT) as source:
                 time.sleep(min(SETTLED, 0.25 * seconds))
                 process = nodes.running[recorder].pid
                 before, begin = processor_time(process), time.monotonic()
@@ -108,13 +103,9 @@ def _measured(count: int, seconds: float, recorder: str) -> RecordingCost:
                 cores = (processor_time(process) - before) / (time.monotonic() - begin)
                 resident = memory(process)[1]
                 source.wait(timeout=seconds)
-            finally:
-                source.kill()
             time.sleep(1.0)  # what was sent last is still on its way
             nodes.stop(recorder, patience=PATIENCE)
-        if not report.exists():
-            raise InputError(f"bench record: the source failed: {(folder / 'source.log').read_text()[-300:]}")
-        sent = int(json.loads(report.read_text(encoding="utf-8"))["blocks"])
+        sent = int(report_of(folder)["blocks"])
         files = [bag] if bag.is_file() else list(bag.glob("*.mcap"))
         size = sum(file.stat().st_size for file in files)
         found = _sequences(bag)

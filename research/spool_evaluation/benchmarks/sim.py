@@ -31,8 +31,7 @@ import numpy as np
 from spool_core.kernels.compiled import compiled, inlined
 from spool_core.numbers import Array
 from spool_sim.excitation import SweptSine
-from spool_sim.integration.composed_motion import ComposedMotion, MotionState
-from spool_sim.integration.step_size import half_step_times
+from spool_sim.integration.composed_motion import ComposedMotion, MotionState, half_step_times
 from spool_sim.model import MODELS
 
 from spool_evaluation.benchmarks import sim_peer

@@ -20,7 +20,7 @@ def paper(
 
     Example: ./spool paper --out my_paper
     """
-    from spool_evaluation.paper.command import run_paper  # noqa: PLC0415 - slow to load
+    from spool_evaluation.paper.page import run_paper  # noqa: PLC0415 - slow to load
 
     run_paper(check_folder(out))
 

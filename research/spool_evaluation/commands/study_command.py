@@ -2,11 +2,31 @@
 
 from __future__ import annotations
 
+from importlib import import_module
 from pathlib import Path
 from typing import Annotated
 
 import typer
+from spool_core.errors import InputError
 from spool_tools.command import Command
+
+#: Module and function of each; the function takes (cases, seed, out, workers).
+STUDIES = {
+    "gap": ("studies.gap", "run"),
+    "field": ("studies.field.study", "run"),
+    "gap-limit": ("studies.gap_limit", "run"),
+    "estimation": ("studies.estimation", "run"),
+    "records": ("studies.records", "run"),
+    "steps": ("studies.steps", "run"),
+    "monitor": ("studies.monitor", "run"),
+    "monitor-hours": ("studies.monitor", "run_hours"),
+    "operation": ("spool_operation.study", "run"),
+    "operation-fit": ("spool_operation.surrogate", "run"),
+    "operation-agreement": ("spool_operation.agreement", "run"),
+    "operation-gap": ("spool_operation.gap_peer", "run"),
+    "fleet": ("studies.fleet", "run"),
+    "fleet-cost": ("studies.fleet", "run_cost"),
+}
 
 
 def study(
@@ -41,9 +61,17 @@ def study(
 
     Example: ./spool study gap --cases 200 --seed 1000 --out study_gap
     """
-    from spool_evaluation.study import run_study  # noqa: PLC0415 - slow to load
-
-    run_study(what, cases, seed, out, workers, diagnosing=diagnose, faulty=faulty, day=day)
+    if what not in STUDIES:
+        raise InputError(f"study {what}: there is no such study; there are {', '.join(STUDIES)}")
+    if diagnose and what != "field":
+        raise InputError(f"study {what}: only the study field has a diagnosis; remove --diagnose")
+    if what != "operation" and (faulty is not None or day is not None):
+        raise InputError(f"study {what}: only the study operation has valve-days; remove --faulty and --day")
+    module, function = STUDIES[what]
+    given = {"diagnosing": diagnose or None, "faulty": faulty, "day": day}
+    options = {name: value for name, value in given.items() if value is not None}
+    found = import_module(module if module.startswith("spool_") else f"spool_evaluation.{module}")
+    getattr(found, function)(cases, seed, out, workers, **options)
 
 
 COMMAND = Command(study, place=130, line="how often the suite is right, over many blind records")

@@ -1,4 +1,4 @@
-"""Pages made by command: tables of results, and documentation written between two marks."""
+"""Results of studies: proportions with intervals, targets, dated pages, documentation between two marks."""
 
 from __future__ import annotations
 
@@ -6,8 +6,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from pathlib import Path
+from typing import Literal
 
 from matplotlib.figure import Figure
+from rich.console import Console
+from rich.table import Table
+from scipy.stats import binomtest, chi2
 from spool_tools.outputs import suite_version, write_json
 
 
@@ -78,3 +82,98 @@ class MarkedPage:
 def sentence(text: str) -> str:
     """Return ``text`` with a capital letter and a full stop."""
     return f"{text[:1].upper()}{text[1:]}."
+
+
+#: Of every interval that is reported.
+CONFIDENCE = 0.95
+
+Method = Literal["exact", "wilson"]
+
+
+def interval(count: int, of: int, method: Method) -> tuple[float, float]:
+    """Return the 95 % interval of a proportion; 0 to 1 where nothing was counted.
+
+    Args:
+        count: hits.
+        of: trials.
+        method: "exact" is Clopper and Pearson's, which never covers less than it says; "wilson" covers 95 %
+            on average.
+    """
+    if not of:
+        return 0.0, 1.0
+    found = binomtest(count, of).proportion_ci(CONFIDENCE, method)
+    return float(found.low), float(found.high)
+
+
+def poisson_interval(count: int) -> tuple[float, float]:
+    """Return the exact 95 % interval of the mean of which ``count`` were counted (Garwood)."""
+    tail = 0.5 - 0.5 * CONFIDENCE
+    low = float(chi2.ppf(tail, 2 * count)) / 2.0 if count else 0.0
+    return low, float(chi2.ppf(1.0 - tail, 2 * count + 2)) / 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class Proportion:
+    """Proportion of ``count`` in ``of``, shown with Wilson's 95 % interval."""
+
+    count: int
+    of: int
+
+    @property
+    def value(self) -> float | None:
+        """The proportion, ``None`` of nothing."""
+        return self.count / self.of if self.of else None
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Bounds within which the true proportion lies in 95 % of such studies."""
+        return interval(self.count, self.of, "wilson")
+
+    def __str__(self) -> str:
+        if self.value is None:
+            return "-"
+        low, high = (100.0 * bound for bound in self.interval)
+        return f"{self.count}/{self.of} = {100.0 * self.value:.1f} % ({low:.0f} to {high:.0f})"
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """Target of a study: a proportion, what is wanted of it in words, and whether it is met."""
+
+    name: str
+    wanted: str
+    share: Proportion
+    met: bool
+
+    @property
+    def answer(self) -> str:
+        """yes, no, or unknown where no case asked."""
+        return ("yes" if self.met else "no") if self.share.of else "unknown"
+
+    def to_dict(self) -> dict[str, object]:
+        """Return what the JSON file holds of it."""
+        return {
+            "name": self.name,
+            "wanted": self.wanted,
+            "count": self.share.count,
+            "of": self.share.of,
+            "interval": list(self.share.interval),
+            "met": self.met if self.share.of else None,
+        }
+
+
+#: Head of a table of targets, and its rows.
+TARGET_HEAD = ("question", "target", "found (95 % interval)", "met")
+
+
+def target_rows(targets: Sequence[Target]) -> list[tuple[str, str, str, str]]:
+    """Return the study's questions with their answers, as cells."""
+    return [(one.name, one.wanted, str(one.share), one.answer) for one in targets]
+
+
+def show_targets(targets: Sequence[Target]) -> None:
+    """Print the study's questions with their answers."""
+    table = Table(*TARGET_HEAD, box=None, pad_edge=False)
+    for row in target_rows(targets):
+        table.add_row(*row)
+    Console(width=140).print(table)

@@ -30,8 +30,7 @@ from spool_sim.simulator import Simulator
 from spool_sim.valve import Valve, find_valve
 from spool_tools.outputs import write_json
 
-from spool_evaluation.results.page import markdown_table, save_picture, study_command, write_page
-from spool_evaluation.results.proportion import interval
+from spool_evaluation.results.page import interval, markdown_table, save_picture, study_command, write_page
 from spool_evaluation.results.timing import Stopwatch
 from spool_evaluation.studies.workers import spread
 

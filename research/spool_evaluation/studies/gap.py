@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import json
 import traceback
 from collections import Counter, defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from statistics import median
@@ -14,19 +13,26 @@ from typing import Any
 import numpy as np
 import yaml
 from matplotlib.figure import Figure
-from rich.console import Console
-from rich.table import Table
-from spool_blind.case import BlindCase, make, truth_of, valve_text
+from spool_blind.case import BlindCase, DescribedCase, make, valve_text
 from spool_core.errors import InputError
 from spool_estimator.identification.record import Record
 from spool_sim.model import MODELS
 from spool_sim.valve import Valve, valve_from_mapping
 from spool_tools.outputs import write_json
 
-from spool_evaluation.results.page import markdown_table, save_picture, study_command, write_page
-from spool_evaluation.results.proportion import Proportion
+from spool_evaluation.results.page import (
+    TARGET_HEAD,
+    Proportion,
+    Target,
+    markdown_table,
+    save_picture,
+    show_targets,
+    study_command,
+    target_rows,
+    write_page,
+)
 from spool_evaluation.results.timing import Stopwatch
-from spool_evaluation.studies.workers import spread
+from spool_evaluation.studies.workers import appended, spread
 
 BASE = "fluid"
 REFUSED, FAILED = "refused", "failed"
@@ -51,16 +57,12 @@ ABOUT = (
 def run(cases: int, seed: int, out: Path, workers: int | None = None) -> list[BlindVerdict]:
     """Analyse ``cases`` blind cases from ``seed`` on; write rows, confusion matrix and page into ``out``."""
     out.mkdir(parents=True, exist_ok=True)
-    rows: list[BlindVerdict] = []
-    with (out / "cases.jsonl").open("w") as file:
-        for row in spread(judge_seed, range(seed, seed + cases), f"{cases} blind cases", workers):
-            rows.append(row)
-            file.write(json.dumps(row.to_dict()) + "\n")
-            file.flush()
-    rows.sort(key=lambda row: row.seed)
+    (out / "cases.jsonl").unlink(missing_ok=True)
+    judged = spread(judge_seed, range(seed, seed + cases), f"{cases} blind cases", workers)
+    rows = sorted(appended(out / "cases.jsonl", judged), key=lambda row: row.seed)
     write_json(out / "gap_study.json", summary(rows))
     page = write_study(rows, out, study_command("gap", cases, seed))
-    show(rows)
+    show_targets(targets(rows))
     print(f"{page}: every number, what went wrong and how to make it again")
     return rows
 
@@ -69,27 +71,9 @@ def summary(rows: Sequence[BlindVerdict]) -> dict[str, Any]:
     """Return everything the study found, for JSON."""
     return {
         "cases": len(rows),
-        "targets": [
-            {
-                "name": target.name,
-                "wanted": target.wanted,
-                "count": target.share.count,
-                "of": target.share.of,
-                "interval": list(target.share.interval),
-                "met": target.met if target.share.of else None,
-            }
-            for target in targets(rows)
-        ],
+        "targets": [target.to_dict() for target in targets(rows)],
         "rows": [row.to_dict() for row in rows],
     }
-
-
-def show(rows: Sequence[BlindVerdict]) -> None:
-    """Print the study's questions with their answers."""
-    table = Table("question", "target", "found (95 % interval)", "met", box=None, pad_edge=False)
-    for target in targets(rows):
-        table.add_row(target.name, target.wanted, str(target.share), target.answer)
-    Console(width=140).print(table)
 
 
 def judge_seed(seed: int, hidden: str | None = None, factor: float | None = None) -> BlindVerdict:
@@ -110,15 +94,24 @@ def judge(case: BlindCase, *, least_share: float | None = None) -> BlindVerdict:
 
     record, valve = given(case)
     settings = GapSettings() if least_share is None else GapSettings(least_share=least_share)
+    return row_of(
+        case, *answered(lambda: result_to_dict(analyse([record], valve, MODELS[BASE], settings=settings)))
+    )
+
+
+def answered(work: Callable[[], dict[str, Any]]) -> tuple[dict[str, Any], tuple[float, float], str]:
+    """Return what the workflow says, the time it took (see ``Stopwatch.read``), and why it says nothing.
+
+    One crash must not end a study: its last lines are kept.
+    """
     watch = Stopwatch()
     try:
-        result = result_to_dict(analyse([record], valve, MODELS[BASE], settings=settings))
+        return work(), watch.read(), ""
     except InputError as error:
-        return row_of(case, {"verdict": REFUSED}, watch.read(), str(error))
-    except Exception:  # one crash must not end the study; its last lines are kept
+        return {"verdict": REFUSED}, watch.read(), str(error)
+    except Exception:
         text = traceback.format_exc().strip().splitlines()
-        return row_of(case, {"verdict": FAILED}, watch.read(), " ".join(text[-3:]))
-    return row_of(case, result, watch.read())
+        return {"verdict": FAILED}, watch.read(), " ".join(text[-3:])
 
 
 def given(case: BlindCase) -> tuple[Record, Valve]:
@@ -132,12 +125,6 @@ def row_of(
     case: BlindCase, result: dict[str, Any], seconds: tuple[float, float], message: str = ""
 ) -> BlindVerdict:
     """Return the row of ``case`` with ``result``, the workflow's own JSON."""
-    truth = truth_of(case)
-    wanted = {
-        f"{effect}.{CATALOGUE_NAMES.get(name, name)}": value
-        for effect, values in truth["effects"].items()
-        for name, value in values.items()
-    }
     found = {
         f"{effect['id']}.{name}": entry["value"]
         for effect in result.get("effects", [])
@@ -156,7 +143,7 @@ def row_of(
         verdict=result["verdict"],
         candidates=tuple(result.get("candidates") or ()),
         confidence=result.get("confidence"),
-        truth=wanted,
+        truth=by_parameter(case.truth),
         found=found,
         before=gap.get("before", {}).get("nrmse"),
         after=gap.get("after", {}).get("nrmse"),
@@ -166,14 +153,28 @@ def row_of(
         visible=None if visible is None else visible.over_noise,
         evidence=None if visible is None else visible.evidence,
         threshold=None if visible is None else case.threshold,
-        condition=(
-            f"{condition.excitation.kind} {condition.amplitude:.3g} m/s², "
-            f"{condition.nominal_stiffness:.0f} N/m, c {case.plant['damping']:.2g}, "
-            f"{condition.sample_rate:.0f} Hz, {condition.duration:.0f} s, "
-            f"noise {100.0 * condition.noise_share:.2g} %, gain {condition.gain:.3f}, "
-            f"delay {1e3 * condition.delay:+.2f} ms"
-        ),
+        condition=f"{condition_text(case)}, gain {condition.gain:.3f}, delay {1e3 * condition.delay:+.2f} ms",
         message=message,
+    )
+
+
+def by_parameter(truth: Mapping[str, Mapping[str, float]]) -> dict[str, float]:
+    """Return true values by "effect.parameter", in the names of the catalogue."""
+    return {
+        f"{effect}.{CATALOGUE_NAMES.get(name, name)}": value
+        for effect, values in truth.items()
+        for name, value in values.items()
+    }
+
+
+def condition_text(case: DescribedCase) -> str:
+    """Return excitation, spring, rate and noise of a case, for looking up."""
+    condition = case.condition
+    return (
+        f"{condition.excitation.kind} {condition.amplitude:.3g} m/s², "
+        f"{condition.nominal_stiffness:.0f} N/m, c {case.plant['damping']:.2g}, "
+        f"{condition.sample_rate:.0f} Hz, {condition.duration:.0f} s, "
+        f"noise {100.0 * condition.noise_share:.2g} %"
     )
 
 
@@ -238,21 +239,6 @@ class BlindVerdict:
     def to_dict(self) -> dict[str, Any]:
         """Return what the JSON file holds of it."""
         return {**asdict(self), "right": self.right, "errors": self.errors}
-
-
-@dataclass(frozen=True, slots=True)
-class Target:
-    """Target of the study: a proportion and what is wanted of it."""
-
-    name: str
-    wanted: str
-    share: Proportion
-    met: bool
-
-    @property
-    def answer(self) -> str:
-        """yes, no, or unknown where no case asked."""
-        return ("yes" if self.met else "no") if self.share.of else "unknown"
 
 
 def share_of(rows: Sequence[BlindVerdict], right: Callable[[BlindVerdict], bool]) -> Proportion:
@@ -340,10 +326,7 @@ def page_parts(rows: Sequence[BlindVerdict]) -> list[str]:
         ABOUT,
         f"{len(rows)} cases. A case: median {median(times):.1f} s ({computing:.1f} s of computing), "
         f"longest {max(times):.1f} s.",
-        markdown_table(
-            ("question", "target", "found (95 % interval)", "met"),
-            [(t.name, t.wanted, str(t.share), t.answer) for t in targets(rows)],
-        ),
+        markdown_table(TARGET_HEAD, target_rows(targets(rows))),
         f"![confusion matrix]({PICTURE})",
         "## By what was hidden",
         _by_hidden(rows),

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from statistics import median
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -16,7 +16,7 @@ from spool_blind.hidden import EFFECTS
 
 from spool_evaluation.results.page import markdown_table, renew_json, save_picture, study_command, write_page
 from spool_evaluation.studies.gap import judge
-from spool_evaluation.studies.workers import spread
+from spool_evaluation.studies.workers import appended, kept_rows, spread
 
 #: Sizes that are tried over the detection limit: powers of this, from the one to the other power.
 STEP, LOWEST, HIGHEST = math.sqrt(2.0), -1, 14
@@ -52,17 +52,14 @@ def run(
     out.mkdir(parents=True, exist_ok=True)
     wanted = [(effect, seed + case) for case in range(cases) for effect in effects]
     kept = out / "gap_limits.jsonl"
-    found = {(limit.effect, limit.seed): limit for limit in _kept(kept)}
+    found = {
+        (limit.effect, limit.seed): limit for limit in kept_rows(kept, lambda row: DetectionLimit(**row))
+    }
     items = [item for item in wanted if item not in found]
-    with kept.open("w") as file:
-        file.writelines(json.dumps(asdict(limit)) + "\n" for limit in found.values())
-        file.flush()
-        for limit in spread(smallest_named, items, f"{len(items)} limits", workers):
-            found[limit.effect, limit.seed] = limit
-            file.write(json.dumps(asdict(limit)) + "\n")
-            file.flush()
+    for limit in appended(kept, spread(smallest_named, items, f"{len(items)} limits", workers)):
+        found[limit.effect, limit.seed] = limit
     limits = [found[item] for item in wanted]
-    renew_json(out / "gap_limits.json", [asdict(limit) for limit in limits])
+    renew_json(out / "gap_limits.json", [limit.to_dict() for limit in limits])
     page = write_study(limits, out, study_command("gap-limit", cases, seed))
     print(page.read_text())
     return limits
@@ -112,6 +109,10 @@ class DetectionLimit:
     visible: float | None
     named: float | None
     ratio: float | None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what the files hold of it."""
+        return asdict(self)
 
 
 def by_effect(limits: Sequence[DetectionLimit]) -> dict[str, list[DetectionLimit]]:
@@ -189,14 +190,6 @@ def limits_figure(limits: Sequence[DetectionLimit]) -> Figure:
     axis.spines[["top", "right"]].set_visible(False)
     axis.legend(loc="lower right", fontsize=8)
     return figure
-
-
-def _kept(path: Path) -> list[DetectionLimit]:
-    if not path.exists():
-        return []
-    lines = path.read_text().splitlines()
-    # The last line of a run that was ended may be half a line.
-    return [DetectionLimit(**json.loads(line)) for line in lines if line.endswith("}")]
 
 
 def _smallest(named: Callable[[int], bool], top: int) -> int | None:

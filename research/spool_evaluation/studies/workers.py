@@ -1,11 +1,13 @@
-"""Parallel work on many items, in processes of their own, with progress and time left."""
+"""Parallel work on many items, in processes of their own, with progress; rows kept as they are done."""
 
 from __future__ import annotations
 
+import json
 import multiprocessing
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from typing import TypeVar
+from pathlib import Path
+from typing import Any, Protocol, TypeVar
 
 from spool_core.system import end_with_parent, processors
 from spool_tools.terminal import progress
@@ -42,3 +44,30 @@ def spread(
                     advance(1.0)
             finally:
                 pool.shutdown(wait=True, cancel_futures=True)
+
+
+class KeptRow(Protocol):
+    """Row of a study that a file keeps."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what the file holds of it."""
+
+
+Row = TypeVar("Row", bound=KeptRow)
+
+
+def appended(path: Path, rows: Iterable[Row]) -> Iterator[Row]:
+    """Yield ``rows`` as they are done; each is a line of JSON in ``path`` before."""
+    cut_off = path.exists() and not path.read_text().endswith("\n")
+    with path.open("a") as file:
+        file.write("\n" if cut_off else "")
+        for row in rows:
+            file.write(json.dumps(row.to_dict()) + "\n")
+            file.flush()
+            yield row
+
+
+def kept_rows(path: Path, row_from: Callable[[dict[str, Any]], Row]) -> list[Row]:
+    """Return the rows that ``path`` holds; a last line that was cut off is left out."""
+    lines = path.read_text().splitlines() if path.exists() else []
+    return [row_from(json.loads(line)) for line in lines if line.endswith("}")]

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from spool_blind.case import kind_of
+from spool_blind.condition import FIELD_KINDS, OPERATION, draw_field_excitation
 from spool_blind.field.case import LOOK_AHEAD, WINDOWS, Importance, accepted_verdicts, make_field, window_of
-from spool_blind.field.condition import FIELD_KINDS, OPERATION, draw_field_excitation
 from spool_blind.field.hiding import BLOCK, FIELD_LAWS, HiddenPhysics, field_hidden_by, warming
 from spool_blind.field.nuisances import Clipping
 from spool_blind.hidden import Hidden
-from spool_blind.simulator.plant import Plant, move
+from spool_blind.simulator import Plant, move
 
 BASE = {"mass": 0.18, "stiffness": 1632.0, "damping": 4.0}
 H = 20e-6

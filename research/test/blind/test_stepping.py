@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from spool_blind.simulator.plant import Plant, move, respond
+from spool_blind.simulator import Plant, move, respond
 
 BASE = {"mass": 0.18, "stiffness": 1632.0, "damping": 4.0}
 H = 20e-6

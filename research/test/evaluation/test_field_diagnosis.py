@@ -15,7 +15,7 @@ from spool_evaluation.studies.field.diagnosis import (
     reason,
 )
 from spool_evaluation.studies.field.study import field_row
-from spool_evaluation.studies.field.summary import ChainFault, FieldVerdict, HiddenShare
+from spool_evaluation.studies.field.verdicts import ChainFault, FieldVerdict, HiddenShare
 
 DRAWN, TOLD = ChainFault("ac_coupling", "spool", 1.0, "Hz"), ChainFault("anti_alias", "spool", 1e-3, "s")
 

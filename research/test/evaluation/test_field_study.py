@@ -8,9 +8,8 @@ from pathlib import Path
 import pytest
 from spool_blind.field.case import make_field
 from spool_evaluation.studies.field import study
-from spool_evaluation.studies.field.reliability import brier_scores, deciles
 from spool_evaluation.studies.field.study import PAGE, PICTURE, field_parts, write_field_page
-from spool_evaluation.studies.field.summary import (
+from spool_evaluation.studies.field.verdicts import (
     FALSE,
     MISSED,
     NO_VERDICT,
@@ -24,8 +23,10 @@ from spool_evaluation.studies.field.summary import (
     ChainFault,
     FieldVerdict,
     HiddenShare,
+    brier_scores,
     by_nuisance,
     counted,
+    deciles,
     field_targets,
     told_of,
     verdict_from,

@@ -5,8 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from spool_evaluation.pictures import convergence_picture, effect_pictures
+from spool_evaluation.pictures import effect_pictures
 from spool_evaluation.pictures.law_pictures import FORCE, PAGE, REST, draw, law_text
+from spool_evaluation.studies import steps as convergence_picture
 from spool_gap.catalogue import EFFECTS
 from spool_sim.terms import TERMS
 from spool_sim.valve import find_valve

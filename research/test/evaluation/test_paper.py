@@ -8,12 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from spool_core.errors import InputError
-from spool_evaluation.paper import reproduction
-from spool_evaluation.paper.command import run_paper
-from spool_evaluation.paper.data import MODELS, SERIES
-from spool_evaluation.paper.fit import fit, parameters
-from spool_evaluation.paper.reproduction import full_stroke
-from spool_evaluation.paper.simulation import Plan, SteppedResponse, respond
+from spool_evaluation.paper import fit as reproduction
+from spool_evaluation.paper.experiment import MODELS, SERIES, Plan, SteppedResponse, respond
+from spool_evaluation.paper.fit import fit, full_stroke, parameters
+from spool_evaluation.paper.page import run_paper
 from spool_tools.cli import main
 
 QUICK = Plan(frequencies=(15.0, 30.0, 60.0, 90.0))

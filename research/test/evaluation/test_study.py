@@ -12,8 +12,7 @@ from scipy.stats import binom
 from spool_blind.case import limit_case, make
 from spool_core.errors import InputError
 from spool_evaluation.bench import run_bench
-from spool_evaluation.results.page import write_page
-from spool_evaluation.results.proportion import Proportion, interval
+from spool_evaluation.results.page import Proportion, interval, write_page
 from spool_evaluation.studies import gap_limit
 from spool_evaluation.studies.gap import (
     PICTURE,

@@ -10,14 +10,11 @@ import ruptures
 from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.identification.oil import OilReference, oil_law
 from spool_operation.comparison import YEAR, threshold_of
-from spool_operation.estimates import MEMORY, SurrogateEstimates
-from spool_operation.memory import simulated_year
-from spool_operation.operating_point import features
 from spool_operation.peers import WINDOW, best_split, page_sum
-from spool_operation.run_day import DayOutcome, RaisedEvent, judged, run_day
-from spool_operation.study import false_table, fault_table, parts
+from spool_operation.run_day import MEMORY, DayOutcome, RaisedEvent, SurrogateEstimates, judged, run_day
+from spool_operation.study import false_table, fault_table, parts, simulated_year
 from spool_operation.surrogate import load_surrogate
-from spool_operation.world import DAY, draw_day
+from spool_operation.world import DAY, draw_day, features
 
 
 def of_kind(name: str, speed: str, seed: int = 0) -> int:

@@ -1,25 +1,32 @@
 """Source of the blocks of many valves: a recorded run sent again, cheaply, and when the estimates come back.
 
-Run as ``python -m spool_evaluation.benchmarks.load.valve_source COUNT SECONDS FILE [SHIFT]``; it sends for
-``SECONDS`` and writes what it saw as JSON. Each valve sends the run ``SHIFT`` blocks ahead of the one before.
+Run as ``python -m spool_evaluation.benchmarks.load.valve_source COUNT SECONDS FILE [SHIFT [RUN_IN
+[LISTENERS]]]``; it sends for ``SECONDS`` and writes what it saw as JSON. Each valve sends the run ``SHIFT``
+blocks ahead of the one before. Besides: what running processes cost, as the kernel accounts for it.
 """
 
 from __future__ import annotations
 
 import json
 import math
+import os
 import struct
+import subprocess
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.serialization import serialize_message
+from spool_core.errors import InputError
 from spool_core.node import qos
 from spool_core.node.messages import from_block
 from spool_msgs.msg import AccelerationBlock, ModelEstimate
@@ -33,8 +40,8 @@ SAMPLE_RATE, BLOCK_RATE = 2000.0, 50.0
 GROUPS = 10
 #: s that it may be behind before it gives up.
 LONGEST_BEHIND = 20.0
-#: s after which a valve that was found counts as run in.
-RUN_IN = 20.0
+#: s after which a valve that was found counts as run in, and that nodes may take until they listen.
+RUN_IN, PATIENCE = 20, 60.0
 VALVE = "4weh10_soft"
 
 
@@ -45,7 +52,10 @@ class ValveSource:
     Attributes:
         sent: when each of the last blocks of a valve was sent, by its sequence, s of the monotonic clock.
         tracking: when each valve was first told to be tracking, s after its first block was heard.
-        ages: from block to estimate (s), for estimates after the first ``RUN_IN`` seconds, and before.
+        run_in: s after which a valve that was heard counts as run in.
+        listeners: of each valve, that are waited for before the first block.
+        ages: from block to estimate (s), for estimates after the first ``run_in`` seconds, and before.
+        delay: s, of the filter, as the last estimate says.
         lost: blocks that each estimator counts as lost.
         blocks: that were sent of each valve.
         longest_wait: s, that a block waited for its turn in a host: while it starts, and later.
@@ -54,6 +64,9 @@ class ValveSource:
     count: int
     seconds: float
     shift: int = 0
+    run_in: int = RUN_IN
+    listeners: int = 0
+    delay: float = 0.0
     tracking: dict[int, float] = field(default_factory=dict)
     first: dict[int, float] = field(default_factory=dict)
     ages: list[float] = field(default_factory=list)
@@ -65,7 +78,11 @@ class ValveSource:
     _begin: float = 0.0
 
     def run(self) -> None:
-        """Send at the pace of the clock until the time is over."""
+        """Send at the pace of the clock until the time is over.
+
+        Raises:
+            InputError: the listeners did not come.
+        """
         messages, at = self._messages()
         rclpy.init()
         node = rclpy.create_node("source")
@@ -80,6 +97,13 @@ class ValveSource:
             node.create_subscription(ModelEstimate, f"{name}/estimate", heard, qos.state(depth=10))
             self.sent[valve] = [math.nan] * 1000
         node.create_subscription(DiagnosticArray, "/diagnostics", self._diagnosed, qos.diagnostics())
+        end = time.monotonic() + PATIENCE
+        while any(publisher.get_subscription_count() < self.listeners for publisher in publishers):
+            if time.monotonic() > end:
+                raise InputError(f"the nodes do not listen after {PATIENCE:g} s")
+            executor.spin_once(timeout_sec=0.05)
+        if self.listeners:
+            time.sleep(1.0)  # who is counted may still be about to hear
         groups = [range(group, self.count, GROUPS) for group in range(GROUPS)]
         step = 1.0 / BLOCK_RATE / GROUPS
         self._begin, begin = time.monotonic(), time.time_ns()
@@ -127,12 +151,13 @@ class ValveSource:
     def _heard(self, valve: int, message: ModelEstimate) -> None:
         now = time.monotonic()
         self.lost[valve] = message.lost_blocks
+        self.delay = message.delay
         self.first.setdefault(valve, now)
         if message.state == ModelEstimate.STATE_TRACKING:
             self.tracking.setdefault(valve, now - self._begin)
         age = now - self.sent[valve][message.last_sequence % 1000]
         if 0.0 <= age < 10.0:
-            (self.ages if now - self.first[valve] > RUN_IN else self.start_ages).append(age)
+            (self.ages if now - self.first[valve] > self.run_in else self.start_ages).append(age)
 
     def _diagnosed(self, message: DiagnosticArray) -> None:
         running_in = len(self.tracking) < self.count
@@ -160,13 +185,69 @@ class ValveSource:
             "all_tracking_s": max(self.tracking.values(), default=None),
             "first_heard_s": min(self.first.values(), default=math.nan) - self._begin,
             "lost": sum(self.lost.values()),
+            "delay_s": self.delay,
             "processor_s": time.process_time(),
         }
 
 
-def main(count: int, seconds: float, file: Path, shift: int = 0) -> None:
+def family(process: int) -> list[int]:
+    """Return ``process`` and all that it started."""
+    children = Path(f"/proc/{process}/task/{process}/children").read_text(encoding="ascii").split()
+    return [process, *(one for child in children for one in family(int(child)))]
+
+
+def processor_time(process: int) -> float:
+    """Return user and system time of a process, s."""
+    fields = Path(f"/proc/{process}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def memory(process: int) -> tuple[int, int]:
+    """Return the memory of a process, B: its share of what it shares, and all that is resident."""
+    lines = Path(f"/proc/{process}/smaps_rollup").read_text(encoding="ascii").splitlines()[1:]
+    found = {name: 1024 * int(rest.split()[0]) for name, _, rest in (line.partition(":") for line in lines)}
+    return found["Pss"], found["Rss"]
+
+
+@contextmanager
+def sending(folder: Path, *words: object) -> Iterator[subprocess.Popen[bytes]]:
+    """Run this module as a process, which writes ``report.json`` into ``folder``; end it at the end.
+
+    ``words`` are COUNT, SECONDS, and what may follow FILE.
+    """
+    count, seconds, *more = map(str, words)
+    given = [count, seconds, str(folder / "report.json"), *more]
+    with (folder / "source.log").open("wb") as log:
+        source = subprocess.Popen([sys.executable, "-m", __name__, *given], stdout=log, stderr=log)
+    try:
+        yield source
+    finally:
+        source.kill()
+
+
+def report_of(folder: Path) -> dict[str, Any]:
+    """Return what the process of :func:`sending` saw.
+
+    Raises:
+        InputError: it failed.
+    """
+    report = folder / "report.json"
+    if not report.exists():
+        raise InputError(f"bench: the source of blocks failed: {last_words(folder / 'source.log')}")
+    seen: dict[str, Any] = json.loads(report.read_text(encoding="utf-8"))
+    return seen
+
+
+def last_words(log: Path) -> str:
+    """Return the end of a log."""
+    return log.read_text(encoding="utf-8", errors="replace").strip()[-300:]
+
+
+def main(
+    count: int, seconds: float, file: Path, shift: int = 0, run_in: int = RUN_IN, listeners: int = 0
+) -> None:
     """Send, then write what was seen."""
-    source = ValveSource(count, seconds, shift)
+    source = ValveSource(count, seconds, shift, run_in, listeners)
     source.run()
     file.write_text(json.dumps(source.to_dict()), encoding="utf-8")
 

@@ -30,10 +30,9 @@ from spool_sim.model import MODELS
 from spool_sim.valve import Valve
 
 from spool_evaluation.results.page import markdown_table, write_page
+from spool_evaluation.studies.field.verdicts import NO_VERDICT, OUTSIDE, RIGHT, ChainFault, FieldVerdict
 from spool_evaluation.studies.gap import BASE
 from spool_evaluation.studies.workers import spread
-
-from .summary import NO_VERDICT, OUTSIDE, RIGHT, ChainFault, FieldVerdict
 
 PAGE = "field_diagnosis.md"
 SATURATION = "sensor_saturation"

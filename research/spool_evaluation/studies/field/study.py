@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import signal
 import tempfile
-import traceback
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -13,35 +11,41 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from rich.console import Console
-from rich.table import Table
 from spool_blind.field.case import FieldCase, make_field, write_field
-from spool_core.errors import InputError
 from spool_sim.model import MODELS
 
-from spool_evaluation.results.page import markdown_table, renew_json, save_picture, study_command, write_page
-from spool_evaluation.results.proportion import Proportion
-from spool_evaluation.results.timing import Stopwatch
+from spool_evaluation.results.page import (
+    TARGET_HEAD,
+    Proportion,
+    markdown_table,
+    renew_json,
+    save_picture,
+    show_targets,
+    study_command,
+    target_rows,
+    write_page,
+)
 from spool_evaluation.studies.field.diagnosis import diagnose, stretches_as_told
-from spool_evaluation.studies.field.reliability import ENOUGH, brier_scores, deciles, reliability_figure
-from spool_evaluation.studies.field.summary import (
-    FAILED,
+from spool_evaluation.studies.field.verdicts import (
+    ENOUGH,
     OUTCOMES,
     QUESTIONS,
-    REFUSED,
     RIGHT,
     UNIMPORTANT,
     ChainFault,
     FieldVerdict,
     HiddenShare,
+    brier_scores,
     by_nuisance,
     counted,
+    deciles,
     field_targets,
+    reliability_figure,
     told_of,
     verdict_from,
 )
-from spool_evaluation.studies.gap import BASE, CATALOGUE_NAMES
-from spool_evaluation.studies.workers import spread
+from spool_evaluation.studies.gap import BASE, answered, by_parameter, condition_text
+from spool_evaluation.studies.workers import appended, kept_rows, spread
 
 ROWS, RESULT = "field_cases.jsonl", "field_study.json"
 #: s of computing after which a case counts as one without a word: five times what the workflow may take.
@@ -80,47 +84,28 @@ def run(
     """
     out.mkdir(parents=True, exist_ok=True)
     seeds = range(seed, seed + cases)
-    found = {row.seed: row for row in kept(out / ROWS) if row.seed in seeds}
+    found = {row.seed: row for row in kept_rows(out / ROWS, verdict_from) if row.seed in seeds}
     missing = [number for number in seeds if number not in found]
-    with (out / ROWS).open("a") as file:
-        for row in spread(judge_field_seed, missing, f"{len(missing)} field cases", workers):
-            found[row.seed] = row
-            file.write(json.dumps(row.to_dict()) + "\n")
-            file.flush()
+    for row in appended(
+        out / ROWS, spread(judge_field_seed, missing, f"{len(missing)} field cases", workers)
+    ):
+        found[row.seed] = row
     rows = [found[number] for number in seeds]
     renew_json(out / RESULT, field_result(rows))
     command = study_command("field", cases, seed)
     page = write_field_page(rows, out, command)
-    _show(rows)
+    show_targets(field_targets(rows))
     print(f"{page}: every number, what went wrong and how to make it again")
     if diagnosing:
         diagnose(rows, out, f"{command} --diagnose", workers)
     return rows
 
 
-def kept(path: Path) -> list[FieldVerdict]:
-    """Return the rows that ``path`` holds; a last line that was cut off is left out."""
-    if not path.exists():
-        return []
-    lines = [line for line in path.read_text().splitlines() if line.endswith("}")]
-    return [verdict_from(json.loads(line)) for line in lines]
-
-
 def field_result(rows: Sequence[FieldVerdict]) -> dict[str, Any]:
     """Return everything the study found, for JSON."""
     return {
         "cases": len(rows),
-        "targets": [
-            {
-                "name": target.name,
-                "wanted": target.wanted,
-                "count": target.share.count,
-                "of": target.share.of,
-                "interval": list(target.share.interval),
-                "met": target.met if target.share.of else None,
-            }
-            for target in field_targets(rows)
-        ],
+        "targets": [target.to_dict() for target in field_targets(rows)],
         "rows": [row.to_dict() for row in rows],
     }
 
@@ -135,19 +120,15 @@ def judge_field(case: FieldCase) -> FieldVerdict:
 
     A crash is a row too, and so is a case that takes longer than ``LONGEST``.
     """
-    watch = Stopwatch()
     with tempfile.TemporaryDirectory() as folder:
         record, valve = write_field(case, Path(folder))
-        watch = Stopwatch()
-        try:
+
+        def analysed_in_time() -> dict[str, Any]:
             with _at_most(LONGEST):
-                result = analysed(record, valve)
-        except InputError as error:
-            return field_row(case, {"verdict": REFUSED}, watch.read(), str(error).replace(f"{record}: ", ""))
-        except Exception:  # one crash must not end the study; its last lines are kept
-            text = traceback.format_exc().strip().splitlines()
-            return field_row(case, {"verdict": FAILED}, watch.read(), " ".join(text[-3:]))
-    return field_row(case, result, watch.read())
+                return analysed(record, valve)
+
+        result, seconds, message = answered(analysed_in_time)
+    return field_row(case, result, seconds, message.replace(f"{record}: ", ""))
 
 
 def analysed(record: Path, valve: Path) -> dict[str, Any]:
@@ -171,7 +152,6 @@ def field_row(
 ) -> FieldVerdict:
     """Return the row of ``case`` with ``result``, the workflow's own JSON."""
     gap = result.get("gap", {})
-    condition = case.condition
     return FieldVerdict(
         seed=case.seed,
         window=case.window,
@@ -190,11 +170,7 @@ def field_row(
         ),
         candidates=tuple(result.get("candidates") or ()),
         confidence=result.get("confidence"),
-        truth={
-            f"{effect}.{CATALOGUE_NAMES.get(name, name)}": value
-            for effect, values in case.truth.items()
-            for name, value in values.items()
-        },
+        truth=by_parameter(case.truth),
         found={
             f"{effect['id']}.{name}": (entry["value"], entry["std"])
             for effect in result.get("effects", [])
@@ -206,12 +182,7 @@ def field_row(
         floor=gap.get("noise_floor"),
         seconds=seconds[0],
         processor_seconds=seconds[1],
-        condition=(
-            f"{condition.excitation.kind} {condition.amplitude:.3g} m/s², "
-            f"{condition.nominal_stiffness:.0f} N/m, c {case.plant['damping']:.2g}, "
-            f"{condition.sample_rate:.0f} Hz, {condition.duration:.0f} s, "
-            f"noise {100.0 * condition.noise_share:.2g} %, size {case.factor:.2g}"
-        ),
+        condition=f"{condition_text(case)}, size {case.factor:.2g}",
         message=message,
         signs=result.get("confidence_from", {}),
     )
@@ -231,10 +202,7 @@ def field_parts(rows: Sequence[FieldVerdict]) -> list[str]:
         window_line(rows),
         f"{len(rows)} cases. A case: median {median(times):.1f} s "
         f"({median(row.processor_seconds for row in rows):.1f} s of computing), longest {max(times):.1f} s.",
-        markdown_table(
-            ("question", "target", "found (95 % interval)", "met"),
-            [(t.name, t.wanted, str(t.share), t.answer) for t in field_targets(rows)],
-        ),
+        markdown_table(TARGET_HEAD, target_rows(field_targets(rows))),
         "## By what was asked",
         _outcomes("asked", {name: [row for row in rows if row.question == name] for name in QUESTIONS}),
         "## By what was hidden",
@@ -261,13 +229,6 @@ def window_line(rows: Sequence[FieldVerdict]) -> str:
     """Return what the seeds may be used for."""
     windows = sorted({row.window for row in rows})
     return REPORTED if windows == ["report"] else NOT_REPORTED.format(window=" and ".join(windows))
-
-
-def _show(rows: Sequence[FieldVerdict]) -> None:
-    table = Table("question", "target", "found (95 % interval)", "met", box=None, pad_edge=False)
-    for target in field_targets(rows):
-        table.add_row(target.name, target.wanted, str(target.share), target.answer)
-    Console(width=140).print(table)
 
 
 @contextmanager

@@ -11,10 +11,10 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 from geometry_msgs.msg import AccelStamped, Vector3Stamped
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Imu
 from spool_core.aligner import CLOCK_STEP, Aligner, AlignerSettings, Channel
 from spool_core.block import RecentCounts
+from spool_core.node import qos
 from spool_core.node.block_hub import BlockPublisher, Throttle
 from spool_core.node.diagnostics import DiagnosticPublisher, Level, Status, key
 from spool_core.node.managed_node import ManagedNode
@@ -150,10 +150,11 @@ class AdapterNode(ManagedNode):
         self._heard: dict[Channel, float] = {}
         self._looks, self._level = 0, Level.OK
         readings = {channel: self._reading(channel.value, {}).samples for channel in Channel}
+        wanted = qos.profile(DEPTH, reliable=self.value("reliability") == "reliable")
         for topic in dict.fromkeys(topics.values()):
             channels = {one: readings[one] for one in Channel if topics[one] == topic}
             kind = TYPES[self.value(f"{next(iter(channels)).value}_type")]
-            self.subscribe(kind, topic, self._taker(channels), self._wanted())
+            self.subscribe(kind, topic, self._taker(channels), wanted)
         self.every(LOOK, self._look, steady=True)
 
     def cleanup(self) -> None:
@@ -200,15 +201,6 @@ class AdapterNode(ManagedNode):
             AlignerSettings(**{name: self.value(name) for name in names}, source=self.value("valve_id"))
         )
 
-    def _wanted(self) -> QoSProfile:
-        reliable = self.value("reliability") == "reliable"
-        return QoSProfile(
-            history=HistoryPolicy.KEEP_LAST,
-            depth=DEPTH,
-            reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
-            durability=DurabilityPolicy.VOLATILE,
-        )
-
     def _taker(self, channels: dict[Channel, Callable[[Any, int], Samples]]) -> Callable[[Any], None]:
         """Return what takes the messages of one topic for the sensors that are in them."""
 
@@ -218,7 +210,13 @@ class AdapterNode(ManagedNode):
                 try:
                     found = samples(message, arrival)
                 except UnusableError as unusable:
-                    self._tell_unusable(channel, str(unusable))
+                    self._report.unusable[channel] += 1
+                    self._report.reason[channel] = str(unusable)
+                    count = self._throttle.take(channel.value)
+                    if count:
+                        self.get_logger().warning(
+                            f"{channel.value}: {plural(count, 'message')} could not be used: {unusable}"
+                        )
                     continue
                 self._heard[channel] = time.monotonic()
                 for stamp, value in found:
@@ -227,15 +225,6 @@ class AdapterNode(ManagedNode):
                         self._publisher.publish(block, block.source)
 
         return take
-
-    def _tell_unusable(self, channel: Channel, reason: str) -> None:
-        self._report.unusable[channel] += 1
-        self._report.reason[channel] = reason
-        count = self._throttle.take(channel.value)
-        if count:
-            self.get_logger().warning(
-                f"{channel.value}: {plural(count, 'message')} could not be used: {reason}"
-            )
 
     def _look(self) -> None:
         """Report about once a second, and at once where the level changes."""
@@ -359,7 +348,6 @@ class SensorReport:
     recent: RecentCounts = field(default_factory=RecentCounts)
     unpaired: int = 0
     _counted: tuple[int, int] = (0, 0)
-    _unusable_before: dict[Channel, int] = field(default_factory=lambda: dict.fromkeys(Channel, 0))
 
     def advance(self, aligner: Aligner, seconds: float) -> None:
         """Count what was lost and refused in the ``seconds`` since it was asked last."""

@@ -126,7 +126,13 @@ def describe(path: Path | str, span: Span | None = None) -> BagInformation:
         for name, topic in reader.topics.items()
     )
     lost, estimated = reader.lost()
-    warnings = [*reader.warnings, *_shortfall(reader, sum(topic.messages for topic in topics), lost)]
+    warnings = list(reader.warnings)
+    # What metadata.yaml counts beyond what is there and what damage explains.
+    short = reader.told - sum(topic.messages for topic in topics) - lost
+    if short > 0 and reader.span.is_all:
+        warnings.append(
+            f"{reader.path}: metadata.yaml counts {reader.told} messages: at least {short} more are missing"
+        )
     warnings += [
         step_text(name, step) for name, one in passes.items() for step in one.timeline.steps[:MOST_STEPS]
     ]
@@ -263,14 +269,6 @@ def step_text(valve: str, step: ClockStep) -> str:
         f"/{valve}: its time goes {way} by {abs(step.by):.3f} s at {step.at:.1f} s (clock set or source "
         "started again): time is counted on from there"
     )
-
-
-def _shortfall(reader: BagReader, found: int, lost: int) -> list[str]:
-    """Return what ``metadata.yaml`` counts beyond what is there and what damage explains."""
-    short = reader.told - found - lost
-    if short <= 0 or not reader.span.is_all:
-        return []
-    return [f"{reader.path}: metadata.yaml counts {reader.told} messages: at least {short} more are missing"]
 
 
 def _logged(reader: BagReader) -> tuple[int | None, float | None]:

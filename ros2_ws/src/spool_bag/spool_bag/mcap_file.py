@@ -17,10 +17,8 @@ from mcap.opcode import Opcode
 from spool_core.errors import InputError
 
 from spool_bag.mcap_record import (
-    FOOTER,
     FRAME,
     HEAD_SIZE,
-    LARGEST_SUMMARY,
     MAGIC,
     MESSAGE,
     MESSAGE_INDEX,
@@ -31,9 +29,8 @@ from spool_bag.mcap_record import (
     candidates,
     chunk_head,
     index_entries,
-    index_time,
     kind_of,
-    summary_counts,
+    read_summary,
 )
 
 #: Messages of a batch at most: more would hold more memory than their chunk.
@@ -125,8 +122,11 @@ class McapFile:
                     raise InputError(f"{self.path} {what}: name a rosbag2 directory or an .mcap file")
                 stream.seek(max(self._size - len(MAGIC), 0))
                 self.closed = self._size > 2 * len(MAGIC) and stream.read() == MAGIC
-                if self.closed:
-                    self._read_summary(stream)
+                if self.closed:  # without a summary, topics and counts cost a pass over the file
+                    told = read_summary(stream, self._size, self._definitions)
+                    if told is not None:
+                        self.counts = dict.fromkeys(self.topics, 0) | told[0]
+                        self.times = told[1]
         except OSError as error:
             raise InputError(f"{self.path}: cannot be read: {error.strerror}") from error
 
@@ -220,19 +220,6 @@ class McapFile:
         """Return whether a chunk can be read behind a damaged beginning."""
         return next(iter(Walk(stream, self._size, 0, lambda _: None, quiet_tail=True)), None) is not None
 
-    def _read_summary(self, stream: BinaryIO) -> None:
-        """Take topics and counts from a sound summary; without one they cost a pass over the file."""
-        summary = _summary(stream, self._size)
-        if summary is None:
-            return
-        try:
-            counts = summary_counts(summary, self._definitions)
-        except Exception:  # as above
-            return
-        if counts is not None:
-            found, self.times = counts
-            self.counts = dict.fromkeys(self.topics, 0) | found
-
     def _refuse(self, damage: Damage) -> None:
         raise InputError(
             f"{self.path}: damaged at byte {damage.offset} ({damage.reason}): "
@@ -304,7 +291,7 @@ class Walk:
     def __iter__(self) -> Iterator[RecordRun]:
         offset = self._start
         while offset < self._end:
-            frame, content = self._at(offset)
+            frame, content = self._at(offset, tell=True)
             if frame is None:
                 offset = self._step_over(offset, "a record is cut off or its head damaged")
                 continue
@@ -341,8 +328,11 @@ class Walk:
         self._settle()
         self._pending = damage
 
-    def _at(self, offset: int) -> tuple[Frame | None, bytes]:
-        """Return the record at ``offset`` and how its content begins; no record where it cannot be one."""
+    def _at(self, offset: int, *, tell: bool = False) -> tuple[Frame | None, bytes]:
+        """Return the record at ``offset`` and how its content begins; no record where it cannot be one.
+
+        ``tell`` reports a wrong kind.
+        """
         self._stream.seek(offset)
         head = self._stream.read(_LOOK)
         if len(head) < FRAME.size:
@@ -352,7 +342,7 @@ class Walk:
         kind = kind_of(opcode, content, length)
         if kind is None or offset + FRAME.size + length > self._end:
             return None, content
-        if kind != opcode:
+        if tell and kind != opcode:
             self.damaged(Damage(offset, 1, "the kind of a chunk is wrong, its content was read", 0))
         return Frame(kind, offset, length), content
 
@@ -384,13 +374,13 @@ class Walk:
 
     def _index(self, content: bytes, length: int) -> None:
         """Count what the index behind a damaged place lists; that of a chunk that was read loses nothing."""
-        entries, time = index_entries(content, length), index_time(content)
-        if self._pending is None or self._joined or not entries or time is None:
+        entries = index_entries(content, length)
+        if self._pending is None or self._joined or not entries:
             return
         if self._last is not None:
             if not self._listed:
                 self._listed = _listed(self._last.records)
-            channel, _ = MESSAGE_INDEX.unpack_from(content)
+            channel, _, time = struct.unpack_from("<HIQ", content)  # of its first message
             count, times = self._listed.get(channel, (0, range(0)))
             if count == entries and time in times:
                 self._listed[channel] = (0, times)  # a second index of the channel is of another chunk
@@ -430,25 +420,12 @@ class Walk:
         return None
 
     def _sound(self, offset: int, *, chunked: bool) -> bool:
-        frame = self._candidate(offset)
+        frame, _ = self._at(offset)
         if frame is None:
             return False
         if chunked:
             return frame.opcode == Opcode.CHUNK or (frame.opcode == Opcode.MESSAGE_INDEX and frame.length > 6)
-        return frame.opcode in _HOLDS_DATA and (
-            frame.end == self._end or self._candidate(frame.end) is not None
-        )
-
-    def _candidate(self, offset: int) -> Frame | None:
-        self._stream.seek(offset)
-        head = self._stream.read(_LOOK)
-        if len(head) < FRAME.size:
-            return None
-        opcode, length = FRAME.unpack_from(head)
-        kind = kind_of(opcode, head[FRAME.size : FRAME.size + min(length, HEAD_SIZE)], length)
-        return (
-            None if kind is None or offset + FRAME.size + length > self._end else Frame(kind, offset, length)
-        )
+        return frame.opcode in _HOLDS_DATA and (frame.end == self._end or self._at(frame.end)[0] is not None)
 
     def _settle(self) -> None:
         if self._pending is not None:
@@ -483,39 +460,17 @@ def unpack(head: ChunkHead, content: bytes) -> bytes:
     return data
 
 
-def _summary(stream: BinaryIO, size: int) -> bytes | None:
-    """Return the summary section if there is one and its checksum, where it has one, is right."""
-    at = size - len(MAGIC) - FOOTER.size
-    stream.seek(max(at, 0))
-    try:
-        opcode, _, start, _, checksum = FOOTER.unpack(stream.read(FOOTER.size))
-    except struct.error:
-        return None
-    if opcode != Opcode.FOOTER or not len(MAGIC) < start <= at or at - start > LARGEST_SUMMARY:
-        return None
-    stream.seek(start)
-    content = stream.read(at + FOOTER.size - 4 - start)
-    if checksum and zlib.crc32(content) != checksum:
-        return None
-    return content[: at - start]
-
-
 def _listed(records: bytes) -> dict[int, tuple[int, range]]:
     """Return the number of messages and the span of their log times (ns) by channel."""
     times: dict[int, list[int]] = {}
-    for at in _messages(records):
-        channel, _, log_time, _ = MESSAGE.unpack_from(records, at + FRAME.size)
-        times.setdefault(channel, []).append(log_time)
-    return {channel: (len(found), range(min(found), max(found) + 1)) for channel, found in times.items()}
-
-
-def _messages(records: bytes) -> Iterator[int]:
     at = 0
     while at + FRAME.size <= len(records):
         opcode, length = FRAME.unpack_from(records, at)
         if opcode == Opcode.MESSAGE and at + FRAME.size + MESSAGE.size <= len(records):
-            yield at
+            channel, _, log_time, _ = MESSAGE.unpack_from(records, at + FRAME.size)
+            times.setdefault(channel, []).append(log_time)
         at += FRAME.size + length
+    return {channel: (len(found), range(min(found), max(found) + 1)) for channel, found in times.items()}
 
 
 def _zstd(packed: memoryview, size: int) -> bytes:

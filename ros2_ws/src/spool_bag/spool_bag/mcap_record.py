@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import re
 import struct
+import zlib
 from dataclasses import dataclass, field
 from io import BytesIO
-from typing import NamedTuple
+from typing import BinaryIO, NamedTuple
 
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
@@ -97,13 +98,6 @@ def index_entries(content: bytes, length: int) -> int | None:
     return int(size) // _INDEX_ENTRY
 
 
-def index_time(content: bytes) -> int | None:
-    """Return the log time (ns) of the first message of an index, ``None`` for an empty one."""
-    if len(content) < MESSAGE_INDEX.size + 8:
-        return None
-    return int(struct.unpack_from("<Q", content, MESSAGE_INDEX.size)[0])
-
-
 def kind_of(opcode: int, content: bytes, length: int) -> int | None:
     """Return the kind of the record whose ``content`` of ``length`` B begins so, ``None``: it is damaged.
 
@@ -184,25 +178,46 @@ class Definitions:
                 schema.name, schema.data.decode("utf-8", "replace"), schema.encoding
             )
         else:
-            self._add(Channel.read(stream))
+            channel = Channel.read(stream)
+            schema = self._schemas.get(channel.schema_id) or _Schema("", "", "")
+            about = channel.metadata
+            qos, digest = about.get("offered_qos_profiles", ""), about.get("topic_type_hash", "")
+            self.topics[channel.id] = Topic(
+                channel.topic, *schema, encoding=channel.message_encoding, qos=qos, digest=digest
+            )
         self._known[key] = content
 
-    def _add(self, channel: Channel) -> None:
-        schema = self._schemas.get(channel.schema_id) or _Schema("", "", "")
-        about = channel.metadata
-        qos, digest = about.get("offered_qos_profiles", ""), about.get("topic_type_hash", "")
-        self.topics[channel.id] = Topic(
-            channel.topic, *schema, encoding=channel.message_encoding, qos=qos, digest=digest
-        )
+
+def read_summary(
+    stream: BinaryIO, size: int, definitions: Definitions
+) -> tuple[dict[int, int], tuple[int, int]] | None:
+    """Return messages by channel and first and last time (ns) that the summary of a file of ``size`` B tells.
+
+    Add what it defines. ``None`` where there is none, it is damaged, or it has no statistics.
+    """
+    end = size - len(MAGIC) - FOOTER.size
+    stream.seek(max(end, 0))
+    try:
+        opcode, _, start, _, checksum = FOOTER.unpack(stream.read(FOOTER.size))
+    except struct.error:
+        return None
+    if opcode != Opcode.FOOTER or not len(MAGIC) < start <= end or end - start > LARGEST_SUMMARY:
+        return None
+    stream.seek(start)
+    content = stream.read(end + FOOTER.size - 4 - start)
+    if checksum and zlib.crc32(content) != checksum:
+        return None
+    try:
+        return _counts(content[: end - start], definitions)
+    except Exception:  # struct, Unicode, mcap, MemoryError: whatever a bad byte brings
+        return None
 
 
-def summary_counts(summary: bytes, definitions: Definitions) -> tuple[dict[int, int], tuple[int, int]] | None:
-    """Return messages by channel and first and last time (ns) that a summary tells; add what it defines.
-
-    ``None`` where it has no statistics.
+def _counts(summary: bytes, definitions: Definitions) -> tuple[dict[int, int], tuple[int, int]] | None:
+    """Return what :func:`read_summary` does of a summary that is sound.
 
     Raises:
-        ValueError, struct.error, mcap.exceptions.McapError: the section is damaged.
+        ValueError, struct.error, mcap.exceptions.McapError: it is damaged.
     """
     counts: tuple[dict[int, int], tuple[int, int]] | None = None
     at = 0

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import yaml
 from rosbags.interfaces import Nodetype, Qos
-from rosbags.rosbag2.metadata import dump_qos_v9
+from rosbags.rosbag2.metadata import dump_qos_v9, parse_qos
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 from spool_core.errors import InputError
@@ -30,7 +30,7 @@ COMPRESSED = ".zstd"
 #: Missing files that are named one by one.
 MOST_MISSING = 10
 #: What ``custom_data`` says of a recording under way, or of one that was never finished.
-UNFINISHED = {"recording": "not finished"}
+_UNFINISHED = {"recording": "not finished"}
 #: Key of ``custom_data`` that holds the relative standard deviation of the sampling rate.
 RATE_STD = "import_rate_std"
 _PACKAGE = Path(__file__).resolve().parent
@@ -100,6 +100,14 @@ def qos_text(profiles: Sequence[Qos]) -> str:
     return _text(dump_qos_v9(list(profiles))).strip() if profiles else ""
 
 
+def qos_of(text: str) -> tuple[Qos, ...]:
+    """Return the profiles that a channel's metadata spells; none where they cannot be read."""
+    try:
+        return tuple(parse_qos(load_yaml(text) or []))
+    except Exception:  # rosbags and its YAML parser: whatever a damaged text brings
+        return ()
+
+
 def metadata_text(bag: BagMetadata) -> str:
     """Return what a bag's file tells of itself, as YAML: the content of ``metadata.yaml`` below its root."""
     return _text(_content(bag))
@@ -133,7 +141,7 @@ def storage_files(folder: Path) -> Storage:
     warnings: list[str] = []
     storage, compression, names, messages = "mcap", "", list[str](), 0
     try:
-        storage, compression, names, messages = _told(folder / FILE_NAME)
+        storage, compression, names, messages = _told(folder)
     except FileNotFoundError:
         warnings.append(f"{folder}: {FILE_NAME} is missing")
     except YamlError as error:
@@ -171,6 +179,18 @@ def storage_files(folder: Path) -> Storage:
     return Storage(paths, messages, warnings)
 
 
+def read_metadata(folder: Path) -> dict[str, Any]:
+    """Return what ``metadata.yaml`` in ``folder`` says below its root; nothing in it is checked.
+
+    Raises:
+        OSError, YamlError, ValueError, KeyError, TypeError: it cannot be read.
+    """
+    with (folder / FILE_NAME).open(encoding="utf-8") as stream:
+        content = load_yaml(stream.read(LARGEST + 1), largest=LARGEST, most_values=MOST_VALUES)
+    told: dict[str, Any] = content[ROOT]
+    return told
+
+
 def rate_std(path: Path) -> float:
     """Return the relative standard deviation of the sampling rate that a bag states, else 0."""
     try:
@@ -183,9 +203,7 @@ def rate_std(path: Path) -> float:
 def custom_data(path: Path) -> dict[str, str]:
     """Return ``custom_data`` of the bag at ``path``, texts only; empty where there is none to be read."""
     try:
-        with (path / FILE_NAME).open(encoding="utf-8") as stream:
-            content = load_yaml(stream.read(LARGEST + 1), largest=LARGEST, most_values=MOST_VALUES)
-        told = content[ROOT].get("custom_data") or {}
+        told = read_metadata(path).get("custom_data") or {}
         return {
             printable(key, 80): printable(text, 200) for key, text in told.items() if isinstance(text, str)
         }
@@ -193,10 +211,15 @@ def custom_data(path: Path) -> dict[str, str]:
         return {}
 
 
+def is_unfinished(path: Path) -> bool:
+    """Return whether the bag at ``path`` says that its recording is under way, or was never finished."""
+    return custom_data(path).items() >= _UNFINISHED.items()
+
+
 def storage_of(folder: Path) -> str | None:
     """Return the storage that ``metadata.yaml`` names, ``None`` where it cannot be read."""
     try:
-        return _told(folder / FILE_NAME)[0]
+        return _told(folder)[0]
     except (OSError, YamlError, ValueError, KeyError, TypeError, AttributeError):
         return None
 
@@ -299,7 +322,7 @@ def _content(bag: BagMetadata) -> dict[str, Any]:
             }
             for part in bag.parts
         ],
-        "custom_data": {**bag.custom, **({} if bag.finished else UNFINISHED)} or None,
+        "custom_data": {**bag.custom, **({} if bag.finished else _UNFINISHED)} or None,
         "ros_distro": "jazzy",
     }
 
@@ -313,12 +336,9 @@ def _parts_of(folder: Path, names: Sequence[str]) -> set[str]:
     }
 
 
-def _told(path: Path) -> tuple[str, str, list[str], int]:
+def _told(folder: Path) -> tuple[str, str, list[str], int]:
     """Return storage, compression, names of files and number of messages."""
-    with path.open(encoding="utf-8") as stream:
-        info: dict[str, Any] = load_yaml(stream.read(LARGEST + 1), largest=LARGEST, most_values=MOST_VALUES)[
-            ROOT
-        ]
+    info = read_metadata(folder)
     names = [str(name) for name in info["relative_file_paths"]]
     for name in names:
         if "\0" in name:

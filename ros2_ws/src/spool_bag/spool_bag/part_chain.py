@@ -66,20 +66,14 @@ class PartBegin:
     @classmethod
     def of(cls, told: Mapping[str, str]) -> PartBegin:
         """Return what a metadata record says; numbers that are none are 0."""
-        numbers = {
-            name: int(text)
-            if (text := told.get(name, "")).isascii() and text.isdigit() and len(text) < 20
-            else 0
-            for name in ("number", "repeated_at_ns", "lost_messages", "oldest_part")
-        }
         return cls(
-            numbers["number"],
+            _number(told.get("number", "")),
             told.get("previous_sha256", ""),
-            numbers["repeated_at_ns"],
-            numbers["lost_messages"],
+            _number(told.get("repeated_at_ns", "")),
+            _number(told.get("lost_messages", "")),
             told.get("lost_because", ""),
             told.get("previous_file_sha256", ""),
-            numbers["oldest_part"],
+            _number(told.get("oldest_part", "")),
         )
 
 
@@ -125,6 +119,19 @@ class PartEnd:
             }
         return told
 
+    @classmethod
+    def of(cls, told: Mapping[str, str]) -> PartEnd:
+        """Return what a metadata record says; numbers that are none are -1."""
+        return cls(
+            _number(told.get("number", ""), -1),
+            told.get("content_sha256", ""),
+            told.get("previous_sha256", ""),
+            _number(told.get("oldest_part", ""), -1),
+            told.get("signature_ed25519", ""),
+            told.get("thinned_sha256", ""),
+            told.get("thinned_signature_ed25519", ""),
+        )
+
 
 def link_of(number: int, content: str, before: str, oldest: int) -> str:
     """Return the hash that stands for a finished part."""
@@ -138,9 +145,14 @@ def begin_of(path: Path) -> PartBegin | None:
             if stream.read(len(MAGIC)) != MAGIC:
                 return None
             for _ in range(2):  # the file's header, then ours
-                found = _metadata(stream)
-                if found is not None and found[0] == BEGIN:
-                    return PartBegin.of(found[1])
+                opcode, length = FRAME.unpack(stream.read(FRAME.size))
+                if length > LARGEST:
+                    return None
+                content = stream.read(length)
+                if opcode == Opcode.METADATA:
+                    name, told = _pairs(content)
+                    if name == BEGIN:
+                        return PartBegin.of(told)
     except (OSError, ValueError, struct.error):
         return None
     return None
@@ -173,7 +185,7 @@ def end_of(path: Path) -> Ended | None:
                 except (ValueError, struct.error):
                     name, told = "", {}
                 if name == END:
-                    end = _end(told)
+                    end = PartEnd.of(told)
                     before = digest.hexdigest()
                     rest = stream.read(LARGEST_SUMMARY + 1)
                     digest.update(head + content + rest)
@@ -195,9 +207,8 @@ def end_of(path: Path) -> Ended | None:
 def oldest_of(path: Path) -> int:
     """Return the number of the oldest part that the part at ``path`` tells of, 0 where it tells of none."""
     begin = begin_of(path)
-    numbers = [told.get("oldest_part", "") for told in _told(path, QUOTA)]
-    found = [int(text) for text in numbers if text.isascii() and text.isdigit() and len(text) < 20]
-    return max([begin.oldest if begin is not None else 0, *found])
+    numbers = [_number(told.get("oldest_part", "")) for told in _told(path, QUOTA)]
+    return max([begin.oldest if begin is not None else 0, *numbers])
 
 
 def losses_of(path: Path) -> list[dict[str, str]]:
@@ -248,20 +259,9 @@ def _told(path: Path, wanted: str) -> list[dict[str, str]]:
     return found
 
 
-def _end(told: Mapping[str, str]) -> PartEnd:
-    number, oldest = (
-        int(text) if (text := told.get(name, "")).isascii() and text.isdigit() and len(text) < 20 else -1
-        for name in ("number", "oldest_part")
-    )
-    return PartEnd(
-        number,
-        told.get("content_sha256", ""),
-        told.get("previous_sha256", ""),
-        oldest,
-        told.get("signature_ed25519", ""),
-        told.get("thinned_sha256", ""),
-        told.get("thinned_signature_ed25519", ""),
-    )
+def _number(text: str, otherwise: int = 0) -> int:
+    """Return the number that ``text`` is, else ``otherwise``."""
+    return int(text) if text.isascii() and text.isdigit() and len(text) < 20 else otherwise
 
 
 def _frames(stream: BinaryIO) -> Iterator[tuple[int, bytes, int]]:
@@ -271,15 +271,6 @@ def _frames(stream: BinaryIO) -> Iterator[tuple[int, bytes, int]]:
         yield opcode, head, length
         if opcode in (Opcode.DATA_END, Opcode.FOOTER):
             return
-
-
-def _metadata(stream: BinaryIO) -> tuple[str, dict[str, str]] | None:
-    """Return the next record where it is metadata, else step over it."""
-    opcode, length = FRAME.unpack(stream.read(FRAME.size))
-    if length > LARGEST:
-        raise ValueError("the record is too long")
-    content = stream.read(length)
-    return _pairs(content) if opcode == Opcode.METADATA else None
 
 
 def _pairs(content: bytes) -> tuple[str, dict[str, str]]:

@@ -13,14 +13,11 @@ from typing import NamedTuple
 from mcap._chunk_builder import ChunkBuilder
 from mcap.records import Channel, Message, Schema
 from mcap.writer import CompressionType, Writer
-from rosbags.rosbag2.metadata import parse_qos
 from spool_core.errors import InputError
-from spool_core.files import load_yaml
 from spool_core.system import OPEN_FLAGS
 
 from spool_bag.mcap_file import McapFile
-from spool_bag.mcap_record import Topic
-from spool_bag.metadata import Definition, PartCount, TopicCount
+from spool_bag.metadata import Definition, PartCount, TopicCount, qos_of
 from spool_bag.part_chain import UNREADABLE, begin_of, end_of, file_hash, oldest_of
 
 #: B of an index at most (MCAP specification): of a chunk, of a channel in it, of a definition besides its
@@ -292,7 +289,10 @@ def existing_parts(folder: Path) -> Existing:
         for topic in file.topics.values():
             topics.setdefault(
                 topic.name,
-                (_counted(topic), Definition(topic.type, topic.schema, topic.digest, topic.schema_encoding)),
+                (
+                    TopicCount(topic.name, topic.type, topic.digest, qos_of(topic.qos)),
+                    Definition(topic.type, topic.schema, topic.digest, topic.schema_encoding),
+                ),
             )
     return Existing(
         parts, list(topics.values()), files[-1][0] + 1 if files else 0, *_last(files), _oldest(files)
@@ -323,11 +323,3 @@ def _oldest(files: list[tuple[int, Path]]) -> int:
         except OSError:
             continue
     return 0
-
-
-def _counted(topic: Topic) -> TopicCount:
-    try:
-        qos = tuple(parse_qos(load_yaml(topic.qos) or []))
-    except Exception:  # rosbags and its YAML parser: whatever a damaged text brings
-        qos = ()
-    return TopicCount(topic.name, topic.type, topic.digest, qos)

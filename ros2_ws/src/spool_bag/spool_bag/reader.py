@@ -19,14 +19,7 @@ from spool_core.text import printable
 from spool_bag.blocks import Item, OrderingWindows, Span, decode_blocks, keyed_of
 from spool_bag.mcap_file import Damage, McapFile, McapMessage, MessageBatch, decompressed
 from spool_bag.mcap_record import Topic
-from spool_bag.metadata import (
-    ACCELERATION_BLOCK,
-    COMPRESSED,
-    TEMPERATURE,
-    UNFINISHED,
-    custom_data,
-    storage_files,
-)
+from spool_bag.metadata import ACCELERATION_BLOCK, COMPRESSED, TEMPERATURE, is_unfinished, storage_files
 from spool_bag.part_chain import begin_of, losses_of
 
 _ALL = Span()
@@ -115,7 +108,7 @@ class BagReader:
             for file in self.files
             if not file.closed
         )
-        if self.files and self.closed and custom_data(self.path).items() >= UNFINISHED.items():
+        if self.files and self.closed and is_unfinished(self.path):
             self.warnings.append(
                 f"{self.path}: the recording is under way, or was cut off between two parts: what was not "
                 "on the disk then is missing"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import enum
 import math
-import shutil
 import threading
 from collections import deque
 from collections.abc import Mapping, Sequence
@@ -124,7 +123,9 @@ class LossCount:
                 last.step = float(stamp - last.stamp)
             last.sequence, last.stamp = sequence, stamp
             return False
-        if jump > self._likely(last, stamp):
+        # What can have been lost since then, by the stamps.
+        likely = 0.0 if math.isnan(last.step) else LIKELY * max(stamp - last.stamp, 0) / last.step
+        if jump > SLACK + likely:
             if self._doubted.get(topic) != sequence - 1:
                 self._doubted[topic] = sequence
                 return False
@@ -135,13 +136,6 @@ class LossCount:
             last.step = float(stamp - last.stamp)
         last.sequence, last.stamp = sequence, stamp
         return jump > 0
-
-    @staticmethod
-    def _likely(last: _LastBlock, stamp: int) -> float:
-        """Return how many blocks can have been lost since ``last``."""
-        if math.isnan(last.step):
-            return SLACK
-        return SLACK + LIKELY * max(stamp - last.stamp, 0) / last.step
 
 
 def new_bag(
@@ -171,11 +165,6 @@ def new_bag(
     if path.exists():
         raise InputError(f"output: {path} exists already: name a bag that does not, or remove it")
     return path
-
-
-def free_space(path: Path) -> int:
-    """Return the free bytes on the file system of ``path``."""
-    return shutil.disk_usage(path).free
 
 
 class Recorded(NamedTuple):

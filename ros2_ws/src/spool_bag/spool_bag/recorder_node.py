@@ -10,10 +10,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
 
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 from spool_core.cdr import CdrError, block_head, header_stamp
 from spool_core.errors import InputError
+from spool_core.node import qos
 from spool_core.node.diagnostics import DiagnosticPublisher, Level, Status
 from spool_core.node.managed_node import ManagedNode
 from spool_core.node.parameters import NodeParameter, Value
@@ -318,9 +319,11 @@ class RecorderNode(ManagedNode):
         except CdrError:
             published = _stamp(data, received)
         topic = one.topic
-        message = Recorded(
-            topic, one.kind, received, max(published, 0), data, one.latched, self._offers(topic)
-        )
+        offers = self._offered.get(topic)
+        if offers is None:  # what its publishers offer, asked with its first message
+            profiles = [info.qos_profile for info in self.get_publishers_info_by_topic(topic)]
+            offers = self._offered[topic] = [_recorded(profile) for profile in profiles]
+        message = Recorded(topic, one.kind, received, max(published, 0), data, one.latched, offers)
         recording.put(message)
         if one.kind == ACCELERATION_BLOCK:
             now = time.monotonic()
@@ -336,14 +339,6 @@ class RecorderNode(ManagedNode):
         """Return the time of now, ns; with use_sim_time the clock says 0 until it is first heard."""
         clock = self._own_clock
         return (clock.now().nanoseconds if clock.ros_time_is_active else 0) or time.time_ns()
-
-    def _offers(self, topic: str) -> list[Qos]:
-        """Return what the publishers of ``topic`` offer, asked with its first message."""
-        found = self._offered.get(topic)
-        if found is None:
-            offered = [info.qos_profile for info in self.get_publishers_info_by_topic(topic)]
-            found = self._offered[topic] = [_recorded(profile) for profile in offered]
-        return found
 
     def _flush(self) -> None:
         if self._snapshots is not None:
@@ -464,12 +459,7 @@ def _wanted(offered: Sequence[QoSProfile], depth: int, *, latched: bool) -> QoSP
     reliable = all(profile.reliability == ReliabilityPolicy.RELIABLE for profile in offered)
     if offered:
         latched = all(profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for profile in offered)
-    return QoSProfile(
-        history=HistoryPolicy.KEEP_LAST,
-        depth=depth,
-        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
-    )
+    return qos.profile(depth, reliable=reliable, latched=latched)
 
 
 def _compatible(wanted: QoSProfile, offered: Sequence[QoSProfile]) -> bool:

@@ -228,7 +228,14 @@ class Recording:
         ):
             self._take(message, flush=now - begin >= TURN)
         self._attempt(BagWriter.flush_if_due)
-        self._state_losses()
+        # What was lost is written into the bag while it can be written on.
+        with self._lock:
+            count, because = self._unstated, self._because
+        if count and self._writer is not None:
+            self._attempt(lambda writer: writer.state_loss(count, because))
+            if self._writer is not None:
+                with self._lock:
+                    self._unstated -= count
 
     def _take(self, message: Recorded, *, flush: bool) -> None:
         if message.latched:
@@ -276,16 +283,6 @@ class Recording:
             self._lost[topic] = self._lost.get(topic, 0) + count
             self._unstated += count
             self._because = because
-
-    def _state_losses(self) -> None:
-        """Write into the bag what was lost while it could be written on."""
-        with self._lock:
-            count, because = self._unstated, self._because
-        if count and self._writer is not None:
-            self._attempt(lambda writer: writer.state_loss(count, because))
-            if self._writer is not None:
-                with self._lock:
-                    self._unstated -= count
 
     def _look(self) -> None:
         """Keep room on the disk, notice a removed folder, go on after a pause, thin what is old."""

@@ -10,7 +10,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from datetime import datetime, timezone
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from rosbags.serde import SerdeError
 from spool_core.cdr import CdrError, header_stamp
@@ -20,6 +20,7 @@ from spool_core.system import remove
 from spool_bag.metadata import ACCELERATION_BLOCK, typestore
 from spool_bag.part_chain import begin_of
 from spool_bag.recorder import LATCHED, MARKS, Recorded
+from spool_bag.recording import Log
 from spool_bag.writer import BagWriter
 
 HEALTH_EVENT = "spool_msgs/msg/HealthEvent"
@@ -218,16 +219,6 @@ class SnapshotKeeper:
         end = now + self._length
         self._waiting.append(Snapshot(valve, event, stamp, end, latched, messages, ring.bytes))
         return True
-
-
-class Log(Protocol):
-    """Log for people."""
-
-    def info(self, message: str) -> object:
-        """Say what was done."""
-
-    def error(self, message: str) -> object:
-        """Say what went wrong."""
 
 
 class SnapshotWriter:

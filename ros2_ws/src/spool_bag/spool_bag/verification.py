@@ -9,17 +9,16 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from rosbags.rosbag2.metadata import parse_qos
 from spool_core.block import Block
 from spool_core.block_gate import BlockGate
 from spool_core.errors import InputError
-from spool_core.files import YamlError, load_yaml
+from spool_core.files import YamlError
 from spool_core.system import OPEN_FLAGS
 from spool_core.text import printable
 
 from spool_bag.mcap_file import Damage, McapFile
 from spool_bag.mcap_record import Topic
-from spool_bag.metadata import FILE_NAME, LARGEST, MOST_VALUES, ROOT, Definition
+from spool_bag.metadata import Definition, qos_of, read_metadata
 from spool_bag.part_chain import UNREADABLE, Ended, PartBegin, begin_of, end_of, file_hash, oldest_of
 from spool_bag.parts import number_of, numbered
 from spool_bag.reader import BagReader
@@ -281,7 +280,11 @@ class _Chain:
         self._judge_place(number, path, begin)
         if ended is None:
             self.unsigned.append(path)
-            _unfinished(self.found, path, last=path == self.last)
+            self.found.notes.append(
+                f"{path.name}: it is not finished: it is being written, or the recorder was cut off"
+                if path == self.last
+                else f"{path.name}: it was never finished; the next part tells whether it is as it was"
+            )
             self.link, self._ended = file_hash(path), None
         else:
             judged = len(self.found.wrong)
@@ -362,23 +365,10 @@ class _Chain:
             found.wrong.append(f"{path.name}: it is not signed")
 
 
-def _unfinished(found: Verification, path: Path, *, last: bool) -> None:
-    """Judge a part without an end: the last one is being written or was cut off, others were."""
-    if last:
-        found.notes.append(
-            f"{path.name}: it is not finished: it is being written, or the recorder was cut off"
-        )
-    else:
-        found.notes.append(f"{path.name}: it was never finished; the next part tells whether it is as it was")
-
-
 def _listed(folder: Path) -> int | None:
     """Return the largest number of a part that ``metadata.yaml`` lists, ``None`` where it cannot be read."""
     try:
-        with (folder / FILE_NAME).open(encoding="utf-8") as stream:
-            text = stream.read(LARGEST + 1)
-        about = load_yaml(text, largest=LARGEST, most_values=MOST_VALUES)
-        names = [str(name) for name in about[ROOT]["relative_file_paths"]]
+        names = [str(name) for name in read_metadata(folder)["relative_file_paths"]]
     except (OSError, YamlError, ValueError, KeyError, TypeError):
         return None
     return max((number for name in names if (number := number_of(name)) is not None), default=-1)
@@ -431,13 +421,9 @@ def _channel(writer: BagWriter, topic: Topic, warnings: list[str]) -> int | None
         name, encoding = printable(topic.name, 80), printable(topic.encoding, 40)
         warnings.append(f"{name}: encoding {encoding!r} without a ROS 2 definition is left out")
         return None
-    try:
-        qos = parse_qos(load_yaml(topic.qos) or [])
-    except Exception:  # rosbags and its YAML parser: whatever a foreign text brings
-        qos = []
     described = Definition(topic.type, topic.schema, topic.digest, topic.schema_encoding)
     try:
-        return writer.add_topic(topic.name, topic.type, qos, described)
+        return writer.add_topic(topic.name, topic.type, qos_of(topic.qos), described)
     except InputError as error:
         warnings.append(str(error))
         return None

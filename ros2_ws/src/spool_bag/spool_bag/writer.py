@@ -6,7 +6,7 @@ import contextlib
 import math
 import os
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -193,7 +193,8 @@ class BagWriter:
         described = described or definition(type_name)
         counted = TopicCount(topic, type_name, described.digest, tuple(qos))
         self._append(_Channel(counted, described, latched))
-        self._guard(lambda: self._register(self._channels[-1]))
+        with self._guarded():
+            self._register(self._channels[-1])
         self._described = -math.inf  # metadata.yaml lists it with the next chunk
         return len(self._channels) - 1
 
@@ -238,7 +239,11 @@ class BagWriter:
 
     def flush(self) -> None:
         """Close the chunk in progress and sync it to the disk; keep the quota."""
-        self._guard(self._flush)
+        with self._guarded():
+            self._sync()
+            self._flushed = time.monotonic()
+            if self._keep_quota() or self._flushed - self._described >= self._metadata_interval:
+                self._write_metadata()
 
     def close(self) -> None:
         """Write index, footer and the final ``metadata.yaml``; closing again does nothing.
@@ -248,14 +253,21 @@ class BagWriter:
         """
         self.finish()
         if self._folder != self.path and not self._settled:
-            self._settle()
+            if self.path.exists() or self.path.is_symlink():
+                remove(self._folder)
+                raise InputError(f"{self.path} exists already: name a bag that does not, or remove it")
+            self._folder.replace(self.path)
+            sync_folder(self.path.absolute().parent)
+            self._part.path = self.path / self._part.path.name
             self._settled = True
 
     def finish(self) -> None:
         """Do what :meth:`close` does, but leave a staged bag under its other name, to be read again."""
         if not self._open:
             return
-        self._guard(self._finish)
+        with self._guarded():
+            self._end_part()
+            self._write_metadata(finished=True)
         self._open = False
         self.release()
 
@@ -276,25 +288,19 @@ class BagWriter:
         told = {"lost_messages": str(count), "lost_because": because, "at_ns": str(time.time_ns())}
         total = int(self._custom.get("lost_messages", "0")) + count
         self._custom["lost_messages"] = str(total)
-
-        def state() -> None:
+        with self._guarded():
             self._sync()
             self._part.add_metadata(LOSSES, told)
             self._sync()
             self._write_metadata()
 
-        self._guard(state)
-
     def remove_oldest(self) -> bool:
         """Remove the oldest finished part; return whether there was one."""
         if not self._parts:
             return False
-
-        def remove() -> None:
+        with self._guarded():
             self._remove(1)
             self._write_metadata()
-
-        self._guard(remove)
         return True
 
     def replace(self, count: PartCount, staged: Path) -> bool:
@@ -307,7 +313,8 @@ class BagWriter:
             if part.file == count.file:
                 staged.replace(self._folder / part.file)
                 self._parts[place] = count
-                self._guard(self._write_metadata)
+                with self._guarded():
+                    self._write_metadata()
                 return True
         return False
 
@@ -467,34 +474,16 @@ class BagWriter:
             self._parts.pop(0)
             self.removed += 1
 
-    def _settle(self) -> None:
-        """Give the staged bag its name."""
-        if self.path.exists() or self.path.is_symlink():
-            remove(self._folder)
-            raise InputError(f"{self.path} exists already: name a bag that does not, or remove it")
-        self._folder.replace(self.path)
-        sync_folder(self.path.absolute().parent)
-        self._part.path = self.path / self._part.path.name
-
     def _sync(self) -> None:
         self._part.flush()
         self.synced = self.written
 
-    def _flush(self) -> None:
-        self._sync()
-        self._flushed = time.monotonic()
-        if self._keep_quota() or self._flushed - self._described >= self._metadata_interval:
-            self._write_metadata()
-
-    def _finish(self) -> None:
-        self._end_part()
-        self._write_metadata(finished=True)
-
-    def _guard(self, action: Callable[[], object]) -> None:
+    @contextlib.contextmanager
+    def _guarded(self) -> Iterator[None]:
         if not self._open:
             raise self._closed()
         try:
-            action()
+            yield
         except OSError as error:
             raise self._failed(error) from error
 

@@ -259,7 +259,10 @@ class SharedGate(BlockGate):
             taken = self._follow(going_on)
             at += taken
             if taken:
-                yield self._passed(going_on[:taken], whole if taken == len(going_on) else None)
+                passed = going_on[:taken]
+                together = whole if whole is not None and taken == len(going_on) else _as_one(passed)
+                self._accept_together(together, passed[-1], passed[-2] if taken > 1 else None)
+                yield together
             if taken < len(going_on) and self.rate.state is RateState.WRONG:
                 self.before, self.fault = self.last, None
                 self._admitted, self._verdict = blocks[at], self._hold_back(blocks[at])
@@ -302,12 +305,6 @@ class SharedGate(BlockGate):
             if self.rate.state is not RateState.CONFIRMED:
                 return count + 1
         return len(blocks)
-
-    def _passed(self, blocks: Sequence[Block], whole: Block | None) -> Block:
-        """Accept blocks that go on, and return them as one."""
-        whole = whole or _as_one(blocks)
-        self._accept_together(whole, blocks[-1], blocks[-2] if len(blocks) > 1 else None)
-        return whole
 
     def _accept_together(self, whole: Block, last: Block, ahead: Block | None) -> None:
         """Accept ``whole``, the ``last`` one of its blocks and the one ahead of that, where there is one."""

@@ -97,7 +97,8 @@ def private_temporary_folder(name: str) -> Path:
     Raises:
         OSError: none can be made.
     """
-    base = Path(tempfile.gettempdir()) / f"spool_{_user_number()}"
+    # On Windows each user has a temporary folder anyway.
+    base = Path(tempfile.gettempdir()) / f"spool_{0 if sys.platform == 'win32' else os.geteuid()}"
     try:
         private_folder(base / name)
         restrict(base, FOLDER_MODE)
@@ -342,13 +343,6 @@ def sync_folder(folder: Path) -> None:
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
-
-
-def _user_number() -> int:
-    """Return the number of this user, 0 on Windows, where each user has a temporary folder anyway."""
-    if sys.platform == "win32":
-        return 0
-    return os.geteuid()
 
 
 def _own_group(number: int) -> bool:

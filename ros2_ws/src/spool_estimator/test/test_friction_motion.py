@@ -5,8 +5,7 @@ import pytest
 from spool_core.numbers import Array
 from spool_estimator.friction_motion import MOTION_STATES, advance_sample, spread_jump
 from spool_sim.excitation import PRESETS
-from spool_sim.integration.composed_motion import ComposedMotion, MotionState
-from spool_sim.integration.step_size import half_step_times
+from spool_sim.integration.composed_motion import ComposedMotion, MotionState, half_step_times
 from spool_sim.model import load_model
 
 MASS, RATE = 0.18, 2000.0

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from spool_gap.likelihood.kernel import Point, SwitchableMotion, steps_a_sample
 from spool_sim.excitation import SweptSine
-from spool_sim.integration.composed_motion import ComposedMotion, MotionState
-from spool_sim.integration.step_size import half_step_times
+from spool_sim.integration.composed_motion import ComposedMotion, MotionState, half_step_times
 from spool_sim.model import MODELS, model_from_mapping
 from spool_sim.terms import term
 from spool_sim.valve import find_valve

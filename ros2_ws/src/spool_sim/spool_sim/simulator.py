@@ -13,8 +13,13 @@ from spool_core.block import Block, Samples
 from spool_core.errors import InputError
 
 from spool_sim.excitation import Excitation
-from spool_sim.integration.composed_motion import ComposedMotion, MotionState
-from spool_sim.integration.step_size import checked_substeps, half_step_times, substeps_for
+from spool_sim.integration.composed_motion import (
+    ComposedMotion,
+    MotionState,
+    checked_substeps,
+    half_step_times,
+    substeps_for,
+)
 from spool_sim.lubrication import OilTable
 from spool_sim.valve import Valve
 
@@ -126,7 +131,8 @@ class Simulator:
         self.sample_rate = float(sample_rate)
         self.block_size = block_size
         overrides = dict(parameters or {})
-        if coulomb_force is not None and (coulomb_force != 0.0 or self._has("coulomb_force")):
+        known = {parameter.name for parameter in self.model.parameters}
+        if coulomb_force is not None and (coulomb_force != 0.0 or "coulomb_force" in known):
             overrides["coulomb_force"] = coulomb_force
         values = self.model.values_for(valve, overrides)
         if {"viscous_coefficient", "film_drag"} & values.keys() - overrides.keys() - self.model.values.keys():
@@ -153,14 +159,6 @@ class Simulator:
             seconds=min(1.0, _TRIAL_SAMPLES / self.sample_rate),
             sample_rate=self.sample_rate,
             highest_frequency=excitation.highest_frequency,
-        )
-
-    def _has(self, name: str) -> bool:
-        return any(parameter.name == name for parameter in self.model.parameters)
-
-    def _needed(self, values: Mapping[str, float]) -> int:
-        return substeps_for(
-            self.model.terms, values, 1.0 / self.sample_rate, self.excitation.highest_frequency
         )
 
     @property
@@ -227,7 +225,9 @@ class Simulator:
         ends = {name: ramp.target for name, ramp in self._ramps.items()} | {quantity: target}
         if ends["oil_temperature"] != self._temperature:
             ends["viscous_coefficient"] *= float(self._oil.ratio(np.array(ends["oil_temperature"])))
-        self._substeps = max(self._substeps, self._needed({**self._values, **ends}))
+        period, highest = 1.0 / self.sample_rate, self.excitation.highest_frequency
+        needed = substeps_for(self.model.terms, {**self._values, **ends}, period, highest)
+        self._substeps = max(self._substeps, needed)
         self._ramps[quantity] = _Ramp(now, target, self._sample, round(duration * self.sample_rate))
 
     def next_block(self) -> Block:

@@ -434,7 +434,8 @@ def one_line(error: ValidationError, where: str, known: tuple[str, ...] = ()) ->
         elif fault["type"] == "missing":
             faults.append(f"{path}: key is missing, add it")
         else:
-            given = "" if isinstance(fault["input"], dict) else f", got {_shortened(fault['input'])}"
+            given = "" if isinstance(fault["input"], dict) else f", got {fault['input']!r}"
+            given = given if len(given) <= 86 else f"{given[:83]}..."
             message = fault["msg"].removeprefix("Value error, ")
             said = f"{message[0].lower()}{message[1:]}{given}"
             faults.append(f"{path}: {said}" if path else said)
@@ -480,8 +481,3 @@ def _masses(given: Mapping[str, float]) -> list[str]:
                 f"({lightest:.2g} kg); the file takes kg"
             )
     return said
-
-
-def _shortened(value: object) -> str:
-    text = repr(value)
-    return text if len(text) <= 80 else text[:77] + "..."

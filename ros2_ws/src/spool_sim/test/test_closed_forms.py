@@ -8,8 +8,13 @@ import pytest
 from scipy.optimize import brentq
 from spool_core.numbers import Array
 from spool_sim.excitation import SteadySine, SweptSine
-from spool_sim.integration.composed_motion import ComposedMotion, MotionState, Trajectory
-from spool_sim.integration.step_size import half_step_times, substeps_for
+from spool_sim.integration.composed_motion import (
+    ComposedMotion,
+    MotionState,
+    Trajectory,
+    half_step_times,
+    substeps_for,
+)
 from spool_sim.model import MODELS, model_from_mapping
 from spool_sim.valve import Valve
 

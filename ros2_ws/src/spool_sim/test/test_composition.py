@@ -5,6 +5,7 @@ import subprocess
 import sys
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,16 +14,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from spool_core.errors import InputError
 from spool_sim.excitation import SteadySine, SweptSine
-from spool_sim.integration.composed_motion import ComposedMotion, MotionState, Trajectory
-from spool_sim.integration.composition import kernel_of, laws_source
-from spool_sim.integration.step_size import (
+from spool_sim.integration.composed_motion import (
+    ComposedMotion,
+    MotionState,
+    Trajectory,
     checked_substeps,
-    energy_balance,
     half_step_times,
     halving_error,
     slopes,
     substeps_for,
 )
+from spool_sim.integration.composition import kernel_of, laws_source
 from spool_sim.model import MODELS, model_from_mapping
 from spool_sim.simulator import Simulator
 from spool_sim.terms import TERMS, term
@@ -120,7 +122,7 @@ def test_valves_together_move_as_each_alone() -> None:
 
 
 @pytest.mark.parametrize("name", sorted(MODELS))
-def test_energy_of_any_composition(name: str, valve: Valve) -> None:
+def test_energy_of_any_composition(name: str, valve: Valve, energy_balance: Any) -> None:
     model = MODELS[name]
     motion = ComposedMotion(model.terms)
     values = model.values_for(valve, {"stop_gap": 3e-4} if name == "fluid_end_stop" else None)
@@ -139,7 +141,7 @@ def test_energy_of_any_composition(name: str, valve: Valve) -> None:
     assert set(energy.taken) == {entry.name for entry in motion.terms} - {"inertia"}
 
 
-def test_everything_together_converges_and_keeps_its_energy() -> None:
+def test_everything_together_converges_and_keeps_its_energy(energy_balance: Any) -> None:
     motion, values = everything()
     substeps, error = checked_substeps(
         motion, values, SWEEP.acceleration, seconds=0.5, sample_rate=2000.0, highest_frequency=110.0
@@ -180,7 +182,7 @@ def decades(low: float, high: float) -> st.SearchStrategy[float]:
     frequency=st.floats(3.0, 120.0),
 )
 def test_no_parameters_make_energy_appear(
-    changes: dict[str, float], amplitude: float, frequency: float
+    changes: dict[str, float], amplitude: float, frequency: float, energy_balance: Any
 ) -> None:
     motion, values = everything()
     values = values | changes

@@ -46,8 +46,7 @@ def test_without_numba_the_kernel_gives_the_same_and_says_what_it_costs() -> Non
 import numpy as np
 from spool_core.kernels.compiled import COMPILED, notice
 from spool_sim.excitation import SteadySine
-from spool_sim.integration.composed_motion import ComposedMotion, MotionState
-from spool_sim.integration.step_size import half_step_times
+from spool_sim.integration.composed_motion import ComposedMotion, MotionState, half_step_times
 from spool_sim.model import load_model
 t = half_step_times(0, 300, 2000.0, 2)
 body = SteadySine(frequency=20.0, amplitude=12.0, soft_start=0.0).acceleration(t)

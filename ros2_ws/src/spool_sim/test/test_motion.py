@@ -11,8 +11,14 @@ from hypothesis import strategies as st
 from spool_core.errors import InputError
 from spool_core.numbers import Array
 from spool_sim.excitation import SteadySine, SweptSine
-from spool_sim.integration.composed_motion import ComposedMotion, MotionState, Trajectory
-from spool_sim.integration.step_size import energy_balance, half_step_times, halving_error, substeps_needed
+from spool_sim.integration.composed_motion import (
+    ComposedMotion,
+    MotionState,
+    Trajectory,
+    half_step_times,
+    halving_error,
+    substeps_needed,
+)
 from spool_sim.model import load_model
 
 MOTION = ComposedMotion(load_model("coulomb").terms)
@@ -145,7 +151,7 @@ def test_sticking_and_slipping_are_distinguished_at_every_sample() -> None:
 
 
 @pytest.mark.parametrize("coulomb_force", [0.0, 0.5, 1.2])
-def test_energy_supplied_is_stored_or_dissipated(coulomb_force: float) -> None:
+def test_energy_supplied_is_stored_or_dissipated(coulomb_force: float, energy_balance: Any) -> None:
     rate = 50_000.0
     forcing = SWEEP.acceleration(half_step_times(0, round(3.0 * rate), rate, 1))
     trajectory, _ = run(forcing, 1, rate, coulomb_force=coulomb_force)
@@ -235,6 +241,7 @@ def test_motion_stays_finite_and_friction_never_supplies_energy(
     coulomb_force: float,
     viscous_coefficient: float,
     spring_stiffness: float,
+    energy_balance: Any,
 ) -> None:
     rate, samples = 10_000.0, 3000
     parameters = {

@@ -14,8 +14,7 @@ import pytest
 from spool_core.numbers import Array
 from spool_core.uncertainty import Quantity, Validity
 from spool_gap.catalogue import EFFECTS
-from spool_sim.integration.composed_motion import ComposedMotion, MotionState
-from spool_sim.integration.step_size import half_step_times
+from spool_sim.integration.composed_motion import ComposedMotion, MotionState, half_step_times
 from spool_sim.model import MODELS, Model, load_model
 from spool_sim.terms import term
 from spool_sim.valve import find_valve

@@ -18,8 +18,7 @@ from spool_bag import BODY, OIL_TEMPERATURE, SPOOL, check_valve
 from spool_bag.importing.choices import Choices
 from spool_bag.importing.logger_record import LoggerRecord, read_record
 from spool_bag.importing.time_axis import ClockOffset
-from spool_bag.metadata import ACCELERATION_BLOCK, RATE_STD, TEMPERATURE
-from spool_bag.metadata import custom_data as kept_data
+from spool_bag.metadata import ACCELERATION_BLOCK, RATE_STD, TEMPERATURE, custom_data
 from spool_bag.writer import BagWriter
 
 #: Begin of the keys of ``custom_data`` that hold columns and their conversions.
@@ -84,7 +83,7 @@ def import_record(
     begin = checked_start(record, start)
     next(blocks_of(record, begin, block_duration))  # refuses a duration before anything is made
     blocks = newest = temperatures = 0
-    with BagWriter(out, staged=True, custom=custom_data(record)) as writer:
+    with BagWriter(out, staged=True, custom=provenance(record)) as writer:
         channel = writer.add_topic(f"/{valve}/acceleration", ACCELERATION_BLOCK)
         thermal = OIL_TEMPERATURE in record.columns
         oil = writer.add_topic(f"/{valve}/oil_temperature", TEMPERATURE) if thermal else 0
@@ -113,12 +112,12 @@ def import_record(
 
 def import_notes(bag: Path) -> tuple[str, ...]:
     """Return from which columns a bag was imported, and how they were converted; empty for a recorded bag."""
-    held = kept_data(bag)
+    held = custom_data(bag)
     uses = [text for key, text in held.items() if key.startswith(_COLUMN)]
     return (f"imported from {printable(held.get('imported_from', ''), 80)}", *uses) if uses else ()
 
 
-def custom_data(record: LoggerRecord) -> dict[str, str]:
+def provenance(record: LoggerRecord) -> dict[str, str]:
     """Return what a bag keeps of how its record was understood, by key."""
     found = {"imported_from": record.path.name}
     if record.rate_std > 0.0:

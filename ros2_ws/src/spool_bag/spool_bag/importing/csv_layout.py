@@ -452,7 +452,7 @@ def _reading(lines: Sequence[str], delimiter: str, decimal: str) -> tuple[tuple[
     """Return how well the lines read in this way, and the dialect that it is."""
     rows = [cells_of(line, delimiter) for line in lines]
     marks = [[kind_of(cell, decimal) for cell in row] for row in rows]
-    data = [_is_data(row) for row in marks]
+    data = [is_data(row) for row in marks]
     widths = Counter(len(row) for row, numeric in zip(rows, data, strict=True) if numeric)
     if not widths:
         return None
@@ -496,7 +496,8 @@ def _reading(lines: Sequence[str], delimiter: str, decimal: str) -> tuple[tuple[
     return score, Dialect(delimiter, decimal, layout, kinds, grouped, doubtful)
 
 
-def _is_data(marks: Sequence[Kind]) -> bool:
+def is_data(marks: Sequence[Kind]) -> bool:
+    """Return whether a row is one of samples: numbers in it, and little text."""
     kinds = [kind for kind in marks if kind is not Kind.EMPTY]
     known = sum(kind is not Kind.TEXT for kind in kinds)
     return Kind.NUMBER in kinds and known >= DATA_SHARE * len(kinds)

@@ -105,7 +105,14 @@ def exclude(tables: Sequence[Table], names: Sequence[str]) -> None:
     Raises:
         InputError: there is no such channel.
     """
-    left = [one for name in names for one in _excluded(tables, name)]
+    left: list[Source] = []
+    for name in names:
+        found = _called(sources_of(tables), name)
+        if not found:
+            raise InputError(
+                f"--exclude: {tables[0].path}: no column {printable(name, 60)}; it has {_held(tables)}"
+            )
+        left += found
     for table in tables:
         gone = {(one.group.name, one.channel.name) for one in left if one.table is table}
         table.groups = tuple(
@@ -332,15 +339,6 @@ def use_of_time(path: str, axis: Channel, asked: Choices) -> ChannelUse | None:
     return ChannelUse(TIME, path, axis.header, axis.number, unit, size, why)
 
 
-def _excluded(tables: Sequence[Table], name: str) -> list[Source]:
-    found = _called(sources_of(tables), name)
-    if not found:
-        raise InputError(
-            f"--exclude: {tables[0].path}: no column {printable(name, 60)}; it has {_held(tables)}"
-        )
-    return found
-
-
 def _called(sources: Sequence[Source], own: str) -> list[Source]:
     """Return the channels that are called ``own``: exactly, without their unit, or else by number."""
     for names in (_whole_names, _plain_names, _numbers):
@@ -546,9 +544,11 @@ def _use_of(role: str, source: Source, asked: Choices) -> ChannelUse:
         raise _no_unit(quantity)
     found = quantity_of(unit)
     if found == quantity:
-        return use(
-            unit, float("nan") if found == "temperature" and _shifts(unit) else _factor(unit, quantity), why
-        )
+        if quantity != "temperature":
+            return use(unit, factor(unit, quantity), why)
+        # A unit whose zero is not that of degC has no factor.
+        shifted = float(converted(np.zeros(1), unit, quantity)[0]) != 0.0
+        return use(unit, float("nan") if shifted else 1.0, why)
     shown = "shares of full scale (FS)" if unit == "FS" else printable(unit, 30)
     if found in READINGS and quantity == "acceleration":
         raise _RefusalError(
@@ -586,12 +586,3 @@ def _wrong_unit(unit: str, shown: str, found: str, quantity: str) -> _RefusalErr
         usual[-1:],
         "name another column with --columns, or if the header is wrong type ",
     )
-
-
-def _shifts(unit: str) -> bool:
-    """Return whether a temperature is not in degC."""
-    return float(converted(np.zeros(1), unit, "temperature")[0]) != 0.0
-
-
-def _factor(unit: str, quantity: str) -> float:
-    return 1.0 if quantity == "temperature" else factor(unit, quantity)

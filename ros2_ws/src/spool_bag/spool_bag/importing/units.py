@@ -273,11 +273,6 @@ class Sensitivity:
             "1.25e-6g/count for raw counts, or 50g/FS for readings from -1 to 1"
         )
 
-    @property
-    def per_unit(self) -> float:
-        """Acceleration (m/s^2) of a reading of 1 in the unit ``reading``."""
-        return self._per_unit
-
     def scale(self, unit: str) -> float:
         """Return the acceleration (m/s^2) of a reading of 1 ``unit`` (empty: that of the sensitivity).
 

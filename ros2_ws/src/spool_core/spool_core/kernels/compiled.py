@@ -11,7 +11,7 @@ import re
 import shutil
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import lru_cache
 from pathlib import Path
 from types import ModuleType
@@ -31,14 +31,9 @@ _IMPORT = re.compile(
 )
 
 
-def _numba() -> ModuleType | None:
-    try:
-        return importlib.import_module("numba")
-    except ImportError:  # the functions stay correct, only slow
-        return None
-
-
-_NUMBA = _numba()
+_NUMBA: ModuleType | None = None
+with suppress(ImportError):  # the functions stay correct, only slow
+    _NUMBA = importlib.import_module("numba")
 COMPILED: bool = _NUMBA is not None
 
 

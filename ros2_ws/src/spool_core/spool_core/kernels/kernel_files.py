@@ -19,8 +19,7 @@ import multiprocessing
 import os
 import pickle
 import tempfile
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -115,7 +114,8 @@ class SealedCacheFile:
         name = f"{self._base}.{hashlib.sha256(self._dump(key)).hexdigest()[:16]}{DATA}"
         try:
             self._write(name, self._dump(data))
-            with self._alone():
+            with (self._folder / "writing.lock").open("a") as lock:
+                lock_file(lock.fileno())  # no other process changes the index meanwhile
                 self._write_index({**self._index(), key: name})
         except OSError as error:
             _warn(self._folder, "compiled kernels are not kept in %s: %s", self._folder, error.strerror)
@@ -152,13 +152,6 @@ class SealedCacheFile:
         """Write a file that other processes see whole or not at all."""
         self._folder.mkdir(parents=True, exist_ok=True)
         write_durably(self._folder / name, sealed(name, content), mode=FILE_MODE)
-
-    @contextmanager
-    def _alone(self) -> Iterator[None]:
-        """Let no other process change the index meanwhile."""
-        with (self._folder / "writing.lock").open("a") as lock:
-            lock_file(lock.fileno())
-            yield
 
 
 def wanted_kernel_folder(environment: Mapping[str, str]) -> Path:

@@ -67,8 +67,7 @@ class NodeParameter:
         if self.structural:
             constraints.append("changes only while unconfigured")
         descriptor.additional_constraints = "; ".join(constraints)
-        low = self.minimum if self.minimum is not None else None
-        high = self.maximum if self.maximum is not None else None
+        low, high = self.minimum, self.maximum
         if low is None and high is None:
             return descriptor
         if isinstance(self.default, int) and not isinstance(self.default, bool):

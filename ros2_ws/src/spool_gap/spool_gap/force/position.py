@@ -18,8 +18,7 @@ from scipy.optimize import least_squares
 from spool_core.errors import InputError
 from spool_core.numbers import Array
 from spool_core.uncertainty import Quantity, Validity
-from spool_sim.integration.composed_motion import ComposedMotion, MotionState
-from spool_sim.integration.step_size import substeps_for
+from spool_sim.integration.composed_motion import ComposedMotion, MotionState, substeps_for
 from spool_sim.model import Model
 from spool_sim.terms import term
 

@@ -21,8 +21,7 @@ from numpy.typing import NDArray
 from spool_core.errors import InputError
 from spool_core.numbers import Array
 from spool_sim.integration import composition
-from spool_sim.integration.composed_motion import ComposedMotion
-from spool_sim.integration.step_size import substeps_for
+from spool_sim.integration.composed_motion import ComposedMotion, substeps_for
 from spool_sim.model import Model
 from spool_sim.terms import TERMS, Parameter, Term, term
 

@@ -14,7 +14,7 @@ from spool_core.errors import InputError
 from spool_core.text import printable
 
 from spool_bag.importing.csv_cells import HOLES, Kind, kind_of
-from spool_bag.importing.csv_layout import Layout, column_kinds, layout_of
+from spool_bag.importing.csv_layout import Layout, column_kinds, is_data, layout_of
 from spool_bag.importing.table import MOST_CHANNELS, STAMP, ArrayTable, Channel, Group, check_size, too_long
 
 from .format import Format
@@ -62,18 +62,23 @@ def _table(
 ) -> tuple[list[Channel], list[Any], Layout] | None:
     """Return channels, their values and the layout of a sheet, ``None`` where it holds no rows of numbers."""
     probe = rows[:PROBED]
+    data = [is_data([_kind(cell) for cell in row]) for row in probe]
     width = max(
-        (at + 1 for row in probe if _is_data(row) for at, cell in enumerate(row) if cell is not None),
+        (
+            at + 1
+            for row, numeric in zip(probe, data, strict=True)
+            if numeric
+            for at, cell in enumerate(row)
+            if cell is not None
+        ),
         default=0,
     )
     if width == 0:
         return None
-    texts = [
-        ["" if at >= len(row) or row[at] is None else str(row[at]).strip() for at in range(width)]
-        for row in probe
-    ]
-    marks = [[_kind(row[at]) if at < len(row) else Kind.EMPTY for at in range(width)] for row in probe]
-    kinds = column_kinds([row for row, cells in zip(marks, probe, strict=True) if _is_data(cells)], width)
+    cells_of_rows = [[row[at] if at < len(row) else None for at in range(width)] for row in probe]
+    texts = [["" if cell is None else str(cell).strip() for cell in row] for row in cells_of_rows]
+    marks = [[_kind(cell) for cell in row] for row in cells_of_rows]
+    kinds = column_kinds([row for row, numeric in zip(marks, data, strict=True) if numeric], width)
     layout = layout_of(texts, marks, kinds, width)
     body = [row[:width] for row in rows[layout.first :]]
     while body and all(cell is None for cell in body[-1]):
@@ -128,21 +133,8 @@ def _kind(cell: Any) -> Kind:
         return Kind.NUMBER
     if isinstance(cell, (datetime, date, time)):
         return Kind.MOMENT
-    text = str(cell).strip()
-    found = kind_of(text, ".")
-    return (
-        found
-        if found in (Kind.EMPTY, Kind.NUMBER)
-        else kind_of(text, ",")
-        if kind_of(text, ",") is Kind.NUMBER
-        else Kind.TEXT
-    )
-
-
-def _is_data(row: tuple[Any, ...]) -> bool:
-    filled = [kind for cell in row if (kind := _kind(cell)) is not Kind.EMPTY]
-    known = sum(kind is not Kind.TEXT for kind in filled)
-    return Kind.NUMBER in filled and known >= 0.5 * len(filled)
+    kinds = [kind_of(str(cell).strip(), mark) for mark in ".,"]
+    return Kind.EMPTY if kinds[0] is Kind.EMPTY else Kind.NUMBER if Kind.NUMBER in kinds else Kind.TEXT
 
 
 def _is_number(cell: Any) -> bool:

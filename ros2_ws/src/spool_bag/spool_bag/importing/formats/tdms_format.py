@@ -25,12 +25,14 @@ class TdmsTable(Table):
 
     def __init__(self, path: Path) -> None:
         from nptdms import TdmsFile  # noqa: PLC0415 - comes with the extras
+        from nptdms.log import log_manager  # noqa: PLC0415
 
         self.path = path
         self._channels: dict[tuple[str, str], Any] = {}
         clocks: dict[tuple[float, int | None, float, int], list[Channel]] = {}
         self._shortest = 0
-        _quiet()
+        # The library has its own words about a file that is cut off.
+        log_manager.set_level(logging.CRITICAL)
         with TdmsFile.read_metadata(path) as file:
             every = [channel for group in file.groups() for channel in group.channels()]
             held = [channel for channel in every if len(channel)]
@@ -96,13 +98,6 @@ class TdmsTable(Table):
                 part, _, channel = name.partition("/")
                 found[name] = as_numbers(self.path, name, file[part][channel][: self._shortest or None])
         return found
-
-
-def _quiet() -> None:
-    """Keep the library's own words about a file that is cut off from the terminal."""
-    from nptdms.log import log_manager  # noqa: PLC0415
-
-    log_manager.set_level(logging.CRITICAL)
 
 
 FORMAT = Format("NI TDMS", (".tdms",), TdmsTable, begins=(b"TDSm",), library=("npTDMS", "nptdms"))

@@ -1,25 +1,161 @@
-"""World of a fleet, drawn from a seed, and what the tables would hold of it.
-
-A fleet's year has five thousand bags, too many to simulate for many fleets. The errors of the estimator are
-those of bags that were simulated, drawn at random: they are small beside what the world does from bag to bag.
-"""
+"""Study of fleets: wear and contamination found in time, their causes, and valves named that are healthy."""
 
 from __future__ import annotations
 
+import contextlib
+import io
+import json
 import math
+import resource
+import shutil
+import time
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cache
+from dataclasses import asdict, dataclass
+from datetime import date, timedelta
+from functools import cache, partial
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+from spool_core.errors import InputError
 from spool_estimator.estimate import Estimate, State
 from spool_estimator.estimator import make_estimator, settings_for
 from spool_fleet.analyses.base import REFERENCE
+from spool_fleet.judgement import CHANGED, MACHINE, confirmed, judged_alone
+from spool_fleet.manifest import Service
 from spool_fleet.observations import COULOMB, PARAMETERS, STIFFNESS, UNCERTAIN, VISCOUS, ObservedValve, Series
+from spool_fleet.operations import add_to_store, answer, run_over_store
 from spool_sim.excitation import Excitation, MachineOrders, Multisine
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
 from spool_sim.valve import Valve, find_valve
+from spool_tools.operations.simulation import simulate
+
+from spool_evaluation.results.page import Proportion, markdown_table, renew_json, study_command, write_page
+from spool_evaluation.studies.workers import spread
+
+#: Months after its beginning by which a change is to be found.
+IN_TIME = 2.0
+#: Bags whose estimation errors are drawn from, and the seed of the first: no fleet of a study has it.
+ERRORS, ERRORS_FROM = 2000, 10_000_000
+#: Weeks before which nothing is judged.
+FIRST_WEEK = 5
+ABOUT = (
+    "A fleet of 20 valves on 5 machines over a year, a bag of each valve every working day, with estimation "
+    "errors of bags that were simulated and estimated by what ships: oil temperatures with seasons and "
+    "weather, sensors of them with offsets and wrong gains, oils that differ from "
+    "their law, scatter from bag to bag, vibration that changes. One valve wears 3 % a month, one is "
+    "contaminated in month 7, the oil of one machine is changed, which is reported. It is judged every "
+    "week with what was known then; a healthy valve that is named once in the year counts as false."
+)
+
+
+@dataclass(frozen=True, slots=True)
+class FleetOutcome:
+    """Outcome of one fleet: months from the beginning to the finding (NaN: never), causes, false valves."""
+
+    seed: int
+    wear_months: float
+    wear_cause: str
+    dirt_months: float
+    dirt_cause: str
+    false: tuple[str, ...]
+    valve_years: float
+
+
+def run(cases: int, seed: int, out: Path, workers: int | None = None) -> None:
+    """Judge ``cases`` fleets from ``seed`` on; ``out`` gets ``fleet_study.md`` and a file of each fleet."""
+    out.mkdir(parents=True, exist_ok=True)
+    seeds = [seed + number for number in range(cases)]
+    done = {one: _kept(out, one) for one in seeds if _file(out, one).is_file()}
+    errors = list(spread(simulated_error, range(ERRORS_FROM, ERRORS_FROM + ERRORS), "bags", workers))
+    errors.sort(key=repr)  # they come in any order
+    judged = partial(judge_fleet, errors=errors)
+    for outcome in spread(judged, [one for one in seeds if one not in done], "fleets", workers):
+        renew_json(_file(out, outcome.seed), asdict(outcome))
+        done[outcome.seed] = outcome
+        _write(out, [done[one] for one in seeds if one in done], study_command("fleet", cases, seed))
+    _write(out, [done[one] for one in seeds], study_command("fleet", cases, seed))
+
+
+def judge_fleet(seed: int, errors: Sequence[EstimationError | None]) -> FleetOutcome:
+    """Return how the fleet of ``seed`` was judged, week by week."""
+    world = draw_world(seed)
+    valves = observe(world, errors)
+    services = _services(world)
+    worn, dirty = valves[world.worn].key, valves[world.dirty].key
+    begins = {
+        worn: FIRST_DAY + world.valves[world.worn].wears_from,
+        dirty: FIRST_DAY + world.valves[world.dirty].dirty_from,
+    }
+    found: dict[tuple[str, str], tuple[float, str]] = {}
+    false: set[str] = set()
+    seen = judged_alone(valves, services, FIRST_DAY + 7.0 * (FIRST_WEEK - 1))
+    for week in range(FIRST_WEEK, WEEKS + 1):
+        day = FIRST_DAY + 7.0 * week
+        before, seen = seen, judged_alone(valves, services, day)
+        for trend in confirmed(seen, before):
+            key = (trend.machine, trend.valve)
+            if trend.state == MACHINE:
+                false.add(f"{trend.machine}: {trend.parameter}")
+            elif trend.state == CHANGED and day < begins.get(key, math.inf):
+                false.add(f"{trend.machine} {trend.valve}: {trend.parameter}")
+            elif trend.state == CHANGED and key not in found:
+                found[key] = ((day - begins[key]) / MONTH, trend.cause)
+    nothing = (math.nan, "")
+    years = len(valves) * WEEKS * 7.0 / 365.25
+    return FleetOutcome(
+        seed, *found.get(worn, nothing), *found.get(dirty, nothing), tuple(sorted(false)), years
+    )
+
+
+def _services(world: World) -> list[Service]:
+    number = world.changed_machine
+    day = FIRST_DAY + world.machines[number].change_day
+    return [Service(f"machine_{number + 1}", "", round(day * DAY) * 1_000_000_000, "oil_change")]
+
+
+def _write(out: Path, outcomes: list[FleetOutcome], command: str) -> None:
+    rows = [
+        _row("wear, 3 % a month", [(one.wear_months, one.wear_cause == "wear") for one in outcomes]),
+        _row(
+            "contamination in month 7",
+            [(one.dirt_months, one.dirt_cause == "oil_contamination") for one in outcomes],
+        ),
+    ]
+    head = ("change", "found by the second month", "cause right", "months to the finding, median (90 %)")
+    years = sum(one.valve_years for one in outcomes)
+    named = sum(len({text.partition(":")[0] for text in one.false}) for one in outcomes)
+    lines = (
+        f"{named} healthy valves were named in {years:.0f} valve-years of {len(outcomes)} fleets: "
+        f"{100.0 * named / years:.2f} in 100 valve-years."
+        if outcomes
+        else ""
+    )
+    write_page(
+        out / "fleet_study.md", "Fleets over a year", command, [ABOUT, markdown_table(head, rows), lines]
+    )
+
+
+def _row(name: str, found: list[tuple[float, bool]]) -> list[str]:
+    in_time = [months <= IN_TIME for months, _ in found]
+    right = [cause for (months, cause) in found if not math.isnan(months)]
+    known = sorted(months for months, _ in found if not math.isnan(months))
+    spent = f"{known[len(known) // 2]:.1f} ({known[int(0.9 * len(known))]:.1f})" if known else "-"
+    return [name, str(Proportion(sum(in_time), len(found))), str(Proportion(sum(right), len(right))), spent]
+
+
+def _file(out: Path, seed: int) -> Path:
+    return out / f"fleet_{seed}.json"
+
+
+def _kept(out: Path, seed: int) -> FleetOutcome:
+    kept: dict[str, Any] = json.loads(_file(out, seed).read_text(encoding="utf-8"))
+    kept["false"] = tuple(kept["false"])
+    for name in ("wear_months", "dirt_months"):
+        kept[name] = math.nan if kept[name] is None else kept[name]
+    return FleetOutcome(**kept)
+
 
 DAY = 86_400.0
 MONTH = 30.44
@@ -284,3 +420,107 @@ def _valve(world: World, number: int, errors: Sequence[EstimationError | None]) 
             day, logarithm, deviation, celsius = np.array(own).T
             series[name] = Series(day, logarithm, deviation, celsius, UNITS[name], name == VISCOUS)
     return ObservedValve(f"machine_{valve.machine + 1}", f"valve_{valve.number + 1}", series)
+
+
+#: Machines and valves of each that the bags are of, one bag a week of each, and the first day.
+COST_MACHINES, COST_VALVES, FIRST_DATE = 40, 5, date(2026, 1, 5)
+#: s and Hz of a bag: short, for what grows with the number of bags is asked, not with their length.
+BAG_SECONDS, BAG_RATE = 4.0, 500.0
+ANALYSES = "features"
+SMALLEST = 100
+#: Times a query is asked; the median counts.
+REPEATS = 5
+ABOUT_COST = (
+    "Short bags (4 s at 500 Hz) of 40 machines with 5 valves each, looked at, analysed (`features`), judged. "
+    "Each size is a store of its own, filled from nothing."
+)
+
+
+@dataclass(frozen=True, slots=True)
+class FleetCost:
+    """Cost of a store of so many bags: seconds a bag of each step, of a query; files; peak memory in MB."""
+
+    bags: int
+    add: float
+    run: float
+    query: float
+    files: int
+    driver: float
+
+
+def run_cost(cases: int, seed: int, out: Path, workers: int | None = None) -> list[FleetCost]:
+    """Measure stores of 100, 1000 ... up to ``cases`` bags; ``out`` gets ``fleet_cost.md`` and ``.json``.
+
+    Raises:
+        InputError: ``cases`` is below 100.
+    """
+    if cases < SMALLEST:
+        raise InputError(f"--cases {cases}: a store has {SMALLEST} bags at least here")
+    out.mkdir(parents=True, exist_ok=True)
+    bags = out / "bags"
+    for _ in spread(partial(_bag, bags, seed), range(cases), "bags", workers):
+        pass
+    sizes = [SMALLEST]
+    while sizes[-1] * 10 <= cases:
+        sizes.append(sizes[-1] * 10)
+    costs = []
+    for size in sizes:
+        costs.append(_cost(bags, out / "store", size, workers))
+        _write_costs(out, costs, study_command("fleet-cost", cases, seed))
+    shutil.rmtree(bags)
+    return costs
+
+
+def _bag(folder: Path, seed: int, number: int) -> None:
+    """Make one bag unless it is there."""
+    machine, valve, week = (
+        number % COST_MACHINES,
+        number // COST_MACHINES % COST_VALVES,
+        number // (COST_MACHINES * COST_VALVES),
+    )
+    day = (FIRST_DATE + timedelta(weeks=week)).isoformat()
+    path = folder / str(len(str(number))) / f"press_{machine}" / day / f"valve_{valve}"
+    if path.exists():
+        return
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with contextlib.redirect_stdout(io.StringIO()):
+        simulate(
+            path, "4weh10_soft", "coulomb", "sweep", BAG_SECONDS, sample_rate=BAG_RATE, block_rate=10.0,
+            coulomb_force=None, noise=0.05, seed=seed + number, name="valve_1", oil_temperature="40",
+        )  # fmt: skip
+
+
+def _cost(bags: Path, store: Path, size: int, workers: int | None) -> FleetCost:
+    """Return what a fresh store of the first ``size`` bags costs."""
+    shutil.rmtree(store, ignore_errors=True)
+    folders = [bags / str(digits) for digits in range(1, len(str(size - 1)) + 1)]
+    begun = time.perf_counter()
+    added = add_to_store(store, folders, "{machine}/{date}/{valve}", None, "", workers)
+    looked = time.perf_counter()
+    run_over_store(store, ANALYSES, workers, None)
+    done = time.perf_counter()
+    asked = []
+    for _ in range(REPEATS):
+        start = time.perf_counter()
+        answer(store, None, "trend", "press_1", "valve_1", "body_rms")
+        asked.append(time.perf_counter() - start)
+    files = sum(1 for _ in (store / "tables").rglob("*.parquet"))
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
+    shutil.rmtree(store)
+    count = added.new
+    return FleetCost(
+        count, (looked - begun) / count, (done - looked) / count, sorted(asked)[REPEATS // 2], files, peak
+    )
+
+
+def _write_costs(out: Path, costs: Sequence[FleetCost], command: str) -> None:
+    head = ("bags", "add, ms a bag", "run, ms a bag", "trend query, s", "files", "driver, peak MB")
+    rows = [
+        [
+            f"{one.bags}", f"{1e3 * one.add:.1f}", f"{1e3 * one.run:.1f}", f"{one.query:.2f}", f"{one.files}",
+            f"{one.driver:.0f}",
+        ]
+        for one in costs
+    ]  # fmt: skip
+    renew_json(out / "fleet_cost.json", [asdict(one) for one in costs])
+    write_page(out / "fleet_cost.md", "Cost of a fleet", command, [ABOUT_COST, markdown_table(head, rows)])
