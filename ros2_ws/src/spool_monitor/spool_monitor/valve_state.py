@@ -205,7 +205,9 @@ class BaselineKeeper:
             self._band = (celsius, celsius) if math.isnan(low) else (min(low, celsius), max(high, celsius))
         if self._valve is None:
             return False
-        if self.current is not None and _learned(self.detection) <= len(self.current.values):
+        parameters, channels = self.detection.parameters.values(), self.detection.learned.values()
+        learned = sum(start.frozen for start in (*(drift.baseline for drift in parameters), *channels))
+        if self.current is not None and learned <= len(self.current.values):
             return False
         values = healthy_values(self.detection)
         if self.current is None:
@@ -296,12 +298,6 @@ class BaselineKeeper:
     def _start_over(self) -> None:
         self.current, self._band = None, _NOT_MEASURED
         relearn(self.detection)
-
-
-def _learned(detection: Detection) -> int:
-    """Return how many start values there are."""
-    starts = (*(drift.baseline for drift in detection.parameters.values()), *detection.learned.values())
-    return sum(start.frozen for start in starts)
 
 
 def healthy_values(detection: Detection) -> tuple[HealthyValue, ...]:

@@ -179,7 +179,7 @@ class SensorDead(Detector):
         """Return the names of the channels that stand still and should not."""
         found = []
         for name, channel in _channels(signals).items():
-            self._steps[name] = _least(self._steps[name], channel.step)
+            self._steps[name] = float(np.fmin(self._steps[name], channel.step))
             coarse = self._steps[name] >= COARSE
             if channel.standing == 0.0:
                 self._stopped[name] = True
@@ -503,7 +503,3 @@ class SensorSwapped(Detector):
 
 def _channels(signals: Signals) -> dict[str, Channel]:
     return {"body": signals.body, "spool": signals.spool}
-
-
-def _least(old: float, new: float) -> float:
-    return new if math.isnan(old) else old if math.isnan(new) else min(old, new)

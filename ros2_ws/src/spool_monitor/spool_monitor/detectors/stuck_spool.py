@@ -46,7 +46,12 @@ class StuckSpool(Detector):
     def update(self, moment: Moment) -> Finding | None:
         """Judge the window of ``moment``, if there is a new one; learn the friction from an estimate."""
         if moment.estimate is not None and not moment.distrust:
-            self._learn_friction(moment)
+            # The dry friction per mass, m/s^2, of the healthy valve.
+            coulomb, stiffness = (moment.parameters["coulomb_force"], moment.parameters["spring_stiffness"])
+            if coulomb.baseline.frozen and stiffness.baseline.frozen and self._friction == 0.0:
+                natural = 2.0 * math.pi * moment.reference.natural_frequency
+                mass = stiffness.baseline.value / natural**2
+                self._friction = max(0.0, coulomb.baseline.value) / mass
         signals = moment.signals
         if signals is None:
             return None
@@ -71,15 +76,6 @@ class StuckSpool(Detector):
 
         stuck = Severity.ALARM if share < STUCK else None
         return Finding(moment.stamp, stuck, share > MOVES, "", moved, facts)
-
-    def _learn_friction(self, moment: Moment) -> None:
-        """Take the dry friction per mass, m/s^2, of the healthy valve."""
-        assert moment.estimate is not None
-        coulomb, stiffness = (moment.parameters["coulomb_force"], moment.parameters["spring_stiffness"])
-        if coulomb.baseline.frozen and stiffness.baseline.frozen and self._friction == 0.0:
-            natural = 2.0 * math.pi * moment.reference.natural_frequency
-            mass = stiffness.baseline.value / natural**2
-            self._friction = max(0.0, coulomb.baseline.value) / mass
 
 
 @compiled
