@@ -24,7 +24,7 @@ from scipy.optimize import least_squares, lsq_linear
 from spool_core.numbers import Array
 
 from spool_estimator.identification.fit_result import SPOOL_DELAY, SPOOL_GAIN
-from spool_estimator.identification.free_run import FALL, FreeRun, Response, excitation_limit
+from spool_estimator.identification.free_run import FALL, FreeRun, Response, excitation_gain, excitation_limit
 from spool_estimator.identification.least_squares import Unknown, bounds_of, sizes_of
 from spool_estimator.identification.record import Record, first_seconds
 from spool_estimator.identification.residuals import HIGHEST_SHARE, Residuals, standard_deviations
@@ -360,8 +360,7 @@ def _noise(
     highest = run.highest_frequency[window.record]
     level = np.sqrt(0.5 * densities[window.record] / period)
     spectrum = fft.rfft(generator.normal(0.0, level, window.length))
-    share = np.clip((fft.rfftfreq(window.length, period) / highest - 1.0) / (FALL - 1.0), 0.0, 1.0)
-    return np.asarray(spectrum * (0.5 + 0.5 * np.cos(np.pi * share)))
+    return np.asarray(spectrum * excitation_gain(fft.rfftfreq(window.length, period), highest))
 
 
 def _shaken(

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from spool_core.errors import InputError
@@ -19,7 +19,6 @@ from spool_core.numbers import Array
 from spool_core.uncertainty import Quantity, Validity, rate_power
 from spool_sim.model import Model
 from spool_sim.sensors import PAPER_CHAIN
-from spool_sim.terms import Parameter
 from spool_sim.valve import Valve
 
 from spool_estimator.identification.equation_error import EquationError, input_noise_effect
@@ -80,9 +79,10 @@ def unknowns_of(model: Model, valve: Valve, settings: FitSettings) -> tuple[Unkn
         given = given or parameter.held
         if parameter.name in settings.held or (given and parameter.name not in settings.free):
             continue
-        found.append(
-            Unknown(parameter.name, parameter.unit, parameter.low, parameter.high, _scale(parameter, valve))
-        )
+        low, high = parameter.low, parameter.high
+        start = abs(parameter.start_for(valve))
+        scale = start if start > 0.0 else min(1.0, high - low)
+        found.append(Unknown(parameter.name, parameter.unit, low, high, scale))
     if settings.fit_gain:
         found.append(Unknown(SPOOL_GAIN, "1", -0.5, 1.0, 0.05))
     if settings.fit_delay:
@@ -144,59 +144,6 @@ def free_run_agreement(
     return agreement(run, _responses(run, values, sensor))
 
 
-@dataclass(frozen=True, slots=True)
-class Waveform:
-    """Measured motion of one record, and the free run of a model over it; every array has shape (n,).
-
-    Attributes:
-        time: s since the start of the recording.
-        measured, simulated: acceleration of the spool, m/s^2.
-        displacement, velocity: of the free run, relative to the body, m, m/s.
-    """
-
-    time: Array
-    measured: Array
-    simulated: Array
-    displacement: Array
-    velocity: Array
-
-
-def waveforms(
-    records: Sequence[Record],
-    model: Model,
-    valve: Valve,
-    values: Mapping[str, float],
-    *,
-    sensor: Mapping[str, float] | None = None,
-    run_in: float = 0.5,
-) -> list[Waveform]:
-    """Return the free run of ``model`` with ``values`` next to what was measured, one for each record.
-
-    Records too short for it have none. Arguments as of :func:`free_run_agreement`; the first ``run_in`` s of
-    each record are left out.
-
-    Raises:
-        InputError: no record is long enough.
-    """
-    run = FreeRun(records, model, valve, run_in=run_in)
-    found = []
-    for window, response in zip(run.windows, _responses(run, values, sensor), strict=True):
-        record = run.records[window.record]
-        first = record.first_sample + window.start
-        found.append(
-            Waveform(
-                np.asarray(
-                    (first + np.arange(window.measured.size)) * record.sample_period, dtype=np.float64
-                ),
-                window.measured,
-                response.acceleration[0],
-                response.displacement[0],
-                response.velocity[0],
-            )
-        )
-    return found
-
-
 def agreement(run: FreeRun, responses: Sequence[Response]) -> Agreement:
     """Return how the first set of ``responses`` agrees with the windows of ``run``.
 
@@ -217,7 +164,10 @@ def agreement(run: FreeRun, responses: Sequence[Response]) -> Agreement:
     periods = [run.records[window.record].sample_period for window in run.windows]
     centres, ratios = _amplitude_ratios(simulated, measured, periods)
     inside = (centres >= LOWEST) & (centres <= HIGHEST) & np.isfinite(ratios)
-    frequency, density = _residual_spectrum(errors, periods)
+    # Of the records with the shortest period.
+    shortest = min(periods)
+    rows = [row for row, period in zip(errors, periods, strict=True) if period == shortest]
+    frequency, density = density_of(rows, shortest)
     return Agreement(
         nrmse=float(np.sqrt(squares / power)) if power > 0.0 else float("nan"),
         objective=squares / sigma**2 if sigma > 0.0 else float("nan"),
@@ -229,14 +179,6 @@ def agreement(run: FreeRun, responses: Sequence[Response]) -> Agreement:
         seconds=float(sum(row.size * period for row, period in zip(measured, periods, strict=True))),
         samples=samples,
     )
-
-
-def _scale(parameter: Parameter, valve: Valve) -> float:
-    start = abs(parameter.start_for(valve))
-    if start > 0.0:
-        return start
-    width = parameter.high - parameter.low
-    return min(1.0, width)
 
 
 def _fit(
@@ -291,7 +233,9 @@ def _fit(
 def _refine(residuals: Residuals, start: Descent, rounds: int) -> Descent:
     best = start
     for _ in range(rounds):
-        _reweigh(residuals, best.point)
+        responses = residuals.respond(best.point[np.newaxis])
+        residuals.leave_jumps_out(responses)
+        residuals.take_spectrum(residuals.differences(responses))
         best = descend(residuals, best.point[np.newaxis], Stopping(ROUNDS, ENOUGH))
     return best
 
@@ -332,12 +276,6 @@ def _inside(point: Array, unknowns: Sequence[Unknown]) -> Array:
     low, high = bounds_of(unknowns)
     room = np.minimum(1e-3 * np.array([unknown.scale for unknown in unknowns]), 0.1 * (high - low))
     return np.asarray(np.clip(point, low + room, high - room))
-
-
-def _reweigh(residuals: Residuals, point: Array) -> None:
-    responses = residuals.respond(point[np.newaxis])
-    residuals.leave_jumps_out(responses)
-    residuals.take_spectrum(residuals.differences(responses))
 
 
 def _result(
@@ -471,10 +409,3 @@ def _amplitude_ratios(
     ratios = np.full(edges.size - 1, np.nan)
     ratios[there] = np.sqrt(powers[0, there] / powers[1, there])
     return 0.5 * (edges[1:] + edges[:-1]), ratios
-
-
-def _residual_spectrum(errors: Sequence[Array], periods: Sequence[float]) -> tuple[Array, Array]:
-    """Return frequency and power density of the errors, of the records with the shortest period."""
-    period = min(periods)
-    rows = [row for row, own in zip(errors, periods, strict=True) if own == period]
-    return density_of(rows, period)

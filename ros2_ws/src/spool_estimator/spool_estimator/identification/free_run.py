@@ -17,13 +17,13 @@ from numpy.typing import NDArray
 from scipy import fft
 from spool_core.errors import InputError
 from spool_core.numbers import Array
-from spool_sim.integration.composed_motion import ComposedMotion, MotionState, Trajectory
+from spool_sim.integration.composed_motion import ComposedMotion, MotionState
 from spool_sim.integration.step_size import substeps_for
 from spool_sim.model import Model
 from spool_sim.valve import Valve
 
 from spool_estimator.identification.least_squares import in_parallel
-from spool_estimator.identification.spectra import ZeroPhase, interval_mean_response, relative_motion
+from spool_estimator.identification.spectra import ZeroPhase, faded, interval_mean_response, relative_motion
 
 from .record import Record
 
@@ -265,16 +265,30 @@ class FreeRun:
         drives = [
             self._drive(window, substeps, float(delay)) for delay in (delays[:1] if one_drive else delays)
         ]
+        tables = sets[:, np.newaxis, :]
+        if window.viscosity is not None and "viscous_coefficient" in self.names:
+            tables = np.repeat(tables, window.viscosity.size, axis=1)
+            tables[:, :, self.names.index("viscous_coefficient")] *= window.viscosity
         trajectory, _ = self.motion.advance_batch(
             [state] * sets.shape[0],
             np.array([drive.half_steps for drive in drives]),
-            self._tables(sets, window),
+            tables,
             sample_period=entry.sample_period,
             substeps=substeps,
             first_sample=entry.first_sample + window.first,
         )
+        lead = window.start - window.first
+        velocity, stuck = trajectory.velocity[:, lead:], trajectory.stuck[:, lead:]
+        jumps = (np.sign(velocity[:, 1:]) != np.sign(velocity[:, :-1])) | (stuck[:, 1:] != stuck[:, :-1])
+        gain = 1.0 + gains[:, np.newaxis]
         body_means = np.array([drive.means for drive in drives])
-        return _counted(trajectory, window.start - window.first, gains, body_means, entry.sample_period)
+        return Response(
+            gain * trajectory.acceleration[:, lead:-1],
+            gain * (np.diff(velocity, axis=1) / entry.sample_period + body_means),
+            trajectory.displacement[:, lead:-1],
+            velocity[:, :-1],
+            jumps,
+        )
 
     def _drive(self, window: Window, substeps: int, delay: float) -> _Drive:
         """Return the excitation of ``window``; without a delay it is kept: every point is run with it."""
@@ -283,21 +297,18 @@ class FreeRun:
         kept = self._drives.get(key) if delay == 0.0 else None
         if kept is not None:
             return kept
+        # The mean of the excitation from each sample that counts to the next, m/s^2.
+        response = interval_mean_response(fft.rfftfreq(window.length, period), period)
+        means = fft.irfft(_delayed(window, delay, period) * response, window.length)
+        first = window.margin + window.start - window.first
         found = _Drive(
             window.excitation,
             half_steps(window, period, substeps, delay),
-            _body_means(window, period, delay),
+            np.asarray(means[first : first + window.stop - window.start]),
         )
         if delay == 0.0:
             self._drives[key] = found
         return found
-
-    def _tables(self, sets: Array, window: Window) -> Array:
-        if window.viscosity is None or "viscous_coefficient" not in self.names:
-            return sets[:, np.newaxis, :]
-        tables = np.repeat(sets[:, np.newaxis, :], window.viscosity.size, axis=1)
-        tables[:, :, self.names.index("viscous_coefficient")] *= window.viscosity
-        return tables
 
 
 def half_steps(window: Window, sample_period: float, substeps: int, delay: float = 0.0) -> Array:
@@ -330,15 +341,6 @@ def _delayed(window: Window, delay: float, sample_period: float) -> NDArray[np.c
     return np.asarray(window.excitation * np.exp(-2j * np.pi * frequency * delay))
 
 
-def _body_means(window: Window, sample_period: float, delay: float) -> Array:
-    """Return the mean of the excitation from each sample that counts to the next, m/s^2."""
-    frequency = fft.rfftfreq(window.length, sample_period)
-    spectrum = _delayed(window, delay, sample_period) * interval_mean_response(frequency, sample_period)
-    first = window.margin + window.start - window.first
-    means = fft.irfft(spectrum, window.length)
-    return np.asarray(means[first : first + window.stop - window.start])
-
-
 def excitation_limit(entry: Record) -> float:
     """Return the highest frequency, Hz, at which the body's acceleration stands out of its noise floor.
 
@@ -367,10 +369,14 @@ def limited(samples: Array, period: float, highest: float) -> Array:
     """Return ``samples`` without what lies above ``FALL`` times ``highest`` Hz."""
     if FALL * highest >= 0.5 / period:
         return samples
-    spectrum = fft.rfft(samples)
-    frequency = fft.rfftfreq(samples.size, period)
+    gain = excitation_gain(fft.rfftfreq(samples.size, period), highest)
+    return np.asarray(fft.irfft(fft.rfft(samples) * gain, samples.size))
+
+
+def excitation_gain(frequency: Array, highest: float) -> Array:
+    """Return the gain at ``frequency`` (Hz): 1 up to ``highest``, 0 from ``FALL`` times that on."""
     share = np.clip((frequency / highest - 1.0) / (FALL - 1.0), 0.0, 1.0)
-    return np.asarray(fft.irfft(spectrum * (0.5 + 0.5 * np.cos(np.pi * share)), samples.size))
+    return np.asarray(0.5 + 0.5 * np.cos(np.pi * share))
 
 
 def _around(samples: Array, low: int, high: int, fade: int) -> Array:
@@ -381,26 +387,7 @@ def _around(samples: Array, low: int, high: int, fade: int) -> Array:
     before, after = max(0, -low), max(0, high - samples.size)
     inside = samples[max(0, low) : min(high, samples.size)]
     around = np.pad(inside, (before, after), mode="reflect", reflect_type="odd")
-    rise = 0.5 - 0.5 * np.cos(np.pi * (np.arange(fade) + 0.5) / fade)
-    around[:fade] *= rise
-    around[around.size - fade :] *= rise[::-1]
-    return around
-
-
-def _counted(
-    trajectory: Trajectory, lead: int, gains: Array, body_means: Array, sample_period: float
-) -> Response:
-    velocity = trajectory.velocity[:, lead:]
-    stuck = trajectory.stuck[:, lead:]
-    jumps = (np.sign(velocity[:, 1:]) != np.sign(velocity[:, :-1])) | (stuck[:, 1:] != stuck[:, :-1])
-    gain = 1.0 + gains[:, np.newaxis]
-    return Response(
-        gain * trajectory.acceleration[:, lead:-1],
-        gain * (np.diff(velocity, axis=1) / sample_period + body_means),
-        trajectory.displacement[:, lead:-1],
-        velocity[:, :-1],
-        jumps,
-    )
+    return np.asarray(around * faded(around.size, fade))
 
 
 def _spread(windows: list[Window], longest: float, periods: Sequence[float]) -> tuple[Window, ...]:
