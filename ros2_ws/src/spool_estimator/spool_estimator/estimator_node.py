@@ -182,7 +182,11 @@ class EstimatorNode(ManagedNode):
                 self._gap.take(block, estimates)
             for estimate in estimates:
                 self._publisher.publish(to_message(estimate, self._valve_id))
-                self._doubt(estimate)
+                if self._check is not None and not self._check.complete:
+                    self._check.update(estimate)
+                    before, self._doubts = self._doubts, self._check.doubts()
+                    if self._doubts and not before:  # valve file and record contradict: said once
+                        self.get_logger().warning("; ".join(self._doubts))
             if self._refits is not None and self._worker is not None:
                 for task in self._refits.update(block, estimates):
                     self._worker.offer(task)
@@ -193,15 +197,6 @@ class EstimatorNode(ManagedNode):
                     told = "block" if count == 1 else f"{count} blocks, the last one"
                     self.get_logger().warning(f"{told} {block.sequence} refused: {reason}")
             accepted, refused = gate.accepted, gate.refused
-
-    def _doubt(self, estimate: Estimate) -> None:
-        """Compare the valve file with what the record shows, and log once that they contradict."""
-        if self._check is None or self._check.complete:
-            return
-        self._check.update(estimate)
-        before, self._doubts = self._doubts, self._check.doubts()
-        if self._doubts and not before:
-            self.get_logger().warning("; ".join(self._doubts))
 
     def _collect(self) -> None:
         """Publish the refit that was finished since, if any."""

@@ -26,7 +26,7 @@ from spool_sim.model import Model
 from spool_sim.valve import Valve
 
 from spool_estimator.estimate import Estimate, State
-from spool_estimator.identification.fit_result import Fit, FitSettings
+from spool_estimator.identification.fit_result import FitSettings
 from spool_estimator.identification.record import Record
 
 #: Relative error from which a model explains nothing worth the name: a fifth of the power at most.
@@ -169,12 +169,20 @@ def refit(task: WindowTask) -> Refit:
     )
     if found.reason is not None or found.agreement is None:
         return task.failed(found.reason or "the fit gave no result")
+    explains = found.agreement.nrmse < NOTHING  # better than no model, whose relative error is 1
+    said = ["a minimum was found" if found.converged else "the steps allowed did not reach a minimum"]
+    if not explains:
+        said.append("the model explains nothing of the spool's acceleration")
+    if found.not_observable:
+        said.append(f"the window does not tell {', '.join(found.not_observable)}")
+    if found.at_bound:
+        said.append(f"at its bound: {', '.join(found.at_bound)}")
     fitted = {one.name: one for one in found.parameters}
     return Refit(
         task.stamp,
         settings.model.name,
-        RefitState.CONVERGED if found.converged and _explains(found) else RefitState.NOT_CONVERGED,
-        _reason(found),
+        RefitState.CONVERGED if found.converged and explains else RefitState.NOT_CONVERGED,
+        "; ".join([*said, *found.warnings]),
         task.last_sequence,
         window,
         tuple(  # in the model's order; what was given is held
@@ -273,22 +281,6 @@ def _start(settings: RefitSettings, newest: Estimate | None) -> dict[str, float]
         for entry in settings.model.parameters
         if entry.name in known and entry.low <= known[entry.name] <= entry.high
     }
-
-
-def _explains(found: Fit) -> bool:
-    """Return whether the model is better than none, whose relative error is 1."""
-    return found.agreement is not None and found.agreement.nrmse < NOTHING
-
-
-def _reason(found: Fit) -> str:
-    said = ["a minimum was found" if found.converged else "the steps allowed did not reach a minimum"]
-    if not _explains(found):
-        said.append("the model explains nothing of the spool's acceleration")
-    if found.not_observable:
-        said.append(f"the window does not tell {', '.join(found.not_observable)}")
-    if found.at_bound:
-        said.append(f"at its bound: {', '.join(found.at_bound)}")
-    return "; ".join([*said, *found.warnings])
 
 
 def _figure(name: str, value: float) -> Quantity:

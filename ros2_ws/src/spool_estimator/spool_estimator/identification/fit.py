@@ -27,7 +27,6 @@ from spool_estimator.identification.free_run import FreeRun, Response
 from spool_estimator.identification.least_squares import (
     Combination,
     Descent,
-    Stopping,
     Unknown,
     bounds_of,
     combinations,
@@ -124,7 +123,6 @@ def free_run_agreement(
     sensor: Mapping[str, float] | None = None,
     run_in: float = 0.5,
     low_cut: float = 3.0,
-    compensate_oil: bool = True,
 ) -> Agreement:
     """Return how ``model`` with ``values`` agrees with ``records``, simulated in one piece each.
 
@@ -135,12 +133,11 @@ def free_run_agreement(
         sensor: gain error and delay of the spool's sensor, none by default.
         run_in: s at the start of each record that do not count.
         low_cut: Hz, of the conditioning that gives the motion to start from.
-        compensate_oil: use the oil temperature where record and valve give it.
 
     Raises:
         InputError: no record is long enough.
     """
-    run = FreeRun(records, model, valve, run_in=run_in, low_cut=low_cut, compensate_oil=compensate_oil)
+    run = FreeRun(records, model, valve, run_in=run_in, low_cut=low_cut)
     return agreement(run, _responses(run, values, sensor))
 
 
@@ -198,7 +195,6 @@ def _fit(
         run_in=settings.run_in,
         low_cut=settings.low_cut,
         longest=settings.longest,
-        compensate_oil=settings.compensate_oil,
     )
     if not any(np.any(window.measured) for window in run.windows):
         raise InputError(f"{records[0].name}: the spool's acceleration is 0 throughout; check the sensor")
@@ -213,7 +209,7 @@ def _fit(
     run.choose_substeps({**values, **{name: value for name, value in first.items() if name in values}})
     band = (settings.low_cut, settings.high_cut)
     some = Residuals(run.fewer(FIRST_SECONDS), free, values, band)
-    best = descend(some, np.array(points), Stopping(FIRST_ROUNDS, ENOUGH), len(points))
+    best = descend(some, np.array(points), FIRST_ROUNDS, ENOUGH, len(points))
     residuals = Residuals(run, free, values, band)
     rings = residuals.rings(residuals.respond(best.point[np.newaxis]))
     doubts = []
@@ -236,7 +232,7 @@ def _refine(residuals: Residuals, start: Descent, rounds: int) -> Descent:
         responses = residuals.respond(best.point[np.newaxis])
         residuals.leave_jumps_out(responses)
         residuals.take_spectrum(residuals.differences(responses))
-        best = descend(residuals, best.point[np.newaxis], Stopping(ROUNDS, ENOUGH))
+        best = descend(residuals, best.point[np.newaxis], ROUNDS, ENOUGH)
     return best
 
 
@@ -363,7 +359,7 @@ def _result(
         at_bound=at_bound,
         agreement=free_run_agreement(
             run.records, run.model, valve, final, sensor=sensor, run_in=settings.run_in,
-            low_cut=settings.low_cut, compensate_oil=settings.compensate_oil,
+            low_cut=settings.low_cut,
         ),
         information_criterion=criterion,
         effective_samples=samples,

@@ -118,7 +118,6 @@ class FreeRun:
         run_in: float = 0.5,
         low_cut: float = 3.0,
         longest: float = float("inf"),
-        compensate_oil: bool = True,
     ) -> None:
         """Cut the records and prepare their excitations.
 
@@ -130,7 +129,6 @@ class FreeRun:
             run_in: s at the start of each window that do not count.
             low_cut: Hz, of the conditioning that gives the motion to start from.
             longest: s of data used at most, in windows spread evenly.
-            compensate_oil: use the oil temperature where record and valve give it.
 
         Raises:
             InputError: no record is long enough for one window.
@@ -143,7 +141,6 @@ class FreeRun:
         self.highest_frequency = [excitation_limit(entry) for entry in self.records]
         self.substeps = [1] * len(self.records)
         self._drives: dict[tuple[int, int], _Drive] = {}
-        self._compensate = compensate_oil and valve.oil_ratio_known
         windows: list[Window] = []
         for number, entry in enumerate(self.records):
             windows += self._cut(number, entry, window, run_in, low_cut)
@@ -198,7 +195,8 @@ class FreeRun:
         return cut
 
     def _viscosity(self, entry: Record) -> Array | None:
-        if entry.oil_temperature is None or not self._compensate:
+        """Return the ratio of viscosities at each sample, where record and valve give it."""
+        if entry.oil_temperature is None or not self.valve.oil_ratio_known:
             return None
         if not np.isfinite(entry.oil_temperature).all():
             return None

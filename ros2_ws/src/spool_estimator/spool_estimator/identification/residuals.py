@@ -148,11 +148,6 @@ class Residuals:
         """Return the sums of squares of ``residuals`` (s, m), shape (s,); infinite where a run failed."""
         return np.asarray(np.nan_to_num(np.sum(residuals**2, axis=1), nan=np.inf))
 
-    @staticmethod
-    def trust(residual: Array, changes: Array) -> float:  # noqa: ARG004
-        """Return 1: every sample counts alike."""
-        return 1.0
-
     def at_with_slopes(self, point: Array) -> tuple[Array, Array]:
         """Return ``at`` and its Jacobian, shape (all samples, u); all perturbed sets run in one call."""
         steps = STEP * sizes_of(self.unknowns, point)
