@@ -254,7 +254,14 @@ class StreamEstimator(ABC):
             self._chunks += full
             self._stands = self._stands and full == 1
             stamp = block.stamp + round((taken - 1) * block.sample_period * 1e9)
-            self._watch(stamp)
+            # What was learned since a channel stands still is forgotten.
+            stands = self._standing.stands
+            if stands and not self._stands:
+                # The first of the equal samples is still a good one; stamps are rounded.
+                period = self._standing.sample_period
+                age = self._standing.age or self._missing[0] * period
+                self._go_back(stamp - round((age - 0.5 * period) * 1e9))
+            self._stands = stands
             used = self._close_chunks()
             self._samples += used
             self._fresh += used
@@ -272,16 +279,6 @@ class StreamEstimator(ABC):
         if self.latest is None:
             return None
         return replace(self.latest.held(), lost_blocks=self.gate.lost, refused_blocks=self.gate.refused)
-
-    def _watch(self, stamp: int) -> None:
-        """Forget what was learned since a channel stands still, as the chunk that ends at ``stamp`` shows."""
-        stands = self._standing.stands
-        if stands and not self._stands:
-            # The first of the equal samples is still a good one; stamps are rounded.
-            period = self._standing.sample_period
-            age = self._standing.age or self._missing[0] * period
-            self._go_back(stamp - round((age - 0.5 * period) * 1e9))
-        self._stands = stands
 
     def _go_back(self, stamp: int) -> None:
         """Go back to the last estimate that was good at ``stamp`` (ns)."""

@@ -30,16 +30,8 @@ from spool_msgs.srv import AcknowledgeAlarm, ManageBaseline, ResetAlarms, Shelve
 from spool_monitor.alarm import Action, Alarm, AlarmRefusedError, AlarmState, Operator, Transition
 from spool_monitor.alarm_store import AlarmStore
 from spool_monitor.detection import Detection
-from spool_monitor.detectors import (
-    JUDGEMENT_TEXTS,
-    KINDS,
-    LIMITS,
-    Judgement,
-    MonitorSettings,
-    check_settings,
-    latching_kinds,
-)
-from spool_monitor.detectors.base import NATURAL_FREQUENCY
+from spool_monitor.detectors import JUDGEMENT_TEXTS, KINDS, LIMITS, check_settings, latching_kinds
+from spool_monitor.detectors.base import NATURAL_FREQUENCY, Judgement, MonitorSettings
 from spool_monitor.event import Event, Namur, Severity
 from spool_monitor.monitor import Health, HealthLevel, Monitor
 from spool_monitor.state_file import default_folder, valve_folder

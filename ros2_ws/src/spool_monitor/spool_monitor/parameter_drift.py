@@ -288,7 +288,14 @@ class ParameterDrift:
         self._smoothed += (1.0 - math.exp(-seconds / SMOOTHING)) * (change - self._smoothed)
         self.sum.allowance = self._chance(estimate, quantity, size, seconds) + self.tolerance
         self.sum.update(estimate.stamp, change, seconds)
-        self._follow(estimate.stamp)
+        # Since when the change has been rising to one side: long before it is certain.
+        rises = abs(self._smoothed) > RISES * self.sum.allowance
+        side = int(math.copysign(1.0, self._smoothed)) if rises else 0
+        if side == 0:
+            self._rising = 0
+        elif side != self._side or self._rising == 0:
+            self._rising = estimate.stamp
+        self._side = side
         self._outlook.take(self._rising, estimate.stamp, change)
         self._memory = estimate.memory
         unit = "1" if self.relative else quantity.unit
@@ -306,17 +313,6 @@ class ParameterDrift:
             # Otherwise a long drift that was repaired would take as long to be forgotten.
             self.sum.up = min(self.sum.up, SHORTEST_SUM)
             self.sum.down = min(self.sum.down, SHORTEST_SUM)
-
-    def _follow(self, stamp: int) -> None:
-        """Note since when (ns) the change has been rising to one side: long before it is certain."""
-        side = (
-            int(math.copysign(1.0, self._smoothed)) if abs(self._smoothed) > RISES * self.sum.allowance else 0
-        )
-        if side == 0:
-            self._rising = 0
-        elif side != self._side or self._rising == 0:
-            self._rising = stamp
-        self._side = side
 
     def _chance(self, estimate: Estimate, quantity: Quantity, size: float, seconds: float) -> float:
         """Return the change, in units of ``size``, that chance exceeds once in a false-alarm interval."""

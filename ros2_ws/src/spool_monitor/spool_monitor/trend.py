@@ -154,26 +154,23 @@ class TrendStore:
             )
         try:
             with _named(path):
-                self._open(read_only=read_only)
+                (version,) = self._base.execute("PRAGMA user_version").fetchone()
+                if version > VERSION:
+                    raise LaterVersionError(
+                        f"{path}: a later version of the suite wrote it (format {version}, not {VERSION})"
+                    )
+                if not read_only:
+                    self._base.execute("PRAGMA journal_mode=WAL")
+                    self._base.execute("PRAGMA synchronous=FULL")
+                    self._base.executescript(_SCHEMA)
+                    if version < VERSION:
+                        self._base.execute(f"PRAGMA user_version={VERSION}")
+                self._base.execute("SELECT count FROM span LIMIT 1")
+                self._base.execute("SELECT value FROM counter LIMIT 1")
         except BaseException:
             self._base.close()
             raise
         self._file = _identity(path)
-
-    def _open(self, *, read_only: bool) -> None:
-        (version,) = self._base.execute("PRAGMA user_version").fetchone()
-        if version > VERSION:
-            raise LaterVersionError(
-                f"{self.path}: a later version of the suite wrote it (format {version}, not {VERSION})"
-            )
-        if not read_only:
-            self._base.execute("PRAGMA journal_mode=WAL")
-            self._base.execute("PRAGMA synchronous=FULL")
-            self._base.executescript(_SCHEMA)
-            if version < VERSION:
-                self._base.execute(f"PRAGMA user_version={VERSION}")
-        self._base.execute("SELECT count FROM span LIMIT 1")
-        self._base.execute("SELECT value FROM counter LIMIT 1")
 
     def write(self, sums: Sums, stamp: int = 0) -> None:
         """Add ``sums`` to what there is, all or nothing; counters show at ``stamp`` (ns).

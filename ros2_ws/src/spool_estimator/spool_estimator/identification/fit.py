@@ -36,13 +36,9 @@ from spool_estimator.identification.least_squares import (
     unseen_directions,
 )
 from spool_estimator.identification.record import Record
-from spool_estimator.identification.residuals import (
-    Residuals,
-    fit_covariance,
-    information_criterion,
-    standard_deviations,
-)
 from spool_estimator.identification.spectra import density_of
+
+from .residuals import Residuals, fit_covariance, information_criterion, standard_deviations
 
 #: s of data that the first descents from several starts use.
 FIRST_SECONDS = 8.0

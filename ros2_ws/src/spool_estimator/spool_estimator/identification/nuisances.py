@@ -127,7 +127,11 @@ class Spikes(RecordNuisance):
                 if 0 < places.size < MOST_SPIKES * row.size and not (
                     name == "spool" and _of_motion(places, motion)
                 ):
-                    rows[name] = _without(row, spikes)
+                    # Cubics through the samples beside them take their place.
+                    off = {width: _off(row, width) for width in {width for _, width in spikes}}
+                    rows[name] = row.copy()
+                    for place, width in spikes:
+                        rows[name][place : place + width] -= off[width][:, place]
                     rate[name] = rate.get(name, 0.0) + places.size / seconds
             cleaned.append(replace(record, body=rows["body"], spool=rows["spool"]))
         found = tuple(
@@ -275,15 +279,6 @@ def _deviation(off: Array, row: Array, rate: float) -> Array:
     # Calm stretches next to lively ones: the larger deviation counts.
     deviation = np.repeat(ndimage.maximum_filter1d(middle, 3), width)[: largest.size]
     return np.asarray(np.maximum(deviation, 1e-9 * float(np.abs(row).max(initial=0.0)) + 1e-30))
-
-
-def _without(row: Array, spikes: Sequence[tuple[int, int]]) -> Array:
-    """Return ``row`` with its ``spikes`` replaced by cubics through the samples beside them."""
-    cleaned = row.copy()
-    off = {width: _off(row, width) for width in {width for _, width in spikes}}
-    for place, width in spikes:
-        cleaned[place : place + width] -= off[width][:, place]
-    return cleaned
 
 
 def _of_motion(places: NDArray[np.int64], motion: Sequence[Array]) -> bool:

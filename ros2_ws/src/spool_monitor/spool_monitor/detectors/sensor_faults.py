@@ -15,23 +15,9 @@ from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.estimate import Estimate, State
 
 from spool_monitor.channels import MEMORY, Channel, Signals, ValveResponse, transfer
-from spool_monitor.detectors.base import (
-    ESTIMATE,
-    MINIMUM_BODY,
-    SIGNALS,
-    Detector,
-    Judgement,
-    Moment,
-    MonitorLimit,
-    MonitorSettings,
-)
-from spool_monitor.event import EventCause, EventKind, Facts, Finding, Namur, Severity
+from spool_monitor.event import EventCause, Facts, Finding, Severity, sensor_fault
 
-
-def sensor_fault(cause: EventCause) -> EventKind:
-    """Return the kind of sensor faults with ``cause``."""
-    return EventKind("sensor_fault", 600, Namur.FAILURE, latching=True, task="data", causes=(cause,))
-
+from .base import ESTIMATE, MINIMUM_BODY, SIGNALS, Detector, Judgement, Moment, MonitorLimit, MonitorSettings
 
 CLIPPING_KIND = sensor_fault(EventCause("clipping", 602))
 
