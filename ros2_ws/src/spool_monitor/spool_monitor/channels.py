@@ -283,6 +283,15 @@ def transfer(frequency: float, square: float, damping: float) -> complex:
     return follows / (follows - w * w)
 
 
+@compiled
+def due_power(frequency: Array, body: Array, square: float, damping: float) -> float:
+    """Return the power that the reference response makes of the body's, per line, in the relative motion."""
+    due = 0.0
+    for i in range(frequency.size):
+        due += body[i] * abs(transfer(frequency[i], square, damping) - 1.0) ** 2
+    return due
+
+
 @dataclass(slots=True)
 class ResponseTracker:
     """Follows the response over the last few windows."""

@@ -89,7 +89,7 @@ class Response:
 
 @dataclass(frozen=True, slots=True)
 class _Drive:
-    """Excitation of a window in the time domain: at the half steps, and its means from sample to sample."""
+    """Excitation of a window in the time domain, m/s^2: at the half steps, and its means between samples."""
 
     spectrum: NDArray[np.complex128]
     half_steps: Array
@@ -295,48 +295,22 @@ class FreeRun:
         kept = self._drives.get(key) if delay == 0.0 else None
         if kept is not None:
             return kept
-        # The mean of the excitation from each sample that counts to the next, m/s^2.
-        response = interval_mean_response(fft.rfftfreq(window.length, period), period)
-        means = fft.irfft(_delayed(window, delay, period) * response, window.length)
+        frequency, spectrum = fft.rfftfreq(window.length, period), window.excitation
+        if delay != 0.0:
+            spectrum = spectrum * np.exp(-2j * np.pi * frequency * delay)
+        # The excitation has nothing left at half the sample rate, so its line there needs no halving.
+        finer = 2 * substeps
+        fine = fft.irfft(spectrum, finer * window.length)
+        first = finer * window.margin
+        half_steps = fine[first : first + finer * (window.stop + 1 - window.first) + 1] * finer
+        # The mean of the excitation from each sample that counts to the next.
+        means = fft.irfft(spectrum * interval_mean_response(frequency, period), window.length)
         first = window.margin + window.start - window.first
-        found = _Drive(
-            window.excitation,
-            half_steps(window, period, substeps, delay),
-            np.asarray(means[first : first + window.stop - window.start]),
-        )
+        means = means[first : first + window.stop - window.start]
+        found = _Drive(window.excitation, np.asarray(half_steps), np.asarray(means))
         if delay == 0.0:
             self._drives[key] = found
         return found
-
-
-def half_steps(window: Window, sample_period: float, substeps: int, delay: float = 0.0) -> Array:
-    """Return the excitation (m/s^2) of ``window`` at ends and midpoints of all steps, ``delay`` s earlier.
-
-    Shape (2 n substeps + 1,), n the samples from ``first`` to ``stop`` inclusive.
-    """
-    return np.asarray(half_steps_of([window], sample_period, substeps, [delay])[0])
-
-
-def half_steps_of(
-    windows: Sequence[Window], sample_period: float, substeps: int, delays: Sequence[float]
-) -> Array:
-    """Return the same for w ``windows`` of one length, each with its own of ``delays``, on all processors.
-
-    Shape (w, 2 n substeps + 1).
-    """
-    finer, window = 2 * substeps, windows[0]
-    spectra = np.array([_delayed(*pair, sample_period) for pair in zip(windows, delays, strict=True)])
-    # The excitation has nothing left at half the sample rate, so its line there needs no halving.
-    fine = fft.irfft(spectra, finer * window.length, workers=-1)
-    first = finer * window.margin
-    return np.asarray(fine[:, first : first + finer * (window.stop + 1 - window.first) + 1] * finer)
-
-
-def _delayed(window: Window, delay: float, sample_period: float) -> NDArray[np.complex128]:
-    if delay == 0.0:
-        return window.excitation
-    frequency = fft.rfftfreq(window.length, sample_period)
-    return np.asarray(window.excitation * np.exp(-2j * np.pi * frequency * delay))
 
 
 def excitation_limit(entry: Record) -> float:

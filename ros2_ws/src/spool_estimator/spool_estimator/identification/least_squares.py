@@ -19,7 +19,6 @@ from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 from spool_core.numbers import Array
 from spool_core.system import processors
 
@@ -232,8 +231,16 @@ def _follow(problem: LeastSquares, x: Array, residual: Array, rounds: int, enoug
         limit = LONGEST_STEP * np.maximum(sizes, typical)
         # What would leave its bounds stays there, and the others are solved for without it.
         held = ((x <= low) & (gradient > 0.0)) | ((x >= high) & (gradient < 0.0))
-        moves = _changes(information, gradient, damping, np.flatnonzero(~held))
-        trials = np.array([np.clip(x + np.clip(sizes * move, -limit, limit), low, high) for move in moves])
+        own = np.flatnonzero(~held)
+        diagonal = np.diag(information) + 1e-12 * np.trace(information)
+        points = []
+        for factor in DAMPINGS:
+            move = np.zeros(x.size)
+            if own.size:
+                matrix = information[np.ix_(own, own)] + np.diag(damping * factor * diagonal[own])
+                move[own] = -np.linalg.lstsq(matrix, gradient[own], rcond=1e-12)[0]
+            points.append(np.clip(x + np.clip(sizes * move, -limit, limit), low, high))
+        trials = np.array(points)
         outcomes = problem.residuals(trials)
         costs = problem.costs(outcomes)
         winner = int(np.argmin(costs))
@@ -250,19 +257,6 @@ def _follow(problem: LeastSquares, x: Array, residual: Array, rounds: int, enoug
             converged = True
             break
     return Descent(x, cost, converged)
-
-
-def _changes(information: Array, gradient: Array, damping: float, own: NDArray[np.intp]) -> list[Array]:
-    """Return the changes over the unknowns' sizes for each of ``DAMPINGS``; 0 but for those in ``own``."""
-    diagonal = np.diag(information) + 1e-12 * np.trace(information)
-    found: list[Array] = []
-    for factor in DAMPINGS:
-        change = np.zeros(gradient.size)
-        if own.size:
-            matrix = information[np.ix_(own, own)] + np.diag(damping * factor * diagonal[own])
-            change[own] = -np.linalg.lstsq(matrix, gradient[own], rcond=1e-12)[0]
-        found.append(change)
-    return found
 
 
 def _candidates(

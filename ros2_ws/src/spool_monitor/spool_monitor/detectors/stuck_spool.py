@@ -6,11 +6,9 @@ import math
 from dataclasses import replace
 from typing import ClassVar
 
-from spool_core.kernels.compiled import compiled
-from spool_core.numbers import Array
 from spool_core.uncertainty import Quantity, Validity
 
-from spool_monitor.channels import transfer
+from spool_monitor.channels import due_power
 from spool_monitor.event import EventKind, Facts, Finding, Namur, Severity
 
 from .base import ESTIMATE, MINIMUM_BODY, SIGNALS, Detector, Judgement, Moment, MonitorSettings
@@ -76,12 +74,3 @@ class StuckSpool(Detector):
 
         stuck = Severity.ALARM if share < STUCK else None
         return Finding(moment.stamp, stuck, share > MOVES, "", moved, facts)
-
-
-@compiled
-def due_power(frequency: Array, body: Array, square: float, damping: float) -> float:
-    """Return the power that the reference response makes of the body's, per line, in the relative motion."""
-    due = 0.0
-    for i in range(frequency.size):
-        due += body[i] * abs(transfer(frequency[i], square, damping) - 1.0) ** 2
-    return due
