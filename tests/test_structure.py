@@ -17,12 +17,12 @@ MODULES = read_modules(SOURCE)
 #: What was measured, and may only become less: put the new figure here with the change that improves it.
 #: Lines and files may grow only in a change that adds a feature; its commit message says what that costs.
 RATCHETS = {
-    "lines": 69_550,
-    "files": 320,
+    "lines": 68_907,
+    "files": 318,
     "lines of research": 14_270,
-    "lines up to the last import, %": 8.41,
-    "private functions with one caller, %": 21.11,
-    "modules with one importer, %": 15.94,
+    "lines up to the last import, %": 8.38,
+    "private functions with one caller, %": 19.59,
+    "modules with one importer, %": 14.78,
 }
 
 
