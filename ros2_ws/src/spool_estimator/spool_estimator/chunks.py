@@ -65,14 +65,13 @@ REFIT_SHORT, REFIT_LONG, POOR_START, SLIDE, FRESH, FIRST_START, FORGET, STAND, N
 
 #: Places in the numbers of a tracker: samples that wait for their chunk, those taken by the last call with
 #: the chunks that they filled and the samples of these that were used, what is known (see ``Tracker``),
-#: what belongs to the prediction, the window of chunks, the history and the regression, and what a refit
-#: gained usually until now.
+#: what belongs to the prediction, the window of chunks and the history, and what a refit gained usually until
+#: now.
 (
     WAITING, TAKEN, CHUNKS, USED, STARTED, EXCITED, SETTLING, DISTINGUISHED, LEAST, SINCE_RESTART, ALLOWED,
-    PAUSE, EVIDENCE_POINTWISE, EVIDENCE_BAND_LIMITED, EARLIER, POINT_VALUES, WINDOW, KEPT_SAMPLES, STEPS,
-    USUAL_GAIN,
-) = range(20)  # fmt: skip
-NUMBERS = 20
+    PAUSE, EVIDENCE_POINTWISE, EVIDENCE_BAND_LIMITED, EARLIER, POINT_VALUES, WINDOW, KEPT_SAMPLES, USUAL_GAIN,
+) = range(19)  # fmt: skip
+NUMBERS = 19
 
 _LENGTHS = np.array(LENGTHS)
 _POOR_SQUARE, _NOISE_SQUARE, _SMALLEST_SQUARE = POOR**2, NOISE**2, SMALLEST_NOISE**2
@@ -263,7 +262,6 @@ def regress(
         )
         change *= tracker.scale
         regression.parameters[:] += change
-        numbers[STEPS] += 1.0
         shift(run.state, change)
     by_points, band_limited = numbers[EVIDENCE_POINTWISE], numbers[EVIDENCE_BAND_LIMITED]
     numbers[POINT_VALUES] = sampled_pointwise(by_points, band_limited, numbers[POINT_VALUES] != 0.0)

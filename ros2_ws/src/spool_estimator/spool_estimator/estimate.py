@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import enum
 from dataclasses import dataclass, replace
+from typing import Any
 
 from spool_core.uncertainty import Quantity, Validity
 
@@ -18,6 +19,13 @@ class State(enum.IntEnum):
     STALE = 4
     SETTLING = 5
 
+
+#: Quantities of an estimate besides the model's parameters, and those that are held while no data arrive.
+QUANTITIES = (
+    "referred_viscous_coefficient", "oil_temperature", "natural_frequency", "damping_ratio", "residual",
+    "excitation", "relative_displacement",
+)  # fmt: skip
+_HELD = ("natural_frequency", "damping_ratio", "referred_viscous_coefficient")
 
 _NOT_REFERRED = Quantity("referred_viscous_coefficient", "N s/m")
 _NOT_MEASURED = Quantity("oil_temperature", "deg C")
@@ -65,23 +73,17 @@ class Estimate:
 
     def held(self) -> Estimate:
         """Return this as stale: what was valid is held, what the signals showed is unknown."""
-        return replace(
-            self,
-            state=State.STALE,
-            parameters=tuple(_held(quantity) for quantity in self.parameters),
-            natural_frequency=_held(self.natural_frequency),
-            damping_ratio=_held(self.damping_ratio),
-            referred_viscous_coefficient=_held(self.referred_viscous_coefficient),
-            oil_temperature=_gone(self.oil_temperature),
-            residual=_gone(self.residual),
-            excitation=_gone(self.excitation),
-            relative_displacement=_gone(self.relative_displacement),
-        )
+        held = tuple(_held(quantity) for quantity in self.parameters)
+        others: dict[str, Any] = {
+            name: (_held if name in _HELD else unknown)(getattr(self, name)) for name in QUANTITIES
+        }
+        return replace(self, state=State.STALE, parameters=held, **others)
 
 
 def _held(quantity: Quantity) -> Quantity:
     return replace(quantity, validity=Validity.HELD) if quantity.known else quantity
 
 
-def _gone(quantity: Quantity) -> Quantity:
+def unknown(quantity: Quantity) -> Quantity:
+    """Return ``quantity`` as one that is not known."""
     return Quantity(quantity.name, quantity.unit)

@@ -14,27 +14,20 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from spool_core.block import Samples
 from spool_core.errors import InputError
 from spool_core.kernels.samples import StandingWatch
+from spool_core.numbers import Array
 from spool_core.uncertainty import Quantity, Validity
 from spool_sim.valve import Valve
 
 from spool_estimator.identification.oil import oil_law
 from spool_estimator.prediction import DELAY
 from spool_estimator.recursive import ExponentialForgetting, RecursiveLeastSquares, SlidingLeastSquares
-from spool_estimator.sliding_window import (
-    BODY,
-    COLUMNS,
-    DIRECTION,
-    DISPLACEMENT,
-    SPOOL,
-    VELOCITY,
-    Conditioning,
-)
 from spool_estimator.stream_estimator import CHUNK, NAMES, WINDOW, EstimatorSettings, Learned, StreamEstimator
 from spool_estimator.tracking import Knowledge, Tracker
+
+from .sliding_window import BODY, COLUMNS, DIRECTION, DISPLACEMENT, SPOOL, VELOCITY, Conditioning
 
 #: Relative standard deviation of the stiffness at which learning ends.
 LEARNED = 0.02
@@ -134,13 +127,13 @@ class EquationEstimator(StreamEstimator):
 
     regression: ExponentialForgetting | None = field(default=None, init=False)
     _conditioning: Conditioning | None = field(default=None, init=False)
-    _chunk: NDArray[np.float32] = field(default_factory=lambda: np.empty((2, 0), np.float32), init=False)
-    _rows: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, COLUMNS)), init=False)
+    _chunk: Samples = field(default_factory=lambda: np.empty((2, 0), np.float32), init=False)
+    _rows: Array = field(default_factory=lambda: np.empty((0, COLUMNS)), init=False)
     _filled: int = field(default=0, init=False)
     _since_restart: int = field(default=0, init=False)
     _excited: bool = field(default=False, init=False)
     _settling: bool = field(default=True, init=False)
-    _powers: NDArray[np.float64] = field(default_factory=lambda: np.full(4, math.nan), init=False)
+    _powers: Array = field(default_factory=lambda: np.full(4, math.nan), init=False)
     _watched: StandingWatch = field(default_factory=lambda: StandingWatch(1.0), init=False)
 
     @property
@@ -234,10 +227,10 @@ class EquationEstimator(StreamEstimator):
     def _parameter(self, name: str, unit: str, value: float, deviation: float, learned: Learned) -> Quantity:
         return Quantity(name, unit, value, deviation, learned.validity)
 
-    def _knowledge(self) -> tuple[ExponentialForgetting | None, NDArray[np.float64]]:
+    def _knowledge(self) -> tuple[ExponentialForgetting | None, Array]:
         return copy.deepcopy(self.regression), self._powers.copy()
 
-    def _restore(self, known: tuple[ExponentialForgetting | None, NDArray[np.float64]] | None) -> None:
+    def _restore(self, known: tuple[ExponentialForgetting | None, Array] | None) -> None:
         if known is None:
             self.regression = self._new_regression()
             self._powers, self._samples = np.full(4, math.nan), 0

@@ -30,7 +30,7 @@ from std_srvs.srv import Trigger
 
 from spool_estimator.estimate import Estimate, State
 from spool_estimator.estimator import ESTIMATORS, make_estimator, phase_of, settings_for
-from spool_estimator.gap_requests import GapAnswer, GapTask, GapWatch, GapWorker, RecentBlocks
+from spool_estimator.gap_requests import GapTask, GapWatch, GapWorker, RecentBlocks
 from spool_estimator.messages import to_description, to_message, to_refit_message
 from spool_estimator.plausibility import ValveCheck
 from spool_estimator.refit import RefitSettings, RefitWorker, WindowRefits
@@ -125,7 +125,13 @@ class EstimatorNode(ManagedNode):
         self._description_publisher = self.create_lifecycle_publisher(ValveDescription, "valve", qos.state())
         self._description = to_description(valve)
         self._check, self._doubts = ValveCheck(valve), []
-        self._configure_refits(valve)
+        model = load_model(self.value("refit_model"))
+        model.values_for(valve)
+        if self.value("refit_period") > 0.0:
+            refits = RefitSettings(valve, model, self.value("refit_period"), self.value("refit_window"))
+            self._refits = WindowRefits(refits, self._gate)
+            self._worker = RefitWorker(refits)
+            self._refit_publisher = self.create_lifecycle_publisher(WindowRefit, "refit", qos.state())
         base = load_model(self.value("gap_base"))
         base.values_for(valve)
         window, growth = self.value("gap_window"), self.value("gap_growth")
@@ -136,15 +142,6 @@ class EstimatorNode(ManagedNode):
             f"configured for valve {valve.id} ({self.value('valve_file')}): {1e3 * valve.moving_mass:g} g, "
             f"{valve.natural_frequency:.1f} Hz, method {self.value('method')}"
         )
-
-    def _configure_refits(self, valve: Valve) -> None:
-        model = load_model(self.value("refit_model"))
-        model.values_for(valve)
-        if self.value("refit_period") > 0.0:
-            settings = RefitSettings(valve, model, self.value("refit_period"), self.value("refit_window"))
-            self._refits = WindowRefits(settings, self._gate)
-            self._worker = RefitWorker(settings)
-            self._refit_publisher = self.create_lifecycle_publisher(WindowRefit, "refit", qos.state())
 
     def activate(self) -> None:
         """Listen; the core goes on from where it was."""
@@ -178,38 +175,28 @@ class EstimatorNode(ManagedNode):
         gate = self._gate
         accepted, refused = gate.accepted, gate.refused
         for block in gate.admitted(blocks, self._room):
-            self._take_judged(block, used=gate.accepted > accepted)
+            assert self._core is not None
+            estimates = self._core.update(block)
+            if gate.accepted > accepted:
+                self._arrival = time.monotonic()
+                self._gap.take(block, estimates)
+            for estimate in estimates:
+                self._publisher.publish(to_message(estimate, self._valve_id))
+                if self._check is not None and not self._check.complete:
+                    self._check.update(estimate)
+                    before, self._doubts = self._doubts, self._check.doubts()
+                    if self._doubts and not before:  # valve file and record contradict: said once
+                        self.get_logger().warning("; ".join(self._doubts))
+            if self._refits is not None and self._worker is not None:
+                for task in self._refits.update(block, estimates):
+                    self._worker.offer(task)
             if gate.refused > refused and gate.fault is not None:
-                self._tell_refused(gate.fault.value, block.sequence)
+                reason = gate.fault.value
+                count = self._throttle.take(reason)
+                if count:
+                    told = "block" if count == 1 else f"{count} blocks, the last one"
+                    self.get_logger().warning(f"{told} {block.sequence} refused: {reason}")
             accepted, refused = gate.accepted, gate.refused
-
-    def _take_judged(self, block: Block, *, used: bool) -> None:
-        assert self._core is not None
-        estimates = self._core.update(block)
-        if used:
-            self._arrival = time.monotonic()
-            self._gap.take(block, estimates)
-        for estimate in estimates:
-            self._publisher.publish(to_message(estimate, self._valve_id))
-            self._doubt(estimate)
-        if self._refits is not None and self._worker is not None:
-            for task in self._refits.update(block, estimates):
-                self._worker.offer(task)
-
-    def _doubt(self, estimate: Estimate) -> None:
-        """Compare the valve file with what the record shows, and log once that they contradict."""
-        if self._check is None or self._check.complete:
-            return
-        self._check.update(estimate)
-        before, self._doubts = self._doubts, self._check.doubts()
-        if self._doubts and not before:
-            self.get_logger().warning("; ".join(self._doubts))
-
-    def _tell_refused(self, reason: str, sequence: int) -> None:
-        count = self._throttle.take(reason)
-        if count:
-            blocks = "block" if count == 1 else f"{count} blocks, the last one"
-            self.get_logger().warning(f"{blocks} {sequence} refused: {reason}")
 
     def _collect(self) -> None:
         """Publish the refit that was finished since, if any."""
@@ -314,11 +301,12 @@ class GapService:
     def _answer(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Begin an analysis of what is kept; its result comes on ``gap``."""
         records = self._recent.records(self._valve.id)
+        task = GapTask(records, self._valve, self._base, self._recent.stamp)
         if not records:
             response.success, response.message = False, "no samples have arrived yet"
-        elif self._worker.offer(GapTask(records, self._valve, self._base, self._recent.stamp)):
-            seconds = sum(record.duration for record in records)
-            response.success, response.message = True, f"analysing {seconds:.1f} s; the result comes on gap"
+        elif self._worker.offer(task):
+            said = f"analysing {task.seconds:.1f} s; the result comes on gap"
+            response.success, response.message = True, said
         else:
             response.success, response.message = False, "an analysis is under way"
         return response
@@ -326,16 +314,8 @@ class GapService:
     def collect(self) -> None:
         """Publish the analysis that was finished since, if any."""
         answer = self._worker.collect()
-        if answer is not None:
-            self._answers.publish(self._message(answer))
-
-    def close(self) -> None:
-        """End the worker and release the publishers."""
-        self._worker.close()
-        self._node.destroy_publisher(self._events)
-        self._node.destroy_publisher(self._answers)
-
-    def _message(self, answer: GapAnswer) -> GapAnalysis:
+        if answer is None:
+            return
         validity = Validity.VALID if answer.done else Validity.UNKNOWN
         message = GapAnalysis(
             state=GapAnalysis.STATE_DONE if answer.done else GapAnalysis.STATE_FAILED,
@@ -347,4 +327,10 @@ class GapService:
         )
         message.header.frame_id = self._valve.id
         message.header.stamp = to_time(answer.stamp)
-        return message
+        self._answers.publish(message)
+
+    def close(self) -> None:
+        """End the worker and release the publishers."""
+        self._worker.close()
+        self._node.destroy_publisher(self._events)
+        self._node.destroy_publisher(self._answers)

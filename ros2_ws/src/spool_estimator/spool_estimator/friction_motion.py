@@ -23,6 +23,7 @@ import math
 import numpy as np
 from spool_core.kernels.compiled import compiled
 from spool_core.numbers import Array
+from spool_sim.integration.stepping import release
 
 #: Places in the state: z (m), v (m/s), direction of slip (0 while sticking), then dz and dv by k, c, F_c.
 MOTION_STATES = 9
@@ -152,7 +153,7 @@ def advance_sample(
             need = -mass * (a0 + u * (b + u * d)) - k * z
             if abs(need) <= f:
                 left = 1.0 - u
-                y, s = _release(need, -mass * (b + 2.0 * u * d) * left, -mass * d * left * left, f)
+                y, s = release(need, -mass * (b + 2.0 * u * d) * left, -mass * d * left * left, -f, f)
                 if y > 1.0:
                     s = 0.0
                     break
@@ -281,28 +282,6 @@ def _stopping_time(
             return newer
         t = newer
     return t
-
-
-@compiled
-def _release(n0: float, n1: float, n2: float, bound: float) -> tuple[float, float]:
-    """Return the first y in [0, 1] at which n0 + n1 y + n2 y^2 leaves [-bound, bound] and its sign, or 2."""
-    first, side = 2.0, 0.0
-    for sign in (-1.0, 1.0):
-        beyond = n0 - sign * bound
-        square = n1 * n1 - 4.0 * n2 * beyond
-        if square < 0.0:
-            continue
-        # Citardauq form besides the quadratic formula: no cancellation when the parabola is nearly a line.
-        half = -0.5 * (n1 + math.copysign(math.sqrt(square), n1))
-        if half != 0.0:
-            y = beyond / half
-            if 0.0 <= y <= 1.0 and y < first and sign * (n1 + 2.0 * n2 * y) > 0.0:
-                first, side = y, sign
-        if n2 != 0.0:
-            y = half / n2
-            if 0.0 <= y <= 1.0 and y < first and sign * (n1 + 2.0 * n2 * y) > 0.0:
-                first, side = y, sign
-    return first, side
 
 
 @compiled

@@ -141,7 +141,13 @@ class GapWatch:
             return None
         value = estimate.residual.value
         if self._relative is None or self._force is None:
-            self._learn(value, force, _stiffness(estimate))
+            self._first.append((value, force, _stiffness(estimate)))
+            if len(self._first) == LEARNED:
+                relative, forces, stiffnesses = (list(row) for row in zip(*self._first, strict=True))
+                self._relative = ResidualLevel.learned(relative, self.growth, MATTERS)
+                self._force = ResidualLevel.learned(forces, self.growth)
+                self._stiffness = median(stiffnesses)
+                self._first.clear()
             return None
         self._last.append(value)
         closed = self._relative.median + CLOSED * (self._relative.limit - self._relative.median)
@@ -175,16 +181,6 @@ class GapWatch:
             now, MODEL_GAP, state, Severity.WARNING, "", estimate.residual, "", MODEL_GAP_CODE, facts
         )
 
-    def _learn(self, value: float, force: float, stiffness: float) -> None:
-        self._first.append((value, force, stiffness))
-        if len(self._first) < LEARNED:
-            return
-        relative, forces, stiffnesses = (list(row) for row in zip(*self._first, strict=True))
-        self._relative = ResidualLevel.learned(relative, self.growth, MATTERS)
-        self._force = ResidualLevel.learned(forces, self.growth)
-        self._stiffness = median(stiffnesses)
-        self._first.clear()
-
     def _stays(self) -> bool:
         """Whether the residual stayed up long enough, while nothing changed that explains it."""
         if len(self._up) < IN_A_ROW:
@@ -204,15 +200,13 @@ class GapWatch:
     def _believes(self, estimate: Estimate) -> bool:
         """Whether the channels can be those of this valve."""
         ratio = _stiffness(estimate) / self._stiffness
-        return not self._faults and 1.0 / NO_SPRING < ratio < NO_SPRING and not self._clips()
-
-    def _clips(self) -> bool:
-        if not self._recent:
+        if self._faults or not 1.0 / NO_SPRING < ratio < NO_SPRING:
             return False
-        return any(
+        clips = self._recent and any(
             flat_share(np.concatenate([getattr(block, name) for block in self._recent])) >= CLIPS
             for name in ("body", "spool")
         )
+        return not clips
 
 
 @dataclass(slots=True)
@@ -237,7 +231,14 @@ class RecentBlocks:
 
     def take(self, block: Block) -> None:
         """Keep ``block`` and forget what is too old."""
-        gap = self._last is None or not _goes_on(self._last, block)
+        last = self._last
+        # It goes on with no more jitter than clocks of sources have.
+        gap = (
+            last is None
+            or block.sequence != last.sequence + block.blocks
+            or block.sample_period != last.sample_period
+            or not abs(block.stamp - last.end) <= 2.0e9 * block.sample_period
+        )
         if gap and self._fresh:
             self._close_run()
         self._after_gap = self._after_gap or gap
@@ -262,9 +263,9 @@ class RecentBlocks:
         run = joined(self._fresh)
         self._runs.append((run, self._after_gap))
         self._fresh, self._after_gap = [], False
-        self._duration += _gap_worker_length(run)
-        while self._duration - _gap_worker_length(self._runs[0][0]) >= self.seconds:
-            self._duration -= _gap_worker_length(self._runs.popleft()[0])
+        self._duration += _length(run)
+        while self._duration - _length(self._runs[0][0]) >= self.seconds:
+            self._duration -= _length(self._runs.popleft()[0])
 
 
 @dataclass(frozen=True, slots=True)
@@ -275,6 +276,15 @@ class GapTask:
     valve: Valve
     base: Model
     stamp: int
+
+    @property
+    def seconds(self) -> float:
+        """Duration of the records together, s."""
+        return sum(record.duration for record in self.records)
+
+    def failed(self, reason: str) -> GapAnswer:
+        """Return that there is no verdict, and the ``reason``."""
+        return GapAnswer(self.stamp, False, reason, self.seconds)
 
 
 @dataclass(frozen=True, slots=True)
@@ -292,16 +302,15 @@ class GapAnswer:
 
 def analyse_task(task: GapTask) -> GapAnswer:
     """Return the analysis of ``task``; a record that cannot be analysed is an answer with a reason."""
-    seconds = sum(record.duration for record in task.records)
     offered = {one.name: one for one in entry_points(group=ANALYSIS)}
     if not offered:
-        return GapAnswer(task.stamp, False, "spool_gap is not installed: build and source it", seconds)
+        return task.failed("spool_gap is not installed: build and source it")
     try:  # loaded in the worker only
         found = offered["analyse"].load()(task.records, task.valve, task.base)
     except InputError as error:
-        return GapAnswer(task.stamp, False, str(error), seconds)
+        return task.failed(str(error))
     text = json.dumps(offered["to_dict"].load()(found), allow_nan=False)
-    return GapAnswer(task.stamp, True, found.sentence, seconds, found.verdict, found.confidence, text)
+    return GapAnswer(task.stamp, True, found.sentence, task.seconds, found.verdict, found.confidence, text)
 
 
 class GapWorker:
@@ -313,14 +322,9 @@ class GapWorker:
         self._running: Future[GapAnswer] | None = None
         self._task: GapTask | None = None
 
-    @property
-    def busy(self) -> bool:
-        """Whether an answer is still to come, or to be collected."""
-        return self._running is not None
-
     def offer(self, task: GapTask) -> bool:
         """Begin to analyse ``task``; return whether that began. Never waits."""
-        if self.busy:
+        if self._running is not None:  # an answer is still to come, or to be collected
             return False
         if self._pool is None:
             # A fork of a process with threads may inherit a lock that nobody will open.
@@ -340,10 +344,7 @@ class GapWorker:
         self.close()  # an analysis is rare, and its process as large as that of a node
         if error is None:
             return running.result()
-        seconds = sum(record.duration for record in task.records)
-        return GapAnswer(
-            task.stamp, False, f"the analysis broke off: {type(error).__name__}: {error}", seconds
-        )
+        return task.failed(f"the analysis broke off: {type(error).__name__}: {error}")
 
     def close(self) -> None:
         """End the process; what it is analysing is lost."""
@@ -389,16 +390,3 @@ def _changes(before: list[Estimate], after: list[Estimate], name: str) -> bool:
         scale += _spring_force(newest)
     tolerated = LAGGING * newest.residual.value * scale + quantity.standard_deviation
     return abs(last - first) > tolerated
-
-
-def _gap_worker_length(run: Block) -> float:
-    return run.body.size * run.sample_period
-
-
-def _goes_on(last: Block, block: Block) -> bool:
-    """Return whether ``block`` follows ``last`` with no more jitter than clocks of sources have."""
-    return (
-        block.sequence == last.sequence + block.blocks
-        and block.sample_period == last.sample_period
-        and abs(block.stamp - last.end) <= 2.0e9 * block.sample_period
-    )

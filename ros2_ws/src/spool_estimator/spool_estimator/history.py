@@ -387,14 +387,10 @@ class Displacement:
         for sums in (state, gram, product, power):
             sums[:] = 0.0
 
-    def take(self, samples: Samples) -> None:
-        """Take a chunk of body and spool, shape (2, chunk), m/s^2."""
-        follow_displacement(samples, self.arrays)
-
 
 @compiled
 def follow_displacement(samples: Samples, displacement: DisplacementArrays) -> None:
-    """Take a chunk as :meth:`Displacement.take` does."""
+    """Take a chunk of body and spool, shape (2, chunk), m/s^2, into a :class:`Displacement`."""
     numbers, state = displacement.numbers, displacement.state
     if numbers[_TAKEN] < numbers[_START]:
         _start(samples, displacement)

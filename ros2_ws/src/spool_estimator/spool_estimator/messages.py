@@ -8,18 +8,9 @@ from spool_core.node.messages import from_quantity, nanoseconds, to_quantity, to
 from spool_msgs.msg import ModelEstimate, ValveDescription, WindowRefit
 from spool_sim.valve import Valve, valve_from_mapping
 
-from spool_estimator.estimate import Estimate, State
+from spool_estimator.estimate import QUANTITIES, Estimate, State
 from spool_estimator.refit import Refit
 
-_QUANTITIES = (
-    "referred_viscous_coefficient",
-    "oil_temperature",
-    "natural_frequency",
-    "damping_ratio",
-    "residual",
-    "excitation",
-    "relative_displacement",
-)
 _NUMBERS = ("model", "last_sequence", "samples", "delay", "memory", "lost_blocks", "refused_blocks")
 
 _VALVE_NUMBERS = tuple(name for name in Valve.model_fields if name not in ("id", "oil"))
@@ -31,7 +22,7 @@ def to_message(estimate: Estimate, valve_id: str) -> ModelEstimate:
         state=int(estimate.state),
         parameters=[to_quantity(quantity) for quantity in estimate.parameters],
         **{name: getattr(estimate, name) for name in _NUMBERS},
-        **{name: to_quantity(getattr(estimate, name)) for name in _QUANTITIES},
+        **{name: to_quantity(getattr(estimate, name)) for name in QUANTITIES},
     )
     message.header.frame_id = valve_id
     message.header.stamp = to_time(estimate.stamp)
@@ -46,7 +37,7 @@ def from_message(message: ModelEstimate) -> Estimate:
         parameters=tuple(from_quantity(quantity) for quantity in message.parameters),
         **{
             **{name: getattr(message, name) for name in _NUMBERS},
-            **{name: from_quantity(getattr(message, name)) for name in _QUANTITIES},
+            **{name: from_quantity(getattr(message, name)) for name in QUANTITIES},
         },
     )
 

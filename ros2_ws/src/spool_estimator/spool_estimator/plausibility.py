@@ -128,7 +128,14 @@ class ValveCheck:
     def _of_damping(self) -> str:
         if len(self._ratios) < LEAST or not self.valve.knows(*FILM, "oil_temperature"):
             return ""
-        shown, least = float(np.quantile(self._ratios, 0.975)), self._least_damping()
+        # Least: with the oil as hot and the sleeve as worn as can be.
+        oil = OILS[self.valve.oil or COMMON_OIL]
+        try:
+            here = oil.kinematic_viscosity(self.valve.oil_temperature)
+            thinner = oil.kinematic_viscosity(max(HOTTEST, self.valve.oil_temperature)) / here
+        except InputError:  # the file's temperature is out of the law's range
+            thinner = 0.0
+        shown, least = float(np.quantile(self._ratios, 0.975)), self.valve.damping_ratio * thinner / WORN
         if shown >= least:
             return ""
         return (
@@ -136,16 +143,6 @@ class ValveCheck:
             f"and {least:.2g} at least with oil at {HOTTEST:g} deg C in a worn sleeve; the record shows "
             f"{shown:.2g} at most: check dynamic_viscosity (Pa s), radial_clearance and the land (m)"
         )
-
-    def _least_damping(self) -> float:
-        """Damping ratio with the oil as hot and the sleeve as worn as can be."""
-        oil = OILS[self.valve.oil or COMMON_OIL]
-        try:
-            here = oil.kinematic_viscosity(self.valve.oil_temperature)
-            thinner = oil.kinematic_viscosity(max(HOTTEST, self.valve.oil_temperature)) / here
-        except InputError:  # the file's temperature is out of the law's range
-            return 0.0
-        return self.valve.damping_ratio * thinner / WORN
 
 
 def check_rate(name: str, sample_rate: float, valve: Valve) -> None:

@@ -133,10 +133,6 @@ class Prediction:
         other.state[:] = state
         return other
 
-    def forget_derivatives(self) -> None:
-        """Take the motion so far as given: the parameters act from here on."""
-        forget_derivatives(self.state)
-
     def clear(self) -> None:
         """Begin the sums again."""
         clear_sums(self.arrays)

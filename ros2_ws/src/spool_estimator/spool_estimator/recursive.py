@@ -7,8 +7,8 @@ the chunk brings, so that a parameter that the machine does not excite is held w
 
 The covariance is the sandwich form for dependent residuals, carried through the same recursion
 (Liang and Zeger, Biometrika 73 (1986) 13, a chunk being a cluster; neighbours within LAGS chunks may depend
-on each other, with Bartlett's weights: Newey and West, Econometrica 55 (1987) 703). The first chunks are
-solved as one batch: before there is a fit, a residual is the signal itself and tells nothing of uncertainty.
+on each other, with Bartlett's weights: Newey and West, Econometrica 55 (1987) 703). The recursion begins with
+a fit to some chunks: before there is one, a residual is the signal itself and tells nothing of uncertainty.
 
 Ljung, System Identification, 1999, section 11.2.
 """
@@ -27,8 +27,6 @@ from spool_core.numbers import Array
 
 Matrix = NDArray[np.floating]
 
-#: Chunks that are solved together before the recursion begins.
-BATCH = 10
 #: Chunks over which residuals may depend on each other.
 LAGS = 4
 #: Certainty (in units of the scale) beyond which a direction may be forgotten faster than the chunk replaces
@@ -64,8 +62,6 @@ class RecursiveLeastSquares:
     information: Array = field(init=False)
     covariance: Array = field(init=False)
     bias: Array = field(init=False)
-    chunks: int = field(default=0, init=False)
-    _first: list[tuple[Array, Array]] = field(default_factory=list, init=False)
     _recent: Array = field(init=False)
 
     def __post_init__(self) -> None:
@@ -87,19 +83,8 @@ class RecursiveLeastSquares:
         other.scale, other.forgetting, other.noise = self.scale, self.forgetting, self.noise
         other.parameters, other.information = self.parameters.copy(), self.information.copy()
         other.covariance, other.bias = self.covariance.copy(), self.bias.copy()
-        other.chunks, other._first, other._recent = self.chunks, list(self._first), self._recent.copy()
+        other._recent = self._recent.copy()
         return other
-
-    def update(self, rows: Array, target: Array, weight: float = 1.0) -> None:
-        """Take a chunk: ``rows`` of shape (n, p), ``target`` of shape (n,); a sample counts ``weight``."""
-        scaled = rows * self.scale
-        gram = scaled.T @ scaled * weight
-        product = scaled.T @ target * weight
-        if self.chunks < BATCH:
-            self.chunks += 1
-            self._solve_batch(gram, product)
-        else:
-            self.advance(gram, product - gram @ (self.parameters / self.scale), np.zeros(self.scale.size))
 
     def advance(self, gram: Array, score: Array, mean_score: Array, weight: float = 1.0) -> Array:
         """Take a chunk by its sums over scaled rows: row row^T, and row times the present error.
@@ -111,7 +96,6 @@ class RecursiveLeastSquares:
             The change of the parameters, shape (p,).
 
         """
-        self.chunks += 1
         change = np.empty(score.size)
         advance(self.arrays, gram, score, mean_score, weight, self.forgetting, ENOUGH / self.noise, change)
         moved = change * self.scale
@@ -124,8 +108,6 @@ class RecursiveLeastSquares:
         ``grams`` (n, p, p) and ``scores`` (n, p) are as for ``advance``, but weighted;
         ``mean_score`` is that of all, (p,).
         """
-        self.chunks = BATCH + len(grams)
-        self._first.clear()
         self.parameters = np.array(parameters)
         self.information = grams.sum(axis=0) + np.eye(self.scale.size) * self.noise**2
         self.covariance = sandwich(self.information, scores)
@@ -133,24 +115,6 @@ class RecursiveLeastSquares:
         self._recent[:] = 0.0
         if self.forgetting > 0.0:
             self.information *= min(1.0, 1.0 / (len(grams) * self.forgetting))
-
-    def _solve_batch(self, gram: Array, product: Array) -> None:
-        """Solve for all chunks so far; the covariance comes from their residual scores."""
-        self._first.append((gram, product))
-        prior = np.eye(self.scale.size) * self.noise**2
-        self.information = prior + sum((one for one, _ in self._first), np.zeros_like(prior))
-        inverse = np.linalg.inv(self.information)
-        solution = inverse @ sum((one for _, one in self._first), np.zeros(self.scale.size))
-        scores = np.array([product - gram @ solution for gram, product in self._first])
-        count, size = scores.shape
-        if count > size:
-            meat = scores.T @ scores * (count / (count - size)) + prior
-            self.covariance = inverse @ meat @ inverse
-        self.parameters = solution * self.scale
-        if count == BATCH:
-            self._first.clear()
-            # No more than forgetting would have left, else a memory shorter than the batch is never reached.
-            self.information *= min(1.0, 1.0 / (BATCH * self.forgetting)) if self.forgetting > 0.0 else 1.0
 
     @property
     def standard_deviations(self) -> Array:
@@ -310,7 +274,6 @@ class SlidingLeastSquares:
     noise: float
     parameters: Array = field(init=False)
     information: Array = field(init=False)
-    chunks: int = field(default=0, init=False)
     _kept: deque[tuple[Array, Array, Array]] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -328,7 +291,7 @@ class SlidingLeastSquares:
         """Return least squares that go on from here by themselves."""
         other = SlidingLeastSquares(self.scale, self.length, self.noise)
         other.parameters, other.information = self.parameters.copy(), self.information.copy()
-        other.chunks, other._kept = self.chunks, self._kept.copy()
+        other._kept = self._kept.copy()
         return other
 
     def advance(self, gram: Array, score: Array, mean_score: Array, weight: float = 1.0) -> Array:
@@ -342,11 +305,16 @@ class SlidingLeastSquares:
 
         """
         present = self.parameters / self.scale
-        self.chunks += 1
         if not np.any(gram):
             return np.zeros(self.scale.size)
         self._kept.append((weight * gram, weight * (score + gram @ present), weight * mean_score))
-        return self._solve(present)
+        # A weak pull towards the present parameters: what the window cannot tell stays as it is.
+        prior = np.eye(present.size) * self.noise**2
+        self.information = sum((gram for gram, _, _ in self._kept), prior)
+        product = sum((one for _, one, _ in self._kept), prior @ present)
+        moved = (np.linalg.solve(self.information, product) - present) * self.scale
+        self.parameters = self.parameters + moved
+        return np.asarray(moved)
 
     def begin(self, parameters: Array, grams: Array, scores: Array, mean_score: Array) -> None:
         """Begin again with ``parameters`` that fit n chunks.
@@ -356,22 +324,12 @@ class SlidingLeastSquares:
         """
         given = parameters / self.scale
         self.parameters = np.array(parameters)
-        self.chunks += len(grams)
         self._kept.clear()
         mean = mean_score / len(grams)
         self._kept.extend(
             (gram, score + gram @ given, mean) for gram, score in zip(grams, scores, strict=True)
         )
         self.information = sum((gram for gram, _, _ in self._kept), np.eye(given.size) * self.noise**2)
-
-    def _solve(self, present: Array) -> Array:
-        # A weak pull towards the present parameters: what the window cannot tell stays as it is.
-        prior = np.eye(present.size) * self.noise**2
-        self.information = sum((gram for gram, _, _ in self._kept), prior)
-        product = sum((one for _, one, _ in self._kept), prior @ present)
-        moved = (np.linalg.solve(self.information, product) - present) * self.scale
-        self.parameters = self.parameters + moved
-        return np.asarray(moved)
 
     @property
     def bias(self) -> Array:

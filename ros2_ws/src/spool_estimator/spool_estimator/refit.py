@@ -26,7 +26,7 @@ from spool_sim.model import Model
 from spool_sim.valve import Valve
 
 from spool_estimator.estimate import Estimate, State
-from spool_estimator.identification.fit_result import Fit, FitSettings
+from spool_estimator.identification.fit_result import FitSettings
 from spool_estimator.identification.record import Record
 
 #: Relative error from which a model explains nothing worth the name: a fifth of the power at most.
@@ -69,6 +69,13 @@ class WindowTask:
     record: Record
     start: Mapping[str, float]
     idle: str = ""
+
+    def failed(self, reason: str) -> Refit:
+        """Return that there is no fit, and the ``reason``."""
+        return Refit(
+            self.stamp, self.settings.model.name, RefitState.FAILED, reason, self.last_sequence,
+            self.record.duration,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,7 +130,10 @@ class WindowRefits:
         while taken < block.body.size:
             count = min(hop - self._count % hop, block.body.size - taken)
             part = slice(taken, taken + count)
-            self._keep(block.body[part], block.spool[part], size)
+            self._kept.append((block.body[part], block.spool[part]))
+            self._held += count
+            while self._held - self._kept[0][0].size >= size:
+                self._held -= self._kept.popleft()[0].size
             taken += count
             self._count += count
             if self._count % hop == 0 and self._held >= size:
@@ -132,12 +142,6 @@ class WindowRefits:
         while len(self._estimates) > 1:  # what comes next is at least as new as the newest one
             self._estimates.popleft()
         return tasks
-
-    def _keep(self, body: Samples, spool: Samples, size: int) -> None:
-        self._kept.append((body, spool))
-        self._held += body.size
-        while self._held - self._kept[0][0].size >= size:
-            self._held -= self._kept.popleft()[0].size
 
     def _task(self, stamp: int, block: Block, size: int) -> WindowTask:
         body, spool = (np.concatenate([pair[side] for pair in self._kept])[-size:] for side in (0, 1))
@@ -156,27 +160,36 @@ def refit(task: WindowTask) -> Refit:
     """Return the fit of one window; whatever goes wrong is a result with a reason."""
     settings = task.settings
     window = task.record.duration
-    nothing = Refit(task.stamp, settings.model.name, RefitState.FAILED, task.idle, task.last_sequence, window)
     if task.idle:
-        return nothing
+        return task.failed(task.idle)
     from spool_estimator.identification.fit import fit  # noqa: PLC0415 - who only collects windows needs no scipy
 
     found = fit(
         [task.record], settings.model, settings.valve, FitSettings(start=task.start, window=window, starts=1)
     )
     if found.reason is not None or found.agreement is None:
-        return Refit(
-            task.stamp, settings.model.name, RefitState.FAILED, found.reason or "the fit gave no result",
-            task.last_sequence, window,
-        )  # fmt: skip
+        return task.failed(found.reason or "the fit gave no result")
+    explains = found.agreement.nrmse < NOTHING  # better than no model, whose relative error is 1
+    said = ["a minimum was found" if found.converged else "the steps allowed did not reach a minimum"]
+    if not explains:
+        said.append("the model explains nothing of the spool's acceleration")
+    if found.not_observable:
+        said.append(f"the window does not tell {', '.join(found.not_observable)}")
+    if found.at_bound:
+        said.append(f"at its bound: {', '.join(found.at_bound)}")
+    fitted = {one.name: one for one in found.parameters}
     return Refit(
         task.stamp,
         settings.model.name,
-        RefitState.CONVERGED if found.converged and _explains(found) else RefitState.NOT_CONVERGED,
-        _reason(found),
+        RefitState.CONVERGED if found.converged and explains else RefitState.NOT_CONVERGED,
+        "; ".join([*said, *found.warnings]),
         task.last_sequence,
         window,
-        _parameters(found),
+        tuple(  # in the model's order; what was given is held
+            fitted.get(entry.name)
+            or Quantity(entry.name, entry.unit, float(found.held[entry.name]), validity=Validity.HELD)
+            for entry in found.model.parameters
+        ),
         found.observable,
         tuple(np.asarray(found.correlation, dtype=float).ravel().tolist()),
         _figure("objective", found.agreement.objective),
@@ -233,10 +246,7 @@ class RefitWorker:
             reason = "the fitting process was killed; a new one is started"
         else:
             reason = f"the fit broke off: {type(error).__name__}: {error}"
-        return Refit(
-            task.stamp, task.settings.model.name, RefitState.FAILED, reason, task.last_sequence,
-            task.record.duration,
-        )  # fmt: skip
+        return task.failed(reason)
 
     def wait(self, seconds: float) -> None:
         """Wait until the process is idle, at most ``seconds``; for programs without a stream.
@@ -271,32 +281,6 @@ def _start(settings: RefitSettings, newest: Estimate | None) -> dict[str, float]
         for entry in settings.model.parameters
         if entry.name in known and entry.low <= known[entry.name] <= entry.high
     }
-
-
-def _explains(found: Fit) -> bool:
-    """Return whether the model is better than none, whose relative error is 1."""
-    return found.agreement is not None and found.agreement.nrmse < NOTHING
-
-
-def _reason(found: Fit) -> str:
-    said = ["a minimum was found" if found.converged else "the steps allowed did not reach a minimum"]
-    if not _explains(found):
-        said.append("the model explains nothing of the spool's acceleration")
-    if found.not_observable:
-        said.append(f"the window does not tell {', '.join(found.not_observable)}")
-    if found.at_bound:
-        said.append(f"at its bound: {', '.join(found.at_bound)}")
-    return "; ".join([*said, *found.warnings])
-
-
-def _parameters(found: Fit) -> tuple[Quantity, ...]:
-    """Return all parameters in the model's order; what was given is held."""
-    fitted = {one.name: one for one in found.parameters}
-    return tuple(
-        fitted.get(entry.name)
-        or Quantity(entry.name, entry.unit, float(found.held[entry.name]), validity=Validity.HELD)
-        for entry in found.model.parameters
-    )
 
 
 def _figure(name: str, value: float) -> Quantity:

@@ -45,25 +45,12 @@ class ChunkWindow:
     _grams: Array = field(init=False)
     _products: Array = field(init=False)
     _powers: Array = field(init=False)
-    _verdict: Array = field(init=False)
 
     def __post_init__(self) -> None:
         size = self.scale.size
         self._grams = np.zeros((self.length, size, size))
         self._products = np.zeros((self.length, size))
         self._powers = np.zeros((self.length, 2))
-        self._verdict = np.zeros(3 + size)
-
-    def add(self, rows: Array, target: Array) -> None:
-        """Take a chunk: ``rows`` of shape (n, p), ``target`` of shape (n,)."""
-        scaled = rows * self.scale
-        self.add_sums(
-            scaled.T @ scaled,
-            scaled.T @ target,
-            float(target @ target),
-            target.size,
-            np.zeros(self.scale.size),
-        )
 
     @property
     def arrays(self) -> WindowArrays:
@@ -78,47 +65,18 @@ class ChunkWindow:
         )  # fmt: skip
         self.count += 1
 
-    def take(
-        self, gram: Array, score: Array, power: float, samples: float, parameters: Array, lasts: Counts
-    ) -> list[list[float]]:
-        """Take a chunk as ``add_sums`` does and return what ``judge`` says then, for each of ``lasts``."""
-        verdicts = np.empty((lasts.size, 3 + self.scale.size))
-        take_chunk(
-            self.arrays, self.count, gram, score, power, samples, parameters / self.scale, lasts, verdicts
-        )
-        self.count += 1
-        return [verdict[:3] for verdict in verdicts.tolist()]
-
     def clear(self) -> None:
         """Forget all chunks."""
         self.count = 0
 
-    @property
-    def full(self) -> bool:
-        """Whether as many chunks as the window is long have been seen since it was cleared."""
-        return self.count >= self.length
-
     def best(self, last: int | None = None) -> Array:
         """Return what fits the ``last`` chunks (all) best, shape (p,); the smallest if several do."""
-        return np.asarray(self._judge(np.zeros(self.scale.size), last)[3:] * self.scale)
-
-    def variances(self, parameters: Array, last: int | None = None) -> tuple[float, float]:
-        """Return the residual variances of ``parameters`` and of the best fit to ``last`` chunks (all)."""
-        present, own, _ = self.judge(parameters, last)
-        return present, own
-
-    def judge(self, parameters: Array, last: int | None = None) -> tuple[float, float, float]:
-        """Return the same and the number of samples in those chunks."""
-        verdict = self._judge(parameters, last)
-        return float(verdict[0]), float(verdict[1]), float(verdict[2])
-
-    def _judge(self, parameters: Array, last: int | None) -> Array:
-        known = min(self.count, self.length)
+        known, verdict = min(self.count, self.length), np.zeros(3 + self.scale.size)
         _judge(
             self._grams, self._products, self._powers, self.count,
-            min(known, last) if last else known, parameters / self.scale, self._verdict,
+            min(known, last) if last else known, np.zeros(self.scale.size), verdict,
         )  # fmt: skip
-        return self._verdict
+        return np.asarray(verdict[3:] * self.scale)
 
 
 @compiled

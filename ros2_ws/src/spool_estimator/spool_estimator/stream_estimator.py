@@ -16,7 +16,7 @@ from spool_core.numbers import Array
 from spool_core.rate_check import REFUTE
 from spool_core.uncertainty import Quantity, Validity
 
-from spool_estimator.estimate import Estimate, State
+from spool_estimator.estimate import QUANTITIES, Estimate, State, unknown
 from spool_estimator.identification.oil import OilLaw, OilReference
 
 #: s, samples are taken in and judged in chunks of this length.
@@ -132,17 +132,12 @@ class LastGood(Generic[Known]):
     def held(self, now: Estimate, state: State) -> Estimate:
         """Return the last good estimate as one that is held at ``now``; with none, that nothing is known."""
         if not self._kept:
-            return replace(
-                now,
-                state=State.LEARNING if state is State.SETTLING else state,
-                parameters=tuple(_nothing(one) for one in now.parameters),
-                natural_frequency=_nothing(now.natural_frequency),
-                damping_ratio=_nothing(now.damping_ratio),
-                residual=_nothing(now.residual),
-                excitation=_nothing(now.excitation),
-                relative_displacement=_nothing(now.relative_displacement),
-                referred_viscous_coefficient=_nothing(now.referred_viscous_coefficient),
-            )
+            others: dict[str, Any] = {
+                name: unknown(getattr(now, name)) for name in QUANTITIES if name != "oil_temperature"
+            }
+            state = State.LEARNING if state is State.SETTLING else state
+            parameters = tuple(unknown(one) for one in now.parameters)
+            return replace(now, state=state, parameters=parameters, **others)
         return replace(
             self._kept[-1][0].held(),
             stamp=now.stamp,
@@ -259,12 +254,19 @@ class StreamEstimator(ABC):
             self._chunks += full
             self._stands = self._stands and full == 1
             stamp = block.stamp + round((taken - 1) * block.sample_period * 1e9)
-            self._watch(stamp)
+            # What was learned since a channel stands still is forgotten.
+            stands = self._standing.stands
+            if stands and not self._stands:
+                # The first of the equal samples is still a good one; stamps are rounded.
+                period = self._standing.sample_period
+                age = self._standing.age or self._missing[0] * period
+                self._go_back(stamp - round((age - 0.5 * period) * 1e9))
+            self._stands = stands
             used = self._close_chunks()
             self._samples += used
             self._fresh += used
             if (self._chunks + self.settings.phase) % self._every == 0:
-                self.latest = self._judged(stamp, block.sequence)
+                self.latest = self._estimate(stamp, block.sequence)
                 estimates.append(self.latest)
         return estimates
 
@@ -278,16 +280,6 @@ class StreamEstimator(ABC):
             return None
         return replace(self.latest.held(), lost_blocks=self.gate.lost, refused_blocks=self.gate.refused)
 
-    def _watch(self, stamp: int) -> None:
-        """Forget what was learned since a channel stands still, as the chunk that ends at ``stamp`` shows."""
-        stands = self._standing.stands
-        if stands and not self._stands:
-            # The first of the equal samples is still a good one; stamps are rounded.
-            period = self._standing.sample_period
-            age = self._standing.age or self._missing[0] * period
-            self._go_back(stamp - round((age - 0.5 * period) * 1e9))
-        self._stands = stands
-
     def _go_back(self, stamp: int) -> None:
         """Go back to the last estimate that was good at ``stamp`` (ns)."""
         self._gone_back = True
@@ -295,18 +287,8 @@ class StreamEstimator(ABC):
         if self.latest is not None:
             self.latest = self._good.held(self.latest, State.SETTLING)
 
-    def _judged(self, stamp: int, sequence: int) -> Estimate:
-        """Return the estimate that is due: what the samples give, or the last good one."""
-        estimate = self._estimate(stamp, sequence)
-        if self._stands or self._standing.doubtful:
-            return self._good.held(estimate, State.NOT_EXCITED)
-        if not self.gate.confirmed and (self._good.any or estimate.parameters[0].known):
-            return self._good.held(estimate, State.SETTLING)
-        if estimate.state is State.TRACKING:
-            self._good.keep(estimate, self._knowledge())
-        return estimate
-
     def _estimate(self, stamp: int, sequence: int) -> Estimate:
+        """Return the estimate that is due: what the samples give, or the last good one."""
         learned = self._learned()
         deviations = np.sqrt(learned.covariance.diagonal())
         parameters = tuple(
@@ -318,7 +300,7 @@ class StreamEstimator(ABC):
         described = stamp - round(learned.delay * 1e9)
         self.oil.follow(described, self._fresh * self._standing.sample_period)
         self._fresh = 0
-        return Estimate(
+        estimate = Estimate(
             stamp=stamp,
             model="coulomb",
             state=learned.state,
@@ -333,6 +315,13 @@ class StreamEstimator(ABC):
             lost_blocks=self.gate.lost,
             refused_blocks=self.gate.refused,
         )
+        if self._stands or self._standing.doubtful:
+            return self._good.held(estimate, State.NOT_EXCITED)
+        if not self.gate.confirmed and (self._good.any or estimate.parameters[0].known):
+            return self._good.held(estimate, State.SETTLING)
+        if estimate.state is State.TRACKING:
+            self._good.keep(estimate, self._knowledge())
+        return estimate
 
 
 def _derived(learned: Learned, mass: float) -> dict[str, Quantity]:
@@ -364,7 +353,3 @@ def _derived(learned: Learned, mass: float) -> dict[str, Quantity]:
 def _rms(name: str, unit: str, power: float) -> Quantity:
     validity = Validity.UNKNOWN if math.isnan(power) else Validity.VALID
     return Quantity(name, unit, math.sqrt(power), validity=validity)
-
-
-def _nothing(quantity: Quantity) -> Quantity:
-    return Quantity(quantity.name, quantity.unit)

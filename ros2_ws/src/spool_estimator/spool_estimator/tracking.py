@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
+from spool_core.block import Samples
 from spool_core.kernels.samples import StandingWatch
 from spool_core.numbers import Array
 
@@ -18,8 +18,6 @@ from spool_estimator.recursive import ENOUGH, RecursiveLeastSquares, SlidingLeas
 from spool_estimator.sliding_window import ChunkWindow
 
 from .stream_estimator import CHUNK
-
-Samples = NDArray[np.float32]
 
 #: s of samples that are kept for starts.
 KEPT = 3.0
@@ -236,35 +234,17 @@ class Tracker:
             numbers[chunks.WAITING] += body.size
             return body.size, 0
         try:
-            self._answer(self._follow(body, spool, most))
+            self._tell()
+            asked = chunks.follow(
+                body, spool, most, self._valve, self._arrays, self.standing.arrays, self.displacement.arrays,
+                self.prediction.arrays, self._window.arrays, self.regression.arrays,
+            )  # fmt: skip
+            self._hear()
+            self._answer(asked)
         except np.linalg.LinAlgError:
             # Channels of no passive valve, exchanged or dead ones, lead to sums that overflow.
             self._forget()
         return int(numbers[chunks.TAKEN]), int(numbers[chunks.CHUNKS])
-
-    def _follow(self, body: Samples, spool: Samples, most: int) -> int:
-        """Let the kernel take samples; return what it asks."""
-        self._tell()
-        asked = chunks.follow(
-            body, spool, most, self._valve, self._arrays, self.standing.arrays, self.displacement.arrays,
-            self.prediction.arrays, self._window.arrays, self.regression.arrays,
-        )  # fmt: skip
-        self._hear()
-        return asked
-
-    def _regress(self, begin: int) -> int:
-        """Let the kernel go on with the chunk behind what it asked before; return what it asks."""
-        self._tell()
-        asked = chunks.regress(
-            begin,
-            self._valve,
-            self._arrays,
-            self.prediction.arrays,
-            self._window.arrays,
-            self.regression.arrays,
-        )
-        self._hear()
-        return asked
 
     def _answer(self, asked: int) -> None:
         """Do what the kernel asked, until its chunk has ended."""
@@ -276,33 +256,31 @@ class Tracker:
             if asked == chunks.FORGET:
                 self._forget()
                 return
-            if self._ends(asked):
+            ended = True  # nothing else is to be learned from the chunk
+            if asked == chunks.SLIDE:
+                prediction, ended = self.prediction, False
+                score, noise_score = prediction.product - prediction.noise_score, prediction.noise_score
+                weight = NOISE**2 / (float(self._verdicts[-1, 1]) + SMALLEST_NOISE**2)
+                doubt = chunks.DOUBT * noise_score
+                prediction.shift(self.regression.advance(prediction.gram, score, doubt, weight))
+            elif asked == chunks.FRESH:
+                self._numbers[chunks.STARTED] = False
+                self.regression = self._fresh()
+            elif asked == chunks.FIRST_START:
+                self._start(math.inf)
+            elif asked == chunks.POOR_START:
+                ended = self._start(0.5 * float(self._verdicts[-1, 0]))
+            else:
+                ended = self._refit(asked)
+            if ended:
                 chunks.end_chunk(self._arrays, self.prediction.arrays)
                 return
-            asked = self._regress(asked + 1)
-
-    def _ends(self, asked: int) -> bool:
-        """Do what the kernel asked; return whether nothing else is to be learned from the chunk."""
-        if asked == chunks.SLIDE:
-            self._slide()
-            return False
-        if asked == chunks.FRESH:
-            self._numbers[chunks.STARTED] = False
-            self.regression = self._fresh()
-            return True
-        if asked == chunks.FIRST_START:
-            self._start(math.inf)
-            return True
-        if asked == chunks.POOR_START:
-            return self._start(0.5 * float(self._verdicts[-1, 0]))
-        return self._refit(asked)
-
-    def _slide(self) -> None:
-        """Move the sliding window on by the chunk."""
-        prediction = self.prediction
-        score, noise_score = prediction.product - prediction.noise_score, prediction.noise_score
-        weight = NOISE**2 / (float(self._verdicts[-1, 1]) + SMALLEST_NOISE**2)
-        prediction.shift(self.regression.advance(prediction.gram, score, chunks.DOUBT * noise_score, weight))
+            self._tell()
+            asked = chunks.regress(
+                asked + 1, self._valve, self._arrays, self.prediction.arrays, self._window.arrays,
+                self.regression.arrays,
+            )  # fmt: skip
+            self._hear()
 
     @property
     def _arrays(self) -> chunks.TrackerArrays:
@@ -315,7 +293,7 @@ class Tracker:
         """Give the kernel what the parts count."""
         numbers = self._numbers
         numbers[chunks.POINT_VALUES], numbers[chunks.WINDOW] = self.prediction.pointwise, self._window.count
-        numbers[chunks.KEPT_SAMPLES], numbers[chunks.STEPS] = self._history.taken, self.regression.chunks
+        numbers[chunks.KEPT_SAMPLES] = self._history.taken
 
     def _hear(self) -> None:
         """Take back from the kernel what the parts count."""
@@ -324,10 +302,7 @@ class Tracker:
             bool(numbers[chunks.POINT_VALUES]),
             int(numbers[chunks.WINDOW]),
         )
-        self._history.taken, self.regression.chunks = (
-            int(numbers[chunks.KEPT_SAMPLES]),
-            int(numbers[chunks.STEPS]),
-        )
+        self._history.taken = int(numbers[chunks.KEPT_SAMPLES])
 
     @property
     def systematic(self) -> Array:

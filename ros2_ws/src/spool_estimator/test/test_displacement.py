@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from spool_estimator.history import Displacement
+from spool_estimator.history import Displacement, follow_displacement
 
 LOW_CUT = 4.0
 
@@ -39,7 +39,7 @@ def test_a_vibration_that_was_there_before_is_known_after_a_second(
     displacement = Displacement(1.0 / rate, LOW_CUT, chunk, share=0.1)
     found = []
     for begin in range(0, time.size, chunk):
-        displacement.take(samples[:, begin : begin + chunk])
+        follow_displacement(samples[:, begin : begin + chunk], displacement.arrays)
         found.append(displacement.mean_square)
     expected = 10.0 * settled_rms(frequency, 1.0 / rate)
     unknown = math.ceil(rate / chunk - 1e-9) - 1
@@ -54,7 +54,7 @@ def test_a_spool_at_rest_does_not_move_whatever_the_offsets() -> None:
     samples[1] = -3.0
     displacement = Displacement(5e-4, LOW_CUT, 200, share=0.1)
     for _ in range(20):
-        displacement.take(samples)
+        follow_displacement(samples, displacement.arrays)
     assert displacement.mean_square == pytest.approx(0.0, abs=1e-20)
 
 
@@ -63,12 +63,12 @@ def test_after_a_reset_nothing_is_known_for_a_second() -> None:
     displacement = Displacement(5e-4, LOW_CUT, 200, share=0.1)
     blocks = rng.standard_normal((25, 2, 200)).astype(np.float32)
     for block in blocks:
-        displacement.take(block)
+        follow_displacement(block, displacement.arrays)
     displacement.reset()
     again, fresh = [], Displacement(5e-4, LOW_CUT, 200, share=0.1)
     for block in blocks[:12]:
-        displacement.take(block)
-        fresh.take(block)
+        follow_displacement(block, displacement.arrays)
+        follow_displacement(block, fresh.arrays)
         again.append((displacement.mean_square, fresh.mean_square))
     assert [math.isnan(one) for one, _ in again] == [True] * 9 + [False] * 3
     assert again[9:] == [(one, one) for _, one in again[9:]]

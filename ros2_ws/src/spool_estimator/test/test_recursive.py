@@ -3,16 +3,32 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from spool_core.numbers import Array
-from spool_estimator.recursive import BATCH, RecursiveLeastSquares, times
+from spool_estimator.recursive import RecursiveLeastSquares, times
 
 SCALE = np.array([3000.0, 5.0, 0.5])
 TRUTH = np.array([1632.0, 4.0, 0.3])
 #: Typical displacement (m), velocity (m/s) and direction (1) of a row.
 SIZES = np.array([1e-3, 0.1, 0.7])
+#: Chunks that a recursion begins with.
+BATCH = 10
 
 
-def regression(forgetting: float) -> RecursiveLeastSquares:
-    return RecursiveLeastSquares(SCALE, forgetting, noise=0.05)
+def regression(pairs: list[tuple[Array, Array]], forgetting: float) -> RecursiveLeastSquares:
+    """Return a recursion that began with the fit to the first of the chunks, and has seen all of them."""
+    scaled = [(rows * SCALE, target) for rows, target in pairs[:BATCH]]
+    grams = np.array([rows.T @ rows for rows, _ in scaled])
+    products = np.array([rows.T @ target for rows, target in scaled])
+    found = np.linalg.solve(grams.sum(axis=0) + np.eye(3) * 0.05**2, products.sum(axis=0))
+    fit = RecursiveLeastSquares(SCALE, forgetting, noise=0.05)
+    fit.begin(found * SCALE, grams, products - grams @ found, np.zeros(3))
+    for rows, target in pairs[BATCH:]:
+        take(fit, rows, target)
+    return fit
+
+
+def take(fit: RecursiveLeastSquares, rows: Array, target: Array) -> None:
+    scaled = rows * SCALE
+    fit.advance(scaled.T @ scaled, scaled.T @ (target - rows @ fit.parameters), np.zeros(3))
 
 
 def chunks(count: int, length: int = 100, seed: int = 0) -> list[tuple[Array, Array]]:
@@ -35,24 +51,19 @@ def weighted_least_squares(pairs: list[tuple[Array, Array]], weights: Array, pri
 
 
 def test_without_forgetting_it_is_least_squares_over_all() -> None:
-    fit = regression(0.0)
     pairs = chunks(80)
-    for pair in pairs:
-        fit.update(*pair)
+    fit = regression(pairs, 0.0)
     np.testing.assert_allclose(
         fit.parameters, weighted_least_squares(pairs, np.ones(80), prior=1.0), rtol=1e-9
     )
-    assert fit.chunks == 80
 
 
 @pytest.mark.parametrize("forgetting", [0.01, 0.1, 0.5])
 def test_with_every_direction_excited_it_forgets_exponentially(forgetting: float) -> None:
-    fit = regression(forgetting)
     rows, _ = chunks(1)[0]
     generator = np.random.default_rng(1)
     pairs = [(rows, rows @ (TRUTH * generator.uniform(0.5, 2.0, 3))) for _ in range(60)]
-    for pair in pairs:
-        fit.update(*pair)
+    fit = regression(pairs, forgetting)
     ages = np.minimum(np.arange(59, -1, -1.0), 60 - BATCH)  # the first ones are a batch, all as old
     weights = (1.0 - forgetting) ** ages
     weights[:BATCH] *= min(1.0, 1.0 / (BATCH * forgetting))
@@ -61,39 +72,34 @@ def test_with_every_direction_excited_it_forgets_exponentially(forgetting: float
 
 
 def test_follows_a_change_of_all_parameters_within_the_memory() -> None:
-    fit = regression(0.1)
-    for rows, _ in chunks(50):
-        fit.update(rows, rows @ TRUTH)
+    fit = regression([(rows, rows @ TRUTH) for rows, _ in chunks(50)], 0.1)
     for rows, _ in chunks(10, seed=2):
-        fit.update(rows, rows @ (2.0 * TRUTH))
+        take(fit, rows, rows @ (2.0 * TRUTH))
     # Ten chunks at a share of 0.1 each: at most 1 - 0.9^10 of the step, less where a chunk brings less.
     done = fit.parameters / TRUTH - 1.0
     assert ((done > 0.4) & (done < 1.0 - 0.9**10 + 0.02)).all(), done
 
 
 def test_a_direction_that_is_not_excited_is_held_with_its_certainty() -> None:
-    fit = regression(0.025)
     # Orthogonal columns: nothing of the third parameter can be told from the other two.
     rows = np.kron(np.array([[1, 1, 1], [1, -1, 1], [-1, 1, 1], [-1, -1, 1.0]]), np.ones((25, 1))) * SIZES
     generator = np.random.default_rng(7)
-    for _ in range(100):
-        fit.update(rows, rows @ TRUTH + 0.1 * generator.standard_normal(100))
+    pairs = [(rows, rows @ TRUTH + 0.1 * generator.standard_normal(100)) for _ in range(100)]
+    fit = regression(pairs, 0.025)
     held, certainty = fit.parameters[2], fit.standard_deviations[2]
     still = rows * np.array([1.0, 1.0, 0.0])
     for _ in range(1000):
-        fit.update(still, still @ (1.5 * TRUTH) + 0.1 * generator.standard_normal(100))
+        take(fit, still, still @ (1.5 * TRUTH) + 0.1 * generator.standard_normal(100))
     assert fit.parameters[2] == pytest.approx(held, rel=1e-6)
     assert fit.standard_deviations[2] == pytest.approx(certainty, rel=1e-6)
     np.testing.assert_allclose(fit.parameters[:2], 1.5 * TRUTH[:2], rtol=0.01)
 
 
 def test_standstill_changes_nothing_for_1000_chunks() -> None:
-    fit = regression(0.025)
-    for pair in chunks(100):
-        fit.update(*pair)
+    fit = regression(chunks(100), 0.025)
     before = (fit.parameters.copy(), fit.information.copy(), fit.covariance.copy())
     for _ in range(1000):
-        fit.update(np.zeros((100, 3)), np.zeros(100))
+        take(fit, np.zeros((100, 3)), np.zeros(100))
     for old, new in zip(before, (fit.parameters, fit.information, fit.covariance), strict=True):
         np.testing.assert_allclose(new, old, rtol=1e-9, atol=1e-12 * np.abs(old).max())
 
@@ -124,9 +130,9 @@ def test_two_standard_deviations_cover_the_truth_as_often_as_they_should(kind: s
     disturbance = 0.3 * noise(kind, (runs, count * length), generator)
     covered = np.zeros(3)
     for run in range(runs):
-        fit = regression(0.025)
-        for n in range(count):
-            fit.update(rows[n], rows[n] @ TRUTH + disturbance[run, n * length : (n + 1) * length])
+        disturbed = disturbance[run].reshape(count, length)
+        pairs = [(rows[n], rows[n] @ TRUTH + disturbed[n]) for n in range(count)]
+        fit = regression(pairs, 0.025)
         covered += np.abs(fit.parameters - TRUTH) < 2.0 * fit.standard_deviations
     share = covered / runs
     assert ((share >= 0.90) & (share <= 0.98)).all(), share

@@ -2,11 +2,24 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from spool_estimator.sliding_window import ChunkWindow
+from spool_core.numbers import Array
+from spool_estimator.sliding_window import ChunkWindow, take_chunk
 
 SCALE = np.array([3000.0, 5.0, 0.5])
 TRUTH = np.array([1632.0, 4.0, 0.3])
 SIZES = np.array([1e-3, 0.1, 0.7])
+
+
+def taken(window: ChunkWindow, rows: Array, target: Array, given: Array, lasts: list[int]) -> Array:
+    """Take a chunk; return the variances of ``given`` and of the best fit to each number of last chunks."""
+    scaled, error = rows * SCALE, target - rows @ given
+    verdicts = np.empty((len(lasts), 6))
+    take_chunk(
+        window.arrays, window.count, scaled.T @ scaled, scaled.T @ error, float(error @ error), target.size,
+        given / SCALE, np.array(lasts), verdicts,
+    )  # fmt: skip
+    window.count += 1
+    return verdicts[:, :2]
 
 
 def test_variances_are_those_of_the_last_chunks_alone() -> None:
@@ -14,45 +27,36 @@ def test_variances_are_those_of_the_last_chunks_alone() -> None:
     window = ChunkWindow(SCALE, length=4)
     rows = generator.standard_normal((7, 100, 3)) * SIZES
     targets = rows @ TRUTH + 0.1 * generator.standard_normal((7, 100))
-    for number in range(7):
-        assert window.full == (number >= 4)
-        window.add(rows[number], targets[number])
     stacked, target = rows[3:].reshape(-1, 3), targets[3:].ravel()
     given = 1.2 * TRUTH
+    for row, aim in zip(rows, targets, strict=True):
+        found = taken(window, row, aim, given, [2, 4])
     best, *_ = np.linalg.lstsq(stacked / SIZES, target, rcond=None)
     expected = [np.mean((target - stacked @ one) ** 2) for one in (given, best / SIZES)]
-    assert window.variances(given) == pytest.approx(expected, rel=1e-9)
-
-
-def test_cleared_it_is_empty() -> None:
-    window = ChunkWindow(SCALE, length=1)
-    window.add(np.ones((5, 3)), np.ones(5))
-    assert window.full
-    window.clear()
-    assert not window.full
+    assert found[1] == pytest.approx(expected, rel=1e-9)
 
 
 def test_a_window_without_motion_is_fitted_by_nothing() -> None:
     window = ChunkWindow(SCALE, length=1)
-    window.add(np.zeros((5, 3)), np.full(5, 2.0))
-    assert window.variances(TRUTH) == pytest.approx((4.0, 4.0))
+    variances = taken(window, np.zeros((5, 3)), np.full(5, 2.0), TRUTH, [1])
+    assert variances[0] == pytest.approx((4.0, 4.0))
 
 
 def test_the_best_fit_is_least_squares_over_the_window() -> None:
     generator = np.random.default_rng(1)
     window = ChunkWindow(SCALE)
     rows = generator.standard_normal((100, 3)) * SIZES
-    window.add(rows, rows @ TRUTH)
+    taken(window, rows, rows @ TRUTH, 0.5 * TRUTH, [1])
     assert window.best() == pytest.approx(TRUTH, rel=1e-9)
 
 
-def test_taking_a_chunk_is_adding_it_and_judging_each_length() -> None:
+def test_adding_a_chunk_by_its_sums_is_taking_it() -> None:
     generator = np.random.default_rng(2)
     one, other = ChunkWindow(SCALE, length=5), ChunkWindow(SCALE, length=5)
     for _ in range(8):
-        rows = generator.standard_normal((50, 3))
-        error = generator.standard_normal(50)
-        sums = rows.T @ rows, rows.T @ error, float(error @ error), 50.0, TRUTH
-        verdicts = one.take(*sums, np.array([2, 4]))
-        other.add_sums(*sums)
-        assert verdicts == [list(other.judge(TRUTH, 2)), list(other.judge(TRUTH, 4))]
+        rows = generator.standard_normal((50, 3)) * SIZES
+        target = generator.standard_normal(50)
+        taken(one, rows, target, TRUTH, [2, 4])
+        scaled, error = rows * SCALE, target - rows @ TRUTH
+        other.add_sums(scaled.T @ scaled, scaled.T @ error, float(error @ error), 50.0, TRUTH)
+    assert one.best(4).tolist() == other.best(4).tolist()

@@ -166,7 +166,20 @@ def follow(alarm: Alarm, event: Event) -> Transition:
     but a latch holds.
     """
     if event.state is EventState.CLEARED:
-        return _clear(alarm, event)
+        if not alarm.active:
+            return Transition(alarm, Input.CLEAR, alarm)
+        after = replace(
+            alarm,
+            active=False,
+            latched=alarm.latching,
+            acknowledged=alarm.acknowledged or (alarm.hidden and not alarm.latching),
+            event=event,
+            changed_at=event.stamp,
+        )
+        if alarm.shelved and not alarm.shelved_until:
+            after = _unshelved(after)
+            return Transition(alarm, Input.CLEAR, after, _cover_actions(alarm, after))
+        return Transition(alarm, Input.CLEAR, after, () if alarm.hidden else (Action.RETURN,))
     grown = not alarm.active or event.severity > alarm.severity
     after = replace(
         alarm,
@@ -295,24 +308,6 @@ def maintain(alarm: Alarm, operator: Operator, *, on: bool) -> Transition:
         raise AlarmRefusedError(f"{alarm.name}: it is {'out of service already' if on else 'in service'}")
     what = Input.REMOVE_FROM_SERVICE if on else Input.RETURN_TO_SERVICE
     return _covered(alarm, what, operator, replace(alarm, out_of_service=on))
-
-
-def _clear(alarm: Alarm, event: Event) -> Transition:
-    if not alarm.active:
-        return Transition(alarm, Input.CLEAR, alarm)
-    after = replace(
-        alarm,
-        active=False,
-        latched=alarm.latching,
-        acknowledged=alarm.acknowledged or (alarm.hidden and not alarm.latching),
-        event=event,
-        changed_at=event.stamp,
-    )
-    actions: tuple[Action, ...] = () if alarm.hidden else (Action.RETURN,)
-    if alarm.shelved and not alarm.shelved_until:
-        after = _unshelved(after)
-        actions = _cover_actions(alarm, after)
-    return Transition(alarm, Input.CLEAR, after, actions)
 
 
 def _unshelved(alarm: Alarm) -> Alarm:

@@ -27,7 +27,7 @@ from spool_monitor.alarm import (
     unshelve,
 )
 from spool_monitor.detectors import latching_kinds
-from spool_monitor.event import Condition, Event, EventState, Facts, Namur, condition_name
+from spool_monitor.event import Condition, Event, EventState, Facts, condition_name
 
 _ALARM = TypeAdapter(Alarm)
 _KEPT = tuple(one.name for one in fields(Alarm))
@@ -113,14 +113,6 @@ class AlarmStore:
             listed, key=lambda one: (one.hidden, one.acknowledged, -one.severity, one.raised_at, one.name)
         )
 
-    @property
-    def namur(self) -> Namur:
-        """The worst status after NE 107 that an active condition gives; maintenance is a function check."""
-        found = [
-            Namur.FUNCTION_CHECK if alarm.out_of_service else alarm.namur for alarm in self.alarms.values()
-        ]
-        return max(found, default=Namur.NORMAL)
-
     def restore(self, conditions: Iterable[Condition]) -> None:
         """Let ``conditions`` go on as active where their alarms are, so that their end is seen too."""
         for condition in conditions:
@@ -131,12 +123,18 @@ class AlarmStore:
 
     def dump(self) -> list[dict[str, Any]]:
         """Return what :meth:`load` takes, as JSON can hold it."""
-        return [
-            {name: getattr(alarm, name) for name in _KEPT}
-            | _of_event(alarm.event)
-            | {"event": None if alarm.event is None else serialised(asdict(alarm.event))}
-            for alarm in self.alarms.values()
-        ]
+        kept = []
+        for alarm in self.alarms.values():
+            entry = {name: getattr(alarm, name) for name in _KEPT}
+            # Earlier versions keep these of an event: so they can take the alarms up.
+            entry |= {"message": "", "value": None, "unit": ""}
+            if alarm.event is not None:
+                value, unit = alarm.event.quantity.value, alarm.event.quantity.unit
+                entry["event"] = serialised(asdict(alarm.event))
+                entry |= {"message": alarm.event.text or headline(alarm.event), "unit": unit}
+                entry["value"] = value if math.isfinite(value) else None
+            kept.append(entry)
+        return kept
 
     def load(self, content: Any) -> None:
         """Take up what :meth:`dump` gave, of whatever version; ``latching`` is as it is set now.
@@ -202,15 +200,6 @@ def serialised(value: Any) -> Any:
     if isinstance(value, (list, tuple)):
         return [serialised(item) for item in value]
     return str(value) if isinstance(value, float) and not math.isfinite(value) else value
-
-
-def _of_event(event: Event | None) -> dict[str, Any]:
-    """Return what earlier versions kept of an event, so that they can take the alarms up."""
-    if event is None:
-        return {"message": "", "value": None, "unit": ""}
-    value = event.quantity.value
-    said = event.text or headline(event)
-    return {"message": said, "value": value if math.isfinite(value) else None, "unit": event.quantity.unit}
 
 
 def _earlier_event(alarm: Alarm, entry: Any) -> Event | None:

@@ -283,6 +283,15 @@ def transfer(frequency: float, square: float, damping: float) -> complex:
     return follows / (follows - w * w)
 
 
+@compiled
+def due_power(frequency: Array, body: Array, square: float, damping: float) -> float:
+    """Return the power that the reference response makes of the body's, per line, in the relative motion."""
+    due = 0.0
+    for i in range(frequency.size):
+        due += body[i] * abs(transfer(frequency[i], square, damping) - 1.0) ** 2
+    return due
+
+
 @dataclass(slots=True)
 class ResponseTracker:
     """Follows the response over the last few windows."""
@@ -318,14 +327,11 @@ class ResponseTracker:
         self._count += 1
         if self._count < FIRST:
             return None
-        return self._fit(signals.frequency, start)
-
-    def _fit(self, frequency: Array, start: ValveResponse) -> ValveResponse | None:
-        body, spool = self._body, float(self._spool.sum())
-        if not spool > 0.0 or not float(body.sum()) > 0.0:
+        frequency, spool = signals.frequency, float(self._spool.sum())
+        if not spool > 0.0 or not float(self._body.sum()) > 0.0:
             return None
         first = np.array([math.log(start.square), math.log(max(start.damping, 1e-3)), 1.0])
-        theta, variance, gained = descend(frequency, body, self._cross, first)
+        theta, variance, gained = descend(frequency, self._body, self._cross, first)
         cost = max(spool - gained, 1e-12 * spool)
         # Windows overlap by half: about 0.6 of them are independent, each line of a Hann taper spans 1.5.
         independent = max(4.0, 0.4 * self._weight * frequency.size)

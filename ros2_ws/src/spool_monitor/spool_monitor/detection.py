@@ -160,8 +160,14 @@ class Detection:
             )
         self._stamp = block.end
         if not 0 <= block.end - self._windowed_at < NO_WINDOW * 1e9:
+            # There is nothing to see but the time without windows, for the detector of blindness.
             self._windowed_at = self._windowed_at or block.end
-            events += self._without_windows(block.end, natural_frequency)
+            self._look_for_judges(block.end, "the data have gaps: no second without one")
+            moment = self._moment(block.end, natural_frequency)
+            for one in self.detectors:
+                finding = one.update(moment) if isinstance(one, NotJudged) else None
+                if finding is not None:
+                    events += self.conditions[one.name].judge(finding)
         return events
 
     @property
@@ -183,18 +189,6 @@ class Detection:
         seconds = 1e-9 * (stamp - self._judged_at)
         self._unjudged = (0.0, "") if judged else (seconds, reason or "no detector has enough data")
 
-    def _without_windows(self, stamp: int, natural_frequency: float) -> list[Event]:
-        """Show the time without windows to the detector of blindness alone; there is nothing else to see."""
-        self._look_for_judges(stamp, "the data have gaps: no second without one")
-        moment = self._moment(stamp, natural_frequency)
-        found = [(one, one.update(moment)) for one in self.detectors if isinstance(one, NotJudged)]
-        return [
-            event
-            for one, finding in found
-            if finding is not None
-            for event in self.conditions[one.name].judge(finding)
-        ]
-
     def update_estimate(self, estimate: Estimate, natural_frequency: float) -> list[Event]:
         """Take an estimate; return what began or ended with it."""
         self._memory = estimate.memory
@@ -206,8 +200,12 @@ class Detection:
         # A spool that sticks more of the time also looks as if it had another spring.
         dry = max(0.0, self.parameters["coulomb_force"].share)
         self.parameters["spring_stiffness"].tolerance = STICKING * dry
+        natural = 2.0 * math.pi * estimate.natural_frequency.value
+        mass = estimate.parameter("spring_stiffness").value / natural**2
+        # Dry friction may hold the spool for so long that little is seen of its spring.
+        sticks = estimate.parameter("coulomb_force").value > STICKS * mass * estimate.excitation.value
         for name, parameter in self.parameters.items():
-            if name == "spring_stiffness" and _sticks(estimate):
+            if name == "spring_stiffness" and sticks:
                 parameter.judged = False
             else:
                 parameter.update(estimate, distrust=distrust)
@@ -224,21 +222,17 @@ class Detection:
         moment = self._moment(signals.stamp, natural_frequency, signals=signals, response=response)
         events = self._show(SIGNALS, moment)
         if response is not None and not self.distrust and 0.7 < response.gain < 1.4:
-            self._follow(response)
+            # The reference follows what was measured slowly, and never beyond what a valve has.
+            old = self.reference
+            ratio = response.natural_frequency / old.natural_frequency
+            if not response.misfit > 0.5 and 0.5 < ratio < 2.0:
+                self.reference = replace(
+                    old,
+                    natural_frequency=old.natural_frequency * ratio**FOLLOWS,
+                    damping=old.damping * min(2.0, max(0.5, response.damping / old.damping)) ** FOLLOWS,
+                    misfit=response.misfit,
+                )
         return events
-
-    def _follow(self, response: ValveResponse) -> None:
-        """Let the reference response follow what was measured, slowly, and never beyond what a valve has."""
-        old, new = self.reference, response
-        ratio = new.natural_frequency / old.natural_frequency
-        if new.misfit > 0.5 or not 0.5 < ratio < 2.0:
-            return
-        self.reference = replace(
-            old,
-            natural_frequency=old.natural_frequency * ratio**FOLLOWS,
-            damping=old.damping * min(2.0, max(0.5, new.damping / old.damping)) ** FOLLOWS,
-            misfit=new.misfit,
-        )
 
     def _moment(
         self,
@@ -252,20 +246,17 @@ class Detection:
         estimate: Estimate | None = None,
         channels: ChannelLook | None = None,
     ) -> Moment:
-        return Moment(
-            stamp, natural_frequency, self.reference, self.parameters, self.learned,
-            line, silent, signals, response, estimate, self._velocity,
-            unjudged=self._unjudged, explained=self._explained, channels=channels,
-        )  # fmt: skip
-
-    @property
-    def _explained(self) -> bool:
-        """Whether a fault of a sensor or of the data is raised that says why nothing is judged."""
-        return any(
+        # A fault of a sensor or of the data that is raised says why nothing is judged.
+        explained = any(
             condition.active is not None
             for name, condition in self.conditions.items()
             if condition.declared.task == "data" and name != NotJudged.name
         )
+        return Moment(
+            stamp, natural_frequency, self.reference, self.parameters, self.learned,
+            line, silent, signals, response, estimate, self._velocity,
+            unjudged=self._unjudged, explained=explained, channels=channels,
+        )  # fmt: skip
 
     def _show(self, what: str, moment: Moment) -> list[Event]:
         """Show a moment with something new of ``what`` to those who look at that."""
@@ -296,13 +287,6 @@ class Detection:
             if doubting < rank and 0 <= now - stamp <= WARY * self._memory * 1e9:
                 return reason
         return ""
-
-
-def _sticks(estimate: Estimate) -> bool:
-    """Whether dry friction holds the spool for so long that little is seen of its spring."""
-    natural = 2.0 * math.pi * estimate.natural_frequency.value
-    mass = estimate.parameter("spring_stiffness").value / natural**2
-    return estimate.parameter("coulomb_force").value > STICKS * mass * estimate.excitation.value
 
 
 def configured(natural_frequency: float) -> ValveResponse:

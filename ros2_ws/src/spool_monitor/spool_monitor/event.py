@@ -13,7 +13,7 @@ from spool_core.uncertainty import Quantity
 
 __all__ = [
     "Condition", "Event", "EventCause", "EventKind", "EventState", "Facts", "Finding", "Namur", "Severity",
-    "condition_name",
+    "condition_name", "sensor_fault",
 ]  # fmt: skip
 
 #: Facts, or what makes them: most of what is judged never becomes an event.
@@ -53,6 +53,11 @@ class EventKind:
         whole = EventCause(name, self.code, self.namur)
         listed = next((one for one in self.causes if one.name == name), whole)
         return replace(listed, namur=listed.namur or whole.namur)
+
+
+def sensor_fault(cause: EventCause) -> EventKind:
+    """Return the kind of sensor faults with ``cause``: several files declare theirs."""
+    return EventKind("sensor_fault", 600, Namur.FAILURE, latching=True, task="data", causes=(cause,))
 
 
 def condition_name(kind: str, source: str) -> str:

@@ -10,12 +10,19 @@ from pathlib import Path
 from spool_core.events.english import ENGLISH
 
 from spool_monitor.detectors import KINDS
-from spool_monitor.event import EventKind
 
 
 def number_table() -> str:
     """Return numbers, status after NE 107 and latch of every kind and cause, in Markdown."""
-    rows = ((f"`{kind.name}`", kind.code, kind.namur.letter, _causes(kind)) for kind in KINDS.values())
+    rows = []
+    for kind in KINDS.values():
+        # The status of a cause where it is not the kind's.
+        causes = ", ".join(
+            f"{cause.code} `{cause.name}`" + (f" ({cause.namur.letter})" if cause.namur else "")
+            for cause in kind.causes
+        )
+        notes = "; ".join(part for part in (causes, "latches" if kind.latching else "") if part)
+        rows.append((f"`{kind.name}`", kind.code, kind.namur.letter, notes))
     return _table(("kind", "number", "status", "causes"), rows)
 
 
@@ -25,15 +32,6 @@ def meaning_table() -> str:
     codes = (kind.cause(name).code for kind, listed in names for name in listed)
     rows = ((code, *ENGLISH.event(code)) for code in codes)
     return _table(("number", "title", "what it means", "what to do"), rows)
-
-
-def _causes(kind: EventKind) -> str:
-    """Return the causes; their status where it is not the kind's."""
-    listed = ", ".join(
-        f"{cause.code} `{cause.name}`" + (f" ({cause.namur.letter})" if cause.namur else "")
-        for cause in kind.causes
-    )
-    return "; ".join(part for part in (listed, "latches" if kind.latching else "") if part)
 
 
 def _table(header: tuple[str, ...], rows: Iterable[tuple[object, ...]]) -> str:

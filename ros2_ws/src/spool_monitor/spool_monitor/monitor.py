@@ -156,6 +156,11 @@ class Monitor:
         baseline = BaselineState.FROZEN if frozen else BaselineState.LEARNING
         line = self.line
         known = Validity.UNKNOWN if line is None or stale else Validity.VALID
+        # The worst status that applies; what is still being learned is a function check.
+        learning = Namur.NORMAL if frozen else Namur.FUNCTION_CHECK
+        silent = Namur.FAILURE if level is HealthLevel.STALE else Namur.NORMAL
+        raised = (one.declared.cause(one.cause).namur for one in self.conditions if one.active is not None)
+        namur = Namur.UNKNOWN if level is HealthLevel.UNKNOWN else max(learning, silent, *raised)
         return Health(
             stamp=self._stamp,
             level=level,
@@ -168,7 +173,7 @@ class Monitor:
             viscous_drift=viscous.change,
             coulomb_drift=coulomb.change,
             judgements=tuple(self.detection.judgements.items()),
-            namur=_namur(level, baseline, [one for one in self.conditions if one.active is not None]),
+            namur=namur,
         )
 
     def _level(self, active: list[Condition], stale: list[str]) -> HealthLevel:
@@ -250,15 +255,6 @@ class Health:
     coulomb_drift: Quantity
     judgements: tuple[tuple[str, Judgement], ...]
     namur: Namur = Namur.UNKNOWN
-
-
-def _namur(level: HealthLevel, baseline: BaselineState, active: list[Condition]) -> Namur:
-    """Return the worst status that applies; what is still being learned is a function check."""
-    if level is HealthLevel.UNKNOWN:
-        return Namur.UNKNOWN
-    learning = Namur.NORMAL if baseline is BaselineState.FROZEN else Namur.FUNCTION_CHECK
-    silent = Namur.FAILURE if level is HealthLevel.STALE else Namur.NORMAL
-    return max(learning, silent, *(one.declared.cause(one.cause).namur for one in active), Namur.NORMAL)
 
 
 def _seen(name: str, unit: str, value: float | None, validity: Validity) -> Quantity:

@@ -18,29 +18,21 @@ from spool_core.node import qos
 from spool_core.node.block_hub import waiting_for_disk
 from spool_core.node.diagnostics import DiagnosticPublisher, Level, Status, block_faults, block_values, key
 from spool_core.node.managed_node import ManagedNode
-from spool_core.node.messages import to_event_message, to_quantity
+from spool_core.node.messages import to_event_message, to_quantity, to_time
 from spool_core.node.parameters import LANGUAGE, NodeParameter, Value
 from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.estimate import Estimate
 from spool_estimator.messages import from_description, from_message
+from spool_msgs.msg import Alarm as AlarmMessage
 from spool_msgs.msg import AlarmList, HealthEvent, ModelEstimate, ValveDescription, ValveHealth
 from spool_msgs.srv import AcknowledgeAlarm, ManageBaseline, ResetAlarms, ShelveAlarm, SuppressAlarm
 
 from spool_monitor.alarm import Action, Alarm, AlarmRefusedError, AlarmState, Operator, Transition
 from spool_monitor.alarm_store import AlarmStore
 from spool_monitor.detection import Detection
-from spool_monitor.detectors import (
-    JUDGEMENT_TEXTS,
-    KINDS,
-    LIMITS,
-    Judgement,
-    MonitorSettings,
-    check_settings,
-    latching_kinds,
-)
-from spool_monitor.detectors.base import NATURAL_FREQUENCY
+from spool_monitor.detectors import JUDGEMENT_TEXTS, KINDS, LIMITS, check_settings, latching_kinds
+from spool_monitor.detectors.base import NATURAL_FREQUENCY, Judgement, MonitorSettings
 from spool_monitor.event import Event, Namur, Severity
-from spool_monitor.messages import to_alarm_list, to_health_message
 from spool_monitor.monitor import Health, HealthLevel, Monitor
 from spool_monitor.state_file import default_folder, valve_folder
 from spool_monitor.trend_writer import TrendWriter
@@ -74,6 +66,10 @@ STARTS = 180.0
 
 #: Samples that may be judged together while nothing is wrong: as many as come together.
 MOST_TOGETHER = 1 << 30
+
+_QUANTITIES = ("dominant_frequency", "amplification", "natural_frequency", "viscous_drift", "coulomb_drift")
+
+_ALARM_FIELDS = ("name", "kind", "cause", "code", "occurrence", "acknowledged_by", "comment")
 
 #: Of an active condition that is worst; without one all is well.
 _LEVELS = {None: Level.OK, Severity.WARNING: Level.WARNING, Severity.ALARM: Level.ERROR}
@@ -184,20 +180,17 @@ class MonitorNode(ManagedNode):
     def _take_blocks(self, blocks: Sequence[Block]) -> None:
         accepted = self._gate.accepted
         for block in self._gate.admitted(blocks, self._room):
-            self._take_judged(block, used=self._gate.accepted > accepted, first=accepted == 0)
+            if not self._described and block.source:
+                self._valve_id = self._diagnostics.hardware_id = block.source
+            events = self._core.update(block)
+            if self._gate.accepted > accepted:
+                self._block_arrival = time.monotonic()
+                if self._trends is not None:
+                    self._trends.update(block)
+            if accepted == 0:
+                self._estimate_arrival = self._block_arrival
+            self._publish(events)
             accepted = self._gate.accepted
-
-    def _take_judged(self, block: Block, *, used: bool, first: bool) -> None:
-        if not self._described and block.source:
-            self._valve_id = self._diagnostics.hardware_id = block.source
-        events = self._core.update(block)
-        if used:
-            self._block_arrival = time.monotonic()
-            if self._trends is not None:
-                self._trends.update(block)
-        if first:
-            self._estimate_arrival = self._block_arrival
-        self._publish(events)
 
     def _take_estimate(self, message: ModelEstimate) -> None:
         self._estimate_arrival = time.monotonic()
@@ -248,6 +241,50 @@ class MonitorNode(ManagedNode):
             condition_status(detection, health),
             self._alarms.status(health.namur, self._trends),
         )
+
+
+def to_health_message(health: Health, valve_id: str) -> ValveHealth:
+    """Return ``health`` of the valve ``valve_id`` as a message."""
+    message = ValveHealth(
+        level=int(health.level),
+        baseline=int(health.baseline),
+        summary=health.summary,
+        active=list(health.active),
+        judgements=[f"{name}: {JUDGEMENT_TEXTS[judgement]}" for name, judgement in health.judgements],
+        namur=int(health.namur),
+        **{name: to_quantity(getattr(health, name)) for name in _QUANTITIES},
+    )
+    message.header.frame_id = valve_id
+    message.header.stamp = to_time(health.stamp)
+    return message
+
+
+def to_alarm_message(alarm: Alarm, valve_id: str, language: Language) -> AlarmMessage:
+    """Return ``alarm`` of the valve ``valve_id`` as a message with its headline in ``language``."""
+    message = AlarmMessage(
+        namur=int(alarm.namur),
+        state=int(alarm.state),
+        underlying=int(alarm.underlying),
+        severity=int(alarm.severity),
+        **{name: getattr(alarm, name) for name in _ALARM_FIELDS},
+        **{name: to_time(getattr(alarm, name)) for name in ("raised_at", "acknowledged_at", "shelved_until")},
+    )
+    message.value = math.nan
+    if alarm.event is not None:
+        message.event = to_event_message(alarm.event, valve_id, language)
+        message.message = message.event.message
+        message.value, message.unit = alarm.event.quantity.value, alarm.event.quantity.unit
+    message.header.frame_id = valve_id
+    message.header.stamp = to_time(alarm.changed_at)
+    return message
+
+
+def to_alarm_list(alarms: Iterable[Alarm], stamp: int, valve_id: str, language: Language) -> AlarmList:
+    """Return ``alarms`` in their order, published at ``stamp`` (ns)."""
+    message = AlarmList(alarms=[to_alarm_message(alarm, valve_id, language) for alarm in alarms])
+    message.header.frame_id = valve_id
+    message.header.stamp = to_time(stamp)
+    return message
 
 
 def data_status(detection: Detection, gate: BlockGate, health: Health) -> Status:
@@ -387,17 +424,15 @@ class AlarmServices:
         self._publish()
         for transition in transitions:
             if Action.ANNOUNCE in transition.actions:
-                self._announce(transition.after)
-
-    def _announce(self, alarm: Alarm) -> None:
-        """Log an alarm: as an error where the valve or its measurement has failed (NE 107: F)."""
-        said = headline(alarm.event, self._language) if alarm.event is not None else ""
-        text = f"{alarm.severity.name.lower()} {alarm.code} {alarm.name}: {said}"
-        # A line each: rclpy lets a line of code log in one severity only.
-        if alarm.namur is Namur.FAILURE:
-            self._node.get_logger().error(text)
-        else:
-            self._node.get_logger().warning(text)
+                alarm = transition.after
+                said = headline(alarm.event, self._language) if alarm.event is not None else ""
+                text = f"{alarm.severity.name.lower()} {alarm.code} {alarm.name}: {said}"
+                # The valve or its measurement has failed (NE 107: F), or less than that. A line each: rclpy
+                # lets a line of code log in one severity only.
+                if alarm.namur is Namur.FAILURE:
+                    self._node.get_logger().error(text)
+                else:
+                    self._node.get_logger().warning(text)
 
     def _publish(self) -> None:
         alarms = self._state.alarms

@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from spool_core.errors import InputError
 from spool_core.system import (
     FILE_MODE,
@@ -104,7 +103,11 @@ class Baseline:
             self.value = float(np.median(self._seen))
             # 1.4826: median absolute deviation to standard deviation of a normal distribution.
             self.spread = 1.4826 * float(np.median(np.abs(np.array(self._seen) - self.value)))
-            self._describe(np.array(self._seen))
+            seen = np.array(self._seen)
+            self.count, self.mean, self.deviation = seen.size, float(seen.mean()), float(seen.std(ddof=1))
+            around = seen - self.mean
+            power = float(around @ around)
+            self.correlation = float(around[1:] @ around[:-1]) / power if power > 0.0 else math.nan
             self._seen.clear()
 
     def restart(self) -> None:
@@ -119,13 +122,6 @@ class Baseline:
         self.value, self.spread = kept.value, kept.spread
         self.mean, self.deviation, self.correlation = (kept.mean, kept.standard_deviation, kept.correlation)
         self.count = kept.count
-
-    def _describe(self, seen: NDArray[np.float64]) -> None:
-        self.count, self.mean = seen.size, float(seen.mean())
-        self.deviation = float(seen.std(ddof=1))
-        around = seen - self.mean
-        power = float(around @ around)
-        self.correlation = float(around[1:] @ around[:-1]) / power if power > 0.0 else math.nan
 
 
 class BaselineStage(enum.Enum):
@@ -175,11 +171,6 @@ class BaselineRecord:
                 f"baseline version {self.version} of {valve_id} was learned with {self.oil}, "
                 f"the valve runs on {oil}: learn again"
             )
-
-    def covers(self, celsius: float, margin: float = 5.0) -> bool:
-        """Whether ``celsius`` lies in the temperature band, ``margin`` (deg C) wider; unknown ones do."""
-        low, high = self.temperature
-        return not (celsius < low - margin or celsius > high + margin)
 
 
 class Found(NamedTuple):
@@ -247,8 +238,13 @@ class StateFile:
                 f"{self.path}: a later version of the suite wrote it (format {newer}, this one writes "
                 f"{FORMAT}): it is left and read as far as it is understood, {self._target.name} is kept"
             )
-        for path in self._of_other_formats():
-            found |= self._look(path)
+        # Versions with formats up to this one's kept these while a later one's was there.
+        pattern = re.compile(re.escape(self.path.name) + r"\.format(\d+)")
+        names = os.listdir(self.path.parent) if self.path.parent.is_dir() else []
+        numbers = [match[1] for match in map(pattern.fullmatch, names) if match]
+        for number in sorted(numbers):
+            if int(number) <= FORMAT:
+                found |= self._look(_beside(self.path, f"format{number}"))
         self._sound = self._target in found
         newest = max(found, key=lambda path: found[path].sequence, default=None)
         if newest is None or found[newest].sequence < 0:
@@ -276,13 +272,6 @@ class StateFile:
                 if one != _beside(path, NEW):  # half a new one is what a power loss leaves
                     self.warnings.append(f"{one}: damaged: {error}")
         return found
-
-    def _of_other_formats(self) -> list[Path]:
-        """Return the files that versions with formats up to this one's kept while a later one's was there."""
-        pattern = re.compile(re.escape(self.path.name) + r"\.format(\d+)")
-        names = os.listdir(self.path.parent) if self.path.parent.is_dir() else []
-        numbers = [match[1] for match in map(pattern.fullmatch, names) if match]
-        return [_beside(self.path, f"format{number}") for number in sorted(numbers) if int(number) <= FORMAT]
 
 
 class FolderLock:

@@ -14,18 +14,12 @@ from typing import Any
 from spool_core.errors import InputError
 from spool_core.system import FILE_MODE, private_file, restrict
 from spool_core.uncertainty import Quantity, Validity
-from spool_estimator.estimate import Estimate
+from spool_estimator.estimate import QUANTITIES, Estimate
 
 MINUTE, HOUR, DAY = 60, 3600, 86400
 
 #: How many spans of each length (s) are kept of each parameter: a week, two years, twenty years.
 KEPT: MappingProxyType[int, int] = MappingProxyType({MINUTE: 7 * 1440, HOUR: 2 * 8766, DAY: 20 * 366})
-
-#: Of the estimate, besides the model's parameters.
-FOLLOWED = (
-    "referred_viscous_coefficient", "oil_temperature", "natural_frequency", "damping_ratio", "residual",
-    "excitation", "relative_displacement",
-)  # fmt: skip
 
 #: Writings between two looks for what is older.
 FORGET_EVERY = 100
@@ -96,7 +90,7 @@ class Sums:
 
     def add_estimate(self, estimate: Estimate) -> None:
         """Take what an estimate holds that is valid; held values would repeat themselves."""
-        quantities: list[Quantity] = [*estimate.parameters, *(getattr(estimate, name) for name in FOLLOWED)]
+        quantities: list[Quantity] = [*estimate.parameters, *(getattr(estimate, name) for name in QUANTITIES)]
         for quantity in quantities:
             if quantity.validity is Validity.VALID:
                 self.add(estimate.stamp, quantity.name, quantity.unit, quantity.value)
@@ -160,26 +154,23 @@ class TrendStore:
             )
         try:
             with _named(path):
-                self._open(read_only=read_only)
+                (version,) = self._base.execute("PRAGMA user_version").fetchone()
+                if version > VERSION:
+                    raise LaterVersionError(
+                        f"{path}: a later version of the suite wrote it (format {version}, not {VERSION})"
+                    )
+                if not read_only:
+                    self._base.execute("PRAGMA journal_mode=WAL")
+                    self._base.execute("PRAGMA synchronous=FULL")
+                    self._base.executescript(_SCHEMA)
+                    if version < VERSION:
+                        self._base.execute(f"PRAGMA user_version={VERSION}")
+                self._base.execute("SELECT count FROM span LIMIT 1")
+                self._base.execute("SELECT value FROM counter LIMIT 1")
         except BaseException:
             self._base.close()
             raise
         self._file = _identity(path)
-
-    def _open(self, *, read_only: bool) -> None:
-        (version,) = self._base.execute("PRAGMA user_version").fetchone()
-        if version > VERSION:
-            raise LaterVersionError(
-                f"{self.path}: a later version of the suite wrote it (format {version}, not {VERSION})"
-            )
-        if not read_only:
-            self._base.execute("PRAGMA journal_mode=WAL")
-            self._base.execute("PRAGMA synchronous=FULL")
-            self._base.executescript(_SCHEMA)
-            if version < VERSION:
-                self._base.execute(f"PRAGMA user_version={VERSION}")
-        self._base.execute("SELECT count FROM span LIMIT 1")
-        self._base.execute("SELECT value FROM counter LIMIT 1")
 
     def write(self, sums: Sums, stamp: int = 0) -> None:
         """Add ``sums`` to what there is, all or nothing; counters show at ``stamp`` (ns).
@@ -197,32 +188,22 @@ class TrendStore:
                 "ON CONFLICT DO UPDATE SET unit = excluded.unit",
                 sums.units.items(),
             )
-            shown = self._count(sums, stamp)
+            shown = Sums()
+            for name, amount in sums.counts.items():
+                self._base.execute(
+                    "INSERT INTO counter VALUES ((SELECT id FROM series WHERE name = ?), ?) "
+                    "ON CONFLICT DO UPDATE SET value = value + excluded.value",
+                    (name, amount),
+                )
+                if stamp:
+                    shown.add(stamp, name, sums.units[name], self.counters()[name])
             for spans in (sums.spans, shown.spans):
                 self._base.executemany(_ADD, ((*key, *values) for key, values in spans.items()))
             if self._writes % FORGET_EVERY == 0:
-                self._forget()
+                for (series,) in self._base.execute("SELECT id FROM series").fetchall():
+                    kept = [{"series": series, "seconds": one, "kept": most} for one, most in KEPT.items()]
+                    self._base.executemany(_FORGET, kept)
         self._writes += 1
-
-    def _forget(self) -> None:
-        for (series,) in self._base.execute("SELECT id FROM series").fetchall():
-            self._base.executemany(
-                _FORGET,
-                [{"series": series, "seconds": seconds, "kept": kept} for seconds, kept in KEPT.items()],
-            )
-
-    def _count(self, sums: Sums, stamp: int) -> Sums:
-        """Add to the counters; return what they show at ``stamp``, if any."""
-        shown = Sums()
-        for name, amount in sums.counts.items():
-            self._base.execute(
-                "INSERT INTO counter VALUES ((SELECT id FROM series WHERE name = ?), ?) "
-                "ON CONFLICT DO UPDATE SET value = value + excluded.value",
-                (name, amount),
-            )
-            if stamp:
-                shown.add(stamp, name, sums.units[name], self.counters()[name])
-        return shown
 
     def units(self) -> dict[str, str]:
         """Return the unit of every parameter by its name; errors as of :meth:`spans`."""

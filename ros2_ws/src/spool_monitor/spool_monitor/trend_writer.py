@@ -33,10 +33,6 @@ _DAMPING = math.sqrt(0.5)
 _DISPLACEMENT, _VELOCITY, _TURN, _EXTREME, _DIRECTION, _TRAVEL, _REVERSALS, _SETTLING = range(8)
 
 
-def _always() -> bool:
-    return True
-
-
 class TrendWriter:
     """Trend writer of one valve, fed from its accepted blocks and its estimates.
 
@@ -51,7 +47,7 @@ class TrendWriter:
         self,
         path: Path,
         warn: Callable[[str], None],
-        allowed: Callable[[], bool] = _always,
+        allowed: Callable[[], bool] = lambda: True,
         patience: float = PATIENCE,
     ) -> None:
         self.travel = TravelCounter()
@@ -140,7 +136,9 @@ class TrendWriter:
             with self._hand_back:
                 sums.merge(self._returned)
                 self._returned = sums
-            self._say(error)
+            if not self.trouble:
+                self._warn(f"trends can't be written, they are held in memory for a day: {error}")
+            self.trouble = str(error)
             return
         if self.trouble:
             self.trouble = ""
@@ -150,11 +148,6 @@ class TrendWriter:
         if self._store is not None:
             self._store.close()
             self._store = None
-
-    def _say(self, error: Exception) -> None:
-        if not self.trouble:
-            self._warn(f"trends can't be written, they are held in memory for a day: {error}")
-        self.trouble = str(error)
 
 
 @dataclass(slots=True)
@@ -186,15 +179,12 @@ class TravelCounter:
         """Take an accepted block; after a gap the integrators start again."""
         gap = abs(block.stamp - self._due) > 0.5 * (block.end - block.stamp) + 2e9 * block.sample_period
         if gap or block.sample_period != self._period:
-            self._restart(block.sample_period)
+            self._period = block.sample_period
+            self._state[:_TRAVEL] = 0.0
+            self._state[_SETTLING] = max(1.0, round(SETTLING / block.sample_period))
+            self._law = integration_law(block.sample_period)
         self._due = block.end
         count_travel(block.body, block.spool, self._law, self.threshold, self._state)
-
-    def _restart(self, period: float) -> None:
-        self._period = period
-        self._state[:_TRAVEL] = 0.0
-        self._state[_SETTLING] = max(1.0, round(SETTLING / period))
-        self._law = integration_law(period)
 
 
 def integration_law(period: float) -> NDArray[np.float64]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 
 from rclpy.node import Node
 from spool_msgs.msg import ValveHealth
@@ -41,7 +40,8 @@ def condition_of(health: ValveHealth | None, age: float) -> str:
         return _LEVELS.get(health.level, UNKNOWN)
     if health.baseline != ValveHealth.BASELINE_FROZEN:
         return LEARNING
-    return _judged(health.judgements)
+    said = dict(judgement.partition(": ")[::2] for judgement in health.judgements)
+    return min((_JUDGEMENTS.get(said.get(name, ""), UNKNOWN) for name in DRIFT), key=CONDITIONS.index)
 
 
 def monitored_valves(node: Node) -> list[str]:
@@ -51,10 +51,3 @@ def monitored_valves(node: Node) -> list[str]:
         for topic, types in node.get_topic_names_and_types()
         if "spool_msgs/msg/ValveHealth" in types and (match := _HEALTH.fullmatch(topic))
     ]
-
-
-def _judged(judgements: Sequence[str]) -> str:
-    """Return the worst condition that the judgements of ``DRIFT`` allow."""
-    said = dict(judgement.partition(": ")[::2] for judgement in judgements)
-    found = [_JUDGEMENTS.get(said.get(name, ""), UNKNOWN) for name in DRIFT]
-    return min(found, key=CONDITIONS.index)

@@ -16,14 +16,8 @@ from spool_monitor.alarm import AlarmRefusedError, Operator
 from spool_monitor.alarm_store import AlarmStore, serialised
 from spool_monitor.detection import Detection
 from spool_monitor.monitor import Monitor
-from spool_monitor.state_file import (
-    Baseline,
-    BaselineRecord,
-    BaselineStage,
-    FolderLock,
-    HealthyValue,
-    StateFile,
-)
+
+from .state_file import Baseline, BaselineRecord, BaselineStage, FolderLock, HealthyValue, StateFile
 
 ALARMS, BASELINE, TRENDS = "alarms.json", "baseline.json", "trends.sqlite"
 
@@ -205,7 +199,9 @@ class BaselineKeeper:
             self._band = (celsius, celsius) if math.isnan(low) else (min(low, celsius), max(high, celsius))
         if self._valve is None:
             return False
-        if self.current is not None and _learned(self.detection) <= len(self.current.values):
+        parameters, channels = self.detection.parameters.values(), self.detection.learned.values()
+        learned = sum(start.frozen for start in (*(drift.baseline for drift in parameters), *channels))
+        if self.current is not None and learned <= len(self.current.values):
             return False
         values = healthy_values(self.detection)
         if self.current is None:
@@ -296,12 +292,6 @@ class BaselineKeeper:
     def _start_over(self) -> None:
         self.current, self._band = None, _NOT_MEASURED
         relearn(self.detection)
-
-
-def _learned(detection: Detection) -> int:
-    """Return how many start values there are."""
-    starts = (*(drift.baseline for drift in detection.parameters.values()), *detection.learned.values())
-    return sum(start.frozen for start in starts)
 
 
 def healthy_values(detection: Detection) -> tuple[HealthyValue, ...]:

@@ -9,8 +9,8 @@ import numpy as np
 from spool_core.block import Block
 from spool_estimator.warm_up import warm_up
 
+from spool_monitor.channels import due_power
 from spool_monitor.detectors import MonitorSettings
-from spool_monitor.detectors.stuck_spool import due_power
 from spool_monitor.trend_writer import TravelCounter
 
 from .monitor import Monitor

@@ -10,7 +10,7 @@ from spool_core.uncertainty import Quantity
 from spool_monitor.alarm import AlarmState, Operator
 from spool_monitor.alarm_store import AlarmStore
 from spool_monitor.event import Event, EventState, Facts, Namur, Severity
-from spool_monitor.messages import to_alarm_list
+from spool_monitor.monitor_node import to_alarm_list
 from spool_msgs.msg import Alarm, AlarmList, ValveHealth
 
 SECOND = 1_000_000_000

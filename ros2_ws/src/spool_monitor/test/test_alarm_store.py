@@ -11,7 +11,7 @@ from spool_core.uncertainty import Quantity
 from spool_monitor.alarm import AlarmRefusedError, AlarmState, Operator
 from spool_monitor.alarm_store import AlarmStore
 from spool_monitor.detectors import event_kind
-from spool_monitor.event import Condition, Event, EventState, Facts, Finding, Namur, Severity
+from spool_monitor.event import Condition, Event, EventState, Facts, Finding, Severity
 
 SECOND = 1_000_000_000
 CONDITIONS = (
@@ -103,19 +103,6 @@ def test_those_that_wait_for_an_operator_are_shown_first() -> None:
         "friction_drift/viscous_coefficient",
         "resonance",
     ]
-
-
-def test_the_worst_status_counts_and_maintenance_is_a_function_check() -> None:
-    alarms = store()
-    assert alarms.namur is Namur.NORMAL
-    alarms.update(event("friction_drift/coulomb_force", RAISED))
-    assert alarms.namur is Namur.MAINTENANCE_REQUIRED
-    alarms.update(event("resonance", RAISED))
-    assert alarms.namur is Namur.OUT_OF_SPECIFICATION
-    alarms.maintain("resonance", eva(), on=True)
-    assert alarms.namur is Namur.FUNCTION_CHECK
-    alarms.update(event("stuck_spool", RAISED))
-    assert alarms.namur is Namur.FAILURE
 
 
 def test_after_a_restart_a_condition_that_is_over_ends_its_alarm() -> None:

@@ -14,7 +14,7 @@ from spool_estimator.estimate import Estimate, State
 from spool_monitor.alarm import AlarmRefusedError, Operator
 from spool_monitor.detection import Detection
 from spool_monitor.detectors import MonitorSettings
-from spool_monitor.state_file import BaselineRecord, BaselineStage, HealthyValue
+from spool_monitor.state_file import BaselineStage, HealthyValue
 from spool_monitor.valve_state import KEPT, BaselineKeeper, healthy_values, relearn, take_up
 
 SECOND = 1_000_000_000
@@ -191,14 +191,6 @@ def test_only_the_newest_versions_are_kept() -> None:
 def test_what_cannot_be_read_is_refused(content: Any) -> None:
     with pytest.raises(InputError, match="the kept baseline can't be read"):
         keeper().load(content)
-
-
-def test_the_temperature_band_has_a_margin() -> None:
-    record = BaselineRecord("v", temperature=(40.0, 50.0))
-    assert [record.covers(celsius) for celsius in (34.0, 36.0, 54.0, 56.0, math.nan)] == [
-        False, True, True, False, True,
-    ]  # fmt: skip
-    assert BaselineRecord("v").covers(90.0)
 
 
 def test_a_value_of_an_unknown_name_is_left_alone() -> None:

@@ -200,7 +200,7 @@ def test_without_a_thermometer_the_limit_widens_as_the_oil_may_have_warmed() -> 
         made = ParameterDrift("viscous_coefficient", 0.2, True, Baseline(3.0))
         for second in range(600):
             made.update(estimate(second, 2.0, celsius=celsius))
-        limits.append(made.certain_from * made.matters)
+        limits.append(made.sum.allowance * made.matters)
     # 0.5 K/min for 10 min, 5 % per K.
     assert limits[1] - limits[0] == pytest.approx(0.25, abs=0.01)
 
@@ -210,7 +210,7 @@ def test_far_from_the_temperature_of_its_baseline_the_limit_is_wider() -> None:
     limits = []
     for second in range(10, 1000):
         made.update(estimate(second, 2.0, celsius=20.0 if second < 300 else 50.0))
-        limits.append(made.certain_from)
+        limits.append(made.sum.allowance)
     # 0.1 % per K is an error of 3 % on top of 1.9 % of the estimate.
     assert limits[-1] / limits[100] == pytest.approx(math.hypot(3.0, 1.92) / 1.92, rel=0.02)
 
@@ -222,7 +222,7 @@ def test_the_limit_follows_from_the_interval_between_false_alarms(days: float) -
     made.update(estimate(10, 2.0))
     # Twice the tail of a normal number, drawn again for each ten minutes at one operating point.
     sigma = 1.92e-2 / 0.2
-    exceeds = math.erfc(made.certain_from / sigma / math.sqrt(2.0))
+    exceeds = math.erfc(made.sum.allowance / sigma / math.sqrt(2.0))
     assert exceeds * days * 144.0 == pytest.approx(1.0, rel=0.1)
 
 

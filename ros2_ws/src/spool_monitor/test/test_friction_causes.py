@@ -5,7 +5,8 @@ import math
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from spool_monitor.parameter_drift import ParameterDrift, rank_friction
+from spool_monitor.detectors.friction_drift import rank_friction
+from spool_monitor.parameter_drift import ParameterDrift
 from spool_monitor.state_file import Baseline
 
 

@@ -11,9 +11,8 @@ from spool_core.events.event import EventState, Severity, Urgency
 from spool_core.node.managed_node import AUTOSTART
 from spool_core.uncertainty import Quantity, Validity
 from spool_monitor.detectors import Judgement
-from spool_monitor.messages import to_health_message
 from spool_monitor.monitor import BaselineState, Health, HealthLevel, Monitor
-from spool_monitor.monitor_node import MonitorNode
+from spool_monitor.monitor_node import MonitorNode, to_health_message
 from spool_msgs.msg import HealthEvent, ValveHealth
 
 

@@ -14,6 +14,7 @@ from spool_monitor.channels import (
     Signals,
     ValveResponse,
     descend,
+    due_power,
     levels,
     look,
     spectra,
@@ -21,7 +22,6 @@ from spool_monitor.channels import (
 )
 from spool_monitor.detection import configured
 from spool_monitor.detectors.sensor_faults import FOLLOWS, due_powers
-from spool_monitor.detectors.stuck_spool import due_power
 from spool_monitor.window import WindowTracker
 
 RATE = 1000.0

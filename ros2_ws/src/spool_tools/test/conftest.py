@@ -12,8 +12,8 @@ from spool_core.cdr import encode_block
 from spool_estimator.estimator import Estimator, settings_for
 from spool_estimator.messages import to_message
 from spool_monitor.detectors import MonitorSettings
-from spool_monitor.messages import to_health_message
 from spool_monitor.monitor import Monitor
+from spool_monitor.monitor_node import to_health_message
 from spool_sim.excitation import PRESETS
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator

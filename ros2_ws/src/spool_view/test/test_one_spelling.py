@@ -16,7 +16,7 @@ from spool_core.uncertainty import Quantity, Validity
 from spool_monitor.alarm_store import AlarmStore
 from spool_monitor.detectors import KINDS
 from spool_monitor.event import Condition, EventKind, Finding, Severity
-from spool_monitor.messages import to_alarm_list
+from spool_monitor.monitor_node import to_alarm_list
 from spool_msgs.msg import AlarmList, ValveHealth
 from spool_tools.operations.heard import HeardValve, alarm_details, alarm_row, event_line
 from spool_tools.operations.record_replay import Clock, event_dictionary

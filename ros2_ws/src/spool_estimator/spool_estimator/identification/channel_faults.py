@@ -21,15 +21,7 @@ from spool_core.kernels.compiled import compiled
 from spool_core.kernels.samples import impossible
 from spool_core.numbers import GRAVITY, Array
 
-from spool_estimator.identification.channel_pair import (
-    CORNER,
-    DELAY,
-    GAIN,
-    LOW,
-    ChannelPair,
-    ClockStep,
-    PairFit,
-)
+from .channel_pair import CORNER, DELAY, GAIN, LOW, ChannelPair, ClockStep, PairFit
 
 #: Smallest steps of a converter that a change must reach on both sides of equal samples: of samples that a
 #: converter reads once each, fewer than one in as many equals its neighbour by chance.
@@ -492,7 +484,14 @@ def at_rail(row: Array) -> NDArray[np.bool_] | None:
         top = float(values.max())
         at_top = values >= top - 1e-6 * abs(top)
         count = int(np.count_nonzero(at_top))
-        if top > 0.0 and count >= max(COUNT, PILED * _typical_count(values[~at_top])) and _in_runs(at_top):
+        pairs = int(np.count_nonzero(at_top[1:] & at_top[:-1]))
+        if not top > 0.0 or count < COUNT or not pairs > 0.25 * count:
+            continue
+        # How many samples share one of the highest levels below.
+        lower = values[~at_top]
+        some = lower[lower > np.quantile(lower, 0.9)] if lower.size else lower
+        _, counts = np.unique(some, return_counts=True)
+        if count >= PILED * (float(counts[-CLIPPING_BELOW:].mean()) if counts.size else 0.0):
             found |= at_top
     return found if found.any() else None
 
@@ -532,15 +531,3 @@ def _step(row: Array) -> float:
         return 0.0
     # Levels of a converter are rounded in a file: steps that differ by less than that are one.
     return float(np.quantile(change, 0.001, method="higher"))
-
-
-def _typical_count(values: Array) -> float:
-    """Return how many of ``values`` share one of their highest levels."""
-    some = values[values > np.quantile(values, 0.9)]
-    _, counts = np.unique(some, return_counts=True)
-    return float(counts[-CLIPPING_BELOW:].mean()) if counts.size else 0.0
-
-
-def _in_runs(pile: NDArray[np.bool_]) -> bool:
-    pairs = pile[1:] & pile[:-1]
-    return float(np.count_nonzero(pairs)) > 0.25 * float(np.count_nonzero(pile))

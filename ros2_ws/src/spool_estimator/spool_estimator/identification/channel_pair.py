@@ -20,7 +20,7 @@ from scipy import fft
 from spool_core.numbers import Array, Complex
 from spool_core.uncertainty import Z_95
 
-from spool_estimator.identification.spectra import ZeroPhase
+from spool_estimator.identification.spectra import ZeroPhase, faded
 
 #: Hz: full gain from twice the lower edge on; directional valves resonate at 10 to 60 Hz, and what their
 #: springs decide ends within an octave or two above.
@@ -139,7 +139,7 @@ class ChannelPair:
         self._band = ZeroPhase(self.period, LOW, high).gain(frequency[: lines + 1])
         scale = self._band * self._size / size
         scale[0] = 0.0
-        taper = _taper(size, round(TAPER / self.period))
+        taper = faded(size, min(round(TAPER / self.period), size // 2))
         self._b, self._s = (
             fft.rfft((row - row.mean()) * taper)[: lines + 1] * scale for row in (self.body, self.spool)
         )
@@ -218,7 +218,12 @@ class ChannelPair:
         out are seconds of which it leaves more than the share ``leaves`` (rms), and those whose frequency has
         a relative half width (95 %) above ``UNSURE``.
         """
-        rows = np.stack([*self._columns(np.zeros(3))[:3], self._sign()])
+        # The velocity's sign in the band: its harmonics neither alias nor pass.
+        velocity = fft.irfft((self._s - self._b) / self._turn, FINE * self._size)
+        sign = np.tanh(velocity / (SMOOTH * float(np.std(velocity)) + 1e-300))
+        harmonics = fft.rfft(sign)[: self._turn.size] * self._band / FINE
+        sign = fft.irfft(harmonics, self._size)[self._edge : self._size - self._edge]
+        rows = np.stack([*self._columns(np.zeros(3))[:3], sign])
         bins = max(1, round(1.0 / self._period))
         count = min(most, rows.shape[1] // bins)
         lines = np.count_nonzero(np.abs(self._b) > 0.0) * bins / self._size
@@ -274,13 +279,6 @@ class ChannelPair:
             rate, reach = float(delays[np.argmax(match)]) / seconds, min(reach, AROUND)
             apart *= 2
         return rate
-
-    def _sign(self) -> Array:
-        """Return the velocity's sign in the band, shape (m,): its harmonics neither alias nor pass."""
-        velocity = fft.irfft((self._s - self._b) / self._turn, FINE * self._size)
-        sign = np.tanh(velocity / (SMOOTH * float(np.std(velocity)) + 1e-300))
-        lines = fft.rfft(sign)[: self._turn.size] * self._band / FINE
-        return np.asarray(fft.irfft(lines, self._size)[self._edge : self._size - self._edge])
 
     def step(self, known: PairFit) -> ClockStep | None:
         """Return the best account of the record by a step of one clock; ``None`` where it is too short.
@@ -414,12 +412,3 @@ def _remainder(sums: Array) -> Array:
     scaled = normal / (scale[..., :, np.newaxis] * scale[..., np.newaxis, :]) + 1e-9 * np.eye(3)
     values = np.linalg.solve(scaled, (right / scale)[..., np.newaxis])[..., 0]
     return np.asarray(sums[..., 0, 0] - np.sum(values * right / scale, axis=-1))
-
-
-def _taper(size: int, edge: int) -> Array:
-    """Return ones, with raised cosines of ``edge`` samples at both ends, shape (size,)."""
-    taper = np.ones(size)
-    edge = min(edge, size // 2)
-    rise = 0.5 - 0.5 * np.cos(np.pi * (np.arange(edge) + 0.5) / max(edge, 1))
-    taper[:edge], taper[size - edge :] = rise, rise[::-1]
-    return taper

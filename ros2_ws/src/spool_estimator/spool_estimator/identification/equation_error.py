@@ -24,7 +24,7 @@ from scipy.optimize import least_squares, lsq_linear
 from spool_core.numbers import Array
 
 from spool_estimator.identification.fit_result import SPOOL_DELAY, SPOOL_GAIN
-from spool_estimator.identification.free_run import FALL, FreeRun, Response, excitation_limit
+from spool_estimator.identification.free_run import FALL, FreeRun, excitation_gain, excitation_limit
 from spool_estimator.identification.least_squares import Unknown, bounds_of, sizes_of
 from spool_estimator.identification.record import Record, first_seconds
 from spool_estimator.identification.residuals import HIGHEST_SHARE, Residuals, standard_deviations
@@ -319,7 +319,17 @@ def input_noise_effect(
         noises = [_noise(run, number, densities, generator) for number in range(len(run.windows))]
         pair = []
         for sign in (1.0, -1.0):
-            shaken = _over(residuals, _shaken(run, made, noises, sign))
+            # As if ``made`` had been measured, and the excitation with the noise added.
+            windows = [
+                replace(
+                    window,
+                    excitation=window.excitation + sign * noise,
+                    measured=response.acceleration[0],
+                    measured_means=response.means[0],
+                )
+                for window, response, noise in zip(run.windows, made, noises, strict=True)
+            ]
+            shaken = _over(residuals, run.driven_by(windows))
             shaken.leave_jumps_out(shaken.respond(point[np.newaxis]))
             error, slopes = shaken.at_with_slopes(point)
             pair.append(-np.linalg.lstsq(slopes[:, shown], error, rcond=None)[0])
@@ -360,22 +370,4 @@ def _noise(
     highest = run.highest_frequency[window.record]
     level = np.sqrt(0.5 * densities[window.record] / period)
     spectrum = fft.rfft(generator.normal(0.0, level, window.length))
-    share = np.clip((fft.rfftfreq(window.length, period) / highest - 1.0) / (FALL - 1.0), 0.0, 1.0)
-    return np.asarray(spectrum * (0.5 + 0.5 * np.cos(np.pi * share)))
-
-
-def _shaken(
-    run: FreeRun, made: Sequence[Response], noises: Sequence[NDArray[np.complex128]], sign: float
-) -> FreeRun:
-    """Return the windows as if ``made`` had been measured, and the excitation with the noise added."""
-    return run.driven_by(
-        [
-            replace(
-                window,
-                excitation=window.excitation + sign * noise,
-                measured=response.acceleration[0],
-                measured_means=response.means[0],
-            )
-            for window, response, noise in zip(run.windows, made, noises, strict=True)
-        ]
-    )
+    return np.asarray(spectrum * excitation_gain(fft.rfftfreq(window.length, period), highest))

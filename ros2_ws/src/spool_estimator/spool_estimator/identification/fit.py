@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from spool_core.errors import InputError
@@ -19,7 +19,6 @@ from spool_core.numbers import Array
 from spool_core.uncertainty import Quantity, Validity, rate_power
 from spool_sim.model import Model
 from spool_sim.sensors import PAPER_CHAIN
-from spool_sim.terms import Parameter
 from spool_sim.valve import Valve
 
 from spool_estimator.identification.equation_error import EquationError, input_noise_effect
@@ -28,7 +27,6 @@ from spool_estimator.identification.free_run import FreeRun, Response
 from spool_estimator.identification.least_squares import (
     Combination,
     Descent,
-    Stopping,
     Unknown,
     bounds_of,
     combinations,
@@ -38,13 +36,9 @@ from spool_estimator.identification.least_squares import (
     unseen_directions,
 )
 from spool_estimator.identification.record import Record
-from spool_estimator.identification.residuals import (
-    Residuals,
-    fit_covariance,
-    information_criterion,
-    standard_deviations,
-)
 from spool_estimator.identification.spectra import density_of
+
+from .residuals import Residuals, fit_covariance, information_criterion, standard_deviations
 
 #: s of data that the first descents from several starts use.
 FIRST_SECONDS = 8.0
@@ -80,9 +74,10 @@ def unknowns_of(model: Model, valve: Valve, settings: FitSettings) -> tuple[Unkn
         given = given or parameter.held
         if parameter.name in settings.held or (given and parameter.name not in settings.free):
             continue
-        found.append(
-            Unknown(parameter.name, parameter.unit, parameter.low, parameter.high, _scale(parameter, valve))
-        )
+        low, high = parameter.low, parameter.high
+        start = abs(parameter.start_for(valve))
+        scale = start if start > 0.0 else min(1.0, high - low)
+        found.append(Unknown(parameter.name, parameter.unit, low, high, scale))
     if settings.fit_gain:
         found.append(Unknown(SPOOL_GAIN, "1", -0.5, 1.0, 0.05))
     if settings.fit_delay:
@@ -124,7 +119,6 @@ def free_run_agreement(
     sensor: Mapping[str, float] | None = None,
     run_in: float = 0.5,
     low_cut: float = 3.0,
-    compensate_oil: bool = True,
 ) -> Agreement:
     """Return how ``model`` with ``values`` agrees with ``records``, simulated in one piece each.
 
@@ -135,66 +129,12 @@ def free_run_agreement(
         sensor: gain error and delay of the spool's sensor, none by default.
         run_in: s at the start of each record that do not count.
         low_cut: Hz, of the conditioning that gives the motion to start from.
-        compensate_oil: use the oil temperature where record and valve give it.
 
     Raises:
         InputError: no record is long enough.
     """
-    run = FreeRun(records, model, valve, run_in=run_in, low_cut=low_cut, compensate_oil=compensate_oil)
+    run = FreeRun(records, model, valve, run_in=run_in, low_cut=low_cut)
     return agreement(run, _responses(run, values, sensor))
-
-
-@dataclass(frozen=True, slots=True)
-class Waveform:
-    """Measured motion of one record, and the free run of a model over it; every array has shape (n,).
-
-    Attributes:
-        time: s since the start of the recording.
-        measured, simulated: acceleration of the spool, m/s^2.
-        displacement, velocity: of the free run, relative to the body, m, m/s.
-    """
-
-    time: Array
-    measured: Array
-    simulated: Array
-    displacement: Array
-    velocity: Array
-
-
-def waveforms(
-    records: Sequence[Record],
-    model: Model,
-    valve: Valve,
-    values: Mapping[str, float],
-    *,
-    sensor: Mapping[str, float] | None = None,
-    run_in: float = 0.5,
-) -> list[Waveform]:
-    """Return the free run of ``model`` with ``values`` next to what was measured, one for each record.
-
-    Records too short for it have none. Arguments as of :func:`free_run_agreement`; the first ``run_in`` s of
-    each record are left out.
-
-    Raises:
-        InputError: no record is long enough.
-    """
-    run = FreeRun(records, model, valve, run_in=run_in)
-    found = []
-    for window, response in zip(run.windows, _responses(run, values, sensor), strict=True):
-        record = run.records[window.record]
-        first = record.first_sample + window.start
-        found.append(
-            Waveform(
-                np.asarray(
-                    (first + np.arange(window.measured.size)) * record.sample_period, dtype=np.float64
-                ),
-                window.measured,
-                response.acceleration[0],
-                response.displacement[0],
-                response.velocity[0],
-            )
-        )
-    return found
 
 
 def agreement(run: FreeRun, responses: Sequence[Response]) -> Agreement:
@@ -217,7 +157,10 @@ def agreement(run: FreeRun, responses: Sequence[Response]) -> Agreement:
     periods = [run.records[window.record].sample_period for window in run.windows]
     centres, ratios = _amplitude_ratios(simulated, measured, periods)
     inside = (centres >= LOWEST) & (centres <= HIGHEST) & np.isfinite(ratios)
-    frequency, density = _residual_spectrum(errors, periods)
+    # Of the records with the shortest period.
+    shortest = min(periods)
+    rows = [row for row, period in zip(errors, periods, strict=True) if period == shortest]
+    frequency, density = density_of(rows, shortest)
     return Agreement(
         nrmse=float(np.sqrt(squares / power)) if power > 0.0 else float("nan"),
         objective=squares / sigma**2 if sigma > 0.0 else float("nan"),
@@ -229,14 +172,6 @@ def agreement(run: FreeRun, responses: Sequence[Response]) -> Agreement:
         seconds=float(sum(row.size * period for row, period in zip(measured, periods, strict=True))),
         samples=samples,
     )
-
-
-def _scale(parameter: Parameter, valve: Valve) -> float:
-    start = abs(parameter.start_for(valve))
-    if start > 0.0:
-        return start
-    width = parameter.high - parameter.low
-    return min(1.0, width)
 
 
 def _fit(
@@ -256,7 +191,6 @@ def _fit(
         run_in=settings.run_in,
         low_cut=settings.low_cut,
         longest=settings.longest,
-        compensate_oil=settings.compensate_oil,
     )
     if not any(np.any(window.measured) for window in run.windows):
         raise InputError(f"{records[0].name}: the spool's acceleration is 0 throughout; check the sensor")
@@ -271,7 +205,7 @@ def _fit(
     run.choose_substeps({**values, **{name: value for name, value in first.items() if name in values}})
     band = (settings.low_cut, settings.high_cut)
     some = Residuals(run.fewer(FIRST_SECONDS), free, values, band)
-    best = descend(some, np.array(points), Stopping(FIRST_ROUNDS, ENOUGH), len(points))
+    best = descend(some, np.array(points), FIRST_ROUNDS, ENOUGH, len(points))
     residuals = Residuals(run, free, values, band)
     rings = residuals.rings(residuals.respond(best.point[np.newaxis]))
     doubts = []
@@ -291,8 +225,10 @@ def _fit(
 def _refine(residuals: Residuals, start: Descent, rounds: int) -> Descent:
     best = start
     for _ in range(rounds):
-        _reweigh(residuals, best.point)
-        best = descend(residuals, best.point[np.newaxis], Stopping(ROUNDS, ENOUGH))
+        responses = residuals.respond(best.point[np.newaxis])
+        residuals.leave_jumps_out(responses)
+        residuals.take_spectrum(residuals.differences(responses))
+        best = descend(residuals, best.point[np.newaxis], ROUNDS, ENOUGH)
     return best
 
 
@@ -332,12 +268,6 @@ def _inside(point: Array, unknowns: Sequence[Unknown]) -> Array:
     low, high = bounds_of(unknowns)
     room = np.minimum(1e-3 * np.array([unknown.scale for unknown in unknowns]), 0.1 * (high - low))
     return np.asarray(np.clip(point, low + room, high - room))
-
-
-def _reweigh(residuals: Residuals, point: Array) -> None:
-    responses = residuals.respond(point[np.newaxis])
-    residuals.leave_jumps_out(responses)
-    residuals.take_spectrum(residuals.differences(responses))
 
 
 def _result(
@@ -425,7 +355,7 @@ def _result(
         at_bound=at_bound,
         agreement=free_run_agreement(
             run.records, run.model, valve, final, sensor=sensor, run_in=settings.run_in,
-            low_cut=settings.low_cut, compensate_oil=settings.compensate_oil,
+            low_cut=settings.low_cut,
         ),
         information_criterion=criterion,
         effective_samples=samples,
@@ -471,10 +401,3 @@ def _amplitude_ratios(
     ratios = np.full(edges.size - 1, np.nan)
     ratios[there] = np.sqrt(powers[0, there] / powers[1, there])
     return 0.5 * (edges[1:] + edges[:-1]), ratios
-
-
-def _residual_spectrum(errors: Sequence[Array], periods: Sequence[float]) -> tuple[Array, Array]:
-    """Return frequency and power density of the errors, of the records with the shortest period."""
-    period = min(periods)
-    rows = [row for row, own in zip(errors, periods, strict=True) if own == period]
-    return density_of(rows, period)

@@ -45,8 +45,6 @@ class FitSettings:
         timing: standard deviation of the time between both channels, in samples; it enters the standard
             deviations. 0 where both are known to be sampled at one instant.
         starts: how many different starts are followed by simulation.
-        compensate_oil: take the viscosity at each moment from the oil temperature, where record and valve
-            give it.
         noise_seconds: s of data on which the effect of the excitation's noise is simulated at most.
     """
 
@@ -62,7 +60,6 @@ class FitSettings:
     fit_delay: bool = False
     timing: float = 0.01
     starts: int = 2
-    compensate_oil: bool = True
     noise_seconds: float = 40.0
 
 

@@ -22,7 +22,7 @@ from spool_sim.model import Model
 from spool_sim.valve import Valve
 
 from spool_estimator.identification.least_squares import in_parallel
-from spool_estimator.identification.spectra import ZeroPhase, interval_mean_response, relative_motion
+from spool_estimator.identification.spectra import ZeroPhase, faded, interval_mean_response, relative_motion
 
 from .record import Record
 
@@ -88,7 +88,7 @@ class Response:
 
 @dataclass(frozen=True, slots=True)
 class _Drive:
-    """Excitation of a window in the time domain: at the half steps, and its means from sample to sample."""
+    """Excitation of a window in the time domain, m/s^2: at the half steps, and its means between samples."""
 
     spectrum: NDArray[np.complex128]
     half_steps: Array
@@ -117,7 +117,6 @@ class FreeRun:
         run_in: float = 0.5,
         low_cut: float = 3.0,
         longest: float = float("inf"),
-        compensate_oil: bool = True,
     ) -> None:
         """Cut the records and prepare their excitations.
 
@@ -129,7 +128,6 @@ class FreeRun:
             run_in: s at the start of each window that do not count.
             low_cut: Hz, of the conditioning that gives the motion to start from.
             longest: s of data used at most, in windows spread evenly.
-            compensate_oil: use the oil temperature where record and valve give it.
 
         Raises:
             InputError: no record is long enough for one window.
@@ -142,7 +140,6 @@ class FreeRun:
         self.highest_frequency = [excitation_limit(entry) for entry in self.records]
         self.substeps = [1] * len(self.records)
         self._drives: dict[tuple[int, int], _Drive] = {}
-        self._compensate = compensate_oil and valve.oil_ratio_known
         windows: list[Window] = []
         for number, entry in enumerate(self.records):
             windows += self._cut(number, entry, window, run_in, low_cut)
@@ -197,7 +194,8 @@ class FreeRun:
         return cut
 
     def _viscosity(self, entry: Record) -> Array | None:
-        if entry.oil_temperature is None or not self._compensate:
+        """Return the ratio of viscosities at each sample, where record and valve give it."""
+        if entry.oil_temperature is None or not self.valve.oil_ratio_known:
             return None
         if not np.isfinite(entry.oil_temperature).all():
             return None
@@ -264,16 +262,30 @@ class FreeRun:
         drives = [
             self._drive(window, substeps, float(delay)) for delay in (delays[:1] if one_drive else delays)
         ]
+        tables = sets[:, np.newaxis, :]
+        if window.viscosity is not None and "viscous_coefficient" in self.names:
+            tables = np.repeat(tables, window.viscosity.size, axis=1)
+            tables[:, :, self.names.index("viscous_coefficient")] *= window.viscosity
         trajectory, _ = self.motion.advance_batch(
             [state] * sets.shape[0],
             np.array([drive.half_steps for drive in drives]),
-            self._tables(sets, window),
+            tables,
             sample_period=entry.sample_period,
             substeps=substeps,
             first_sample=entry.first_sample + window.first,
         )
+        lead = window.start - window.first
+        velocity, stuck = trajectory.velocity[:, lead:], trajectory.stuck[:, lead:]
+        jumps = (np.sign(velocity[:, 1:]) != np.sign(velocity[:, :-1])) | (stuck[:, 1:] != stuck[:, :-1])
+        gain = 1.0 + gains[:, np.newaxis]
         body_means = np.array([drive.means for drive in drives])
-        return _counted(trajectory, window.start - window.first, gains, body_means, entry.sample_period)
+        return Response(
+            gain * trajectory.acceleration[:, lead:-1],
+            gain * (np.diff(velocity, axis=1) / entry.sample_period + body_means),
+            trajectory.displacement[:, lead:-1],
+            velocity[:, :-1],
+            jumps,
+        )
 
     def _drive(self, window: Window, substeps: int, delay: float) -> _Drive:
         """Return the excitation of ``window``; without a delay it is kept: every point is run with it."""
@@ -282,60 +294,22 @@ class FreeRun:
         kept = self._drives.get(key) if delay == 0.0 else None
         if kept is not None:
             return kept
-        found = _Drive(
-            window.excitation,
-            half_steps(window, period, substeps, delay),
-            _body_means(window, period, delay),
-        )
+        frequency, spectrum = fft.rfftfreq(window.length, period), window.excitation
+        if delay != 0.0:
+            spectrum = spectrum * np.exp(-2j * np.pi * frequency * delay)
+        # The excitation has nothing left at half the sample rate, so its line there needs no halving.
+        finer = 2 * substeps
+        fine = fft.irfft(spectrum, finer * window.length)
+        first = finer * window.margin
+        half_steps = fine[first : first + finer * (window.stop + 1 - window.first) + 1] * finer
+        # The mean of the excitation from each sample that counts to the next.
+        means = fft.irfft(spectrum * interval_mean_response(frequency, period), window.length)
+        first = window.margin + window.start - window.first
+        means = means[first : first + window.stop - window.start]
+        found = _Drive(window.excitation, np.asarray(half_steps), np.asarray(means))
         if delay == 0.0:
             self._drives[key] = found
         return found
-
-    def _tables(self, sets: Array, window: Window) -> Array:
-        if window.viscosity is None or "viscous_coefficient" not in self.names:
-            return sets[:, np.newaxis, :]
-        tables = np.repeat(sets[:, np.newaxis, :], window.viscosity.size, axis=1)
-        tables[:, :, self.names.index("viscous_coefficient")] *= window.viscosity
-        return tables
-
-
-def half_steps(window: Window, sample_period: float, substeps: int, delay: float = 0.0) -> Array:
-    """Return the excitation (m/s^2) of ``window`` at ends and midpoints of all steps, ``delay`` s earlier.
-
-    Shape (2 n substeps + 1,), n the samples from ``first`` to ``stop`` inclusive.
-    """
-    return np.asarray(half_steps_of([window], sample_period, substeps, [delay])[0])
-
-
-def half_steps_of(
-    windows: Sequence[Window], sample_period: float, substeps: int, delays: Sequence[float]
-) -> Array:
-    """Return the same for w ``windows`` of one length, each with its own of ``delays``, on all processors.
-
-    Shape (w, 2 n substeps + 1).
-    """
-    finer, window = 2 * substeps, windows[0]
-    spectra = np.array([_delayed(*pair, sample_period) for pair in zip(windows, delays, strict=True)])
-    # The excitation has nothing left at half the sample rate, so its line there needs no halving.
-    fine = fft.irfft(spectra, finer * window.length, workers=-1)
-    first = finer * window.margin
-    return np.asarray(fine[:, first : first + finer * (window.stop + 1 - window.first) + 1] * finer)
-
-
-def _delayed(window: Window, delay: float, sample_period: float) -> NDArray[np.complex128]:
-    if delay == 0.0:
-        return window.excitation
-    frequency = fft.rfftfreq(window.length, sample_period)
-    return np.asarray(window.excitation * np.exp(-2j * np.pi * frequency * delay))
-
-
-def _body_means(window: Window, sample_period: float, delay: float) -> Array:
-    """Return the mean of the excitation from each sample that counts to the next, m/s^2."""
-    frequency = fft.rfftfreq(window.length, sample_period)
-    spectrum = _delayed(window, delay, sample_period) * interval_mean_response(frequency, sample_period)
-    first = window.margin + window.start - window.first
-    means = fft.irfft(spectrum, window.length)
-    return np.asarray(means[first : first + window.stop - window.start])
 
 
 def excitation_limit(entry: Record) -> float:
@@ -366,10 +340,14 @@ def limited(samples: Array, period: float, highest: float) -> Array:
     """Return ``samples`` without what lies above ``FALL`` times ``highest`` Hz."""
     if FALL * highest >= 0.5 / period:
         return samples
-    spectrum = fft.rfft(samples)
-    frequency = fft.rfftfreq(samples.size, period)
+    gain = excitation_gain(fft.rfftfreq(samples.size, period), highest)
+    return np.asarray(fft.irfft(fft.rfft(samples) * gain, samples.size))
+
+
+def excitation_gain(frequency: Array, highest: float) -> Array:
+    """Return the gain at ``frequency`` (Hz): 1 up to ``highest``, 0 from ``FALL`` times that on."""
     share = np.clip((frequency / highest - 1.0) / (FALL - 1.0), 0.0, 1.0)
-    return np.asarray(fft.irfft(spectrum * (0.5 + 0.5 * np.cos(np.pi * share)), samples.size))
+    return np.asarray(0.5 + 0.5 * np.cos(np.pi * share))
 
 
 def _around(samples: Array, low: int, high: int, fade: int) -> Array:
@@ -380,26 +358,7 @@ def _around(samples: Array, low: int, high: int, fade: int) -> Array:
     before, after = max(0, -low), max(0, high - samples.size)
     inside = samples[max(0, low) : min(high, samples.size)]
     around = np.pad(inside, (before, after), mode="reflect", reflect_type="odd")
-    rise = 0.5 - 0.5 * np.cos(np.pi * (np.arange(fade) + 0.5) / fade)
-    around[:fade] *= rise
-    around[around.size - fade :] *= rise[::-1]
-    return around
-
-
-def _counted(
-    trajectory: Trajectory, lead: int, gains: Array, body_means: Array, sample_period: float
-) -> Response:
-    velocity = trajectory.velocity[:, lead:]
-    stuck = trajectory.stuck[:, lead:]
-    jumps = (np.sign(velocity[:, 1:]) != np.sign(velocity[:, :-1])) | (stuck[:, 1:] != stuck[:, :-1])
-    gain = 1.0 + gains[:, np.newaxis]
-    return Response(
-        gain * trajectory.acceleration[:, lead:-1],
-        gain * (np.diff(velocity, axis=1) / sample_period + body_means),
-        trajectory.displacement[:, lead:-1],
-        velocity[:, :-1],
-        jumps,
-    )
+    return np.asarray(around * faded(around.size, fade))
 
 
 def _spread(windows: list[Window], longest: float, periods: Sequence[float]) -> tuple[Window, ...]:

@@ -19,7 +19,6 @@ from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 from spool_core.numbers import Array
 from spool_core.system import processors
 
@@ -85,63 +84,34 @@ class LeastSquares(Protocol):
     def costs(self, residuals: Array) -> Array:
         """Return what is made small, from ``residuals`` (s, m), shape (s,)."""
 
-    def trust(self, residual: Array, changes: Array) -> Array | float:
-        """Return how far each of ``residual`` (m,) counts; ``changes`` (u, m) are those by the steps."""
-
-
-@dataclass(frozen=True, slots=True)
-class Stopping:
-    """Stopping rule of a descent.
-
-    Attributes:
-        rounds: after which it ends without having converged.
-        enough: fall of the cost, as a share of it, below which it has converged.
-        least: the same as a number.
-        steps: over the size, for slopes; where one leads no further the next is tried.
-    """
-
-    rounds: int
-    enough: float
-    least: float = 0.0
-    steps: tuple[float, ...] = (STEP,)
-
 
 @dataclass(frozen=True, slots=True)
 class Descent:
-    """End of a descent.
+    """End of a descent: ``point``, shape (u,), its ``cost``, and whether nothing falls by enough any more."""
 
-    Attributes:
-        start: number of the start that led there.
-        point: shape (u,).
-        cost: there.
-        converged: no more falls, or by too little to go on.
-        exhausted: no step falls at all.
-        information: normal matrix of the last slopes, in unknowns over ``sizes``, shape (u, u).
-        sizes: shape (u,).
-        numbers: length of the residual.
-    """
-
-    start: int
     point: Array
     cost: float
     converged: bool
-    exhausted: bool
-    information: Array
-    sizes: Array
-    numbers: int
 
 
-def descend(problem: LeastSquares, starts: Array, stopping: Stopping, tries: int = 1) -> Descent:
-    """Return the deepest end of the descents from the best ``tries`` of ``starts`` (s, u)."""
+def descend(problem: LeastSquares, starts: Array, rounds: int, enough: float, tries: int = 1) -> Descent:
+    """Return the deepest end of the descents from the best ``tries`` of ``starts`` (s, u).
+
+    Args:
+        problem: what is made small.
+        starts: points, shape (s, u).
+        rounds: after which a descent ends without having converged.
+        enough: fall of the cost, as a share of it, below which it has converged.
+        tries: how many of the starts are followed.
+    """
     starts = np.clip(starts, *bounds_of(problem.unknowns))
     residuals = problem.residuals(starts)
     order = np.argsort(problem.costs(residuals))[:tries]
 
     def followed(place: int) -> Descent:
-        return _follow(problem, place, starts[place], residuals[place], stopping)
+        return _follow(problem, starts[place], residuals[place], rounds, enough)
 
-    found = in_parallel(followed, order.tolist())
-    return min(found, key=lambda one: one.cost)
+    return min(in_parallel(followed, order.tolist()), key=lambda one: one.cost)
 
 
 @dataclass(frozen=True, slots=True)
@@ -243,64 +213,50 @@ def in_parallel(work: Callable[[Item], Found], items: Iterable[Item]) -> list[Fo
         return list(pool.map(work, every))
 
 
-def _follow(problem: LeastSquares, start: int, x: Array, residual: Array, stopping: Stopping) -> Descent:
+def _follow(problem: LeastSquares, x: Array, residual: Array, rounds: int, enough: float) -> Descent:
     low, high = bounds_of(problem.unknowns)
     typical = np.array([unknown.scale for unknown in problem.unknowns])
     damping = FIRST_DAMPING
     cost = float(problem.costs(residual[np.newaxis])[0])
-    information: Array = np.eye(x.size)
-    sizes: Array = np.ones(x.size)
-    converged = exhausted = not x.size
-    reaches = list(stopping.steps)
-    for _ in range(stopping.rounds if x.size else 0):
+    converged = not x.size
+    for _ in range(rounds if x.size else 0):
         sizes = sizes_of(problem.unknowns, x)
-        step = reaches[0] * sizes
+        step = STEP * sizes
         step = np.where(x + step > high, -step, step)
         changes = problem.residuals(x + np.diag(step)) - residual
-        trust = problem.trust(residual, changes)
         # In units of the unknowns' sizes: stiffnesses and delays differ by ten powers of ten.
-        slopes = (changes * trust * (sizes / step)[:, np.newaxis]).T
+        slopes = (changes * (sizes / step)[:, np.newaxis]).T
         information = slopes.T @ slopes
-        gradient = slopes.T @ (trust * residual)
+        gradient = slopes.T @ residual
         limit = LONGEST_STEP * np.maximum(sizes, typical)
         # What would leave its bounds stays there, and the others are solved for without it.
         held = ((x <= low) & (gradient > 0.0)) | ((x >= high) & (gradient < 0.0))
-        moves = _changes(information, gradient, damping, np.flatnonzero(~held))
-        trials = np.array([np.clip(x + np.clip(sizes * move, -limit, limit), low, high) for move in moves])
+        own = np.flatnonzero(~held)
+        diagonal = np.diag(information) + 1e-12 * np.trace(information)
+        points = []
+        for factor in DAMPINGS:
+            move = np.zeros(x.size)
+            if own.size:
+                matrix = information[np.ix_(own, own)] + np.diag(damping * factor * diagonal[own])
+                move[own] = -np.linalg.lstsq(matrix, gradient[own], rcond=1e-12)[0]
+            points.append(np.clip(x + np.clip(sizes * move, -limit, limit), low, high))
+        trials = np.array(points)
         outcomes = problem.residuals(trials)
         costs = problem.costs(outcomes)
         winner = int(np.argmin(costs))
         if not costs[winner] < cost:
-            if damping <= MOST_DAMPING:
-                damping *= BACK_OFF
-            elif len(reaches) > 1:
-                reaches, damping = reaches[1:], FIRST_DAMPING
-            else:
-                converged = exhausted = True
+            if damping > MOST_DAMPING:
+                converged = True
                 break
+            damping *= BACK_OFF
             continue
         fall = cost - float(costs[winner])
         damping = float(np.clip(damping * DAMPINGS[winner] * 10.0, LEAST_DAMPING, MOST_DAMPING))
         x, residual, cost = trials[winner], outcomes[winner], float(costs[winner])
-        if fall < max(stopping.enough * cost, stopping.least):
-            if len(reaches) == 1:
-                converged = True
-                break
-            reaches, damping = reaches[1:], FIRST_DAMPING
-    return Descent(start, x, cost, converged, exhausted, information, sizes, residual.size)
-
-
-def _changes(information: Array, gradient: Array, damping: float, own: NDArray[np.intp]) -> list[Array]:
-    """Return the changes over the unknowns' sizes for each of ``DAMPINGS``; 0 but for those in ``own``."""
-    diagonal = np.diag(information) + 1e-12 * np.trace(information)
-    found: list[Array] = []
-    for factor in DAMPINGS:
-        change = np.zeros(gradient.size)
-        if own.size:
-            matrix = information[np.ix_(own, own)] + np.diag(damping * factor * diagonal[own])
-            change[own] = -np.linalg.lstsq(matrix, gradient[own], rcond=1e-12)[0]
-        found.append(change)
-    return found
+        if fall < enough * cost:
+            converged = True
+            break
+    return Descent(x, cost, converged)
 
 
 def _candidates(

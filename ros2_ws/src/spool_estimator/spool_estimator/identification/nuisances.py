@@ -127,7 +127,11 @@ class Spikes(RecordNuisance):
                 if 0 < places.size < MOST_SPIKES * row.size and not (
                     name == "spool" and _of_motion(places, motion)
                 ):
-                    rows[name] = _without(row, spikes)
+                    # Cubics through the samples beside them take their place.
+                    off = {width: _off(row, width) for width in {width for _, width in spikes}}
+                    rows[name] = row.copy()
+                    for place, width in spikes:
+                        rows[name][place : place + width] -= off[width][:, place]
                     rate[name] = rate.get(name, 0.0) + places.size / seconds
             cleaned.append(replace(record, body=rows["body"], spool=rows["spool"]))
         found = tuple(
@@ -182,7 +186,9 @@ class Hum(RecordNuisance):
         for record in records:
             rows = {"body": record.body, "spool": record.spool}
             for name, line in _hum(record, valve):
-                rows[name] = rows[name] - _wave(line, record)
+                time = np.arange(record.body.size) * record.sample_period
+                turned = np.exp(2j * np.pi * line.frequency * time)
+                rows[name] = rows[name] - (line.amplitude * turned).real
                 if name not in largest or abs(line.amplitude) > abs(largest[name].amplitude):
                     largest[name] = line
             cleaned.append(replace(record, body=rows["body"], spool=rows["spool"]))
@@ -275,15 +281,6 @@ def _deviation(off: Array, row: Array, rate: float) -> Array:
     return np.asarray(np.maximum(deviation, 1e-9 * float(np.abs(row).max(initial=0.0)) + 1e-30))
 
 
-def _without(row: Array, spikes: Sequence[tuple[int, int]]) -> Array:
-    """Return ``row`` with its ``spikes`` replaced by cubics through the samples beside them."""
-    cleaned = row.copy()
-    off = {width: _off(row, width) for width in {width for _, width in spikes}}
-    for place, width in spikes:
-        cleaned[place : place + width] -= off[width][:, place]
-    return cleaned
-
-
 def _of_motion(places: NDArray[np.int64], motion: Sequence[Array]) -> bool:
     """Whether spikes may be hits, or jumps of friction, which come at places or speeds of the motion.
 
@@ -324,18 +321,15 @@ def _hum(record: Record, valve: Valve) -> list[tuple[str, _Line]]:
     return found
 
 
-def _wave(line: _Line, record: Record) -> Array:
-    time = np.arange(record.body.size) * record.sample_period
-    return np.asarray((line.amplitude * np.exp(2j * np.pi * line.frequency * time)).real)
-
-
 def _lines(record: Record, valve: Valve, frequency: float, stray: float) -> dict[str, _Line]:
     """Return the lines within ``stray`` of ``frequency`` (Hz) that are no motion, by channel."""
     body, spool = (_envelope(row, record, frequency) for row in (record.body, record.spool))
     ratio, coherence = _transfer(body, spool, stray)
     described = coherence < COHERENT
     if described:
-        ratio = _described(frequency, valve)
+        turn = 2j * np.pi * frequency
+        force = valve.spring_stiffness + valve.likely_viscous_coefficient * turn
+        ratio = complex(force / (force + valve.moving_mass * turn**2))
     rows = {"body": body, "spool": spool}
     left = _line(spool - ratio * body, frequency, 0.0, stray)
     if left is None:
@@ -354,13 +348,6 @@ def _lines(record: Record, valve: Valve, frequency: float, stray: float) -> dict
             # The spool does not follow the body's line: that one alone is none of the motion.
             return {"body": own["body"]}
     return own or {"spool": left}
-
-
-def _described(frequency: float, valve: Valve) -> complex:
-    """Return spool over body at ``frequency`` (Hz) by the valve's description."""
-    turn = 2j * np.pi * frequency
-    force = valve.spring_stiffness + valve.likely_viscous_coefficient * turn
-    return complex(force / (force + valve.moving_mass * turn**2))
 
 
 def _transfer(body: Complex, spool: Complex, stray: float) -> tuple[complex, float]:
@@ -406,17 +393,14 @@ def _line(envelope: Complex, frequency: float, centre: float, stray: float) -> _
     noise = float(np.median(power[around])) / np.log(2.0)
     if power[best] < max(HUM_SIGNIFICANT * noise, ALONE * float(power[around].max())):
         return None
-    shift = float(offset[best]) + _between(power, best) * float(offset[1])
+    # The peak lies where that of a parabola in dB does.
+    left, peak, right = np.log(np.maximum(power[[best - 1, best, (best + 1) % power.size]], 1e-300))
+    curve = left - 2.0 * peak + right
+    beside = float(0.5 * (left - right) / curve) if curve < 0.0 else 0.0
+    shift = float(offset[best]) + beside * float(offset[1])
     turned = envelope * np.exp(-2j * np.pi * shift * step * np.arange(envelope.size))
     amplitude = complex(np.median(turned.real), np.median(turned.imag))
     deviation = float(np.sqrt(noise)) / float(np.sum(np.hanning(even.size)))
     # A piece stands for its middle.
     amplitude *= complex(np.exp(-1j * np.pi * shift * HUM_PIECE))
     return _Line(frequency + shift, amplitude, deviation)
-
-
-def _between(power: Array, best: int) -> float:
-    """Return how far from the line ``best`` the peak of ``power`` is, in lines: that of a parabola in dB."""
-    left, middle, right = np.log(np.maximum(power[[best - 1, best, (best + 1) % power.size]], 1e-300))
-    curve = left - 2.0 * middle + right
-    return float(0.5 * (left - right) / curve) if curve < 0.0 else 0.0

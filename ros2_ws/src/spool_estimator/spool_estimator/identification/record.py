@@ -132,16 +132,12 @@ def records_from_blocks(
         if verdict is Verdict.RESTARTS:
             stretches.append([])
         stretches[-1].append(block)
-    known = [pair for pair in temperatures if np.isfinite(pair[1])]
-    stamps, degrees = np.array([pair[0] for pair in known]), np.array([pair[1] for pair in known])
+    known = _known(temperatures)
     records = []
     for stretch in stretches:
         first = stretch[0]
         body = np.concatenate([block.body for block in stretch]).astype(np.float64)
-        oil = None
-        if known:
-            times = first.stamp + np.arange(body.size) * first.sample_period * 1e9
-            oil = np.interp(times, stamps, degrees)
+        oil = _oil_at(known, first.stamp, first.sample_period, body.size)
         records.append(
             Record(
                 name,
@@ -187,12 +183,24 @@ class PartKeeper:
         fresh = verdict is Verdict.RESTARTS or self._open is None
         full = self._open is not None and self._every > 1 and self._open.size >= self._open.length
         if fresh or full:
-            self._close()
+            if self._open is not None:  # let it compete with those that came with it
+                self._rivals = [_loudest([*self._rivals, self._open])] if self._every > 1 else []
+                self._came += 1
+                if self._came >= self._every:
+                    self._parts += self._rivals or [self._open]
+                    self._rivals, self._came = [], 0
+                self._held = sum(part.size for part in (*self._parts, *self._rivals))
             self._open = _Part(block.stamp, block.sample_period, cut=not fresh)
         assert self._open is not None
         self._open.take(block)
         if self._held + self._open.size > self.largest:
-            self._thin()
+            pieces = [piece for part in (*self._parts, *self._rivals) for piece in part.pieces()]
+            *more, self._open = self._open.pieces()
+            pieces += more
+            self._parts = [_loudest(pieces[place : place + 2]) for place in range(0, len(pieces), 2)]
+            self._rivals, self._came = [], 0
+            self._every *= 2
+            self._held = sum(part.size for part in self._parts)
 
     def records(self, name: str, temperatures: Iterable[tuple[int, float]] = ()) -> list[Record]:
         """Return what is held, in order of time.
@@ -201,40 +209,13 @@ class PartKeeper:
             name: of the recording.
             temperatures: stamps (ns) and oil temperatures (deg C), in order of time; linear in between.
         """
-        known = [pair for pair in temperatures if np.isfinite(pair[1])]
-        stamps, degrees = np.array([pair[0] for pair in known]), np.array([pair[1] for pair in known])
+        known = _known(temperatures)
         found = []
         for part in (*self._parts, *self._rivals, *([] if self._open is None else [self._open])):
             body, spool = (np.concatenate(rows).astype(np.float64) for rows in (part.body, part.spool))
-            oil = None
-            if known:
-                oil = np.interp(part.start + np.arange(body.size) * part.period * 1e9, stamps, degrees)
+            oil = _oil_at(known, part.start, part.period, body.size)
             found.append(Record(name, part.start, part.period, body, spool, oil, self._origin, part.cut))
         return found
-
-    def _close(self) -> None:
-        """Let the part that is complete compete with those that came with it."""
-        if self._open is None:
-            return
-        self._rivals = [_loudest([*self._rivals, self._open])] if self._every > 1 else []
-        self._came += 1
-        if self._came >= self._every:
-            self._parts += self._rivals or [self._open]
-            self._rivals, self._came = [], 0
-        self._count()
-
-    def _thin(self) -> None:
-        pieces = [piece for part in (*self._parts, *self._rivals) for piece in part.pieces()]
-        assert self._open is not None
-        *more, self._open = self._open.pieces()
-        pieces += more
-        self._parts = [_loudest(pieces[place : place + 2]) for place in range(0, len(pieces), 2)]
-        self._rivals, self._came = [], 0
-        self._every *= 2
-        self._count()
-
-    def _count(self) -> None:
-        self._held = sum(part.size for part in (*self._parts, *self._rivals))
 
 
 @dataclass(slots=True)
@@ -283,3 +264,15 @@ def _loudest(parts: list[_Part]) -> _Part:
     found = max(parts, key=_Part.level)
     found.cut = all(part.cut for part in parts)
     return found
+
+
+def _known(temperatures: Iterable[tuple[int, float]]) -> Array:
+    """Return stamps (ns) and temperatures (deg C) that are numbers, shape (2, n)."""
+    return (
+        np.array([pair for pair in temperatures if np.isfinite(pair[1])], dtype=np.float64).reshape(-1, 2).T
+    )
+
+
+def _oil_at(known: Array, start: int, period: float, count: int) -> Array | None:
+    """Return the temperature of ``count`` samples, ``period`` s apart from ``start`` (ns) on."""
+    return np.interp(start + np.arange(count) * period * 1e9, *known) if known.size else None

@@ -30,7 +30,7 @@ from spool_core.numbers import Array
 from spool_estimator.identification.fit_result import SPOOL_DELAY, SPOOL_GAIN, FitSettings
 from spool_estimator.identification.free_run import FreeRun, Response
 from spool_estimator.identification.least_squares import Unknown, bounds_of, sizes_of
-from spool_estimator.identification.spectra import Spectrum, ZeroPhase, residual_spectrum
+from spool_estimator.identification.spectra import Spectrum, ZeroPhase, faded, residual_spectrum
 
 #: s around a jump of the friction that are left out, at least one sample on each side.
 JUMP_TIME = 1.5e-4
@@ -122,24 +122,18 @@ class Residuals:
 
     def weighted(self, differences: Sequence[Array]) -> Array:
         """Return ``differences`` in the band, weighed to variance 1, shape (s, all samples)."""
-        return np.concatenate(
-            [
-                self._weigh(columns, window.record)
-                for columns, window in zip(differences, self.run.windows, strict=True)
-            ],
-            axis=-1,
-        )
-
-    def _weigh(self, columns: Array, record: int) -> Array:
-        period = self.run.records[record].sample_period
-        length = fft.next_fast_len(columns.shape[-1], real=True)
-        frequency = fft.rfftfreq(length, period)
-        gain = ZeroPhase(period, self.band[0], min(self.band[1], HIGHEST_SHARE / period)).gain(frequency)
-        spectrum = self.spectrum[record]
-        if spectrum is not None:
-            gain /= np.sqrt(spectrum.at(frequency) * 0.5 / period)
-        faded = columns * _fade(columns.shape[-1], round(FADE / period))
-        return np.asarray(fft.irfft(fft.rfft(faded, length, axis=-1) * gain, length, axis=-1))
+        rows = []
+        for columns, window in zip(differences, self.run.windows, strict=True):
+            count, period = columns.shape[-1], self.run.records[window.record].sample_period
+            length = fft.next_fast_len(count, real=True)
+            frequency = fft.rfftfreq(length, period)
+            gain = ZeroPhase(period, self.band[0], min(self.band[1], HIGHEST_SHARE / period)).gain(frequency)
+            spectrum = self.spectrum[window.record]
+            if spectrum is not None:
+                gain /= np.sqrt(spectrum.at(frequency) * 0.5 / period)
+            inside = columns * faded(count, max(1, min(round(FADE / period), count // 4)))
+            rows.append(fft.irfft(fft.rfft(inside, length, axis=-1) * gain, length, axis=-1))
+        return np.concatenate(rows, axis=-1)
 
     def at(self, point: Array) -> Array:
         """Return the weighted residual at ``point`` (u,)."""
@@ -153,11 +147,6 @@ class Residuals:
     def costs(residuals: Array) -> Array:
         """Return the sums of squares of ``residuals`` (s, m), shape (s,); infinite where a run failed."""
         return np.asarray(np.nan_to_num(np.sum(residuals**2, axis=1), nan=np.inf))
-
-    @staticmethod
-    def trust(residual: Array, changes: Array) -> float:  # noqa: ARG004
-        """Return 1: every sample counts alike."""
-        return 1.0
 
     def at_with_slopes(self, point: Array) -> tuple[Array, Array]:
         """Return ``at`` and its Jacobian, shape (all samples, u); all perturbed sets run in one call."""
@@ -330,15 +319,6 @@ def _bridged(columns: Array, kept: Array) -> Array:
     share = np.where(place == 0, 1.0, np.where(place == known.size, 0.0, share))
     columns[:, left_out] = columns[:, before] * (1.0 - share) + columns[:, after] * share
     return columns
-
-
-def _fade(count: int, reach: int) -> Array:
-    """Return ``count`` weights that rise and fall as a cosine over ``reach`` samples at both ends."""
-    reach = max(1, min(reach, count // 4))
-    rise = 0.5 - 0.5 * np.cos(np.pi * (np.arange(reach) + 0.5) / reach)
-    weights = np.ones(count)
-    weights[:reach], weights[count - reach :] = rise, rise[::-1]
-    return weights
 
 
 def _blocks(run: FreeRun, total: int) -> list[slice]:

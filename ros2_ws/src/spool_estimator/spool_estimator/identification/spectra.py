@@ -349,6 +349,14 @@ def quiet(samples: Array, density: float | Callable[[Array], Array], rate: float
     return Quiet(gains, length, samples.size)
 
 
+def faded(count: int, reach: int) -> Array:
+    """Return ``count`` weights that rise and fall as a cosine over ``reach`` samples at both ends."""
+    rise = 0.5 - 0.5 * np.cos(np.pi * (np.arange(reach) + 0.5) / max(reach, 1))
+    weights = np.ones(count)
+    weights[:reach], weights[count - reach :] = rise, rise[::-1]
+    return weights
+
+
 def _rise(share: Array) -> Array:
     """Return the raised cosine from 0 (share <= 0) to 1 (share >= 1)."""
     return np.asarray(0.5 - 0.5 * np.cos(np.pi * np.clip(share, 0.0, 1.0)))

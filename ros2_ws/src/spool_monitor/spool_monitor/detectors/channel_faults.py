@@ -10,8 +10,7 @@ from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.identification.channel_faults import ChannelFault
 
 from spool_monitor.channels import ChannelLook
-from spool_monitor.detectors.sensor_faults import sensor_fault
-from spool_monitor.event import EventCause, Facts, Finding, Severity
+from spool_monitor.event import EventCause, Facts, Finding, Severity, sensor_fault
 
 from .base import CHANNELS, Detector, Judgement, Moment, MonitorSettings
 from .data_fault import KIND as DATA_FAULT

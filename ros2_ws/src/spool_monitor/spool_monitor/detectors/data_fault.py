@@ -57,8 +57,20 @@ class DataFaultWatch:
             new = cause != "" and source == (cause if cause in SEPARATE else "")
             if new or condition.active is not None:
                 own = cause or condition.cause
-                count = _count("faulty_blocks", _faulty(gate, own))
-                facts = _facts(gate, own, count, fault if new else None)
+                faulty = sum(number for one, number in gate.faults.items() if one.cause == own)
+                count = _count("faulty_blocks", gate.lost if own == "lost" else faulty)
+                facts = Facts.of(count, 0.0)
+                if own == "rate":
+                    departure = Quantity(
+                        "period_departure", "1", gate.rate.departure, validity=Validity.VALID
+                    )
+                    facts = Facts.of(departure, math.copysign(RATE_LIMIT, gate.rate.departure))
+                if new and fault is Fault.FOREIGN:
+                    facts = replace(facts, subject=gate.other)
+                elif new and fault is not None:
+                    facts = replace(facts, note=fault.value)
+                counts = (_count("lost_blocks", gate.lost), _count("refused_blocks", gate.refused))
+                facts = replace(facts, evidence=counts)
                 events += condition.judge(
                     Finding(stamp, severity if new else None, not new, cause if new else "", count, facts)
                 )
@@ -81,26 +93,6 @@ class DataFaultWatch:
         span = Quantity("signal_span", "m/s^2", found.half_span, validity=Validity.VALID)
         facts = replace(facts, evidence=(sample, span, *each))
         return condition.judge(Finding(found.stamp, severity, False, OUTLIERS, count, facts))
-
-
-def _faulty(gate: BlockGate, cause: str) -> int:
-    """Return how many blocks were faulty for ``cause``; of those that were lost, how many."""
-    if cause == "lost":
-        return gate.lost
-    return sum(count for fault, count in gate.faults.items() if fault.cause == cause)
-
-
-def _facts(gate: BlockGate, cause: str, count: Quantity, fault: Fault | None) -> Facts:
-    """Return what is wrong with the data: ``fault`` of the newest block, ``None`` where it has none."""
-    facts = Facts.of(count, 0.0)
-    if cause == "rate":
-        departure = Quantity("period_departure", "1", gate.rate.departure, validity=Validity.VALID)
-        facts = Facts.of(departure, math.copysign(RATE_LIMIT, gate.rate.departure))
-    note = "" if fault is None else fault.value
-    if fault is Fault.FOREIGN:
-        facts, note = replace(facts, subject=gate.other), ""
-    counts = (_count("lost_blocks", gate.lost), _count("refused_blocks", gate.refused))
-    return replace(facts, note=note, evidence=counts)
 
 
 def _count(name: str, number: int) -> Quantity:

@@ -75,11 +75,9 @@ class Resonance(Detector):
             self.judgement = Judgement.NOT_EXCITED
             nothing = Quantity("amplification", "1")
             return Finding(moment.stamp, None, True, "", nothing, Facts(note="at_rest"))
-        if moment.line is None:
+        line = moment.line
+        if line is None:
             return None
-        return self._judge(moment, moment.line)
-
-    def _judge(self, moment: Moment, line: Line) -> Finding:
         settings, natural = self.settings, moment.natural_frequency
         band, raises = settings[RESONANCE_BAND], settings[AMPLIFICATION_ON]
         distance = abs(line.frequency / natural - 1.0)

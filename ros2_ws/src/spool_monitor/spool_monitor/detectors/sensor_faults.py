@@ -15,23 +15,9 @@ from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.estimate import Estimate, State
 
 from spool_monitor.channels import MEMORY, Channel, Signals, ValveResponse, transfer
-from spool_monitor.detectors.base import (
-    ESTIMATE,
-    MINIMUM_BODY,
-    SIGNALS,
-    Detector,
-    Judgement,
-    Moment,
-    MonitorLimit,
-    MonitorSettings,
-)
-from spool_monitor.event import EventCause, EventKind, Facts, Finding, Namur, Severity
+from spool_monitor.event import EventCause, Facts, Finding, Severity, sensor_fault
 
-
-def sensor_fault(cause: EventCause) -> EventKind:
-    """Return the kind of sensor faults with ``cause``."""
-    return EventKind("sensor_fault", 600, Namur.FAILURE, latching=True, task="data", causes=(cause,))
-
+from .base import ESTIMATE, MINIMUM_BODY, SIGNALS, Detector, Judgement, Moment, MonitorLimit, MonitorSettings
 
 CLIPPING_KIND = sensor_fault(EventCause("clipping", 602))
 
@@ -179,7 +165,7 @@ class SensorDead(Detector):
         """Return the names of the channels that stand still and should not."""
         found = []
         for name, channel in _channels(signals).items():
-            self._steps[name] = _least(self._steps[name], channel.step)
+            self._steps[name] = float(np.fmin(self._steps[name], channel.step))
             coarse = self._steps[name] >= COARSE
             if channel.standing == 0.0:
                 self._stopped[name] = True
@@ -503,7 +489,3 @@ class SensorSwapped(Detector):
 
 def _channels(signals: Signals) -> dict[str, Channel]:
     return {"body": signals.body, "spool": signals.spool}
-
-
-def _least(old: float, new: float) -> float:
-    return new if math.isnan(old) else old if math.isnan(new) else min(old, new)

@@ -6,11 +6,9 @@ import math
 from dataclasses import replace
 from typing import ClassVar
 
-from spool_core.kernels.compiled import compiled
-from spool_core.numbers import Array
 from spool_core.uncertainty import Quantity, Validity
 
-from spool_monitor.channels import transfer
+from spool_monitor.channels import due_power
 from spool_monitor.event import EventKind, Facts, Finding, Namur, Severity
 
 from .base import ESTIMATE, MINIMUM_BODY, SIGNALS, Detector, Judgement, Moment, MonitorSettings
@@ -46,7 +44,12 @@ class StuckSpool(Detector):
     def update(self, moment: Moment) -> Finding | None:
         """Judge the window of ``moment``, if there is a new one; learn the friction from an estimate."""
         if moment.estimate is not None and not moment.distrust:
-            self._learn_friction(moment)
+            # The dry friction per mass, m/s^2, of the healthy valve.
+            coulomb, stiffness = (moment.parameters["coulomb_force"], moment.parameters["spring_stiffness"])
+            if coulomb.baseline.frozen and stiffness.baseline.frozen and self._friction == 0.0:
+                natural = 2.0 * math.pi * moment.reference.natural_frequency
+                mass = stiffness.baseline.value / natural**2
+                self._friction = max(0.0, coulomb.baseline.value) / mass
         signals = moment.signals
         if signals is None:
             return None
@@ -71,21 +74,3 @@ class StuckSpool(Detector):
 
         stuck = Severity.ALARM if share < STUCK else None
         return Finding(moment.stamp, stuck, share > MOVES, "", moved, facts)
-
-    def _learn_friction(self, moment: Moment) -> None:
-        """Take the dry friction per mass, m/s^2, of the healthy valve."""
-        assert moment.estimate is not None
-        coulomb, stiffness = (moment.parameters["coulomb_force"], moment.parameters["spring_stiffness"])
-        if coulomb.baseline.frozen and stiffness.baseline.frozen and self._friction == 0.0:
-            natural = 2.0 * math.pi * moment.reference.natural_frequency
-            mass = stiffness.baseline.value / natural**2
-            self._friction = max(0.0, coulomb.baseline.value) / mass
-
-
-@compiled
-def due_power(frequency: Array, body: Array, square: float, damping: float) -> float:
-    """Return the power that the reference response makes of the body's, per line, in the relative motion."""
-    due = 0.0
-    for i in range(frequency.size):
-        due += body[i] * abs(transfer(frequency[i], square, damping) - 1.0) ** 2
-    return due

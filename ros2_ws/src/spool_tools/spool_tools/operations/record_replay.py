@@ -30,8 +30,7 @@ from spool_monitor.detectors import JUDGEMENT_TEXTS, LIMITS, MonitorSettings, ch
 from spool_monitor.detectors.base import BASELINE_TIME, NATURAL_FREQUENCY
 from spool_monitor.event import Event
 from spool_monitor.monitor import Monitor
-from spool_monitor.parameter_drift import DriftTrace
-from spool_monitor.replay import Replay
+from spool_monitor.replay import DriftTrace, Replay
 from spool_monitor.state_file import valve_folder
 from spool_monitor.valve_state import ValveState
 from spool_sim.model import load_model

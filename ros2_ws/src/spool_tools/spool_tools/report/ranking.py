@@ -249,7 +249,7 @@ def fit_and_validate(data: FitData, model: Model, settings: FitSettings) -> Vali
     try:
         held_out = free_run_agreement(
             data.held_out, model, data.valve, found.values, sensor=found.sensor, run_in=settings.run_in,
-            low_cut=settings.low_cut, compensate_oil=settings.compensate_oil,
+            low_cut=settings.low_cut,
         )  # fmt: skip
     except InputError:  # every held-out stretch is shorter than what settling takes
         return ValidatedFit(data, found, None)

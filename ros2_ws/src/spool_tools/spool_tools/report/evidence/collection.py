@@ -19,7 +19,7 @@ from spool_gap.force.balance import ForceRecord
 from spool_gap.likelihood.structure import DELAY, GAIN
 from spool_gap.result import Curves, GapResult
 from spool_monitor.event import Event, EventState
-from spool_monitor.parameter_drift import DriftTrace
+from spool_monitor.replay import DriftTrace
 from spool_sim.model import Model, load_model
 from spool_sim.valve import Valve
 from spool_tools.report.evidence import confidence, motion
