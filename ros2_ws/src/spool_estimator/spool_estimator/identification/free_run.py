@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy import fft
 from spool_core.errors import InputError
 from spool_core.numbers import Array
-from spool_sim.integration.composed_motion import ComposedMotion, MotionState, Trajectory, substeps_for
+from spool_sim.integration.composed_motion import ComposedMotion, MotionState, substeps_for
 from spool_sim.model import Model
 from spool_sim.valve import Valve
 
