@@ -15,6 +15,7 @@ from spool_gap.likelihood.kernel import motions_for
 from spool_gap.likelihood.prediction import Prediction, Predictions
 from spool_gap.likelihood.readings import readings_of
 from spool_gap.likelihood.rest import Rest, foreseen, rest_of
+from spool_gap.likelihood.score import Balance
 from spool_gap.likelihood.search import Search
 from spool_gap.likelihood.structure import structure_of
 from spool_gap.likelihood.structure_fit import fit_structure
@@ -122,6 +123,17 @@ def test_the_search_ends_at_what_is_hidden(effect: str) -> None:
     assert search.simplest.structure.effects == (effect,)
     name, value = HIDDEN[effect]
     assert search.simplest.structure.values[name] == pytest.approx(value, rel=0.02)
+
+
+def test_the_balance_of_forces_finds_play_whatever_stiffness_the_base_was_fitted_to() -> None:
+    plays = []
+    for share in (0.3, 1.0, 3.0):
+        wrong, drag = share * VALVE.spring_stiffness, VALVE.likely_viscous_coefficient
+        balance = Balance(predictions(hiding("spring_backlash")), wrong, drag, ["spring_backlash"])
+        plays.append(min(balance.starts(["spring_backlash"]), key=lambda one: one.left).values["backlash"])
+    # The sizes that are tried lie a factor of 1.6 apart.
+    assert plays == pytest.approx(3 * [HIDDEN["spring_backlash"][1]], rel=0.3)
+    assert plays == pytest.approx(3 * plays[:1], rel=1e-6)
 
 
 def test_sensors_that_are_both_turned_round_tell_the_same() -> None:
