@@ -45,7 +45,7 @@ class FrictionDrift(Detector):
         DriftTest("viscous_coefficient", "N s/m", VISCOUS_CHANGE),
         DriftTest("coulomb_force", "N", COULOMB_CHANGE),
     )
-    on_delay: ClassVar[float] = 0.0
+    on_delay: ClassVar[float] = 2.0  # a sensor that changes looks like a drift at first
     off_delay: ClassVar[float] = 5.0
 
     def update(self, moment: Moment) -> Finding | None:

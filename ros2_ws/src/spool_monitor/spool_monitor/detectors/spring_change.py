@@ -29,7 +29,7 @@ class SpringChange(Detector):
     kind = KIND
     looks_at = (ESTIMATE,)
     drifts = (DriftTest("spring_stiffness", "N/m", STIFFNESS_CHANGE),)
-    on_delay: ClassVar[float] = 0.0
+    on_delay: ClassVar[float] = 2.0  # a sensor that changes looks like a drift at first
     off_delay: ClassVar[float] = 5.0
 
     def update(self, moment: Moment) -> Finding | None:
