@@ -47,16 +47,17 @@ def forever():
     return at
 
 faults = 0
-take = EstimatorNode._take_judged
+take = EstimatorNode._take
 
-def faulty(self, block, *, used):
+def faulty(self, blocks):
     global faults
-    if self.get_namespace() == "/valve_1" and block.sequence >= 300 and faults < MOST:
+    begun = any(block.sequence >= 300 for block in blocks)
+    if self.get_namespace() == "/valve_1" and begun and faults < MOST:
             faults += 1
             FAULT
-    take(self, block, used=used)
+    take(self, blocks)
 
-EstimatorNode._take_judged = faulty
+EstimatorNode._take = faulty
 sys.exit(main())
 """
 
