@@ -97,8 +97,8 @@ def private_temporary_folder(name: str) -> Path:
     Raises:
         OSError: none can be made.
     """
-    # On Windows each user has a temporary folder anyway.
-    base = Path(tempfile.gettempdir()) / f"spool_{0 if sys.platform == 'win32' else os.geteuid()}"
+    # Windows numbers no users, but each has a temporary folder of its own: 0 will do.
+    base = Path(tempfile.gettempdir()) / f"spool_{getattr(os, 'geteuid', int)()}"
     try:
         private_folder(base / name)
         restrict(base, FOLDER_MODE)
