@@ -146,7 +146,7 @@ ABOUT = (
     "river's ADWIN "
     "and KSWIN have no threshold to set to a rate; they are compared in [benchmarks](bench_monitor.md). "
     "Warm oil looks like wear where no thermometer corrects for it, so the viscous coefficient of such "
-    "days has thresholds and rows of its own."
+    "days has separate thresholds and rows."
 )
 
 

@@ -432,7 +432,7 @@ SMALLEST = 100
 REPEATS = 5
 ABOUT_COST = (
     "Short bags (4 s at 500 Hz) of 40 machines with 5 valves each, looked at, analysed (`features`), judged. "
-    "Each size is a store of its own, filled from nothing."
+    "Each size is a separate store, filled from empty."
 )
 
 

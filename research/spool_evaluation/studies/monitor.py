@@ -170,7 +170,7 @@ def run_case(case: Scenario) -> ScenarioOutcome:
 
 
 def judge(case: Scenario, events: list[Event]) -> ScenarioOutcome:
-    """Compare ``events`` with what ``case`` expects; a severity that grows is no event of its own."""
+    """Compare ``events`` with what ``case`` expects; a severity that grows is not counted again."""
     raised = [
         ((event.stamp - DEFAULT_START_STAMP) * 1e-9, event.kind, event.cause)
         for event in events

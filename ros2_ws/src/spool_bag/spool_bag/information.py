@@ -127,7 +127,7 @@ def describe(path: Path | str, span: Span | None = None) -> BagInformation:
     )
     lost, estimated = reader.lost()
     warnings = list(reader.warnings)
-    # What metadata.yaml counts beyond what is there and what damage explains.
+    # Messages that metadata.yaml counts, but that neither exist nor are explained by damage.
     short = reader.told - sum(topic.messages for topic in topics) - lost
     if short > 0 and reader.span.is_all:
         warnings.append(

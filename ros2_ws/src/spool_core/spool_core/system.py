@@ -97,7 +97,7 @@ def private_temporary_folder(name: str) -> Path:
     Raises:
         OSError: none can be made.
     """
-    # Windows numbers no users, but each has a temporary folder of its own: 0 will do.
+    # Windows has no user numbers, and each user has a separate temporary folder: 0 will do.
     base = Path(tempfile.gettempdir()) / f"spool_{getattr(os, 'geteuid', int)()}"
     try:
         private_folder(base / name)

@@ -292,8 +292,8 @@ def _plainest(
             shown = share_between(predictions, fit, EFFECTS[name].terms, other, EFFECTS[plain].terms)
             judged, richer = held.judged(other), held.judged(fit)
             enough = min(judged.floor, (1.0 + MOST_LEFT) * richer.agreement.nrmse)
-            like_it = judged.agreement.nrmse <= enough and richer.lead(judged) < CERTAIN
-            if shown < settings.least_share or like_it:
+            as_good = judged.agreement.nrmse <= enough and richer.lead(judged) < CERTAIN
+            if shown < settings.least_share or as_good:
                 refused[name] = (
                     f"it differs from {plain.replace('_', ' ')} by {100.0 * shown:.2g} % only"
                     if shown < settings.least_share

@@ -247,13 +247,6 @@ def best_of(rows: Sequence[Proposal]) -> Proposal:
     return max(rows, key=lambda one: one.gain)
 
 
-def loosened(predictions: Predictions, fit: StructureFit) -> StructureFit:
-    """Return ``fit`` with the loosest correction, where its motion is the measured one."""
-    if fit.looseness == LOOSENESS[0]:
-        return fit
-    return fit_structure(predictions, fit.structure, LOOSENESS[:1])
-
-
 @dataclass(frozen=True, slots=True)
 class Balanced:
     """Effects that the balance of forces was solved with.

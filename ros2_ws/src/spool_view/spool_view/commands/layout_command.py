@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from spool_bag.reader import BagReader
 
 
-#: Okabe and Ito's colours, told apart by the colour-blind.
+#: Okabe and Ito's colours, which the colour-blind can distinguish.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7")
 
 #: Parameters where no estimate says what the model has: those of the default model.
