@@ -49,12 +49,23 @@ def forever():
 faults = 0
 take = EstimatorNode._take
 
-def faulty(self, blocks):
-    global faults
-    begun = any(block.sequence >= 300 for block in blocks)
-    if self.get_namespace() == "/valve_1" and begun and faults < MOST:
+class Failing:
+    def __init__(self, core):
+        self.core = core
+
+    def __getattr__(self, name):
+        return getattr(self.core, name)
+
+    def update(self, block):
+        global faults
+        if block.sequence >= 300 and faults < MOST:
             faults += 1
             FAULT
+        return self.core.update(block)
+
+def faulty(self, blocks):
+    if self.get_namespace() == "/valve_1" and not isinstance(self._core, Failing):
+        self._core = Failing(self._core)
     take(self, blocks)
 
 EstimatorNode._take = faulty

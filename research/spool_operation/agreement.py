@@ -19,11 +19,10 @@ from .world import AROUND, BEFORE, ValveDay, draw_day
 FULL = 3600
 
 ABOUT = (
-    "The first hour of production of each day, twice: blocks through the real estimator and monitor all "
-    "the time, "
-    "and estimates of the surrogate. A change is that of a parameter against its baseline, over the "
-    "change that has "
-    "to be found; the drift tests judge nothing else. Hourly drift is the largest mean change over a minute."
+    "The first hour of production of each day, twice: blocks through the real estimator and monitor all the"
+    " time, and estimates of the surrogate. A change is that of a parameter against its baseline, over the "
+    "change that has to be found; the drift tests judge nothing else. Hourly drift is the largest mean "
+    "change over a minute."
 )
 
 

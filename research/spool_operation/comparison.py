@@ -11,6 +11,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import count, islice
 from typing import Any
 
 import numpy as np
@@ -34,6 +35,9 @@ TAIL = 0.25
 MONITOR = "monitor"
 #: The viscous coefficient of a day whose oil temperature nobody measures.
 UNREFERRED = "viscous_coefficient, no thermometer"
+
+#: Days without a thermometer that thresholds are set on, at least.
+BARE = 10
 
 #: Detector and setting.
 Setting = tuple[str, str]
@@ -137,26 +141,26 @@ class Comparison:
 
 ABOUT = (
     "Every detector sees the same changes of one parameter, one a second. A peer's threshold is set on "
-    "{calibrated} healthy days so that it is passed once a valve-year (exponential tail of the days' largest "
-    "values); the monitor's follows from `false_alarm_interval` and the estimates' covariance. Of each "
-    "peer the "
-    "setting counts that does best on these faults, which favours it. Cells: median delay from when the "
-    "change is "
-    "as large as it has to be found, with the 95 % interval of the median, and how many were missed. "
-    "river's ADWIN "
-    "and KSWIN have no threshold to set to a rate; they are compared in [benchmarks](bench_monitor.md). "
-    "Warm oil looks like wear where no thermometer corrects for it, so the viscous coefficient of such "
-    "days has separate thresholds and rows."
+    "{calibrated} healthy days so that it is passed once a valve-year (exponential tail of the days' "
+    "largest values); the monitor's follows from `false_alarm_interval` and the estimates' covariance. Of "
+    "each peer the setting counts that does best on these faults, which favours it. Cells: median delay "
+    "from when the change is as large as it has to be found, with the 95 % interval of the median, and how "
+    "many were missed. river's ADWIN and KSWIN have no threshold to set to a rate; they are compared in "
+    "[benchmarks](bench_monitor.md). Warm oil looks like wear where no thermometer corrects for it, so the "
+    "viscous coefficient of such days has separate thresholds and rows."
 )
 
 
 def compare(healthy: int, faulty: int, seed: int, workers: int | None) -> Comparison:
     """Set thresholds on ``healthy`` days, try them on as many others and on ``faulty`` days with a drift."""
     days = [seed + APART + number for number in range(healthy)]
+    # Days without a thermometer are few, and have thresholds of their own parameter.
+    bare = (day for day in count(seed + APART) if not draw_day(day).thermometer)
+    days = sorted({*days, *islice(bare, BARE)})
     calibrated = list(spread(healthy_maxima, days, "days that thresholds are set on", workers))
     thresholds = {
         key: threshold_of([one.largest[key] for one in calibrated if key in one.largest])
-        for key in {key for one in calibrated for key in one.largest}
+        for key in sorted({key for one in calibrated for key in one.largest})
     }
     others = [seed + 2 * APART + number for number in range(healthy)]
     tried = list(spread(healthy_maxima, others, "healthy days", workers))
@@ -167,10 +171,10 @@ def compare(healthy: int, faulty: int, seed: int, workers: int | None) -> Compar
     )  # fmt: skip
 
 
-def drift_days(count: int, seed: int) -> list[int]:
-    """Return seeds of ``count`` days whose fault is the drift of a parameter, from ``seed`` on."""
+def drift_days(wanted: int, seed: int) -> list[int]:
+    """Return seeds of ``wanted`` days whose fault is the drift of a parameter, from ``seed`` on."""
     found: list[int] = []
-    while len(found) < count:
+    while len(found) < wanted:
         day = draw_day(seed, faulty=True)
         if day.fault is not None and day.fault.quantity:
             found.append(seed)

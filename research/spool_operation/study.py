@@ -107,8 +107,7 @@ def parts(
         false_table(healthy),
         "## Faults",
         f"{len(faulty)} days with a fault. Delays count from when the change is as large as it has to be "
-        "found; "
-        "an earlier one is negative. Brackets: 95 % intervals.",
+        "found; an earlier one is negative. Brackets: 95 % intervals.",
         fault_table(faulty),
         summary(faulty),
         "## Delay and severity",
@@ -122,20 +121,14 @@ def parts(
 
 
 ABOUT = (
-    "Each valve-day follows from its seed: shifts, pauses, weekends, speeds through the resonance, oil "
-    "that warms and "
-    "cools with day and season, sensor noise, lost blocks, restarts of the software through the state "
-    "files, and on "
-    "the days with a fault one fault. The monitor, its state files, the watch for a model gap and all "
-    "detectors are "
-    "the ones that ship. Around one event of a healthy day, and around each fault that only samples "
-    "show, real "
-    "blocks go through the real estimator and the monitor. In between the monitor gets estimates of a "
-    "surrogate of "
-    "the estimator, so detectors that need samples (resonance, stuck spool, sensors) are counted for the "
-    "hours of "
-    "real blocks only. Faults of months are lapses of 40 stretches of 4 minutes. How it works: "
-    "[monitoring](../methods/monitoring.md#over-many-days)."
+    "Each valve-day follows from its seed: shifts, pauses, weekends, speeds through the resonance, oil that"
+    " warms and cools with day and season, sensor noise, lost blocks, restarts of the software through the "
+    "state files, and on the days with a fault one fault. The monitor, its state files, the watch for a "
+    "model gap and all detectors are the ones that ship. Around one event of a healthy day, and around each"
+    " fault that only samples show, real blocks go through the real estimator and the monitor. In between "
+    "the monitor gets estimates of a surrogate of the estimator, so detectors that need samples (resonance,"
+    " stuck spool, sensors) are counted for the hours of real blocks only. Faults of months are lapses of "
+    "40 stretches of 4 minutes. How it works: [monitoring](../methods/monitoring.md#over-many-days)."
 )
 
 
@@ -184,10 +177,9 @@ def summary(faulty: Sequence[DayOutcome]) -> str:
     false = sum(len(one.false) for one in faulty)
     return (
         "Of alarm size (twice the change that has to be found, and all faults of sensors and sticking): "
-        "found "
-        f"{_share(sum(one.found is not None for one in large), len(large))}; where the oil's temperature is "
-        f"measured {_share(sum(one.found is not None for one in measured), len(measured))}. Of all: found "
-        f"{_share(len(found), len(faulty))}; cause right "
+        f"found {_share(sum(one.found is not None for one in large), len(large))}; where the oil's "
+        f"temperature is measured {_share(sum(one.found is not None for one in measured), len(measured))}. Of all: "
+        f"found {_share(len(found), len(faulty))}; cause right "
         f"{_share(sum(one.right for one in found), len(found))}. "
         f"Other false alarms on these days: {false}."
     )
@@ -236,8 +228,7 @@ def _failing(outcomes: Sequence[DayOutcome]) -> list[str]:
     ]
     return [
         f"{len(failing)} days, the first {len(rows)} of them. Replay: `./spool study operation --day "
-        "SEED --out DIR` "
-        f"(with `--faulty 1` for a day with a fault), version {suite_version()}.",
+        f"SEED --out DIR` (with `--faulty 1` for a day with a fault), version {suite_version()}.",
         markdown_table(("seed", "day", "what happened"), rows),
     ]
 
@@ -326,11 +317,9 @@ class YearMemory:
         """Return what the page states."""
         return (
             f"One valve over a simulated year ({self.monitor.size} days, {EACH} s of production of "
-            "each): the "
-            f"monitor's state grows by {self.slope:.1f} bytes a day and is "
-            f"{self.monitor.max() / 1000.0:.0f} kB at "
-            f"most (serialised size of all its objects); state files are {self.files.max() / 1000.0:.1f} "
-            "kB at most."
+            f"each): the monitor's state grows by {self.slope:.1f} bytes a day and is "
+            f"{self.monitor.max() / 1000.0:.0f} kB at most (serialised size of all its objects); state "
+            f"files are {self.files.max() / 1000.0:.1f} kB at most."
         )
 
 

@@ -43,7 +43,7 @@ class SurrogateRow:
     """Estimates at one operating point.
 
     Attributes:
-        features: of the operating point, see :func:`.operating_point.features`.
+        features: of the operating point, see :func:`.world.features`.
         tracking: share of the estimates that track.
         bias: mean error of k and c (relative) and of F_c over the first order's inertia force, shape (3,).
         sensitivity: of that to the relative gain error between the accelerometers, shape (3,).

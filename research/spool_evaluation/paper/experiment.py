@@ -1,4 +1,4 @@
-"""Printed data of the paper: its measurement series, its fitted values, its model equations.
+"""Printed data of the paper (series, fitted values, model equations), and its experiment simulated.
 
 Stosiak, Karpenko, Deptula, Urbanowicz, Skackauskas, Cieslicki, Deptula: Modelling and Experimental
 Verification of the Interaction in a Hydraulic Directional Control Valve Spool Pair (2022), CC BY. It prints

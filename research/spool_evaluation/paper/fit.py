@@ -1,4 +1,4 @@
-"""Fits of the paper's four models to a series by equation (33), on free-run simulations."""
+"""Fits of the paper's four models by equation (33), and what of its results they reproduce."""
 
 from __future__ import annotations
 

@@ -6,7 +6,6 @@ import contextlib
 import io
 import json
 import math
-import resource
 import shutil
 import time
 from collections.abc import Sequence
@@ -505,6 +504,8 @@ def _cost(bags: Path, store: Path, size: int, workers: int | None) -> FleetCost:
         answer(store, None, "trend", "press_1", "valve_1", "body_rms")
         asked.append(time.perf_counter() - start)
     files = sum(1 for _ in (store / "tables").rglob("*.parquet"))
+    import resource  # noqa: PLC0415 - Windows has none, and compares fleets, too
+
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
     shutil.rmtree(store)
     count = added.new

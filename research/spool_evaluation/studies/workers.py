@@ -6,6 +6,7 @@ import json
 import multiprocessing
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
@@ -57,7 +58,7 @@ Row = TypeVar("Row", bound=KeptRow)
 
 
 def appended(path: Path, rows: Iterable[Row]) -> Iterator[Row]:
-    """Yield ``rows`` as they are done; each is a line of JSON in ``path`` before."""
+    """Append each of ``rows`` to ``path`` as a line of JSON, then yield it."""
     cut_off = path.exists() and not path.read_text().endswith("\n")
     with path.open("a") as file:
         file.write("\n" if cut_off else "")
@@ -68,6 +69,9 @@ def appended(path: Path, rows: Iterable[Row]) -> Iterator[Row]:
 
 
 def kept_rows(path: Path, row_from: Callable[[dict[str, Any]], Row]) -> list[Row]:
-    """Return the rows that ``path`` holds; a last line that was cut off is left out."""
-    lines = path.read_text().splitlines() if path.exists() else []
-    return [row_from(json.loads(line)) for line in lines if line.endswith("}")]
+    """Return the rows that ``path`` holds; lines that were cut off are left out."""
+    rows = []
+    for line in path.read_text().splitlines() if path.exists() else ():
+        with suppress(json.JSONDecodeError):
+            rows.append(row_from(json.loads(line)))
+    return rows

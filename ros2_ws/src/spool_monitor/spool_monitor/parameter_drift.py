@@ -430,11 +430,11 @@ def threshold_for(run_length: float, allowance: float, variance: float) -> float
         return 0.0
     highest = variance / (2.0 * allowance) * (20.0 + math.log1p(2.0 * allowance**2 * run_length / variance))
 
-    def too_long(threshold: float) -> float:
+    def log_ratio(threshold: float) -> float:
         length = mean_run_length(threshold, allowance, variance)
         return 1.0 if math.isinf(length) else math.log(max(length, 1e-300) / run_length)
 
-    return float(brentq(too_long, 1e-12 * highest, highest))
+    return float(brentq(log_ratio, 1e-12 * highest, highest))
 
 
 @dataclass(slots=True)
