@@ -178,10 +178,9 @@ def summary(faulty: Sequence[DayOutcome]) -> str:
     return (
         "Of alarm size (twice the change that has to be found, and all faults of sensors and sticking): "
         f"found {_share(sum(one.found is not None for one in large), len(large))}; where the oil's "
-        f"temperature is measured {_share(sum(one.found is not None for one in measured), len(measured))}. Of all: "
-        f"found {_share(len(found), len(faulty))}; cause right "
-        f"{_share(sum(one.right for one in found), len(found))}. "
-        f"Other false alarms on these days: {false}."
+        f"temperature is measured {_share(sum(one.found is not None for one in measured), len(measured))}. "
+        f"Of all: found {_share(len(found), len(faulty))}; cause right "
+        f"{_share(sum(one.right for one in found), len(found))}. Other false alarms on these days: {false}."
     )
 
 
