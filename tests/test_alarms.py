@@ -122,7 +122,6 @@ def test_operators_acknowledge_shelve_suppress_and_are_refused_with_a_reason(sys
     out = SuppressAlarm.Request.OUT_OF_SERVICE
     assert ask(system, SuppressAlarm, "suppress_alarm", alarm=SILENCE, way=out, who="E").success
     system.until(lambda: state(alarms) == Alarm.STATE_OUT_OF_SERVICE, "it is out of service")
-    system.until(lambda: health.last.namur == ValveHealth.NAMUR_FUNCTION_CHECK, "the valve is being checked")
     back = ask(system, SuppressAlarm, "suppress_alarm", alarm=SILENCE, way=out, suppressed=False, who="E")
     assert back.success
     wrong = ask(system, SuppressAlarm, "suppress_alarm", alarm=SILENCE, way=9, suppressed=True, who="E")
