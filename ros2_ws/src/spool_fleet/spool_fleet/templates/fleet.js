@@ -113,7 +113,7 @@
       padding: large ? [18, course ? 0 : 24, 0, 0] : [2, 0, 2, 0],
       tzDate: (seconds) => uPlot.tzDate(new Date(1000 * seconds), "Etc/UTC"),
       scales: { x: { range: numbers.time.map((day) => day * DAY) }, y: { range: [low, high] } },
-      axes: [{ ...edge, values: dates, space: large ? 84 : 40, ...bare }, { ...edge, values, size: 52, ...bare },
+      axes: [{ ...edge, values: dates, size: 26, space: large ? 84 : 40, ...bare }, { ...edge, values, size: 52, ...bare },
         ...(large && course ? [{ ...edge, scale: "y", side: 1, values: units, size: 52, grid: { show: false } }] : [])],
       series: [{}, { stroke: () => colour("--course"), width: large ? 0.8 : 1.3, points: { show: large, size: 4, fill: () => colour("--course") } },
         ...(course ? [bound, bound] : [])],
