@@ -47,17 +47,12 @@ _TEMPLATES = Environment(
     loader=PackageLoader(__package__), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
     lstrip_blocks=True,
 )  # fmt: skip
-
-
 _TEMPLATES.filters |= {"number": number, "day": date, "percent": percent, "quote": quote}
-
-
 _TEMPLATES.globals |= {
     "interval": interval, "with_interval": with_interval, "cause_name": cause_name, "cause_of": cause_of,
     "change_sentence": change_sentence, "limit_sentence": limit_sentence, "names": NAMES, "plural": plural,
     "time_left": time_left, "MACHINE": MACHINE, "legend": LEGEND,
 }  # fmt: skip
-
 
 TEMPERATURE = "temperature"
 
@@ -155,7 +150,8 @@ class Charts:
             "baseline": course.baseline,
             "limit": course.limit if math.isfinite(course.limit) else None,
             "levels": [
-                plain_numbers([one.first, one.last, one.value, one.half_width]) for one in course.levels
+                [round(one.first, 3), round(one.last, 3), *plain_numbers([one.value, one.half_width])]
+                for one in course.levels
             ],
             "services": [[one.day, LETTERS.get(one.kind, "*")] for one in course.services],
             "since": trend.since if trend.changed else None,

@@ -5,11 +5,13 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from spool_estimator.identification.fit import fit
 from spool_estimator.identification.fit_result import FitSettings
 from spool_estimator.identification.record import Record
+from spool_monitor.replay import DriftPoint
 from spool_sim.excitation import Multisine
 from spool_sim.model import load_model
 from spool_sim.sensors import Sensor
@@ -18,8 +20,8 @@ from spool_sim.valve import find_valve
 from spool_tools.cli import main
 from spool_tools.report import page as html
 from spool_tools.report.evidence.collection import AccelerationEvidence
-from spool_tools.report.evidence.confidence import Ellipse, ellipse_of, whiteness
-from spool_tools.report.evidence.exhibit import Exhibit, LeftOut, made
+from spool_tools.report.evidence.confidence import Ellipse, drift, ellipse_of, whiteness
+from spool_tools.report.evidence.exhibit import POINTS, Exhibit, LeftOut, made
 from spool_tools.report.evidence.motion import Numbers, loops_of, step_at_zero
 from spool_tools.report.evidence.spectra import bands_of, cross_spectra, linear_transmissibility
 
@@ -124,6 +126,28 @@ def test_an_ellipse_of_normal_numbers_holds_95_of_100() -> None:
     outer = [ellipse.holds(point) for point in 1.001 * edge.T]
     assert all(inner)
     assert not any(outer)
+
+
+def test_a_short_peak_of_a_long_record_is_drawn_and_the_legend_names_each_look_once() -> None:
+    points = [
+        DriftPoint(at * 1_000_000_000, 2.5, 0.01, 2.5, 0.01, 0.2, 0.0, 60.0 if at == 7001 else 1.0, 0.0, 50.0)
+        for at in range(20_000)
+    ]
+    found = drift("viscous_coefficient", "N s/m", points, 0, ())
+    try:
+        assert "first crosses its threshold at 7001 s" in found.seen
+        upper, lower = found.panels
+        assert lower.x.size <= POINTS
+        (peak,) = lower.x[lower.lines[0].values > 50.0]
+        assert peak == 7001.0
+        legend = found.figure.axes[0].get_legend()
+        names = [text.get_text() for text in legend.get_texts()]
+        assert names == ["baseline", "change that matters", "alarm", "estimate"]
+        found.figure.draw_without_rendering()
+        assert legend.get_window_extent().y0 >= found.figure.axes[0].bbox.y1, "above the lines"
+        assert len(upper.lines) == 6
+    finally:
+        plt.close(found.figure)
 
 
 def test_missing_dry_friction_is_a_step_at_velocity_zero_of_twice_its_size() -> None:

@@ -8,7 +8,7 @@ import time
 from concurrent.futures import Future
 from functools import partial
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 from rcl_interfaces.srv import GetParameters
 from rclpy.node import Node
@@ -388,6 +388,8 @@ def _outcome(act: Act, answer: Any) -> Outcome:
     return Outcome(True, ", ".join(getattr(answer, "changed", ())) or str(getattr(answer, "stage", "")))
 
 
-def _keep(valve: HeardValve, what: str, value: object) -> None:
+def _keep(
+    valve: HeardValve, what: Literal["estimate", "alarms", "gap", "baseline", "limits"], value: object
+) -> None:
     setattr(valve, what, value)
     valve.changes += 1

@@ -302,8 +302,10 @@ class HostProcess:
         # After a callback of this thread that took long, or a pause of the whole process, it waits its turn.
         if owner is not None and since < LONGEST_CALL and worker.give_up(owner):
             valve = next((one.valve for one in self.hosted if one.node is owner), None)
-            takers = [one for one in self.hosted if one.valve == valve]
-            for one in [one for one in takers if isinstance(one.node, EstimatorNode | MonitorNode)]:
+            for one in self.hosted:
+                # Those that take the blocks of its valve stop together: they share them.
+                if one.valve != valve or not isinstance(one.node, EstimatorNode | MonitorNode):
+                    continue
                 one.node.give_up()
                 HUB.give_up(one.node)
                 one.failed, one.due = f"a callback did not return within {LONGEST_CALL:g} s", now + AGAIN

@@ -98,24 +98,28 @@
     const [low, high] = numbers.scales[place.dataset.scale];
     const large = place.classList.contains("large");
     const course = data.levels !== undefined;
-    const edge = { stroke: () => colour("--soft"), font: "11px system-ui, sans-serif", ticks: { show: false }, show: large,
-      grid: { stroke: () => colour("--line"), width: 0.6 } };
+    const edge = { stroke: () => colour("--soft"), font: "11px system-ui, sans-serif", ticks: { show: false }, space: 28,
+      border: { show: true, stroke: () => colour("--soft"), width: 1 }, grid: { stroke: () => colour("--line"), width: 0.6 } };
+    const bare = large ? {} : { size: 0, values: () => [] };
+    const dates = [[28 * DAY, "{YYYY}-{MM}"], [DAY, "{YYYY}-{MM}-{DD}"]];  // by the time between two marks
     const values = (_, marks) => marks.map((mark) => (course ? signed(mark) : `${mark} °C`));
     const units = (_, marks) => marks.map((mark) => String(Number((data.baseline * (1 + mark / 100)).toPrecision(3))));
     const bound = { stroke: "transparent", points: { show: false } };
-    const columns = [data.day.map((day) => day * DAY), data.value];
+    // What lies beyond the scale is drawn at its edge.
+    const kept = (row) => row.map((value) => (value === null ? null : Math.min(high, Math.max(low, value))));
+    const rows = (course ? [data.value, data.low, data.high] : [data.value]).map(kept);
     plots.set(place, new uPlot({
       width: place.clientWidth, height: place.clientHeight, legend: { show: false }, cursor: { show: false },
       padding: large ? [18, course ? 0 : 24, 0, 0] : [2, 0, 2, 0],
       tzDate: (seconds) => uPlot.tzDate(new Date(1000 * seconds), "Etc/UTC"),
       scales: { x: { range: numbers.time.map((day) => day * DAY) }, y: { range: [low, high] } },
-      axes: [edge, { ...edge, values, size: 52, space: 28, show: true, ...(large ? {} : { size: 0, values: () => [] }) },
-        ...(large && course ? [{ ...edge, scale: "y", side: 1, values: units, size: 52, space: 28, grid: { show: false } }] : [])],
+      axes: [{ ...edge, values: dates, size: 26, space: large ? 84 : 40, ...bare }, { ...edge, values, size: 52, ...bare },
+        ...(large && course ? [{ ...edge, scale: "y", side: 1, values: units, size: 52, grid: { show: false } }] : [])],
       series: [{}, { stroke: () => colour("--course"), width: large ? 0.8 : 1.3, points: { show: large, size: 4, fill: () => colour("--course") } },
         ...(course ? [bound, bound] : [])],
       bands: large && course ? [{ series: [3, 2], fill: () => colour("--course") + "38" }] : [],
       hooks: course ? { drawAxes: [(plot) => below(plot, data, low, high, large)], draw: [(plot) => above(plot, data, low, high, large)] } : {},
-    }, course ? [...columns, data.low, data.high] : columns, place));
+    }, [data.day.map((day) => day * DAY), ...rows], place));
     sizes.observe(place);
   }
 

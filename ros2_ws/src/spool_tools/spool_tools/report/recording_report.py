@@ -40,6 +40,7 @@ def write_report(folder: Path, reader: BagReader, analysis: dict[str, Any]) -> P
     sections: list[str] = []
     peaks = {name: _peaks(reader, name) for name in analysis["valves"]}
     start = min((float(table[0, 0]) for table in peaks.values() if table.size), default=0.0)
+    columns = ("parameter", "at the end", PLUS_MINUS, "unit")
     for name, valve in analysis["valves"].items():
         figure = draw_valve(reader, name, peaks[name], start, valve["events"])
         raised = [event for event in valve["events"] if event["state"] == "raised"]
@@ -52,17 +53,11 @@ def write_report(folder: Path, reader: BagReader, analysis: dict[str, Any]) -> P
             dpi=150,
         )
         (folder / f"{name.replace('/', '_')}.png").write_bytes(content)
-        parameters = [
-            {
-                "parameter": key.replace("_", " "),
-                "at the end": shown.value,
-                PLUS_MINUS: shown.half_width,
-                "unit": value["unit"],
-            }
-            for key, value in valve["estimate"]["parameters"].items()
-            for numbers in [[math.nan if value[one] is None else value[one] for one in ("value", "std")]]
-            for shown in [interval(*numbers)]
-        ]
+        parameters = []
+        for key, one in valve["estimate"]["parameters"].items():
+            shown = interval(*(math.nan if one[part] is None else one[part] for part in ("value", "std")))
+            values = (key.replace("_", " "), shown.value, shown.half_width, one["unit"])
+            parameters.append(dict(zip(columns, values, strict=True)))
         listed = [
             {
                 "time": f"{event['t_s']:.1f} s",
@@ -75,9 +70,7 @@ def write_report(folder: Path, reader: BagReader, analysis: dict[str, Any]) -> P
         sections += [
             html.heading(name),
             image,
-            html.table(
-                ["parameter", "at the end", PLUS_MINUS, "unit"], parameters, ("at the end", PLUS_MINUS)
-            ),
+            html.table(columns, parameters, ("at the end", PLUS_MINUS)),
             html.table(["time", "event", "headline", "details"], listed, ("time",)),
         ]
     lost = sum(valve["lost_blocks"] for valve in analysis["valves"].values())

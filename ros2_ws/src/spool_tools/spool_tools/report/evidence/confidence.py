@@ -246,13 +246,13 @@ def residual_whiteness(found: Mapping[str, Whiteness], unit: str = "m/s²") -> E
     """Return the picture of the residuals ``found``, by the name of their model; ``unit`` of the signal."""
     looks = MODEL_LOOKS[-len(found) :]
     first, last = next(iter(found.values())), list(found.values())[-1]
-    (lag,) = thinned(1e3 * last.lag)
+    lag, *rows = thinned(1e3 * last.lag, *(one.correlation for one in found.values()))
     inside = first.frequency > 0.0
-    shown = list(zip(found.items(), looks, strict=True))
-    correlations = [Line(name, thinned(one.correlation)[0], *look, width=1.1) for (name, one), look in shown]
+    shown = list(zip(found, looks, rows, strict=True))
+    correlations = [Line(name, row, *look, width=1.1) for name, look, row in shown]
     densities = [
-        Line(name, np.sqrt(np.maximum(one.density[inside], 1e-30)), *look, width=1.1)
-        for (name, one), look in shown
+        Line(name, np.sqrt(np.maximum(found[name].density[inside], 1e-30)), *look, width=1.1)
+        for name, look, _ in shown
     ]
     band = np.full(lag.size, last.band)
     white = np.full(densities[0].values.size, last.rms / np.sqrt(max(float(last.frequency[-1]), 1e-9)))
@@ -316,13 +316,10 @@ def drift(name: str, unit: str, points: Sequence[DriftPoint], first: int, marks:
     value, deviation, baseline, spread, matters, up, down, threshold = rows
     half, wide = Z_95 * deviation, Z_95 * spread
     limits = [
-        Line(
-            f"{label} {'above' if sign > 0.0 else 'below'}", baseline + sign * factor * matters, DARK, dash,
-            width=0.9,
-        )
-        for factor, dash, label in ((1.0, (6, 3), "matters"), (2.0, (2, 2), "alarm"))
-        for sign in (-1.0, 1.0)
-    ]  # fmt: skip
+        Line(label, baseline + factor * matters, DARK, dash, width=0.9)
+        for label, dash, size in (("change that matters", (6, 3), 1.0), ("alarm", (2, 2), 2.0))
+        for factor in (-size, size)
+    ]
     span = top = None
     if np.isfinite(baseline).any():  # show what was judged: first estimates may be anything
         known = np.concatenate([value, baseline - 2.2 * matters, baseline + 2.2 * matters])

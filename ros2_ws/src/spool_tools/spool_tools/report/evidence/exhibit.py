@@ -13,7 +13,8 @@ from matplotlib.figure import Figure
 from spool_core.errors import InputError
 from spool_core.numbers import Array
 
-matplotlib.use("Agg")  # pictures are drawn where there is no screen
+# Pictures are drawn where there is no screen: every module of the report that draws imports this one.
+matplotlib.use("Agg")
 
 #: Points of a line that a reader can zoom into, at most.
 POINTS = 1500
@@ -110,7 +111,7 @@ class LeftOut:
 def drawn(panels: Sequence[Panel], heights: Sequence[float], height: float) -> Figure:
     """Return ``panels`` below each other, ``height`` inches in all, shared out as ``heights``.
 
-    A legend stands where a panel has other lines than the one above; events are named in the first.
+    A legend stands over a panel that has other lines than the one above; events are named in the first.
     """
     figure: Figure
     alike = len({panel.across for panel in panels}) == 1
@@ -123,7 +124,7 @@ def drawn(panels: Sequence[Panel], heights: Sequence[float], height: float) -> F
             if line.low is not None and line.high is not None:
                 axis.fill_between(panel.x, line.low, line.high, color=line.colour, alpha=0.3, lw=0)
             dash = (0, line.dash) if line.dash else "-"
-            axis.plot(panel.x, line.values, color=line.colour, ls=dash, lw=line.width, label=line.label)
+            axis.plot(panel.x, line.values, color=line.colour, ls=dash, lw=line.width)
         for mark in panel.marks:
             axis.axvline(mark.time, color=DARK, lw=0.7, ls="-" if mark.raised else ":")
             if mark.raised and axis is axes[0]:
@@ -139,7 +140,11 @@ def drawn(panels: Sequence[Panel], heights: Sequence[float], height: float) -> F
         plain(axis, "" if alike and axis is not axes[-1] else panel.across, panel.up)
         labels = [line.label for line in panel.lines]
         if labels != before:
-            axis.legend(fontsize=8, frameon=False, ncols=4)
+            entries = dict(zip(labels, axis.lines, strict=False))  # lines of one name look alike
+            axis.legend(
+                entries.values(), entries.keys(), fontsize=8, frameon=False, ncols=4, loc="lower left",
+                bbox_to_anchor=(0.0, 1.0), borderaxespad=0.2,
+            )  # fmt: skip
         before = labels
     return figure
 
@@ -159,9 +164,16 @@ def made(title: str, build: Callable[[], Exhibit]) -> Exhibit | LeftOut:
 
 
 def thinned(*rows: Array, points: int = POINTS) -> tuple[Array, ...]:
-    """Return every so manieth sample of ``rows`` of one length, so that ``points`` are left at most."""
-    step = max(1, -(-rows[0].size // points))
-    return tuple(row[::step] for row in rows)
+    """Return samples of ``rows`` of one length, ``points`` at most: evenly apart, and the peaks between."""
+    size = rows[0].size
+    if size <= points:
+        return rows
+    kept = [np.linspace(0, size - 1, points // 2).astype(np.int64)]
+    for piece in np.array_split(np.arange(size), points // (4 * len(rows))):
+        for part in (sign * row[piece] for row in rows for sign in (-1.0, 1.0)):
+            kept.append(piece[[np.argmax(np.where(np.isnan(part), -np.inf, part))]])
+    chosen = np.unique(np.concatenate(kept))
+    return tuple(row[chosen] for row in rows)
 
 
 def listed(parts: Sequence[str]) -> str:

@@ -352,7 +352,10 @@ def transmissibility(runs: Runs) -> Exhibit:
     size, error = np.abs(measured.response), measured.relative_error
     low, high = (size * np.maximum(1.0 + sign * Z_95 * error, LEAST_BAND) for sign in (-1.0, 1.0))
     phase, spread = empty * _degrees(measured, shown), np.degrees(Z_95 * np.minimum(error, np.pi))[shown]
-    own = Line("measured", empty * size[shown], MEASURED, (), empty * low[shown], empty * high[shown], 2.5)
+    own = Line(
+        "measured, with 95 % band", empty * size[shown], MEASURED, (), empty * low[shown],
+        empty * high[shown], 2.5,
+    )  # fmt: skip
     looks = MODEL_LOOKS[-len(models) :]
 
     def of_models(take: Callable[[CrossSpectra], Array]) -> list[Line]:
