@@ -132,10 +132,30 @@ def test_a_clock_that_runs_faster_than_the_other_is_told_with_its_rate(rate: flo
     assert (found.cause, found.value) == ("clock_drift", pytest.approx(rate, rel=0.05, abs=5e-5))
 
 
-def test_the_corner_of_a_coupled_channel_is_measured() -> None:
-    body, spool = SOUND
-    (found,) = faults_of(body, ac_coupled(spool, 1.0), 1.0 / RATE)
-    assert (found.channel, found.value) == ("spool", pytest.approx(1.0, rel=0.15))
+@pytest.mark.parametrize("corner", [1.0, 3.0, 6.0])
+@pytest.mark.parametrize("channel", ["body", "spool"])
+def test_the_corner_of_a_coupled_channel_is_measured(corner: float, channel: str) -> None:
+    coupled = on(channel, lambda row: ac_coupled(row, corner), SOUND)
+    (found,) = faults_of(*coupled, 1.0 / RATE)
+    assert (found.cause, found.channel) == ("ac_coupling", channel)
+    assert found.value == pytest.approx(corner, rel=0.15)
+
+
+@pytest.mark.parametrize("after", [0.6, 0.75, 1.4], ids="stiffness times {:g}".format)
+def test_a_spring_that_breaks_within_a_record_is_no_fault_of_a_channel(after: float) -> None:
+    valve = find_valve("4weh10_soft")
+    simulator = Simulator(
+        valve, from_mapping(EXCITATIONS["machine"]), coulomb_force=0.1, sample_rate=RATE, seed=2,
+        body_sensor=Sensor(noise=0.03), spool_sensor=Sensor(noise=0.03),
+    )  # fmt: skip
+    blocks = list(simulator.records(5.0))
+    simulator.set_drift("spring_stiffness", after * valve.spring_stiffness, 0.0)
+    blocks += list(simulator.records(5.0))
+    body, spool = (
+        np.concatenate([getattr(one, name) for one in blocks]).astype(np.float64).round(3)
+        for name in ("body", "spool")
+    )
+    assert faults_of(body, spool, 1.0 / RATE) == []
 
 
 def test_one_sensor_read_twice_is_seen_and_a_stuck_spool_is_not_that() -> None:
