@@ -115,10 +115,14 @@ class ChannelFault:
 
 @dataclass(frozen=True, slots=True)
 class PairLook:
-    """Look at a pair of channels: its gravest ``fault``, and the spool's ``delay`` (s), NaN: not known."""
+    """Look at a pair of channels: its gravest ``fault``, and the spool's ``delay`` (s), NaN: not known.
+
+    ``changed``: the valve itself changes within the readings, as where a spring breaks.
+    """
 
     fault: ChannelFault | None
     delay: float
+    changed: bool = False
 
 
 def faults_of(body: Array, spool: Array, period: float) -> list[ChannelFault]:
@@ -297,7 +301,7 @@ def look_at_pair(body: Array, spool: Array, period: float, start: float = 0.0) -
     step = pair.step(nominal)
     wrong = wrong_sensitivity(pair, gain, nominal)
     # A spring that breaks within the record bends the gain of the whole.
-    changed = step is not None and step.valve < STEP_SHARE * gain.residual
+    changed = step is not None and STEP_BETTER * step.valve**2 < min(step.clock, gain.residual) ** 2
     if wrong is not None and not changed and not clock_steps(step, gain.residual, period):
         return PairLook(wrong, math.nan)
     coupled, delayed = pair.fit((GAIN, CORNER), gain), pair.fit((GAIN, DELAY), gain)
@@ -325,7 +329,7 @@ def look_at_pair(body: Array, spool: Array, period: float, start: float = 0.0) -
         return PairLook(coupling(gain, coupled), delay)
     if delayed.residual**2 * APART < coupled.residual**2:
         return PairLook(constant_delay(gain, delayed, period), delay)
-    return PairLook(None, delay)
+    return PairLook(None, delay, changed)
 
 
 def wrong_sensitivity(pair: ChannelPair, gain: PairFit, nominal: PairFit) -> ChannelFault | None:

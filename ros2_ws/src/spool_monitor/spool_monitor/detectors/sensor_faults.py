@@ -14,10 +14,20 @@ from spool_core.numbers import Array, Complex
 from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.estimate import Estimate, State
 
-from spool_monitor.channels import MEMORY, Channel, Signals, ValveResponse, transfer
+from spool_monitor.channels import KEPT, MEMORY, Channel, Signals, ValveResponse, transfer
 from spool_monitor.event import EventCause, Facts, Finding, Severity, sensor_fault
 
-from .base import ESTIMATE, MINIMUM_BODY, SIGNALS, Detector, Judgement, Moment, MonitorLimit, MonitorSettings
+from .base import (
+    CHANNELS,
+    ESTIMATE,
+    MINIMUM_BODY,
+    SIGNALS,
+    Detector,
+    Judgement,
+    Moment,
+    MonitorLimit,
+    MonitorSettings,
+)
 
 CLIPPING_KIND = sensor_fault(EventCause("clipping", 602))
 
@@ -345,7 +355,7 @@ class SensorScale(Detector):
     name = "sensor_scale"
     kind = SCALE_KIND
     needs_valve = True
-    looks_at = (SIGNALS, ESTIMATE)
+    looks_at = (SIGNALS, ESTIMATE, CHANNELS)
     rank = 4
     learns: ClassVar[Mapping[str, str]] = {"channel_gain": "1"}
     on_delay: ClassVar[float] = 2.0
@@ -357,10 +367,13 @@ class SensorScale(Detector):
         self._unexplained = self._lost = 0
         self._before = (0.0, 0.0)
         self._found = False
-        self._near = -(10**18)
+        self._near = self._changed = -(10**18)
 
     def update(self, moment: Moment) -> Finding | None:
         """Judge the response of ``moment``, if there is a new one; take note of an estimate's residual."""
+        pair = None if moment.channels is None else moment.channels.pair
+        if pair is not None and pair.changed:
+            self._changed, self._found = moment.stamp, False
         if moment.distrust:
             self._unexplained = self._lost = 0
             if moment.signals is not None:
@@ -414,6 +427,8 @@ class SensorScale(Detector):
         change = response.gain / self._recent - 1.0
         limit = self.settings[GAIN_CHANGE] + MISFIT * response.misfit
         proven = self._unexplained >= IN_A_ROW or self._lost >= LOST
+        # A valve that changes within what the channels show explains them.
+        proven = proven and moment.stamp - self._changed > KEPT * 1e9
         if proven and abs(change) > limit:
             self._found = True
         elif abs(change) < SCALE_SUSPICIOUS * limit:
