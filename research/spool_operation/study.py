@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from spool_core.numbers import Array
 from spool_evaluation.results.page import interval, markdown_table, poisson_interval, renew_json, write_page
-from spool_evaluation.studies.workers import spread
+from spool_evaluation.studies.workers import resumed
 from spool_tools.outputs import suite_version
 
 from spool_operation.comparison import Comparison, compare
@@ -25,6 +25,7 @@ from spool_operation.surrogate import load_surrogate
 from spool_operation.world import draw_day, stretches_of
 
 YEAR = 365.25
+ROWS = "operation_days.jsonl"
 #: Seeds are apart by this much: healthy days, days with faults, days that thresholds are set on.
 APART = 10_000_000
 #: Severity from which a fault is of the size of an alarm.
@@ -46,6 +47,7 @@ def run(
 ) -> None:
     """Live ``cases`` healthy valve-days and ``faulty`` ones with a fault; write the page into ``out``.
 
+    What the rows in ``out`` hold already is not lived again; the comparison of detectors comes last.
     ``day`` replays the one day of that seed instead, healthy unless ``faulty`` is not 0.
     """
     out.mkdir(parents=True, exist_ok=True)
@@ -58,18 +60,19 @@ def run(
     write = partial(_write, out, command)
     found: list[DayOutcome] = []
     memory = simulated_year(seed)
-    comparison = compare(
-        min(max(10, cases // 4), COMPARED), min(max(10, faulty // 2), COMPARED), seed, workers
-    )
     wanted = [(seed + number, False) for number in range(cases)]
     wanted += [(seed + number, True) for number in range(faulty)]
     # Faults are spread among healthy days: a study that is ended early has some of both.
-    order = np.random.default_rng(seed).permutation(len(wanted))
-    for outcome in spread(_live, [wanted[int(one)] for one in order], "valve-days", workers):
+    order = [wanted[int(one)] for one in np.random.default_rng(seed).permutation(len(wanted))]
+    for outcome in resumed(
+        out / ROWS, DayOutcome, lambda one: (one.seed, one.faulty), _live, order, "valve-days", workers
+    ):
         found.append(outcome)
-        if len(found) % 50 == 0:
-            write(found, memory, comparison)
-    write(found, memory, comparison)
+        if len(found) % 500 == 0:
+            write(found, memory, None)
+    write(found, memory, None)
+    healthy, drifting = (min(max(10, number // 4), COMPARED) for number in (cases, 2 * faulty))
+    write(found, memory, compare(healthy, drifting, seed, workers))
 
 
 def _live(which: tuple[int, bool]) -> DayOutcome:

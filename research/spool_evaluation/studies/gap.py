@@ -18,13 +18,13 @@ from spool_core.errors import InputError
 from spool_estimator.identification.record import Record
 from spool_sim.model import MODELS
 from spool_sim.valve import Valve, valve_from_mapping
-from spool_tools.outputs import write_json
 
 from spool_evaluation.results.page import (
     TARGET_HEAD,
     Proportion,
     Target,
     markdown_table,
+    renew_json,
     save_picture,
     show_targets,
     study_command,
@@ -32,7 +32,7 @@ from spool_evaluation.results.page import (
     write_page,
 )
 from spool_evaluation.results.timing import Stopwatch
-from spool_evaluation.studies.workers import appended, spread
+from spool_evaluation.studies.workers import resumed
 
 BASE = "fluid"
 REFUSED, FAILED = "refused", "failed"
@@ -55,12 +55,17 @@ ABOUT = (
 
 
 def run(cases: int, seed: int, out: Path, workers: int | None = None) -> list[BlindVerdict]:
-    """Analyse ``cases`` blind cases from ``seed`` on; write rows, confusion matrix and page into ``out``."""
+    """Analyse ``cases`` blind cases from ``seed`` on; write rows, confusion matrix and page into ``out``.
+
+    What the rows in ``out`` hold already is not analysed again.
+    """
     out.mkdir(parents=True, exist_ok=True)
-    (out / "cases.jsonl").unlink(missing_ok=True)
-    judged = spread(judge_seed, range(seed, seed + cases), f"{cases} blind cases", workers)
-    rows = sorted(appended(out / "cases.jsonl", judged), key=lambda row: row.seed)
-    write_json(out / "gap_study.json", summary(rows))
+    seeds = range(seed, seed + cases)
+    done = resumed(
+        out / "cases.jsonl", BlindVerdict, lambda row: row.seed, judge_seed, seeds, "blind cases", workers
+    )
+    rows = sorted(done, key=lambda row: row.seed)
+    renew_json(out / "gap_study.json", summary(rows))
     page = write_study(rows, out, study_command("gap", cases, seed))
     show_targets(targets(rows))
     print(f"{page}: every number, what went wrong and how to make it again")

@@ -16,7 +16,7 @@ from spool_blind.hidden import EFFECTS
 
 from spool_evaluation.results.page import markdown_table, renew_json, save_picture, study_command, write_page
 from spool_evaluation.studies.gap import judge
-from spool_evaluation.studies.workers import appended, kept_rows, spread
+from spool_evaluation.studies.workers import resumed
 
 #: Sizes that are tried over the detection limit: powers of this, from the one to the other power.
 STEP, LOWEST, HIGHEST = math.sqrt(2.0), -1, 14
@@ -51,14 +51,11 @@ def run(
     """
     out.mkdir(parents=True, exist_ok=True)
     wanted = [(effect, seed + case) for case in range(cases) for effect in effects]
-    kept = out / "gap_limits.jsonl"
-    found = {
-        (limit.effect, limit.seed): limit for limit in kept_rows(kept, lambda row: DetectionLimit(**row))
-    }
-    items = [item for item in wanted if item not in found]
-    for limit in appended(kept, spread(smallest_named, items, f"{len(items)} limits", workers)):
-        found[limit.effect, limit.seed] = limit
-    limits = [found[item] for item in wanted]
+    done = resumed(
+        out / "gap_limits.jsonl", DetectionLimit, lambda one: (one.effect, one.seed), smallest_named, wanted,
+        "limits", workers,
+    )  # fmt: skip
+    limits = sorted(done, key=lambda one: wanted.index((one.effect, one.seed)))
     renew_json(out / "gap_limits.json", [limit.to_dict() for limit in limits])
     page = write_study(limits, out, study_command("gap-limit", cases, seed))
     print(page.read_text())

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import json
 import multiprocessing
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import TypeVar
 
+from pydantic import TypeAdapter
 from spool_core.system import end_with_parent, processors
+from spool_tools.outputs import suite_version
 from spool_tools.terminal import progress
 
-Item = TypeVar("Item")
+Item = TypeVar("Item", bound=Hashable)
 Result = TypeVar("Result")
 
 
@@ -47,31 +49,46 @@ def spread(
                 pool.shutdown(wait=True, cancel_futures=True)
 
 
-class KeptRow(Protocol):
-    """Row of a study that a file keeps."""
+def resumed(
+    path: Path,
+    kind: type[Result],
+    item_of: Callable[[Result], Item],
+    work: Callable[[Item], Result],
+    items: Sequence[Item],
+    what: str,
+    workers: int | None = None,
+) -> Iterator[Result]:
+    """Yield a row for each of ``items``: those that ``path`` keeps, then the others as they are done.
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return what the file holds of it."""
+    Each row is appended to ``path`` as a line of JSON as soon as it is done, so that a study that was ended
+    goes on where it was. Rows of another version of the suite are made anew, and so are all rows of a
+    version that was changed since its commit.
 
-
-Row = TypeVar("Row", bound=KeptRow)
-
-
-def appended(path: Path, rows: Iterable[Row]) -> Iterator[Row]:
-    """Append each of ``rows`` to ``path`` as a line of JSON, then yield it."""
-    cut_off = path.exists() and not path.read_text().endswith("\n")
+    Args:
+        path: file of rows.
+        kind: dataclass of a row.
+        item_of: returns the item that a row belongs to.
+        work, items, what, workers: see :func:`spread`.
+    """
+    version, row_of = suite_version(), TypeAdapter(kind)
+    kept, others, wanted = dict[Item, Result](), 0, set(items)
+    text = path.read_text() if path.exists() else ""
+    for line in text.splitlines():
+        with suppress(ValueError):  # a line that was cut off
+            row = json.loads(line)
+            one = row_of.validate_python(row["row"])
+            if row["version"] != version or version.endswith("+)"):
+                others += item_of(one) in wanted
+            elif item_of(one) in wanted:
+                kept[item_of(one)] = one
+    if others:
+        print(f"{path}: {others} rows are of another or a changed version, and are made anew")
+    yield from kept.values()
+    missing = [item for item in items if item not in kept]
     with path.open("a") as file:
-        file.write("\n" if cut_off else "")
-        for row in rows:
-            file.write(json.dumps(row.to_dict()) + "\n")
+        file.write("" if text.endswith("\n") or not text else "\n")
+        for one in spread(work, missing, f"{len(missing)} {what}", workers):
+            row = {"version": version, "row": row_of.dump_python(one)}
+            file.write(json.dumps(row) + "\n")
             file.flush()
-            yield row
-
-
-def kept_rows(path: Path, row_from: Callable[[dict[str, Any]], Row]) -> list[Row]:
-    """Return the rows that ``path`` holds; lines that were cut off are left out."""
-    rows = []
-    for line in path.read_text().splitlines() if path.exists() else ():
-        with suppress(json.JSONDecodeError):
-            rows.append(row_from(json.loads(line)))
-    return rows
+            yield one

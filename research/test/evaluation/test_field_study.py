@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import pytest
 from spool_blind.field.case import make_field
+from spool_evaluation.studies import workers
 from spool_evaluation.studies.field import study
 from spool_evaluation.studies.field.study import PAGE, PICTURE, field_parts, write_field_page
 from spool_evaluation.studies.field.verdicts import (
@@ -29,7 +29,6 @@ from spool_evaluation.studies.field.verdicts import (
     deciles,
     field_targets,
     told_of,
-    verdict_from,
 )
 
 LARGE, SMALL = HiddenShare(0.1, 0.05, 100.0, True), HiddenShare(0.01, 0.001, 100.0, False)
@@ -145,15 +144,31 @@ def test_the_page_names_its_window_and_every_case_that_went_wrong(tmp_path: Path
 
 def test_a_study_goes_on_where_it_was_ended(tmp_path: Path, monkeypatch):
     rows = [row("a", "a", seed=seed, nuisances=(HUM,), found={"a.x": (1.0, None)}) for seed in (5, 6)]
-    lines = [json.dumps(one.to_dict()) for one in rows]
-    (tmp_path / study.ROWS).write_text("\n".join([lines[0], lines[0][:30], ""]))
-    looked = []
-    monkeypatch.setattr(study, "judge_field_seed", lambda seed, **_: looked.append(seed) or rows[1])
+    monkeypatch.setattr(workers, "suite_version", lambda: "1.0 (commit ab)")
+    monkeypatch.setattr(study, "judge_field_seed", lambda seed, **_: looked.append(seed) or rows[seed - 5])
+    looked: list[int] = []
+    study.run(1, 5, tmp_path, 1)
+    kept = (tmp_path / study.ROWS).read_text()
+    (tmp_path / study.ROWS).write_text(kept + kept[:30])
     for _ in range(2):
         assert study.run(2, 5, tmp_path, 1) == rows
-    assert looked == [6]
+    assert looked == [5, 6]
     assert "2 cases" in (tmp_path / PAGE).read_text()
-    assert verdict_from(json.loads(lines[1])) == rows[1]
+
+
+@pytest.mark.parametrize("version", ["1.1 (commit cd)", "1.0 (commit ab+)"])
+def test_rows_of_another_or_a_changed_version_are_made_anew(
+    tmp_path: Path, monkeypatch, version: str, capsys
+):
+    monkeypatch.setattr(
+        study, "judge_field_seed", lambda seed, **_: looked.append(seed) or row("a", "a", seed=5)
+    )
+    looked: list[int] = []
+    for one in ("1.0 (commit ab)", version, version):
+        monkeypatch.setattr(workers, "suite_version", lambda one=one: one)
+        study.run(1, 5, tmp_path, 1)
+    assert looked == ([5, 5] if version.startswith("1.1") else [5, 5, 5])
+    assert "are made anew" in capsys.readouterr().out
 
 
 def test_a_record_with_nothing_hidden_and_no_nuisance_lacks_nothing():

@@ -1,9 +1,7 @@
 """Blind study: how it counts, and what its pages say."""
 
-import json
 import re
 import sys
-from dataclasses import asdict
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -13,7 +11,7 @@ from spool_blind.case import limit_case, make
 from spool_core.errors import InputError
 from spool_evaluation.bench import run_bench
 from spool_evaluation.results.page import Proportion, interval, write_page
-from spool_evaluation.studies import gap_limit
+from spool_evaluation.studies import gap_limit, workers
 from spool_evaluation.studies.gap import (
     PICTURE,
     BlindVerdict,
@@ -142,13 +140,15 @@ def test_the_smallest_size_is_found_by_few_looks(monkeypatch):
     assert len(looked) <= 5
 
 
-def test_a_search_for_limits_goes_on_where_it_was_ended(tmp_path):
-    kept = [DetectionLimit("coulomb_friction", 5, "coulomb_force", 0.001, 0.002, 2.0)]
-    kept.append(DetectionLimit("coulomb_friction", 6, "coulomb_force", 0.002, 0.003, 1.5))
-    lines = [json.dumps(asdict(limit)) for limit in kept]
-    (tmp_path / "gap_limits.jsonl").write_text("\n".join([*lines, lines[0][:20]]))
-    for _ in range(2):  # also where its files are there already
-        assert run(2, 5, tmp_path, 1, ["coulomb_friction"]) == kept
+def test_a_search_for_limits_goes_on_where_it_was_ended(tmp_path, monkeypatch):
+    rows = [DetectionLimit("coulomb_friction", 5, "coulomb_force", 0.001, 0.002, 2.0)]
+    rows.append(DetectionLimit("coulomb_friction", 6, "coulomb_force", 0.002, 0.003, 1.5))
+    monkeypatch.setattr(workers, "suite_version", lambda: "1.0 (commit ab)")
+    monkeypatch.setattr(gap_limit, "smallest_named", lambda item: looked.append(item) or rows[item[1] - 5])
+    looked = []
+    for cases in (1, 2, 2):  # also where its files are there already
+        assert run(cases, 5, tmp_path, 1, ["coulomb_friction"]) == rows[:cases]
+    assert looked == [("coulomb_friction", 5), ("coulomb_friction", 6)]
     assert (tmp_path / "gap_limits.png").stat().st_size > 1000
     assert "1 of 1 effects are named" in (tmp_path / "gap_limits.md").read_text()
 

@@ -42,10 +42,9 @@ from spool_evaluation.studies.field.verdicts import (
     field_targets,
     reliability_figure,
     told_of,
-    verdict_from,
 )
 from spool_evaluation.studies.gap import BASE, answered, by_parameter, condition_text
-from spool_evaluation.studies.workers import appended, kept_rows, spread
+from spool_evaluation.studies.workers import resumed
 
 ROWS, RESULT = "field_cases.jsonl", "field_study.json"
 #: s of computing after which a case counts as one without a word: five times what the workflow may take.
@@ -84,13 +83,10 @@ def run(
     """
     out.mkdir(parents=True, exist_ok=True)
     seeds = range(seed, seed + cases)
-    found = {row.seed: row for row in kept_rows(out / ROWS, verdict_from) if row.seed in seeds}
-    missing = [number for number in seeds if number not in found]
-    for row in appended(
-        out / ROWS, spread(judge_field_seed, missing, f"{len(missing)} field cases", workers)
-    ):
-        found[row.seed] = row
-    rows = [found[number] for number in seeds]
+    done = resumed(
+        out / ROWS, FieldVerdict, lambda row: row.seed, judge_field_seed, seeds, "field cases", workers
+    )
+    rows = sorted(done, key=lambda row: row.seed)
     renew_json(out / RESULT, field_result(rows))
     command = study_command("field", cases, seed)
     page = write_field_page(rows, out, command)

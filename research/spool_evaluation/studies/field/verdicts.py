@@ -158,18 +158,6 @@ class FieldVerdict:
         return {**asdict(self), "outcome": self.outcome, "question": self.question}
 
 
-def verdict_from(row: dict[str, Any]) -> FieldVerdict:
-    """Return the verdict that ``to_dict`` wrote."""
-    given = {key: value for key, value in row.items() if key in FieldVerdict.__slots__}
-    for name in ("nuisances", "told"):
-        given[name] = tuple(ChainFault(**entry) for entry in row[name])
-    for name in ("accepted", "candidates"):
-        given[name] = tuple(row[name])
-    given["importance"] = {name: HiddenShare(**entry) for name, entry in row["importance"].items()}
-    given["found"] = {name: (entry[0], entry[1]) for name, entry in row["found"].items()}
-    return FieldVerdict(**given)
-
-
 def counted(rows: Iterable[FieldVerdict]) -> dict[str, Proportion]:
     """Return how many of ``rows`` end in each outcome."""
     listed = list(rows)
