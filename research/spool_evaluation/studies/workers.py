@@ -61,7 +61,7 @@ def resumed(
     """Yield a row for each of ``items``: those that ``path`` keeps, then the others as they are done.
 
     Each row is appended to ``path`` as a line of JSON as soon as it is done, so that a study that was ended
-    goes on where it was. Rows of another version of the suite are made anew, and so are all rows of a
+    goes on where it was. Rows of another version of the suite are made again, and so are all rows of a
     version that was changed since its commit.
 
     Args:
@@ -82,7 +82,7 @@ def resumed(
             elif item_of(one) in wanted:
                 kept[item_of(one)] = one
     if others:
-        print(f"{path}: {others} rows are of another or a changed version, and are made anew")
+        print(f"{path}: {others} rows are of another or a changed version, and are made again")
     yield from kept.values()
     missing = [item for item in items if item not in kept]
     with path.open("a") as file:

@@ -157,7 +157,7 @@ def test_a_study_goes_on_where_it_was_ended(tmp_path: Path, monkeypatch):
 
 
 @pytest.mark.parametrize("version", ["1.1 (commit cd)", "1.0 (commit ab+)"])
-def test_rows_of_another_or_a_changed_version_are_made_anew(
+def test_rows_of_another_or_a_changed_version_are_made_again(
     tmp_path: Path, monkeypatch, version: str, capsys
 ):
     monkeypatch.setattr(
@@ -168,7 +168,7 @@ def test_rows_of_another_or_a_changed_version_are_made_anew(
         monkeypatch.setattr(workers, "suite_version", lambda one=one: one)
         study.run(1, 5, tmp_path, 1)
     assert looked == ([5, 5] if version.startswith("1.1") else [5, 5, 5])
-    assert "are made anew" in capsys.readouterr().out
+    assert "are made again" in capsys.readouterr().out
 
 
 def test_a_record_with_nothing_hidden_and_no_nuisance_lacks_nothing():

@@ -46,6 +46,9 @@ RELEASE, RISES = 0.6, 0.4
 #: so this many independent draws make up a false-alarm interval (study operation: holds of 10 to 60 min).
 OPERATING_POINT = 600.0
 
+#: Parameters of a valve that are tested; together they raise one false alarm in a false-alarm interval.
+TESTS = 3
+
 #: Times the change that matters, from which a reported change is an alarm.
 ALARMS = 2.0
 
@@ -161,8 +164,9 @@ class ParameterDrift:
     start value learned so is never compared with one at any other. Not judged is what is held, what is too
     uncertain, and what ``update`` must distrust.
 
-    The limit follows from ``run_length``, the mean time (s) to a false alarm, and from what is uncertain: the
-    estimate and its mean error at another operating point, the start value, the oil's law and thermometer.
+    The limit follows from ``run_length``, the mean time (s) to a false alarm of any of the valve's tests, and
+    from what is uncertain: the estimate and its mean error at another operating point, the start value, the
+    oil's law and thermometer.
     ``matters`` is the change that somebody has to act on, relative to the baseline or absolute
     (``relative``); twice that is urgent. It decides the severity, not whether a change is reported.
 
@@ -325,7 +329,7 @@ class ParameterDrift:
             oil, unknown = self._oil(estimate, quantity, seconds)
             variance += (oil * quantity.value) ** 2
         if self._quantile[0] != self.run_length:
-            draws = max(1.0, self.run_length / OPERATING_POINT)
+            draws = max(1.0, TESTS * self.run_length / OPERATING_POINT)
             self._quantile = self.run_length, float(-ndtri(0.5 / draws))
         return self._quantile[1] * math.sqrt(variance) / size + unknown / self.matters
 
@@ -361,7 +365,7 @@ class ParameterDrift:
         """
         if math.isnan(self._variance):
             return math.nan
-        return max(SHORTEST_SUM, threshold_for(self.run_length, self.sum.allowance, self._variance))
+        return max(SHORTEST_SUM, threshold_for(TESTS * self.run_length, self.sum.allowance, self._variance))
 
     @property
     def latest_change(self) -> Quantity:

@@ -220,10 +220,11 @@ def test_the_limit_follows_from_the_interval_between_false_alarms(days: float) -
     made = learned()
     made.run_length = days * 86_400.0
     made.update(estimate(10, 2.0))
-    # Twice the tail of a normal number, drawn again for each ten minutes at one operating point.
+    # Twice the tail of a normal number, drawn again for each ten minutes at one operating point, of each of
+    # three parameters.
     sigma = 1.92e-2 / 0.2
     exceeds = math.erfc(made.sum.allowance / sigma / math.sqrt(2.0))
-    assert exceeds * days * 144.0 == pytest.approx(1.0, rel=0.1)
+    assert 3.0 * exceeds * days * 144.0 == pytest.approx(1.0, rel=0.1)
 
 
 def test_it_tells_since_when() -> None:

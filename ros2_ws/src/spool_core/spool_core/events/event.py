@@ -83,7 +83,7 @@ class Facts:
         began: stamp (ns) at which the condition most likely began; of a cleared event: was raised.
         causes: possible causes, the most likely one first.
         probabilities: of the causes, 0 to 1.
-        false_alarm_interval: mean time (s) between false alarms of this test.
+        false_alarm_interval: mean time (s) between false alarms by drift of any parameter.
         urgency: how soon somebody has to act.
         time_to_limit: s until the limit of an alarm is reached at the present rate.
         advice: number of the advice: kind and cause; 0: there is nothing to do.

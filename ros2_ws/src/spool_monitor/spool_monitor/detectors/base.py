@@ -70,7 +70,7 @@ MINIMUM_BODY = MonitorLimit("minimum_body", 0.5, "Peak body acceleration that is
 FALSE_ALARM_INTERVAL = MonitorLimit(
     "false_alarm_interval",
     365.0,
-    "Mean time between false alarms of one kind: shorter reports sooner.",
+    "Mean time between false alarms by drift: shorter reports sooner.",
     "d",
     0.1,
     36_500.0,
