@@ -19,6 +19,7 @@ from spool_tools.outputs import write_json
 from spool_tools.report.ranking import fit_and_validate
 
 from spool_evaluation.results.page import markdown_table, write_page
+from spool_evaluation.studies.estimation import Estimated
 
 from .workers import spread
 
@@ -61,21 +62,10 @@ SAMPLES = (
 
 
 @dataclass(frozen=True, slots=True)
-class SampleEstimate:
-    """Estimate of a parameter in one fit, in ``unit``; ``deviation`` is its standard deviation."""
+class SampleEstimate(Estimated):
+    """Estimate of a parameter in one fit of ``bag``."""
 
-    bag: str
-    model: str
-    parameter: str
-    unit: str
-    truth: float
-    value: float
-    deviation: float
-
-    @property
-    def score(self) -> float:
-        """The error in standard deviations."""
-        return (self.value - self.truth) / self.deviation
+    bag: str = ""
 
 
 def run(cases: int, seed: int, out: Path, workers: int | None = None) -> list[SampleEstimate]:  # noqa: ARG001 - not drawn
@@ -103,13 +93,13 @@ def judge(place: int) -> tuple[int, list[SampleEstimate]]:
     fit = fit_and_validate(data, MODELS[sample.model], FitSettings()).fit
     return place, [
         SampleEstimate(
-            sample.bag,
             sample.model,
             quantity.name,
             quantity.unit,
             sample.truth[quantity.name],
             quantity.value,
             quantity.standard_deviation,
+            sample.bag,
         )
         for quantity in fit.parameters
     ]
@@ -122,6 +112,6 @@ def table(rows: Sequence[SampleEstimate]) -> str:
         digits = max(0, 1 - math.floor(math.log10(row.deviation)))
         score = f"{row.score:+.1f}".replace("-0.0", "0.0")
         numbers = (f"{row.truth:g} {row.unit}", f"{row.value:.{digits}f}", f"{row.deviation:.{digits}f}")
-        body.append((f"`{row.bag}`", row.model, row.parameter, *numbers, score))
+        body.append((f"`{row.bag}`", row.model, row.quantity, *numbers, score))
     head = ("bag", "model fitted", "parameter", "truth", "found", "standard deviation", "error, in these")
     return markdown_table(head, body)
