@@ -17,10 +17,10 @@ MODULES = read_modules(SOURCE)
 #: What was measured, and may only become less: put the new figure here with the change that improves it.
 #: Lines and files may grow only in a change that adds a feature; its commit message says what that costs.
 RATCHETS = {
-    "lines": 67_580,
+    "lines": 67_555,
     "files": 313,
-    "lines of research": 13_761,
-    "lines up to the last import, %": 8.31,
+    "lines of research": 13_756,
+    "lines up to the last import, %": 8.21,
     "private functions with one caller, %": 16.53,
     "modules with one importer, %": 13.74,
 }

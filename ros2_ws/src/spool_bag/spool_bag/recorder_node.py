@@ -22,18 +22,8 @@ from spool_core.node.running import run
 from spool_core.text import plural, printable
 from spool_msgs.srv import TakeSnapshot
 
-from spool_bag import check_valve
+from spool_bag import check_valve, recorder
 from spool_bag.metadata import ACCELERATION_BLOCK, MACHINE, starts_with_header
-from spool_bag.recorder import (
-    LATCHED,
-    TOPICS,
-    LossCount,
-    Monitored,
-    MonitoringWatch,
-    Recorded,
-    new_bag,
-    select_topics,
-)
 from spool_bag.recording import LARGEST_QUEUE, Recording, RecordingSettings
 from spool_bag.snapshot import SnapshotKeeper, SnapshotWriter
 from spool_bag.verification import signer
@@ -182,9 +172,9 @@ class RecorderNode(ManagedNode):
         self._subscriptions_by_topic: dict[str, tuple[Any, QoSProfile]] = {}
         self._offered: dict[str, list[Qos]] = {}
         self._left_out: set[str] = set()
-        self._losses = LossCount()
+        self._losses = recorder.LossCount()
         self._last_loss = -math.inf
-        self._watch = MonitoringWatch()
+        self._watch = recorder.MonitoringWatch()
         self._missed: set[str] = set()
         self._dropped = 0
         self._activations = 0
@@ -216,8 +206,8 @@ class RecorderNode(ManagedNode):
         )
         self._recording = Recording(path, settings, self.get_logger())
         self._activations += 1
-        self._losses, self._dropped = LossCount(), 0
-        self._watch, self._last_loss = MonitoringWatch(), -math.inf
+        self._losses, self._dropped = recorder.LossCount(), 0
+        self._watch, self._last_loss = recorder.MonitoringWatch(), -math.inf
         self._missed.clear()
         self._left_out.clear()
         self._offered.clear()
@@ -264,7 +254,9 @@ class RecorderNode(ManagedNode):
     def _new_bag(self) -> Path:
         number = self.value("number_output")
         resume = self.value("resume")
-        return new_bag(self.value("output"), activation=self._activations, number=number, resume=resume)
+        return recorder.new_bag(
+            self.value("output"), activation=self._activations, number=number, resume=resume
+        )
 
     def _valves(self) -> list[str]:
         return [valve.strip("/") for valve in self.value("valves") if valve.strip("/")]
@@ -274,7 +266,7 @@ class RecorderNode(ManagedNode):
         if self._recording is None:
             return
         graph = dict(self.get_topic_names_and_types())
-        for topic, kind in select_topics(graph, self._valves()).items():
+        for topic, kind in recorder.select_topics(graph, self._valves()).items():
             if topic in self._left_out:
                 continue
             offered = [info.qos_profile for info in self.get_publishers_info_by_topic(topic)]
@@ -295,7 +287,7 @@ class RecorderNode(ManagedNode):
     def _record(self, topic: str, kind: str, offered: Sequence[QoSProfile]) -> None:
         message_type = _message_type(kind)
         namespace, _, name = topic.rpartition("/")
-        one = _Intake(topic, kind, namespace, starts_with_header(kind), name in LATCHED)
+        one = _Intake(topic, kind, namespace, starts_with_header(kind), name in recorder.LATCHED)
         wanted = _wanted(offered, self.value("depth"), latched=one.latched)
 
         def keep(data: bytes) -> None:
@@ -323,14 +315,14 @@ class RecorderNode(ManagedNode):
         if offers is None:  # what its publishers offer, asked with its first message
             profiles = [info.qos_profile for info in self.get_publishers_info_by_topic(topic)]
             offers = self._offered[topic] = [_recorded(profile) for profile in profiles]
-        message = Recorded(topic, one.kind, received, max(published, 0), data, one.latched, offers)
+        message = recorder.Recorded(topic, one.kind, received, max(published, 0), data, one.latched, offers)
         recording.put(message)
         if one.kind == ACCELERATION_BLOCK:
             now = time.monotonic()
             self._watch.saw_data(one.namespace, now)
             if sequence is not None and self._losses.take(topic, sequence, published):
                 self._last_loss = now
-        elif one.kind == TOPICS["health"]:
+        elif one.kind == recorder.TOPICS["health"]:
             self._watch.saw_health(one.namespace, time.monotonic())
         if self._snapshots is not None and self._snapshot_limit > 0:
             self._snapshots.keeper.take(message)
@@ -406,7 +398,7 @@ class RecorderNode(ManagedNode):
     def _supervision(self) -> Status:
         """Return which valves nobody monitors; a monitor can't tell of its own end."""
         states = {valve.strip("/"): state for valve, state in self._watch.states(time.monotonic()).items()}
-        missed = {valve for valve, state in states.items() if state is Monitored.NO}
+        missed = {valve for valve, state in states.items() if state is recorder.Monitored.NO}
         for valve in sorted(missed - self._missed):
             self.get_logger().error(
                 f"{valve} is not monitored: its monitor tells of no health, start it again"
@@ -414,13 +406,13 @@ class RecorderNode(ManagedNode):
         for valve in sorted(self._missed - missed):
             self.get_logger().info(f"{valve} is monitored again")
         self._missed = missed
-        waited = sorted(valve for valve, state in states.items() if state is Monitored.NOT_YET)
+        waited = sorted(valve for valve, state in states.items() if state is recorder.Monitored.NOT_YET)
         level, text = Level.OK, "every valve that sends is monitored"
         if missed:
             level, text = Level.ERROR, f"not monitored: {', '.join(sorted(missed))}"
         elif waited:
             level, text = Level.WARNING, f"not monitored yet: {', '.join(waited)}"
-        told = dict.fromkeys(self._valves(), Monitored.IDLE) | states
+        told = dict.fromkeys(self._valves(), recorder.Monitored.IDLE) | states
         values = {f"state_{valve}": state.value for valve, state in told.items()}
         return Status("monitoring", level, text, values)
 

@@ -15,16 +15,7 @@ from rosbags.interfaces import Qos
 from spool_core.errors import InputError
 from spool_core.system import leftovers, lock_file, open_folder, partial_name, remove, sync_folder
 
-from spool_bag.metadata import (
-    BagMetadata,
-    Definition,
-    PartCount,
-    TopicCount,
-    definition,
-    metadata_text,
-    qos_text,
-    write_metadata,
-)
+from spool_bag import metadata
 from spool_bag.part_chain import BEGIN, END, LOSSES, QUOTA, PartBegin, PartEnd
 from spool_bag.parts import McapPart, existing_parts
 from spool_bag.recorder import Recorded
@@ -119,7 +110,7 @@ class BagWriter:
         self._interval, self._chunk_size, self._sign = flush_interval, chunk_size, sign
         self._channels: list[_Channel] = []
         self._numbers: dict[str, int] = {}
-        self._parts: list[PartCount] = []
+        self._parts: list[metadata.PartCount] = []
         self._described, self._metadata_interval = 0.0, METADATA_INTERVAL
         self._allowed = 0.0
         self._open = self._settled = False
@@ -171,7 +162,7 @@ class BagWriter:
         topic: str,
         type_name: str,
         qos: Sequence[Qos] = (),
-        described: Definition | None = None,
+        described: metadata.Definition | None = None,
         *,
         latched: bool = False,
     ) -> int:
@@ -190,8 +181,8 @@ class BagWriter:
                 raise InputError(f"{topic} is already recorded as {known.topic.type}, not {type_name}")
             known.latched = known.latched or latched
             return number
-        described = described or definition(type_name)
-        counted = TopicCount(topic, type_name, described.digest, tuple(qos))
+        described = described or metadata.definition(type_name)
+        counted = metadata.TopicCount(topic, type_name, described.digest, tuple(qos))
         self._append(_Channel(counted, described, latched))
         with self._guarded():
             self._register(self._channels[-1])
@@ -303,7 +294,7 @@ class BagWriter:
             self._write_metadata()
         return True
 
-    def replace(self, count: PartCount, staged: Path) -> bool:
+    def replace(self, count: metadata.PartCount, staged: Path) -> bool:
         """Let the file ``staged`` take the place of a finished part; return whether that is still there.
 
         Raises:
@@ -319,7 +310,7 @@ class BagWriter:
         return False
 
     @property
-    def finished_parts(self) -> tuple[PartCount, ...]:
+    def finished_parts(self) -> tuple[metadata.PartCount, ...]:
         """Parts that are kept, without the one that is written."""
         return tuple(self._parts)
 
@@ -384,7 +375,7 @@ class BagWriter:
 
     def _register(self, one: _Channel) -> int:
         topic = one.topic
-        one.part = self._part.add(topic.name, topic.type, one.described, qos_text(topic.qos))
+        one.part = self._part.add(topic.name, topic.type, one.described, metadata.qos_text(topic.qos))
         return one.part
 
     def _write(self, one: _Channel, log_time: int, data: bytes, published: int, sequence: int) -> None:
@@ -406,8 +397,8 @@ class BagWriter:
     def _repeat(self, messages: Sequence[Recorded], at: int) -> None:
         """Write latched messages at the beginning of the first part."""
         for message in messages:
-            described = definition(message.kind)
-            counted = TopicCount(message.topic, message.kind, described.digest, tuple(message.qos))
+            described = metadata.definition(message.kind)
+            counted = metadata.TopicCount(message.topic, message.kind, described.digest, tuple(message.qos))
             if message.topic not in self._numbers:
                 self._append(_Channel(counted, described, latched=True))
             one = self._channels[self._numbers[message.topic]]
@@ -434,8 +425,8 @@ class BagWriter:
         """Write what ends a part: the bag's metadata, the chain's record, the index."""
         self._sync()
         # As rosbag2's own plugin does, so that the file by itself tells its distribution and counts.
-        alone = BagMetadata((self._part.count,), self._topics(), finished=True, custom=self._custom)
-        self._part.add_metadata("rosbag2", {"serialized_metadata": metadata_text(alone)})
+        alone = metadata.BagMetadata((self._part.count,), self._topics(), finished=True, custom=self._custom)
+        self._part.add_metadata("rosbag2", {"serialized_metadata": metadata.metadata_text(alone)})
         if self.limits is not None:
             end = PartEnd(self._part.count.number, self._part.digest, self._before, self._oldest)
             if self._sign is not None:
@@ -516,14 +507,14 @@ class BagWriter:
         if self._claim is not None:
             self._claim.release()
 
-    def _topics(self) -> tuple[TopicCount, ...]:
+    def _topics(self) -> tuple[metadata.TopicCount, ...]:
         return tuple(one.topic for one in self._channels)
 
     def _write_metadata(self, *, finished: bool = False, without_last: bool = False) -> None:
         begin = time.monotonic()
         parts = (*self._parts, *(() if without_last else (self._part.count,)))
-        about = BagMetadata(parts, self._topics(), finished=finished, custom=self._custom)
-        write_metadata(self._folder, about)
+        about = metadata.BagMetadata(parts, self._topics(), finished=finished, custom=self._custom)
+        metadata.write_metadata(self._folder, about)
         self._described = time.monotonic()
         self._metadata_interval = max(METADATA_INTERVAL, METADATA_SHARE * (self._described - begin))
 
@@ -561,16 +552,16 @@ class FolderClaim:
 class _Channel:
     """Channel of a bag: topic, definition, number in the present part, and the last latched message."""
 
-    topic: TopicCount
-    described: Definition
+    topic: metadata.TopicCount
+    described: metadata.Definition
     latched: bool
     part: int | None = None
     last: tuple[bytes, int, int] | None = None
 
 
-def _present(described: Definition) -> Definition:
+def _present(described: metadata.Definition) -> metadata.Definition:
     """Return the installed definition of a type, which messages from now on follow, else the one given."""
     try:
-        return definition(described.name)
+        return metadata.definition(described.name)
     except InputError:
         return described

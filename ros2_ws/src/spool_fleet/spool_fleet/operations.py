@@ -15,16 +15,8 @@ from spool_sim.valve import find_valve
 from spool_tools.outputs import suite_version
 from spool_tools.terminal import progress
 
+from spool_fleet import execution
 from spool_fleet.add import DAMAGED, Added, Naming, PathPattern, Scan, add, found_bags, read_table, scan
-from spool_fleet.execution import (
-    DaskCluster,
-    Executor,
-    ProcessPool,
-    RunResult,
-    bring_up_to_date,
-    run_tasks,
-    tasks_due,
-)
 from spool_fleet.manifest import Manifest, Service
 from spool_fleet.query import QUESTIONS, ask, rows_of, sql_of
 
@@ -52,7 +44,7 @@ def add_to_store(
         str(Path(valve).absolute()) if Path(valve).is_file() else valve,  # as workers find it
     )
     bags = found_bags(folders)
-    pool = ProcessPool(workers or processors())
+    pool = execution.ProcessPool(workers or processors())
 
     def scans(changed: Sequence[Path]) -> Iterator[Scan]:
         if len(changed) == 1:
@@ -63,13 +55,13 @@ def add_to_store(
 
     with closing(Manifest(store, make=True)) as manifest, progress("looking at bags", len(bags)) as advance:
         added = add(manifest, bags, naming, scans, advance)
-        bring_up_to_date(manifest)
+        execution.bring_up_to_date(manifest)
     return added
 
 
 def run_over_store(
     store: Path, analysis: str, workers: int | None, dask: str | None, params_file: Path | None = None
-) -> tuple[RunResult, list[str]]:
+) -> tuple[execution.RunResult, list[str]]:
     """Run the analyses named in ``analysis`` over what is new; return what was done, and lines for the user.
 
     Args:
@@ -96,12 +88,14 @@ def run_over_store(
             "" if params_file is None else f" {hashlib.sha256(params_file.read_bytes()).hexdigest()}"
         )
     with closing(Manifest(store)) as manifest:
-        tasks = tasks_due(manifest, keys, lambda name: settings_from(params_file, name))
-        executing: AbstractContextManager[Executor] = (
-            nullcontext(ProcessPool(count)) if dask is None else closing(DaskCluster(dask, count))
+        tasks = execution.tasks_due(manifest, keys, lambda name: settings_from(params_file, name))
+        executing: AbstractContextManager[execution.Executor] = (
+            nullcontext(execution.ProcessPool(count))
+            if dask is None
+            else closing(execution.DaskCluster(dask, count))
         )
         with executing as executor, progress("analysing bags", len(tasks)) as advance:
-            result = run_tasks(manifest, tasks, keys, executor, advance)
+            result = execution.run_tasks(manifest, tasks, keys, executor, advance)
         trends = write_trends(store, manifest.services())
     return result, [*lines, *sentences(trends)]
 

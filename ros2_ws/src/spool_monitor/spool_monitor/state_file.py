@@ -16,16 +16,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from spool_core import system
 from spool_core.errors import InputError
-from spool_core.system import (
-    FILE_MODE,
-    OPEN_FLAGS,
-    lock_file,
-    private_folder,
-    restrict,
-    sync_folder,
-    write_synced,
-)
 
 #: s, estimates do not come closer; it bounds how many are kept for a start value.
 SHORTEST_PERIOD = 0.1
@@ -216,14 +208,14 @@ class StateFile:
         self._sequence += 1
         text = _text(content)
         head = {"format": FORMAT, "sequence": self._sequence, "sha256": _digest(self._sequence, text)}
-        private_folder(self._target.parent)
+        system.private_folder(self._target.parent)
         new = _beside(self._target, NEW)
         new.unlink(missing_ok=True)
-        write_synced(new, f'{json.dumps(head)[:-1]}, "content": {text}}}\n', FILE_MODE)
+        system.write_synced(new, f'{json.dumps(head)[:-1]}, "content": {text}}}\n', system.FILE_MODE)
         if self._target.exists():  # a damaged file must not replace the good copy
             self._target.replace(_beside(self._target, LAST if self._sound else DAMAGED))
         new.replace(self._target)
-        sync_folder(self._target.parent)
+        system.sync_folder(self._target.parent)
         self._sound = True
 
     def load(self) -> Any | None:
@@ -283,14 +275,14 @@ class FolderLock:
     """
 
     def __init__(self, folder: Path) -> None:
-        private_folder(folder)
-        descriptor = os.open(folder / "lock", os.O_WRONLY | os.O_CREAT | OPEN_FLAGS, FILE_MODE)
+        system.private_folder(folder)
+        descriptor = os.open(folder / "lock", os.O_WRONLY | os.O_CREAT | system.OPEN_FLAGS, system.FILE_MODE)
         self._stream = os.fdopen(descriptor, "w", encoding="utf-8")
         for path in folder.iterdir():  # of versions that left them readable to others
             if path.is_file() and not path.is_symlink():
-                restrict(path, FILE_MODE)
+                system.restrict(path, system.FILE_MODE)
         try:
-            lock_file(self._stream.fileno(), wait=False)
+            system.lock_file(self._stream.fileno(), wait=False)
         except OSError:
             self._stream.close()
             raise

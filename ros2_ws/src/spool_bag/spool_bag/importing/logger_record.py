@@ -16,34 +16,10 @@ from spool_core.numbers import GRAVITY
 from spool_core.text import plural, printable
 
 from spool_bag import BODY, OIL_TEMPERATURE, SPOOL, TIME
+from spool_bag.importing import roles, time_axis
 from spool_bag.importing.choices import Choices, choices
 from spool_bag.importing.formats.format import open_table, read_channels
-from spool_bag.importing.roles import (
-    REQUIRED,
-    ChannelUse,
-    Source,
-    chosen,
-    counter_of,
-    exclude,
-    reference,
-    time_of,
-    use_of_time,
-    uses_of,
-)
 from spool_bag.importing.table import STAMP, Channel, Group, Table, Values
-from spool_bag.importing.time_axis import (
-    SAME,
-    ClockOffset,
-    TimeBase,
-    counted,
-    finite,
-    fraction_of,
-    loose_time_base,
-    other_times,
-    period_check,
-    read_axis,
-    time_base,
-)
 from spool_bag.importing.two_clocks import Series, TopicTimes, check_one_time, merged
 
 #: Relative deviation of a rate below which it is not stated: stamps do not show the error of their own clock,
@@ -85,8 +61,8 @@ class LoggerRecord:
     warnings: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     repairs: Mapping[str, int] = field(default_factory=dict)
-    clocks: ClockOffset | None = None
-    uses: tuple[ChannelUse, ...] = ()
+    clocks: time_axis.ClockOffset | None = None
+    uses: tuple[roles.ChannelUse, ...] = ()
     rate_std: float = 0.0
 
     @property
@@ -122,12 +98,12 @@ def read_record(
     if columns:
         asked = replace(asked, columns=columns)
     tables = [open_table(path) for path in files]
-    exclude(tables, asked.exclude)
+    roles.exclude(tables, asked.exclude)
     for table in tables:
         table.dates = asked.dates
-    sources = chosen(tables, kind, asked)
-    uses_of(sources, asked)  # all that is wrong with units, before anything is read
-    first, second = (sources[role] for role in REQUIRED[kind])
+    sources = roles.chosen(tables, kind, asked)
+    roles.uses_of(sources, asked)  # all that is wrong with units, before anything is read
+    first, second = (sources[role] for role in roles.REQUIRED[kind])
     if first.clock == second.clock:
         beside = {role: one for role, one in sources.items() if one.clock == first.clock}
         record = _of_group(first.table, first.group, beside, kind, asked, regular=regular, single=single)
@@ -158,7 +134,7 @@ def read_record(
 def _of_group(
     table: Table,
     group: Group,
-    sources: Mapping[str, Source],
+    sources: Mapping[str, roles.Source],
     kind: str,
     asked: Choices,
     *,
@@ -167,8 +143,8 @@ def _of_group(
 ) -> LoggerRecord:
     """Return the record of channels that share one clock."""
     path, where = table.path, table.where
-    axis = time_of(table, group, asked, list(sources.values()))
-    counter = counter_of(group) if axis is None and asked.rate else None
+    axis = roles.time_of(table, group, asked, list(sources.values()))
+    counter = roles.counter_of(group) if axis is None and asked.rate else None
     stated = asked.rate or (None if math.isnan(group.rate) else group.rate)
     if axis is None and stated is None:
         held = ", ".join(printable(one.name, 40) for one in group.channels[:12])
@@ -177,38 +153,38 @@ def _of_group(
             + (group.doubt or "name the column of times, or give the rate, e.g. --rate 2000 for 2000 Hz")
         )
     taken = [one.channel for one in sources.values()]
-    others = [] if axis is None else other_times(group, axis, taken)
-    part = None if axis is None else fraction_of(group, axis, taken)
+    others = [] if axis is None else time_axis.other_times(group, axis, taken)
+    part = None if axis is None else time_axis.fraction_of(group, axis, taken)
     clocks = [one.name for one in (axis or counter, part, *others) if one is not None]
     names = [one.name for one in taken]
     small = [one.channel.name for role, one in sources.items() if single and role in (BODY, SPOOL)]
     values = _read(table, group, list(dict.fromkeys([*clocks, *names])), small, sources)
     warnings: list[str] = []
     if table.holes_are_gaps or asked.empty_as_gap:
-        required = [one.channel.name for role, one in sources.items() if role in REQUIRED[kind]]
+        required = [one.channel.name for role, one in sources.items() if role in roles.REQUIRED[kind]]
         warnings += _without_holes(
             values, required, "that the file marks as invalid" if table.holes_are_gaps else "that are empty"
         )
     if axis is not None:
-        clock = read_axis(table, group, axis, others, values, asked)
+        clock = time_axis.read_axis(table, group, axis, others, values, asked)
     else:
         number = None if counter is None else values[counter.name]
-        clock = counted(values[names[0]].size, number, stated or math.nan, group.delay)
+        clock = time_axis.counted(values[names[0]].size, number, stated or math.nan, group.delay)
     notes = list(clock.notes)
     found: dict[str, Array] = {}
-    uses = uses_of(sources, asked)
+    uses = roles.uses_of(sources, asked)
     for role, one in sources.items():
         numbers = uses[role].applied(np.asarray(values[one.channel.name]))
-        found[role] = finite(path, one.channel.name, numbers, where, holes=role == OIL_TEMPERATURE)
+        found[role] = time_axis.finite(path, one.channel.name, numbers, where, holes=role == OIL_TEMPERATURE)
     values.clear()
-    timed = use_of_time(path.name, axis, asked) if axis is not None else None
+    timed = roles.use_of_time(path.name, axis, asked) if axis is not None else None
     rows = [row for role, row in found.items() if role != OIL_TEMPERATURE]
     try:
         if regular:
             given = asked.rate if axis is not None else None
-            base = time_base(str(path), clock.label, clock.time, rows, where, given)
+            base = time_axis.time_base(str(path), clock.label, clock.time, rows, where, given)
         else:
-            base = loose_time_base(str(path), clock.label, clock.time, where)
+            base = time_axis.loose_time_base(str(path), clock.label, clock.time, where)
     except InputError as error:
         if axis is None or axis.unit != STAMP or group.name not in table.clocks:
             raise
@@ -216,12 +192,12 @@ def _of_group(
     if base.kept is not None:
         found = {role: row[base.kept] for role, row in found.items()}
     warnings += base.warnings
-    if axis is None and asked.rate and abs(group.rate / asked.rate - 1.0) > SAME:
+    if axis is None and asked.rate and abs(group.rate / asked.rate - 1.0) > time_axis.SAME:
         warnings.append(
             f"--rate {asked.rate:g} is used, and {group.source or 'the file'} states {group.rate:g} Hz"
         )
     notes.append(_rate_note(path, axis, group, asked, base))
-    doubt = period_check(path, clock.label, base.period, kind)
+    doubt = time_axis.period_check(path, clock.label, base.period, kind)
     warnings += [doubt] if doubt else []
     return LoggerRecord(
         path,
@@ -249,7 +225,9 @@ def _without_holes(values: dict[str, Values], required: Sequence[str], what: str
     return [f"{plural(missing, 'row')} with values {what} {'is' if missing == 1 else 'are'} left out"]
 
 
-def _rate_note(path: Path, axis: Channel | None, group: Group, asked: Choices, base: TimeBase) -> str:
+def _rate_note(
+    path: Path, axis: Channel | None, group: Group, asked: Choices, base: time_axis.TimeBase
+) -> str:
     """Return which rate is used and where it comes from.
 
     Raises:
@@ -259,7 +237,7 @@ def _rate_note(path: Path, axis: Channel | None, group: Group, asked: Choices, b
     if axis is None:
         return f"rate {rate:.7g} Hz from {'--rate' if asked.rate else group.source or 'the file'}"
     name = printable(axis.name, 40)
-    if asked.rate is None and abs(group.rate * base.period - 1.0) > SAME:  # NaN: none is stated
+    if asked.rate is None and abs(group.rate * base.period - 1.0) > time_axis.SAME:  # NaN: none is stated
         raise InputError(
             f"{path}: {name} shows {rate:.7g} Hz and {group.source or 'the file'} states "
             f"{group.rate:.7g} Hz: correct one of them, or type --rate {rate:.7g} if the times hold"
@@ -269,7 +247,11 @@ def _rate_note(path: Path, axis: Channel | None, group: Group, asked: Choices, b
 
 
 def _read(
-    table: Table, group: Group, names: Sequence[str], small: Sequence[str], sources: Mapping[str, Source]
+    table: Table,
+    group: Group,
+    names: Sequence[str],
+    small: Sequence[str],
+    sources: Mapping[str, roles.Source],
 ) -> dict[str, Values]:
     """Return channels by name; what is wrong with an optional one alone can be left out."""
     try:
@@ -279,13 +261,15 @@ def _read(
         if not optional:
             raise
         read_channels(table, group, [name for name in names if name not in optional], small)
-        ways = ",".join(reference([table], one) for one in optional.values())
+        ways = ",".join(roles.reference([table], one) for one in optional.values())
         raise InputError(
             f"{error}: correct it, or leave the column out with --exclude {shlex.quote(ways)}"
         ) from error
 
 
-def _together(sides: Sequence[LoggerRecord], first: Source, second: Source, asked: Choices) -> LoggerRecord:
+def _together(
+    sides: Sequence[LoggerRecord], first: roles.Source, second: roles.Source, asked: Choices
+) -> LoggerRecord:
     """Return one record of body and spool that were sampled by two clocks."""
     body, spool = sides
     if not asked.align:

@@ -21,20 +21,10 @@ from spool_sim.model import Model
 from spool_sim.sensors import PAPER_CHAIN
 from spool_sim.valve import Valve
 
+from spool_estimator.identification import least_squares
 from spool_estimator.identification.equation_error import EquationError, input_noise_effect
 from spool_estimator.identification.fit_result import SPOOL_DELAY, SPOOL_GAIN, Agreement, Fit, FitSettings
 from spool_estimator.identification.free_run import FreeRun, Response
-from spool_estimator.identification.least_squares import (
-    Combination,
-    Descent,
-    Unknown,
-    bounds_of,
-    combinations,
-    descend,
-    sizes_of,
-    to_hold,
-    unseen_directions,
-)
 from spool_estimator.identification.record import Record
 from spool_estimator.identification.spectra import density_of
 
@@ -60,7 +50,7 @@ LOWEST, HIGHEST = 10.0, 100.0
 SMALLEST_POWER = 1e-4
 
 
-def unknowns_of(model: Model, valve: Valve, settings: FitSettings) -> tuple[Unknown, ...]:
+def unknowns_of(model: Model, valve: Valve, settings: FitSettings) -> tuple[least_squares.Unknown, ...]:
     """Return what a fit of ``model`` finds, the sensor's nuisances last.
 
     Raises:
@@ -77,11 +67,11 @@ def unknowns_of(model: Model, valve: Valve, settings: FitSettings) -> tuple[Unkn
         low, high = parameter.low, parameter.high
         start = abs(parameter.start_for(valve))
         scale = start if start > 0.0 else min(1.0, high - low)
-        found.append(Unknown(parameter.name, parameter.unit, low, high, scale))
+        found.append(least_squares.Unknown(parameter.name, parameter.unit, low, high, scale))
     if settings.fit_gain:
-        found.append(Unknown(SPOOL_GAIN, "1", -0.5, 1.0, 0.05))
+        found.append(least_squares.Unknown(SPOOL_GAIN, "1", -0.5, 1.0, 0.05))
     if settings.fit_delay:
-        found.append(Unknown(SPOOL_DELAY, "s", -5e-3, 5e-3, 1e-4))
+        found.append(least_squares.Unknown(SPOOL_DELAY, "s", -5e-3, 5e-3, 1e-4))
     return tuple(found)
 
 
@@ -179,7 +169,7 @@ def _fit(
     model: Model,
     valve: Valve,
     settings: FitSettings,
-    unknowns: tuple[Unknown, ...],
+    unknowns: tuple[least_squares.Unknown, ...],
     values: Mapping[str, float],
     held: Mapping[str, float],
 ) -> Fit:
@@ -196,8 +186,8 @@ def _fit(
         raise InputError(f"{records[0].name}: the spool's acceleration is 0 throughout; check the sensor")
     given = _inside(np.array([values.get(unknown.name, 0.0) for unknown in unknowns]), unknowns)
     law = EquationError(run, unknowns, run.sets(values), settings.low_cut)
-    unseen = unseen_directions(law.force_slopes(given), sizes_of(unknowns, given))
-    gauge = to_hold(unseen, [unknown.name for unknown in unknowns])
+    unseen = least_squares.unseen_directions(law.force_slopes(given), least_squares.sizes_of(unknowns, given))
+    gauge = least_squares.to_hold(unseen, [unknown.name for unknown in unknowns])
     free = tuple(unknown for unknown in unknowns if unknown.name not in gauge)
     balance = EquationError(run, free, run.sets(values), settings.low_cut) if gauge else law
     points = _starts(run, balance, free, values, settings)
@@ -205,7 +195,7 @@ def _fit(
     run.choose_substeps({**values, **{name: value for name, value in first.items() if name in values}})
     band = (settings.low_cut, settings.high_cut)
     some = Residuals(run.fewer(FIRST_SECONDS), free, values, band)
-    best = descend(some, np.array(points), FIRST_ROUNDS, ENOUGH, len(points))
+    best = least_squares.descend(some, np.array(points), FIRST_ROUNDS, ENOUGH, len(points))
     residuals = Residuals(run, free, values, band)
     rings = residuals.rings(residuals.respond(best.point[np.newaxis]))
     doubts = []
@@ -222,20 +212,20 @@ def _fit(
     return _result(run, residuals, best, unknowns, law, values, held, valve, settings, doubts)
 
 
-def _refine(residuals: Residuals, start: Descent, rounds: int) -> Descent:
+def _refine(residuals: Residuals, start: least_squares.Descent, rounds: int) -> least_squares.Descent:
     best = start
     for _ in range(rounds):
         responses = residuals.respond(best.point[np.newaxis])
         residuals.leave_jumps_out(responses)
         residuals.take_spectrum(residuals.differences(responses))
-        best = descend(residuals, best.point[np.newaxis], ROUNDS, ENOUGH)
+        best = least_squares.descend(residuals, best.point[np.newaxis], ROUNDS, ENOUGH)
     return best
 
 
 def _starts(
     run: FreeRun,
     balance: EquationError,
-    unknowns: Sequence[Unknown],
+    unknowns: Sequence[least_squares.Unknown],
     values: Mapping[str, float],
     settings: FitSettings,
 ) -> list[Array]:
@@ -263,9 +253,9 @@ def _starts(
     return [points[number] for number in order[: max(1, settings.starts)].tolist()]
 
 
-def _inside(point: Array, unknowns: Sequence[Unknown]) -> Array:
+def _inside(point: Array, unknowns: Sequence[least_squares.Unknown]) -> Array:
     """Return ``point`` a little inside of the bounds, where slopes to both sides exist."""
-    low, high = bounds_of(unknowns)
+    low, high = least_squares.bounds_of(unknowns)
     room = np.minimum(1e-3 * np.array([unknown.scale for unknown in unknowns]), 0.1 * (high - low))
     return np.asarray(np.clip(point, low + room, high - room))
 
@@ -273,8 +263,8 @@ def _inside(point: Array, unknowns: Sequence[Unknown]) -> Array:
 def _result(
     run: FreeRun,
     residuals: Residuals,
-    best: Descent,
-    unknowns: Sequence[Unknown],
+    best: least_squares.Descent,
+    unknowns: Sequence[least_squares.Unknown],
     law: EquationError,
     values: Mapping[str, float],
     held: Mapping[str, float],
@@ -288,7 +278,9 @@ def _result(
     if rate_std > 0.0:
         powers = np.array([rate_power(unknown.unit) for unknown in free])
         doubts = [*doubts, rate_std * powers * best.point]
-    covariance = fit_covariance(residuals, best.point, sizes_of(free, best.point), settings, doubts)
+    covariance = fit_covariance(
+        residuals, best.point, least_squares.sizes_of(free, best.point), settings, doubts
+    )
     shown = np.isfinite(np.diag(covariance))
     effect = input_noise_effect(residuals, best.point, shown, settings.noise_seconds) if shown.any() else None
     if effect is not None:
@@ -305,9 +297,9 @@ def _result(
     # Nuisances that are not observable beside the rest were held at 0.
     ending = {SPOOL_GAIN: 0.0, SPOOL_DELAY: 0.0, **final, **sensor}
     ends = np.array([ending[name] for name in names])
-    scales = sizes_of(unknowns, ends)
-    unseen = unseen_directions(law.force_slopes(_inside(ends, unknowns)), scales)
-    lost, told = combinations(
+    scales = least_squares.sizes_of(unknowns, ends)
+    unseen = least_squares.unseen_directions(law.force_slopes(_inside(ends, unknowns)), scales)
+    lost, told = least_squares.combinations(
         np.hstack([unseen, np.zeros((unseen.shape[0], len(constants)))]),
         [*names, *(constant.name for constant in constants)],
         [*(unknown.unit for unknown in unknowns), *(constant.unit for constant in constants)],
@@ -362,7 +354,7 @@ def _result(
     )  # fmt: skip
 
 
-def _told(combination: Combination, covariance: Array, places: Sequence[int]) -> Quantity:
+def _told(combination: least_squares.Combination, covariance: Array, places: Sequence[int]) -> Quantity:
     gradient = combination.gradient[list(places)]
     counts = gradient != 0.0
     part = gradient[counts]

@@ -27,14 +27,7 @@ from spool_estimator.identification.channel_faults import at_rail
 from spool_estimator.identification.record import LARGEST, Record
 from spool_estimator.identification.spectra import cross_spectrum, noise_of
 
-from spool_tools.operations.record_loading import (
-    Selection,
-    channel_faults,
-    cleaned_stretches,
-    load_recording,
-    outliers_text,
-    stretches_of_table,
-)
+from spool_tools.operations import record_loading
 from spool_tools.outputs import write_file, write_json
 from spool_tools.report import page as html
 from spool_tools.terminal import cell
@@ -84,7 +77,7 @@ def look(files: Sequence[Path], how: Choices, json: Path | None, report: Path | 
         if json is not None:
             write_json(json, {"files": [_channels(table) for table in tables], "refused": str(error)})
         return False
-    found = quality_of(stretches_of_table(record), record.path.name, record.warnings)
+    found = quality_of(record_loading.stretches_of_table(record), record.path.name, record.warnings)
     notes = [*record.notes]
     shown = {f"{table.path.name}: {note}" for table in tables for note in table.notes}
     shown |= {note for table in tables for note in table.notes}
@@ -113,7 +106,7 @@ def look(files: Sequence[Path], how: Choices, json: Path | None, report: Path | 
     return True
 
 
-def check(record: Path, selection: Selection, json: Path | None, report: Path | None) -> bool:
+def check(record: Path, selection: record_loading.Selection, json: Path | None, report: Path | None) -> bool:
     """Show the quality of a record; return whether nothing speaks against an estimate from it."""
     found, notes = quality_of_record(record, selection)
     print_quality(found, notes, Console())
@@ -124,13 +117,15 @@ def check(record: Path, selection: Selection, json: Path | None, report: Path | 
     return not found.doubts
 
 
-def quality_of_record(record: Path, selection: Selection) -> tuple[RecordQuality, tuple[str, ...]]:
+def quality_of_record(
+    record: Path, selection: record_loading.Selection
+) -> tuple[RecordQuality, tuple[str, ...]]:
     """Return the quality of a record, and how the record was understood.
 
     Raises:
         InputError: the record cannot be read.
     """
-    recording = load_recording(record, replace(selection, longest=LARGEST, described=False))
+    recording = record_loading.load_recording(record, replace(selection, longest=LARGEST, described=False))
     found = quality_of(recording.stretches, str(record), left_out=recording.left_out)
     return found, recording.notes
 
@@ -377,7 +372,7 @@ def quality_of(
 
     ``left_out`` are impossible samples that are left out already; those in ``stretches`` are left out here.
     """
-    stretches, more = cleaned_stretches(stretches)
+    stretches, more = record_loading.cleaned_stretches(stretches)
     left_out += more
     longest = max(stretches, key=lambda one: one.body.size)
     rate = longest.sample_rate
@@ -412,8 +407,8 @@ def quality_of(
         response,
         longest,
     )
-    outliers = [outliers_text(left_out)] if left_out else []
-    faults = [one.sentence for one in channel_faults(stretches)]
+    outliers = [record_loading.outliers_text(left_out)] if left_out else []
+    faults = [one.sentence for one in record_loading.channel_faults(stretches)]
     found.doubts = [*warnings, *outliers, *faults, *_doubts(found)]
     return found
 
