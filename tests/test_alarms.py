@@ -97,7 +97,13 @@ def test_operators_acknowledge_shelve_suppress_and_are_refused_with_a_reason(sys
     alarms = system.listen(AlarmList, "/valve_1/alarms", latched=True)
     health = system.listen(ValveHealth, "/valve_1/health", latched=True)
     simulator, _, _ = valve(system)
-    system.until(lambda: health.heard and health.last.level == ValveHealth.LEVEL_OK, "data are judged")
+    system.until(lambda: health.heard and health.last.namur == ValveHealth.NAMUR_NORMAL, "all is well")
+    out = SuppressAlarm.Request.OUT_OF_SERVICE
+    assert ask(system, SuppressAlarm, "suppress_alarm", alarm=SILENCE, way=out, who="E").success
+    system.until(lambda: health.last.namur == ValveHealth.NAMUR_FUNCTION_CHECK, "somebody works on it")
+    taken = ask(system, SuppressAlarm, "suppress_alarm", alarm=SILENCE, way=out, suppressed=False, who="E")
+    assert taken.success
+    system.until(lambda: health.last.namur == ValveHealth.NAMUR_NORMAL, "it is back")
     stop_data(system, simulator, alarms)
     assert alarm(alarms).namur == ValveHealth.NAMUR_FAILURE
     system.until(lambda: health.last.namur == ValveHealth.NAMUR_FAILURE, "health says failure")
@@ -119,7 +125,6 @@ def test_operators_acknowledge_shelve_suppress_and_are_refused_with_a_reason(sys
     assert alarm(alarms).underlying == Alarm.STATE_UNACKNOWLEDGED
     system.until(lambda: state(alarms) == Alarm.STATE_UNACKNOWLEDGED, "the shelf ends by itself")
 
-    out = SuppressAlarm.Request.OUT_OF_SERVICE
     assert ask(system, SuppressAlarm, "suppress_alarm", alarm=SILENCE, way=out, who="E").success
     system.until(lambda: state(alarms) == Alarm.STATE_OUT_OF_SERVICE, "it is out of service")
     back = ask(system, SuppressAlarm, "suppress_alarm", alarm=SILENCE, way=out, suppressed=False, who="E")
