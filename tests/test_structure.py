@@ -19,7 +19,7 @@ MODULES = read_modules(SOURCE)
 RATCHETS = {
     "lines": 67_555,
     "files": 313,
-    "lines of research": 13_756,
+    "lines of research": 13_700,
     "lines up to the last import, %": 8.21,
     "private functions with one caller, %": 16.53,
     "modules with one importer, %": 13.74,

@@ -19,7 +19,6 @@ STUDIES = {
     "records": ("studies.records", "run"),
     "steps": ("studies.steps", "run"),
     "monitor": ("studies.monitor", "run"),
-    "monitor-hours": ("studies.monitor", "run_hours"),
     "operation": ("spool_operation.study", "run"),
     "operation-fit": ("spool_operation.surrogate", "run"),
     "operation-agreement": ("spool_operation.agreement", "run"),
@@ -36,9 +35,9 @@ def study(
             help="gap: effects named right? field: behind real measuring chains? gap-limit: how small? "
             "estimation: do intervals hold? "
             "records: is the truth of bags/ found? steps: what does a step cost? "
-            "monitor: events found in time? monitor-hours: quiet over healthy hours? "
-            "operation: false alarms and delays over valve-days? operation-fit, operation-agreement: its "
-            "surrogate. fleet: drift found over a year? fleet-cost: what does a bag cost?"
+            "monitor: events found in time? operation: false alarms and delays over valve-days? "
+            "operation-fit, operation-agreement: its surrogate. fleet: drift found over a year? "
+            "fleet-cost: what does a bag cost?"
         ),
     ],
     out: Annotated[Path, typer.Option(help="Folder for tables and pictures.")],

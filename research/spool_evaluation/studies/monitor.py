@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console
 from spool_core.block import Block
 from spool_estimator.estimator import Estimator, settings_for
 from spool_monitor.detectors import MonitorSettings
@@ -27,7 +26,7 @@ from spool_evaluation.results.page import (
     study_command,
     write_page,
 )
-from spool_evaluation.studies.scenarios import ChannelFault, Scenario, draw_cases, draw_hours
+from spool_evaluation.studies.scenarios import ChannelFault, Scenario, draw_cases
 from spool_evaluation.studies.workers import spread
 
 ABOUT = (
@@ -40,46 +39,23 @@ ABOUT = (
 
 def run(cases: int, seed: int, out: Path, workers: int | None = None) -> list[ScenarioOutcome]:
     """Replay ``cases`` scenarios, every kind in turn; ``out`` gets ``monitor_study.md`` and ``.json``."""
-    page = MonitorPage(
-        out / "monitor_study.md", "Scenarios of the monitor", study_command("monitor", cases, seed)
-    )
-    return replay_all(draw_cases(cases, seed), "scenarios", page, workers)
-
-
-@dataclass(frozen=True, slots=True)
-class MonitorPage:
-    """Result page of a study of the monitor; the outcomes go into a JSON file of the same name."""
-
-    path: Path
-    title: str
-    command: str
-
-    def write(self, outcomes: Sequence[ScenarioOutcome]) -> None:
-        """Write the page and the file."""
-        renew_json(self.path.with_suffix(".json"), [one.to_dict() for one in outcomes])
-        write_page(self.path, self.title, self.command, [ABOUT, table(outcomes)])
-
-
-def replay_all(
-    cases: Sequence[Scenario], what: str, page: MonitorPage, workers: int | None
-) -> list[ScenarioOutcome]:
-    """Replay ``cases``; write what is done after each, for a study of hours may be ended at any time."""
-    page.path.parent.mkdir(parents=True, exist_ok=True)
-    outcomes: list[ScenarioOutcome] = []
-    numbers = {case.seed: number for number, case in enumerate(cases)}
-    for outcome in spread(run_case, cases, what, workers):
-        outcomes.append(outcome)
-        outcomes.sort(key=lambda one: numbers[one.seed])
-        page.write(outcomes)
-    console = Console(width=160)
-    console.print(table(outcomes), markup=False)
+    scenarios = draw_cases(cases, seed)
+    numbers = {case.seed: number for number, case in enumerate(scenarios)}
+    done = spread(run_case, scenarios, "scenarios", workers)
+    outcomes = sorted(done, key=lambda one: numbers[one.seed])
+    print(write_study(outcomes, out, study_command("monitor", cases, seed)).read_text())
     for one in outcomes:
         if one.false or any(math.isnan(delay) for delay in one.delays):
-            console.print(
-                f"{one.kind}, number {numbers[one.seed]}: delays {one.delays}, false {one.false}",
-                markup=False,
-            )
+            print(f"{one.kind}, number {numbers[one.seed]}: delays {one.delays}, false {one.false}")
     return outcomes
+
+
+def write_study(outcomes: Sequence[ScenarioOutcome], out: Path, command: str) -> Path:
+    """Write page and JSON file into ``out``; return the page."""
+    out.mkdir(parents=True, exist_ok=True)
+    renew_json(out / "monitor_study.json", [one.to_dict() for one in outcomes])
+    page = out / "monitor_study.md"
+    return write_page(page, "Scenarios of the monitor", command, [ABOUT, table(outcomes)])
 
 
 #: Blocks a second.
@@ -299,10 +275,3 @@ def _counted(kind: str, outcomes: list[ScenarioOutcome]) -> ScenarioCounts:
         sum(len(outcome.false) for outcome in outcomes),
         sum(outcome.seconds for outcome in outcomes) / 3600.0,
     )
-
-
-def run_hours(cases: int, seed: int, out: Path, workers: int | None = None) -> list[ScenarioOutcome]:
-    """Replay ``cases`` hours; ``out`` gets ``monitor_hours.md`` and ``monitor_hours.json``."""
-    command = study_command("monitor-hours", cases, seed)
-    page = MonitorPage(out / "monitor_hours.md", "Healthy hours of the monitor", command)
-    return replay_all(draw_hours(cases, seed), "healthy hours", page, workers)

@@ -448,27 +448,3 @@ def draw_cases(count: int, seed: int) -> list[Scenario]:
         draw_scenario(kinds[number % len(kinds)], np.random.default_rng([seed, number]))
         for number in range(count)
     ]
-
-
-def draw_hours(count: int, seed: int) -> list[Scenario]:
-    """Return ``count`` healthy hours."""
-    return [healthy_hour(np.random.default_rng([seed, 7, number])) for number in range(count)]
-
-
-def healthy_hour(draw: Generator) -> Scenario:
-    """An hour with warming and cooling oil, changes of speed and standstills."""
-    case = with_speeds(draw, draw_case(draw, "healthy hour", seconds=3600.0))
-    rests = tuple(
-        (600.0 * number + start, 600.0 * number + start + draw.uniform(10.0, 120.0))
-        for number, start in enumerate(draw.uniform(100.0, 400.0, 6))
-    )
-    warm = float(draw.uniform(45.0, 65.0))
-    begins, lasts = float(draw.uniform(30.0, 300.0)), float(draw.uniform(600.0, 1500.0))
-    cools, cooling = float(draw.uniform(35.0, warm)), float(draw.uniform(300.0, 1200.0))
-    changes = (
-        PlannedChange("oil_temperature", warm, begins, lasts),
-        PlannedChange("oil_temperature", cools, 2200.0, cooling),
-    )
-    # Fewer lines of the broadband: an hour has to be simulated in seconds.
-    update = {"broadband_lines": 16, "broadband_high": 75.0, "rests": rests}
-    return replace(case, machine=case.machine.model_copy(update=update), changes=changes, sample_rate=1000.0)

@@ -12,7 +12,15 @@ import numpy as np
 import pytest
 from spool_core.block import Block
 from spool_estimator.estimator import Estimator, settings_for
-from spool_evaluation.studies.monitor import MonitorPage, counts, judge, replay, run_case, stream, table
+from spool_evaluation.studies.monitor import (
+    counts,
+    judge,
+    replay,
+    run_case,
+    stream,
+    table,
+    write_study,
+)
 from spool_evaluation.studies.scenarios import (
     SCENARIOS,
     ChannelFault,
@@ -154,11 +162,10 @@ def test_a_sample_of_the_study_is_found_in_time_and_nothing_else(number: int) ->
     assert np.isfinite(outcome.delays).all()
 
 
-def test_a_study_that_may_be_ended_writes_its_page_again_and_again(tmp_path: Path) -> None:
-    page = MonitorPage(tmp_path / "monitor_study.md", "Scenarios", "./spool study monitor")
+def test_a_study_writes_its_page_and_every_outcome(tmp_path: Path) -> None:
     missed = [judge(case, []) for case in draw_cases(2, 1)]
-    page.write(missed[:1])
-    page.write(missed)
+    page = write_study(missed, tmp_path, "./spool study monitor")
+    assert "./spool study monitor" in page.read_text()
     assert len(json.loads((tmp_path / "monitor_study.json").read_text())) == 2
 
 
