@@ -7,8 +7,8 @@ import pytest
 from spool_core.errors import InputError
 from spool_core.numbers import Array
 from spool_gap.catalogue.friction import dahl_state
-from spool_gap.force.analyse import analyse_forces
-from spool_gap.force.balance import ForceRecord
+from spool_gap.force.analyse import TriedForces, analyse_forces, decide
+from spool_gap.force.balance import ForceFit, ForceRecord
 from spool_gap.report import result_to_dict
 from spool_sim.model import MODELS
 
@@ -64,6 +64,41 @@ def test_the_mass_is_found_where_a_force_drives_it() -> None:
     mass = next(q for q in result.parameters if q.name == "mass")
     assert mass.value == pytest.approx(40.0, rel=0.05)
     assert result.verdict == "cubic_stiffness"
+
+
+def test_a_driven_mass_with_mixed_friction_ends_in_a_result() -> None:
+    time, place, speed = rig(7)
+    size = np.abs(speed) / 0.01
+    friction = np.sign(speed) * (6.0 * np.sqrt(size) + 4.0 / (size + 0.05))
+    force = 40.0 * np.gradient(speed, PERIOD) + 100.0 * speed + 900.0 * place + friction
+    force = force + 0.1 * np.random.default_rng(7).standard_normal(time.size)
+    result = analyse_forces([ForceRecord("rig", 0.0, PERIOD, place, force)], MODELS["fluid"], "driven")
+    assert result.after.nrmse < 0.5 * result.before.nrmse
+
+
+def tried(before: TriedForces | None, error: float, *names: str) -> TriedForces:
+    """Return a set of effects of one number each that leaves ``error``, white over 1000 samples."""
+    numbers, held = np.ones(len(names)), error * np.random.default_rng(1).standard_normal(1000)
+    fit = ForceFit(names, ({},) * len(names), names, numbers, numbers, (), (held,), 1.0)
+    return TriedForces((), fit, error, before)
+
+
+def test_the_best_single_effect_need_not_be_in_the_best_set() -> None:
+    base = tried(None, 0.5)
+    drag, spring = (tried(base, *one) for one in ((0.2, "quadratic_damping"), (0.25, "cubic_stiffness")))
+    pair = tried(spring, 0.05, "cubic_stiffness", "coulomb_friction")
+    found, sure = decide([base, drag, spring, pair])
+    assert found is pair
+    assert 0.85 < sure <= 0.9
+
+
+def test_a_second_effect_needs_evidence_and_the_same_set_counts_alike_by_any_path() -> None:
+    base = tried(None, 0.5)
+    drag, spring = (tried(base, *one) for one in ((0.2, "quadratic_damping"), (0.25, "cubic_stiffness")))
+    both = tried(spring, 0.1995, "cubic_stiffness", "quadratic_damping")
+    found, sure = decide([base, drag, spring, both])
+    assert found is drag
+    assert sure < decide([base, drag, spring])[1]
 
 
 def stick_slip(rate: float, speed: float, seconds: float = 24.0) -> ForceRecord:

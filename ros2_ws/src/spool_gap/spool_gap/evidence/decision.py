@@ -362,10 +362,20 @@ def _probabilities(
             continue
         name = _joined(one)
         best[name] = max(best.get(name, -math.inf), one.evidence)
-    # The simplest of those that the evidence does not decide between counts: others must be ahead by more.
-    top = max(best.values()) + DECISIVE
-    best[_joined(fit)] = top
-    best[UNEXPLAINED] = top + rest
+    return probabilities_of(best, _joined(fit), rest)
+
+
+def probabilities_of(evidence: Mapping[str, float], chosen: str, rest: float = -math.inf) -> dict[str, float]:
+    """Return the probability of each set of effects by its ``evidence``, the most probable first.
+
+    Args:
+        evidence: by the names of the effects, joined.
+        chosen: the simplest of those that the evidence does not decide between.
+        rest: evidence of something that no effect is, over that of ``chosen``.
+    """
+    # The chosen one counts as the likeliest: others must be ahead by more than what decides.
+    top = max(evidence.values()) + DECISIVE
+    best = {**evidence, chosen: top, UNEXPLAINED: top + rest}
     scaled = {name: (value - max(best.values())) / TEMPERATURE for name, value in best.items()}
     total = sum(math.exp(value) for value in scaled.values())
     found = {name: math.exp(value) / total for name, value in scaled.items()}

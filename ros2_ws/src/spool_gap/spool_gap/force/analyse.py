@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from spool_core.errors import InputError
@@ -14,6 +14,8 @@ from spool_sim.model import Model
 
 from spool_gap.catalogue import EFFECTS, FRICTIONS
 from spool_gap.effect import Effect
+from spool_gap.evidence.decision import OUTSIDE, probabilities_of
+from spool_gap.likelihood.search import BEAM, DECISIVE
 from spool_gap.result import (
     GapResult,
     GapSettings,
@@ -34,21 +36,23 @@ from .balance import (
     independent_samples,
 )
 from .position import CONSTANT, Chosen, cross_validated, fitted_by_position, free_run_error
-from .result import SIMPLER, quantities_of, result_of
+from .result import quantities_of, result_of
 
 #: s of the stretches that are fitted and held out by turns.
 STRETCH = 4.0
 #: Share of the held-out error, rms, that an effect must take away.
 SMALLEST = 0.03
-#: Twice the log likelihood ratio, after the BIC penalty of the parameters, from which an effect counts.
-EVIDENCE = 20.0
+#: Error over that of a richer law up to which the plain one, which it contains, is kept: derivatives err by
+#: more than the motion that is predicted from accelerations.
+PLAIN = 1.15
 #: Correlation of two columns, base taken off, from which they cannot be distinguished.
 ALIKE = 0.97
 #: Ratio of the 95 to the 5 % quantile of the speed below which the speed hardly varies, and standard
 #: deviations from which viscous and Coulomb friction are two numbers all the same (one in 370 by chance).
 VARIED, TWO_NUMBERS = 6.0, 3.0
-#: Why a hypothesis of the ranking is not part of the verdict: the held-out error grows.
+#: Why a hypothesis of the ranking is not part of the verdict.
 GROWS = "the error on held-out data rises with it"
+INSIGNIFICANT = "it does not close the gap significantly"
 #: Standard deviations of a linear number, and factors on one that shapes a law, at which they are held.
 DEVIATIONS = (-4.0, -3.0, -2.0, -1.0, 0.0, 1.0, 2.0, 3.0, 4.0)
 FACTORS = (0.1, 0.3, 0.6, 0.8, 0.9, 0.95, 1.0, 1.05, 1.1, 1.25, 1.6, 3.0, 10.0)
@@ -98,14 +102,10 @@ def analyse_forces(
         warnings.append("no spring is seen: a free run without one does as well, so the base has none here")
         balance = ForceBalance(train, held, [*columns, "zero"], driven=True, mass=mass)
     alike = _cannot_tell(balance)
-    steps: list[tuple[Chosen, ForceFit]] = [((), balance.fit([]))]
-    ranking: list[RankedHypothesis] = []
-    while len(steps) <= chosen_settings.most_effects:
-        tell(f"trying effects jointly with {' + '.join(steps[-1][1].effects) or 'the base'}", 0.3)
-        better = _forward(balance, steps[-1], ranking, kind)
-        if better is None:
-            break
-        steps.append(better)
+    tried = searched(balance, kind, chosen_settings.most_effects, tell)
+    decided, sure = decide(tried)
+    steps: list[tuple[Chosen, ForceFit]] = [(one.chosen, one.fit) for one in decided.path]
+    ranking = _ranked(balance, tried, decided)
     tell("measuring what is left", 0.9)
     if kind == "driven":
         tell("following the position", 0.6)
@@ -113,7 +113,7 @@ def analyse_forces(
         steps += _with_constant_force(balance, steps[-1], ranking, base)
     steps, refused = without_growth(balance, steps, ranking)
     told = [*warnings, *refused, *(_differing(balance, steps[-1][0]) if holdout else [])]
-    result = result_of(records, base, kind, balance, steps, ranking, told, alike, begun)
+    result = result_of(records, base, kind, balance, steps, ranking, told, alike, sure, begun)
     result = replace(result, sentence=" ".join([result.sentence, *refused]))
     if chosen_settings.profiles and result.effects:
         result = replace(result, profiles=force_profiles(balance, *steps[-1], result.effects))
@@ -267,10 +267,10 @@ def _with_constant_force(
     place = balance.base.index("zero")
     size = abs(float(fit.coefficients[place])) / max(float(fit.deviations[place]), 1e-300)
     independent = sum(independent_samples(row) for row in without.held)
-    evidence = 2.0 * independent * math.log(max(before, 1e-12) / max(after, 1e-12))
-    evidence -= math.log(max(3.0, independent))
-    enough = after < (1.0 - SMALLEST) * before and evidence > EVIDENCE and size > TWO_NUMBERS
-    reason = "" if enough else "it does not close the gap significantly"
+    evidence = independent * math.log(max(before, 1e-12) / max(after, 1e-12))
+    evidence -= 0.5 * math.log(max(3.0, independent))
+    enough = after < (1.0 - SMALLEST) * before and evidence > DECISIVE and size > TWO_NUMBERS
+    reason = "" if enough else INSIGNIFICANT
     push = -balance.sign * float(fit.coefficients[place])
     known = tuple(e.id for e, _ in chosen)
     row = RankedHypothesis(
@@ -280,58 +280,122 @@ def _with_constant_force(
     return [((*chosen, (entry, {})), fit)] if enough else []
 
 
-def _forward(
-    balance: ForceBalance, step: tuple[Chosen, ForceFit], ranking: list[RankedHypothesis], kind: str
-) -> tuple[Chosen, ForceFit] | None:
-    chosen, fit = step
-    before = balance.nrmse(fit)
+@dataclass(frozen=True, slots=True, eq=False)
+class TriedForces:
+    """Set of effects that was fitted to the forces.
+
+    Attributes:
+        chosen: the effects with their shapes.
+        fit: jointly with the base.
+        nrmse: its held-out error.
+        before: the set that it adds one effect to; ``None`` for the base.
+        gain: log likelihood over that of ``before`` on held-out data, less the penalty of its numbers.
+        reason: why it is out of the question, empty where it is not.
+    """
+
+    chosen: Chosen
+    fit: ForceFit
+    nrmse: float
+    before: TriedForces | None = None
+    gain: float = 0.0
+    reason: str = ""
+
+    @property
+    def numbers(self) -> int:
+        """How many were fitted."""
+        return len(self.fit.coefficients) + sum(map(len, self.fit.shapes))
+
+    @property
+    def path(self) -> list[TriedForces]:
+        """The sets from the base to this one."""
+        return [*(self.before.path if self.before else []), self]
+
+
+def searched(balance: ForceBalance, kind: str, most: int, tell: Progress) -> list[TriedForces]:
+    """Return every set that was fitted, the base first: each effect alone, then with the best sets."""
+    fit = balance.fit([])
+    found = beam = [TriedForces((), fit, balance.nrmse(fit))]
+    for _ in range(most):
+        with_these = " or ".join("+".join(one.fit.effects) or "the base" for one in beam)
+        tell(f"trying effects jointly with {with_these}", 0.3)
+        added = [more for one in beam for more in _extended(balance, one, kind)]
+        found = [*found, *added]
+        beam = sorted((one for one in added if not one.reason), key=lambda one: one.nrmse)[:BEAM]
+        if not beam:
+            break
+    return found
+
+
+def _extended(balance: ForceBalance, one: TriedForces, kind: str) -> Iterator[TriedForces]:
     # One law of dry friction is enough: another next to it would only repair its shape at reversals.
-    contained = {name for entry, _ in chosen for name in (entry.id, *entry.replaces)}
+    contained = {name for entry, _ in one.chosen for name in (entry.id, *entry.replaces)}
     if contained & FRICTIONS:
         contained |= FRICTIONS
-    found: list[tuple[float, float, Chosen, ForceFit, Effect]] = []
-    independent = sum(independent_samples(row) for row in fit.held)
+    independent = sum(independent_samples(row) for row in one.fit.held)
     for entry in EFFECTS.values():
         # The load cell's zero is in the base, and a constant push is not distinguished from it.
         zero_alone = entry.load_cell_zero and entry.searched
         if kind not in entry.kinds or not entry.terms or entry.id in contained or zero_alone:
             continue
-        kept = tuple(pair for pair in chosen if pair[0].id not in entry.replaces)
+        kept = tuple(pair for pair in one.chosen if pair[0].id not in entry.replaces)
         shape = balance.best_shape(entry, kept)
         if shape is None:
             continue
-        tried = (*kept, (entry, shape))
-        result = balance.fit(tried)
-        after = balance.nrmse(result)
-        evidence = independent * math.log(max(before, 1e-12) ** 2 / max(after, 1e-12) ** 2)
-        evidence -= math.log(max(3.0, independent)) * (
-            len(result.coefficients) - len(fit.coefficients) + len(shape)
-        )
-        values = balance.values(entry, shape, result) or {}
+        fit = balance.fit((*kept, (entry, shape)))
+        more = TriedForces((*kept, (entry, shape)), fit, balance.nrmse(fit), one)
+        gain = _evidence(more, one, independent)
         reason = ""
-        if after > (1.0 - SMALLEST) * before or evidence < EVIDENCE:
-            reason = "it does not close the gap significantly"
+        if more.nrmse > (1.0 - SMALLEST) * one.nrmse or gain < DECISIVE:
+            reason = INSIGNIFICANT
         elif entry.load_cell_zero:
             reason = "the difference of the directions is not told from the load cell's zero"
-        ranking.append(
-            RankedHypothesis(entry.id, tuple(e.id for e, _ in chosen), after, evidence, values, False, reason)
-        )
-        if not reason:
-            found.append((evidence, after, tried, result, entry))
-    if not found:
-        return None
-    found.sort(key=lambda row: -row[0])
-    best = found[0]
-    for row in found[1:]:
-        # The simpler one stays where the richer one is hardly better.
-        if row[4].id in best[4].replaces and row[1] < SIMPLER * best[1]:
-            best = row
-    for number, entry_ in enumerate(ranking):
-        if entry_.id == best[4].id and entry_.jointly_with == tuple(e.id for e, _ in chosen):
-            ranking[number] = RankedHypothesis(
-                entry_.id, entry_.jointly_with, entry_.nrmse_after, entry_.evidence, entry_.parameters, True
-            )
-    return best[2], best[3]
+        yield replace(more, gain=gain, reason=reason)
+
+
+def _evidence(one: TriedForces, other: TriedForces, independent: float) -> float:
+    """Return the log likelihood of ``one`` over ``other``, less the penalty of its further numbers."""
+    gain = independent * math.log(max(other.nrmse, 1e-12) / max(one.nrmse, 1e-12))
+    return gain - 0.5 * (one.numbers - other.numbers) * math.log(max(3.0, independent))
+
+
+def decide(tried: Sequence[TriedForces]) -> tuple[TriedForces, float]:
+    """Return the simplest set that the evidence does not decide against, and how probable it is.
+
+    All sets count by the independent samples that the best of them leaves. A plain law stays where it leaves
+    hardly more than the one that contains it.
+    """
+    possible = [one for one in tried if not one.reason]
+    best = min(possible, key=lambda one: one.nrmse)
+    independent = sum(independent_samples(row) for row in best.fit.held)
+    evidence = {one: _evidence(one, tried[0], independent) for one in possible}
+    near = [one for one in possible if evidence[one] >= max(evidence.values()) - DECISIVE]
+    found = min(near, key=lambda one: (one.numbers, -evidence[one]))
+    for one in possible:
+        richer, plain = (set(a.fit.effects) - set(b.fit.effects) for a, b in ((found, one), (one, found)))
+        exchanged = len(richer) == 1 and plain and plain <= set(EFFECTS[next(iter(richer))].replaces)
+        if exchanged and one.nrmse < PLAIN * found.nrmse:
+            found = one
+    named: dict[str, float] = {}
+    for one in possible:
+        name = "+".join(sorted(one.fit.effects))
+        named[name] = max(evidence[one], named.get(name, -math.inf))
+    own = "+".join(sorted(found.fit.effects))
+    return found, (1.0 - OUTSIDE) * probabilities_of(named, own)[own]
+
+
+def _ranked(
+    balance: ForceBalance, tried: Sequence[TriedForces], decided: TriedForces
+) -> list[RankedHypothesis]:
+    rows, path = [], decided.path
+    for one in tried:
+        if one.before is not None:
+            entry, shape = one.chosen[-1]
+            rows.append(RankedHypothesis(
+                entry.id, one.before.fit.effects, one.nrmse, one.gain,
+                balance.values(entry, shape, one.fit) or {},
+                accepted=any(one is step for step in path), reason=one.reason,
+            ))  # fmt: skip
+    return rows
 
 
 def _differing(balance: ForceBalance, chosen: Chosen) -> list[str]:

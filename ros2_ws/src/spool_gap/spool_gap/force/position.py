@@ -177,6 +177,8 @@ def model_of(base: Model, balance: ForceBalance, chosen: Chosen, fit: ForceFit) 
     gone |= {"viscous_friction"} if "damping" not in balance.base else set()
     terms = [entry for entry in base.terms if entry.name not in gone]
     terms += [term(name) for entry, _ in chosen for name in entry.terms]
+    # What an effect does not fit, as a load that only scales its other numbers, is as its term has it.
+    values |= {p.name: p.start for entry, _ in chosen for name in entry.terms for p in term(name).parameters}
     for entry, shape in chosen:
         own = [] if entry.id != CONSTANT else parameters_of(balance, fit, entry, shape)
         values |= {q.name: q.value for q in own} or balance.values(entry, shape, fit) or {}

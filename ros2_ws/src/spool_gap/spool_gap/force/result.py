@@ -7,12 +7,11 @@ import time
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.special import expit
 from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.identification.spectra import density_of
 from spool_sim.model import Model
 
-from spool_gap.catalogue import EFFECTS, FRICTIONS
+from spool_gap.catalogue import FRICTIONS
 from spool_gap.report import (
     LOOKS_LIKE,
     UNEXPLAINED,
@@ -29,8 +28,6 @@ from spool_gap.result import Curves, GapResult, HeldOutAgreement, NamedEffect, R
 from .balance import BASE_NAMES, ForceBalance, ForceFit, ForceRecord
 from .position import Chosen, free_run_error, model_of, parameters_of
 
-#: Error over that of a richer law up to which the simpler one, which it contains, is kept.
-SIMPLER = 1.15
 #: Error from which what is left has no name; below, derivatives of the displacement may be the reason.
 LEFT = 0.03
 #: Error up to which an effect that was added explains the force, and share of the gap's power from which what
@@ -40,7 +37,8 @@ MUCH, LITTLE = 0.4, 0.01
 FOLLOWED = 0.01
 #: Share of the gap's power that names must explain to stay where something else is left.
 EXPLAINS = 0.1
-#: Confidence at most, and why: of verdicts on records of accelerometers three in four were right.
+#: Confidence at most, and why: no verdicts on force records of known truth were counted, and of those on
+#: records of accelerometers three in four were right at first.
 MOST_SURE, NOT_CALIBRATED = 0.75, "not calibrated for force records"
 COMPARED = "the force"
 
@@ -54,9 +52,13 @@ def result_of(
     ranking: list[RankedHypothesis],
     warnings: list[str],
     alike: tuple[str, ...],
+    sure: float,
     begun: float,
 ) -> GapResult:
-    """Return the outcome of ``steps``, base first; ``alike`` are forces that are not distinguished."""
+    """Return the outcome of ``steps``, base first, of which the evidence is ``sure`` (a probability).
+
+    ``alike`` are forces that are not distinguished.
+    """
     chosen, final = steps[-1]
     _, first = steps[0]
     before, after = balance.nrmse(first), balance.nrmse(final)
@@ -74,7 +76,7 @@ def result_of(
         ]
         advice = "drive with speeds that differ by a factor of 10 or more"
     verdict = "+".join(names) or "none"
-    confidence = _confidence(ranking, names)
+    confidence = sure
     if alike and (FRICTIONS & set(names) or not names):
         verdict, confidence, candidates = UNEXPLAINED, 0.5, (*alike, *names)
     elif names and after > MUCH:
@@ -89,7 +91,7 @@ def result_of(
     smeared = bool(FRICTIONS & set(names)) and balance.sliding_error(final) <= LEFT
     left = None if followed or smeared else _remainder(before, after, floor)
     if names and not alike and left is not None and 1.0 - left.share >= EXPLAINS:
-        verdict, confidence, candidates = "+".join((*names, UNEXPLAINED)), _confidence(ranking, names), ()
+        verdict, confidence, candidates = "+".join((*names, UNEXPLAINED)), sure, ()
     left = left if UNEXPLAINED in verdict else None
     effects = [] if verdict in ("none", UNEXPLAINED) else _named(balance, steps, chosen, final)
     runner = max(
@@ -126,22 +128,6 @@ def _remainder(before: float, after: float, floor: float) -> Remainder | None:
     gap = max(before**2 - floor**2, 1e-30)
     share = max(0.0, after**2 - floor**2) / gap
     return Remainder(share, (after / max(floor, 1e-12)) ** 2, "nothing", LOOKS_LIKE["nothing"])
-
-
-def _confidence(ranking: Sequence[RankedHypothesis], names: tuple[str, ...]) -> float:
-    sure = 0.95
-    for name in names:
-        own = next((h for h in ranking if h.id == name and h.accepted), None)
-        if own is None:
-            continue
-        rivals = [h for h in ranking if h.jointly_with == own.jointly_with and h.id != name and not h.reason]
-        # A richer law that was passed over always has more evidence: how near it came to being taken counts.
-        richer = [h for h in rivals if name in EFFECTS[h.id].replaces]
-        nearest = max([1.0, *(own.nrmse_after / h.nrmse_after for h in richer)])
-        sure *= 1.0 - 0.5 * min(1.0, (nearest - 1.0) / (SIMPLER - 1.0))
-        others = [h.evidence for h in rivals if h not in richer]
-        sure *= float(expit(0.1 * (own.evidence - max([0.0, *others]))))
-    return sure
 
 
 def quantities_of(balance: ForceBalance, fit: ForceFit, chosen: Chosen) -> tuple[Quantity, ...]:
