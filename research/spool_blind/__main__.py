@@ -5,9 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from spool_blind.case import write
-
-from .case import make
+from spool_blind.case import make, write
 
 
 def main() -> None:

@@ -16,9 +16,8 @@ from scipy.fft import rfft, rfftfreq
 from scipy.optimize import least_squares
 from scipy.stats import chi2, ncx2
 
+from spool_blind.condition import DELAY_TOLERANCE, GAIN_TOLERANCE
 from spool_blind.simulator import Padded, transmissibility
-
-from .condition import DELAY_TOLERANCE, GAIN_TOLERANCE
 
 Array = NDArray[np.float64]
 

@@ -11,9 +11,9 @@ from spool_core.numbers import Array
 from spool_evaluation.results.page import markdown_table, renew_json, study_command, write_page
 from spool_evaluation.studies.workers import spread
 
-from .run_day import TRACED, DayOutcome, Trace, outcome_of
-from .surrogate import load_surrogate
-from .world import AROUND, BEFORE, ValveDay, draw_day
+from spool_operation.run_day import TRACED, DayOutcome, Trace, outcome_of
+from spool_operation.surrogate import load_surrogate
+from spool_operation.world import AROUND, BEFORE, ValveDay, draw_day
 
 #: s of each day that are run in full: the first hour of production, with its starts and changes of speed.
 FULL = 3600

@@ -20,10 +20,10 @@ from spool_evaluation.results.page import markdown_table
 from spool_evaluation.studies.workers import spread
 from spool_monitor.parameter_drift import VISCOUS
 
-from .faults import SPEEDS
-from .peers import PEERS
-from .run_day import TRACED, Trace, outcome_of
-from .world import ValveDay, draw_day
+from spool_operation.faults import SPEEDS
+from spool_operation.peers import PEERS
+from spool_operation.run_day import TRACED, Trace, outcome_of
+from spool_operation.world import ValveDay, draw_day
 
 #: Seeds of the days that thresholds are set on lie this far from those that are reported.
 APART = 10_000_000
@@ -248,7 +248,7 @@ def _median(delays: Array) -> float:
 
 
 def _cell(delays: Array) -> str:
-    from .study import span  # noqa: PLC0415 - it imports this module
+    from spool_operation.study import span  # noqa: PLC0415 - it imports this module
 
     found = np.sort(delays[np.isfinite(delays)])
     missed = delays.size - found.size

@@ -5,9 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from spool_blind.field.case import write_field
-
-from .case import make_field
+from spool_blind.field.case import make_field, write_field
 
 
 def main() -> None:

@@ -21,9 +21,8 @@ from spool_core.errors import InputError
 from spool_core.node.network import isolate
 from spool_tools.operations.demo import Nodes
 
+from spool_evaluation.benchmarks.load import plain_recorder
 from spool_evaluation.benchmarks.load.valve_source import memory, processor_time, report_of, sending
-
-from .load import plain_recorder
 
 VALVES = (32,)
 #: s that blocks are sent, after which processor time is taken, and that nodes have to start.

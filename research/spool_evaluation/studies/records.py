@@ -20,8 +20,7 @@ from spool_tools.report.ranking import fit_and_validate
 
 from spool_evaluation.results.page import markdown_table, write_page
 from spool_evaluation.studies.estimation import Estimated
-
-from .workers import spread
+from spool_evaluation.studies.workers import spread
 
 #: From where the command is given.
 BAGS = Path("bags")

@@ -8,10 +8,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from spool_core.block import BlockRun, RecentCounts, joined_runs
-
-from .block import Block, joined
-from .rate_check import RateCheck, RateState
+from spool_core.block import Block, BlockRun, RecentCounts, joined, joined_runs
+from spool_core.rate_check import RateCheck, RateState
 
 #: A block's stamp, end (ns), sequence and sample period (s).
 Place = tuple[int, int, int, float]

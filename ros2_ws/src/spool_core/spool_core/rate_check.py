@@ -10,10 +10,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from spool_core.block import BlockRun
+from spool_core.block import Block, BlockRun
 from spool_core.numbers import Array
-
-from .block import Block
 
 #: Relative departure of ``sample_period`` from the stamps that is a fault. A stiffness goes with the square
 #: of time: 0.25 % of the period are 0.5 % of the stiffness. Quartz clocks agree to 0.02 % or better.

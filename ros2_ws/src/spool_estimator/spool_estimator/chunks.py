@@ -31,8 +31,7 @@ from spool_estimator.prediction import (
 )
 from spool_estimator.recursive import RegressionArrays, advance
 from spool_estimator.sliding_window import WindowArrays, take_chunk
-
-from .stream_estimator import CHUNK
+from spool_estimator.stream_estimator import CHUNK
 
 #: N, force noise that the prior is weighed with, and the least that a record is believed to have.
 NOISE, SMALLEST_NOISE = 0.05, 1.0e-3

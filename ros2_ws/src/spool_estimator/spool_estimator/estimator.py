@@ -24,10 +24,17 @@ from spool_sim.valve import Valve
 from spool_estimator.identification.oil import oil_law
 from spool_estimator.prediction import DELAY
 from spool_estimator.recursive import ExponentialForgetting, RecursiveLeastSquares, SlidingLeastSquares
+from spool_estimator.sliding_window import (
+    BODY,
+    COLUMNS,
+    DIRECTION,
+    DISPLACEMENT,
+    SPOOL,
+    VELOCITY,
+    Conditioning,
+)
 from spool_estimator.stream_estimator import CHUNK, NAMES, WINDOW, EstimatorSettings, Learned, StreamEstimator
 from spool_estimator.tracking import Knowledge, Tracker
-
-from .sliding_window import BODY, COLUMNS, DIRECTION, DISPLACEMENT, SPOOL, VELOCITY, Conditioning
 
 #: Relative standard deviation of the stiffness at which learning ends.
 LEARNED = 0.02

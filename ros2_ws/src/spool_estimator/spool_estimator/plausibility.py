@@ -17,11 +17,10 @@ from spool_core.errors import InputError
 from spool_core.uncertainty import Z_95, compared
 from spool_sim.valve import FILM, OILS, Valve
 
+from spool_estimator.estimate import Estimate, State
 from spool_estimator.identification.channel_faults import FITS, PIECE, pair_of
 from spool_estimator.identification.channel_pair import Swing
 from spool_estimator.identification.record import Record
-
-from .estimate import Estimate, State
 
 #: Tracked estimates that are looked at: the first minute judges the file, later changes are the monitor's.
 MOST = 60

@@ -16,8 +16,7 @@ from spool_estimator.history import Displacement, Fitter, History, WindowFit
 from spool_estimator.prediction import BODY, MEAN_SQUARES, Prediction
 from spool_estimator.recursive import ENOUGH, RecursiveLeastSquares, SlidingLeastSquares
 from spool_estimator.sliding_window import ChunkWindow
-
-from .stream_estimator import CHUNK
+from spool_estimator.stream_estimator import CHUNK
 
 #: s of samples that are kept for starts.
 KEPT = 3.0

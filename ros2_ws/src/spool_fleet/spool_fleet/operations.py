@@ -17,10 +17,9 @@ from spool_tools.terminal import progress
 
 from spool_fleet import execution
 from spool_fleet.add import DAMAGED, Added, Naming, PathPattern, Scan, add, found_bags, read_table, scan
+from spool_fleet.analyses.base import chosen
 from spool_fleet.manifest import Manifest, Service
 from spool_fleet.query import QUESTIONS, ask, rows_of, sql_of
-
-from .analyses.base import chosen
 
 
 def add_to_store(

@@ -15,9 +15,8 @@ from spool_estimator.refit import Refit, WindowRefits, refit
 from spool_estimator.stream_estimator import StreamEstimator
 
 from spool_monitor.event import Event, EventState
+from spool_monitor.monitor import Monitor
 from spool_monitor.parameter_drift import ParameterDrift
-
-from .monitor import Monitor
 
 #: Points of one parameter that are kept at most; where there are more, every other one goes.
 DRIFT_TRACE_MOST = 8_000

@@ -16,8 +16,14 @@ from spool_monitor.alarm import AlarmRefusedError, Operator
 from spool_monitor.alarm_store import AlarmStore, serialised
 from spool_monitor.detection import Detection
 from spool_monitor.monitor import Monitor
-
-from .state_file import Baseline, BaselineRecord, BaselineStage, FolderLock, HealthyValue, StateFile
+from spool_monitor.state_file import (
+    Baseline,
+    BaselineRecord,
+    BaselineStage,
+    FolderLock,
+    HealthyValue,
+    StateFile,
+)
 
 ALARMS, BASELINE, TRENDS = "alarms.json", "baseline.json", "trends.sqlite"
 

@@ -11,9 +11,8 @@ from spool_estimator.warm_up import warm_up
 
 from spool_monitor.channels import due_power
 from spool_monitor.detectors import MonitorSettings
+from spool_monitor.monitor import Monitor
 from spool_monitor.trend_writer import TravelCounter
-
-from .monitor import Monitor
 
 #: s of data after which every kernel has run.
 SECONDS = 3

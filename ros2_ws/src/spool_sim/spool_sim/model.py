@@ -12,9 +12,8 @@ from spool_core.errors import InputError
 from spool_core.text import did_you_mean
 
 from spool_sim.integration.composition import unique_parameters
+from spool_sim.terms import Parameter, Term, term
 from spool_sim.valve import Number, Valve, one_line, read_mapping
-
-from .terms import Parameter, Term, term
 
 NEEDED: tuple[str, ...] = ("inertia", "spring")
 

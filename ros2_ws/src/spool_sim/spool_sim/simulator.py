@@ -21,10 +21,9 @@ from spool_sim.integration.composed_motion import (
     substeps_for,
 )
 from spool_sim.lubrication import OilTable
+from spool_sim.model import Model, load_model
+from spool_sim.sensors import Sensor, SensorChannel
 from spool_sim.valve import Valve
-
-from .model import Model, load_model
-from .sensors import Sensor, SensorChannel
 
 #: Parameters that may drift, and the oil's temperature, on which the viscous coefficient depends.
 DRIFTING: tuple[str, ...] = ("viscous_coefficient", "coulomb_force", "spring_stiffness", "oil_temperature")

@@ -17,10 +17,9 @@ from spool_core.node.parameters import NodeParameter, Value
 from spool_core.node.running import run
 
 from spool_sim.excitation import load_excitation
+from spool_sim.sensors import Sensor
+from spool_sim.simulator import DRIFTING, Simulator
 from spool_sim.valve import find_valve
-
-from .sensors import Sensor
-from .simulator import DRIFTING, Simulator
 
 #: Blocks sent in one turn when the node fell behind; what is older is dropped, with its sequence numbers.
 _CATCH_UP = 25

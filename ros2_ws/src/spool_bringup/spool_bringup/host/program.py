@@ -11,8 +11,7 @@ from spool_core.system import run_before_others, use_processors
 from spool_core.text import keep_standard_streams
 
 from spool_bringup.host.arguments import FirstList
-
-from .supervisor import Run, Supervisor
+from spool_bringup.host.supervisor import Run, Supervisor
 
 
 def main() -> int:
@@ -50,7 +49,7 @@ def main() -> int:
     if options.processes > 1:
         return Supervisor(options.processes, partial(_load, arguments, FirstList())).run()
     with libraries_reported("host"):
-        from .host_process import HostProcess  # noqa: PLC0415 - slow to load
+        from spool_bringup.host.host_process import HostProcess  # noqa: PLC0415 - slow to load
 
     return HostProcess(arguments).run()
 
@@ -61,7 +60,7 @@ def _load(arguments: list[str], valves: FirstList) -> Run:
         from spool_estimator.warm_up import warm_up_estimator  # noqa: PLC0415 - slow to load, once for all
         from spool_monitor.warm_up import warm_up_monitor  # noqa: PLC0415
 
-        from .host_process import HostProcess  # noqa: PLC0415
+        from spool_bringup.host.host_process import HostProcess  # noqa: PLC0415
 
     warm_up_estimator()
     warm_up_monitor()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .english import EventText, Language
+from spool_core.events.english import EventText, Language
 
 EVENTS = {
     100: EventText(

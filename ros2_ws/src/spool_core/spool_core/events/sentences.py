@@ -8,12 +8,11 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from spool_core.errors import InputError
+from spool_core.events.english import ENGLISH, Language
+from spool_core.events.event import Event, EventState, Facts, Severity
+from spool_core.events.german import GERMAN
+from spool_core.events.polish import POLISH
 from spool_core.uncertainty import Quantity, compared, exact, number
-
-from .english import ENGLISH, Language
-from .event import Event, EventState, Facts, Severity
-from .german import GERMAN
-from .polish import POLISH
 
 LANGUAGES: dict[str, Language] = {one.code: one for one in (ENGLISH, GERMAN, POLISH)}
 

@@ -11,9 +11,8 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
 from spool_core.block_gate import BlockGate, Fault
+from spool_core.node import qos
 from spool_core.text import plural
-
-from . import qos
 
 
 class Level(enum.Enum):

@@ -21,7 +21,15 @@ from spool_core.kernels.compiled import compiled
 from spool_core.kernels.samples import impossible
 from spool_core.numbers import GRAVITY, Array
 
-from .channel_pair import CORNER, DELAY, GAIN, LOW, ChannelPair, ClockStep, PairFit
+from spool_estimator.identification.channel_pair import (
+    CORNER,
+    DELAY,
+    GAIN,
+    LOW,
+    ChannelPair,
+    ClockStep,
+    PairFit,
+)
 
 #: Smallest steps of a converter that a change must reach on both sides of equal samples: of samples that a
 #: converter reads once each, fewer than one in as many equals its neighbour by chance.

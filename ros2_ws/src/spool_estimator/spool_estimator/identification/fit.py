@@ -26,9 +26,13 @@ from spool_estimator.identification.equation_error import EquationError, input_n
 from spool_estimator.identification.fit_result import SPOOL_DELAY, SPOOL_GAIN, Agreement, Fit, FitSettings
 from spool_estimator.identification.free_run import FreeRun, Response
 from spool_estimator.identification.record import Record
+from spool_estimator.identification.residuals import (
+    Residuals,
+    fit_covariance,
+    information_criterion,
+    standard_deviations,
+)
 from spool_estimator.identification.spectra import density_of
-
-from .residuals import Residuals, fit_covariance, information_criterion, standard_deviations
 
 #: s of data that the first descents from several starts use.
 FIRST_SECONDS = 8.0

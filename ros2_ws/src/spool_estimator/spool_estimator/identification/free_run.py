@@ -22,9 +22,8 @@ from spool_sim.model import Model
 from spool_sim.valve import Valve
 
 from spool_estimator.identification.least_squares import in_parallel
+from spool_estimator.identification.record import Record
 from spool_estimator.identification.spectra import ZeroPhase, faded, interval_mean_response, relative_motion
-
-from .record import Record
 
 #: s of samples on both sides of a window that its interpolation uses.
 MARGIN = 0.25

@@ -7,7 +7,7 @@ from spool_core.errors import InputError
 from spool_estimator.identification.spectra import cross_spectrum
 from spool_tools.operations.record_loading import Selection, load_recording
 
-from .base import Analysis, Rows, Subject, parameter
+from spool_fleet.analyses.base import Analysis, Rows, Subject, parameter
 
 #: Samples that are read of a record at most.
 LONGEST = 1_200_000

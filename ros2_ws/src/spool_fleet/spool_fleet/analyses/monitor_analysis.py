@@ -8,7 +8,7 @@ from spool_core.errors import InputError
 from spool_tools.operations.record_loading import choose_valves
 from spool_tools.operations.record_replay import SHIPPED, replay_valve, valve_dictionary
 
-from .base import Analysis, Rows, Subject, parameter, referred
+from spool_fleet.analyses.base import Analysis, Rows, Subject, parameter, referred
 
 EVENT = ("t_s", "kind", "state", "severity", "cause", "value", "unit", "message")
 

@@ -15,6 +15,17 @@ from spool_sim.model import Model
 from spool_gap.catalogue import EFFECTS, FRICTIONS
 from spool_gap.effect import Effect
 from spool_gap.evidence.decision import OUTSIDE, probabilities_of
+from spool_gap.force.balance import (
+    ForceBalance,
+    ForceFit,
+    ForceRecord,
+    check_mass,
+    check_motion,
+    conditions_of,
+    independent_samples,
+)
+from spool_gap.force.position import CONSTANT, Chosen, cross_validated, fitted_by_position, free_run_error
+from spool_gap.force.result import quantities_of, result_of
 from spool_gap.likelihood.search import BEAM, DECISIVE
 from spool_gap.result import (
     GapResult,
@@ -25,18 +36,6 @@ from spool_gap.result import (
     RankedHypothesis,
     verdict_of,
 )
-
-from .balance import (
-    ForceBalance,
-    ForceFit,
-    ForceRecord,
-    check_mass,
-    check_motion,
-    conditions_of,
-    independent_samples,
-)
-from .position import CONSTANT, Chosen, cross_validated, fitted_by_position, free_run_error
-from .result import quantities_of, result_of
 
 #: s of the stretches that are fitted and held out by turns.
 STRETCH = 4.0

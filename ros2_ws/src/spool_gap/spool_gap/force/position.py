@@ -23,8 +23,7 @@ from spool_sim.model import Model
 from spool_sim.terms import term
 
 from spool_gap.effect import Effect
-
-from .balance import (
+from spool_gap.force.balance import (
     BASE_NAMES,
     ForceBalance,
     ForceFit,

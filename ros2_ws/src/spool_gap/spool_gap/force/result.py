@@ -12,6 +12,8 @@ from spool_estimator.identification.spectra import density_of
 from spool_sim.model import Model
 
 from spool_gap.catalogue import FRICTIONS
+from spool_gap.force.balance import BASE_NAMES, ForceBalance, ForceFit, ForceRecord
+from spool_gap.force.position import Chosen, free_run_error, model_of, parameters_of
 from spool_gap.report import (
     LOOKS_LIKE,
     UNEXPLAINED,
@@ -24,9 +26,6 @@ from spool_gap.report import (
     unnamed,
 )
 from spool_gap.result import Curves, GapResult, HeldOutAgreement, NamedEffect, RankedHypothesis, Remainder
-
-from .balance import BASE_NAMES, ForceBalance, ForceFit, ForceRecord
-from .position import Chosen, free_run_error, model_of, parameters_of
 
 #: Error from which what is left has no name; below, derivatives of the displacement may be the reason.
 LEFT = 0.03
@@ -55,10 +54,7 @@ def result_of(
     sure: float,
     begun: float,
 ) -> GapResult:
-    """Return the outcome of ``steps``, base first, of which the evidence is ``sure`` (a probability).
-
-    ``alike`` are forces that are not distinguished.
-    """
+    """Return the outcome of ``steps``, base first; ``sure``: probability; ``alike``: not distinguished."""
     chosen, final = steps[-1]
     _, first = steps[0]
     before, after = balance.nrmse(first), balance.nrmse(final)

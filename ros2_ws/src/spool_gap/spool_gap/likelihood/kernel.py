@@ -13,7 +13,6 @@ import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from pathlib import Path
 from types import ModuleType
 
 import numpy as np
@@ -248,11 +247,7 @@ def laws_source(terms: Sequence[Term]) -> str:
 @lru_cache(maxsize=16)
 def _kernel(names: tuple[str, ...]) -> ModuleType:
     terms = [term(name) for name in names]
-    path = Path(importlib.import_module("spool_sim.integration.stepping").__file__ or "")
-    before, found, after = path.read_text(encoding="utf-8").partition("from .fluid_laws import")
-    if not found:
-        raise RuntimeError("spool_sim.integration.stepping does not import its laws in one line")
-    source = f"{before}{laws_source(terms)}\n\n{after.partition(chr(10))[2]}"
+    source = composition.kernel_with(laws_source(terms))
     digest = hashlib.sha256(source.encode())
     for entry in terms:
         digest.update(inspect.getsource(importlib.import_module(type(entry).__module__)).encode())

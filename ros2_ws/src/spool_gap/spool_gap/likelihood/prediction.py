@@ -34,11 +34,9 @@ from spool_estimator.identification.spectra import ZeroPhase
 from spool_sim.integration.composed_motion import Correction
 from spool_sim.valve import Valve
 
-from spool_gap.likelihood.structure import DELAY, GAIN, SMALLEST, ChainPart, Spectrum, inverse
-
-from .kernel import Point, SwitchableMotion, steps_a_sample
-from .readings import Readings, bridged
-from .structure import Structure
+from spool_gap.likelihood.kernel import Point, SwitchableMotion, steps_a_sample
+from spool_gap.likelihood.readings import Readings, bridged
+from spool_gap.likelihood.structure import DELAY, GAIN, SMALLEST, ChainPart, Spectrum, Structure, inverse
 
 Mask = NDArray[np.bool_]
 

@@ -14,13 +14,10 @@ from dataclasses import replace
 import numpy as np
 
 from spool_gap.catalogue import EFFECTS, FRICTIONS
-from spool_gap.likelihood.score import Balance
-from spool_gap.likelihood.structure import CHAIN_PARTS, DELAY, GAIN, mode_of_other
-
-from .prediction import Predictions
-from .score import Proposal, best_of, proposals
-from .structure import Structure, Values
-from .structure_fit import ENOUGH, LOOSENESS, STEPS, StructureFit, fit_structure, judged
+from spool_gap.likelihood.prediction import Predictions
+from spool_gap.likelihood.score import Balance, Proposal, best_of, proposals
+from spool_gap.likelihood.structure import CHAIN_PARTS, DELAY, GAIN, Structure, Values, mode_of_other
+from spool_gap.likelihood.structure_fit import ENOUGH, LOOSENESS, STEPS, StructureFit, fit_structure, judged
 
 Key = tuple[frozenset[str], frozenset[str]]
 

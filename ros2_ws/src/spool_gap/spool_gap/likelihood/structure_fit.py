@@ -17,10 +17,8 @@ import numpy as np
 from spool_core.numbers import Array
 from spool_estimator.identification.least_squares import Unknown
 
-from spool_gap.likelihood.structure import DELAY, GAIN, Spectrum
-
-from .prediction import Predictions
-from .structure import Structure
+from spool_gap.likelihood.prediction import Predictions
+from spool_gap.likelihood.structure import DELAY, GAIN, Spectrum, Structure
 
 #: Looseness of the correction from the first to the last fit.
 LOOSENESS = (1.0, 0.3, 0.1, 0.03, 0.01)

@@ -10,10 +10,9 @@ from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.identification.channel_faults import ChannelFault
 
 from spool_monitor.channels import ChannelLook
+from spool_monitor.detectors.base import CHANNELS, Detector, Judgement, Moment, MonitorSettings
+from spool_monitor.detectors.data_fault import KIND as DATA_FAULT
 from spool_monitor.event import EventCause, Facts, Finding, Severity, sensor_fault
-
-from .base import CHANNELS, Detector, Judgement, Moment, MonitorSettings
-from .data_fault import KIND as DATA_FAULT
 
 SAME_CHANNEL = sensor_fault(EventCause("same_channel", 606))
 WRAP_AROUND = sensor_fault(EventCause("wrap_around", 607))

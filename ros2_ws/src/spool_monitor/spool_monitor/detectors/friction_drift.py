@@ -8,10 +8,9 @@ from typing import ClassVar
 
 from spool_core.uncertainty import Quantity, Validity
 
+from spool_monitor.detectors.base import ESTIMATE, Detector, DriftTest, Moment, MonitorLimit, judgement
 from spool_monitor.event import EventCause, EventKind, Facts, Finding, Namur, Severity
 from spool_monitor.parameter_drift import VISCOUS, ParameterDrift
-
-from .base import ESTIMATE, Detector, DriftTest, Moment, MonitorLimit, judgement
 
 KIND = EventKind(
     "friction_drift",

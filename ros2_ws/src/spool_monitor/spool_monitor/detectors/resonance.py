@@ -9,10 +9,17 @@ from typing import ClassVar
 from spool_core.errors import InputError
 from spool_core.uncertainty import Quantity, Validity
 
+from spool_monitor.detectors.base import (
+    LINE,
+    MINIMUM_BODY,
+    Detector,
+    Judgement,
+    Moment,
+    MonitorLimit,
+    MonitorSettings,
+)
 from spool_monitor.event import EventKind, Facts, Finding, Namur, Severity
 from spool_monitor.window import Line
-
-from .base import LINE, MINIMUM_BODY, Detector, Judgement, Moment, MonitorLimit, MonitorSettings
 
 KIND = EventKind(
     "resonance",

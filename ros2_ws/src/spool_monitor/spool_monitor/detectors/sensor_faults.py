@@ -15,9 +15,7 @@ from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.estimate import Estimate, State
 
 from spool_monitor.channels import KEPT, MEMORY, Channel, Signals, ValveResponse, transfer
-from spool_monitor.event import EventCause, Facts, Finding, Severity, sensor_fault
-
-from .base import (
+from spool_monitor.detectors.base import (
     CHANNELS,
     ESTIMATE,
     MINIMUM_BODY,
@@ -28,6 +26,7 @@ from .base import (
     MonitorLimit,
     MonitorSettings,
 )
+from spool_monitor.event import EventCause, Facts, Finding, Severity, sensor_fault
 
 CLIPPING_KIND = sensor_fault(EventCause("clipping", 602))
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import ClassVar
 
+from spool_monitor.detectors.base import ESTIMATE, Detector, DriftTest, Moment, MonitorLimit, judgement
 from spool_monitor.event import EventCause, EventKind, Facts, Finding, Namur
-
-from .base import ESTIMATE, Detector, DriftTest, Moment, MonitorLimit, judgement
 
 KIND = EventKind(
     "spring_change",

@@ -9,9 +9,16 @@ from typing import ClassVar
 from spool_core.uncertainty import Quantity, Validity
 
 from spool_monitor.channels import due_power
+from spool_monitor.detectors.base import (
+    ESTIMATE,
+    MINIMUM_BODY,
+    SIGNALS,
+    Detector,
+    Judgement,
+    Moment,
+    MonitorSettings,
+)
 from spool_monitor.event import EventKind, Facts, Finding, Namur, Severity
-
-from .base import ESTIMATE, MINIMUM_BODY, SIGNALS, Detector, Judgement, Moment, MonitorSettings
 
 KIND = EventKind(
     "stuck_spool",

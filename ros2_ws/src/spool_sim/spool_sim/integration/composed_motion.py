@@ -22,9 +22,8 @@ from spool_core.errors import InputError
 from spool_core.numbers import Array
 from spool_core.system import processors
 
+from spool_sim.integration.composition import kernel_of, unique_parameters
 from spool_sim.terms import Term
-
-from .composition import kernel_of, unique_parameters
 
 #: Valves below which another thread does not pay.
 SMALLEST_SHARE = 16

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import hashlib
 import importlib
 import inspect
@@ -20,7 +21,8 @@ from spool_core.system import FILE_MODE, write_durably
 from spool_sim.terms import Parameter, Term, term
 
 Function = TypeVar("Function", bound=Callable[..., object])
-_LAWS_LINE = "from .fluid_laws import"
+#: Module whose laws the stepping kernel imports, to be replaced by those of the terms.
+_LAWS = "spool_sim.integration.fluid_laws"
 _MEMORY = "memory_law"
 
 
@@ -128,13 +130,17 @@ def _tuple(parts: Iterable[str]) -> str:
 
 def kernel_source(terms: Sequence[Term]) -> str:
     """Return the source of the whole kernel module of ``terms``."""
-    template = Path(importlib.import_module("spool_sim.integration.stepping").__file__ or "").read_text(
-        encoding="utf-8"
+    return kernel_with(laws_source(terms))
+
+
+def kernel_with(laws: str) -> str:
+    """Return the source of the stepping kernel with ``laws`` in place of those that it imports."""
+    text = Path(importlib.import_module("spool_sim.integration.stepping").__file__ or "").read_text("utf-8")
+    found = next(
+        node for node in ast.parse(text).body if isinstance(node, ast.ImportFrom) and node.module == _LAWS
     )
-    before, found, after = template.partition(_LAWS_LINE)
-    if not found:
-        raise RuntimeError(f"spool_sim.integration.stepping has no line '{_LAWS_LINE}'")
-    return f"{before}{laws_source(terms)}\n\n{after.partition(chr(10))[2]}"
+    lines = text.splitlines(keepends=True)
+    return "".join([*lines[: found.lineno - 1], laws, "\n\n", *lines[found.end_lineno :]])
 
 
 def compiled_in_memory(function: Function) -> Function:

@@ -21,7 +21,17 @@ from numpy.typing import NDArray
 from spool_core.kernels.compiled import compiled, inlined
 from spool_core.numbers import Array
 
-from .fluid_laws import EVENTS, MASS, given, next_level, remembered, rest, sliding, smooth, start_memory
+from spool_sim.integration.fluid_laws import (
+    EVENTS,
+    MASS,
+    given,
+    next_level,
+    remembered,
+    rest,
+    sliding,
+    smooth,
+    start_memory,
+)
 
 Numbers = tuple[float, ...]
 LARGEST_EVENT_COUNT = 40

@@ -5,7 +5,7 @@ from __future__ import annotations
 from spool_core.discovery import classes_in
 from spool_core.errors import InputError
 
-from .base import Parameter, Term
+from spool_sim.terms.base import Parameter, Term
 
 __all__ = ["TERMS", "Parameter", "Term", "term"]
 

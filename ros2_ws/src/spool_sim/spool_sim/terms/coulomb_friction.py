@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from spool_core.kernels.compiled import compiled
 
-from .base import Parameter, Term
+from spool_sim.terms.base import Parameter, Term
 
 
 @compiled

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from spool_core.kernels.compiled import compiled
 
-from .base import Parameter, Term
-from .coulomb_hydrodynamic_friction import CoulombHydrodynamicFrictionTerm
+from spool_sim.terms.base import Parameter, Term
+from spool_sim.terms.coulomb_hydrodynamic_friction import CoulombHydrodynamicFrictionTerm
 
 
 @compiled

@@ -6,7 +6,7 @@ import math
 
 from spool_core.kernels.compiled import compiled
 
-from .base import Parameter, Term
+from spool_sim.terms.base import Parameter, Term
 
 #: s, time constant beyond which the course of any record is a straight line.
 LINE = 1e7

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from spool_core.kernels.compiled import compiled
 
-from .base import Term
-from .detachment_friction import DetachmentFrictionTerm
+from spool_sim.terms.base import Term
+from spool_sim.terms.detachment_friction import DetachmentFrictionTerm
 
 
 @compiled

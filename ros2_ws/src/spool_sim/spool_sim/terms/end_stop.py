@@ -6,7 +6,7 @@ import math
 
 from spool_core.kernels.compiled import compiled
 
-from .base import Parameter, Term
+from spool_sim.terms.base import Parameter, Term
 
 
 @compiled

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from spool_core.kernels.compiled import compiled
 
-from .base import Term
-from .hess_soom_friction import HessSoomFrictionTerm
+from spool_sim.terms.base import Term
+from spool_sim.terms.hess_soom_friction import HessSoomFrictionTerm
 
 
 @compiled

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from spool_core.numbers import Array
 
-from .base import Parameter, Term
+from spool_sim.terms.base import Parameter, Term
 
 
 class InertiaTerm(Term):

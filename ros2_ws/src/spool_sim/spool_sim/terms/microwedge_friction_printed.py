@@ -6,8 +6,8 @@ import math
 
 from spool_core.kernels.compiled import compiled
 
-from .base import Parameter, Term
-from .microwedge_friction import MicrowedgeFrictionTerm
+from spool_sim.terms.base import Parameter, Term
+from spool_sim.terms.microwedge_friction import MicrowedgeFrictionTerm
 
 
 @compiled

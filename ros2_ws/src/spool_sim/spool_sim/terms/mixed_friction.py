@@ -7,7 +7,7 @@ import math
 from spool_core.kernels.compiled import compiled
 from spool_core.numbers import GRAVITY
 
-from .base import Parameter, Term
+from spool_sim.terms.base import Parameter, Term
 
 
 @compiled

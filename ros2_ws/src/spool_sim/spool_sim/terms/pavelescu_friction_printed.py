@@ -6,8 +6,8 @@ import math
 
 from spool_core.kernels.compiled import compiled
 
-from .base import Term
-from .pavelescu_friction import PavelescuFrictionTerm
+from spool_sim.terms.base import Term
+from spool_sim.terms.pavelescu_friction import PavelescuFrictionTerm
 
 
 @compiled

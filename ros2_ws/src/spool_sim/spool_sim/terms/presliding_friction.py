@@ -9,7 +9,7 @@ import numpy as np
 from spool_core.kernels.compiled import compiled
 from spool_core.numbers import Array
 
-from .base import Parameter, Term
+from spool_sim.terms.base import Parameter, Term
 
 
 @compiled

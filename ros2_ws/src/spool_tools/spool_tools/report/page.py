@@ -16,8 +16,7 @@ from matplotlib.figure import Figure
 from spool_core.uncertainty import number
 
 from spool_tools.outputs import provenance
-
-from .evidence.exhibit import Exhibit, LeftOut
+from spool_tools.report.evidence.exhibit import Exhibit, LeftOut
 
 #: What marks a figure that can be zoomed into.
 _ZOOM = '<figure class="zoom">'

@@ -14,10 +14,9 @@ import pyarrow.parquet as pa_parquet
 from spool_core.errors import InputError
 from spool_core.text import printable
 
+from spool_bag.importing.formats.format import Format
 from spool_bag.importing.table import STAMP, Channel, Group, GrowingColumns, Table, Values
 from spool_bag.importing.units import split_header
-
-from .format import Format
 
 #: Column that says which valve a row is of, in exports of several.
 VALVE = "valve"

@@ -15,11 +15,10 @@ from rosbags.serde import SerdeError
 from spool_core.errors import InputError
 from spool_core.text import plural, printable
 
+from spool_bag.importing.formats.format import Format
 from spool_bag.importing.table import LOG_TIME, MOST_SAMPLES, STAMP, Channel, Group, Table, Values, too_long
 from spool_bag.mcap_file import decompressed
 from spool_bag.metadata import ACCELERATION_BLOCK, COMPRESSED, storage_of, typestore
-
-from .format import Format
 
 _STAMP = "stamp"
 _AXES = ("x", "y", "z")

@@ -25,9 +25,8 @@ from spool_bag.importing.csv_cells import (
     shape_of,
 )
 from spool_bag.importing.csv_layout import BLANKS, Dialect, cells_of, dialect, is_proven
+from spool_bag.importing.formats.format import Format
 from spool_bag.importing.table import STAMP, Channel, Group, GrowingColumns, Table, Values
-
-from .format import Format
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -15,9 +15,8 @@ from spool_core.text import printable
 
 from spool_bag.importing.csv_cells import HOLES, Kind, kind_of
 from spool_bag.importing.csv_layout import Layout, column_kinds, is_data, layout_of
+from spool_bag.importing.formats.format import Format
 from spool_bag.importing.table import MOST_CHANNELS, STAMP, ArrayTable, Channel, Group, check_size, too_long
-
-from .format import Format
 
 #: Rows above the samples that are looked at.
 PROBED = 200

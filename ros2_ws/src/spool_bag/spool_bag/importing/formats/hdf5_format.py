@@ -7,10 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from spool_bag.importing.formats.format import Format
+from spool_bag.importing.formats.matlab_format import tables_of
 from spool_bag.importing.table import MOST_CHANNELS, ArrayTable, array_table, check_size
-
-from .format import Format
-from .matlab_format import tables_of
 
 _UNITS = ("unit", "units", "Unit", "Units", "UNIT", "UNITS")
 

@@ -14,10 +14,9 @@ from spool_core.errors import InputError
 from spool_core.text import printable
 
 from spool_bag.importing.csv_cells import pieces, shape_of
+from spool_bag.importing.formats.format import Format
 from spool_bag.importing.table import ArrayTable, Channel, Group, check_size, unique
 from spool_bag.importing.units import split_header
-
-from .format import Format
 
 _BEGIN = b"LabVIEW Measurement"
 _END = "***End_of_Header***"

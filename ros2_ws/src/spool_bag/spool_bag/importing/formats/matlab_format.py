@@ -10,9 +10,8 @@ import numpy as np
 from spool_core.errors import InputError
 from spool_core.text import printable
 
+from spool_bag.importing.formats.format import Format
 from spool_bag.importing.table import ArrayTable, array_table, check_size
-
-from .format import Format
 
 #: Structures within structures that are looked into, and elements of a structure or cell array.
 DEEPEST, MOST_ELEMENTS = 4, 1000

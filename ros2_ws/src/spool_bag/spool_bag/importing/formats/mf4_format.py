@@ -11,10 +11,9 @@ from typing import Any
 import numpy as np
 from spool_core.errors import InputError
 
+from spool_bag.importing.formats.format import Format
 from spool_bag.importing.table import Channel, Group, Table, Values, as_numbers, check_size
 from spool_bag.importing.units import split_header
-
-from .format import Format
 
 _TIME = "time of the group"
 

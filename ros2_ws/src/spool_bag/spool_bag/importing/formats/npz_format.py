@@ -7,9 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
+from spool_bag.importing.formats.format import Format
 from spool_bag.importing.table import ArrayTable, array_table, check_size
-
-from .format import Format
 
 
 def opened(path: Path) -> ArrayTable:

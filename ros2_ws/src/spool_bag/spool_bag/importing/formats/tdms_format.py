@@ -12,10 +12,9 @@ import numpy as np
 from spool_core.errors import InputError
 from spool_core.text import printable
 
+from spool_bag.importing.formats.format import Format
 from spool_bag.importing.table import STAMP, Channel, Group, Table, Values, as_numbers
 from spool_bag.importing.units import factor, quantity_of, split_header
-
-from .format import Format
 
 _UNITS = ("unit_string", "NI_UnitDescription", "unit", "Unit", "units")
 

@@ -11,10 +11,9 @@ import numpy as np
 from spool_core.errors import InputError
 from spool_core.text import printable
 
+from spool_bag.importing.formats.format import Format
 from spool_bag.importing.table import ArrayTable, Channel, Group, check_size
 from spool_bag.importing.units import factor, quantity_of, split_header
-
-from .format import Format
 
 #: Abscissa that is time, by the codes of dataset 58, record 8; and what an unevenly spaced one is called.
 _TIME, _ABSCISSA = 17, "abscissa"

@@ -9,9 +9,8 @@ from typing import Any, BinaryIO, Literal
 import numpy as np
 from spool_core.errors import InputError
 
+from spool_bag.importing.formats.format import Format
 from spool_bag.importing.table import ArrayTable, Channel, Group, check_size
-
-from .format import Format
 
 
 class _Scaled:
