@@ -212,6 +212,7 @@ class ChannelWatch:
         """Forget all samples; the next ones are ``period`` s apart."""
         self._kept.clear()
         self._period, self._count, self._rows_at, self._pair_at, self._due = period, 0, 0, 0, KEPT
+        self._usual, self._urgent = math.nan, 0
 
     def take_residual(self, residual: float, *, lost: bool = False) -> None:
         """Take what the estimator's model leaves, relative: more than usual makes the next look urgent.

@@ -333,11 +333,13 @@ def look_at_pair(body: Array, spool: Array, period: float, start: float = 0.0) -
             "sample both sensors with one clock; cut the record there, or import both sensors' own times",
         )
         return PairLook(fault, delay)
+    if changed:
+        return PairLook(None, delay, changed=True)
     if coupled.residual**2 * APART < delayed.residual**2:
         return PairLook(coupling(gain, coupled), delay)
     if delayed.residual**2 * APART < coupled.residual**2:
         return PairLook(constant_delay(gain, delayed, period), delay)
-    return PairLook(None, delay, changed)
+    return PairLook(None, delay)
 
 
 def wrong_sensitivity(pair: ChannelPair, gain: PairFit, nominal: PairFit) -> ChannelFault | None:

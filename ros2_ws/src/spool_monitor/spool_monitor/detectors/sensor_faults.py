@@ -366,13 +366,15 @@ class SensorScale(Detector):
         self._unexplained = self._lost = 0
         self._before = (0.0, 0.0)
         self._found = False
-        self._near = self._changed = -(10**18)
+        self._near = self._changed = self._proven = -(10**18)
 
     def update(self, moment: Moment) -> Finding | None:
         """Judge the response of ``moment``, if there is a new one; take note of an estimate's residual."""
         pair = None if moment.channels is None else moment.channels.pair
-        if pair is not None and pair.changed:
-            self._changed, self._found = moment.stamp, False
+        if pair is not None and pair.changed and not moment.distrust:
+            self._changed = moment.stamp
+            # What was proven before does not end by a change of the valve.
+            self._found = self._found and not self._explained(self._proven)
         if moment.distrust:
             self._unexplained = self._lost = 0
             if moment.signals is not None:
@@ -426,9 +428,9 @@ class SensorScale(Detector):
         change = response.gain / self._recent - 1.0
         limit = self.settings[GAIN_CHANGE] + MISFIT * response.misfit
         proven = self._unexplained >= IN_A_ROW or self._lost >= LOST
-        # A valve that changes within what the channels show explains them.
-        proven = proven and moment.stamp - self._changed > KEPT * 1e9
+        proven = proven and not self._explained(moment.stamp)
         if proven and abs(change) > limit:
+            self._proven = self._proven if self._found else moment.stamp
             self._found = True
         elif abs(change) < SCALE_SUSPICIOUS * limit:
             self._found = False
@@ -450,6 +452,10 @@ class SensorScale(Detector):
             gain,
             lambda: Facts.of(gain, math.copysign(limit, change), "spool"),
         )
+
+    def _explained(self, stamp: int) -> bool:
+        """Whether a change of the valve within what the channels show explains what was seen at ``stamp``."""
+        return abs(stamp - self._changed) <= KEPT * 1e9
 
     def _resonates(self, signals: Signals, reference: ValveResponse) -> bool:
         """Whether the machine shakes the valve, or did until lately, near its natural frequency.
