@@ -60,9 +60,9 @@ def resumed(
 ) -> Iterator[Result]:
     """Yield a row for each of ``items``: those that ``path`` keeps, then the others as they are done.
 
-    Each row is appended to ``path`` as a line of JSON as soon as it is done, so that a study that was ended
-    goes on where it was. Rows of another version of the suite are made again, and so are all rows of a
-    version that was changed since its commit.
+    Each row is appended to ``path`` as a line of JSON as soon as it is done, so that a study that was stopped
+    continues from its rows. Rows of another version of the suite are computed again, and so are all rows of
+    sources that were changed since their commit.
 
     Args:
         path: file of rows.
@@ -71,18 +71,18 @@ def resumed(
         work, items, what, workers: see :func:`spread`.
     """
     version, row_of = suite_version(), TypeAdapter(kind)
-    kept, others, wanted = dict[Item, Result](), 0, set(items)
+    kept, others, wanted = dict[Item, Result](), set[Item](), set(items)
     text = path.read_text() if path.exists() else ""
     for line in text.splitlines():
-        with suppress(ValueError):  # a line that was cut off
+        with suppress(ValueError, KeyError, TypeError):  # cut off, or of a version with other rows
             row = json.loads(line)
             one = row_of.validate_python(row["row"])
             if row["version"] != version or version.endswith("+)"):
-                others += item_of(one) in wanted
+                others.add(item_of(one))
             elif item_of(one) in wanted:
                 kept[item_of(one)] = one
-    if others:
-        print(f"{path}: {others} rows are of another or a changed version, and are made again")
+    if again := len(others & wanted - kept.keys()):
+        print(f"{path}: {again} rows are of another version or of changed sources, and are computed again")
     yield from kept.values()
     missing = [item for item in items if item not in kept]
     with path.open("a") as file:

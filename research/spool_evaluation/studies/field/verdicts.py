@@ -92,7 +92,7 @@ class FieldVerdict:
     processor_seconds: float = 0.0
     condition: str = ""
     message: str = ""
-    signs: dict[str, float] = field(default_factory=dict)
+    signs: dict[str, float | None] = field(default_factory=dict)
 
     @property
     def said(self) -> frozenset[str]:

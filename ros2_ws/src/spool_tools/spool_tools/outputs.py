@@ -232,12 +232,14 @@ def lost_messages(count: int, *, estimated: bool) -> str:
 
 @cache
 def suite_version() -> str:
-    """Return like ``0.1.0 (commit 1a2b3c4d5e6f)``; a ``+`` behind the commit: files were changed since."""
+    """Return like ``0.1.0 (commit 1a2b3c4d5e6f)``; a ``+`` behind the commit: sources were changed since."""
     folder = Path(__file__).resolve().parent
     revision = _git(folder, "rev-parse", "--short=12", "HEAD")
-    changed = revision and _git(folder, "status", "--porcelain", "--untracked-files=no")
-    commit = revision + ("+" if changed else "")
-    return f"{_package_version()} (commit {commit})" if commit else _package_version()
+    sources = (":/ros2_ws/src", ":/research", ":/requirements")
+    if not revision:
+        return _package_version()
+    changed = _git(folder, "status", "--porcelain", "--untracked-files=no", "--", *sources) != ""
+    return f"{_package_version()} (commit {revision}{'+' if changed else ''})"
 
 
 def finite(value: Any) -> Any:
@@ -310,12 +312,13 @@ def _package_version() -> str:
     return "unknown"
 
 
-def _git(folder: Path, *words: str) -> str:
+def _git(folder: Path, *words: str) -> str | None:
+    """Return what git says, ``None`` where there is none or it fails."""
     try:
         done = subprocess.run(
             ["git", "-C", str(folder), *words],
             capture_output=True, text=True, timeout=PATIENCE, check=False,
         )  # fmt: skip
     except (OSError, subprocess.SubprocessError):
-        return ""
-    return done.stdout.strip() if done.returncode == 0 else ""
+        return None
+    return done.stdout.strip() if done.returncode == 0 else None
