@@ -47,7 +47,7 @@ def run(
 ) -> None:
     """Live ``cases`` healthy valve-days and ``faulty`` ones with a fault; write the page into ``out``.
 
-    What the rows in ``out`` hold already is not lived again; the comparison of detectors comes last.
+    Days that ``out`` already holds are not simulated again; the comparison of detectors comes last.
     ``day`` replays the one day of that seed instead, healthy unless ``faulty`` is not 0.
     """
     out.mkdir(parents=True, exist_ok=True)
@@ -120,6 +120,8 @@ def parts(
     ]
     if comparison is not None:
         made += ["## Compared with other detectors", *comparison.parts()]
+    else:
+        made += ["The run is not complete: the comparison with other detectors comes last."]
     return [*made, "## Days to look at", *_failing(outcomes)]
 
 

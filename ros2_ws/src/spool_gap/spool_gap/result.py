@@ -195,7 +195,7 @@ class RankedHypothesis:
         jointly_with: the other effects of its structure.
         nrmse_after: held out, with it, everything else refitted.
         evidence: twice the log likelihood ratio over the base, less the BIC penalty; of force records on
-            held-out data, over what was accepted before.
+            held-out data, over the set that it was added to.
         parameters: values by name.
         accepted: its structure was taken; what of it matters is in the verdict.
         reason: why not; empty for one with less evidence, or whose numbers make no sense on a machine.

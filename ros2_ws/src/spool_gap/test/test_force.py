@@ -7,7 +7,7 @@ import pytest
 from spool_core.errors import InputError
 from spool_core.numbers import Array
 from spool_gap.catalogue.friction import dahl_state
-from spool_gap.force.analyse import TriedForces, analyse_forces, decide
+from spool_gap.force.analyse import TriedForces, analyse_forces, decide, probability_of
 from spool_gap.force.balance import ForceFit, ForceRecord
 from spool_gap.report import result_to_dict
 from spool_sim.model import MODELS
@@ -87,18 +87,44 @@ def test_the_best_single_effect_need_not_be_in_the_best_set() -> None:
     base = tried(None, 0.5)
     drag, spring = (tried(base, *one) for one in ((0.2, "quadratic_damping"), (0.25, "cubic_stiffness")))
     pair = tried(spring, 0.05, "cubic_stiffness", "coulomb_friction")
-    found, sure = decide([base, drag, spring, pair])
-    assert found is pair
-    assert 0.85 < sure <= 0.9
+    assert decide([base, drag, spring, pair]) is pair
+    assert 0.85 < probability_of([base, drag, spring, pair], pair.effects) <= 0.9
 
 
 def test_a_second_effect_needs_evidence_and_the_same_set_counts_alike_by_any_path() -> None:
     base = tried(None, 0.5)
     drag, spring = (tried(base, *one) for one in ((0.2, "quadratic_damping"), (0.25, "cubic_stiffness")))
     both = tried(spring, 0.1995, "cubic_stiffness", "quadratic_damping")
-    found, sure = decide([base, drag, spring, both])
-    assert found is drag
-    assert sure < decide([base, drag, spring])[1]
+    sets = [base, drag, spring, both]
+    assert decide(sets) is drag
+    assert probability_of(sets, drag.effects) < probability_of(sets[:3], drag.effects)
+
+
+@pytest.mark.parametrize(("error", "kept"), [(0.22, True), (0.24, False)])
+def test_a_plain_law_stays_where_a_richer_one_leaves_hardly_less(error: float, kept: bool) -> None:
+    base = tried(None, 0.5)
+    plain, rich = tried(base, error, "coulomb_friction"), tried(base, 0.2, "presliding_friction")
+    assert decide([base, plain, rich]) is (plain if kept else rich)
+    if kept:
+        equal = tried(base, 0.2, "coulomb_friction")
+        sure, surest = (probability_of([base, one, rich], plain.effects) for one in (plain, equal))
+        assert sure < 0.75 * surest
+
+
+@pytest.mark.parametrize("effect", ["spring_backlash", "damping_drift"])
+def test_effects_that_share_numbers_with_the_base_keep_the_fitted_ones(effect: str) -> None:
+    time, place, speed = rig(9)
+    if effect == "spring_backlash":
+        force = 900.0 * speed + 5e4 * (np.abs(place) > 2e-3) * (place - 2e-3 * np.sign(place))
+    else:
+        force = 900.0 * speed * (1.0 - 0.03 * time) + 800.0 * place
+    force += 0.4 * np.random.default_rng(9).standard_normal(time.size)
+    result = analyse_forces([ForceRecord("rig", 0.0, PERIOD, place, force)], MODELS["fluid"], "imposed")
+    assert effect in result.verdict
+    assert result.model is not None
+    fitted = {one.name: one.value for one in result.parameters}
+    for name in ("spring_stiffness", "viscous_coefficient"):
+        assert result.model.values[name] == pytest.approx(fitted[name])
 
 
 def stick_slip(rate: float, speed: float, seconds: float = 24.0) -> ForceRecord:

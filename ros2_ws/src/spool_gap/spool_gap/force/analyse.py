@@ -102,7 +102,7 @@ def analyse_forces(
         balance = ForceBalance(train, held, [*columns, "zero"], driven=True, mass=mass)
     alike = _cannot_tell(balance)
     tried = searched(balance, kind, chosen_settings.most_effects, tell)
-    decided, sure = decide(tried)
+    decided = decide(tried)
     steps: list[tuple[Chosen, ForceFit]] = [(one.chosen, one.fit) for one in decided.path]
     ranking = _ranked(balance, tried, decided)
     tell("measuring what is left", 0.9)
@@ -111,6 +111,7 @@ def analyse_forces(
         steps = _by_position(train, balance, steps, base)
         steps += _with_constant_force(balance, steps[-1], ranking, base)
     steps, refused = without_growth(balance, steps, ranking)
+    sure = probability_of(tried, frozenset(entry.id for entry, _ in steps[-1][0]) - {CONSTANT})
     told = [*warnings, *refused, *(_differing(balance, steps[-1][0]) if holdout else [])]
     result = result_of(records, base, kind, balance, steps, ranking, told, alike, sure, begun)
     result = replace(result, sentence=" ".join([result.sentence, *refused]))
@@ -273,7 +274,7 @@ def _with_constant_force(
     push = -balance.sign * float(fit.coefficients[place])
     known = tuple(e.id for e, _ in chosen)
     row = RankedHypothesis(
-        CONSTANT, known, balance.nrmse(fit), evidence, {"push": push}, accepted=enough, reason=reason
+        CONSTANT, known, balance.nrmse(fit), 2.0 * evidence, {"push": push}, accepted=enough, reason=reason
     )
     ranking.append(row)
     return [((*chosen, (entry, {})), fit)] if enough else []
@@ -286,7 +287,7 @@ class TriedForces:
     Attributes:
         chosen: the effects with their shapes.
         fit: jointly with the base.
-        nrmse: its held-out error.
+        nrmse: its held-out error over the force.
         before: the set that it adds one effect to; ``None`` for the base.
         gain: log likelihood over that of ``before`` on held-out data, less the penalty of its numbers.
         reason: why it is out of the question, empty where it is not.
@@ -298,6 +299,16 @@ class TriedForces:
     before: TriedForces | None = None
     gain: float = 0.0
     reason: str = ""
+
+    @property
+    def effects(self) -> frozenset[str]:
+        """Ids of its effects."""
+        return frozenset(self.fit.effects)
+
+    @property
+    def error(self) -> float:
+        """Held-out error, root of the sum of squares, N."""
+        return max(1e-12, math.sqrt(sum(float(row @ row) for row in self.fit.held)))
 
     @property
     def numbers(self) -> int:
@@ -319,7 +330,13 @@ def searched(balance: ForceBalance, kind: str, most: int, tell: Progress) -> lis
         tell(f"trying effects jointly with {with_these}", 0.3)
         added = [more for one in beam for more in _extended(balance, one, kind)]
         found = [*found, *added]
-        beam = sorted((one for one in added if not one.reason), key=lambda one: one.nrmse)[:BEAM]
+        evidence = _evidences(added, found[0])
+        beam = []
+        for one in sorted(evidence, key=lambda one: -evidence[one]):
+            plain = _plain(one, added)
+            if plain.effects not in {other.effects for other in beam}:
+                beam.append(plain)
+        beam = beam[:BEAM]
         if not beam:
             break
     return found
@@ -344,8 +361,10 @@ def _extended(balance: ForceBalance, one: TriedForces, kind: str) -> Iterator[Tr
         more = TriedForces((*kept, (entry, shape)), fit, balance.nrmse(fit), one)
         gain = _evidence(more, one, independent)
         reason = ""
-        if more.nrmse > (1.0 - SMALLEST) * one.nrmse or gain < DECISIVE:
+        if more.error > (1.0 - SMALLEST) * one.error or gain < DECISIVE:
             reason = INSIGNIFICANT
+        elif more.nrmse > one.nrmse:
+            reason = GROWS
         elif entry.load_cell_zero:
             reason = "the difference of the directions is not told from the load cell's zero"
         yield replace(more, gain=gain, reason=reason)
@@ -353,33 +372,57 @@ def _extended(balance: ForceBalance, one: TriedForces, kind: str) -> Iterator[Tr
 
 def _evidence(one: TriedForces, other: TriedForces, independent: float) -> float:
     """Return the log likelihood of ``one`` over ``other``, less the penalty of its further numbers."""
-    gain = independent * math.log(max(other.nrmse, 1e-12) / max(one.nrmse, 1e-12))
+    gain = independent * math.log(other.error / one.error)
     return gain - 0.5 * (one.numbers - other.numbers) * math.log(max(3.0, independent))
 
 
-def decide(tried: Sequence[TriedForces]) -> tuple[TriedForces, float]:
-    """Return the simplest set that the evidence does not decide against, and how probable it is.
+def _evidences(tried: Sequence[TriedForces], base: TriedForces) -> dict[TriedForces, float]:
+    """Return the evidence over ``base`` of each set that is not out of the question.
 
-    All sets count by the independent samples that the best of them leaves. A plain law stays where it leaves
-    hardly more than the one that contains it.
+    All count by the independent samples that the best of them leaves.
     """
     possible = [one for one in tried if not one.reason]
-    best = min(possible, key=lambda one: one.nrmse)
+    best = min(possible, key=lambda one: one.error, default=base)
     independent = sum(independent_samples(row) for row in best.fit.held)
-    evidence = {one: _evidence(one, tried[0], independent) for one in possible}
-    near = [one for one in possible if evidence[one] >= max(evidence.values()) - DECISIVE]
-    found = min(near, key=lambda one: (one.numbers, -evidence[one]))
-    for one in possible:
-        richer, plain = (set(a.fit.effects) - set(b.fit.effects) for a, b in ((found, one), (one, found)))
-        exchanged = len(richer) == 1 and plain and plain <= set(EFFECTS[next(iter(richer))].replaces)
-        if exchanged and one.nrmse < PLAIN * found.nrmse:
-            found = one
+    return {one: _evidence(one, base, independent) for one in possible}
+
+
+def _richer(one: TriedForces, plain: TriedForces) -> bool:
+    """Whether ``one`` is ``plain`` with a law that contains the one that it replaces."""
+    more, less = one.effects - plain.effects, plain.effects - one.effects
+    return len(more) == 1 and bool(less) and less <= set(EFFECTS[next(iter(more))].replaces)
+
+
+def _plain(one: TriedForces, tried: Sequence[TriedForces]) -> TriedForces:
+    """Return ``one``, or the set of ``tried`` with a plain law in its place that leaves hardly more."""
+    plain = [other for other in tried if not other.reason and _richer(one, other)]
+    near = [other for other in plain if other.error < PLAIN * one.error]
+    return min(near, key=lambda other: other.error, default=one)
+
+
+def decide(tried: Sequence[TriedForces]) -> TriedForces:
+    """Return the simplest set that the evidence does not decide against, with a plain law where it does."""
+    evidence = _evidences(tried, tried[0])
+    near = [one for one in evidence if evidence[one] >= max(evidence.values()) - DECISIVE]
+    return _plain(min(near, key=lambda one: (one.numbers, -evidence[one])), tried)
+
+
+def probability_of(tried: Sequence[TriedForces], effects: frozenset[str]) -> float:
+    """Return how probable the set of ``effects`` is among those that are not out of the question.
+
+    A plain law counts as much as one that contains it where both leave the same, and half at ``PLAIN``.
+    """
+    evidence = _evidences(tried, tried[0])
     named: dict[str, float] = {}
-    for one in possible:
-        name = "+".join(sorted(one.fit.effects))
-        named[name] = max(evidence[one], named.get(name, -math.inf))
-    own = "+".join(sorted(found.fit.effects))
-    return found, (1.0 - OUTSIDE) * probabilities_of(named, own)[own]
+    for one, value in evidence.items():
+        name = "+".join(sorted(one.effects))
+        named[name] = max(value, named.get(name, -math.inf))
+    own = "+".join(sorted(effects))
+    sure = (1.0 - OUTSIDE) * probabilities_of(named, own)[own]
+    least = min((one.error for one in evidence if one.effects == effects), default=math.inf)
+    alike = [one for one in evidence if one.effects == effects]
+    ratios = [least / one.error for one in evidence if any(_richer(one, plain) for plain in alike)]
+    return sure * (1.0 - 0.5 * min(1.0, (max([1.0, *ratios]) - 1.0) / (PLAIN - 1.0)))
 
 
 def _ranked(
@@ -390,7 +433,7 @@ def _ranked(
         if one.before is not None:
             entry, shape = one.chosen[-1]
             rows.append(RankedHypothesis(
-                entry.id, one.before.fit.effects, one.nrmse, one.gain,
+                entry.id, one.before.fit.effects, one.nrmse, 2.0 * one.gain,
                 balance.values(entry, shape, one.fit) or {},
                 accepted=any(one is step for step in path), reason=one.reason,
             ))  # fmt: skip

@@ -167,7 +167,9 @@ def model_with(base: Model, balance: ForceBalance, chosen: Chosen, fit: ForceFit
 
 def model_of(base: Model, balance: ForceBalance, chosen: Chosen, fit: ForceFit) -> Model:
     """Return ``base`` with ``chosen`` effects as terms, with the numbers of ``fit``."""
-    values = {
+    # Parameters that an effect does not fit keep the start value of their term.
+    values = {p.name: p.start for entry, _ in chosen for name in entry.terms for p in term(name).parameters}
+    values |= {
         BASE_NAMES[name][0]: float(fit.coefficients[n])
         for n, name in enumerate(balance.base)
         if name != "zero"
@@ -176,8 +178,6 @@ def model_of(base: Model, balance: ForceBalance, chosen: Chosen, fit: ForceFit) 
     gone |= {"viscous_friction"} if "damping" not in balance.base else set()
     terms = [entry for entry in base.terms if entry.name not in gone]
     terms += [term(name) for entry, _ in chosen for name in entry.terms]
-    # What an effect does not fit, as a load that only scales its other numbers, is as its term has it.
-    values |= {p.name: p.start for entry, _ in chosen for name in entry.terms for p in term(name).parameters}
     for entry, shape in chosen:
         own = [] if entry.id != CONSTANT else parameters_of(balance, fit, entry, shape)
         values |= {q.name: q.value for q in own} or balance.values(entry, shape, fit) or {}

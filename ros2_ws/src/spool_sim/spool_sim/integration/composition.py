@@ -136,9 +136,10 @@ def kernel_source(terms: Sequence[Term]) -> str:
 def kernel_with(laws: str) -> str:
     """Return the source of the stepping kernel with ``laws`` in place of those that it imports."""
     text = Path(importlib.import_module("spool_sim.integration.stepping").__file__ or "").read_text("utf-8")
-    found = next(
-        node for node in ast.parse(text).body if isinstance(node, ast.ImportFrom) and node.module == _LAWS
-    )
+    imports = (node for node in ast.parse(text).body if isinstance(node, ast.ImportFrom))
+    found = next((node for node in imports if node.module == _LAWS), None)
+    if found is None:
+        raise RuntimeError(f"spool_sim.integration.stepping imports nothing from {_LAWS}")
     lines = text.splitlines(keepends=True)
     return "".join([*lines[: found.lineno - 1], laws, "\n\n", *lines[found.end_lineno :]])
 
