@@ -19,7 +19,7 @@ MODULES = read_modules(SOURCE)
 RATCHETS = {
     "lines": 67_674,
     "files": 313,
-    "lines of research": 13_695,
+    "lines of research": 13_705,
     "lines up to the last import, %": 8.21,
     "private functions with one caller, %": 16.49,
     "modules with one importer, %": 13.42,

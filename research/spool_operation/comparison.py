@@ -22,7 +22,7 @@ from spool_monitor.parameter_drift import VISCOUS
 
 from spool_operation.faults import SPEEDS
 from spool_operation.peers import PEERS
-from spool_operation.run_day import TRACED, Trace, outcome_of
+from spool_operation.run_day import TRACED, Trace, outcome_of, severity_of
 from spool_operation.world import ValveDay, draw_day
 
 #: Seeds of the days that thresholds are set on lie this far from those that are reported.
@@ -176,7 +176,7 @@ def drift_days(wanted: int, seed: int) -> list[int]:
     found: list[int] = []
     while len(found) < wanted:
         day = draw_day(seed, faulty=True)
-        if day.fault is not None and day.fault.quantity:
+        if day.fault is not None and day.fault.quantity and severity_of(day) >= 1.0:
             found.append(seed)
         seed += 1
     return found

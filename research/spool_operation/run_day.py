@@ -358,9 +358,18 @@ def outcome_of(day: ValveDay, trace: Trace | None = None) -> DayOutcome:
     fault = day.fault
     at = math.nan if found is None else _clock(day, found.at)
     return replace(
-        outcome, name=fault.name, speed=fault.speed if fault.quantity else "", severity=fault.severity,
+        outcome, name=fault.name, speed=fault.speed if fault.quantity else "", severity=severity_of(day),
         found=found, right=right, delay=at - fault.reached, since_begin=at - fault.begin,
     )  # fmt: skip
+
+
+def severity_of(day: ValveDay) -> float:
+    """Return how large the day's fault is when production ends, over the size that has to be found."""
+    fault = day.fault
+    if fault is None:
+        return 0.0
+    end = _clock(day, day.holds[-1].end - 1.0)
+    return fault.severity * float(fault.grown(np.array(end)))
 
 
 def judged(day: ValveDay, raised: list[RaisedEvent]) -> tuple[RaisedEvent | None, bool, list[RaisedEvent]]:

@@ -11,7 +11,15 @@ from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.identification.oil import OilReference, oil_law
 from spool_operation.comparison import YEAR, threshold_of
 from spool_operation.peers import WINDOW, best_split, page_sum
-from spool_operation.run_day import MEMORY, DayOutcome, RaisedEvent, SurrogateEstimates, judged, run_day
+from spool_operation.run_day import (
+    MEMORY,
+    DayOutcome,
+    RaisedEvent,
+    SurrogateEstimates,
+    judged,
+    run_day,
+    severity_of,
+)
 from spool_operation.study import false_table, fault_table, parts, simulated_year
 from spool_operation.surrogate import load_surrogate
 from spool_operation.world import DAY, draw_day, features
@@ -140,6 +148,17 @@ def test_a_threshold_is_passed_once_a_year() -> None:
 
 
 # Counts.
+
+
+def test_a_slow_drift_is_as_large_as_it_is_when_production_ends() -> None:
+    """Seed 7000079: a spring that loses 34 % in 66 minutes, of which the day sees 11."""
+    day = draw_day(7_000_079, faulty=True)
+    assert day.fault is not None
+    seen = (day.holds[-1].end - 1.0 - day.fault.begin) / day.fault.lasting
+    assert severity_of(day) == pytest.approx(seen * day.fault.severity, rel=1e-6)
+    assert severity_of(day) < 1.0
+    early = DayOutcome(9, True, "spring fatigue", "hours", severity_of(day))
+    assert "0 days with a fault of the size" in "\n".join(parts([early]))
 
 
 def test_what_the_day_explains_is_no_false_alarm() -> None:
