@@ -110,8 +110,8 @@ def parts(
         f"{sum(one.blocks for one in healthy) / 3600.0:.1f} hours of real blocks around events.",
         false_table(healthy),
         "## Faults",
-        f"{len(faulty)} days with a fault of the size that has to be found. Delays count from when the change "
-        "is that large; an earlier one is negative. Brackets: 95 % intervals.",
+        f"{len(faulty)} days with a fault of the size that has to be found. Delays count from when the "
+        "change is that large; an earlier one is negative. Brackets: 95 % intervals.",
         fault_table(faulty),
         summary(faulty),
         "## Delay and severity",
