@@ -123,7 +123,7 @@ def parts(
         made += ["## Compared with other detectors", *comparison.parts()]
     else:
         made += ["The run is not complete: the comparison with other detectors comes last."]
-    return [*made, "## Days to look at", *_failing(outcomes)]
+    return [*made, "## Days to look at", *_failing([*healthy, *faulty])]
 
 
 ABOUT = (
