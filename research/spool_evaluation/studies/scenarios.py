@@ -397,7 +397,9 @@ def when(draw: Generator) -> float:
 
 def hurt(case: Scenario, fault: ChannelFault, within: float) -> Scenario:
     """Let ``fault`` happen; it must be found ``within`` s."""
-    kind, causes = ("stuck_spool", ()) if fault.kind == "stuck" else ("sensor_fault", (fault.kind,))
+    # A gain that jumps is seen by its jump, or once it lasts by the ratio of the sensitivities.
+    named = ("scale", "sensitivity") if fault.kind == "scale" else (fault.kind,)
+    kind, causes = ("stuck_spool", ()) if fault.kind == "stuck" else ("sensor_fault", named)
     event = Expected(kind, causes, fault.at, fault.at, fault.at + within)
     return replace(case, faults=(fault,), expected=(*case.expected, event))
 

@@ -214,23 +214,18 @@ class ChannelWatch:
         self._period, self._count, self._rows_at, self._pair_at, self._due = period, 0, 0, 0, KEPT
         self._usual, self._urgent = math.nan, 0
 
-    def take_residual(self, residual: float, *, lost: bool = False) -> None:
-        """Take what the estimator's model leaves, relative: more than usual makes the next look urgent.
-
-        So does a model that is ``lost``.
-        """
-        lost = lost and self._usual > 0.0
-        if not residual > 0.0 and not lost:
+    def take_residual(self, residual: float) -> None:
+        """Take what the estimator's model leaves, relative; more than usual makes the next look urgent."""
+        if not residual > 0.0:
             return
-        if not lost and not residual >= self._usual:
+        if not residual >= self._usual:
             self._usual = residual
-        if lost or residual > GROWN * self._usual:
+        if residual > GROWN * self._usual:
             if self._urgent < MOST_URGENT:
                 self._due = min(self._due, URGENT)
         else:
             self._urgent = 0
-        if not lost:
-            self._usual += PACE * (residual - self._usual)
+        self._usual += PACE * (residual - self._usual)
 
     def update(self, window: SignalWindow, hop: int) -> ChannelLook | None:
         """Take a window, whose newest ``hop`` samples are new; return a look where one is due."""
@@ -247,12 +242,7 @@ class ChannelWatch:
             return None
         body, spool = np.concatenate(self._kept, axis=1).astype(np.float64)
         self._rows_at = window.stamp
-        # What has just begun does not show beside the healthy samples before it.
-        newest = round(ROWS / self._period)
-        rows = tuple(
-            faults_of_rows(body[-newest:], spool[-newest:], self._period)
-            or faults_of_rows(body, spool, self._period)
-        )
+        rows = tuple(faults_of_rows(body, spool, self._period))
         pair = None
         paired = pair_due and not rows
         if paired:

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, field, replace
 
 from spool_core.block import Block
-from spool_estimator.estimate import Estimate, State
+from spool_estimator.estimate import Estimate
 
 from spool_monitor.channels import ChannelLook, ChannelWatch, ResponseTracker, Signals, ValveResponse, look
 from spool_monitor.detectors import CHANNELS, ESTIMATE, LINE, SIGNALS, Detector, Judgement, Moment, detectors
@@ -192,7 +192,7 @@ class Detection:
     def update_estimate(self, estimate: Estimate, natural_frequency: float) -> list[Event]:
         """Take an estimate; return what began or ended with it."""
         self._memory = estimate.memory
-        self.channels.take_residual(estimate.residual.value, lost=estimate.state is State.LEARNING)
+        self.channels.take_residual(estimate.residual.value)
         if self.reference.natural_frequency == 0.0 and estimate.natural_frequency.known:
             self.reference = configured(estimate.natural_frequency.value)
         self._stamp = max(self._stamp, estimate.stamp)

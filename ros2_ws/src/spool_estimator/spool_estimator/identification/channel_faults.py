@@ -308,8 +308,7 @@ def look_at_pair(body: Array, spool: Array, period: float, start: float = 0.0) -
     gain, nominal = pair.fit((GAIN,)), pair.fit(())
     step = pair.step(nominal)
     wrong = wrong_sensitivity(pair, gain, nominal)
-    # A spring that breaks within the record bends the gain of the whole.
-    changed = step is not None and STEP_BETTER * step.valve**2 < min(step.clock, gain.residual) ** 2
+    changed = step is not None and valve_changes(body, spool, period, step, gain)
     if wrong is not None and not changed and not clock_steps(step, gain.residual, period):
         return PairLook(wrong, math.nan)
     coupled, delayed = pair.fit((GAIN, CORNER), gain), pair.fit((GAIN, DELAY), gain)
@@ -340,6 +339,18 @@ def look_at_pair(body: Array, spool: Array, period: float, start: float = 0.0) -
     if delayed.residual**2 * APART < coupled.residual**2:
         return PairLook(constant_delay(gain, delayed, period), delay)
     return PairLook(None, delay)
+
+
+def valve_changes(body: Array, spool: Array, period: float, step: ClockStep, gain: PairFit) -> bool:
+    """Whether the valve changes within the readings, as where a spring breaks, which bends the gain of all.
+
+    A gain that jumps looks like that, too, where few frequencies move the spool; it stays wrong afterwards.
+    """
+    if STEP_BETTER * step.valve**2 > min(step.clock, gain.residual) ** 2:
+        return False
+    first = round(step.time / period)
+    after = ChannelPair(body[first:], spool[first:], period)
+    return after.long_enough and abs(math.log(after.fit((GAIN,)).gain)) < 0.5 * math.log(WRONG_GAIN)
 
 
 def wrong_sensitivity(pair: ChannelPair, gain: PairFit, nominal: PairFit) -> ChannelFault | None:
