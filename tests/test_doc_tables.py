@@ -192,7 +192,7 @@ def test_the_fits_of_the_sample_records_are_those_of_the_page(tmp_path: Path, mo
     printed = {cells[:3]: cells for cells in cells_of("estimation_records.md") if cells[0].startswith("`")}
     assert len(printed) == sum(3 if sample.model == "coulomb" else 2 for sample in records.SAMPLES)
     for row in records.run(1, 0, tmp_path, 1):
-        cells = printed[f"`{row.bag}`", row.model, row.parameter]
+        cells = printed[f"`{row.bag}`", row.model, row.quantity]
         assert float(cells[4]) == pytest.approx(row.value, abs=0.1 * row.deviation)
         assert float(cells[5]) == pytest.approx(row.deviation, rel=0.1)
         assert float(cells[6]) == pytest.approx(row.score, abs=0.2)
