@@ -17,7 +17,7 @@ MODULES = read_modules(SOURCE)
 #: What was measured, and may only become less: put the new figure here with the change that improves it.
 #: Lines and files may grow only in a change that adds a feature; its commit message says what that costs.
 RATCHETS = {
-    "lines": 67_675,
+    "lines": 67_674,
     "files": 313,
     "lines of research": 13_707,
     "lines up to the last import, %": 8.21,

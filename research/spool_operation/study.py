@@ -71,7 +71,7 @@ def run(
         if len(found) % 500 == 0:
             write(found, memory, None)
     write(found, memory, None)
-    healthy, drifting = (min(max(10, number // 4), COMPARED) for number in (cases, 2 * faulty))
+    healthy, drifting = min(max(10, cases // 4), COMPARED), min(max(10, faulty // 2), COMPARED)
     write(found, memory, compare(healthy, drifting, seed, workers))
 
 

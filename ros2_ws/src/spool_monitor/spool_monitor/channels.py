@@ -212,13 +212,12 @@ class ChannelWatch:
         """Forget all samples; the next ones are ``period`` s apart."""
         self._kept.clear()
         self._period, self._count, self._rows_at, self._pair_at, self._due = period, 0, 0, 0, KEPT
-        self._usual, self._urgent = math.nan, 0
 
     def take_residual(self, residual: float) -> None:
         """Take what the estimator's model leaves, relative; more than usual makes the next look urgent."""
         if not residual > 0.0:
             return
-        if not residual >= self._usual:
+        if not self._usual > 0.0 or residual < self._usual:
             self._usual = residual
         if residual > GROWN * self._usual:
             if self._urgent < MOST_URGENT:

@@ -8,8 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.estimate import Estimate, State
+from spool_monitor.detectors import MonitorSettings
 from spool_monitor.event import Severity
-from spool_monitor.parameter_drift import ParameterDrift
+from spool_monitor.monitor import Monitor
+from spool_monitor.parameter_drift import TESTS, ParameterDrift
 from spool_monitor.state_file import Baseline
 
 SECOND = 1_000_000_000
@@ -213,6 +215,10 @@ def test_far_from_the_temperature_of_its_baseline_the_limit_is_wider() -> None:
         limits.append(made.sum.allowance)
     # 0.1 % per K is an error of 3 % on top of 1.9 % of the estimate.
     assert limits[-1] / limits[100] == pytest.approx(math.hypot(3.0, 1.92) / 1.92, rel=0.02)
+
+
+def test_all_parameters_that_are_tested_share_the_interval() -> None:
+    assert len(Monitor(MonitorSettings(natural_frequency=15.0)).detection.parameters) == TESTS
 
 
 @pytest.mark.parametrize("days", [1.0, 365.0, 36_500.0])

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import signal
 from spool_core.numbers import Array
-from spool_estimator.identification.channel_faults import faults_of, without_outliers
+from spool_estimator.identification.channel_faults import faults_of, look_at_pair, without_outliers
 from spool_sim.excitation import from_mapping
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
@@ -141,21 +141,39 @@ def test_the_corner_of_a_coupled_channel_is_measured(corner: float, channel: str
     assert found.value == pytest.approx(corner, rel=0.15)
 
 
-@pytest.mark.parametrize("after", [0.6, 0.75, 1.4], ids="stiffness times {:g}".format)
-def test_a_spring_that_breaks_within_a_record_is_no_fault_of_a_channel(after: float) -> None:
+def broken(after: float) -> Pair:
+    """Return 8 s of a valve whose stiffness is multiplied by ``after`` in the middle."""
     valve = find_valve("4weh10_soft")
     simulator = Simulator(
         valve, from_mapping(EXCITATIONS["machine"]), coulomb_force=0.1, sample_rate=RATE, seed=2,
         body_sensor=Sensor(noise=0.03), spool_sensor=Sensor(noise=0.03),
     )  # fmt: skip
-    blocks = list(simulator.records(5.0))
+    blocks = list(simulator.records(4.0))
     simulator.set_drift("spring_stiffness", after * valve.spring_stiffness, 0.0)
-    blocks += list(simulator.records(5.0))
+    blocks += list(simulator.records(4.0))
     body, spool = (
         np.concatenate([getattr(one, name) for one in blocks]).astype(np.float64).round(3)
         for name in ("body", "spool")
     )
-    assert faults_of(body, spool, 1.0 / RATE) == []
+    return body, spool
+
+
+@pytest.mark.parametrize("after", [0.6, 0.75, 1.4], ids="stiffness times {:g}".format)
+def test_a_spring_that_breaks_within_a_record_is_no_fault_of_a_channel(after: float) -> None:
+    assert faults_of(*broken(after), 1.0 / RATE) == []
+
+
+@pytest.mark.parametrize("after", [0.6, 0.75, 1.4], ids="{:g} times".format)
+def test_a_valve_that_changes_is_told_from_a_gain_that_jumps(after: float) -> None:
+    """Both leave two valves before and behind a moment; only the gain stays wrong."""
+    changed = look_at_pair(*broken(after), 1.0 / RATE)
+    body, spool = broken(1.0)
+    jumped = look_at_pair(
+        body, np.where(np.arange(spool.size) < spool.size // 2, spool, after * spool), 1.0 / RATE
+    )
+    assert changed is not None
+    assert jumped is not None
+    assert (changed.changed, jumped.changed) == (True, False)
 
 
 def test_one_sensor_read_twice_is_seen_and_a_stuck_spool_is_not_that() -> None:

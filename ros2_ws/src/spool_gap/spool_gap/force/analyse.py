@@ -280,6 +280,9 @@ def _with_constant_force(
     return [((*chosen, (entry, {})), fit)] if enough else []
 
 
+# Sets of effects --------------------------------------------------------------------------------------------
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class TriedForces:
     """Set of effects that was fitted to the forces.
@@ -344,21 +347,19 @@ def searched(balance: ForceBalance, kind: str, most: int, tell: Progress) -> lis
 
 def _extended(balance: ForceBalance, one: TriedForces, kind: str) -> Iterator[TriedForces]:
     # One law of dry friction is enough: another next to it would only repair its shape at reversals.
-    contained = {name for entry, _ in one.chosen for name in (entry.id, *entry.replaces)}
-    if contained & FRICTIONS:
-        contained |= FRICTIONS
+    contained = one.effects | (FRICTIONS if one.effects & FRICTIONS else frozenset())
     independent = sum(independent_samples(row) for row in one.fit.held)
     for entry in EFFECTS.values():
         # The load cell's zero is in the base, and a constant push is not distinguished from it.
         zero_alone = entry.load_cell_zero and entry.searched
         if kind not in entry.kinds or not entry.terms or entry.id in contained or zero_alone:
             continue
-        kept = tuple(pair for pair in one.chosen if pair[0].id not in entry.replaces)
-        shape = balance.best_shape(entry, kept)
+        shape = balance.best_shape(entry, one.chosen)
         if shape is None:
             continue
-        fit = balance.fit((*kept, (entry, shape)))
-        more = TriedForces((*kept, (entry, shape)), fit, balance.nrmse(fit), one)
+        chosen = (*one.chosen, (entry, shape))
+        fit = balance.fit(chosen)
+        more = TriedForces(chosen, fit, balance.nrmse(fit), one)
         gain = _evidence(more, one, independent)
         reason = ""
         if more.error > (1.0 - SMALLEST) * one.error or gain < DECISIVE:
@@ -419,9 +420,8 @@ def probability_of(tried: Sequence[TriedForces], effects: frozenset[str]) -> flo
         named[name] = max(value, named.get(name, -math.inf))
     own = "+".join(sorted(effects))
     sure = (1.0 - OUTSIDE) * probabilities_of(named, own)[own]
-    least = min((one.error for one in evidence if one.effects == effects), default=math.inf)
     alike = [one for one in evidence if one.effects == effects]
-    ratios = [least / one.error for one in evidence if any(_richer(one, plain) for plain in alike)]
+    ratios = [plain.error / one.error for one in evidence for plain in alike if _richer(one, plain)]
     return sure * (1.0 - 0.5 * min(1.0, (max([1.0, *ratios]) - 1.0) / (PLAIN - 1.0)))
 
 
