@@ -21,6 +21,8 @@ WIDEST, BESIDE = 3, 2
 #: Deviations from which a sample is far off: noise of any band exceeds it in one of 1e15 samples, sharp
 #: changes of a force are shared by the neighbours.
 FAR, NEAR = 8.0, 4.0
+#: Share of how far a spike is off both sides by which it is off either of them at least.
+BEND = 0.5
 #: s over which the deviation is taken.
 SPIKE_AROUND = 0.25
 #: Samples that may be spikes, as a share: more are another disease.
@@ -142,7 +144,11 @@ class Spikes(RecordNuisance):
 
 
 def spikes_of(row: Array, rate: float) -> list[tuple[int, int]]:
-    """Return first sample and width of each spike in ``row`` (n,), which comes at ``rate`` (Hz)."""
+    """Return first sample and width of each spike in ``row`` (n,), which comes at ``rate`` (Hz).
+
+    Where a blow begins or ends the sample at the bend is off a curve through both sides, but not off the line
+    through the two samples on one of them: that is no spike.
+    """
     found: list[tuple[int, int]] = []
     taken = np.zeros(row.size, dtype=bool)
     off = {width: _off(row, width) for width in range(1, WIDEST + 1)}
@@ -150,7 +156,8 @@ def spikes_of(row: Array, rate: float) -> list[tuple[int, int]]:
     for width in range(1, WIDEST + 1):
         least = np.min(np.abs(off[width]), axis=0)
         aside = np.abs(off[width].sum(axis=0)) >= np.abs(off[width]).sum(axis=0)
-        for place in np.flatnonzero((least > FAR * deviation[width]) & aside).tolist():
+        bend = _off_a_side(row, width) < BEND * least
+        for place in np.flatnonzero((least > FAR * deviation[width]) & aside & ~bend).tolist():
             part = slice(max(0, place - 4), place + width + 4)
             if taken[part].any() or least[place] < least[part].max():
                 continue
@@ -267,6 +274,16 @@ def _off(row: Array, width: int) -> Array:
             off[place, BESIDE:last] -= weight * row[BESIDE + offset : last + offset]
         off[place, BESIDE:last] += row[BESIDE + place : last + place]
     return off
+
+
+def _off_a_side(row: Array, width: int) -> Array:
+    """Return by how much ``width`` samples from each one on are off the line before or behind them, (n,)."""
+    ahead = np.full(row.size, np.inf)
+    ahead[2:] = np.abs(row[2:] - 2.0 * row[1:-1] + row[:-2])
+    behind = np.full(row.size, np.inf)
+    last = row.size - width - 1
+    behind[:last] = np.abs(row[width - 1 : -2] - 2.0 * row[width:-1] + row[width + 1 :])[:last]
+    return np.asarray(np.minimum(ahead, behind))
 
 
 def _deviation(off: Array, row: Array, rate: float) -> Array:
