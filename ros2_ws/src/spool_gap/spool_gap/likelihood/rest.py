@@ -155,6 +155,8 @@ def share_of_part(predictions: Predictions, fit: StructureFit, key: str) -> floa
     bare = own.without(key)
     changed = measured = 0.0
     size = own.values[part.parameters[0].name]
+    if size == 0.0:
+        return 0.0
     for one in predictions.parts:
         errors = np.zeros((one.windows, one.lines.size), dtype=np.complex128)
         lines = one.lines_of_part(part, own.values, bare, FREE, errors) * size
@@ -175,9 +177,14 @@ class TwoForces:
 
 def starts_at_rest(readings: Readings) -> bool:
     """Whether the record begins before the motion does."""
-    count = max(4, round(QUIET_TIME / readings.period))
+    count = _quiet_count(readings)
     quiet = max(QUIET_SHARE * float(readings.body.std()), 2.0 * readings.noise.body_rms)
     return readings.time == 0.0 and float(np.std(readings.record.body[:count])) < quiet
+
+
+def _quiet_count(readings: Readings) -> int:
+    """Return how many samples at the start are looked at for rest."""
+    return max(4, round(QUIET_TIME / readings.period))
 
 
 def two_forces(
@@ -316,6 +323,9 @@ def _with_rest(readings: Readings) -> Readings:
         return replace(found, time=-REST)
     # A filter's answer before an excitation that begins at once would push the spool to one side.
     course = Chebyshev.fit(np.arange(record.body.size), record.body, DRIFT)(np.arange(count))
-    biased = float(np.sqrt(np.mean(course**2))) > BIASED * float(record.body.std())
+    size = float(np.sqrt(np.mean(course**2)))
+    # Blows to one side have a mean, too, but not before they begin.
+    level = abs(float(np.mean(record.body[: _quiet_count(readings)])))
+    biased = size > BIASED * float(record.body.std()) and level > 0.5 * size
     begun = padded.body[rest.size :] - (course if biased else 0.0)
     return replace(found, time=-REST, body=np.concatenate([rest, begun]).astype(np.float64))
