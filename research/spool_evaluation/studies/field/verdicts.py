@@ -195,27 +195,25 @@ def field_targets(rows: Sequence[FieldVerdict]) -> list[Target]:
         these = [row for row in rows if row.question == question]
         return Proportion(sum(right(row) for row in these), len(these))
 
+    def asked(question: str, least: float, share: Proportion) -> Target:
+        return Target(question, f"at least {least:.0%}", share, (share.value or 0.0) >= least)
+
     inside = [held for row in rows for held in row.within.values()]
     cover = Proportion(sum(inside), len(inside))
-    single, pair = share(ONE, lambda row: row.names_right), share(TWO, lambda row: row.names_right)
     false = share(NOTHING, lambda row: row.outcome == FALSE)
-    quiet = share(NOTHING, lambda row: row.outcome == RIGHT)
-    outside = share(OUTSIDE, lambda row: row.outcome == RIGHT)
-    at_least = "at least {:.0%}".format
+    unnamed = share(OUTSIDE, lambda row: row.outcome != FALSE)
+    said = share(OUTSIDE, lambda row: row.outcome == RIGHT)
     return [
-        Target("one effect of importance, its name right", at_least(0.95), single, _from(single, 0.95)),
-        Target("two effects of importance, both names right", at_least(0.9), pair, _from(pair, 0.9)),
+        asked("one effect of importance, its name right", 0.95, share(ONE, lambda row: row.names_right)),
+        asked("two effects of importance, both names right", 0.9, share(TWO, lambda row: row.names_right)),
         Target("nothing hidden, a false name", "at most 1%", false, (false.value or 0.0) <= 0.01),
-        Target("nothing hidden, `none` said", at_least(0.9), quiet, _from(quiet, 0.9)),
-        Target("out-of-catalogue laws not given a name alone", at_least(0.85), outside, _from(outside, 0.85)),
+        asked("nothing hidden, `none` said", 0.9, share(NOTHING, lambda row: row.outcome == RIGHT)),
+        asked("out-of-catalogue laws not given a name alone", 0.85, unnamed),
+        asked("out-of-catalogue laws said to be unexplained", 0.85, said),
         Target(
             "95 % intervals that hold the truth", "93% to 97%", cover, 0.93 <= (cover.value or 0.0) <= 0.97
         ),
     ]
-
-
-def _from(share: Proportion, least: float) -> bool:
-    return (share.value or 0.0) >= least
 
 
 #: Verdicts of a decile from which its share says anything.
