@@ -187,11 +187,14 @@ def words_of(
         verdict = "none"
     power = (after.agreement.nrmse / max(after.floor, 1e-12)) ** 2
     remainder = _remainder(decision, power, before, after) if open_ else None
-    nuisances = [*look.nuisances, *(_told(decision, key) for key in decision.parts)]
+    values, deviations = decision.fit.structure.values, decision.numbers.deviations
+    nuisances = [*look.nuisances, *(CHAIN_PARTS[key].told(values, deviations) for key in decision.parts)]
     if jitter is not None:
         nuisances.append(jitter)
     elif not open_ and power > COLOURED and not decision.fit.structure.jumps:
-        nuisances.append(Nuisance("coloured_noise", "spool", _rms(after), "m/s^2", CHECK_COLOURED))
+        squares = sum(float((rows[0] ** 2).sum()) for rows in after.rows)
+        size = after.agreement.nrmse * math.sqrt(squares / sum(rows.shape[1] for rows in after.rows))
+        nuisances.append(Nuisance("coloured_noise", "spool", size, "m/s^2", CHECK_COLOURED))
     errors = before.agreement.nrmse, after.agreement.nrmse, after.floor, COMPARED_SENTENCE
     if verdict == "none":
         text = nothing_missing(base.name, *errors[1:])
@@ -344,17 +347,6 @@ def _model(base: Model, fit: StructureFit) -> Model:
     names = {parameter.name for entry in terms for parameter in entry.parameters}
     values = {name: value for name, value in fit.structure.values.items() if name in names}
     return Model("_".join([base.name, *fit.structure.effects]), terms, values)
-
-
-def _told(decision: Decision, key: str) -> Nuisance:
-    return CHAIN_PARTS[key].told(decision.fit.structure.values, decision.numbers.deviations)
-
-
-def _rms(judged: Judged) -> float:
-    size = math.sqrt(
-        sum(float((rows[0] ** 2).sum()) for rows in judged.rows) / sum(rows.shape[1] for rows in judged.rows)
-    )
-    return judged.agreement.nrmse * size
 
 
 def _remainder(decision: Decision, power: float, before: Judged, after: Judged) -> Remainder:

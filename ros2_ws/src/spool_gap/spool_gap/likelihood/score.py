@@ -233,13 +233,26 @@ class Score:
 
 
 def proposals(predictions: Predictions, fit: StructureFit, names: Sequence[str]) -> list[list[Proposal]]:
-    """Return what may be added to ``fit`` for each of the effects ``names`` and each part, best first."""
+    """Return what may be added to ``fit`` for each of the effects ``names`` and each part, best first.
+
+    By a motion that follows the measured one, which hardly misleads.
+    """
     # Reversals of a rough motion are not those of the true one: all samples count.
     with predictions.reversals(counted=True, heard=True):
         score = Score(predictions, fit_structure(predictions, fit.structure, LOOSENESS[:1]))
         found = [score.of_effect(EFFECTS[name]) for name in names]
         found += [[one] for one in score.of_parts()]
     return sorted((one for one in found if one), key=lambda rows: -best_of(rows).gain)
+
+
+def close_proposals(predictions: Predictions, fit: StructureFit, names: Sequence[str]) -> dict[str, Proposal]:
+    """Return the best proposal of each of the effects ``names`` by the motion of ``fit`` itself.
+
+    It shows what is small, where ``fit`` is nearly right.
+    """
+    score = Score(predictions, fit)
+    found = {name: score.of_effect(EFFECTS[name]) for name in names}
+    return {name: best_of(rows) for name, rows in found.items() if rows}
 
 
 def best_of(rows: Sequence[Proposal]) -> Proposal:

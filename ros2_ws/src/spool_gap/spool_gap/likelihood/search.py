@@ -15,7 +15,7 @@ import numpy as np
 
 from spool_gap.catalogue import EFFECTS, FRICTIONS
 from spool_gap.likelihood.prediction import Predictions
-from spool_gap.likelihood.score import Balance, Proposal, best_of, proposals
+from spool_gap.likelihood.score import Balance, Proposal, best_of, close_proposals, proposals
 from spool_gap.likelihood.structure import CHAIN_PARTS, DELAY, GAIN, Structure, Values, mode_of_other
 from spool_gap.likelihood.structure_fit import ENOUGH, LOOSENESS, STEPS, StructureFit, fit_structure, judged
 
@@ -33,6 +33,8 @@ STARTS, MOST_STARTS, QUICK = 2, 5, 4
 CONTACTS = (LOOSENESS[0], LOOSENESS[2])
 #: Starts by the balance of forces, and share of what the base leaves of that from which an effect is fitted.
 BALANCED, SPEAKS = 3, 0.95
+#: Levels of friction, and shares of the drag, that are tried of what the balance of forces gives.
+LEVELS, DRAGS = (0.6, 1.0, 1.5, 2.2, 3.3), (1.0, 0.4)
 #: Starts of a law of friction that acts like another one.
 ALIKE = 4
 #: Steps of a fit while structures are only compared.
@@ -173,10 +175,8 @@ class Search:
             for row in factors.tolist()
         ]
         loose = (LOOSENESS[1], best.looseness)
-        rows = self._brief.errors(trials, loose[0])
-        likely = [self._brief.log_likelihood(lines) for lines in rows]
-        for place in np.argsort(likely)[::-1][:2].tolist():
-            self._keep(self._fit(trials[place], tuple(dict.fromkeys(loose))))
+        for one in self._likeliest(trials, loose[0]):
+            self._keep(self._fit(one, tuple(dict.fromkeys(loose))))
         if self.best.evidence > best.evidence + ROUGH:
             self._settle(self.best.structure, self.best.looseness)
 
@@ -228,23 +228,31 @@ class Search:
         until = 0.5 * (self._work + self._allowed)
         own, penalty = fit.structure, 0.5 * math.log(self._predictions.numbers)
         allowed = [name for name in self._names if self._may_add(own, name)]
-        shares = dict.fromkeys((LOOSE, TIGHT, *((fit.looseness,) if own.effects else ())))
+        known = bool(own.effects or own.parts)
+        shares = dict.fromkeys((LOOSE, TIGHT, COMPARED, *((fit.looseness,) if known else ())))
+        close = close_proposals(self._predictions, fit, allowed) if known else {}
         quick: list[tuple[float, StructureFit]] = []
         before: dict[bool, float] = {}
-        for rows in self._with_balanced(proposals(self._predictions, fit, allowed), own, allowed):
+        found = proposals(self._predictions, fit, allowed)
+        missed = set(close) - {rows[0].name for rows in found}
+        found += [[replace(close[name], gain=0.0)] for name in sorted(missed)]
+        for rows in self._with_balanced(found, own, allowed):
             if self.late:
                 break
             best = best_of(rows)
             if best.name in CHAIN_PARTS and len(own.parts) >= MOST_PARTS:
                 continue
             hidden = best.name in EFFECTS and EFFECTS[best.name].local_minima | EFFECTS[best.name].localised
-            if best.gain > best.count * penalty or (hidden and not own.effects):
-                for found in self._quick(fit, rows):
-                    jumps = found.structure.jumps
+            near = close.get(best.name)
+            if near is not None and near.gain < DECISIVE + near.count * penalty:
+                near = None
+            if best.gain > best.count * penalty or near is not None or (hidden and not own.effects):
+                for tried in self._quick(fit, rows, near):
+                    jumps = tried.structure.jumps
                     if jumps not in before:
                         rough = [self._fit(own, (one,), jumps=jumps, brief=True) for one in shares]
                         before[jumps] = max(one.log_likelihood for one in rough)
-                    quick.append((found.log_likelihood - before[jumps], found))
+                    quick.append((tried.log_likelihood - before[jumps], tried))
         quick.sort(key=lambda row: -row[0])
         for gain, one in quick[:MOST_ADDED]:
             hopeful = gain >= max(1.0, HOPEFUL * quick[0][0])
@@ -314,9 +322,7 @@ class Search:
         wider = bare.having((*bare.effects, other), bare.parts)
         trials = [wider.moved({**best.structure.values, **one}) for one in starts]
         trials = [one.bounded(self._predictions.seconds) for one in trials]
-        rows = self._brief.errors(trials, best.looseness)
-        likely = [self._brief.log_likelihood(lines) for lines in rows]
-        near = [trials[place] for place in np.argsort(likely)[::-1][:2].tolist()]
+        near = self._likeliest(trials, best.looseness)
         known, without, *found = [
             self._fit(one, (best.looseness,), jumps=wider.jumps, brief=True)
             for one in (best.structure, bare, *near)
@@ -367,17 +373,21 @@ class Search:
         for name in (*fit.structure.effects, *fit.structure.parts):
             bare = fit.structure.without(name)
             known = self.fits.get(bare.key)
-            start = bare if known is None else bare.moved(known.structure.values)
             self._tell(f"without {name.replace('_', ' ')}", 0.8)
-            for one in (start, bare):
+            for one in [bare] if known is None else [bare.moved(known.structure.values), bare]:
                 found = self._keep(self._fit(one, (fit.looseness,)))
                 if found.evidence > fit.evidence - CLOSE:
                     self._settle(found.structure, fit.looseness)
 
     # Fits -----------------------------------------------------------------------------------------------
 
-    def _quick(self, fit: StructureFit, starts: Sequence[Proposal]) -> list[StructureFit]:
-        """Return brief fits of ``fit`` with what ``starts`` propose: the most likely of each of its forms."""
+    def _quick(
+        self, fit: StructureFit, starts: Sequence[Proposal], near: Proposal | None
+    ) -> list[StructureFit]:
+        """Return brief fits of ``fit`` with what ``starts`` propose: the most likely of each of its forms.
+
+        ``near``, by the motion of ``fit`` itself, is fitted with its correction.
+        """
         own, name, seconds = fit.structure, starts[0].name, self._predictions.seconds
         effect = name in EFFECTS
         wider = own.having(
@@ -393,10 +403,7 @@ class Search:
             trials += [wider.moved(one).bounded(seconds) for one in more]
             quick = []
             for share in CONTACTS:
-                rows = self._brief.errors(trials, share)
-                likely = [self._brief.log_likelihood(lines) for lines in rows]
-                near = [trials[place] for place in np.argsort(likely)[::-1][:STARTS].tolist()]
-                quick += [self._fit(one, (share,), brief=True) for one in near]
+                quick += [self._fit(one, (share,), brief=True) for one in self._likeliest(trials, share)]
             trials = []
         elif effect and _several(name) and not own.effects:
             places = np.linspace(0, len(trials) - 1, min(MOST_STARTS, len(trials))).round().astype(int)
@@ -407,12 +414,21 @@ class Search:
             forms |= {len(best.unknowns(seconds)): best_of(starts)}
             trials = [wider.moved(one.values).bounded(seconds) for one in forms.values()]
         quick += [self._fit(one, (LOOSE,), brief=True) for one in trials]
+        if near is not None:
+            begun = wider.moved(near.values).bounded(seconds)
+            quick.append(self._fit(begun, (fit.looseness,), brief=True))
         if own.effects:
             # What is fitted already need not be found again by a loose correction.
             kept = best.moved({one: own.values[one] for one in fit.names})
             quick.append(self._fit(kept, (fit.looseness,), brief=True))
         if effect:
-            quick += [self._fit(one, (TIGHT,), brief=True) for one in self._by_balance(wider)]
+            balanced = self._by_balance(wider)
+            quick += [self._fit(one, (TIGHT,), brief=True) for one in balanced]
+            if name in FRICTIONS and balanced:
+                levels = self._levels(name, balanced, own)
+                quick += [
+                    self._fit(one, (COMPARED,), brief=True) for one in self._likeliest(levels, COMPARED)
+                ]
         else:
             # Compared with what the structure without it leaves at either looseness.
             loose = max(quick, key=lambda one: one.evidence)
@@ -441,6 +457,35 @@ class Search:
         # What the base makes of gain and delay belongs to a model without the effect.
         nominal = {GAIN: 0.0, DELAY: 0.0} if len(wider.effects) == 1 else {}
         return [wider.moved({**one.values, **nominal}).bounded(self._predictions.seconds) for one in found]
+
+    def _levels(self, name: str, balanced: Sequence[Structure], own: Structure) -> list[Structure]:
+        """Return ``balanced`` with the law of friction ``name`` at other levels of its force.
+
+        A spool that sticks much shows the balance of forces half of its friction; no fit gets from there to
+        all of it, as the reversals of another motion are elsewhere.
+        """
+        entry = EFFECTS[name]
+        scaled = [one for one in entry.fitted if one not in entry.shapes(self._balance.motion)[0]]
+        return [
+            one.moved(
+                {
+                    **{number: level * one.values[number] for number in scaled},
+                    "viscous_coefficient": share * one.values["viscous_coefficient"],
+                    "spring_stiffness": math.sqrt(
+                        one.values["spring_stiffness"] * own.values["spring_stiffness"]
+                    ),
+                }
+            ).bounded(self._predictions.seconds)
+            for one in balanced
+            for level in LEVELS
+            for share in DRAGS
+        ]
+
+    def _likeliest(self, trials: Sequence[Structure], looseness: float) -> list[Structure]:
+        """Return the few of ``trials`` that are likeliest in the excerpts, as they stand."""
+        rows = self._brief.errors(trials, looseness)
+        likely = [self._brief.log_likelihood(lines) for lines in rows]
+        return [trials[place] for place in np.argsort(likely)[::-1][:STARTS].tolist()]
 
     def _tighten(self, begun: Structure, looseness: float = LOOSE) -> StructureFit:
         """Fit on from ``begun``, with the correction ``looseness`` and with tighter ones."""

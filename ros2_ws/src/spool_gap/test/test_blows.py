@@ -1,0 +1,114 @@
+"""A spool that sticks between blows to its machine: spikes, friction by direction, what the search finds."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from spool_core.numbers import Array
+from spool_estimator.identification.nuisances import spikes_of
+from spool_estimator.identification.record import Record
+from spool_gap.likelihood.kernel import motions_for
+from spool_gap.likelihood.prediction import Prediction, Predictions
+from spool_gap.likelihood.readings import readings_of
+from spool_gap.likelihood.rest import two_forces
+from spool_gap.likelihood.score import Balance
+from spool_gap.likelihood.search import Search
+from spool_gap.likelihood.structure import mode, structure_of
+from spool_gap.likelihood.structure_fit import fit_structure
+from spool_sim.excitation import Recorded, SweptSine
+from spool_sim.model import MODELS, Model
+from spool_sim.sensors import Sensor
+from spool_sim.simulator import Simulator
+from spool_sim.terms import term
+from spool_sim.valve import find_valve
+
+VALVE = find_valve("4weh10_soft").model_copy(update={"dynamic_viscosity": 0.03})
+BASE = MODELS["fluid"]
+MOTIONS = motions_for(BASE)
+SECONDS, RATE, NOISE, FORCE = 12.0, 4000.0, 0.02, 0.5
+
+
+@lru_cache
+def blows() -> Array:
+    """Return blows to one side, half a sine of 8 ms each, m/s^2; the first comes after 0.3 s."""
+    time = np.arange(round(SECONDS * RATE)) / RATE
+    draw = np.random.default_rng(4)
+    starts = 0.3 + np.cumsum(draw.uniform(0.15, 0.4, 30))
+    body = np.zeros(time.size)
+    for start, height in zip(starts.tolist(), draw.uniform(10.0, 40.0, starts.size).tolist(), strict=True):
+        share = (time - start) / 0.008
+        body += height * np.where((share > 0.0) & (share < 1.0), np.sin(np.pi * share), 0.0)
+    return body
+
+
+@lru_cache
+def hit(effect: str, **given: float) -> Record:
+    sensor, model = Sensor(noise=NOISE), Model("hit", (*BASE.terms, term(effect)), {})
+    simulator = Simulator(
+        VALVE, Recorded(sample_rate=RATE, samples=blows()), model=model,
+        parameters=given, sample_rate=RATE, block_size=200, seed=3, body_sensor=sensor, spool_sensor=sensor,
+    )  # fmt: skip
+    parts = list(simulator.records(SECONDS))
+    body, spool = (np.concatenate([getattr(one, name) for one in parts]) for name in ("body", "spool"))
+    return Record("hit", 0, 1.0 / RATE, body.astype(np.float64), spool.astype(np.float64))
+
+
+def predictions(of: Record) -> Predictions:
+    return Predictions([Prediction(readings_of(of), VALVE, MOTIONS)])
+
+
+def test_the_bend_where_a_blow_begins_is_no_spike_and_a_spike_is_one() -> None:
+    body = hit("coulomb_friction", coulomb_force=FORCE).body.copy()
+    assert spikes_of(body, RATE) == []
+    places = [900, 12_345, 30_001]
+    body[places] += 3.0
+    assert [place for place, _ in spikes_of(body, RATE)] == places
+
+
+@pytest.mark.parametrize(("forward", "backward"), [(0.5, 0.5), (0.6, 0.4), (0.4, 0.6)])
+def test_blows_to_one_side_are_no_friction_that_differs_by_direction(forward: float, backward: float) -> None:
+    of = hit("asymmetric_friction", forward_force=forward, backward_force=backward)
+    mean = structure_of(BASE, VALVE, ["coulomb_friction"], (), {"coulomb_force": FORCE})
+    fit = fit_structure(predictions(of), mean, (0.03,))
+    found = two_forces([readings_of(of)], VALVE, MOTIONS, fit)
+    if forward == backward:
+        assert found is None
+    else:
+        assert found is not None
+        assert found.ratio == pytest.approx((forward - backward) / (forward + backward), abs=0.05)
+
+
+def test_all_of_the_friction_is_found_where_the_balance_of_forces_shows_a_part_of_it() -> None:
+    of = predictions(hit("coulomb_friction", coulomb_force=FORCE))
+    names = ["coulomb_friction", "quadratic_damping", "presliding_friction"]
+    balance = Balance(of, VALVE.spring_stiffness, VALVE.likely_viscous_coefficient, names)
+    (start,) = balance.starts(["coulomb_friction"])
+    assert start.values["coulomb_force"] < 0.7 * FORCE
+    search = Search(of, structure_of(BASE, VALVE), names)
+    search.run()
+    assert search.simplest.structure.effects == ("coulomb_friction",)
+    assert search.simplest.structure.values["coulomb_force"] == pytest.approx(FORCE, rel=0.02)
+
+
+def test_a_small_effect_is_found_beside_a_mode_of_the_mounting() -> None:
+    sweep = SweptSine(start_frequency=6.0, stop_frequency=60.0, duration=8.0, amplitude=9.0)
+    sensor = Sensor(noise=NOISE)
+    simulator = Simulator(
+        VALVE, sweep, model=Model("drifting", (*BASE.terms, term("damping_drift")), {}),
+        parameters={"damping_drift_rate": -0.004}, sample_rate=1000.0, block_size=50, seed=6,
+        body_sensor=sensor, spool_sensor=sensor,
+    )  # fmt: skip
+    parts = list(simulator.records(24.0))
+    body, spool = (np.concatenate([getattr(one, name) for one in parts]) for name in ("body", "spool"))
+    lines = np.fft.rfftfreq(spool.size, 1e-3)
+    through = np.fft.irfft(np.fft.rfft(spool) * mode(np.maximum(lines, 0.1), 0.3, 120.0, 0.06), spool.size)
+    of = predictions(Record("mounted", 0, 1e-3, body.astype(np.float64), through.astype(np.float64)))
+    search = Search(of, structure_of(BASE, VALVE), ["damping_drift", "cubic_stiffness", "quadratic_damping"])
+    search.run()
+    assert search.simplest.structure.effects == ("damping_drift",)
+    # The mode of one channel acts like one of the other.
+    (part,) = search.simplest.structure.parts
+    assert part in {"body_extra_mode", "spool_extra_mode"}
+    assert search.simplest.structure.values["damping_drift_rate"] == pytest.approx(-0.004, rel=0.15)
