@@ -148,6 +148,7 @@ class Search:
         for _ in range(3):
             before = self.simplest
             self.leave_out(before)
+            self._plainer(before)
             if self.simplest.structure.key == before.structure.key:
                 break
 
@@ -367,6 +368,16 @@ class Search:
         known = self.fits.get((frozenset([other]), frozenset()))
         if known is not None:
             yield {one: known.structure.values[one] for one in entry.fitted if one in known.structure.values}
+
+    def _plainer(self, fit: StructureFit) -> None:
+        """Fit ``fit`` with the plainer laws that its laws contain, however late it is."""
+        for name in fit.structure.effects:
+            bare = fit.structure.without(name)
+            for plain in EFFECTS[name].replaces:
+                starts = list(self._acting_like(name, plain, fit.structure.values))
+                key = frozenset([*bare.effects, plain]), frozenset(bare.parts)
+                if plain in self._names and starts and key not in self.fits:
+                    self._exchange(bare, plain, fit, starts)
 
     def leave_out(self, fit: StructureFit) -> None:
         """Fit ``fit`` without each of its components."""
