@@ -15,9 +15,9 @@ from spool_gap.likelihood.readings import readings_of
 from spool_gap.likelihood.rest import two_forces
 from spool_gap.likelihood.score import Balance
 from spool_gap.likelihood.search import Search
-from spool_gap.likelihood.structure import mode, structure_of
+from spool_gap.likelihood.structure import structure_of
 from spool_gap.likelihood.structure_fit import fit_structure
-from spool_sim.excitation import Recorded, SweptSine
+from spool_sim.excitation import Recorded
 from spool_sim.model import MODELS, Model
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
@@ -90,25 +90,3 @@ def test_all_of_the_friction_is_found_where_the_balance_of_forces_shows_a_part_o
     search.run()
     assert search.simplest.structure.effects == ("coulomb_friction",)
     assert search.simplest.structure.values["coulomb_force"] == pytest.approx(FORCE, rel=0.02)
-
-
-def test_a_small_effect_is_found_beside_a_mode_of_the_mounting() -> None:
-    sweep = SweptSine(start_frequency=6.0, stop_frequency=60.0, duration=8.0, amplitude=9.0)
-    sensor = Sensor(noise=NOISE)
-    simulator = Simulator(
-        VALVE, sweep, model=Model("drifting", (*BASE.terms, term("damping_drift")), {}),
-        parameters={"damping_drift_rate": -0.004}, sample_rate=1000.0, block_size=50, seed=6,
-        body_sensor=sensor, spool_sensor=sensor,
-    )  # fmt: skip
-    parts = list(simulator.records(16.0))
-    body, spool = (np.concatenate([getattr(one, name) for one in parts]) for name in ("body", "spool"))
-    lines = np.fft.rfftfreq(spool.size, 1e-3)
-    through = np.fft.irfft(np.fft.rfft(spool) * mode(np.maximum(lines, 0.1), 0.3, 120.0, 0.06), spool.size)
-    of = predictions(Record("mounted", 0, 1e-3, body.astype(np.float64), through.astype(np.float64)))
-    search = Search(of, structure_of(BASE, VALVE), ["damping_drift", "cubic_stiffness", "quadratic_damping"])
-    search.run()
-    assert search.simplest.structure.effects == ("damping_drift",)
-    # The mode of one channel acts like one of the other.
-    (part,) = search.simplest.structure.parts
-    assert part in {"body_extra_mode", "spool_extra_mode"}
-    assert search.simplest.structure.values["damping_drift_rate"] == pytest.approx(-0.004, rel=0.15)

@@ -15,9 +15,9 @@ from spool_gap.likelihood.kernel import motions_for
 from spool_gap.likelihood.prediction import Prediction, Predictions
 from spool_gap.likelihood.readings import readings_of
 from spool_gap.likelihood.rest import Rest, foreseen, rest_of
-from spool_gap.likelihood.score import Balance
-from spool_gap.likelihood.search import Search
-from spool_gap.likelihood.structure import structure_of
+from spool_gap.likelihood.score import Balance, best_of, close_proposals, proposals
+from spool_gap.likelihood.search import DECISIVE, Search
+from spool_gap.likelihood.structure import mode, structure_of
 from spool_gap.likelihood.structure_fit import fit_structure
 from spool_gap.result import GapResult
 from spool_sim.excitation import SweptSine
@@ -123,6 +123,36 @@ def test_the_search_ends_at_what_is_hidden(effect: str) -> None:
     assert search.simplest.structure.effects == (effect,)
     name, value = HIDDEN[effect]
     assert search.simplest.structure.values[name] == pytest.approx(value, rel=0.02)
+
+
+def test_the_fitted_motion_shows_a_small_effect_beside_a_mode_better_than_the_measured_one() -> None:
+    healthy = record("damping_drift", damping_drift_rate=-0.001)
+    lines = np.maximum(np.fft.rfftfreq(healthy.spool.size, healthy.sample_period), 0.1)
+    through = np.fft.irfft(np.fft.rfft(healthy.spool) * mode(lines, 0.3, 120.0, 0.06), healthy.spool.size)
+    of = predictions(replace(healthy, spool=np.asarray(through)))
+    own = {"spool_mode_share": 0.3, "spool_mode_frequency": 120.0, "spool_mode_damping": 0.06}
+    fit = fit_structure(of, structure_of(BASE, VALVE, (), ("spool_extra_mode",), own))
+    by_fitted = close_proposals(of, fit, ["damping_drift"])["damping_drift"].gain
+    by_measured = max(
+        best_of(rows).gain
+        for rows in proposals(of, fit, ["damping_drift"])
+        if rows[0].name == "damping_drift"
+    )
+    assert by_fitted > 1.5 * by_measured
+    assert by_fitted > DECISIVE
+
+
+def test_a_plainer_law_is_tried_in_place_of_the_best_one_however_late_it_is() -> None:
+    names = ["stribeck_friction", "coulomb_friction"]
+    of, start = hiding("coulomb_friction"), structure_of(BASE, VALVE)
+    once = predictions(of)
+    Search(once, start, names)
+    search = Search(predictions(of), start, names, allowed=2.0 * once.work)
+    search.run()
+    assert search.late
+    tried = {effects for effects, parts in search.fits if not parts}
+    assert {frozenset(["stribeck_friction"]), frozenset(["coulomb_friction"])} <= tried
+    assert search.simplest.structure.effects == ("coulomb_friction",)
 
 
 def test_the_balance_of_forces_finds_play_whatever_stiffness_the_base_was_fitted_to() -> None:

@@ -21,7 +21,8 @@ WIDEST, BESIDE = 3, 2
 #: Deviations from which a sample is far off: noise of any band exceeds it in one of 1e15 samples, sharp
 #: changes of a force are shared by the neighbours.
 FAR, NEAR = 8.0, 4.0
-#: Share of how far a spike is off both sides by which it is off either of them at least.
+#: Share of how far a spike is off both sides by which it is off either of them at least: half way from the
+#: bend where a blow begins (0) to a spike (1).
 BEND = 0.5
 #: s over which the deviation is taken.
 SPIKE_AROUND = 0.25

@@ -46,6 +46,8 @@ REST, LOOKED_AT = 2.0, 4.0
 QUIET_TIME, QUIET_SHARE = 0.01, 0.03
 #: Mean of the body's reading over its rms from which it is a bias: that of an excitation is smaller.
 BIASED = 0.02
+#: Share of it that a bias shows before the motion begins: half way from blows to one side (0) to a bias (1).
+FROM_START = 0.5
 #: Degree of the course that a bias drifts by.
 DRIFT = 3
 #: Ratios (forward - backward) / (forward + backward) that are tried.
@@ -324,8 +326,7 @@ def _with_rest(readings: Readings) -> Readings:
     # A filter's answer before an excitation that begins at once would push the spool to one side.
     course = Chebyshev.fit(np.arange(record.body.size), record.body, DRIFT)(np.arange(count))
     size = float(np.sqrt(np.mean(course**2)))
-    # Blows to one side have a mean, too, but not before they begin.
     level = abs(float(np.mean(record.body[: _quiet_count(readings)])))
-    biased = size > BIASED * float(record.body.std()) and level > 0.5 * size
+    biased = size > BIASED * float(record.body.std()) and level > FROM_START * size
     begun = padded.body[rest.size :] - (course if biased else 0.0)
     return replace(found, time=-REST, body=np.concatenate([rest, begun]).astype(np.float64))

@@ -145,6 +145,8 @@ class Search:
             self._extend([self.best])
         self._polish()
         self._shake()
+        # Numbers that make no sense on a machine say in most cases that a plainer law is enough.
+        self._plainer(max(self.fits.values(), key=lambda one: one.evidence))
         for _ in range(3):
             before = self.simplest
             self.leave_out(before)
@@ -229,12 +231,14 @@ class Search:
         until = 0.5 * (self._work + self._allowed)
         own, penalty = fit.structure, 0.5 * math.log(self._predictions.numbers)
         allowed = [name for name in self._names if self._may_add(own, name)]
+        # Once something is found, the motion of the fit shows what is small.
         known = bool(own.effects or own.parts)
         shares = dict.fromkeys((LOOSE, TIGHT, COMPARED, *((fit.looseness,) if known else ())))
         close = close_proposals(self._predictions, fit, allowed) if known else {}
         quick: list[tuple[float, StructureFit]] = []
         before: dict[bool, float] = {}
         found = proposals(self._predictions, fit, allowed)
+        # What the measured motion does not show at all has no gain there.
         missed = set(close) - {rows[0].name for rows in found}
         found += [[replace(close[name], gain=0.0)] for name in sorted(missed)]
         for rows in self._with_balanced(found, own, allowed):
