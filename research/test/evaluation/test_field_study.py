@@ -110,6 +110,15 @@ def test_names_count_as_right_whatever_is_left_and_none_has_to_be_said_alone():
     assert not met["nothing hidden, `none` said"]
 
 
+def test_a_law_that_is_not_seen_has_no_false_name_but_is_not_said_to_be_unexplained_either():
+    verdicts = ["none"] * 6 + ["unexplained"] * 3 + ["a"]
+    rows = [row("oil_chamber", said, ("unexplained",)) for said in verdicts]
+    shares = {target.name: target.share for target in field_targets(rows)}
+    unnamed = shares["out-of-catalogue laws not given a name alone"]
+    unexplained = shares["out-of-catalogue laws said to be unexplained"]
+    assert (unnamed.count, unexplained.count, unnamed.of, unexplained.of) == (9, 3, 10, 10)
+
+
 def test_intervals_are_held_against_the_truth_where_the_names_are_right():
     held = row("a", "a", truth={"a.x": 2.0, "a.y": 1.0}, found={"a.x": (2.1, 0.06), "a.y": (1.5, 0.1)})
     assert held.within == {"a.x": True, "a.y": False}

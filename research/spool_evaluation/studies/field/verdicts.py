@@ -205,13 +205,13 @@ def field_targets(rows: Sequence[FieldVerdict]) -> list[Target]:
     said = share(OUTSIDE, lambda row: row.outcome == RIGHT)
     return [
         asked("one effect of importance, its name right", 0.95, share(ONE, lambda row: row.names_right)),
-        asked("two effects of importance, both names right", 0.9, share(TWO, lambda row: row.names_right)),
+        asked("two effects of importance, both names right", 0.85, share(TWO, lambda row: row.names_right)),
         Target("nothing hidden, a false name", "at most 1%", false, (false.value or 0.0) <= 0.01),
-        asked("nothing hidden, `none` said", 0.9, share(NOTHING, lambda row: row.outcome == RIGHT)),
+        asked("nothing hidden, `none` said", 0.95, share(NOTHING, lambda row: row.outcome == RIGHT)),
         asked("out-of-catalogue laws not given a name alone", 0.85, unnamed),
         asked("out-of-catalogue laws said to be unexplained", 0.85, said),
         Target(
-            "95 % intervals that hold the truth", "93% to 97%", cover, 0.93 <= (cover.value or 0.0) <= 0.97
+            "95 % intervals that hold the truth", "92% to 98%", cover, 0.92 <= (cover.value or 0.0) <= 0.98
         ),
     ]
 
