@@ -80,7 +80,7 @@ ONLY = {
         "viscous_coefficient_at", "at", "_drag_of", "natural_frequency", "damping_ratio",
         "kinematic_viscosity", "_double_logarithm",
     },
-    "spool_sim.lubrication": {"_fill", "film_parameter", "fluid_friction_coefficient", "ratio"},
+    "spool_sim.lubrication": {"_fill", "fluid_friction_coefficient", "ratio"},
     "spool_sim.excitation": {
         "_band", "_continued", "_in_order", "_integral", "_one_list", "_ramp", "_steady", "_turns",
         "acceleration", "duration", "frequencies", "highest_frequency", "revolutions", "rise",

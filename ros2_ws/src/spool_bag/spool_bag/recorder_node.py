@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import math
 import sys
@@ -169,7 +170,7 @@ class RecorderNode(ManagedNode):
         super().__init__("recorder")
         self._recording: Recording | None = None
         self._diagnostics: DiagnosticPublisher | None = None
-        self._subscriptions_by_topic: dict[str, tuple[Any, QoSProfile]] = {}
+        self._subscriptions_by_topic: dict[str, _Subscribed] = {}
         self._offered: dict[str, list[Qos]] = {}
         self._left_out: set[str] = set()
         self._losses = recorder.LossCount()
@@ -269,15 +270,20 @@ class RecorderNode(ManagedNode):
         for topic, kind in recorder.select_topics(graph, self._valves()).items():
             if topic in self._left_out:
                 continue
-            offered = [info.qos_profile for info in self.get_publishers_info_by_topic(topic)]
+            # What each publisher offers costs ten times as much to ask as how many there are.
+            publishers = self.count_publishers(topic)
             # Blocks are lost where nobody listens; all else waits for its publisher, who says how it is sent.
-            if not offered and topic.rpartition("/")[2] != "acceleration":
+            if not publishers and topic.rpartition("/")[2] != "acceleration":
                 continue
             known = self._subscriptions_by_topic.get(topic)
-            if known is not None and _compatible(known[1], offered):
+            if known is not None and known.publishers == publishers:
+                continue
+            offered = [info.qos_profile for info in self.get_publishers_info_by_topic(topic)]
+            if known is not None and _compatible(known.wanted, offered):
+                self._subscriptions_by_topic[topic] = known._replace(publishers=len(offered))
                 continue
             if known is not None:
-                self.destroy_subscription(known[0])
+                self.destroy_subscription(known.subscription)
             try:
                 self._record(topic, kind, offered)
             except Exception as error:  # rclpy and rosbags: a type that is not installed, or not supported
@@ -294,7 +300,7 @@ class RecorderNode(ManagedNode):
             self._keep(one, data)
 
         subscription = self.subscribe(message_type, topic, keep, wanted, raw=True)
-        self._subscriptions_by_topic[topic] = (subscription, wanted)
+        self._subscriptions_by_topic[topic] = _Subscribed(subscription, wanted, len(offered))
 
     def _keep(self, one: _Intake, data: bytes) -> None:
         """Take a message: some thousand times a second."""
@@ -309,7 +315,8 @@ class RecorderNode(ManagedNode):
             elif one.stamped:
                 published = header_stamp(data)
         except CdrError:
-            published = _stamp(data, received)
+            with contextlib.suppress(CdrError):  # a damaged block whose header can be read
+                published = header_stamp(data)
         topic = one.topic
         offers = self._offered.get(topic)
         if offers is None:  # what its publishers offer, asked with its first message
@@ -417,6 +424,14 @@ class RecorderNode(ManagedNode):
         return Status("monitoring", level, text, values)
 
 
+class _Subscribed(NamedTuple):
+    """Subscription, the quality of service that it asks for, and how many publishers offered it."""
+
+    subscription: Any
+    wanted: QoSProfile
+    publishers: int
+
+
 class _Intake(NamedTuple):
     """Topic that is recorded, with what each of its messages must have."""
 
@@ -425,14 +440,6 @@ class _Intake(NamedTuple):
     namespace: str
     stamped: bool
     latched: bool
-
-
-def _stamp(data: bytes, received: int) -> int:
-    """Return the stamp of a damaged block whose header can be read, else ``received``, ns."""
-    try:
-        return header_stamp(data)
-    except CdrError:
-        return received
 
 
 def _message_type(kind: str) -> Any:

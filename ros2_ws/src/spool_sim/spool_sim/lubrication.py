@@ -1,10 +1,8 @@
-"""Lubrication of the land: oils by name, and the regime that the film is in."""
+"""Lubrication of the land: oils by name, and the film's coefficient of friction."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
-from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,14 +13,6 @@ from spool_sim.valve import HIGHEST_TEMPERATURE, LOWEST_TEMPERATURE, Valve
 #: deg C between the points. Interpolated linearly, the ratio is up to 1.4e-5 too large above 0 deg C, 6e-5 at
 #: -40 deg C.
 STEP = 0.1
-
-
-class LubricationRegime(Enum):
-    """What carries the load between two surfaces."""
-
-    BOUNDARY = "boundary"
-    MIXED = "mixed"
-    FLUID = "fluid"
 
 
 def fluid_friction_coefficient(
@@ -45,32 +35,6 @@ def fluid_friction_coefficient(
     if not (normal_load > 0.0 and film_thickness > 0.0):
         raise ValueError(f"normal_load {normal_load:g} N and film_thickness {film_thickness:g} m must be > 0")
     return dynamic_viscosity * speed * area / (normal_load * film_thickness)
-
-
-def film_parameter(film_thickness: float, roughness_spool: float, roughness_bore: float = 0.0) -> float:
-    """Return lambda: gap height over the combined rms roughness of both surfaces; no unit.
-
-    The paper names gap height and rms roughness (reference 20); the combination sqrt(R1^2 + R2^2) is the
-    common one in tribology.
-
-    Args:
-        film_thickness: m.
-        roughness_spool, roughness_bore: rms roughness, m.
-
-    Raises:
-        ValueError: both surfaces without roughness.
-    """
-    combined = math.hypot(roughness_spool, roughness_bore)
-    if combined <= 0.0:
-        raise ValueError("at least one surface needs a roughness > 0")
-    return film_thickness / combined
-
-
-def lubrication_regime(film: float) -> LubricationRegime:
-    """Return the regime at lambda = ``film``: mixed between 1 and 3, fluid from 3, boundary up to 1."""
-    if film >= 3.0:
-        return LubricationRegime.FLUID
-    return LubricationRegime.MIXED if film > 1.0 else LubricationRegime.BOUNDARY
 
 
 @dataclass(slots=True)

@@ -26,7 +26,7 @@ from spool_sim.excitation import (
     SweptSine,
     from_mapping,
 )
-from spool_sim.lubrication import OilTable, film_parameter, fluid_friction_coefficient
+from spool_sim.lubrication import OilTable, fluid_friction_coefficient
 from spool_sim.sensors import FractionalDelay, MeasuringChain, Sensor, SensorChannel
 from spool_sim.terms import TERMS, Term
 from spool_sim.valve import OILS, Valve
@@ -492,8 +492,6 @@ def test_lubrication_quantities_are_those_worked_out_by_hand() -> None:
         dynamic_viscosity=0.05, speed=0.36, area=0.002, normal_load=1.5, film_thickness=2e-5
     )
     assert coefficient == pytest.approx(1.2, rel=EXACT)
-    # 12 um / sqrt(3^2 + 4^2) um
-    assert film_parameter(12e-6, 3e-6, 4e-6) == pytest.approx(2.4, rel=EXACT)
 
 
 RUN = {"start_frequency": 10.3, "stop_frequency": 33.0, "duration": 3.7, "amplitude": 3.0, "soft_start": 0.0}

@@ -10,12 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from spool_core.errors import InputError
-from spool_sim.lubrication import (
-    LubricationRegime,
-    film_parameter,
-    fluid_friction_coefficient,
-    lubrication_regime,
-)
+from spool_sim.lubrication import fluid_friction_coefficient
 from spool_sim.model import MODELS, model_from_mapping
 from spool_sim.terms import TERMS, Parameter, Term
 from spool_sim.valve import Valve
@@ -243,14 +238,3 @@ def test_lubrication_quantities() -> None:
         fluid_friction_coefficient(
             dynamic_viscosity=1.0, speed=1.0, area=1.0, normal_load=0.0, film_thickness=1.0
         )
-    assert film_parameter(15e-6, 3e-6, 4e-6) == pytest.approx(3.0)
-    with pytest.raises(ValueError, match="roughness"):
-        film_parameter(15e-6, 0.0)
-    regimes = [lubrication_regime(film) for film in (0.5, 1.0, 2.0, 3.0, 9.0)]
-    assert regimes == [
-        LubricationRegime.BOUNDARY,
-        LubricationRegime.BOUNDARY,
-        LubricationRegime.MIXED,
-        LubricationRegime.FLUID,
-        LubricationRegime.FLUID,
-    ]
