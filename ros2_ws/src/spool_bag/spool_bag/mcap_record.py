@@ -15,11 +15,12 @@ from typing import BinaryIO, NamedTuple
 
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.records import Channel, Schema, Statistics
+from mcap.records import Channel, Message, Schema, Statistics
 
 MAGIC = b"\x89MCAP0\r\n"
 FRAME = struct.Struct("<BQ")
 MESSAGE = struct.Struct("<HIQQ")
+MESSAGE_RECORD = struct.Struct("<BQHIQQ")
 FOOTER = struct.Struct("<BQQQI")
 CHUNK_HEAD = struct.Struct("<QQQII")
 MESSAGE_INDEX = struct.Struct("<HI")
@@ -68,6 +69,13 @@ class ChunkHead(NamedTuple):
     uncompressed_crc: int
     compression: str
     start: int
+
+
+def message_head(message: Message) -> bytes:
+    """Return what stands ahead of the data: packed at once, for a fraction of what mcap takes."""
+    length = MESSAGE.size + len(message.data)
+    times = message.log_time, message.publish_time
+    return MESSAGE_RECORD.pack(Opcode.MESSAGE, length, message.channel_id, message.sequence, *times)
 
 
 def chunk_head(content: bytes, length: int) -> ChunkHead | None:
