@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 from rosbags.interfaces import Qos
-from spool_core.cdr import CdrError, block_head
 from spool_core.errors import InputError
 
 from spool_bag.metadata import ACCELERATION_BLOCK, TEMPERATURE
@@ -101,14 +100,6 @@ class LossCount:
     lost: dict[str, int] = field(default_factory=dict)
     _last: dict[str, _LastBlock] = field(default_factory=dict)
     _doubted: dict[str, int] = field(default_factory=dict)
-
-    def see(self, topic: str, data: bytes) -> None:
-        """Take note of the CDR of a block; bytes that are none are left to the reader to judge."""
-        try:
-            sequence, stamp = block_head(data)
-        except CdrError:
-            return
-        self.take(topic, sequence, stamp)
 
     def take(self, topic: str, sequence: int, stamp: int) -> bool:
         """Take note of a block with its ``stamp`` (ns); return whether others were lost before it."""

@@ -16,7 +16,7 @@ from spool_gap.likelihood.prediction import Prediction, Predictions
 from spool_gap.likelihood.readings import readings_of
 from spool_gap.likelihood.rest import Rest, foreseen, rest_of
 from spool_gap.likelihood.score import Balance, best_of, close_proposals, proposals
-from spool_gap.likelihood.search import DECISIVE, Search
+from spool_gap.likelihood.search import COMPARED, DECISIVE, Search
 from spool_gap.likelihood.structure import mode, structure_of
 from spool_gap.likelihood.structure_fit import fit_structure
 from spool_gap.result import GapResult
@@ -44,7 +44,7 @@ HIDDEN = {
 
 @lru_cache
 def record(effect: str = "", **given: float) -> Record:
-    terms = () if not effect else (term(effect),)
+    terms = [term(one) for one in effect.split("+") if one]
     simulator = Simulator(
         VALVE, SWEEP, model=Model("hidden", (*BASE.terms, *terms), {}), parameters=given,
         sample_rate=RATE, block_size=50, seed=5,
@@ -153,6 +153,28 @@ def test_a_plainer_law_is_tried_in_place_of_the_best_one_however_late_it_is() ->
     tried = {effects for effects, parts in search.fits if not parts}
     assert {frozenset(["stribeck_friction"]), frozenset(["coulomb_friction"])} <= tried
     assert search.simplest.structure.effects == ("coulomb_friction",)
+
+
+STOP = {"stop_gap": 1.2e-3, "stop_stiffness": 2e5, "stop_dissipation": 0.3, "stop_damping": 2.0}
+
+
+def test_a_stop_is_found_beside_friction_although_it_is_hit_where_the_motion_turns() -> None:
+    hidden = record("coulomb_friction+end_stop", coulomb_force=0.4, **STOP)
+    names = ["coulomb_friction", "stribeck_friction", "end_stop"]
+    search = Search(predictions(hidden), structure_of(BASE, VALVE), names)
+    search.run()
+    assert set(search.best.structure.effects) == {"coulomb_friction", "end_stop"}
+    assert search.best.structure.parts == ()
+    assert search.best.structure.values["stop_gap"] == pytest.approx(1.2e-3, rel=0.005)
+    # What corrects the motion more strongly follows the measured one, whatever acts.
+    assert max(fit.looseness for fit in search.fits.values()) <= COMPARED
+
+
+def test_what_a_contact_law_that_is_a_little_wrong_leaves_is_no_other_force() -> None:
+    every = predictions(record("end_stop", **STOP))
+    wrong = structure_of(BASE, VALVE).having(("end_stop",), ()).moved({**STOP, "stop_stiffness": 3e5})
+    found = rest_of(every, fit_structure(every, wrong, (COMPARED,), held=frozenset({"stop_stiffness"})))
+    assert found.gain < DECISIVE
 
 
 def test_the_balance_of_forces_finds_play_whatever_stiffness_the_base_was_fitted_to() -> None:

@@ -134,7 +134,7 @@ class EndStop(Effect):
                 "stop_dissipation": loss,
                 "stop_damping": 1.0,
             }
-            for share in (0.8, 0.87, 0.91, 0.94, 0.96, 0.98)
+            for share in (0.8, 0.87, 0.91, 0.94, 0.96, 0.98, 0.99, 1.0)
             for stiffness in (6e4, 2e5, 6e5)
             for loss in (0.5, 4.0, 12.0)
         ]

@@ -120,9 +120,10 @@ def analyse(
         decision = decide(predictions, search, look, chosen, motions, held)
         tell("judging on data held out", 0.92)
         before, after = held.judged(decision.base), held.judged(decision.fit)
-        # Forces that jump leave what looks like jitter.
-        jumps = decision.fit.structure.jumps
-        jitter = None if jumps or look.stuck else jitter_of(predictions.parts, after.rows)
+        # Forces that jump, and hits, leave what looks like jitter.
+        best = decision.fit.structure
+        sharp = best.jumps or any(EFFECTS[name].localised for name in best.effects)
+        jitter = None if sharp or look.stuck else jitter_of(predictions.parts, after.rows)
         words = words_of(decision, look, base, before, after, jitter)
         result = _assembled(records, base, predictions, search, decision, held, (before, after), words)
         if chosen.profiles:
@@ -175,7 +176,9 @@ def words_of(
         limit = look.limits["spool"]
         extra[SATURATION] = (Quantity("saturation_limit", "m/s^2", limit, 0.01 * limit, Validity.VALID),)
         names.append(SATURATION)
-    open_ = decision.unexplained
+    warnings = [*explains_nothing("even the best model", after.agreement.nrmse)]
+    # Nothing is missing only where a model explains something.
+    open_ = decision.unexplained or (bool(warnings) and not names)
     doubtful = not look.trusted and (open_ or not names)
     candidates: tuple[str, ...] = ()
     if doubtful or (open_ and not names):
@@ -206,8 +209,7 @@ def words_of(
         text = named([(name, extra.get(name) or numbers[name]) for name in names], *errors)
         if remainder is not None:
             text = f"{text} {still_missing(remainder)}"
-    warnings = [] if jitter is None else [sentence(jitter)]
-    warnings += explains_nothing("even the best model", after.agreement.nrmse)
+    warnings = [*([] if jitter is None else [sentence(jitter)]), *warnings]
     # Where something is left, the name beside it may be that of the nearest law.
     capped = doubtful or (open_ and bool(names))
     confidence = min(decision.confidence, DOUBTFUL) if capped else decision.confidence

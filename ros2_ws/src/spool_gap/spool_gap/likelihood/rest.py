@@ -23,6 +23,7 @@ from numpy.polynomial import Chebyshev, chebyshev
 from spool_core.numbers import Array
 from spool_sim.valve import Valve
 
+from spool_gap.catalogue import EFFECTS
 from spool_gap.effect import Motion
 from spool_gap.likelihood.kernel import SwitchableMotion
 from spool_gap.likelihood.prediction import FREE, Prediction, Predictions
@@ -36,6 +37,8 @@ from spool_gap.likelihood.structure_fit import StructureFit, fit_structure
 DEGREE, BOTH = 9, 4
 #: Windows in which the body is known, at least, for a remainder to be looked for.
 FEWEST = 2
+#: Samples around a hit on a stop that do not count: the time of a hit within a sample is not known.
+BESIDE = 5
 #: Ratios of the coefficients' standard deviation to that of white noise of equal power, that are tried.
 WIDTHS = np.geomspace(1e-3, 1e3, 61)
 
@@ -79,7 +82,7 @@ def rest_of(predictions: Predictions, fit: StructureFit) -> Rest:
     What a clipped body did is restored by a curve, whose errors look like a force.
     """
     best = Rest(0.0, 0.0, "nothing")
-    with _settled(predictions) as enough:
+    with _settled(predictions, fit) as enough:
         if not enough:
             return best
         score = Score(predictions, fit)
@@ -97,7 +100,7 @@ def foreseen(predictions: Predictions, fit: StructureFit, follows: str) -> float
     What is no function of the motion, as vibration that a sensor picks up from across its axis, is in the
     measured motion, too, and looks like a force along that. A free run does not hold it.
     """
-    with _settled(predictions):
+    with _settled(predictions, fit):
         score = Score(predictions, fit_structure(predictions, fit.structure, (FREE,), steps=0))
         return _evidence(*score.left_with(_columns(score.motion)[follows]))[0]
 
@@ -226,16 +229,25 @@ def split_by_direction(structure: Structure, ratio: float) -> Structure:
 
 
 @contextmanager
-def _settled(predictions: Predictions) -> Iterator[bool]:
-    """Count no window in which the body is not known while this lasts; yield whether enough are left."""
-    before = [part.inside for part in predictions.parts]
+def _settled(predictions: Predictions, fit: StructureFit) -> Iterator[bool]:
+    """Count no window in which the body is not known while this lasts; yield whether enough are left.
+
+    Nor does a sample at a hit on a stop count: what a contact of few samples leaves looks like a force there.
+    """
+    own = fit.structure
+    hits = [term for name in own.effects if EFFECTS[name].localised for term in EFFECTS[name].terms]
+    before = [(part.inside, part.counted) for part in predictions.parts]
     for part in predictions.parts:
         part.inside = part.inside & part.settled
+        if hits:
+            touched = part.force_of(own, hits, fit.looseness) != 0.0
+            part.count(part.counted * (np.convolve(touched, np.ones(BESIDE), mode="same") < 0.5))
     try:
         yield sum(int(part.inside.sum()) for part in predictions.parts) >= FEWEST
     finally:
-        for part, inside in zip(predictions.parts, before, strict=True):
+        for part, (inside, counted) in zip(predictions.parts, before, strict=True):
             part.inside = inside
+            part.count(counted)
 
 
 def _columns(motion: Motion) -> Mapping[str, Array]:

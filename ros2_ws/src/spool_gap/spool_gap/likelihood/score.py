@@ -37,6 +37,9 @@ MOST_LINES = 4
 SLIPS = 0.1
 #: Share of the samples within the stroke that the motion uses; beyond, the integrals are in error.
 REACH = 0.995
+#: Force over that of springs and drag at the ends of the stroke from which it may be a hit, and samples of it
+#: at least. A stop that gives less changes the motion as a spring does, which score tests see.
+HARD, FEWEST_HARD = 1.4, 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -280,6 +283,7 @@ class Balance:
         motion: as measured.
         left: force that the base leaves, N rms.
         reach: displacement at the ends of the stroke, m.
+        hit: whether the spool may hit something: springs and drag do not make the largest of its forces.
     """
 
     def __init__(
@@ -297,6 +301,9 @@ class Balance:
         self.motion = _measured(part, band, part.valve.moving_mass, stiffness, damping)
         self.reach = float(np.quantile(np.abs(self.motion.displacement), REACH))
         speed = np.abs(self.motion.velocity)
+        largest = stiffness * self.reach + damping * float(np.quantile(speed, REACH))
+        strong = part.valve.moving_mass * np.abs(part.spool) * part.counted > HARD * largest
+        self.hit = int(strong.sum()) >= FEWEST_HARD
         slips = speed > SLIPS * float(np.quantile(speed, 0.8))
         edge = min(speed.size // 4, round(2.0 / part.period))
         slips[:edge] = slips[-edge:] = False

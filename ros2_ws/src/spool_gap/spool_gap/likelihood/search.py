@@ -177,9 +177,9 @@ class Search:
             ).bounded(self._predictions.seconds)
             for row in factors.tolist()
         ]
-        loose = (LOOSENESS[1], best.looseness)
-        for one in self._likeliest(trials, loose[0]):
-            self._keep(self._fit(one, tuple(dict.fromkeys(loose))))
+        for one in self._likeliest(trials, LOOSENESS[1]):
+            begun = self._fit(one, (LOOSENESS[1],)).structure
+            self._keep(self._fit(begun, (best.looseness,)))
         if self.best.evidence > best.evidence + ROUGH:
             self._settle(self.best.structure, self.best.looseness)
 
@@ -238,20 +238,23 @@ class Search:
         quick: list[tuple[float, StructureFit]] = []
         before: dict[bool, float] = {}
         found = proposals(self._predictions, fit, allowed)
-        # What the measured motion does not show at all has no gain there.
-        missed = set(close) - {rows[0].name for rows in found}
-        found += [[replace(close[name], gain=0.0)] for name in sorted(missed)]
+        # What the measured motion does not show at all has no gain there; hits are where reversals hide them.
+        hit = self._balance.hit or not own.effects
+        local = {name for name in allowed if hit and EFFECTS[name].localised}
+        nothing = {name: Proposal(name, own.values, 0.0, 0) for name in local} | close
+        missed = set(nothing) - {rows[0].name for rows in found}
+        found += [[replace(nothing[name], gain=0.0)] for name in sorted(missed)]
         for rows in self._with_balanced(found, own, allowed):
             if self.late:
                 break
             best = best_of(rows)
             if best.name in CHAIN_PARTS and len(own.parts) >= MOST_PARTS:
                 continue
-            hidden = best.name in EFFECTS and EFFECTS[best.name].local_minima | EFFECTS[best.name].localised
+            hidden = best.name in EFFECTS and EFFECTS[best.name].local_minima and not own.effects
             near = close.get(best.name)
             if near is not None and near.gain < DECISIVE + near.count * penalty:
                 near = None
-            if best.gain > best.count * penalty or near is not None or (hidden and not own.effects):
+            if best.gain > best.count * penalty or near is not None or hidden or best.name in local:
                 for tried in self._quick(fit, rows, near):
                     jumps = tried.structure.jumps
                     if jumps not in before:
