@@ -19,7 +19,7 @@ MODULES = read_modules(SOURCE)
 RATCHETS = {
     "lines": 67_763,
     "files": 313,
-    "lines of research": 13_705,
+    "lines of research": 13_734,
     "lines up to the last import, %": 8.19,
     "private functions with one caller, %": 16.40,
     "modules with one importer, %": 13.42,

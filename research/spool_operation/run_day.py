@@ -480,13 +480,27 @@ class SurrogateEstimates:
         settles = max(0, (made.start if after_stop else 0) + math.ceil(hold.ramp) - since)
         run = np.arange(since, since + count)
         shown = (run < FIRST) | (run % EVERY < SHOWN) | (day.fault is not None) | day.dense
-        made_of = self._estimates(row, values, day.reading[begin:end], sizes, stamps, shown)
+        moved = self._moved(row, hold, viscous, friction)
+        made_of = self._estimates(row, values, day.reading[begin:end], sizes, stamps, shown, moved)
         for number, estimate in zip(np.flatnonzero(shown).tolist(), made_of, strict=True):
             yield float(begin + number), estimate.held() if number < settles else estimate
 
-    def _row(self, shaft: float, viscous: float, coulomb: float) -> SurrogateRow:
+    def _moved(self, row: SurrogateRow, hold: Hold, viscous: Array, friction: Array) -> Array:
+        """Return by how much the error of a gain changes while the oil warms, since the start of ``row``."""
+        knots = np.unique(np.linspace(0, viscous.size - 1, 2 + viscous.size // EVERY).astype(int))
+        made = [
+            self.surrogate.sensitivity(self._place(hold.shaft, float(viscous[at]), float(friction[at])))
+            for at in knots
+        ]
+        change = self.day.measuring.gain_error * (np.array(made) - row.sensitivity)
+        return np.column_stack([np.interp(np.arange(viscous.size), knots, one) for one in change.T])
+
+    def _place(self, shaft: float, viscous: float, coulomb: float) -> Array:
         day = self.day
-        place = features(day.valve, viscous, coulomb, shaft, day.shaking, day.measuring.noise)
+        return features(day.valve, viscous, coulomb, shaft, day.shaking, day.measuring.noise)
+
+    def _row(self, shaft: float, viscous: float, coulomb: float) -> SurrogateRow:
+        day, place = self.day, self._place(shaft, viscous, coulomb)
         return self.surrogate.row(place, day.measuring.gain_error, self._offsets, self._draw)
 
     def _estimates(
@@ -497,14 +511,18 @@ class SurrogateEstimates:
         sizes: Array,
         stamps: NDArray[np.int64],
         shown: NDArray[np.bool_] | None = None,
+        moved: Array | float = 0.0,
     ) -> Iterator[Estimate]:
-        """Yield estimates of ``values`` (means over the memory), shape (n, 3), where ``shown``."""
+        """Yield estimates of ``values`` (means over the memory), shape (n, 3), where ``shown``.
+
+        ``moved`` are errors besides those of ``row``, shape (n, 3).
+        """
         valve, first = self.day.valve, self.day.shaking.first
         shown = np.ones(len(values), bool) if shown is None else shown
         count = len(values)
         force = valve.moving_mass * first
         units = np.column_stack([values[:, 0], values[:, 1], np.full(count, force)])
-        estimated = values + units * errors(row, self.surrogate.correlation, sizes, self._draw)
+        estimated = values + units * (errors(row, self.surrogate.correlation, sizes, self._draw) + moved)
         spread = np.exp(row.spread * self._draw.standard_normal(count))
         reported = units * row.reported * spread[:, np.newaxis]
         residuals = np.abs(row.residual + row.residual_spread * self._draw.standard_normal(count))

@@ -108,14 +108,26 @@ def test_the_oil_of_the_surrogate_is_that_of_the_estimator() -> None:
 
 
 def test_the_surrogate_follows_the_gain_error_of_a_sensor() -> None:
-    """A spool that runs above its resonance: 1 % of gain is about 0.5 to 1 % of stiffness."""
+    """A spool that runs above its resonance, with friction: 1 % of gain is about 0.5 to 1 % of stiffness."""
     day = draw_day(3)
-    place = features(day.valve, 2.0, 0.05, 1.8 * day.valve.natural_frequency, day.shaking, 0.05)
+    place = features(day.valve, 2.0, 0.3, 1.8 * day.valve.natural_frequency, day.shaking, 0.05)
     biases = [
         load_surrogate().row(place, gain, np.zeros(4), np.random.default_rng(1)).bias[0]
         for gain in (0.0, 0.01)
     ]
     assert 0.003 < biases[1] - biases[0] < 0.012
+
+
+def test_what_a_gain_error_makes_of_the_stiffness_falls_while_the_oil_warms() -> None:
+    """In thick oil 1 % of gain is up to 6 % of stiffness, in warm oil about 1 %."""
+    day = draw_day(9005380)
+    first = day.holds[0]
+    made = SurrogateEstimates(day, load_surrogate()).production(first, first.begin, first.end, 0)
+    found = [(second, one.parameters[0].value / day.valve.spring_stiffness - 1.0) for second, one in made]
+    begin = np.mean([off for second, off in found if 30.0 < second - first.begin < 60.0])
+    end = np.mean([off for second, off in found if second > first.end - 300.0])
+    assert begin > 0.05
+    assert abs(end) < 0.03
 
 
 def test_memory_stays_as_it_is_over_weeks() -> None:
