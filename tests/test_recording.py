@@ -294,6 +294,24 @@ def test_named_valves_are_heard_from_their_first_block(
     assert BagReader(recorder.bag).valves == ["valve_2"]
 
 
+def test_a_publisher_that_takes_the_place_of_another_is_heard_though_it_offers_less(
+    source: Source, record: Callable[..., Recorder]
+) -> None:
+    topic = "/valve_1/acceleration"
+    first = source.offer(topic, AccelerationBlock, qos.samples_offered(50))
+    recorder = record()
+    source.heard(topic)
+    source.publish(topic, from_block(block(0), "valve_1"))
+    source.until(lambda: written(recorder.bag, topic) == 1)
+    # Between two looks of the recorder: it sees as many publishers as before.
+    source.node.destroy_publisher(first)
+    source.offer(topic, AccelerationBlock, qos.samples_wanted())
+    source.heard(topic)
+    source.publish(topic, from_block(block(1), "valve_1"))
+    source.until(lambda: written(recorder.bag, topic) == 2)
+    assert recorder.end(signal.SIGTERM) == 0
+
+
 def test_inactive_means_silent_and_each_activation_has_its_bag(
     source: Source, record: Callable[..., Recorder]
 ) -> None:

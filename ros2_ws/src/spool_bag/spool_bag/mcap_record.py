@@ -73,9 +73,8 @@ class ChunkHead(NamedTuple):
 
 def message_head(message: Message) -> bytes:
     """Return what stands ahead of the data: packed at once, for a fraction of what mcap takes."""
-    length = MESSAGE.size + len(message.data)
-    times = message.log_time, message.publish_time
-    return MESSAGE_RECORD.pack(Opcode.MESSAGE, length, message.channel_id, message.sequence, *times)
+    fields = message.channel_id, message.sequence, message.log_time, message.publish_time
+    return MESSAGE_RECORD.pack(Opcode.MESSAGE, MESSAGE.size + len(message.data), *fields)
 
 
 def chunk_head(content: bytes, length: int) -> ChunkHead | None:

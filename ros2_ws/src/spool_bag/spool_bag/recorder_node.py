@@ -32,6 +32,8 @@ from spool_bag.writer import PartLimits
 
 #: s between looks for new topics: a late one loses at most that much.
 DISCOVERY_PERIOD = 0.5
+#: s between looks at what publishers offer where their number stays: one may have replaced another.
+ASKED_AGAIN = 5.0
 #: s after which a chunk is synced, and between looks if it is due: a kill costs less than the last second.
 FLUSH_INTERVAL = 0.7
 FLUSH_PERIOD = 0.2
@@ -223,6 +225,7 @@ class RecorderNode(ManagedNode):
         self.serve(TakeSnapshot, "~/take_snapshot", self._take_snapshot)
         self._discover()
         self.every(DISCOVERY_PERIOD, self._discover, steady=True)
+        self.every(ASKED_AGAIN, lambda: self._discover(again=True), steady=True)
         self.every(FLUSH_PERIOD, self._flush, steady=True)
         self.every(DIAGNOSTICS_PERIOD, self._report, steady=True)
 
@@ -262,8 +265,8 @@ class RecorderNode(ManagedNode):
     def _valves(self) -> list[str]:
         return [valve.strip("/") for valve in self.value("valves") if valve.strip("/")]
 
-    def _discover(self) -> None:
-        """Subscribe to what belongs to the valves and is not yet recorded, and where an offer got weaker."""
+    def _discover(self, *, again: bool = False) -> None:
+        """Subscribe to what is not yet recorded, and where offers got weaker; ``again``: of as many, too."""
         if self._recording is None:
             return
         graph = dict(self.get_topic_names_and_types())
@@ -276,7 +279,7 @@ class RecorderNode(ManagedNode):
             if not publishers and topic.rpartition("/")[2] != "acceleration":
                 continue
             known = self._subscriptions_by_topic.get(topic)
-            if known is not None and known.publishers == publishers:
+            if known is not None and known.publishers == publishers and not again:
                 continue
             offered = [info.qos_profile for info in self.get_publishers_info_by_topic(topic)]
             if known is not None and _compatible(known.wanted, offered):

@@ -61,7 +61,7 @@ class BagWriter:
     """Writer of a rosbag2 directory: ``metadata.yaml``, ``NAME_0.mcap``, and with ``limits`` further parts.
 
     Chunks are closed and synced to the disk once ``flush_interval`` seconds of wall time have passed; call
-    :meth:`flush_if_due` as well where messages may stay away. ``bytes`` counts message payload.
+    :meth:`flush_if_due` as well where messages may stay away.
 
     ``staged`` writes under another name in the same folder, which :meth:`close` changes to ``path`` once the
     bag is whole; where an exception (Ctrl-C) leaves the ``with`` block, nothing stays. A recording is not
@@ -101,7 +101,6 @@ class BagWriter:
         oldest: int = 0,
     ) -> None:
         self.path = Path(path)
-        self.bytes = 0
         self.limits = limits
         self.removed = self.written = self.synced = self.withdrawn = 0
         self.certain = True
@@ -211,7 +210,6 @@ class BagWriter:
         except OSError as error:
             raise self._failed(error) from error
         one.topic.messages += 1
-        self.bytes += len(data)
         if one.latched and self.limits is not None:
             one.last = data, published, sequence
         if flush:
