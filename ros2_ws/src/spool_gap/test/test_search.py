@@ -10,7 +10,10 @@ import numpy as np
 import pytest
 from scipy import signal
 from spool_estimator.identification.record import Record
-from spool_gap.evidence.analyse import analyse
+from spool_gap.evidence.analyse import DOUBTFUL, analyse, words_of
+from spool_gap.evidence.decision import decide
+from spool_gap.evidence.held_out import HeldOut
+from spool_gap.evidence.look import look_at
 from spool_gap.likelihood.kernel import motions_for
 from spool_gap.likelihood.prediction import Prediction, Predictions
 from spool_gap.likelihood.readings import readings_of
@@ -19,7 +22,7 @@ from spool_gap.likelihood.score import Balance, best_of, close_proposals, propos
 from spool_gap.likelihood.search import COMPARED, DECISIVE, Search
 from spool_gap.likelihood.structure import mode, structure_of
 from spool_gap.likelihood.structure_fit import fit_structure
-from spool_gap.result import GapResult
+from spool_gap.result import GapResult, GapSettings
 from spool_sim.excitation import SweptSine
 from spool_sim.model import MODELS, Model
 from spool_sim.sensors import Sensor
@@ -175,6 +178,22 @@ def test_what_a_contact_law_that_is_a_little_wrong_leaves_is_no_other_force() ->
     wrong = structure_of(BASE, VALVE).having(("end_stop",), ()).moved({**STOP, "stop_stiffness": 3e5})
     found = rest_of(every, fit_structure(every, wrong, (COMPARED,), held=frozenset({"stop_stiffness"})))
     assert found.gain < DECISIVE
+
+
+def test_nothing_is_called_complete_that_explains_nothing() -> None:
+    healthy = record()
+    look = look_at([healthy], (), VALVE)
+    every = Predictions([Prediction(look.readings[0], VALVE, MOTIONS)])
+    held = HeldOut(every, [False])
+    search = Search(every, structure_of(BASE, VALVE), [])
+    search.run()
+    decision = decide(every, search, look, GapSettings(), MOTIONS, held)
+    found = held.judged(decision.fit)
+    far = replace(found, agreement=replace(found.agreement, nrmse=2.35))
+    assert words_of(decision, look, BASE, found, found).verdict == "none"
+    words = words_of(decision, look, BASE, far, far)
+    assert words.verdict == "unexplained"
+    assert words.confidence <= DOUBTFUL < decision.confidence
 
 
 def test_the_balance_of_forces_finds_play_whatever_stiffness_the_base_was_fitted_to() -> None:

@@ -177,7 +177,7 @@ def words_of(
         extra[SATURATION] = (Quantity("saturation_limit", "m/s^2", limit, 0.01 * limit, Validity.VALID),)
         names.append(SATURATION)
     warnings = [*explains_nothing("even the best model", after.agreement.nrmse)]
-    # Nothing is missing only where a model explains something.
+    # Where even the best model explains nothing, something is missing, whatever the evidence.
     open_ = decision.unexplained or (bool(warnings) and not names)
     doubtful = not look.trusted and (open_ or not names)
     candidates: tuple[str, ...] = ()
@@ -210,8 +210,8 @@ def words_of(
         if remainder is not None:
             text = f"{text} {still_missing(remainder)}"
     warnings = [*([] if jitter is None else [sentence(jitter)]), *warnings]
-    # Where something is left, the name beside it may be that of the nearest law.
-    capped = doubtful or (open_ and bool(names))
+    # Beside something that is left may stand the nearest law's name; what explains nothing proves nothing.
+    capped = doubtful or (open_ and (bool(names) or not decision.unexplained))
     confidence = min(decision.confidence, DOUBTFUL) if capped else decision.confidence
     told = (EFFECTS[name].distinguished_by for name in (*names, *candidates) if name in EFFECTS)
     return Words(
