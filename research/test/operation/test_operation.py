@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import ruptures
 from spool_core.uncertainty import Quantity, Validity
+from spool_estimator.estimator import Estimator, settings_for
 from spool_estimator.identification.oil import OilReference, oil_law
 from spool_operation.comparison import YEAR, threshold_of
 from spool_operation.peers import WINDOW, best_split, page_sum
@@ -23,6 +24,7 @@ from spool_operation.run_day import (
 from spool_operation.study import false_table, fault_table, parts, simulated_year
 from spool_operation.surrogate import load_surrogate
 from spool_operation.world import DAY, draw_day, features
+from spool_sim.simulator import Simulator
 
 
 def of_kind(name: str, speed: str, seed: int = 0) -> int:
@@ -107,15 +109,24 @@ def test_the_oil_of_the_surrogate_is_that_of_the_estimator() -> None:
     assert uncertain[-1] == pytest.approx(real.standard_deviation, rel=2e-2)
 
 
-def test_the_surrogate_follows_the_gain_error_of_a_sensor() -> None:
-    """A spool that runs above its resonance, with friction: 1 % of gain is about 0.5 to 1 % of stiffness."""
-    day = draw_day(3)
-    place = features(day.valve, 2.0, 0.3, 1.8 * day.valve.natural_frequency, day.shaking, 0.05)
-    biases = [
-        load_surrogate().row(place, gain, np.zeros(4), np.random.default_rng(1)).bias[0]
-        for gain in (0.0, 0.01)
-    ]
-    assert 0.003 < biases[1] - biases[0] < 0.012
+def test_a_gain_error_moves_the_stiffness_of_the_surrogate_as_that_of_the_estimator() -> None:
+    day, gain, friction = draw_day(3), 0.01, 0.3
+    valve, shaft = day.valve, 1.8 * day.valve.natural_frequency
+    found = []
+    for error in (0.0, gain):
+        measuring = replace(day.measuring, gain_error=error)
+        simulator = Simulator(
+            valve, day.shaking.machine(((0.0, shaft), (30.0, shaft)), ()), coulomb_force=friction,
+            parameters={"viscous_coefficient": 2.0}, sample_rate=measuring.sample_rate, seed=5,
+            block_size=round(measuring.sample_rate / 10),
+            body_sensor=measuring.body, spool_sensor=measuring.spool,
+        )  # fmt: skip
+        estimator = Estimator(settings_for(valve))
+        estimates = [one for block in simulator.records(20.0) for one in estimator.update(block)]
+        found.append(float(np.median([one.parameters[0].value for one in estimates[-10:]])))
+    place = features(valve, 2.0, friction, shaft, day.shaking, day.measuring.noise)
+    moved = gain * load_surrogate().sensitivity(place)[0]
+    assert moved == pytest.approx((found[1] - found[0]) / valve.spring_stiffness, rel=0.3)
 
 
 def test_what_a_gain_error_makes_of_the_stiffness_falls_while_the_oil_warms() -> None:
