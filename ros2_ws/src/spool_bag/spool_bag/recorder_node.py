@@ -266,7 +266,7 @@ class RecorderNode(ManagedNode):
         return [valve.strip("/") for valve in self.value("valves") if valve.strip("/")]
 
     def _discover(self, *, again: bool = False) -> None:
-        """Subscribe to what is not yet recorded, and where offers got weaker; ``again``: of as many, too."""
+        """Subscribe to what is not recorded yet, or offered more weakly now; ``again`` asks of all."""
         if self._recording is None:
             return
         graph = dict(self.get_topic_names_and_types())

@@ -210,7 +210,7 @@ def words_of(
         if remainder is not None:
             text = f"{text} {still_missing(remainder)}"
     warnings = [*([] if jitter is None else [sentence(jitter)]), *warnings]
-    # Beside something that is left may stand the nearest law's name; what explains nothing proves nothing.
+    # A name beside a remainder may be the nearest law's; a model that explains nothing is no evidence.
     capped = doubtful or (open_ and (bool(names) or not decision.unexplained))
     confidence = min(decision.confidence, DOUBTFUL) if capped else decision.confidence
     told = (EFFECTS[name].distinguished_by for name in (*names, *candidates) if name in EFFECTS)
