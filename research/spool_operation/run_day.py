@@ -533,6 +533,7 @@ class SurrogateEstimates:
         tracks = self._draw.random(count) < row.tracking if row.tracking < 0.9 else np.ones(count, bool)
         omega = 2.0 * math.pi * valve.natural_frequency
         excitation = Quantity("excitation", "m/s^2", row.excitation * first, validity=Validity.VALID)
+        inertia = row.inertia * force
         moves = row.displacement * first / omega**2
         displacement = Quantity("relative_displacement", "m", moves, validity=Validity.VALID)
         valid = Validity.VALID
@@ -582,6 +583,7 @@ class SurrogateEstimates:
                 Quantity("residual", "1", residual, validity=valid),
                 excitation,
                 displacement,
+                residual_force=Quantity("residual_force", "N", residual * inertia, validity=valid),
                 referred_viscous_coefficient=_NOT_REFERRED
                 if math.isnan(at_reference)
                 else Quantity("referred_viscous_coefficient", "N s/m", at_reference, error, valid),

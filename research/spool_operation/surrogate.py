@@ -54,6 +54,7 @@ class SurrogateRow:
         reported: standard deviations that the estimator reports, in the same units, shape (3,).
         spread: relative standard deviation of the reported ones from one estimate to the next.
         residual, residual_spread: mean and standard deviation of the relative residual.
+        inertia: rms of the spool's inertia force over that of the first order.
         excitation, displacement: rms of the body, over the first order's amplitude, and of the relative
             displacement, over that amplitude divided by the natural angular frequency squared.
 
@@ -68,6 +69,7 @@ class SurrogateRow:
     spread: float
     residual: float
     residual_spread: float
+    inertia: float
     excitation: float
     displacement: float
 
@@ -82,6 +84,7 @@ class SurrogateRow:
             "reported": _digits(self.reported),
             "spread": _digits(np.array([self.spread]))[0],
             "residual": _digits(np.array([self.residual, self.residual_spread])),
+            "inertia": _digits(np.array([self.inertia]))[0],
             "excitation": _digits(np.array([self.excitation]))[0],
             "displacement": _digits(np.array([self.displacement]))[0],
         }
@@ -92,8 +95,8 @@ class SurrogateRow:
         return cls(
             np.array(kept["features"]), kept["tracking"], np.array(kept["bias"]),
             np.array(kept["sensitivity"]), np.array(kept["covariance"]), np.array(kept["reported"]),
-            kept["spread"], kept["residual"][0], kept["residual"][1], kept["excitation"],
-            kept["displacement"],
+            kept["spread"], kept["residual"][0], kept["residual"][1], kept["inertia"],
+            kept["excitation"], kept["displacement"],
         )  # fmt: skip
 
 
@@ -138,16 +141,19 @@ class Surrogate:
         around = made.biases[near]
         chance = draw.standard_normal(NEIGHBOURS) / math.sqrt(NEIGHBOURS - 1)
         moved = (around - around.mean(axis=0)).T @ chance
-        told = np.exp(_terms(features[np.newaxis])[0] @ made.weights + offsets * made.departs)
-        scale = told[1:] / first.reported
+        told = _terms(features[np.newaxis])[0] @ made.weights
+        residual, *rest = np.exp(told[:-1] + offsets * made.departs)
+        reported = np.array(rest)
+        scale = reported / first.reported
         return replace(
             first,
-            bias=(around[0] + moved) * told[1:] + gain_error * sensitivity,
+            bias=(around[0] + moved) * reported + gain_error * sensitivity,
             sensitivity=sensitivity,
             covariance=first.covariance * np.outer(scale, scale),
-            reported=told[1:],
-            residual=float(told[0]),
-            residual_spread=first.residual_spread * float(told[0]) / first.residual,
+            reported=reported,
+            residual=float(residual),
+            residual_spread=first.residual_spread * float(residual) / first.residual,
+            inertia=float(np.exp(told[-1])),
         )
 
     def sensitivity(self, features: Array) -> Array:
@@ -177,7 +183,10 @@ class Surrogate:
 
 @dataclass(frozen=True, slots=True)
 class _Regression:
-    """Regression over all rows: scaled features, biases over reported deviations, sensitivities, weights."""
+    """Regression over all rows: scaled features, biases over reported deviations, sensitivities, weights.
+
+    ``departs`` are the standard deviations of residual and reported deviations around it, shape (4,).
+    """
 
     places: Array
     biases: Array
@@ -189,12 +198,12 @@ class _Regression:
 @cache
 def _regression(surrogate: Surrogate) -> _Regression:
     features = np.array([row.features for row in surrogate.rows])
-    told = np.log([[row.residual, *row.reported] for row in surrogate.rows])
+    told = np.log([[row.residual, *row.reported, row.inertia] for row in surrogate.rows])
     terms = _terms(features)
     weights = np.linalg.lstsq(terms, told, rcond=None)[0]
     biases = np.array([row.bias / row.reported for row in surrogate.rows])
     sensitivities = np.array([row.sensitivity for row in surrogate.rows])
-    departs = (told - terms @ weights).std(axis=0)
+    departs = (told - terms @ weights)[:, :-1].std(axis=0)
     return _Regression(features / SCALES, biases, sensitivities, weights, departs)
 
 
@@ -398,7 +407,7 @@ def _row(
     good = [one for one, tracked in zip(estimates, tracks, strict=True) if tracked]
     kept = errors[tracks]
     reported = np.array([[one.standard_deviation for one in each.parameters] for each in good]) / units
-    residuals = np.array([one.residual.value for one in good])
+    residuals, left = np.array([(one.residual.value, one.residual_force.value) for one in good]).T
     omega = 2.0 * np.pi * natural_frequency
     return SurrogateRow(
         place,
@@ -410,6 +419,7 @@ def _row(
         float(np.std(np.log(reported[:, 1]))),
         float(residuals.mean()),
         float(residuals.std()),
+        float(np.median(left / residuals)) / float(units[2]),
         float(np.mean([one.excitation.value for one in good])) / shaking.first,
         float(np.mean([one.relative_displacement.value for one in good])) * omega**2 / shaking.first,
     )

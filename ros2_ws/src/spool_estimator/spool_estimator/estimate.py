@@ -29,6 +29,7 @@ _HELD = ("natural_frequency", "damping_ratio", "referred_viscous_coefficient")
 
 _NOT_REFERRED = Quantity("referred_viscous_coefficient", "N s/m")
 _NOT_MEASURED = Quantity("oil_temperature", "deg C")
+_NOT_LEFT = Quantity("residual_force", "N")
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +40,8 @@ class Estimate:
     described motion was, ``memory`` (s) the time constant of forgetting. ``last_sequence`` is that of the
     block in which the newest sample came; ``samples`` counts those used since the start.
     ``referred_viscous_coefficient`` is the viscous one at the reference temperature of the valve's data.
+    ``residual_force`` is what the model leaves, rms; ``residual`` is its share of the spool's inertia force.
+    No message has the former.
     """
 
     stamp: int
@@ -58,6 +61,7 @@ class Estimate:
     refused_blocks: int = 0
     referred_viscous_coefficient: Quantity = _NOT_REFERRED
     oil_temperature: Quantity = _NOT_MEASURED
+    residual_force: Quantity = _NOT_LEFT
 
     def parameter(self, name: str) -> Quantity:
         """Return a parameter by its name.
@@ -77,7 +81,7 @@ class Estimate:
         others: dict[str, Any] = {
             name: (_held if name in _HELD else unknown)(getattr(self, name)) for name in QUANTITIES
         }
-        return replace(self, state=State.STALE, parameters=held, **others)
+        return replace(self, state=State.STALE, parameters=held, residual_force=_NOT_LEFT, **others)
 
 
 def _held(quantity: Quantity) -> Quantity:

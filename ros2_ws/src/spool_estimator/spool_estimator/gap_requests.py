@@ -79,10 +79,10 @@ class ResidualLevel:
 class GapWatch:
     """Learns the median of what the model leaves over, and says when that grows.
 
-    Two measures must grow: the residual over the force, which a weaker excitation raises because the noise
-    stays, and the force that is left (residual times stiffness times displacement, N), which a stronger
-    excitation raises because the force grows. Both medians are of the first ``LEARNED`` estimates while the
-    estimator tracks. Below ``MATTERS`` no gap opens.
+    Two measures must grow: the residual over the inertia force, which a weaker or faster excitation raises
+    because the noise stays, and the force that is left (N), which a stronger excitation raises because the
+    forces grow. Both medians are of the first ``LEARNED`` estimates while the estimator tracks. Below
+    ``MATTERS`` no gap opens.
 
     What the estimator follows is no gap: while a parameter drifts it lags behind, and leaves more. So the gap
     opens once both measures stayed up for ``PATIENCE`` memories in which neither the residual grew on nor a
@@ -134,12 +134,11 @@ class GapWatch:
 
     def update(self, estimate: Estimate) -> Event | None:
         """Take an estimate of what was taken; return the event that follows, if any."""
-        force = _force_left(estimate)
         if estimate.state is State.NOT_EXCITED:
             self._up.clear()  # a standstill: what was up before it stayed up no longer
-        if estimate.state is not State.TRACKING or force is None:
+        if estimate.state is not State.TRACKING or not _says_something(estimate):
             return None
-        value = estimate.residual.value
+        value, force = estimate.residual.value, estimate.residual_force.value
         if self._relative is None or self._force is None:
             self._first.append((value, force, _stiffness(estimate)))
             if len(self._first) == LEARNED:
@@ -357,16 +356,10 @@ def _length(block: Block) -> float:
     return block.body.size * block.sample_period
 
 
-def _force_left(estimate: Estimate) -> float | None:
-    """Return the force that is left, N rms: the residual's share of the spring's force.
-
-    ``None`` where it says nothing: unknown, or the spool sticks most of the time.
-    """
-    if not (estimate.residual.known and estimate.relative_displacement.known):
-        return None
-    spring = _spring_force(estimate)
-    sticks = estimate.parameter("coulomb_force").value > STICKING * spring
-    return None if sticks else estimate.residual.value * spring
+def _says_something(estimate: Estimate) -> bool:
+    """Whether what is left is known, and the spool does not stick most of the time."""
+    known = estimate.residual.known and estimate.residual_force.known and estimate.relative_displacement.known
+    return known and estimate.parameter("coulomb_force").value <= STICKING * _spring_force(estimate)
 
 
 def _stiffness(estimate: Estimate) -> float:

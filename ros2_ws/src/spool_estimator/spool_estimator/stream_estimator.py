@@ -341,10 +341,12 @@ def _derived(learned: Learned, mass: float) -> dict[str, Quantity]:
     residual, target, body, displacement = learned.powers.tolist()
     relative = math.sqrt(residual / target) if target > 0.0 and validity is Validity.VALID else math.nan
     fit = Validity.UNKNOWN if math.isnan(relative) else Validity.VALID
+    left = math.sqrt(residual) if fit is Validity.VALID else math.nan
     return {
         "natural_frequency": frequency,
         "damping_ratio": damping,
         "residual": Quantity("residual", "1", relative, validity=fit),
+        "residual_force": Quantity("residual_force", "N", left, validity=fit),
         "excitation": _rms("excitation", "m/s^2", body),
         "relative_displacement": _rms("relative_displacement", "m", displacement),
     }
