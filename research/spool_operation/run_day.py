@@ -127,7 +127,6 @@ class DayRun:
         self._latest = 0.0
         self.origin = DEFAULT_START_STAMP + SINCE * SECOND
         self.surrogate = SurrogateEstimates(day, load_surrogate())
-        self.estimator = Estimator(settings_for(day.valve))
         self._start()
 
     def run(self) -> None:
@@ -175,7 +174,6 @@ class DayRun:
         """End both programs and start them again; what is kept comes from the state file."""
         self.state.keep_alarms()
         self.state.close()
-        self.estimator = Estimator(settings_for(self.day.valve))
         self._start()
 
     def _pieces(self) -> Iterator[tuple[str, int, int, Hold | None]]:
@@ -231,17 +229,17 @@ class DayRun:
         hurt = None if day.fault is None or not day.fault.needs_blocks else Hurt(
             day.fault, day.measuring.noise, day.seed
         )  # fmt: skip
-        # What lies between is skipped: the stream continues here as if it had been heard all the time.
-        self.estimator.gate.last = None
+        # What lies between is skipped: an estimator that goes on would see the oil warm in one step.
+        estimator = Estimator(settings_for(day.valve))
         before: Block | None = None
-        for second, block in self._blocks(first, end):
+        for second, block in self._blocks(estimator, first, end):
             if any(low <= second < high for low, high in day.gaps):
                 if round(second * BLOCKS) % BLOCKS == 0:
                     silent = second - next(low for low, high in day.gaps if low <= second < high)
                     self._told(self.monitor.idle(silent, silent, block.stamp), second)
                 continue
             shown = block if hurt is None else hurt(block, second)
-            estimates = self.estimator.update(shown)
+            estimates = estimator.update(shown)
             if second < begin:
                 continue
             if before is None:
@@ -259,7 +257,7 @@ class DayRun:
         detection = self.monitor.detection
         detection._judged_at, detection._windowed_at = None, 0
 
-    def _blocks(self, first: int, end: int) -> Iterator[tuple[float, Block]]:
+    def _blocks(self, estimator: Estimator, first: int, end: int) -> Iterator[tuple[float, Block]]:
         day = self.day
         size = round(day.measuring.sample_rate / BLOCKS)
         viscous, stiffness, friction = self.surrogate.truth
@@ -291,7 +289,7 @@ class DayRun:
                 jumps = abs(there - here) > 0.02 * abs(here)
                 simulator.set_drift(name, here if jumps else there, 0.0 if jumps else 1.0)
             if math.isfinite(day.reading[second]):
-                self.estimator.update_temperature(simulator.stamp, float(day.reading[second]))
+                estimator.update_temperature(simulator.stamp, float(day.reading[second]))
             for count, block in enumerate(simulator.records(1.0)):
                 yield second + count / BLOCKS, replace(block, sequence=number)
                 number += 1

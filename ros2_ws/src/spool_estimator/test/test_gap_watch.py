@@ -8,7 +8,12 @@ from spool_core.block import Block
 from spool_core.events.event import Event, EventState, Urgency
 from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.estimate import Estimate, State
+from spool_estimator.estimator import Estimator, settings_for
 from spool_estimator.gap_requests import LEARNED, MATTERS, GapWatch, RecentBlocks
+from spool_sim.excitation import MachineOrders
+from spool_sim.sensors import Sensor
+from spool_sim.simulator import Simulator
+from spool_sim.valve import find_valve
 
 SECOND = 1_000_000_000
 
@@ -90,6 +95,28 @@ def test_another_drive_opens_nothing(residual: float, inertia: float) -> None:
     """A weaker excitation leaves more noise over the force, a stronger one more force at the same share."""
     machine = taught()
     assert not any(machine.say(residual, inertia=inertia) for _ in range(60))
+
+
+def test_noise_alone_opens_nothing_where_warm_oil_lets_the_spool_move() -> None:
+    """Thin oil: less inertia force, more motion against the spring, the same noise."""
+    valve, noisy = find_valve("4weh10_soft"), Sensor(noise=0.07)
+    watch, changes, residuals = GapWatch(), [], []
+    for viscous, speed in ((20.0, 2160.0), (3.0, 2460.0)):
+        machine = MachineOrders(
+            speed_profile=((0.0, speed),), orders=((1.0, 3.5), (2.0, 1.0)), broadband_rms=0.3,
+            broadband_high=75.0,
+        )  # fmt: skip
+        simulator = Simulator(
+            valve, machine, parameters={"viscous_coefficient": viscous}, coulomb_force=0.05,
+            sample_rate=1250.0, block_size=125, seed=1, body_sensor=noisy, spool_sensor=noisy,
+        )  # fmt: skip
+        estimator = Estimator(settings_for(valve))
+        for block in simulator.records(28.0):
+            for estimate in estimator.update(block):
+                changes.append(watch.update(estimate))
+                residuals.append(estimate.residual.value)
+    assert residuals[-1] > watch.limit
+    assert not any(changes)
 
 
 def test_a_parameter_that_the_estimator_follows_opens_nothing() -> None:
