@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -16,10 +16,12 @@ from spool_gap.catalogue import EFFECTS
 from spool_gap.result import (
     GapResult,
     HeldOutAgreement,
+    NamedEffect,
     ProfileLikelihood,
     RankedHypothesis,
     Remainder,
     Share,
+    SmallEffect,
     Surface,
     Where,
 )
@@ -181,32 +183,20 @@ def result_to_dict(result: GapResult) -> dict[str, Any]:
         "base_model": result.base_model,
         "where": _where(result.where),
         "where_after": _where(result.where_after),
-        "effects": [
-            {
-                "id": effect.id,
-                "parameters": _quantities(effect.parameters),
-                "nrmse_before": json_number(effect.nrmse_before),
-                "nrmse_after": json_number(effect.nrmse_after),
-                "evidence": json_number(effect.evidence),
-                "meaning": effect.meaning,
-                "check": effect.check,
-            }
-            for effect in result.effects
-        ],
+        "effects": [_fields(one, parameters=_quantities(one.parameters)) for one in result.effects],
         "verdict": result.verdict,
-        "remainder": _remainder(result.remainder),
+        "remainder": None if result.remainder is None else _fields(result.remainder),
         "nuisances": [_nuisance(entry) for entry in result.nuisances],
         "small_effects": [
-            {"id": entry.id, "parameters": _quantities(entry.parameters), "share": json_number(entry.share)}
-            for entry in result.small_effects
+            _fields(one, parameters=_quantities(one.parameters)) for one in result.small_effects
         ],
         "confidence": json_number(result.confidence),
         "confidence_note": result.confidence_note or None,
         "confidence_from": {name: json_number(value) for name, value in result.signs.items()},
         "sentence": result.sentence,
         "candidates": list(result.candidates),
-        "runner_up": None if result.runner_up is None else _hypothesis(result.runner_up),
-        "ranking": [_hypothesis(entry) for entry in result.ranking],
+        "runner_up": None if result.runner_up is None else _fields(result.runner_up),
+        "ranking": [_fields(entry) for entry in result.ranking],
         "base": _quantities(result.base),
         "parameters": _quantities(result.parameters),
         "gap": {
@@ -276,15 +266,17 @@ def _sentence(rows: dict[str, tuple[Share, ...]]) -> str:
     return best[1] if best else "it is spread over frequency, displacement, velocity and time"
 
 
-def _remainder(left: Remainder | None) -> dict[str, Any] | None:
-    if left is None:
-        return None
-    return {
-        "share": json_number(left.share),
-        "over_noise_floor": json_number(left.over_noise_floor),
-        "function_of": left.function_of,
-        "looks_like": left.looks_like,
-    }
+def _fields(one: NamedEffect | SmallEffect | RankedHypothesis | Remainder, **told: Any) -> dict[str, Any]:
+    """Return the fields of ``one`` as JSON takes them; ``told`` are those that it takes otherwise."""
+    return {entry.name: told.get(entry.name, _plain(getattr(one, entry.name))) for entry in fields(one)}
+
+
+def _plain(value: object) -> Any:
+    if isinstance(value, float):
+        return json_number(value)
+    if isinstance(value, Mapping):
+        return {name: _plain(own) for name, own in value.items()}
+    return list(value) if isinstance(value, tuple) else value
 
 
 def _nuisance(entry: Nuisance) -> dict[str, Any]:
@@ -326,18 +318,6 @@ def _quantities(entries: tuple[Quantity, ...]) -> dict[str, Any]:
 def _agreement(agreement: HeldOutAgreement, kind: str) -> dict[str, Any]:
     found = {"nrmse": json_number(agreement.nrmse), "amplitude_ratio": json_number(agreement.amplitude_ratio)}
     return found | ({"position_rmse_m": json_number(agreement.position_rmse)} if kind == "driven" else {})
-
-
-def _hypothesis(entry: RankedHypothesis) -> dict[str, Any]:
-    return {
-        "id": entry.id,
-        "jointly_with": list(entry.jointly_with),
-        "nrmse_after": json_number(entry.nrmse_after),
-        "evidence": json_number(entry.evidence),
-        "parameters": {name: json_number(value) for name, value in entry.parameters.items()},
-        "accepted": entry.accepted,
-        "reason": entry.reason,
-    }
 
 
 def _where(where: Where) -> dict[str, Any]:
