@@ -320,6 +320,7 @@ class TestPackagesThatDoNotCome:
             )
         assert_one_line(result, "no connection to the package index", "check network and proxy")
 
+    @pytest.mark.slow
     def test_wrong_hash(self, fresh: Path, tmp_path: Path):
         make_wheel(tmp_path)
         (fresh / "requirements" / "wheels.lock").write_text(f"tiny==1.0 --hash=sha256:{'0' * 64}\n")
@@ -328,6 +329,7 @@ class TestPackagesThatDoNotCome:
         )
         assert_one_line(result, "tiny==1.0", "not the file that the lock was made with")
 
+    @pytest.mark.slow
     def test_a_package_that_nobody_has(self, fresh: Path, tmp_path: Path):
         (fresh / "requirements" / "wheels.lock").write_text(f"tiny==1.0 --hash=sha256:{'0' * 64}\n")
         result = spool(

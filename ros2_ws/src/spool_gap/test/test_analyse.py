@@ -54,6 +54,7 @@ def test_nothing_is_named_where_nothing_is_missing() -> None:
     assert result.after.nrmse < 1.3 * result.noise_floor
 
 
+@pytest.mark.slow
 def test_friction_of_two_directions_keeps_a_correlation_for_each_number() -> None:
     hidden = record("fluid_asymmetric_friction", 16.0, seed=3, forward_force=0.2, backward_force=0.1)
     result = analyse([hidden], VALVE, MODELS["fluid"])
@@ -76,6 +77,7 @@ def test_a_hardening_spring_is_named_with_its_size_and_closes_the_gap() -> None:
     assert result.after.amplitude_ratio == pytest.approx(1.0, abs=0.02)
 
 
+@pytest.mark.slow
 def test_coulomb_friction_is_not_taken_for_a_confusable_effect() -> None:
     hidden = record("coulomb", coulomb_force=0.4)
     result = analyse([hidden], VALVE, MODELS["fluid"])

@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
+from spool_core.numbers import Array
 
 from spool_gap.catalogue import EFFECTS, FRICTIONS
 from spool_gap.likelihood.prediction import Predictions
@@ -39,8 +40,9 @@ LEVELS, DRAGS = (0.6, 1.0, 1.5, 2.2, 3.3), (1.0, 0.4)
 ALIKE = 4
 #: Steps of a fit while structures are only compared.
 BRIEF = 15
-#: Draws around the best structure's numbers, and their standard deviation (ln): a factor of 3 either way.
-DRAWS, SHAKEN = 24, 1.1
+#: Draws around the best structure's numbers, and their standard deviations (ln): a factor of 3 either way,
+#: and 5 %, since the time of a hit moves by as much as a clearance does.
+DRAWS, SHAKEN, GENTLY = 24, 1.1, 0.05
 #: Rise of the log likelihood that ends a fit while structures are only compared: at least, and as a share of
 #: what the best one gains over the base.
 ROUGH, ROUGHLY = 3.0, 1e-3
@@ -169,19 +171,32 @@ class Search:
         names = [own for name in best.structure.effects if _several(name) for own in EFFECTS[name].fitted]
         if not names:
             return
+        own = best.structure
+        everything = [*names, *(one.name for one in own.base_unknowns)]
         generator = np.random.default_rng(0)
-        factors = np.exp(generator.normal(0.0, SHAKEN, (DRAWS, len(names))))
-        trials = [
-            best.structure.moved(
-                {name: best.structure.values[name] * factor for name, factor in zip(names, row, strict=True)}
+        far = np.exp(generator.normal(0.0, SHAKEN, (DRAWS, len(names))))
+        near = np.exp(generator.normal(0.0, GENTLY, (DRAWS, len(everything))))
+        # A gain that is a little wrong, and springs and clearances that make up for it, are a long valley.
+        nominal = own.moved({GAIN: 0.0, DELAY: 0.0})
+        starts = [(one, LOOSENESS[1]) for one in self._likeliest(self._scaled(own, names, far), LOOSENESS[1])]
+        starts.append((nominal, COMPARED))
+        starts += [(one, TIGHT) for one in self._likeliest(self._scaled(nominal, everything, near), TIGHT)]
+        for one, share in starts:
+            begun = self._fit(one, (share,)).structure
+            last = min(share, COMPARED)
+            tighter = [one for one in LOOSENESS if min(best.looseness, last) <= one <= last]
+            self._keep(self._fit(begun, tighter))
+        if self.best.evidence > best.evidence + ROUGH:
+            self._settle(self.best.structure, self.best.looseness)
+
+    def _scaled(self, own: Structure, names: Sequence[str], factors: Array) -> list[Structure]:
+        """Return ``own`` with the numbers called ``names`` times each row of ``factors`` (draws, names)."""
+        return [
+            own.moved(
+                {name: own.values[name] * factor for name, factor in zip(names, row, strict=True)}
             ).bounded(self._predictions.seconds)
             for row in factors.tolist()
         ]
-        for one in self._likeliest(trials, LOOSENESS[1]):
-            begun = self._fit(one, (LOOSENESS[1],)).structure
-            self._keep(self._fit(begun, (best.looseness,)))
-        if self.best.evidence > best.evidence + ROUGH:
-            self._settle(self.best.structure, self.best.looseness)
 
     def _settle(self, one: Structure, looseness: float) -> None:
         """Fit ``one`` to its end; with forces that jump at last by all that corrects the motion."""
