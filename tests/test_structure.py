@@ -17,11 +17,11 @@ MODULES = read_modules(SOURCE)
 #: What was measured, and may only become less: put the new figure here with the change that improves it.
 #: Lines and files may grow only in a change that adds a feature; its commit message says what that costs.
 RATCHETS = {
-    "lines": 67_763,
+    "lines": 67_760,
     "files": 313,
-    "lines of research": 13_734,
+    "lines of research": 13_729,
     "lines up to the last import, %": 8.19,
-    "private functions with one caller, %": 16.40,
+    "private functions with one caller, %": 16.36,
     "modules with one importer, %": 13.42,
 }
 

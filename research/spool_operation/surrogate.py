@@ -12,8 +12,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -75,29 +74,13 @@ class SurrogateRow:
 
     def to_dict(self) -> dict[str, Any]:
         """Return what the file holds: numbers to five significant digits."""
-        return {
-            "features": _digits(self.features),
-            "tracking": round(self.tracking, 3),
-            "bias": _digits(self.bias),
-            "sensitivity": _digits(self.sensitivity),
-            "covariance": [_digits(row) for row in self.covariance],
-            "reported": _digits(self.reported),
-            "spread": _digits(np.array([self.spread]))[0],
-            "residual": _digits(np.array([self.residual, self.residual_spread])),
-            "inertia": _digits(np.array([self.inertia]))[0],
-            "excitation": _digits(np.array([self.excitation]))[0],
-            "displacement": _digits(np.array([self.displacement]))[0],
-        }
+        return {one.name: _digits(getattr(self, one.name)) for one in fields(self)}
 
     @classmethod
     def from_dict(cls, kept: dict[str, Any]) -> SurrogateRow:
         """Return the row that the file holds."""
-        return cls(
-            np.array(kept["features"]), kept["tracking"], np.array(kept["bias"]),
-            np.array(kept["sensitivity"]), np.array(kept["covariance"]), np.array(kept["reported"]),
-            kept["spread"], kept["residual"][0], kept["residual"][1], kept["inertia"],
-            kept["excitation"], kept["displacement"],
-        )  # fmt: skip
+        rows: list[Any] = [np.array(own) if isinstance(own, list) else own for own in kept.values()]
+        return cls(*rows)
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,7 +159,7 @@ class Surrogate:
             "after_change": _digits(self.after_change),
             "rows": [row.to_dict() for row in self.rows],
         }
-        rows = ",\n".join(json.dumps(row) for row in kept.pop("rows"))  # type: ignore[attr-defined]
+        rows = ",\n".join(json.dumps(row) for row in kept.pop("rows"))
         head = json.dumps(kept, indent=1)[:-2]
         path.write_text(f'{head},\n "rows": [\n{rows}\n]}}\n', encoding="utf-8")
 
@@ -253,8 +236,9 @@ def errors(row: SurrogateRow, correlation: float, sizes: Array, draw: np.random.
     return np.asarray(row.bias + (noise @ root.T) * sizes[:, np.newaxis])
 
 
-def _digits(values: Array | Sequence[float]) -> list[float]:
-    return [float(f"{value:.4e}") for value in np.asarray(values, dtype=float)]
+def _digits(values: Array | float) -> Any:
+    """Return ``values`` to five significant digits, nested as they are."""
+    return np.vectorize(lambda one: float(f"{one:.4e}"))(values).tolist()
 
 
 #: s of a run: first speed until HOLD, at rest until RESTARTED, first speed until CHANGED, then the other one.

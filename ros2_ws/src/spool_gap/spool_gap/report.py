@@ -16,12 +16,10 @@ from spool_gap.catalogue import EFFECTS
 from spool_gap.result import (
     GapResult,
     HeldOutAgreement,
-    NamedEffect,
     ProfileLikelihood,
-    RankedHypothesis,
     Remainder,
+    ResultEntry,
     Share,
-    SmallEffect,
     Surface,
     Where,
 )
@@ -266,7 +264,7 @@ def _sentence(rows: dict[str, tuple[Share, ...]]) -> str:
     return best[1] if best else "it is spread over frequency, displacement, velocity and time"
 
 
-def _fields(one: NamedEffect | SmallEffect | RankedHypothesis | Remainder, **told: Any) -> dict[str, Any]:
+def _fields(one: ResultEntry, **told: Any) -> dict[str, Any]:
     """Return the fields of ``one`` as JSON takes them; ``told`` are those that it takes otherwise."""
     return {entry.name: told.get(entry.name, _plain(getattr(one, entry.name))) for entry in fields(one)}
 

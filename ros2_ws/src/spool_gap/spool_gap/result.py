@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
+from typing import TypeAlias
 
 import numpy as np
 from scipy.stats import chi2
@@ -208,6 +209,10 @@ class RankedHypothesis:
     parameters: Mapping[str, float]
     accepted: bool = False
     reason: str = ""
+
+
+#: Records of a result that JSON takes field by field.
+ResultEntry: TypeAlias = NamedEffect | SmallEffect | RankedHypothesis | Remainder
 
 
 @dataclass(frozen=True, slots=True)

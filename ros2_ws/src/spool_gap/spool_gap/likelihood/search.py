@@ -12,7 +12,6 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
-from spool_core.numbers import Array
 
 from spool_gap.catalogue import EFFECTS, FRICTIONS
 from spool_gap.likelihood.prediction import Predictions
@@ -174,8 +173,8 @@ class Search:
         own = best.structure
         everything = [*names, *(one.name for one in own.base_unknowns)]
         generator = np.random.default_rng(0)
-        far = np.exp(generator.normal(0.0, SHAKEN, (DRAWS, len(names))))
-        near = np.exp(generator.normal(0.0, GENTLY, (DRAWS, len(everything))))
+        far = np.exp(generator.normal(0.0, SHAKEN, (DRAWS, len(names)))).tolist()
+        near = np.exp(generator.normal(0.0, GENTLY, (DRAWS, len(everything)))).tolist()
         # A gain that is a little wrong, and springs and clearances that make up for it, are a long valley.
         nominal = own.moved({GAIN: 0.0, DELAY: 0.0})
         starts = [(one, LOOSENESS[1]) for one in self._likeliest(self._scaled(own, names, far), LOOSENESS[1])]
@@ -189,13 +188,13 @@ class Search:
         if self.best.evidence > best.evidence + ROUGH:
             self._settle(self.best.structure, self.best.looseness)
 
-    def _scaled(self, own: Structure, names: Sequence[str], factors: Array) -> list[Structure]:
+    def _scaled(self, own: Structure, names: Sequence[str], factors: list[list[float]]) -> list[Structure]:
         """Return ``own`` with the numbers called ``names`` times each row of ``factors`` (draws, names)."""
         return [
             own.moved(
                 {name: own.values[name] * factor for name, factor in zip(names, row, strict=True)}
             ).bounded(self._predictions.seconds)
-            for row in factors.tolist()
+            for row in factors
         ]
 
     def _settle(self, one: Structure, looseness: float) -> None:
