@@ -171,20 +171,21 @@ class Search:
         if not names:
             return
         own = best.structure
-        everything = [*names, *(one.name for one in own.base_unknowns)]
         generator = np.random.default_rng(0)
         far = np.exp(generator.normal(0.0, SHAKEN, (DRAWS, len(names)))).tolist()
-        near = np.exp(generator.normal(0.0, GENTLY, (DRAWS, len(everything)))).tolist()
-        # A gain that is a little wrong, and springs and clearances that make up for it, are a long valley.
-        nominal = own.moved({GAIN: 0.0, DELAY: 0.0})
-        starts = [(one, LOOSENESS[1]) for one in self._likeliest(self._scaled(own, names, far), LOOSENESS[1])]
-        starts.append((nominal, COMPARED))
-        starts += [(one, TIGHT) for one in self._likeliest(self._scaled(nominal, everything, near), TIGHT)]
-        for one, share in starts:
-            begun = self._fit(one, (share,)).structure
-            last = min(share, COMPARED)
-            tighter = [one for one in LOOSENESS if min(best.looseness, last) <= one <= last]
-            self._keep(self._fit(begun, tighter))
+        for one in self._likeliest(self._scaled(own, names, far), LOOSENESS[1]):
+            begun = self._fit(one, (LOOSENESS[1],)).structure
+            self._keep(self._fit(begun, (best.looseness,)))
+        if any(EFFECTS[name].localised for name in own.effects):
+            # A gain that is a little wrong, and springs and clearances that make up for it, are a valley.
+            nominal = own.moved({GAIN: 0.0, DELAY: 0.0})
+            everything = [*names, *(one.name for one in own.base_unknowns)]
+            near = np.exp(generator.normal(0.0, GENTLY, (DRAWS, len(everything)))).tolist()
+            starts = [nominal, *self._likeliest(self._scaled(nominal, everything, near), TIGHT)]
+            for one, share in zip(starts, (COMPARED, *[TIGHT] * STARTS), strict=True):
+                begun = self._fit(one, (share,)).structure
+                tighter = [at for at in LOOSENESS if min(best.looseness, share) <= at <= share]
+                self._keep(self._fit(begun, tighter))
         if self.best.evidence > best.evidence + ROUGH:
             self._settle(self.best.structure, self.best.looseness)
 
