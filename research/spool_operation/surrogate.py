@@ -79,8 +79,8 @@ class SurrogateRow:
     @classmethod
     def from_dict(cls, kept: dict[str, Any]) -> SurrogateRow:
         """Return the row that the file holds."""
-        rows: list[Any] = [np.array(own) if isinstance(own, list) else own for own in kept.values()]
-        return cls(*rows)
+        row: dict[str, Any] = {k: np.array(v) if isinstance(v, list) else v for k, v in kept.items()}
+        return cls(**row)
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,7 +212,7 @@ def load_surrogate(path: Path = FILE) -> Surrogate:
             kept["origin"], kept["correlation"], kept["start"], np.array(kept["after_start"]),
             np.array(kept["after_change"]), rows,
         )  # fmt: skip
-    except (OSError, ValueError, KeyError) as error:
+    except (OSError, ValueError, KeyError, TypeError) as error:
         raise InputError(
             f"{path}: not a surrogate ({error}); fit one: ./spool study operation-fit --out DIR"
         ) from error

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 import ruptures
+from spool_core.errors import InputError
 from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.estimator import Estimator, settings_for
 from spool_estimator.identification.oil import OilReference, oil_law
@@ -166,6 +169,20 @@ def test_three_thresholds_are_passed_once_a_year() -> None:
     """Days whose largest value has an exponential tail of mean 1: ln(3 * 365.25) on average for each."""
     found = [threshold_of(np.random.default_rng(seed).exponential(1.0, 200).tolist()) for seed in range(50)]
     assert np.mean(found) == pytest.approx(np.log(3 * YEAR), rel=0.1)
+
+
+def test_a_surrogate_is_read_by_the_names_of_its_numbers(tmp_path: Path) -> None:
+    """In any order; one that lacks a number is refused with what makes another."""
+    written, turned = tmp_path / "written.json", tmp_path / "turned.json"
+    load_surrogate().write(written)
+    kept = json.loads(written.read_text())
+    kept["rows"] = [dict(reversed(row.items())) for row in kept["rows"]]
+    turned.write_text(json.dumps(kept))
+    assert repr(load_surrogate(turned).rows) == repr(load_surrogate().rows)
+    del kept["rows"][0]["inertia"]
+    turned.with_name("lacks.json").write_text(json.dumps(kept))
+    with pytest.raises(InputError, match="operation-fit"):
+        load_surrogate(turned.with_name("lacks.json"))
 
 
 # Counts.

@@ -415,15 +415,7 @@ def test_markup_in_names_stays_text_and_commands_are_quoted(
     assert shlex.split(command)[:4] == ["./spool", "replay", EVIL_BAG, "--report"]
 
 
-@pytest.mark.parametrize(
-    ("scheme", "width"),
-    [
-        ("light", 1280),
-        ("dark", 390),
-        pytest.param("light", 390, marks=pytest.mark.slow),
-        pytest.param("dark", 1280, marks=pytest.mark.slow),
-    ],
-)
+@pytest.mark.parametrize(("scheme", "width"), [("light", 1280), ("dark", 390)])
 def test_axe_finds_nothing_serious_and_the_page_fits(
     page_file: Path, open_page: Callable[..., Any], scheme: str, width: int
 ) -> None:

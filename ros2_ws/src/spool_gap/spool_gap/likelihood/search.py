@@ -40,7 +40,7 @@ ALIKE = 4
 #: Steps of a fit while structures are only compared.
 BRIEF = 15
 #: Draws around the best structure's numbers, and their standard deviations (ln): a factor of 3 either way,
-#: and 5 %, since the time of a hit moves by as much as a clearance does.
+#: and 5 %, by which a gain within the tolerance of a data sheet makes them wrong.
 DRAWS, SHAKEN, GENTLY = 24, 1.1, 0.05
 #: Rise of the log likelihood that ends a fit while structures are only compared: at least, and as a share of
 #: what the best one gains over the base.

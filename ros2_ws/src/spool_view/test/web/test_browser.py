@@ -180,15 +180,7 @@ def test_markup_in_what_others_say_stays_text(
         assert "<img src=x" in page.inner_text("main")
 
 
-@pytest.mark.parametrize(
-    ("scheme", "width"),
-    [
-        ("light", 1280),
-        ("dark", 390),
-        pytest.param("light", 390, marks=pytest.mark.slow),
-        pytest.param("dark", 1280, marks=pytest.mark.slow),
-    ],
-)
+@pytest.mark.parametrize(("scheme", "width"), [("light", 1280), ("dark", 390)])
 def test_axe_finds_nothing_serious_and_the_page_fits(
     domain: Domain, stand_in: Callable[..., StandIn], open_page: Callable[..., Any], scheme: str, width: int
 ) -> None:
