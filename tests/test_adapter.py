@@ -254,10 +254,11 @@ def test_a_clock_of_one_sensor_that_was_set_is_reported_by_adapter_and_monitor(s
     events = system.listen(HealthEvent, "/valve_1/events", latched=True)
     blocks = system.listen(AccelerationBlock, "/valve_1/acceleration")
     _ = system.diagnostics
-    system.start("adapter", valve_id="4weh10_soft")
+    # Reliable: samples lost to a busy machine, and of each sensor others, may look like a clock that was set.
+    system.start("adapter", reliability="reliable", valve_id="4weh10_soft")
     system.start("monitor")
-    body = offered(system, Imu, "body/imu", ReliabilityPolicy.BEST_EFFORT)
-    spool = offered(system, Imu, "spool/imu", ReliabilityPolicy.BEST_EFFORT)
+    body = offered(system, Imu, "body/imu", ReliabilityPolicy.RELIABLE)
+    spool = offered(system, Imu, "spool/imu", ReliabilityPolicy.RELIABLE)
     set_back = [0]
     drivers = Drivers(
         {

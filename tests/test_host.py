@@ -9,7 +9,6 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -92,9 +91,10 @@ class Feed:
         return all(publisher.get_subscription_count() for publisher in self.publishers.values())
 
     def turn(self) -> None:
-        """Send what is due."""
-        self.begin = self.begin or time.monotonic()
-        due = math.floor((time.monotonic() - self.begin) * 50.0)
+        """Send what is due; after a pause of the machine only as much as a queue holds."""
+        now = time.monotonic()
+        self.begin = max(self.begin or now, now - (self.sent + 25) / 50.0)
+        due = math.floor((now - self.begin) * 50.0)
         while self.sent < min(due, len(self.blocks)):
             block = self.blocks[self.sent]
             for name, publisher in self.publishers.items():
@@ -218,13 +218,14 @@ def test_each_node_is_there_as_in_a_process_of_its_own(
 def test_a_host_runs_the_sources_itself_and_others_hear_them_as_well(
     system: System, host: Callable[..., subprocess.Popen[bytes]]
 ) -> None:
-    """What its estimators have without a message is what comes over DDS."""
+    """What its estimators have without a message comes over DDS as well, and costs them no block."""
     told = estimates(system)
     heard = system.listen(AccelerationBlock, "/valve_1/acceleration")
     process = host(PLAIN, source="simulator")
     system.until(lambda: all(len(one.heard) >= 5 for one in told.values()), "all valves are estimated")
-    blocks = {to_block(message).sequence for message in heard.messages}
-    assert max(blocks) - min(blocks) == len(blocks) - 1 > 100
+    system.until(lambda: len(heard.heard) > 100, "others hear the blocks")
+    sequences = [to_block(message).sequence for message in heard.messages]
+    assert sequences == sorted(set(sequences))
     for name, topic in told.items():
         assert system.state(f"/{name}/simulator") == "active"
         assert topic.last.lost_blocks == 0
@@ -268,14 +269,11 @@ def test_a_valve_that_fails_costs_the_others_nothing(
     process = host(PROGRAM.replace("FAULT", FAULTS[fault]).replace("MOST", str(most)))
     feed.until(feed.heard, "all valves are heard")
     feed.until(lambda: feed.sent > 320, "the fault began")
-    feed.until(lambda: feed.sent > 900, "the others go on")
-    others = [name for name in VALVES if name != "valve_1"]
-    for name in others:
-        seen = stamps(told[name])
-        gaps = [later - earlier for earlier, later in pairwise(seen)]
-        assert max(gaps) < 1.5, f"{name} stood still for {max(gaps):.2f} s"
-        values = system.numbers(f"{name}/estimator: estimate")
-        assert values["blocks_lost"] == "0"
+    # A queue holds 50 blocks, 1 s: an estimator that stood still for longer would have lost some.
+    late = 1e-9 * feed.blocks[900].stamp
+    for name in (name for name in VALVES if name != "valve_1"):
+        feed.until(lambda name=name: stamps(told[name])[-1:] > [late], f"{name} goes on")
+        assert told[name].last.lost_blocks == 0
     said = (tmp_path / "host.log").read_text()
     if fault == "raises":
         assert "broken on purpose" in said
