@@ -196,6 +196,22 @@ def test_nothing_is_called_complete_that_explains_nothing() -> None:
     assert words.confidence <= DOUBTFUL < decision.confidence
 
 
+def test_two_laws_give_way_to_one_plainer_law_that_predicts_held_out_windows_better() -> None:
+    """A likelihood of predictions from step to step may prefer two richer laws to the friction that acts."""
+    hidden = hiding("coulomb_friction")
+    look = look_at([hidden], (), VALVE)
+    every = Predictions([Prediction(look.readings[0], VALVE, MOTIONS)])
+    search = Search(every, structure_of(BASE, VALVE), [])
+    bare = search.base.structure
+    right = fit_structure(every, bare.having(("coulomb_friction",), ()).moved({"coulomb_force": 0.4}))
+    richer = fit_structure(every, bare.having(("mixed_friction", "quadratic_damping"), ()))
+    better = replace(richer, log_likelihood=right.log_likelihood + 1000.0)
+    search.fits = {one.structure.key: one for one in (search.base, right, better)}
+    decision = decide(every, search, look, GapSettings(), MOTIONS, HeldOut(every, [False]))
+    assert decision.fit.structure.effects == ("coulomb_friction",)
+    assert set(decision.refused) == {"mixed_friction", "quadratic_damping"}
+
+
 def test_the_balance_of_forces_finds_play_whatever_stiffness_the_base_was_fitted_to() -> None:
     plays = []
     for share in (0.3, 1.0, 3.0):

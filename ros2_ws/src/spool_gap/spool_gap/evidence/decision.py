@@ -305,12 +305,17 @@ def _plainest(
 
 
 def _predicting(search: Search, held: HeldOut, fit: StructureFit, refused: dict[str, str]) -> StructureFit:
-    """Return ``fit`` without effects that make the free run over held-out windows no better."""
+    """Return ``fit`` without effects that make the free run over held-out windows no better.
+
+    Those that stay may have plainer laws: a richer one may have made up for what the others did wrong.
+    """
     own = frozenset(fit.structure.effects)
+    known = own.union(*(EFFECTS[name].replaces for name in own))
     fewer: dict[frozenset[str], StructureFit] = {}
     for one in search.fits.values():
         effects = frozenset(one.structure.effects)
-        if effects < own and (effects not in fewer or one.evidence > fewer[effects].evidence):
+        contained = effects <= known and len(effects) < len(own)
+        if contained and (effects not in fewer or one.evidence > fewer[effects].evidence):
             fewer[effects] = one
     if not fewer:
         return fit
