@@ -318,13 +318,9 @@ def _named(
 
 def _ranked(search: Search, decision: Decision, held: HeldOut) -> list[RankedHypothesis]:
     """Return the structures with effects that were fitted, those with one effect first, best first."""
-    best: dict[frozenset[str], StructureFit] = {}
-    for fit in search.fits.values():
-        key = frozenset(fit.structure.effects)
-        if key and (key not in best or fit.evidence > best[key].evidence):
-            best[key] = fit
+    named = [fit for effects, fit in search.of_each_set.items() if effects]
     rows = []
-    chosen = sorted(best.values(), key=lambda fit: (len(fit.structure.effects), -fit.evidence))[:RANKED]
+    chosen = sorted(named, key=lambda fit: (len(fit.structure.effects), -fit.evidence))[:RANKED]
     for fit in chosen:
         *others, newest = fit.structure.effects
         accepted = fit.structure.key == decision.fit.structure.key

@@ -285,10 +285,9 @@ def _plainest(
     for name in fit.structure.effects:
         for plain in EFFECTS[name].replaces:
             effects = frozenset(plain if one == name else one for one in fit.structure.effects)
-            like = [one for one in search.fits.values() if frozenset(one.structure.effects) == effects]
-            if not like:
+            other = search.of_each_set.get(effects)
+            if other is None:
                 continue
-            other = max(like, key=lambda one: one.evidence)
             shown = share_between(predictions, fit, EFFECTS[name].terms, other, EFFECTS[plain].terms)
             judged, richer = held.judged(other), held.judged(fit)
             enough = min(judged.floor, (1.0 + MOST_LEFT) * richer.agreement.nrmse)
@@ -311,23 +310,17 @@ def _predicting(search: Search, held: HeldOut, fit: StructureFit, refused: dict[
     """
     own = frozenset(fit.structure.effects)
     known = own.union(*(EFFECTS[name].replaces for name in own))
-    fewer: dict[frozenset[str], StructureFit] = {}
-    for one in search.fits.values():
-        effects = frozenset(one.structure.effects)
-        contained = effects <= known and len(effects) < len(own)
-        if contained and (effects not in fewer or one.evidence > fewer[effects].evidence):
-            fewer[effects] = one
-    if not fewer:
-        return fit
+    fits = search.of_each_set
+    fewer = [effects for effects in fits if effects <= known and len(effects) < len(own)]
+    errors = {effects: held.judged(fits[effects]).agreement.nrmse for effects in fewer}
     error = held.judged(fit).agreement.nrmse
-    errors = {effects: held.judged(one).agreement.nrmse for effects, one in fewer.items()}
-    least = min(errors, key=lambda effects: errors[effects])
-    if errors[least] > error:
+    least = min(fewer, key=lambda effects: errors[effects], default=own)
+    if errors.get(least, math.inf) > error:
         return fit
     for name in sorted(own - least):
         shown = f"{100.0 * error:.2g} %, without it {100.0 * errors[least]:.2g} %"
         refused[name] = f"with it a free run leaves {shown}"
-    return _predicting(search, held, fewer[least], refused)
+    return _predicting(search, held, fits[least], refused)
 
 
 def _by_direction(

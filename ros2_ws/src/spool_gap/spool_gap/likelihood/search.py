@@ -122,6 +122,12 @@ class Search:
         return [one for one in self.fits.values() if not senseless(one)]
 
     @property
+    def of_each_set(self) -> dict[frozenset[str], StructureFit]:
+        """The likeliest fit with each set of effects, whatever its measuring chain."""
+        rising = sorted(self.fits.values(), key=lambda one: one.evidence)
+        return {frozenset(one.structure.effects): one for one in rising}
+
+    @property
     def simplest(self) -> StructureFit:
         """The structure with the fewest numbers among those whose evidence does not decide against it."""
         least = self.best.evidence - DECISIVE
