@@ -28,8 +28,7 @@ LOOSE, TIGHT = LOOSENESS[0], 0.03
 COMPARED = LOOSENESS[2]
 #: Starts that are fitted of a stop, and of other effects whose fits have local minima; steps of such a fit.
 STARTS, MOST_STARTS, QUICK = 2, 5, 4
-#: Looseness at which starts of an effect that acts in few stretches only are compared: a motion that follows
-#: the measured one too closely hides a contact of few samples.
+#: Looseness at which starts of a contact are compared: a motion bound too closely hides its few samples.
 CONTACTS = (LOOSENESS[0], LOOSENESS[2])
 #: Starts by the balance of forces, and share of what the base leaves of that from which an effect is fitted.
 BALANCED, SPEAKS = 3, 0.95
@@ -438,9 +437,10 @@ class Search:
         if name in self._numbers:
             trials = [best.moved(self._numbers[name]), best]
         elif effect and EFFECTS[name].localised:
-            more = EFFECTS[name].starts(best.values, self._balance.reach)
+            # Where hits are rare, they lie beyond all but a few samples.
+            ends = self._balance.reach, float(np.abs(self._balance.motion.displacement).max())
+            more = [one for end in ends for one in EFFECTS[name].starts(best.values, end)]
             trials += [wider.moved(one).bounded(seconds) for one in more]
-            quick = []
             for share in CONTACTS:
                 quick += [self._fit(one, (share,), brief=True) for one in self._likeliest(trials, share)]
             trials = []
