@@ -20,7 +20,7 @@ from spool_monitor.detectors.base import (
     NotJudged,
 )
 from spool_monitor.event import Condition, Event
-from spool_monitor.parameter_drift import ParameterDrift
+from spool_monitor.parameter_drift import VISCOSITY_PER_KELVIN, VISCOUS, ParameterDrift
 from spool_monitor.state_file import Baseline
 from spool_monitor.window import Line, WindowTracker, find_line
 
@@ -81,6 +81,8 @@ class Detection:
     _memory: float = field(default=4.0, init=False)
     _velocity: float = field(default=math.nan, init=False)
     _stamp: int = field(default=0, init=False)
+    _celsius: float = field(default=math.nan, init=False)
+    _followed_at: float = field(default=math.nan, init=False)
 
     def __post_init__(self) -> None:
         settings = self.settings
@@ -191,7 +193,7 @@ class Detection:
 
     def update_estimate(self, estimate: Estimate, natural_frequency: float) -> list[Event]:
         """Take an estimate; return what began or ended with it."""
-        self._memory = estimate.memory
+        self._memory, self._celsius = estimate.memory, estimate.oil_temperature.value
         self.channels.take_residual(estimate.residual.value)
         if self.reference.natural_frequency == 0.0 and estimate.natural_frequency.known:
             self.reference = configured(estimate.natural_frequency.value)
@@ -216,16 +218,17 @@ class Detection:
         if shaken:
             self._velocity = signals.relative_velocity
         known = shaken and self.reference.natural_frequency > 0.0
-        response = self.response.update(signals, self.reference) if known else None
+        old = self._reference_now()
+        response = self.response.update(signals, old) if known else None
         if not shaken:
             self.response.restart()
         moment = self._moment(signals.stamp, natural_frequency, signals=signals, response=response)
         events = self._show(SIGNALS, moment)
         if response is not None and not self.distrust and 0.7 < response.gain < 1.4:
             # The reference follows what was measured slowly, and never beyond what a valve has.
-            old = self.reference
             ratio = response.natural_frequency / old.natural_frequency
             if not response.misfit > 0.5 and 0.5 < ratio < 2.0:
+                self._followed_at = self._celsius
                 self.reference = replace(
                     old,
                     natural_frequency=old.natural_frequency * ratio**FOLLOWS,
@@ -233,6 +236,13 @@ class Detection:
                     misfit=response.misfit,
                 )
         return events
+
+    def _reference_now(self) -> ValveResponse:
+        """Return the reference with the drag of the oil where that is colder than when the drag was seen."""
+        seen = self._followed_at if math.isfinite(self._followed_at) else self.parameters[VISCOUS].temperature
+        colder = seen - self._celsius
+        thicker = math.exp(VISCOSITY_PER_KELVIN * colder) if colder > 0.0 else 1.0
+        return replace(self.reference, damping=thicker * self.reference.damping)
 
     def _moment(
         self,
@@ -253,7 +263,7 @@ class Detection:
             if condition.declared.task == "data" and name != NotJudged.name
         )
         return Moment(
-            stamp, natural_frequency, self.reference, self.parameters, self.learned,
+            stamp, natural_frequency, self._reference_now(), self.parameters, self.learned,
             line, silent, signals, response, estimate, self._velocity,
             unjudged=self._unjudged, explained=explained, channels=channels,
         )  # fmt: skip

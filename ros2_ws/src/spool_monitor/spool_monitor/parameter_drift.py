@@ -69,10 +69,9 @@ LAW_ERROR = 0.001
 #: value was learned), and s by which it may lag behind the oil in the gap, against the s of a running mean.
 REPEATS, LAGS, FOLLOWED = 0.3, 30.0, 60.0
 
-#: Without a thermometer: relative change of the viscosity per K, K per s that the oil may have warmed since
-#: the start value was learned, and K at most.
+#: Least relative change of the viscosity per K. Without a thermometer: K per s that the oil may have warmed
+#: since the start value was learned, and K at most.
 VISCOSITY_PER_KELVIN, WARMS, WARMS_MOST = 0.05, 0.5 / 60.0, 25.0
-
 
 #: Points that are kept; where there are more, every other one goes.
 MOST = 128

@@ -12,7 +12,7 @@ from spool_monitor.monitor import Monitor
 from spool_monitor.parameter_drift import ParameterDrift
 from spool_monitor.replay import Replay
 from spool_monitor.state_file import Baseline
-from spool_sim.excitation import PRESETS
+from spool_sim.excitation import PRESETS, SweptSine
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
 from spool_sim.valve import find_valve
@@ -42,6 +42,30 @@ def test_a_healthy_valve_that_warms_raises_no_drift_where_its_temperature_is_kno
     blind = events_of(warmest=29.0, told=False)
     assert blind
     assert blind[0].cause == "wear"
+
+
+def stuck(*, told: bool, dry: float) -> bool:
+    """Return whether a valve learned at 41 deg C and started at 5, below resonance, is called stuck."""
+    noisy = Sensor(noise=0.03)
+    simulator = Simulator(
+        VALVE, SweptSine(start_frequency=11.0, stop_frequency=12.0, duration=8.0, amplitude=6.0), seed=5,
+        parameters={"viscous_coefficient": 80.0}, coulomb_force=dry, body_sensor=noisy, spool_sensor=noisy,
+    )  # fmt: skip
+    monitor = Monitor(MonitorSettings(natural_frequency=15.15))
+    # As the state file has it.
+    monitor.detection.parameters["viscous_coefficient"].temperature = 41.0
+    both = Replay(Estimator(settings_for(VALVE)), monitor)
+    for number in range(8 * 50):
+        if told and number % 50 == 0:
+            both.update_temperature(simulator.stamp, 5.0)
+        both.update(simulator.next_block())
+    return any(event.kind == "stuck_spool" for event in both.events)
+
+
+def test_a_spool_in_cold_oil_is_not_stuck_where_its_temperature_is_known() -> None:
+    assert not stuck(told=True, dry=0.1)
+    assert stuck(told=False, dry=0.1)
+    assert stuck(told=True, dry=30.0)
 
 
 def test_wear_is_found_though_the_oil_warms_as_well() -> None:

@@ -21,11 +21,7 @@ from spool_monitor.detectors.base import (
 from spool_monitor.event import EventKind, Facts, Finding, Namur, Severity
 from spool_monitor.window import Line
 
-KIND = EventKind(
-    "resonance",
-    100,
-    Namur.OUT_OF_SPECIFICATION,
-)
+KIND = EventKind("resonance", 100, Namur.OUT_OF_SPECIFICATION)
 
 RESONANCE_BAND = MonitorLimit(
     "resonance_band", 0.15, "Relative distance that counts as near resonance.", "1", 0.01, 1.0

@@ -20,12 +20,7 @@ from spool_monitor.detectors.base import (
 )
 from spool_monitor.event import EventKind, Facts, Finding, Namur, Severity
 
-KIND = EventKind(
-    "stuck_spool",
-    400,
-    Namur.FAILURE,
-    latching=True,
-)
+KIND = EventKind("stuck_spool", 400, Namur.FAILURE, latching=True)
 
 #: Share of the due relative motion below which the spool is stuck, and above which it moves.
 STUCK, MOVES = 0.2, 0.4
