@@ -43,6 +43,9 @@ NEEDED = 2.0
 CHANGED, SIGNIFICANT, ATYPICAL, LENGTHS = 1.25, 300.0, 8.0, (4, 10)
 #: Share by which a chunk moves a typical value, and how far in one step.
 TYPICAL, TYPICAL_STEP = 0.03, 3.0
+#: Chunks until a refit is tried whatever least squares promise, each time twice as many as before: in a long
+#: curved valley of the error, as that of dry friction in thick oil, they need a minute where a descent ends.
+FIRST_CHECK, LAST_CHECK = 10.0, 320.0
 #: Refits saved up at most, and how many more a chunk allows: a model that does not fit must not cost more.
 MOST_REFITS, REFITS = 6.0, 0.05
 #: Relative residual above which the model does not describe what is seen and a new start is tried, and the
@@ -64,13 +67,14 @@ REFIT_SHORT, REFIT_LONG, POOR_START, SLIDE, FRESH, FIRST_START, FORGET, STAND, N
 
 #: Places in the numbers of a tracker: samples that wait for their chunk, those taken by the last call with
 #: the chunks that they filled and the samples of these that were used, what is known (see ``Tracker``),
-#: what belongs to the prediction, the window of chunks and the history, and what a refit gained usually until
-#: now.
+#: what belongs to the prediction, the window of chunks and the history, what a refit gained usually until
+#: now, chunks until the next check and between the last two.
 (
     WAITING, TAKEN, CHUNKS, USED, STARTED, EXCITED, SETTLING, DISTINGUISHED, LEAST, SINCE_RESTART, ALLOWED,
     PAUSE, EVIDENCE_POINTWISE, EVIDENCE_BAND_LIMITED, EARLIER, POINT_VALUES, WINDOW, KEPT_SAMPLES, USUAL_GAIN,
-) = range(19)  # fmt: skip
-NUMBERS = 19
+    CHECK, BETWEEN,
+) = range(21)  # fmt: skip
+NUMBERS = 21
 
 _LENGTHS = np.array(LENGTHS)
 _POOR_SQUARE, _NOISE_SQUARE, _SMALLEST_SQUARE = POOR**2, NOISE**2, SMALLEST_NOISE**2
@@ -220,6 +224,7 @@ def regress(
             regression.parameters / tracker.scale, _LENGTHS, tracker.verdicts,
         )  # fmt: skip
         numbers[WINDOW] += 1.0
+        numbers[CHECK] -= 1.0
     for which in range(begin, _LENGTHS.size):
         if numbers[WINDOW] < _LENGTHS[which]:
             continue
@@ -233,7 +238,9 @@ def regress(
         bounded = TYPICAL_STEP * typical if TYPICAL_STEP * typical < gain else gain
         tracker.typical[which] += TYPICAL * (bounded - typical)
         atypical = ATYPICAL * typical if ATYPICAL * typical > SIGNIFICANT else SIGNIFICANT
-        if present > CHANGED * own and gain > atypical and numbers[ALLOWED] >= 1.0:
+        changed = present > CHANGED * own and gain > atypical
+        due = which == _LENGTHS.size - 1 and numbers[CHECK] <= 0.0
+        if (changed or due) and numbers[ALLOWED] >= 1.0:
             return which
     own = tracker.verdicts[_LENGTHS.size - 1, 1]
     if begin <= POOR_START:

@@ -24,7 +24,6 @@ from spool_estimator.prediction import (
     POINTWISE,
     RESIDUAL,
     SUMS,
-    TARGET,
     Prediction,
     PredictionArrays,
     clear_sums,
@@ -158,7 +157,6 @@ class WindowFit:
         parameters: k (N/m), c (N s/m), F_c (N), shape (3,).
         prediction: the model's run at the end of the stretch, ready to go on.
         grams, scores, powers, counts: sums of each chunk that counts, see :class:`~.prediction.Prediction`.
-        target: mean square of the model's inertia force, N^2.
         noise_score: see :class:`~.prediction.Prediction`, of all chunks.
 
     """
@@ -169,7 +167,6 @@ class WindowFit:
     scores: Array
     powers: Array
     counts: Array
-    target: float
     noise_score: Array
 
     @property
@@ -238,11 +235,9 @@ class Fitter:
         prediction.pointwise = sampled_pointwise(
             float(sums[:, POINTWISE].sum()), float(sums[:, BAND_LIMITED].sum()), pointwise
         )
-        target = float(sums[:, TARGET].sum() / max(1.0, sums[:, COUNT].sum()))
         return WindowFit(
-            parameters, prediction, grams, scores, sums[:, RESIDUAL], sums[:, COUNT], target,
-            noise_scores.sum(axis=0),
-        )  # fmt: skip
+            parameters, prediction, grams, scores, sums[:, RESIDUAL], sums[:, COUNT], noise_scores.sum(axis=0)
+        )
 
     def descend(
         self,
@@ -253,7 +248,6 @@ class Fitter:
         *,
         begin: Prediction,
         prior: Array | None = None,
-        enough: float = 0.0,
     ) -> WindowFit | None:
         """Return the best of the descents from ``guesses`` (Levenberg and Marquardt's), or nothing.
 
@@ -263,14 +257,9 @@ class Fitter:
             guesses: parameters to start from, each of shape (3,).
             last: how many chunks count.
             prior: diagonal of a weak pull (scaled, N^2) towards the first guess, shape (3,).
-            enough: share of the inertia force's power; a descent that leaves less is the last one.
 
         """
-        ends: list[WindowFit] = []
-        for guess in guesses:
-            ends.append(self._descend(body, spool, guess, guesses[0], last, prior, begin))
-            if ends[-1].variance < enough * ends[-1].target:
-                break
+        ends = [self._descend(body, spool, guess, guesses[0], last, prior, begin) for guess in guesses]
         best = min(ends, key=lambda end: end.variance)
         if not (math.isfinite(best.variance) and best.parameters[0] > 0.0):
             return None

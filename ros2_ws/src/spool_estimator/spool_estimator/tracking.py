@@ -27,8 +27,6 @@ NOTABLE, CERTAIN, COLOURED = (0.01, 0.05, 0.05), 3.0, 40.0
 BETTER = 0.85
 #: Relative standard deviation that a change of a parameter is believed to have.
 LARGEST_STEP = 0.5
-#: Relative residual below which a start needs no other guess.
-FITS = 0.1
 #: Relative standard deviation of the stiffness that a start must reach.
 STARTED = 0.1
 #: Force that no estimate is better than: share of the inertia force that the pair of sensors and the sampling
@@ -350,9 +348,7 @@ class Tracker:
         settling = chunks.settling_chunks(self._valve, self._arrays, self.regression.arrays)
         last = body.size // self.chunk - settling
         offset = float(np.average(body, weights=np.hanning(body.size + 2)[1:-1]))
-        found = self._fitter.descend(
-            body, spool, guesses, last, begin=self._fitter.at_rest(offset), enough=FITS**2
-        )
+        found = self._fitter.descend(body, spool, guesses, last, begin=self._fitter.at_rest(offset))
         if found is None or not found.variance < BETTER * present:
             return False
         former = self.regression
@@ -370,6 +366,9 @@ class Tracker:
         """Fit to the last chunks, weakly held to what was known; believe it where it is clearly better."""
         numbers, last, present = self._numbers, LENGTHS[which], float(self._verdicts[which, 0])
         numbers[chunks.ALLOWED] -= 1.0
+        if numbers[chunks.CHECK] <= 0.0:
+            numbers[chunks.BETWEEN] = min(chunks.LAST_CHECK, 2.0 * numbers[chunks.BETWEEN])
+            numbers[chunks.CHECK] = numbers[chunks.BETWEEN]
         known = self.regression.parameters
         if numbers[chunks.EARLIER] < last:
             return False
@@ -410,6 +409,7 @@ class Tracker:
             chunks.DOUBT * weight * found.noise_score,
         )
         self.powers[0] = found.variance
+        self._numbers[[chunks.CHECK, chunks.BETWEEN]] = chunks.FIRST_CHECK
         self._window.clear()
         for gram, score, power, count in zip(
             found.grams, found.scores, found.powers, found.counts, strict=True

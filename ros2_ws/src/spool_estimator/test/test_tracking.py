@@ -12,7 +12,7 @@ from spool_core.numbers import Array
 from spool_estimator.estimate import Estimate, State
 from spool_estimator.estimator import Estimator, settings_for
 from spool_estimator.stream_estimator import WINDOW
-from spool_sim.excitation import PRESETS, Excitation, Multisine, Part, Sequence
+from spool_sim.excitation import PRESETS, Excitation, MachineOrders, Multisine, Part, Sequence
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
 from spool_sim.valve import find_valve
@@ -157,6 +157,40 @@ def test_minutes_at_rest_neither_wind_up_nor_freeze_the_covariance() -> None:
     after = follow(source, 7.0, estimator)[-1]
     assert after.state is State.TRACKING
     assert after.parameter("viscous_coefficient").value == pytest.approx(4.0, rel=0.03)
+
+
+@pytest.mark.parametrize("soft_start", [1.0, 3.0])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_start_in_thick_oil_ends_in_no_wrong_minimum(seed: int, soft_start: float) -> None:
+    """With a damping ratio of 2.3 and a gain error, another minimum has no dry friction and 0.4 times k."""
+    run_up = MachineOrders(
+        speed_profile=((0.0, 276.0), (5.0, 720.0)), orders=((1.0, 9.8),), seed=seed, soft_start=soft_start
+    )
+    source = Simulator(
+        find_valve("4weh10_soft"),
+        Sequence(
+            parts=(
+                Part(duration=3.0, excitation=PRESETS["standstill"]),
+                Part(duration=20.0, excitation=run_up),
+            )
+        ),
+        parameters={"viscous_coefficient": 80.0},
+        coulomb_force=0.142,
+        sample_rate=2000.0,
+        block_size=40,
+        seed=seed,
+        body_sensor=Sensor(noise=0.061),
+        spool_sensor=Sensor(noise=0.061, gain_error=-0.02),
+    )
+    valid = [
+        one
+        for one in follow(source, 14.0, Estimator(settings_for(source.valve)))
+        if one.state is State.TRACKING
+    ]
+    assert len(valid) >= 3
+    # What a gain error of 2 % does where the spool moves a quarter as far as its body would let it.
+    assert np.all(np.abs(values(valid, NAMES[0]) / 1632.0 - 1.0) < 0.15)
+    assert np.all(np.abs(values(valid, NAMES[2]) / 0.142 - 1.0) < 0.2)
 
 
 def test_two_standard_deviations_cover_the_truth() -> None:
