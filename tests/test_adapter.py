@@ -254,6 +254,7 @@ def test_a_sensor_that_stops_is_stale_for_adapter_and_monitor_and_comes_back(
     assert system.numbers(TASK)["body_restarts"] == "0"
 
 
+@pytest.mark.slow
 def test_a_clock_of_one_sensor_that_was_set_is_reported_by_adapter_and_monitor(system: System) -> None:
     """The body's driver sets its clock back by 3 ms: no block follows, and both say what happened."""
     events = system.listen(HealthEvent, "/valve_1/events", latched=True)

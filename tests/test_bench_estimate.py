@@ -26,6 +26,7 @@ def test_every_recursion_finds_the_same_parameters() -> None:
         assert "one sample a call" in pair[1].work
 
 
+@pytest.mark.slow
 def test_replay_and_refits_are_measured(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(estimate, "SECONDS", 20.0)
     monkeypatch.setattr(estimate, "REFIT_SECONDS", 12.0)

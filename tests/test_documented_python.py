@@ -85,7 +85,9 @@ def test_no_page_asks_for_another_interpreter() -> None:
 @pytest.mark.parametrize(
     "page",
     [
-        pytest.param(page, marks=[pytest.mark.slow] * (page.parent.name == "notebooks"))
+        pytest.param(
+            page, marks=[pytest.mark.slow] * (page.parent.name == "notebooks" or page.stem == "python")
+        )
         for page in PAGES
         if page != NODE
     ],

@@ -310,6 +310,7 @@ OPTIONS = {
 }
 
 
+@pytest.mark.slow
 @sample(12)
 @given(data=st.data(), command=st.sampled_from(sorted(OPTIONS)))
 def test_options(commands: Commands, good: Path, folder: Callable[[], Path], data: Any, command: str) -> None:

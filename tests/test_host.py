@@ -162,6 +162,7 @@ def stamps(topic: Topic) -> list[float]:
     return [one.header.stamp.sec + 1e-9 * one.header.stamp.nanosec for one in topic.messages]
 
 
+@pytest.mark.slow
 def test_each_node_is_there_as_in_a_process_of_its_own(
     system: System, feed: Feed, host: Callable[..., subprocess.Popen[bytes]], tmp_path: Path
 ) -> None:

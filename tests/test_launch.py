@@ -349,7 +349,7 @@ def test_a_wrong_list_is_refused_with_file_and_entry(
     assert str(caught.value).startswith(f"{file}: ")
 
 
-@pytest.mark.parametrize("processes", [1, 2])
+@pytest.mark.parametrize("processes", [pytest.param(1, marks=pytest.mark.slow), 2])
 def test_a_launched_host_monitors_each_valve_as_the_parameter_file_asks(
     system: System, description: LaunchDescription, tmp_path: Path, processes: int
 ) -> None:

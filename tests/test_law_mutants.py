@@ -7,6 +7,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 TOOL = Path(__file__).with_name("law_mutants.py")
 
 
@@ -16,6 +18,7 @@ def mutate(*options: str) -> subprocess.CompletedProcess[str]:
     )
 
 
+@pytest.mark.slow
 def test_a_reference_value_notices_every_mutant_of_a_sample() -> None:
     done = mutate("--every", "79")
     assert (done.returncode, done.stderr) == (0, "")

@@ -115,6 +115,7 @@ def start(system: System, folder: Path, one: Pasted) -> Process:
     return system.processes[-1]
 
 
+@pytest.mark.slow
 def test_commands_of_running_nodes_work_on_them(system: System, folder: Path) -> None:
     (described,) = [one for one in pasted() if one.page != "README.md" and one.words[:2] == ("valve", "new")]
     assert main(list(described.words)) == 0

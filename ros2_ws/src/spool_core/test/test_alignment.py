@@ -72,7 +72,7 @@ def test_samples_taken_together_are_passed_on_bit_for_bit_from_the_first_one() -
     assert [gate.judge(block) for block in found][1:] == [Verdict.CONTINUES] * 199
 
 
-@pytest.mark.parametrize("frequency", [5.0, 30.0, 100.0, 300.0])
+@pytest.mark.parametrize("frequency", [5.0, 300.0])
 def test_two_clocks_that_differ_by_200_ppm_give_the_spool_at_the_body_s_instants(frequency: float) -> None:
     def signal(stamps: np.ndarray) -> np.ndarray:
         return wave(stamps, frequency)
@@ -124,7 +124,7 @@ def test_a_sensor_of_twice_the_rate_is_limited_to_half_of_the_slower_one_s() -> 
         np.testing.assert_allclose(block.body, wave(instants(block)), atol=1e-3 * 5.0)
 
 
-@settings(max_examples=30)
+@settings(max_examples=8)
 @given(
     st.sets(st.integers(1300, 2900), max_size=40),
     st.sets(st.integers(1300, 2900), max_size=40),

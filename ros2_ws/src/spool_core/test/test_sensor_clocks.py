@@ -313,7 +313,7 @@ def test_a_step_of_most_of_a_period_is_no_lost_sample_where_lumps_hide_the_arriv
     assert [stream.lost for stream in found.aligner.streams.values()] == [0, 0]
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=8, deadline=None)
 @given(
     rate=st.sampled_from([250.0, 400.0, 500.0, 833.0, 1000.0]),
     by=st.one_of(

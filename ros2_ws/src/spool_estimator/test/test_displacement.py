@@ -22,6 +22,7 @@ def settled_rms(frequency: float, period: float) -> float:
     return float(abs(passed * (period * turn / (turn - leak)) ** 2) / math.sqrt(2.0))
 
 
+@pytest.mark.slow
 @given(
     frequency=st.floats(LOW_CUT, 60.0),
     phase=st.floats(0.0, 2.0 * math.pi),

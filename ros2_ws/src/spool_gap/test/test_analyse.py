@@ -115,6 +115,7 @@ def test_a_channel_that_clips_is_named_and_its_limit_read() -> None:
     assert result.effects[0].parameters[0].value == pytest.approx(16.0, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_the_spools_limit_is_named_where_the_body_clips_too() -> None:
     whole = healthy()
     limit = float(np.quantile(np.abs(np.concatenate([whole.body, whole.spool])), 0.995))
@@ -187,6 +188,7 @@ def test_a_record_whose_channels_clip_all_the_time_is_refused_with_a_way_out(sha
         analyse([replace(whole, body=body, spool=spool)], VALVE, MODELS["fluid"])
 
 
+@pytest.mark.slow
 def test_hits_on_a_stop_are_no_noise_that_hides_what_is_missing() -> None:
     hard = {"stop_gap": 0.0006, "stop_stiffness": 2e5}
     simulator = Simulator(

@@ -80,6 +80,7 @@ def test_blows_to_one_side_are_no_friction_that_differs_by_direction(forward: fl
         assert found.ratio == pytest.approx((forward - backward) / (forward + backward), abs=0.05)
 
 
+@pytest.mark.slow
 def test_all_of_the_friction_is_found_where_the_balance_of_forces_shows_a_part_of_it() -> None:
     of = predictions(hit("coulomb_friction", coulomb_force=FORCE))
     names = ["coulomb_friction", "quadratic_damping", "presliding_friction"]

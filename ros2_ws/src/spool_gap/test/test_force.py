@@ -66,6 +66,7 @@ def test_the_mass_is_found_where_a_force_drives_it() -> None:
     assert result.verdict == "cubic_stiffness"
 
 
+@pytest.mark.slow
 def test_a_driven_mass_with_mixed_friction_ends_in_a_result() -> None:
     time, place, speed = rig(7)
     size = np.abs(speed) / 0.01

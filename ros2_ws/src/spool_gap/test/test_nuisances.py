@@ -79,7 +79,7 @@ def found_in(result: GapResult) -> Mapping[tuple[str, str], float]:
         (with_spikes, "spikes", "spool", 1.0, "1/s"),
         (with_drift, "bias_drift", "body", 2.0, "m/s^2"),
         pytest.param(with_ac_coupling, "ac_coupling", "spool", 0.8, "Hz", marks=pytest.mark.slow),
-        (with_gain_drift, "gain_drift", "spool", 0.004, "1/s"),
+        pytest.param(with_gain_drift, "gain_drift", "spool", 0.004, "1/s", marks=pytest.mark.slow),
     ],
 )
 def test_a_nuisance_is_told_with_its_size_and_nothing_is_missing(
@@ -99,6 +99,7 @@ def test_a_clean_record_has_no_nuisance(clean: Record) -> None:
     assert not found_in(result)
 
 
+@pytest.mark.slow
 def test_loud_coloured_noise_is_noise(clean: Record) -> None:
     generator = np.random.default_rng(8)
     lines = np.maximum(np.fft.rfftfreq(TIME.size, 1.0 / RATE), 0.5)

@@ -45,6 +45,7 @@ def test_a_run_starts_with_the_velocity_that_the_record_has() -> None:
     assert speed_at(record, 1000) == pytest.approx(0.62, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_coulomb_friction_and_a_constant_force_are_named_and_the_position_is_followed() -> None:
     hidden = Model("hidden", (*AXIS.terms, term("coulomb_friction")), {**AXIS.values, "coulomb_force": 20.0})
     result = analyse_forces([driven(hidden, -4.0, 0.5)], MODELS["fluid"], "driven")

@@ -39,6 +39,7 @@ def test_a_side_that_stays_below_the_threshold_has_no_bound() -> None:
     assert verdict_of("preload", "N", (1.0, 2.0, 3.0), (0.1, 0.0, 0.1), 2.0).verdict == "not identifiable"
 
 
+@pytest.mark.slow
 def test_the_friction_of_a_sweep_is_identifiable_and_its_interval_holds_the_truth() -> None:
     valve = find_valve("4weh10_soft").model_copy(update={"dynamic_viscosity": 0.03})
     sweep = SweptSine(start_frequency=6.0, stop_frequency=45.0, duration=16.0, amplitude=8.0)

@@ -161,6 +161,7 @@ def test_a_plainer_law_is_tried_in_place_of_the_best_one_however_late_it_is() ->
 STOP = {"stop_gap": 1.2e-3, "stop_stiffness": 2e5, "stop_dissipation": 0.3, "stop_damping": 2.0}
 
 
+@pytest.mark.slow
 def test_a_stop_is_found_beside_friction_although_it_is_hit_where_the_motion_turns() -> None:
     hidden = record("coulomb_friction+end_stop", coulomb_force=0.4, **STOP)
     names = ["coulomb_friction", "stribeck_friction", "end_stop"]
@@ -223,11 +224,13 @@ def test_the_balance_of_forces_finds_play_whatever_stiffness_the_base_was_fitted
     assert plays == pytest.approx(3 * plays[:1], rel=1e-6)
 
 
+@pytest.mark.slow
 def test_sensors_that_are_both_turned_round_tell_the_same() -> None:
     of = hiding("quadratic_damping")
     same_result(analyse([replace(of, body=-of.body, spool=-of.spool)], VALVE, BASE), drag())
 
 
+@pytest.mark.slow
 def test_a_record_of_a_later_hour_tells_the_same() -> None:
     of = hiding("quadratic_damping")
     same_result(analyse([replace(of, start=of.start + 3_600_000_000_000)], VALVE, BASE), drag())

@@ -37,6 +37,7 @@ def events_of(*, warmest: float, told: bool, wear: float = 1.0) -> list[Event]:
     return [event for event in both.events if event.kind == "friction_drift"]
 
 
+@pytest.mark.slow
 def test_a_healthy_valve_that_warms_raises_no_drift_where_its_temperature_is_known() -> None:
     assert events_of(warmest=29.0, told=True) == []
     blind = events_of(warmest=29.0, told=False)

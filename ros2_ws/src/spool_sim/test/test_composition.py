@@ -121,7 +121,13 @@ def test_valves_together_move_as_each_alone() -> None:
         np.testing.assert_array_equal(mixed.velocity[n], alone.velocity)
 
 
-@pytest.mark.parametrize("name", sorted(MODELS))
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=[pytest.mark.slow] * (name not in ("coulomb", "stribeck", "fluid_end_stop")))
+        for name in sorted(MODELS)
+    ],
+)
 def test_energy_of_any_composition(name: str, valve: Valve, energy_balance: Any) -> None:
     model = MODELS[name]
     motion = ComposedMotion(model.terms)
@@ -300,6 +306,7 @@ def test_first_use_compiles_and_later_processes_load(tmp_path: Path) -> None:
     assert later == 0
 
 
+@pytest.mark.slow
 def test_a_cache_folder_that_cannot_be_written_costs_only_time(tmp_path: Path) -> None:
     blocked = tmp_path / "file"
     blocked.write_text("not a folder")

@@ -102,6 +102,7 @@ def test_the_wrong_valve_is_warned_of_on_the_terminal_in_json_and_on_the_page(
     assert said in Path(page).read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_a_doubted_valve_file_caps_the_confidence_of_a_gap_analysis(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
