@@ -31,14 +31,12 @@ from spool_estimator.identification.channel_pair import (
     PairFit,
 )
 
-#: Smallest steps of a converter that a change must reach on both sides of equal samples: of samples that a
-#: converter reads once each, fewer than one in as many equals its neighbour by chance.
+#: Smallest steps of a converter that a change must reach on both sides of equal samples.
 STEPS = 8.0
 #: Equal samples between such changes, over all such changes, from which samples repeat: a sensor that is
-#: polled a fifth faster than it samples. Chance gives 0.4 / STEPS = 0.05.
+#: polled a fifth faster than it samples. What chance gives is taken off: half as many as differ by one step.
 REPEATS = 0.15
-#: Changes that are needed to judge repeats, and equal samples: 5 deviations of a share of REPEATS lie above
-#: what chance gives.
+#: Changes that are needed to judge repeats, and equal samples: 5 deviations of a share of REPEATS.
 FEWEST = 200
 #: Jumps over the span, from which on a jump may be a wrap-around; share of the jumps between both ends of the
 #: span that must be ones, and how many of them.
@@ -251,13 +249,17 @@ def repeats(row: Array, name: str) -> ChannelFault | None:
     count = int(np.count_nonzero(judged))
     if count < FEWEST:
         return None
-    share = float(np.mean(lengths[judged] > 1))
+    # Neighbours of noise differ by one step, up or down, as often as they are equal twice.
+    far = np.abs(change) > STEPS * step
+    chance = (change[1:-1] != 0.0) & (np.abs(change[1:-1]) < 1.5 * step) & far[:-2] & far[2:]
     # A vibration that is read alike at each of its tops repeats there, and nowhere else.
-    rising = np.sign(change[edges[:-1]]) == np.sign(change[edges[1:]])
-    slopes = judged & rising
-    on_slopes = float(np.mean(lengths[slopes] > 1)) if np.count_nonzero(slopes) >= FEWEST // 4 else 0.0
-    if share < REPEATS or on_slopes < REPEATS:
-        return None
+    sign = np.sign(change)
+    rising, rises = sign[edges[:-1]] == sign[edges[1:]], sign[:-2] == sign[2:]
+    for some, by_chance in ((judged, chance), (judged & rising, chance & rises)):
+        total = np.count_nonzero(some)
+        equal = np.count_nonzero(lengths[some] > 1) - 0.5 * np.count_nonzero(by_chance)
+        if total < FEWEST // 4 or equal < REPEATS * total:
+            return None
     mean = float(np.mean(lengths[judged]))
     return ChannelFault(
         "repeats", name, "equal_samples", mean, 1.0 + REPEATS, "1",

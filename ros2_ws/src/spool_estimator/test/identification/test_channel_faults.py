@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import signal
 from spool_core.numbers import Array
-from spool_estimator.identification.channel_faults import faults_of, look_at_pair, without_outliers
+from spool_estimator.identification.channel_faults import faults_of, look_at_pair, repeats, without_outliers
 from spool_sim.excitation import from_mapping
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
@@ -101,6 +101,16 @@ def test_each_fault_of_a_channel_has_its_own_cause(fault: str, channel: str) -> 
     change, cause = FAULTS[fault]
     found = faults_of(*on(channel, change, SOUND), 1.0 / RATE)
     assert [one.cause for one in found] == [cause]
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_machine_that_stops_leaves_noise_behind_a_converter_and_repeats_no_samples(seed: int) -> None:
+    """Few changes are large then, and those of noise that are have equal neighbours among them by chance."""
+    index = np.arange(16_000)
+    vibration = 150.0 * np.sin(0.0377 * index) * (index < 8000)
+    noise = np.random.default_rng(seed).normal(0.0, 1.0, index.size)
+    assert repeats(np.round(vibration + 3.1 * noise), "spool") is None
+    assert repeats(np.round(held(vibration + 5.0 * noise, 1.4)), "spool") is not None
 
 
 @pytest.mark.parametrize("factor", [0.1, 0.5, 2.0, 5.0, 7.0, 10.0])
