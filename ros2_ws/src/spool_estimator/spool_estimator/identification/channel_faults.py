@@ -38,15 +38,14 @@ STEPS = 8.0
 REPEATS = 0.15
 #: Changes that are needed to judge repeats, and equal samples: 5 deviations of a share of REPEATS.
 FEWEST = 200
-#: Jumps over the span, from which on a jump may be a wrap-around; share of the jumps between both ends of the
-#: span that must be ones, and how many of them.
-WRAPS, WRAPPED, FEWEST_WRAPS = 0.7, 0.8, 3
+#: Jumps over the span, from which on a jump may be a wrap-around, and how many are needed.
+WRAPS, FEWEST_WRAPS = 0.7, 3
+#: Share of the span that a wrap has at least: what is beyond the range comes in at its other end.
+TURN = 0.95
 #: Times by which a wrap exceeds nine in ten changes: the largest jumps of white noise do so 2.6 times.
 SMOOTH = 3.0
 #: Steps of the converter that a span must have: fewer are noise at rest behind a coarse converter.
 LEVELS = 64.0
-#: Part of the span at each end that a sample lies in before and after a wrap.
-ENDS = 0.3
 #: m/s^2 to which two sensors never agree over seconds: accelerometers for machines have 0.002 to 0.05 rms of
 #: noise each.
 AGREE = 0.002
@@ -147,7 +146,9 @@ def faults_of_rows(body: Array, spool: Array, period: float) -> list[ChannelFaul
     if same is not None:
         return [same]
     rows = (("body", body), ("spool", spool))
-    wraps = [wrap for name, row in rows if (wrap := wrap_around(row, name)) is not None]
+    # The newest part by itself: before integers began to wrap around, the span was another one.
+    tried = (wrap_around(row, name) or wrap_around(row[-(row.size // 4) :], name) for name, row in rows)
+    wraps = [wrap for wrap in tried if wrap is not None]
     return wraps or [one for name, row in rows if (one := repeats(row, name)) is not None]
 
 
@@ -195,30 +196,27 @@ def same_channel(body: Array, spool: Array, period: float) -> ChannelFault | Non
 
 def wrap_around(row: Array, name: str) -> ChannelFault | None:
     """Return that a converter's integers wrap around: jumps lead from one end of the span to the other."""
-    low, high = float(row.min()), float(row.max())
-    span = high - low
+    span = float(np.ptp(row))
     if not span > LEVELS * _step(row):
         return None
     change = np.diff(row)
     jumps = np.flatnonzero(np.abs(change) > WRAPS * span)
-    if jumps.size < FEWEST_WRAPS:
-        return None
-    before, after = (row[jumps] - low) / span, (row[jumps + 1] - low) / span
-    ends = (np.minimum(before, 1.0 - before) < ENDS) & (np.minimum(after, 1.0 - after) < ENDS)
     # Beyond the end the signal goes on as it came: a whole turn makes it continuous.
     inside = jumps[(jumps > 0) & (jumps < change.size - 1)]
     if inside.size < FEWEST_WRAPS:
         return None
-    turn = float(np.median(np.abs(change[inside])))
+    turn = float(np.median(np.abs(change[inside] - 0.5 * (change[inside - 1] + change[inside + 1]))))
     unwrapped = change[inside] - np.sign(change[inside]) * turn
     beside = np.maximum(np.abs(change[inside - 1]), np.abs(change[inside + 1]))
     goes_on = np.abs(unwrapped) <= 2.0 * np.minimum(beside, 0.5 * span) + 0.02 * span
     # Noise has large jumps as well, but small ones are hardly smaller.
-    if turn < SMOOTH * float(np.quantile(np.abs(change[change != 0.0]), 0.9)):
+    others = np.abs(change[(change != 0.0) & (np.abs(change) <= WRAPS * span)])
+    if others.size and turn < SMOOTH * float(np.quantile(others, 0.9)):
         return None
     # Samples stay at the other end: a single one that returns is an outlier.
     stays = np.abs(row[inside + 2] - row[inside + 1]) < 0.5 * span
-    if float(np.mean(ends)) < WRAPPED or float(np.mean(goes_on)) < WRAPPED or float(np.mean(stays)) < 0.5:
+    # No sample lies outside of one turn; friction that turns round at a rail jumps as well.
+    if turn < TURN * span or min(float(np.mean(goes_on)), float(np.mean(stays))) < 0.5:
         return None
     return ChannelFault(
         "wrap_around", name, "jump", turn, WRAPS * span, "m/s^2",

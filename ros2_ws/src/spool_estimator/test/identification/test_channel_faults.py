@@ -103,6 +103,15 @@ def test_each_fault_of_a_channel_has_its_own_cause(fault: str, channel: str) -> 
     assert [one.cause for one in found] == [cause]
 
 
+@pytest.mark.parametrize("rail", [0.72, 0.86, 0.98])
+def test_integers_that_begin_to_wrap_around_are_told_though_friction_turns_at_the_rail(rail: float) -> None:
+    body, spool = simulated("4weh10_soft", "machine", 0.4, 0.03, 2)
+    span = rail * np.sqrt(2.0) * float(spool.std())
+    changed = np.where(np.arange(spool.size) < 0.7 * spool.size, spool, (spool + span) % (2.0 * span) - span)
+    found = faults_of(body, changed, 1.0 / RATE)
+    assert [(one.cause, one.channel) for one in found] == [("wrap_around", "spool")]
+
+
 @pytest.mark.parametrize("seed", range(20))
 def test_a_machine_that_stops_leaves_noise_behind_a_converter_and_repeats_no_samples(seed: int) -> None:
     """Few changes are large then, and those of noise that are have equal neighbours among them by chance."""
