@@ -209,7 +209,7 @@ def _judge(
     for i in range(size):
         gram[i, i] += 1e-15 * trace + 1e-300
     verdict[3:] = np.linalg.solve(gram, product)
-    tiny = 1e-12 * abs(power)
+    tiny = 1e-12 * abs(power) + 1e-300  # chunks of which no sample counts leave nothing
     divisor = max(1.0, samples)
     left = least = power
     for i in range(size):

@@ -238,8 +238,8 @@ class Tracker:
             )  # fmt: skip
             self._hear()
             self._answer(asked)
-        except np.linalg.LinAlgError:
-            # Channels of no passive valve, exchanged or dead ones, lead to sums that overflow.
+        except (np.linalg.LinAlgError, ZeroDivisionError):
+            # Channels of no passive valve, exchanged or dead ones, lead to sums that overflow or vanish.
             self._forget()
         return int(numbers[chunks.TAKEN]), int(numbers[chunks.CHUNKS])
 

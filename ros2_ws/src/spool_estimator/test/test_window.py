@@ -61,3 +61,9 @@ def test_adding_a_chunk_by_its_sums_is_taking_it() -> None:
         scaled, error = rows * SCALE, target - rows @ TRUTH
         other.add_sums(scaled.T @ scaled, scaled.T @ error, float(error @ error), 50.0, TRUTH)
     assert one.best(4).tolist() == other.best(4).tolist()
+
+
+def test_chunks_of_which_no_sample_counts_leave_nothing_and_divide_nothing_by_zero() -> None:
+    (variances,) = taken(ChunkWindow(SCALE), np.zeros((5, 3)), np.zeros(5), TRUTH, [1])
+    assert np.all(variances > 0.0)
+    assert variances == pytest.approx(0.0, abs=1e-200)

@@ -211,7 +211,7 @@ def wrap_around(row: Array, name: str) -> ChannelFault | None:
     goes_on = np.abs(unwrapped) <= 2.0 * np.minimum(beside, 0.5 * span) + 0.02 * span
     # Noise has large jumps as well, but small ones are hardly smaller.
     others = np.abs(change[(change != 0.0) & (np.abs(change) <= WRAPS * span)])
-    if others.size and turn < SMOOTH * float(np.quantile(others, 0.9)):
+    if others.size and float(np.median(np.abs(change[inside]))) < SMOOTH * float(np.quantile(others, 0.9)):
         return None
     # Samples stay at the other end: a single one that returns is an outlier.
     stays = np.abs(row[inside + 2] - row[inside + 1]) < 0.5 * span

@@ -11,7 +11,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import signal
 from spool_core.numbers import Array
-from spool_estimator.identification.channel_faults import faults_of, look_at_pair, repeats, without_outliers
+from spool_estimator.identification.channel_faults import (
+    faults_of,
+    look_at_pair,
+    repeats,
+    without_outliers,
+    wrap_around,
+)
 from spool_sim.excitation import from_mapping
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
@@ -119,6 +125,7 @@ def test_a_machine_that_stops_leaves_noise_behind_a_converter_and_repeats_no_sam
     vibration = 150.0 * np.sin(0.0377 * index) * (index < 8000)
     noise = np.random.default_rng(seed).normal(0.0, 1.0, index.size)
     assert repeats(np.round(vibration + 3.1 * noise), "spool") is None
+    assert not any(wrap_around(row, "spool") for row in noise.reshape(-1, 800))
     assert repeats(np.round(held(vibration + 5.0 * noise, 1.4)), "spool") is not None
 
 
