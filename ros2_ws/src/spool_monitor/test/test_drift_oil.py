@@ -69,6 +69,20 @@ def test_a_spool_in_cold_oil_is_not_stuck_where_its_temperature_is_known() -> No
     assert stuck(told=True, dry=30.0)
 
 
+def test_the_estimates_of_a_spool_that_dry_friction_slows_down_are_believed() -> None:
+    """It moves a third as far as without friction: more than a stuck one, less than one that is freed."""
+    noisy = Sensor(noise=0.03)
+    simulator = Simulator(
+        VALVE, SweptSine(start_frequency=18.0, stop_frequency=19.0, duration=40.0, amplitude=8.0), seed=5,
+        coulomb_force=0.85, body_sensor=noisy, spool_sensor=noisy,
+    )  # fmt: skip
+    both = Replay(Estimator(settings_for(VALVE)), Monitor(MonitorSettings(natural_frequency=15.15)))
+    for _ in range(20 * 50):
+        both.update(simulator.next_block())
+    assert both.monitor.detection.distrust == ""
+    assert both.events == []
+
+
 def test_wear_is_found_though_the_oil_warms_as_well() -> None:
     found = events_of(warmest=24.0, told=True, wear=0.5)
     assert found
