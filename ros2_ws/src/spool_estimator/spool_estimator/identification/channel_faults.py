@@ -247,7 +247,7 @@ def repeats(row: Array, name: str) -> ChannelFault | None:
     count = int(np.count_nonzero(judged))
     if count < FEWEST:
         return None
-    # Neighbours of noise differ by one step, up or down, as often as they are equal twice.
+    # By chance neighbours are equal half as often as they differ by one step, up or down.
     far = np.abs(change) > STEPS * step
     chance = (change[1:-1] != 0.0) & (np.abs(change[1:-1]) < 1.5 * step) & far[:-2] & far[2:]
     # A vibration that is read alike at each of its tops repeats there, and nowhere else.
