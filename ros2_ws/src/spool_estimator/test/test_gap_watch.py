@@ -101,7 +101,7 @@ def test_noise_alone_opens_nothing_where_warm_oil_lets_the_spool_move() -> None:
     """Thin oil: less inertia force, more motion against the spring, the same noise."""
     valve, noisy = find_valve("4weh10_soft"), Sensor(noise=0.07)
     watch, changes, residuals = GapWatch(), [], []
-    for viscous, speed in ((20.0, 2160.0), (3.0, 2460.0)):
+    for viscous, speed in ((30.0, 2160.0), (3.0, 2460.0)):
         machine = MachineOrders(
             speed_profile=((0.0, speed),), orders=((1.0, 3.5), (2.0, 1.0)), broadband_rms=0.3,
             broadband_high=75.0,
