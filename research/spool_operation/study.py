@@ -231,8 +231,9 @@ def _failing(outcomes: Sequence[DayOutcome]) -> list[str]:
         (str(one.seed), f"{one.name} {one.speed}".strip() or "healthy", _what(one))
         for one in failing[:LISTED]
     ]
+    shown = "" if len(rows) == len(failing) else f", the first {len(rows)} of them"
     return [
-        f"{len(failing)} days, the first {len(rows)} of them. Replay: `./spool study operation --day "
+        f"{len(failing)} days{shown}. Replay: `./spool study operation --day "
         f"SEED --out DIR` (with `--faulty 1` for a day with a fault), version {suite_version()}.",
         markdown_table(("seed", "day", "what happened"), rows),
     ]

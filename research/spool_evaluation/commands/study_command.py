@@ -36,8 +36,8 @@ def study(
             "estimation: do intervals hold? "
             "records: is the truth of bags/ found? steps: what does a step cost? "
             "monitor: events found in time? operation: false alarms and delays over valve-days? "
-            "operation-fit, operation-agreement: its surrogate. fleet: drift found over a year? "
-            "fleet-cost: what does a bag cost?"
+            "operation-fit, operation-agreement: its surrogate. operation-gap: model gaps found online? "
+            "fleet: drift found over a year? fleet-cost: what does a bag cost?"
         ),
     ],
     out: Annotated[Path, typer.Option(help="Folder for tables and pictures.")],

@@ -126,8 +126,8 @@ def _write(out: Path, outcomes: list[FleetOutcome], command: str) -> None:
     years = sum(one.valve_years for one in outcomes)
     named = sum(len({text.partition(":")[0] for text in one.false}) for one in outcomes)
     lines = (
-        f"{named} healthy valves were named in {years:.0f} valve-years of {len(outcomes)} fleets: "
-        f"{100.0 * named / years:.2f} in 100 valve-years."
+        f"{named} healthy valves were named in {years:.0f} valve-years of {len(outcomes)} fleets, "
+        f"those of faulty valves counted too: {100.0 * named / years:.2f} in 100 valve-years."
         if outcomes
         else ""
     )

@@ -37,8 +37,9 @@ BEYOND = 128.0
 ABOUT = (
     "Smallest size of each effect that is named, over the size that the most powerful test finds in half of "
     "the records. Records of 15 to 20 s at 2 kHz with 1 % noise; excitation, valve and oil are drawn as in "
-    "the [blind study](gap_study.md). Medians over the cases. What limits mean and what bounds them: "
-    "[detection limits](../methods/gap.md#detection-limits)."
+    "the [blind study](gap_study.md). Medians over the cases, sizes in SI units. The ratio is that of the "
+    "effect's size, which grows as a stop's gap or a sensor's rail gets less. What limits mean and what "
+    "bounds them: [detection limits](../methods/gap.md#detection-limits)."
 )
 
 
