@@ -179,10 +179,7 @@ def _two_drivers(system: System) -> Iterator[Drivers]:
         body.publish(message)
 
     drivers = Drivers(
-        {
-            "body": send_body,
-            "spool": lambda number, stamp: spool.publish(imu(stamp, 2.0 * shaking(number))),
-        }
+        {"body": send_body, "spool": lambda number, stamp: spool.publish(imu(stamp, 2.0 * shaking(number)))}
     )
     try:
         yield drivers

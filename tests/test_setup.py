@@ -197,10 +197,7 @@ class TestBeforeSetUp:
         [
             ({}, "discovery range SUBNET: anyone on this network may"),
             ({"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"}, "acknowledge and shelve alarms; set"),
-            (
-                {"ROS_SECURITY_ENABLE": "true"},
-                "messages are sent and recorded in clear",
-            ),
+            ({"ROS_SECURITY_ENABLE": "true"}, "messages are sent and recorded in clear"),
             ({"NUMBA_CACHE_DIR": "shared"}, "compiled kernels are not kept in {folder}/shared/spool_kernels"),
             ({"XDG_CACHE_HOME": "shared"}, "everybody may write in {folder}/shared"),
         ],

@@ -68,14 +68,7 @@ def test_no_module_imports_itself_through_others() -> None:
 
 def test_packages_import_one_way() -> None:
     order = [name for layer in layers(package_imports(MODULES)) for name in layer]
-    pillars = [
-        "spool_core",
-        "spool_sim",
-        "spool_estimator",
-        "spool_gap",
-        "spool_monitor",
-        "spool_tools",
-    ]
+    pillars = ["spool_core", "spool_sim", "spool_estimator", "spool_gap", "spool_monitor", "spool_tools"]
     assert [name for name in order if name in pillars] == pillars
 
 

@@ -14,8 +14,7 @@ def main() -> None:
     parser.add_argument("seed", type=int, nargs="+")
     parser.add_argument("--out", type=Path, required=True, help="folder; each case gets one inside")
     parser.add_argument(
-        "--hidden",
-        help="none, an effect, two joined by +, or one out of the catalogue; default: by the seed",
+        "--hidden", help="none, an effect, two joined by +, or one out of the catalogue; default: by the seed"
     )
     parser.add_argument("--factor", type=float, help="size over what is drawn; default: clear")
     given = parser.parse_args()

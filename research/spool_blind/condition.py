@@ -201,12 +201,9 @@ def draw_excitation(
     low = generator.uniform(0.45, 0.75) * resonance
     high = generator.uniform(3.0, 5.5) * resonance
     high = float(min(high, 120.0))
-    shape = {
-        "sweep": _sweep,
-        "stepped_sine": _stepped,
-        "multisine": _multisine,
-        "machine_orders": _orders,
-    }[kind](generator, t - start, low, high)
+    shape = {"sweep": _sweep, "stepped_sine": _stepped, "multisine": _multisine, "machine_orders": _orders}[
+        kind
+    ](generator, t - start, low, high)
     levels = _levels(generator)
     value = shape * _profile(t, max(start, 0.0), end, levels)
     rise = np.clip((t - start) / RISE, 0.0, 1.0)

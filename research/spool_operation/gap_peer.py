@@ -172,10 +172,7 @@ def parts(records: list[GapRecord]) -> list[str]:
         "ship. The distances compare with the true valve as it was commissioned, which favours them. Cells: "
         "how many were found, and the median delay with its quartiles."
     )
-    return [
-        about,
-        markdown_table(("effect", "records", *delays), rows),
-    ]
+    return [about, markdown_table(("effect", "records", *delays), rows)]
 
 
 def _passed(window: float, limit: float, record: GapRecord) -> float:

@@ -37,13 +37,7 @@ COMPARED = 500
 
 
 def run(
-    cases: int,
-    seed: int,
-    out: Path,
-    workers: int | None = None,
-    *,
-    faulty: int = 0,
-    day: int | None = None,
+    cases: int, seed: int, out: Path, workers: int | None = None, *, faulty: int = 0, day: int | None = None
 ) -> None:
     """Live ``cases`` healthy valve-days and ``faulty`` ones with a fault; write the page into ``out``.
 
@@ -144,10 +138,7 @@ def false_table(healthy: Sequence[DayOutcome]) -> str:
     counts = Counter((event.kind, event.cause) for one in healthy for event in one.false)
     rows = [_rate(f"{kind} {cause}".strip(), count, years) for (kind, cause), count in sorted(counts.items())]
     days = sum(bool(one.false) for one in healthy)
-    rows += [
-        _rate("all kinds", sum(counts.values()), years),
-        _rate("days with any", days, years),
-    ]
+    rows += [_rate("all kinds", sum(counts.values()), years), _rate("days with any", days, years)]
     return markdown_table(("kind, cause", "false alarms", "a valve-year", "95 % interval"), rows)
 
 

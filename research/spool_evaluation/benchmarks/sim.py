@@ -51,12 +51,7 @@ from spool_evaluation.benchmarks.sim_peer import (
 )
 from spool_evaluation.results.timing import Timing, best_of
 
-VALUES = {
-    "mass": MASS,
-    "spring_stiffness": STIFFNESS,
-    "viscous_coefficient": DRAG,
-    "coulomb_force": FRICTION,
-}
+VALUES = {"mass": MASS, "spring_stiffness": STIFFNESS, "viscous_coefficient": DRAG, "coulomb_force": FRICTION}
 PLANT, SWEEP = (MASS, DRAG, STIFFNESS, FRICTION), (AMPLITUDE, LOW, (HIGH - LOW) / SECONDS)
 WORK = f"{SECONDS:g} s of sweep with Coulomb friction"
 #: s that a solver may take; one that needs more has given up, and its row holds this time and no error.

@@ -146,10 +146,7 @@ def sections(out: Path, results: Reproduction, tables: Mapping[str, list[TableRo
     ]  # fmt: skip
     for model in MODELS:
         rows = tables[f"table_{model.table}"]
-        found += [
-            html.paragraph(_about(model)),
-            html.table(list(rows[0]), rows),
-        ]
+        found += [html.paragraph(_about(model)), html.table(list(rows[0]), rows)]
     found += [
         html.paragraph(
             "Intervals (± 95 %) come from the curvature of the objective: they say how sharp its least "

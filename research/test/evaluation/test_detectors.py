@@ -12,22 +12,8 @@ import numpy as np
 import pytest
 from spool_core.block import Block
 from spool_estimator.estimator import Estimator, settings_for
-from spool_evaluation.studies.monitor import (
-    counts,
-    judge,
-    replay,
-    run_case,
-    stream,
-    table,
-    write_study,
-)
-from spool_evaluation.studies.scenarios import (
-    SCENARIOS,
-    ChannelFault,
-    Scenario,
-    draw_cases,
-    draw_scenario,
-)
+from spool_evaluation.studies.monitor import counts, judge, replay, run_case, stream, table, write_study
+from spool_evaluation.studies.scenarios import SCENARIOS, ChannelFault, Scenario, draw_cases, draw_scenario
 from spool_monitor.detectors import DETECTORS, LINE, Judgement, Moment, MonitorSettings
 from spool_monitor.event import EventState
 from spool_monitor.monitor import Monitor

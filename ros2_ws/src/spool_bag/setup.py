@@ -21,10 +21,7 @@ setup(
     description="Recording to MCAP, reading, import and export of records, and the recorder node.",
     license="Apache-2.0",
     entry_points={
-        "console_scripts": [
-            "recorder = spool_bag.program:recorder",
-            "adapter = spool_bag.program:adapter",
-        ],
+        "console_scripts": ["recorder = spool_bag.program:recorder", "adapter = spool_bag.program:adapter"],
         "spool.sources": ["adapter = spool_bag.adapter_node:AdapterNode"],
     },
 )

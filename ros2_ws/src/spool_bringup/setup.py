@@ -26,9 +26,6 @@ setup(
     description="How the suite is started.",
     license="Apache-2.0",
     entry_points={
-        "console_scripts": [
-            "spool = spool_bringup.program:main",
-            "host = spool_bringup.host.program:main",
-        ]
+        "console_scripts": ["spool = spool_bringup.program:main", "host = spool_bringup.host.program:main"]
     },
 )

@@ -69,12 +69,7 @@ REPORTED = "These seeds are of the window **report**, which no choice has seen."
 
 
 def run(
-    cases: int,
-    seed: int,
-    out: Path,
-    workers: int | None = None,
-    *,
-    diagnosing: bool = False,
+    cases: int, seed: int, out: Path, workers: int | None = None, *, diagnosing: bool = False
 ) -> list[FieldVerdict]:
     """Analyse ``cases`` field cases from ``seed`` on; write rows, page and diagram into ``out``.
 

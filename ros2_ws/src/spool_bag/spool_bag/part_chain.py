@@ -113,10 +113,7 @@ class PartEnd:
             "part_sha256": self.link,
         }
         if self.thinned:
-            told |= {
-                "thinned_sha256": self.thinned,
-                "thinned_signature_ed25519": self.thinned_signature,
-            }
+            told |= {"thinned_sha256": self.thinned, "thinned_signature_ed25519": self.thinned_signature}
         return told
 
     @classmethod

@@ -116,11 +116,7 @@ def _nodes(context) -> list:
     common = {**_given(context, "use_sim_time", bool), **_given(context, "autostart", bool)}
     kept = _given(context, "state_folder", str)
     respawn = LaunchConfiguration("respawn").perform(context) == "true"
-    again = {
-        "respawn": respawn,
-        "respawn_delay": RESPAWN_DELAY,
-        "respawn_max_retries": RESPAWN_MAX_RETRIES,
-    }
+    again = {"respawn": respawn, "respawn_delay": RESPAWN_DELAY, "respawn_max_retries": RESPAWN_MAX_RETRIES}
     if [LaunchConfiguration(name).perform(context) for name in ("simulate", "adapt")] == ["true", "true"]:
         raise ValueError("adapt: with simulate each valve has two sources: leave one of them out")
     hosts = LaunchConfiguration("host_processes").perform(context)

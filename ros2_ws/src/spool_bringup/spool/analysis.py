@@ -137,11 +137,7 @@ def gap(
 
 @one_error
 def replay(
-    record: AnyRecord,
-    valve: AnyValve | None = None,
-    *,
-    report: bool = False,
-    **options: Any,
+    record: AnyRecord, valve: AnyValve | None = None, *, report: bool = False, **options: Any
 ) -> Replay:
     """Run the live estimator and monitor over a record.
 

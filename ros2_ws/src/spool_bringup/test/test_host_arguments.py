@@ -10,12 +10,7 @@ import pytest
 import rclpy
 from rclpy.context import Context
 from rclpy.node import Node
-from spool_bringup.host.arguments import (
-    arguments_of_nodes,
-    arguments_of_process,
-    names_for_all,
-    node_name,
-)
+from spool_bringup.host.arguments import arguments_of_nodes, arguments_of_process, names_for_all, node_name
 
 Reader = Callable[[Sequence[str], int], dict[str, Any]]
 

@@ -79,8 +79,7 @@ def test_two_clocks_that_differ_by_200_ppm_give_the_spool_at_the_body_s_instants
 
     aligner = Aligner(AlignerSettings())
     found = blocks_of(
-        aligner,
-        merged(sampled(20.0, signal=signal), sampled(20.0, RATE * (1.0 - 200e-6), 0.37e-3, signal)),
+        aligner, merged(sampled(20.0, signal=signal), sampled(20.0, RATE * (1.0 - 200e-6), 0.37e-3, signal))
     )
     assert len(found) > 950
     for block in found:
@@ -243,10 +242,7 @@ def test_a_sensor_that_stops_stops_the_blocks_and_keeps_no_more_than_its_share()
     assert aligner.streams[BODY].values(np.arange(32_000)).size == 32_000
     assert np.isfinite(aligner.streams[BODY].values(np.arange(32_000))).sum() <= AlignerSettings().capacity
     # It comes back: its silence is counted as lost, and blocks go on with what is due.
-    back = merged(
-        sampled(3.0, begin=START + 32_000_000_000),
-        sampled(3.0, begin=START + 32_000_000_000),
-    )
+    back = merged(sampled(3.0, begin=START + 32_000_000_000), sampled(3.0, begin=START + 32_000_000_000))
     resumed = blocks_of(aligner, back)
     assert len(resumed) > 80
     for block in resumed:

@@ -142,11 +142,7 @@ def test_a_clock_that_was_set_costs_one_block(minutes: int) -> None:
 def test_another_sample_rate_costs_one_block_and_has_to_be_confirmed() -> None:
     gate = running()
     slower = [after(1 + n, stamp=at(1 + 2 * n), sample_period=2 * PERIOD) for n in range(50)]
-    assert [gate.judge(each) for each in slower[:3]] == [
-        Verdict.REFUSED,
-        Verdict.RESTARTS,
-        Verdict.CONTINUES,
-    ]
+    assert [gate.judge(each) for each in slower[:3]] == [Verdict.REFUSED, Verdict.RESTARTS, Verdict.CONTINUES]
     assert not gate.confirmed
     assert {gate.judge(each) for each in slower[3:]} == {Verdict.CONTINUES}
     assert gate.confirmed

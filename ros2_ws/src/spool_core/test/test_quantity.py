@@ -18,12 +18,7 @@ def test_a_quantity_is_unknown_until_said_otherwise() -> None:
 
 @pytest.mark.parametrize(
     ("validity", "known"),
-    [
-        (Validity.UNKNOWN, False),
-        (Validity.VALID, True),
-        (Validity.HELD, True),
-        (Validity.IMPLAUSIBLE, False),
-    ],
+    [(Validity.UNKNOWN, False), (Validity.VALID, True), (Validity.HELD, True), (Validity.IMPLAUSIBLE, False)],
 )
 def test_only_valid_and_held_values_may_be_used(validity: Validity, known: bool) -> None:
     assert Quantity("coulomb_force", "N", 0.5, 0.01, validity).known is known

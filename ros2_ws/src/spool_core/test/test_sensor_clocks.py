@@ -212,11 +212,7 @@ def test_bursts_give_the_right_rate_or_none(rate: float, size: int, gap: float, 
 
 
 @settings(max_examples=15, deadline=None)
-@given(
-    st.floats(120.0, 1900.0),
-    st.sampled_from([1e-6, 1e-5, 1e-4, 1e-3]),
-    st.sampled_from(["both", "body"]),
-)
+@given(st.floats(120.0, 1900.0), st.sampled_from([1e-6, 1e-5, 1e-4, 1e-3]), st.sampled_from(["both", "body"]))
 def test_coarse_stamps_give_the_right_rate_or_none(rate: float, resolution: float, who: str) -> None:
     def coarse(times: Times) -> Times:
         return np.floor(times / resolution + 1e-6) * resolution

@@ -381,12 +381,7 @@ class Tracker:
             guesses.append(best)
         width = LARGEST_STEP * np.maximum(np.abs(known) / self.scale, 0.2)
         found = self._fitter.descend(
-            body,
-            spool,
-            guesses,
-            last,
-            begin=self.prediction.at(begin),
-            prior=present / width**2,
+            body, spool, guesses, last, begin=self.prediction.at(begin), prior=present / width**2
         )
         if found is None or not found.variance < BETTER * present:
             return False

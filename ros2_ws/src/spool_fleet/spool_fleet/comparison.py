@@ -171,12 +171,7 @@ def chance_score(weeks: int) -> float:
 
 
 def likeliest_change(
-    valve: Weekly,
-    scatter: Scatter,
-    services: Sequence[float],
-    parameters: int,
-    *,
-    ramps: bool = True,
+    valve: Weekly, scatter: Scatter, services: Sequence[float], parameters: int, *, ramps: bool = True
 ) -> Change | None:
     """Return the likeliest change in the weekly values of a valve, ``None`` where the weeks are too few.
 

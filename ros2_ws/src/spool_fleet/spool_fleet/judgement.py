@@ -37,11 +37,7 @@ LEAST_CHANGE = {VISCOUS: 0.02, COULOMB: 0.01, STIFFNESS: 0.01}
 #: may differ by (ISO 3448: 10 %).
 LEAST_SHARED = 0.05
 #: What each service may step.
-AFFECTED = {
-    "oil_change": (VISCOUS, COULOMB),
-    "spring_change": (STIFFNESS,),
-    "repair": PARAMETERS,
-}
+AFFECTED = {"oil_change": (VISCOUS, COULOMB), "spring_change": (STIFFNESS,), "repair": PARAMETERS}
 #: What the monitor of a running valve warns at.
 LIMITS = {VISCOUS: VISCOUS_CHANGE, COULOMB: COULOMB_CHANGE, STIFFNESS: STIFFNESS_CHANGE}
 

@@ -181,8 +181,7 @@ class Manifest:
                 if name not in old or name not in new or _content(old[name]) != _content(new[name]):
                     self._db.execute("DELETE FROM results WHERE path = ? AND namespace = ?", (path, name))
             self._db.executemany(
-                f"INSERT INTO bags VALUES ({','.join('?' * 14)})",
-                [astuple(entry) for entry in new.values()],
+                f"INSERT INTO bags VALUES ({','.join('?' * 14)})", [astuple(entry) for entry in new.values()]
             )
 
     def entries(self, month: str | None = None) -> Iterator[Entry]:

@@ -115,11 +115,7 @@ def _noise(after: float, floor: float) -> str:
 
 
 def named(
-    effects: Sequence[tuple[str, Sequence[Quantity]]],
-    before: float,
-    after: float,
-    floor: float,
-    of_what: str,
+    effects: Sequence[tuple[str, Sequence[Quantity]]], before: float, after: float, floor: float, of_what: str
 ) -> str:
     """Return the sentence where ``effects`` are missing, each with its numbers; the rest as above."""
     parts = []

@@ -15,12 +15,7 @@ from spool_estimator.identification.record import Record, records_from_blocks
 from spool_estimator.identification.spectra import delayed
 from spool_gap.catalogue import EFFECTS
 from spool_gap.likelihood.kernel import motions_for
-from spool_gap.likelihood.prediction import (
-    FREE,
-    Prediction,
-    Predictions,
-    _step_of,
-)
+from spool_gap.likelihood.prediction import FREE, Prediction, Predictions, _step_of
 from spool_gap.likelihood.readings import readings_of
 from spool_gap.likelihood.structure import CHAIN_PARTS, Structure, inverse, mode, mode_of_other, structure_of
 from spool_gap.likelihood.structure_fit import StructureFit, fit_structure

@@ -154,12 +154,7 @@ VALUES: tuple[tuple[str, list[float], Mapping[str, float], Mapping[str, float] |
         "stribeck_friction",
         [0.3, 0.2],
         {"stribeck_velocity": 0.04, "stribeck_exponent": 1.5},
-        {
-            "coulomb_force": 0.3,
-            "static_force": 0.5,
-            "stribeck_velocity": 0.04,
-            "stribeck_exponent": 1.5,
-        },
+        {"coulomb_force": 0.3, "static_force": 0.5, "stribeck_velocity": 0.04, "stribeck_exponent": 1.5},
     ),
     # A fiftieth of the excess at least.
     ("stribeck_friction", [-0.1, 0.2], {}, {"coulomb_force": 0.004, "static_force": 0.204}),

@@ -205,11 +205,7 @@ def integration_law(period: float) -> NDArray[np.float64]:
 
 @compiled
 def count_travel(
-    body: Samples,
-    spool: Samples,
-    law: NDArray[np.float64],
-    threshold: float,
-    state: NDArray[np.float64],
+    body: Samples, spool: Samples, law: NDArray[np.float64], threshold: float, state: NDArray[np.float64]
 ) -> None:
     """Integrate the samples (m/s^2, shape (n,)) and add way and turns to ``state``, shape (8,)."""
     for i in range(body.size):

@@ -126,11 +126,7 @@ def test_friction_at_rest_can_take_up_what_it_takes_to_slip(
     st.tuples(*[st.sampled_from((0.25, 0.5, 2.0, 8.0))] * 3),
 )
 def test_every_law_gives_newtons_whatever_the_units_of_length_time_and_mass(
-    case: tuple[Term, dict[str, float]],
-    z: float,
-    v: float,
-    t: float,
-    units: tuple[float, float, float],
+    case: tuple[Term, dict[str, float]], z: float, v: float, t: float, units: tuple[float, float, float]
 ) -> None:
     entry, values = case
     kilogram, metre, second = units

@@ -127,8 +127,7 @@ ExcitationName = Annotated[
     ),
 ]
 ColumnsOption = Annotated[
-    str | None,
-    typer.Option("--columns", help="Names in a file, e.g. time_s=t,body_m_s2=ch1,spool_m_s2=ch2"),
+    str | None, typer.Option("--columns", help="Names in a file, e.g. time_s=t,body_m_s2=ch1,spool_m_s2=ch2")
 ]
 BagArgument = Annotated[Path, typer.Argument(help="rosbag2 directory or .mcap file.", metavar="BAG")]
 RecordArgument = Annotated[

@@ -169,11 +169,7 @@ def moments(text: pa.ChunkedArray, order: str = "dmy") -> NDArray[np.int64]:
 
     call: Any = compute
     plain = call.utf8_trim_whitespace(text)
-    for pattern, written in (
-        *_DATES_AS_WRITTEN,
-        _SLASHED.get(order, _SLASHED["dmy"]),
-        *_TIMES_AS_WRITTEN,
-    ):
+    for pattern, written in (*_DATES_AS_WRITTEN, _SLASHED.get(order, _SLASHED["dmy"]), *_TIMES_AS_WRITTEN):
         plain = call.replace_substring_regex(plain, pattern, written)
     afternoon = call.match_substring_regex(plain, r"(?i)p\.?m\.?$")
     twelve = call.match_substring_regex(plain, r"(?i)[ap]\.?m\.?$")

@@ -28,11 +28,7 @@ from spool_bag.importing.units import (
     split_header,
 )
 
-REQUIRED = {
-    "accelerations": (BODY, SPOOL),
-    "driven": (DISPLACEMENT, FORCE),
-    "imposed": (DISPLACEMENT, FORCE),
-}
+REQUIRED = {"accelerations": (BODY, SPOOL), "driven": (DISPLACEMENT, FORCE), "imposed": (DISPLACEMENT, FORCE)}
 OPTIONAL = {"accelerations": (OIL_TEMPERATURE,), "driven": (), "imposed": ()}
 #: Names of a column that counts samples.
 COUNTERS = ("sample", "samples", "index", "nr", "no", "n", "count", "number", "abtastwert", "sequence")

@@ -471,12 +471,7 @@ def _usual(period: float) -> str:
 
 
 def _settled(
-    label: str,
-    name: str,
-    time: Array,
-    rows: Sequence[NDArray[np.floating]],
-    where: Where,
-    rate: float | None,
+    label: str, name: str, time: Array, rows: Sequence[NDArray[np.floating]], where: Where, rate: float | None
 ) -> Stamps:
     """Return what the stamps show, what they leave open decided by the values or by the ``rate`` given.
 

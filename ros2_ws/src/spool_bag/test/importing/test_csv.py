@@ -144,15 +144,9 @@ def test_force_records(tmp_path: Path, kind: str) -> None:
         (lambda rows: [], "empty"),
         (lambda rows: rows[:1], "0 samples"),
         (lambda rows: rows[:2], "1 samples"),
-        (
-            lambda rows: [*rows[:9], "0.00450,abc,1.0", *rows[10:]],
-            "line 10: body_m_s2 is .abc",
-        ),
+        (lambda rows: [*rows[:9], "0.00450,abc,1.0", *rows[10:]], "line 10: body_m_s2 is .abc"),
         (lambda rows: [*rows[:9], "0.00400,1.0", *rows[10:]], "line 10 has 2 cells, the header has 3"),
-        (
-            lambda rows: [*rows[:9], "0.00400,,1.0", *rows[10:]],
-            "line 10: body_m_s2 is empty, NaN",
-        ),
+        (lambda rows: [*rows[:9], "0.00400,,1.0", *rows[10:]], "line 10: body_m_s2 is empty, NaN"),
         (lambda rows: [*rows[:9], "0.00400,1.0,nan", *rows[10:]], "line 10: spool_m_s2 is empty, NaN"),
         (lambda rows: [*rows[:9], "0.00400,1.0,inf", *rows[10:]], "line 10: spool_m_s2 is empty, NaN"),
         (lambda rows: [*rows[:9], "0.00300,1.0,1.0", *rows[10:]], "line 10: time_s does not increase"),
@@ -191,10 +185,7 @@ def test_loggers_dialects(tmp_path: Path) -> None:
     doubled = record(50, oil=True).replace(
         HEADER + ",oil_temperature_C", "time_s,body_m_s2,spool_m_s2,time_s"
     )
-    with pytest.raises(
-        InputError,
-        match=r"are two clocks, .* type --exclude time_s_2$",
-    ):
+    with pytest.raises(InputError, match=r"are two clocks, .* type --exclude time_s_2$"):
         read_csv(save(tmp_path, doubled))
 
 

@@ -107,9 +107,7 @@ EVENTS = {
         "beide Kanäle auf DC-Kopplung oder auf die gleiche untere Grenze stellen",
     ),
     700: EventText(
-        "Datenfehler",
-        "Blöcke gingen verloren oder waren nicht verwendbar.",
-        "Netz und Messrechner prüfen",
+        "Datenfehler", "Blöcke gingen verloren oder waren nicht verwendbar.", "Netz und Messrechner prüfen"
     ),
     701: EventText(
         "Falsche Abtastrate",

@@ -101,9 +101,7 @@ EVENTS = {
         "ustawić oba kanały na sprzężenie DC albo na tę samą dolną granicę",
     ),
     700: EventText(
-        "Błąd danych",
-        "Bloki zginęły lub nie nadawały się do użycia.",
-        "sprawdzić sieć i komputer pomiarowy",
+        "Błąd danych", "Bloki zginęły lub nie nadawały się do użycia.", "sprawdzić sieć i komputer pomiarowy"
     ),
     701: EventText(
         "Błędne próbkowanie",

@@ -96,11 +96,7 @@ def test_a_parameter_file_is_read_without_ros_as_a_node_reads_it(
         ("gain", -0.1, "parameter gain = -0.1 is out of range (from 0.0 to 10.0 N)"),
         ("count", 6, "parameter count = 6 is out of range (from 1 to 5)"),
         ("mode", "quick", "parameter mode: 'quick' is not one of slow, fast"),
-        (
-            "qos_overrides./said.publisher.depth",
-            5,
-            "parameter qos_overrides./said.publisher.depth: ",
-        ),
+        ("qos_overrides./said.publisher.depth", 5, "parameter qos_overrides./said.publisher.depth: "),
     ],
 )
 def test_wrong_values_are_refused_with_the_reason(

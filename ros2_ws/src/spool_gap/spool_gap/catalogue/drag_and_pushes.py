@@ -61,10 +61,7 @@ class DampingDrift(Effect):
         return (-constant * np.expm1(-motion.time / constant) * motion.velocity)[np.newaxis]
 
     def values(
-        self,
-        coefficients: Array,
-        shape: Mapping[str, float],
-        motion: Motion,
+        self, coefficients: Array, shape: Mapping[str, float], motion: Motion
     ) -> dict[str, float] | None:
         """Return the relative rate, and the time constant."""
         rate = float(coefficients[0]) / max(motion.damping, 1e-9)

@@ -44,12 +44,7 @@ class SpoolDelay(SensorEffect):
     confusable_with = ("spool_gain_error",)
     distinguished_by = "broadband excitation"
 
-    def reading(
-        self,
-        acceleration: Array,
-        period: float,
-        values: Mapping[str, float],
-    ) -> Array:
+    def reading(self, acceleration: Array, period: float, values: Mapping[str, float]) -> Array:
         """Return the delayed reading."""
         return delayed(acceleration, values["spool_delay"], period)
 

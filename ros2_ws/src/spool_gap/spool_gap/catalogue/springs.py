@@ -51,10 +51,7 @@ class SpringBacklash(Effect):
         return np.clip(motion.displacement, -shape["backlash"], shape["backlash"])[np.newaxis]
 
     def values(
-        self,
-        coefficients: Array,
-        shape: Mapping[str, float],
-        motion: Motion,
+        self, coefficients: Array, shape: Mapping[str, float], motion: Motion
     ) -> dict[str, float] | None:
         """Return the play; the force within it must be the spring's, with the opposite sign."""
         share = -float(coefficients[0]) / motion.stiffness

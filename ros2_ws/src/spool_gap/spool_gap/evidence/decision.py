@@ -46,13 +46,7 @@ from spool_gap.likelihood.rest import (
 )
 from spool_gap.likelihood.search import COMPARED, DECISIVE, Search, senseless
 from spool_gap.likelihood.structure import DELAY, GAIN
-from spool_gap.likelihood.structure_fit import (
-    LOOSENESS,
-    Curvature,
-    StructureFit,
-    curvature_of,
-    fit_structure,
-)
+from spool_gap.likelihood.structure_fit import LOOSENESS, Curvature, StructureFit, curvature_of, fit_structure
 from spool_gap.result import RISE_95, GapSettings, ProfileLikelihood, verdict_of
 
 #: Temperature of the probabilities: evidence counts windows as independent and laws as exact, which no

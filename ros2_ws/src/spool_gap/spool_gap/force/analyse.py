@@ -191,10 +191,7 @@ def _two_numbers(balance: ForceBalance) -> bool:
 
 
 def _by_position(
-    train: Sequence[ForceRecord],
-    balance: ForceBalance,
-    steps: Sequence[tuple[Chosen, ForceFit]],
-    base: Model,
+    train: Sequence[ForceRecord], balance: ForceBalance, steps: Sequence[tuple[Chosen, ForceFit]], base: Model
 ) -> list[tuple[Chosen, ForceFit]]:
     """Return ``steps`` with the numbers that follow the position, where that holds on parts left out, too."""
     chosen, fit = steps[-1]

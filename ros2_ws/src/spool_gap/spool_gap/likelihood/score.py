@@ -374,11 +374,7 @@ class Balance:
         )
 
     def _values(
-        self,
-        names: Sequence[str],
-        trials: Sequence[tuple[Trial, slice]],
-        solved: Array,
-        motion: Motion,
+        self, names: Sequence[str], trials: Sequence[tuple[Trial, slice]], solved: Array, motion: Motion
     ) -> dict[str, float] | None:
         """Return the numbers of the effects ``names`` for coefficients of their trials, if they are any."""
         found: dict[str, float] = {}

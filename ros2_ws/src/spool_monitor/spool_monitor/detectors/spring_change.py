@@ -12,10 +12,7 @@ KIND = EventKind(
     "spring_change",
     300,
     Namur.MAINTENANCE_REQUIRED,
-    causes=(
-        EventCause("softer", 301),
-        EventCause("stiffer", 302),
-    ),
+    causes=(EventCause("softer", 301), EventCause("stiffer", 302)),
 )
 
 STIFFNESS_CHANGE = MonitorLimit("stiffness_change", 0.1, "Relative change to act on.", "1", 0.001, 10.0)

@@ -14,11 +14,7 @@ KIND = EventKind(
     "stale",
     800,
     Namur.FAILURE,
-    causes=(
-        EventCause("acceleration", 801),
-        EventCause("estimate", 802),
-        EventCause(NEVER_SEEN, 803),
-    ),
+    causes=(EventCause("acceleration", 801), EventCause("estimate", 802), EventCause(NEVER_SEEN, 803)),
 )
 
 STALE_AFTER = MonitorLimit("stale_after", 1.5, "Silence that is reported.", "s", 0.2, 60.0)

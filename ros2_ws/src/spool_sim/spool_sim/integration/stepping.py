@@ -165,16 +165,7 @@ def first_time(
 
 @compiled
 def step_with_events(
-    z: float,
-    v: float,
-    s: float,
-    x: Numbers,
-    t: float,
-    h: float,
-    a0: float,
-    am: float,
-    a1: float,
-    q: Numbers,
+    z: float, v: float, s: float, x: Numbers, t: float, h: float, a0: float, am: float, a1: float, q: Numbers
 ) -> tuple[float, float, float, Numbers]:
     """Return (z, v, direction, memory) after one step; direction 0 is rest."""
     b = -3.0 * a0 + 4.0 * am - a1

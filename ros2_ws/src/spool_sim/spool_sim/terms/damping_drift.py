@@ -36,13 +36,7 @@ class DampingDriftTerm(Term):
         ),
         Parameter("damping_drift_rate", "1/s", -100.0, 100.0, -0.01, "relative change per second at t = 0"),
         Parameter(
-            "damping_drift_time",
-            "s",
-            1.0,
-            LINE,
-            LINE,
-            "time constant; the largest is a line",
-            held=True,
+            "damping_drift_time", "s", 1.0, LINE, LINE, "time constant; the largest is a line", held=True
         ),
     )
     law = "F = c max(-1, r T (1 - exp(-t/T))) z': with the viscous term never below 0; r t for large T"

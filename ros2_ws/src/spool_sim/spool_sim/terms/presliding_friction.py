@@ -14,11 +14,7 @@ from spool_sim.terms.base import Parameter, Term
 
 @compiled
 def memory_law(
-    force: float,
-    slip: float,
-    direction: float,
-    dahl_force: float,
-    dahl_stiffness: float,
+    force: float, slip: float, direction: float, dahl_force: float, dahl_stiffness: float
 ) -> float:
     """Return the force after slipping on by ``slip`` m, N: dF/dz = sigma_0 (1 - F/F_c sgn(z'))."""
     limit = direction * dahl_force

@@ -6,11 +6,7 @@ from spool_tools import command as cli
 from spool_tools.command import Command
 
 
-def analyse(
-    valve: cli.RunningValve,
-    json: cli.JsonFile = None,
-    _force: cli.Force = False,
-) -> None:
+def analyse(valve: cli.RunningValve, json: cli.JsonFile = None, _force: cli.Force = False) -> None:
     """Let a running valve's estimator look for what its model lacks in the last minute, and say it.
 
     Example: ./spool analyse valve_1 --json gap.json

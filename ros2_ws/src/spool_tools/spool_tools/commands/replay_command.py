@@ -32,8 +32,7 @@ def replay(
     state: Annotated[
         Path | None,
         typer.Option(
-            metavar="DIR",
-            help="Folder that keeps each valve's baseline: learned from the first record.",
+            metavar="DIR", help="Folder that keeps each valve's baseline: learned from the first record."
         ),
     ] = None,
     since: cli.SinceOption = None,

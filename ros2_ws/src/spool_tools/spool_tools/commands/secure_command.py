@@ -334,8 +334,7 @@ def _text(root: Xml.Element) -> bytes:
 def _common(node: str) -> Access:
     """Return what a managed node sends, hears and offers as services."""
     return Access(
-        (*_ALL_SEND, f"rr/{node}/*Reply", f"rt/{node}/transition_event"),
-        (*_ALL_HEAR, f"rq/{node}/*Request"),
+        (*_ALL_SEND, f"rr/{node}/*Reply", f"rt/{node}/transition_event"), (*_ALL_HEAR, f"rq/{node}/*Request")
     )
 
 

@@ -11,14 +11,7 @@ from markupsafe import Markup
 from matplotlib.figure import Figure
 from spool_core.uncertainty import LEGEND, interval, number, with_interval
 from spool_gap.catalogue import EFFECTS
-from spool_gap.result import (
-    RISE_95,
-    Curves,
-    GapResult,
-    ProfileLikelihood,
-    Surface,
-    Where,
-)
+from spool_gap.result import RISE_95, Curves, GapResult, ProfileLikelihood, Surface, Where
 
 from spool_tools.report import page as html
 from spool_tools.report.evidence.exhibit import AFTER, BEFORE, FLOOR, MEASURED, WIDTH, Exhibit, LeftOut

@@ -205,12 +205,7 @@ def _stacked(keys: Sequence[str]) -> Any:
     if len(keys) == 1:
         return keys[0]
     share = 100.0 / len(keys)
-    return {
-        "first": keys[0],
-        "second": _stacked(keys[1:]),
-        "direction": "column",
-        "splitPercentage": share,
-    }
+    return {"first": keys[0], "second": _stacked(keys[1:]), "direction": "column", "splitPercentage": share}
 
 
 COMMAND = Command(layout, place=175, line="layouts of viewers (Foxglove, Lichtblick, PlotJuggler) for valves")

@@ -122,13 +122,7 @@ def _without_cut_row(segment: _Segment, decimal: str) -> list[str]:
     return [f"left out at the file's end, since it holds no whole sample: {printable(last, 60)}"]
 
 
-def _take(
-    path: Path,
-    segment: _Segment,
-    ways: str,
-    decimal: str,
-    signals: dict[int, _Signal],
-) -> list[str]:
+def _take(path: Path, segment: _Segment, ways: str, decimal: str, signals: dict[int, _Signal]) -> list[str]:
     """Append a segment's samples to the signals of its columns; return warnings."""
     columns = segment.columns[:-1] if segment.columns[-1:] == ["Comment"] else segment.columns
     places = list(range(1, len(columns), 2 if ways == "multi" else 1))
