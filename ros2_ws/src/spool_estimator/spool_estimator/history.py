@@ -260,7 +260,7 @@ class Fitter:
 
         """
         ends = [self._descend(body, spool, guess, guesses[0], last, prior, begin) for guess in guesses]
-        best = min(ends, key=lambda end: end.variance)
+        best = min(ends, key=lambda end: end.variance if math.isfinite(end.variance) else math.inf)
         if not (math.isfinite(best.variance) and best.parameters[0] > 0.0):
             return None
         if best.prediction.pointwise:

@@ -351,12 +351,12 @@ class Tracker:
         found = self._fitter.descend(body, spool, guesses, last, begin=self._fitter.at_rest(offset))
         if found is None or not found.variance < BETTER * present:
             return False
-        former = self.regression
-        self.regression = self._fresh()
-        self._adopt(found)
+        former, self.regression = self.regression, self._fresh()
+        self._begin(found)
         if self.regression.standard_deviations[0] > STARTED * found.parameters[0]:
             self.regression = former
             return False
+        self._adopt(found)
         self.prediction = found.prediction
         self._numbers[chunks.STARTED] = True
         self._patience = 5
@@ -366,7 +366,7 @@ class Tracker:
         """Fit to the last chunks, weakly held to what was known; believe it where it is clearly better."""
         numbers, last, present = self._numbers, LENGTHS[which], float(self._verdicts[which, 0])
         numbers[chunks.ALLOWED] -= 1.0
-        if numbers[chunks.CHECK] <= 0.0:
+        if which == len(LENGTHS) - 1 and numbers[chunks.CHECK] <= 0.0:
             numbers[chunks.BETWEEN] = min(chunks.LAST_CHECK, 2.0 * numbers[chunks.BETWEEN])
             numbers[chunks.CHECK] = numbers[chunks.BETWEEN]
         known = self.regression.parameters
@@ -391,11 +391,13 @@ class Tracker:
         notable = np.array(NOTABLE) * np.maximum(np.abs(known), 0.1 * self.scale)
         if np.all(np.abs(found.parameters - known) < np.maximum(notable, CERTAIN * deviation)):
             return False
+        self._begin(found)
         self._adopt(found)
         self.prediction = found.prediction
         return True
 
-    def _adopt(self, found: WindowFit) -> None:
+    def _begin(self, found: WindowFit) -> None:
+        """Let the regression go on from ``found``."""
         weight = NOISE**2 / (found.variance + SMALLEST_NOISE**2)
         self.regression.begin(
             found.parameters,
@@ -403,6 +405,9 @@ class Tracker:
             found.scores * weight,
             chunks.DOUBT * weight * found.noise_score,
         )
+
+    def _adopt(self, found: WindowFit) -> None:
+        """Judge the chunks from now on by ``found``."""
         self.powers[0] = found.variance
         self._numbers[[chunks.CHECK, chunks.BETWEEN]] = chunks.FIRST_CHECK
         self._window.clear()

@@ -55,6 +55,16 @@ def test_a_warming_valve_keeps_its_referred_coefficient_while_its_drag_falls_by_
         assert one.oil_temperature.value == pytest.approx(20.0 + (one.stamp - START) / SECOND / 6.0, abs=0.3)
 
 
+@pytest.mark.parametrize("read", [-9999.0, -242.0, 850.0, math.inf, math.nan])
+def test_what_no_oil_has_is_no_temperature(read: float) -> None:
+    oil = OilReference(oil_law(VALVE), 4.0)
+    oil.take(START, 40.0)
+    oil.take(START + SECOND, read)
+    oil.follow(START + 3 * SECOND, 1.0)
+    assert oil.refused == 1
+    assert oil.temperature(START + 3 * SECOND).value == 40.0
+
+
 def test_without_a_temperature_the_referred_coefficient_is_unknown() -> None:
     last = warming(6.0, 25.0, told=False)[-1]
     assert last.parameter("viscous_coefficient").validity is Validity.VALID

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from spool_core.numbers import Array
+from spool_estimator import tracking
 from spool_estimator.estimate import Estimate, State
 from spool_estimator.estimator import Estimator, settings_for
 from spool_estimator.stream_estimator import WINDOW
@@ -191,6 +192,27 @@ def test_a_start_in_thick_oil_ends_in_no_wrong_minimum(seed: int, soft_start: fl
     # What a gain error of 2 % does where the spool moves a quarter as far as its body would let it.
     assert np.all(np.abs(values(valid, NAMES[0]) / 1632.0 - 1.0) < 0.15)
     assert np.all(np.abs(values(valid, NAMES[2]) / 0.142 - 1.0) < 0.2)
+
+
+def test_a_guess_whose_motion_runs_away_hides_no_good_one() -> None:
+    source = simulator()
+    blocks = list(source.records(3.0))
+    body, spool = (np.concatenate([getattr(block, name) for block in blocks]) for name in ("body", "spool"))
+    estimator = Estimator(settings_for(source.valve))
+    estimator.update(blocks[0])
+    fitter = estimator.tracker._fitter
+    absurd, good = np.array([1632.0, -120.0, 0.1]), np.array([1632.0, 4.0, 0.1])
+    found = fitter.descend(body, spool - 9.81, [absurd, good], 12, begin=fitter.at_rest(0.0))
+    assert found is not None
+    assert found.parameters[0] == pytest.approx(1632.0, rel=0.05)
+
+
+def test_a_start_that_is_refused_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tracking, "STARTED", 0.0)
+    estimator = Estimator(settings_for(find_valve("4weh10_soft")))
+    estimates = follow(simulator(rate=1000.0), 2.2, estimator)
+    assert not any(one.state is State.TRACKING for one in estimates)
+    assert estimator.tracker.refits == 0
 
 
 def test_two_standard_deviations_cover_the_truth() -> None:

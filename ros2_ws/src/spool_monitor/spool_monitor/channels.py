@@ -97,13 +97,11 @@ class Signals(NamedTuple):
 def look(window: SignalWindow) -> Signals:
     """Return what the channels show in ``window``."""
     size = window.samples.shape[1]
-    low = max(1, math.ceil(BAND[0] / window.step))
     high = min(size // 2, math.floor(min(BAND[1] / window.step, 0.4 * size)))
+    low = min(max(1, math.ceil(BAND[0] / window.step)), high)  # a slow channel shows no line of the band
     # Mean square by Parseval: two-sided, the taper's energy taken out.
     scale = 2.0 / (size * window.energy)
-    frequency, body, spool, cross, sums = spectra(
-        window.spectrum, low, max(low, high) + 1, window.step, scale
-    )
+    frequency, body, spool, cross, sums = spectra(window.spectrum, low, high + 1, window.step, scale)
     relative, squared, work = sums
     return Signals(
         stamp=window.stamp,

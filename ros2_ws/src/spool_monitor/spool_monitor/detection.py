@@ -48,6 +48,9 @@ PARAMETERS = 9
 #: Windows that fit the reference response before it follows them, and by how much it does each.
 FOLLOWS = 0.1
 
+#: K by which oil can be colder than when the drag was seen; what says more is no thermometer.
+COLDER_MOST = 50.0
+
 
 @dataclass(slots=True)
 class Detection:
@@ -82,7 +85,7 @@ class Detection:
     _velocity: float = field(default=math.nan, init=False)
     _stamp: int = field(default=0, init=False)
     _celsius: float = field(default=math.nan, init=False)
-    _followed_at: float = field(default=math.nan, init=False)
+    _followed_at: float | None = field(default=None, init=False)
 
     def __post_init__(self) -> None:
         settings = self.settings
@@ -133,6 +136,20 @@ class Detection:
                 if drift.matters != matters:
                     drift.matters = matters
                     drift.reset()
+
+    def relearn(self) -> None:
+        """Forget what the healthy valve is, as after a repair or with another valve."""
+        self.reference, self._followed_at = configured(self.settings[NATURAL_FREQUENCY]), None
+        self.response.restart()
+        for one in self.detectors:
+            one.relearn()
+        for drift in self.parameters.values():
+            drift.reset()
+            drift.baseline.restart()
+            drift.referred, drift.temperature, drift.learned_at = False, math.nan, None
+            drift.sensitivity = math.nan
+        for start in self.learned.values():
+            start.restart()
 
     def restart(self, period: float) -> None:
         """Take note that samples are missing, or of the first ones, ``period`` s apart."""
@@ -239,9 +256,9 @@ class Detection:
 
     def _reference_now(self) -> ValveResponse:
         """Return the reference with the drag of the oil where that is colder than when the drag was seen."""
-        seen = self._followed_at if math.isfinite(self._followed_at) else self.parameters[VISCOUS].temperature
+        seen = self.parameters[VISCOUS].temperature if self._followed_at is None else self._followed_at
         colder = seen - self._celsius
-        thicker = math.exp(VISCOSITY_PER_KELVIN * colder) if colder > 0.0 else 1.0
+        thicker = math.exp(VISCOSITY_PER_KELVIN * min(colder, COLDER_MOST)) if colder > 0.0 else 1.0
         return replace(self.reference, damping=thicker * self.reference.damping)
 
     def _moment(
@@ -273,7 +290,7 @@ class Detection:
         events: list[Event] = []
         described = moment.described
         for one in self.detectors:
-            condition = self.conditions[one.name]
+            condition, finding = self.conditions[one.name], None
             if one.needs_valve and not described:
                 one.judgement, one.suspicious = Judgement.NOT_JUDGED, ""
             elif what in one.looks_at:
@@ -281,7 +298,8 @@ class Detection:
                 finding = one.update(moment._replace(distrust=distrust) if distrust else moment)
                 if finding is not None:
                     events += condition.judge(finding)
-            active = condition.active is not None and one.judgement is not Judgement.JUDGED
+            going_on = one.judgement is not Judgement.JUDGED or (finding is not None and not finding.released)
+            active = condition.active is not None and going_on
             if one.suspicious or (active and one.rank < PARAMETERS):
                 reason = one.suspicious or f"{one.name.replace('_', ' ')} is active"
                 self._suspicions[one.name] = (moment.stamp, one.rank, reason)

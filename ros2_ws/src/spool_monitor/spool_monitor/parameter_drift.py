@@ -201,6 +201,7 @@ class ParameterDrift:
     _smoothed: float = field(default=math.nan, init=False)
     _variance: float = field(default=math.nan, init=False)
     _last: int = field(default=0, init=False)
+    _usual: float = field(default=0.0, init=False)
     _memory: float = field(default=math.nan, init=False)
     _celsius: float = field(default=math.nan, init=False)
     _quantile: tuple[float, float] = field(default=(0.0, 0.0), init=False)
@@ -256,9 +257,13 @@ class ParameterDrift:
             self.sensitivity = gain_sensitivity(self.parameter, estimate)
             self.learned_at = estimate.stamp
             return
-        seconds = (estimate.stamp - self._last) * 1e-9
+        seconds = (estimate.stamp - self._last) * 1e-9 if self._last else 0.0
         self._last = estimate.stamp
-        if not 0.0 < seconds <= 3.0:
+        # What lies between estimates counts, as seldom as they come; a pause does not.
+        pauses = seconds > 3.0 * max(1.0, self._usual)
+        if seconds > 0.0:
+            self._usual = seconds if self._usual == 0.0 else min(self._usual, seconds)
+        if pauses or seconds < 0.0:
             seconds = 0.0
         self._judge(estimate, quantity, size, seconds)
 

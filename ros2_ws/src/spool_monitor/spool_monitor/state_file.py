@@ -232,7 +232,10 @@ class StateFile:
             )
         # Versions with formats up to this one's kept these while a later one's was there.
         pattern = re.compile(re.escape(self.path.name) + r"\.format(\d+)")
-        names = os.listdir(self.path.parent) if self.path.parent.is_dir() else []
+        try:
+            names = os.listdir(self.path.parent)
+        except OSError:  # not there, or not to be read: what was looked for above says so
+            names = []
         numbers = [match[1] for match in map(pattern.fullmatch, names) if match]
         for number in sorted(numbers):
             if int(number) <= FORMAT:

@@ -97,6 +97,7 @@ class ValveState:
         if not self.owned and self._take_lock():
             # The monitor that held the folder until now may have changed what it keeps.
             self._read(ALARMS, self.alarms.join)
+            self.alarms.restore(self.monitor.conditions)
             if not self.baseline.records:
                 self._read(BASELINE, self.baseline.load)
             self._due |= {ALARMS, BASELINE}
@@ -297,7 +298,7 @@ class BaselineKeeper:
 
     def _start_over(self) -> None:
         self.current, self._band = None, _NOT_MEASURED
-        relearn(self.detection)
+        self.detection.relearn()
 
 
 def healthy_values(detection: Detection) -> tuple[HealthyValue, ...]:
@@ -319,7 +320,7 @@ def healthy_values(detection: Detection) -> tuple[HealthyValue, ...]:
 
 def take_up(detection: Detection, values: tuple[HealthyValue, ...]) -> None:
     """Let ``detection`` compare with ``values``; what they lack is learned."""
-    relearn(detection)
+    detection.relearn()
     for kept in values:
         drift = detection.parameters.get(kept.name)
         if drift is not None:
@@ -328,17 +329,6 @@ def take_up(detection: Detection, values: tuple[HealthyValue, ...]) -> None:
             drift.sensitivity = kept.sensitivity
         elif kept.name in detection.learned:
             detection.learned[kept.name].restore(kept)
-
-
-def relearn(detection: Detection) -> None:
-    """Let ``detection`` forget every start value."""
-    for drift in detection.parameters.values():
-        drift.reset()
-        drift.baseline.restart()
-        drift.referred, drift.temperature, drift.learned_at = False, math.nan, None
-        drift.sensitivity = math.nan
-    for start in detection.learned.values():
-        start.restart()
 
 
 def _healthy_value(detection: Detection, name: str, start: Baseline) -> HealthyValue:

@@ -15,7 +15,7 @@ from spool_monitor.alarm import AlarmRefusedError, Operator
 from spool_monitor.detection import Detection
 from spool_monitor.detectors import MonitorSettings
 from spool_monitor.state_file import BaselineStage, HealthyValue
-from spool_monitor.valve_state import KEPT, BaselineKeeper, healthy_values, relearn, take_up
+from spool_monitor.valve_state import KEPT, BaselineKeeper, healthy_values, take_up
 
 SECOND = 1_000_000_000
 EVA = Operator("Eva", 5, "looks good")
@@ -197,4 +197,4 @@ def test_a_value_of_an_unknown_name_is_left_alone() -> None:
     detection = Detection(MonitorSettings())
     take_up(detection, (HealthyValue("mood", "1", 1.0, 0.1, 1.0, 0.1, 5),))
     assert healthy_values(detection) == ()
-    relearn(detection)
+    detection.relearn()

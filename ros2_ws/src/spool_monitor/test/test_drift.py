@@ -187,6 +187,17 @@ def test_a_change_beyond_the_limit_is_found_within_ten_seconds_and_a_smaller_one
     assert after < 10.0 if level else math.isinf(after)
 
 
+@pytest.mark.parametrize("period", [1, 5, 30])
+def test_a_change_is_found_however_seldom_estimates_come(period: int) -> None:
+    made = ParameterDrift("viscous_coefficient", 0.2, True, Baseline(15.0))
+    for number in range(20):
+        made.update(estimate(number * period, 2.0))
+    assert made.baseline.frozen
+    for number in range(20, 40):
+        made.update(estimate(number * period, 1.0))
+    assert made.level is not None
+
+
 @given(start=st.floats(20.0, 200.0), slope=st.floats(0.0005, 0.02))
 def test_a_slow_ramp_is_found_once_it_is_as_large_as_it_must_be(start: float, slope: float) -> None:
     made = learned()

@@ -163,6 +163,16 @@ def test_only_the_owner_may_read_the_state(tmp_path: Path) -> None:
     assert {stat.S_IMODE(path.stat().st_mode) for path in folder.iterdir()} == {0o600}
 
 
+def test_a_folder_that_may_not_be_read_holds_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The refusal is made up: the owner of the tests may read everything."""
+
+    def refused(path: Path) -> list[str]:
+        raise PermissionError(13, "Permission denied", str(path))
+
+    monkeypatch.setattr(os, "listdir", refused)
+    assert StateFile(tmp_path / "state").load() is None
+
+
 def test_what_json_cannot_hold_leaves_the_state_as_it_was(tmp_path: Path) -> None:
     file = StateFile(tmp_path / "a.json")
     file.save(1)

@@ -188,6 +188,8 @@ def test_a_folder_that_another_monitor_leaves_is_taken_over_with_what_it_holds(t
     second.retry(0)
     assert second.writable
     assert second.alarms.alarms["stuck_spool"].acknowledged_by == "Eva"
+    # Its end is seen, too.
+    assert second.monitor.detection.conditions["stuck_spool"].active is Severity.ALARM
     second.close()
 
 

@@ -40,8 +40,9 @@ REPEATS = 0.15
 FEWEST = 200
 #: Jumps over the span, from which on a jump may be a wrap-around, and how many are needed.
 WRAPS, FEWEST_WRAPS = 0.7, 3
-#: Share of the span that a wrap has at least: what is beyond the range comes in at its other end.
-TURN = 0.95
+#: Share of the span that a wrap has at least, as what is beyond the range comes in at its other end, and that
+#: the samples beside it may change by: a wave that is sampled ten times a period changes by pi / 10.
+TURN, BESIDE = 0.95, 0.3
 #: Times by which a wrap exceeds nine in ten changes: the largest jumps of white noise do so 2.6 times.
 SMOOTH = 3.0
 #: Steps of the converter that a span must have: fewer are noise at rest behind a coarse converter.
@@ -213,10 +214,10 @@ def wrap_around(row: Array, name: str) -> ChannelFault | None:
     others = np.abs(change[(change != 0.0) & (np.abs(change) <= WRAPS * span)])
     if others.size and float(np.median(np.abs(change[inside]))) < SMOOTH * float(np.quantile(others, 0.9)):
         return None
-    # Samples stay at the other end: a single one that returns is an outlier.
-    stays = np.abs(row[inside + 2] - row[inside + 1]) < 0.5 * span
+    # Samples stay at each end: a blow goes and returns, and so does an outlier.
+    stays = beside < BESIDE * span
     # No sample lies outside of one turn; friction that turns round at a rail jumps as well.
-    if turn < TURN * span or min(float(np.mean(goes_on)), float(np.mean(stays))) < 0.5:
+    if turn < TURN * span or np.mean(goes_on & stays) <= 0.5:
         return None
     return ChannelFault(
         "wrap_around", name, "jump", turn, WRAPS * span, "m/s^2",
@@ -286,7 +287,8 @@ def pair_of(body: Array, spool: Array, period: float) -> ChannelPair | None:
 
     They are too short, do not move, are sampled too slowly, or shaken at one frequency only.
     """
-    moves = min(float(np.std(body)), float(np.std(spool))) > 0.0
+    # The difference of two equal channels has no shape.
+    moves = min(float(np.ptp(row)) for row in (body, spool, spool - body)) > 0.0
     if body.size * period < SHORTEST or not moves or period > 0.1 / LOW:
         return None
     pair = ChannelPair(body, spool, period)

@@ -20,6 +20,10 @@ LONGEST_AGE = 60.0
 LAG = 0.5
 _LAG = round(LAG * 1e9)
 
+#: deg C between which the oil of a machine is: a thermometer that is cut off reads -242 or 850, one without a
+#: value often -9999.
+COLDEST, HOTTEST = -60.0, 200.0
+
 #: s, a stamp that goes back by more is a new start of time, by less a message that came late.
 LATE = 5.0
 
@@ -79,8 +83,8 @@ class OilReference:
         self._waiting = deque(maxlen=256)
 
     def take(self, stamp: int, celsius: float, deviation: float = math.nan) -> None:
-        """Take a measurement at ``stamp`` (ns), deg C; what is no number is counted and never used."""
-        if not math.isfinite(celsius) or stamp <= 0:
+        """Take a measurement at ``stamp`` (ns), deg C; what no oil has is counted and never used."""
+        if not COLDEST <= celsius <= HOTTEST or stamp <= 0:
             self.refused += 1
             return
         last = self._waiting[-1] if self._waiting else self._present

@@ -118,6 +118,27 @@ def test_integers_that_begin_to_wrap_around_are_told_though_friction_turns_at_th
     assert [(one.cause, one.channel) for one in found] == [("wrap_around", "spool")]
 
 
+@pytest.mark.parametrize("ring", [300.0, 400.0])
+@pytest.mark.parametrize("every", [0.1, 0.35])
+def test_blows_on_the_machine_are_no_integers_that_wrap_around(ring: float, every: float) -> None:
+    generator, time = np.random.default_rng(1), np.arange(8000) / 1000.0
+    row = 5.0 * np.sin(75.4 * time) + generator.normal(0.0, 0.05, time.size)
+    for blow in np.arange(0.1, 7.9, every):
+        since = np.maximum(0.0, time - blow)
+        rings = np.exp(-since / 1e-3) * np.sin(2.0 * np.pi * ring * since)
+        row += 60.0 * (1.0 + 0.1 * generator.normal()) * rings
+    assert wrap_around(row, "body") is None
+    assert wrap_around(row[-2000:], "body") is None
+
+
+def test_one_sensor_read_twice_at_rest_is_no_pair_to_judge() -> None:
+    """Too few of its samples change to tell that it is one."""
+    noise = np.random.default_rng(0).normal(0.0, 0.016, 8000)
+    row = 0.08 * np.round(noise / 0.08)
+    assert 10 < np.count_nonzero(np.diff(row)) < 200
+    assert faults_of(row, row.copy(), 1e-3) == []
+
+
 @pytest.mark.parametrize("seed", range(20))
 def test_a_machine_that_stops_leaves_noise_behind_a_converter_and_repeats_no_samples(seed: int) -> None:
     """Few changes are large then, and those of noise that are have equal neighbours among them by chance."""

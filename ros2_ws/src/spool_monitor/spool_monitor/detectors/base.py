@@ -173,6 +173,10 @@ class Detector(ABC):
         """Take note that samples are missing before the next moment."""
         self.suspicious = ""
 
+    def relearn(self) -> None:
+        """Forget what the healthy valve is."""
+        self.suspicious = ""
+
     @classmethod
     def check(cls, settings: MonitorSettings) -> None:
         """Refuse limits that contradict each other.

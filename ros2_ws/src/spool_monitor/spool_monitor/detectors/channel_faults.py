@@ -113,6 +113,7 @@ class PairFault(RowFault):
             return None
         if moment.distrust or look.pair is None:
             self.judgement = Judgement.NOT_JUDGED if moment.distrust else Judgement.NOT_EXCITED
+            self.suspicious = ""
             return None
         self.judgement = Judgement.JUDGED
         return self._judge(moment, look)

@@ -358,14 +358,11 @@ class SensorScale(Detector):
     rank = 4
     learns: ClassVar[Mapping[str, str]] = {"channel_gain": "1"}
     on_delay: ClassVar[float] = 2.0
+    _found: bool
 
     def __init__(self, settings: MonitorSettings) -> None:
         super().__init__(settings)
-        self._reference_residual = math.nan
-        self._recent = math.nan
-        self._unexplained = self._lost = 0
-        self._before = (0.0, 0.0)
-        self._found = False
+        self.relearn()
         self._near = self._changed = self._proven = -(10**18)
 
     def update(self, moment: Moment) -> Finding | None:
@@ -394,6 +391,14 @@ class SensorScale(Detector):
             self.judgement, self.suspicious = Judgement.LEARNING, ""
             return None
         return self._judge(moment, response)
+
+    def relearn(self) -> None:
+        """Forget the healthy valve's gain and what was left over of it."""
+        super().relearn()
+        self._reference_residual = self._recent = math.nan
+        self._unexplained = self._lost = 0
+        self._before = (0.0, 0.0)
+        self._found = False
 
     def restart(self) -> None:
         """Take note that samples are missing."""

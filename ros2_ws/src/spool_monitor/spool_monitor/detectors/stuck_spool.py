@@ -43,6 +43,11 @@ class StuckSpool(Detector):
         super().__init__(settings)
         self._friction = 0.0
 
+    def relearn(self) -> None:
+        """Forget the healthy valve's friction."""
+        super().relearn()
+        self._friction = 0.0
+
     def update(self, moment: Moment) -> Finding | None:
         """Judge the window of ``moment``, if there is a new one; learn the friction from an estimate."""
         if moment.estimate is not None and not moment.distrust:
@@ -67,9 +72,8 @@ class StuckSpool(Detector):
             return Finding(moment.stamp, None, False, "", Quantity("relative_motion", "1"))
         self.judgement = Judgement.JUDGED
         share = signals.relative_rms / due
-        # A healthy one that dry friction slows down may lie in between for good.
-        sticks = share < (MOVES if self.suspicious else STUCK)
-        self.suspicious = "the spool moves with its body" if sticks else ""
+        # A healthy one that dry friction slows down may lie between STUCK and MOVES for good.
+        self.suspicious = "the spool moves with its body" if share < STUCK else ""
         moved = Quantity("relative_motion", "1", share, validity=Validity.VALID)
 
         def facts() -> Facts:

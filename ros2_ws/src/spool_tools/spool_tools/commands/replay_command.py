@@ -66,11 +66,8 @@ def replay(
 
     Example: ./spool replay bags/practice_03 --valve 4weh10_soft --params-file limits.yaml
     """
-    from spool_tools.operations.record_replay import (  # noqa: PLC0415 - slow to load
-        RefitRequest,
-        print_replay,
-        replay_bag,
-    )
+    # slow to load
+    from spool_tools.operations.record_replay import RefitRequest, print_replay, replay_bag  # noqa: PLC0415
 
     request = RefitRequest(refit_model, refit_period) if refits else None
     result = replay_bag(
