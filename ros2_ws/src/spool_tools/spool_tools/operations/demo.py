@@ -353,10 +353,13 @@ def _baseline(seconds: float) -> float:
 
 def _live(seconds: float, folder: Path, display: Display) -> tuple[list[tuple[str, HealthEvent]], bool]:
     """Run the nodes for ``seconds`` s; return the events as they came, and whether it ran to its end."""
-    # Without handlers of rclpy a signal ends the wait for messages as it does any other Python.
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
-    whole = False
+    # Taken note of: an exception might be raised, and lost, while something is finalised.
+    asked: list[int] = []
+    before = {
+        number: signal.signal(number, lambda number, _: asked.append(number))
+        for number in (signal.SIGINT, signal.SIGTERM)
+    }
     node = Node("demonstration")
     events: list[tuple[str, HealthEvent]] = []
     started: list[float] = []
@@ -379,32 +382,31 @@ def _live(seconds: float, folder: Path, display: Display) -> tuple[list[tuple[st
         node.create_subscription(HealthEvent, f"/{name}/events", partial(on_event, name), qos.state(100))
     try:
         with Nodes(folder / "nodes.log") as nodes, display:
-            try:
-                _start(nodes, folder, seconds)
-                _wait_for_data(node, nodes, display)
-                started.append(time.monotonic())
-                drifting = False
-                while elapsed() < seconds:
-                    rclpy.spin_once(node, timeout_sec=0.1)
-                    display.refresh(elapsed())
-                    _check(nodes)
-                    if not drifting and elapsed() >= DRIFT[0] * seconds:
-                        drifting = True
-                        for valve in VALVES:
-                            display.say(f"{elapsed():5.1f} s  · {valve.name}  {valve.story}")
-                            _let_drift(node, valve, DRIFT[1] * seconds)
-                whole = True
-            except KeyboardInterrupt:
+            _start(nodes, folder, seconds)
+            _wait_for_data(node, nodes, display, asked)
+            started.append(time.monotonic())
+            drifting = False
+            while elapsed() < seconds and not asked:
+                rclpy.spin_once(node, timeout_sec=0.1)
+                display.refresh(elapsed())
+                _check(nodes)
+                if not drifting and elapsed() >= DRIFT[0] * seconds:
+                    drifting = True
+                    for valve in VALVES:
+                        display.say(f"{elapsed():5.1f} s  · {valve.name}  {valve.story}")
+                        _let_drift(node, valve, DRIFT[1] * seconds)
+            if asked:
                 display.say("interrupted: the nodes are ended in order ...")
             # Sources first, the recorder last, so that it keeps what the others say to the end.
             nodes.stop(*(f"simulator {valve.name}" for valve in VALVES))
             nodes.stop(*(f"{kind} {valve.name}" for valve in VALVES for kind in ("monitor", "estimator")))
             nodes.stop("recorder", patience=20.0)
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
         node.destroy_node()
         rclpy.try_shutdown()
-    return events, whole
+    return events, not asked
 
 
 def _start(nodes: Nodes, folder: Path, seconds: float) -> None:
@@ -429,9 +431,9 @@ def _start(nodes: Nodes, folder: Path, seconds: float) -> None:
         nodes.start(f"simulator {valve.name}", "spool_sim", "simulator", [*space, *file, *settings])
 
 
-def _wait_for_data(node: Node, nodes: Nodes, display: Display) -> None:
+def _wait_for_data(node: Node, nodes: Nodes, display: Display, asked: list[int]) -> None:
     deadline = time.monotonic() + START_UP
-    while len(display.estimates) < len(VALVES):
+    while len(display.estimates) < len(VALVES) and not asked:
         rclpy.spin_once(node, timeout_sec=0.1)
         _check(nodes)
         if time.monotonic() > deadline:
