@@ -48,7 +48,7 @@ EXPLAINING = {
         ("file", "holds"),
     ],
     "architecture.md": [("package", "job"), ("topic", "offered")],
-    "evidence.md": [("the model is", "what is wrong"), ("what is left looks like", "what is missing")],
+    "evidence.md": [("the model is", "what is wrong"), ("the missing force looks like", "what is missing")],
     "commissioning.md": [("what `replay` says", "what it means, what to do")],
     "fleet.md": [("`--analysis`", "gives"), ("table", "columns")],
     "recording.md": [("what happens", "what is kept")],

@@ -15,6 +15,7 @@ from spool_monitor.detectors.channel_faults import Sensitivity
 from spool_monitor.detectors.stuck_spool import StuckSpool
 from spool_monitor.event import Severity
 from spool_monitor.monitor import Monitor
+from spool_monitor.parameter_drift import VISCOSITY_PER_KELVIN
 from spool_monitor.window import WindowTracker
 
 SECOND = 1_000_000_000
@@ -73,7 +74,7 @@ def test_the_drag_of_cold_oil_is_bounded_and_a_thermometer_that_fails_brings_no_
     detection.parameters["viscous_coefficient"].temperature = 41.0
     detection._celsius = -50.0
     drag = detection.reference.damping
-    assert detection._reference_now().damping == drag * math.exp(0.05 * COLDER_MOST)
+    assert detection._reference_now().damping == drag * math.exp(VISCOSITY_PER_KELVIN * COLDER_MOST)
     # Followed at 5 deg C; then the thermometer was silent, and is there again.
     detection.reference = replace(detection.reference, damping=6.0 * drag)
     detection._followed_at = math.nan

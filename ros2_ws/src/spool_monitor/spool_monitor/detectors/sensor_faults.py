@@ -393,7 +393,7 @@ class SensorScale(Detector):
         return self._judge(moment, response)
 
     def relearn(self) -> None:
-        """Forget the healthy valve's gain and what was left over of it."""
+        """Forget the healthy valve's gain and residual."""
         super().relearn()
         self._reference_residual = self._recent = math.nan
         self._unexplained = self._lost = 0
