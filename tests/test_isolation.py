@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import os
-import signal
 import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
+from signal import SIGINT, SIGKILL, SIGTERM
 
 import pytest
 import rclpy
@@ -19,30 +19,24 @@ from spool_core.errors import InputError
 from spool_core.node import network as free_domain
 from spool_msgs.msg import AccelerationBlock
 
-if TYPE_CHECKING:
-    from .conftest import System
+from .conftest import PATIENCE, System
 
 ROOT = Path(__file__).resolve().parent.parent
-PATIENCE = 60.0
 
-#: A test that starts a node as tests do, and children that are harder to end, and then takes long.
+#: A test that lasts, with three children: one ends when asked, as nodes do, one ignores the request, and
+#: one has left its parent.
 LASTING = """
 import os, subprocess, sys, time
 from pathlib import Path
-from spool_tools.operations.demo import find_executable
 
+WILLING = "import time; time.sleep(600)"
 STUBBORN = "import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN); time.sleep(600)"
 FORKING = "import os, time; os.fork() and os._exit(0); time.sleep(600)"
 
 
 def test_that_lasts():
-    commands = [
-        [str(find_executable("spool_sim", "simulator")), "--ros-args", "-r", "__ns:=/left_behind"],
-        [sys.executable, "-c", STUBBORN],
-        [sys.executable, "-c", FORKING],
-    ]
-    for command in commands:
-        subprocess.Popen(command, start_new_session=True)
+    for program in (WILLING, STUBBORN, FORKING):
+        subprocess.Popen([sys.executable, "-c", program], start_new_session=True)
     Path(os.environ["STARTED"]).touch()
     time.sleep(600)
 """
@@ -121,22 +115,30 @@ def test_an_interrupted_run_leaves_no_process(tmp_path: Path) -> None:
     """Ctrl-C, the end of a session, and kill -9 of the runner."""
     (tmp_path / "test_lasting.py").write_text(LASTING)
     runs: dict[int, subprocess.Popen[bytes]] = {}
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):
-        words = ["-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "conftest", "test_lasting.py"]
-        runs[number] = subprocess.Popen(
-            [sys.executable, *words],
-            cwd=tmp_path,
-            env={**os.environ, "PYTHONPATH": ":".join(filter(None, [str(ROOT), *sys.path])),
-                 "STARTED": str(tmp_path / f"started_{number}")},
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,
-        )  # fmt: skip
-    for number, run in runs.items():
-        started = tmp_path / f"started_{number}"
-        until(started.exists, "its children are started")
-        until(lambda name=f"STARTED={started}": len(carrying(name)) >= 4, "they run")
-        run.send_signal(number)
-        run.wait(timeout=PATIENCE)
-    for number in runs:
-        name = f"STARTED={tmp_path / f'started_{number}'}"
-        until(lambda name=name: not carrying(name), f"nothing is left after signal {number}")
+    started = {number: tmp_path / f"started_{number}" for number in (SIGINT, SIGTERM, SIGKILL)}
+    try:
+        for number, file in started.items():
+            words = ["-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "conftest", "test_lasting.py"]
+            path = os.pathsep.join(filter(None, [str(ROOT), *sys.path]))
+            runs[number] = subprocess.Popen(
+                [sys.executable, *words],
+                cwd=tmp_path,
+                env={**os.environ, "PYTHONPATH": path, "STARTED": str(file)},
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+            )
+        for number, run in runs.items():
+            until(started[number].exists, "its children are started")
+            until(lambda name=f"STARTED={started[number]}": len(carrying(name)) >= 4, "they run")
+            run.send_signal(number)
+            run.wait(timeout=PATIENCE)
+        for number, file in started.items():
+            name = f"STARTED={file}"
+            until(lambda name=name: not carrying(name), f"nothing is left after signal {number}")
+    finally:
+        for file in started.values():
+            for process in carrying(f"STARTED={file}"):
+                with suppress(ProcessLookupError):
+                    os.kill(process, SIGKILL)
+        for run in runs.values():
+            run.wait(timeout=PATIENCE)
