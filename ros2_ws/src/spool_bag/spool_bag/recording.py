@@ -222,11 +222,11 @@ class Recording:
         begin = time.monotonic()
         end = math.inf if self._ending else begin + LONGEST_TURN
         while (
-            self._writer is not None
+            (writer := self._writer) is not None
             and (now := time.monotonic()) < end
             and (message := self._queue.take()) is not None
         ):
-            self._take(message, flush=now - begin >= TURN)
+            self._take(writer, message, flush=now - begin >= TURN)
         self._attempt(BagWriter.flush_if_due)
         # What was lost is written into the bag while it can be written on.
         with self._lock:
@@ -237,12 +237,9 @@ class Recording:
                 with self._lock:
                     self._unstated -= count
 
-    def _take(self, message: Recorded, *, flush: bool) -> None:
+    def _take(self, writer: BagWriter, message: Recorded, *, flush: bool) -> None:
         if message.latched:
             self._latched[message.topic] = message
-        writer = self._writer
-        if writer is None:
-            return
         try:
             channel = writer.add_topic(message.topic, message.kind, message.qos, latched=message.latched)
             writer.write(channel, message.received, message.data, message.published, flush=flush)
