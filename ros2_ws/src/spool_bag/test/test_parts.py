@@ -26,9 +26,10 @@ from spool_core.errors import InputError
 MakeBlock = Callable[..., Block]
 KIND = "std_msgs/msg/String"
 TEXT = b"\0\1\0\0\6\0\0\0hello\0"
+OTHER_TEXT = b"\0\1\0\0\6\0\0\0again\0"
 STEP = 20_000_000
 START = 1_700_000_000_000_000_000
-TEN_SECONDS = PartLimits(duration=10.0)
+ONE_SECOND, TEN_SECONDS = PartLimits(duration=1.0), PartLimits(duration=10.0)
 
 
 def recorded(folder: Path, block: MakeBlock, count: int, limits: PartLimits, **how: object) -> BagWriter:
@@ -71,6 +72,24 @@ def test_each_part_stands_by_itself(tmp_path: Path, block: MakeBlock) -> None:
         assert summary.statistics.message_count == len(sequences(part)) + 1
         with AnyReader([part]) as other:
             assert {c.topic for c in other.connections} == {"/valve_1/acceleration", "/valve_1/valve"}
+
+
+def latched_in(part: Path) -> list[bytes]:
+    return [record.data for _, record in BagReader(part).records("/valve_1/valve")]
+
+
+def test_after_a_restart_each_further_part_holds_the_latched_messages(
+    tmp_path: Path, block: MakeBlock
+) -> None:
+    recorded(tmp_path / "bag", block, 10, ONE_SECOND).close()
+    again = BagWriter(tmp_path / "bag", limits=ONE_SECOND, resume=True)
+    acceleration = again.add_topic("/valve_1/acceleration", ACCELERATION_BLOCK)
+    again.write(again.add_topic("/valve_1/valve", KIND, latched=True), START + 10 * STEP, OTHER_TEXT)
+    for sequence in range(10, 70):
+        again.write(acceleration, START + sequence * STEP, encode_block(block(sequence), "valve_1"))
+    again.close()
+    held = [latched_in(tmp_path / "bag" / f"bag_{at}.mcap") for at in range(3)]
+    assert held == [[TEXT], [OTHER_TEXT], [OTHER_TEXT]]
 
 
 def test_the_metadata_is_true_for_what_is_there(tmp_path: Path, block: MakeBlock) -> None:
@@ -230,6 +249,43 @@ def fill(monkeypatch: pytest.MonkeyPatch, is_full: Callable[[], bool]) -> list[i
     monkeypatch.setattr(recording_module, "RETRY", 0.01)
     monkeypatch.setattr(recording_module, "LOOK", 0.01)
     return tries
+
+
+def test_a_latched_message_that_came_during_a_pause_stands_in_each_further_part(
+    tmp_path: Path, block: MakeBlock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    full = [False]
+    fill(monkeypatch, lambda: full[0])
+    one = Recording(tmp_path / "bag", RecordingSettings(ONE_SECOND, flush_interval=0.05), Quiet())
+
+    def put(sequence: int, *latched: bytes) -> None:
+        for data in latched:
+            received = START + sequence * STEP - 1
+            one.put(Recorded("/valve_1/valve", KIND, received, received, data, latched=True))
+        one.put(message(block, sequence))
+
+    def pause(before: int, during: int, *latched: bytes) -> None:
+        expected = one.state.messages + 2 + len(latched)
+        full[0] = True
+        put(before)
+        wait_for(lambda: one.state.paused != "")
+        put(during, *latched)
+        full[0] = False
+        wait_for(lambda: one.state.paused == "" and one.state.messages == expected)
+
+    put(0, TEXT)
+    wait_for(lambda: one.state.messages == 2)
+    pause(1, 2, OTHER_TEXT)
+    for sequence in range(3, 60):
+        put(sequence)
+    wait_for(lambda: one.state.messages == 62)
+    pause(60, 61)
+    for sequence in range(62, 120):
+        put(sequence)
+    assert one.close(60.0)
+    held = [latched_in(tmp_path / "bag" / f"bag_{at}.mcap") for at in range(5)]
+    assert held == [[TEXT], [TEXT, OTHER_TEXT], [OTHER_TEXT], [OTHER_TEXT], [OTHER_TEXT]]
+    assert sequences(tmp_path / "bag") == list(range(120))
 
 
 def test_a_disk_that_takes_names_but_no_bytes_gets_no_file_a_try(
