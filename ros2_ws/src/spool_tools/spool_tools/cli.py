@@ -12,8 +12,7 @@ from spool_core.errors import InputError
 from typer.exceptions import TyperException
 
 from spool_tools.command import CommandGroup
-from spool_tools.outputs import one_command
-from spool_tools.terminal import fail
+from spool_tools.outputs import fail, one_command
 
 app = typer.Typer(
     name="spool",

@@ -27,6 +27,7 @@ from xml.etree import ElementTree
 
 from spool_core.errors import InputError
 from spool_core.system import remove, write_durably
+from spool_core.text import printable
 
 if TYPE_CHECKING:
     from spool_bag.mcap_file import Damage
@@ -63,6 +64,12 @@ def one_command(arguments: Sequence[str]) -> Iterator[None]:
 def command_line() -> str:
     """Return the call that is under way as it was typed, empty where there is none."""
     return _command_line.get()
+
+
+def fail(text: str, code: int = 2) -> int:
+    """Say on standard error in one line what is wrong; return the exit code."""
+    print("spool: " + printable(" ".join(text.split())), file=sys.stderr)
+    return code
 
 
 def replace_existing(wanted: bool) -> bool:

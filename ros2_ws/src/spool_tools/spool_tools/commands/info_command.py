@@ -10,8 +10,8 @@ from rich.table import Table
 
 from spool_tools import command as cli
 from spool_tools.command import Command
-from spool_tools.outputs import damaged_places, lost_messages, write_json
-from spool_tools.terminal import cell, fail, progress, warn
+from spool_tools.outputs import damaged_places, fail, lost_messages, write_json
+from spool_tools.terminal import cell, progress, warn
 
 if TYPE_CHECKING:
     from spool_bag.information import BagInformation
