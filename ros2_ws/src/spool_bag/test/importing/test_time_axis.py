@@ -199,6 +199,49 @@ def moment(at: int) -> datetime:
     return START + timedelta(seconds=float(TIME[at]))
 
 
+def seconds(shift: float) -> Callable[[int], str]:
+    return lambda at: f"{TIME[at] + 1.0 + shift:.6f}"
+
+
+def dates(shift: float) -> Callable[[int], str]:
+    return lambda at: (moment(at) + timedelta(seconds=shift)).strftime("%Y-%m-%d %H:%M:%S.%f")
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0], ids=["earlier", "later"])
+@pytest.mark.parametrize(("written", "unit"), [(seconds, " [s]"), (dates, "")], ids=["seconds", "dates"])
+def test_two_columns_of_time_that_begin_half_a_sample_apart_are_two_clocks(
+    tmp_path: Path, written: Callable[[float], Callable[[int], str]], unit: str, side: float
+) -> None:
+    """They may differ by a quarter of a sample."""
+
+    def record(samples: float) -> LoggerRecord:
+        header = f"time{unit},body [m/s^2],time_2{unit},spool [m/s^2]"
+        second = written(side * samples / RATE)
+        return read_record(csv(tmp_path / f"{samples}.csv", header, written(0.0), body, second, spool))
+
+    assert is_whole(record(0.2))
+    with pytest.raises(InputError, match=r"are two clocks, 0\.00025 s apart"):
+        record(0.5)
+
+
+def test_a_time_rounded_to_two_samples_is_the_same_clock_as_the_exact_one(tmp_path: Path) -> None:
+    header = "t [s],body [m/s^2],t2 [s],spool [m/s^2]"
+    path = csv(tmp_path / "x.csv", header, seconds(0.0), body, lambda at: f"{TIME[at] + 1.0:.3f}", spool)
+    assert is_whole(read_record(path))
+
+
+def test_dates_and_seconds_of_one_clock_are_one_time_though_they_count_from_different_moments(
+    tmp_path: Path,
+) -> None:
+    path = csv(
+        tmp_path / "x.csv", "t [s],Date,body [m/s^2],spool [m/s^2]", seconds(0.0), dates(0.0), body, spool
+    )
+    found = read_record(path, how=choices(columns="time=t"))
+    assert is_whole(found)
+    assert found.start is not None
+    assert found.start * 1e-9 + found.time[0] == pytest.approx(START.timestamp(), abs=1e-6)
+
+
 DATES = {
     "iso": ("%Y-%m-%dT%H:%M:%S.%f", {}),
     "slashes_of_iso": ("%Y/%m/%d %H:%M:%S.%f", {}),
