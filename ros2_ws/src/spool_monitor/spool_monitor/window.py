@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from scipy import fft
+from numpy import fft
 from spool_core.block import Block, Samples
 from spool_core.kernels.compiled import compiled
 from spool_core.numbers import Array, Complex

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy import fft
 from numpy.typing import NDArray
-from scipy import fft
 from spool_core.kernels.compiled import compiled
 from spool_core.kernels.samples import impossible
 from spool_core.numbers import GRAVITY, Array

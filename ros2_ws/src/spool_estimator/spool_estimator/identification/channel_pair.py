@@ -16,11 +16,11 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy import fft
+from numpy import fft
 from spool_core.numbers import Array, Complex
 from spool_core.uncertainty import Z_95
 
-from spool_estimator.identification.spectra import ZeroPhase, faded
+from spool_estimator.identification.spectra import ZeroPhase, faded, fast_length, frequencies
 
 #: Hz: full gain from twice the lower edge on; directional valves resonate at 10 to 60 Hz, and what their
 #: springs decide ends within an octave or two above.
@@ -128,13 +128,13 @@ class ChannelPair:
     def __post_init__(self) -> None:
         size = self.body.size
         high = min(HIGH, 0.32 / self.period)
-        frequency = fft.rfftfreq(size, self.period)
+        frequency = frequencies(size, self.period)
         wanted = min(frequency.size - 1, math.ceil(1.25 * high * size * self.period))
-        lines = min(frequency.size - 1, fft.next_fast_len(2 * wanted, real=True) // 2)
+        lines = min(frequency.size - 1, fast_length(2 * wanted) // 2)
         self._size = 2 * lines
         self._period = self.period * size / self._size
         self._edge = round((TAPER + 1.0 / LOW) / self._period)
-        self._turn = 2j * np.pi * frequency[: lines + 1]
+        self._turn = np.asarray(2j * np.pi * frequency[: lines + 1], np.complex128)
         self._turn[0] = 1.0
         self._band = ZeroPhase(self.period, LOW, high).gain(frequency[: lines + 1])
         scale = self._band * self._size / size

@@ -14,9 +14,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy import fft
 from numpy.typing import NDArray
-from scipy import fft, signal
-from spool_core.numbers import Array
+from spool_core.numbers import Array, Complex
 
 #: Quantile of a smoothed density that stands for its noise floor: harmonics reach into the other lines.
 QUANTILE = 0.25
@@ -100,11 +100,18 @@ def density_of(
     Welch's method with pieces of ``seconds`` s, weighed by the rows' lengths; ``average`` is over the pieces.
     """
     piece = min(*(row.size for row in rows), max(16, round(seconds / sample_period)))
-    found = [
-        signal.welch(row, 1.0 / sample_period, "hann", piece, detrend=False, average=average) for row in rows
-    ]
-    density = np.average([one for _, one in found], axis=0, weights=[row.size for row in rows])
-    return np.asarray(found[0][0]), np.asarray(density)
+    densities = []
+    for row in rows:
+        lines = _pieces(row, 1.0 / sample_period, piece)
+        power = lines.real**2 + lines.imag**2
+        if average == "median":
+            # Of few squares of noise the median lies this much below the mean (Allen et al. 2012, app. B).
+            signs = np.resize([1.0, -1.0], len(power) - 1 + len(power) % 2)
+            densities.append(np.median(power, axis=0) / np.sum(signs / (1.0 + np.arange(signs.size))))
+        else:
+            densities.append(power.mean(axis=0))
+    density = np.average(densities, axis=0, weights=[row.size for row in rows])
+    return frequencies(piece, sample_period), np.asarray(density)
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,9 +136,45 @@ class CrossSpectrum:
 
 def cross_spectrum(body: Array, spool: Array, rate: float, piece: int) -> CrossSpectrum:
     """Return the spectra of both channels, shapes (n,), at ``rate`` (Hz), by pieces of ``piece`` samples."""
-    frequency, one = signal.welch(body, rate, "hann", piece)
-    other = signal.welch(spool, rate, "hann", piece)[1]
-    return CrossSpectrum(frequency, one, other, signal.csd(body, spool, rate, "hann", piece)[1])
+    piece = min(piece, body.size)
+    one, other = _pieces(body, rate, piece, level=True), _pieces(spool, rate, piece, level=True)
+    density, other_density = (np.mean(row.real**2 + row.imag**2, axis=0) for row in (one, other))
+    cross = np.mean(np.conj(one) * other, axis=0)
+    return CrossSpectrum(frequencies(piece, 1.0 / rate), density, other_density, cross)
+
+
+def _pieces(row: Array, rate: float, piece: int, *, level: bool = False) -> Complex:
+    """Return the lines of pieces of ``row``, shape (n,), that overlap by half, under a Hann taper.
+
+    Their squares are one-sided power densities, shape (pieces, piece // 2 + 1). With ``level`` each piece is
+    taken without its mean.
+    """
+    cut = np.lib.stride_tricks.sliding_window_view(row, piece)[:: piece - piece // 2]
+    taper = np.hanning(piece + 1)[:-1]
+    scale = np.full(piece // 2 + 1, np.sqrt(2.0 / (rate * np.sum(taper**2))))
+    # Frequency 0, and that of half the rate where it is a line, have no counterpart below 0.
+    scale[[0, -1] if piece % 2 == 0 else 0] /= np.sqrt(2.0)
+    if level:
+        cut = cut - cut.mean(axis=1, keepdims=True)
+    return np.asarray(fft.rfft(cut * taper) * scale)
+
+
+def frequencies(count: int, period: float) -> Array:
+    """Return the frequencies (Hz) of the lines of ``count`` samples ``period`` s apart."""
+    return np.asarray(fft.rfftfreq(count, period), dtype=np.float64)
+
+
+def fast_length(count: int) -> int:
+    """Return the smallest product of 2, 3 and 5 from ``count`` on: transforms of that length are fast."""
+    best = 1 << (count - 1).bit_length()
+    fives = 1
+    while fives < best:
+        product = fives
+        while product < best:
+            best = min(best, product << (-(-count // product) - 1).bit_length())
+            product *= 3
+        fives *= 5
+    return best
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,8 +212,8 @@ class ZeroPhase:
         """
         n = columns.shape[-1]
         reach = min(n - 1, 2 * self.settling + 16)
-        length = fft.next_fast_len(n + 2 * reach, real=True)
-        frequency = fft.rfftfreq(length, self.sample_period)
+        length = fast_length(n + 2 * reach)
+        frequency = frequencies(length, self.sample_period)
         response = self.gain(frequency).astype(np.complex128)
         if integrations:
             response[0] = 0.0
@@ -189,7 +232,7 @@ def delayed(rows: Array, delay: float, period: float) -> Array:
     reach = min(count - 1, EDGE)
     padding = [(0, 0)] * (rows.ndim - 1) + [(reach, reach)]
     padded = np.pad(rows, padding, mode="reflect", reflect_type="odd")
-    frequency = np.fft.rfftfreq(padded.shape[-1], period)
+    frequency = frequencies(padded.shape[-1], period)
     lines = np.fft.rfft(padded) * np.exp(-2j * np.pi * frequency * delay)
     return np.asarray(np.fft.irfft(lines, padded.shape[-1])[..., reach : reach + count])
 
@@ -328,11 +371,7 @@ def quiet(samples: Array, density: float | Callable[[Array], Array], rate: float
     hop = length // OVERLAP
     padded = _padded(samples, length)
     window = _window(length)
-    level = (
-        density(np.asarray(np.fft.rfftfreq(length, 1.0 / rate), dtype=np.float64))
-        if callable(density)
-        else density
-    )
+    level = density(frequencies(length, 1.0 / rate)) if callable(density) else density
     expected = level * 0.5 * rate * float(np.sum(window**2))
     count = (padded.size - length) // hop + 1
     gains = np.empty((count, length // 2 + 1))
