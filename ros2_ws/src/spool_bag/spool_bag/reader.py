@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
+from functools import cached_property
+from itertools import takewhile
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
@@ -13,9 +15,9 @@ from rosbags.typesys.store import Typestore
 from spool_core.block import Block, BlockRun
 from spool_core.cdr import CdrError, OilTemperature, decode_temperature
 from spool_core.errors import InputError
-from spool_core.system import leftovers
 from spool_core.text import printable
 
+from spool_bag import no_such_bag
 from spool_bag.blocks import Item, OrderingWindows, Span, decode_blocks, keyed_of
 from spool_bag.mcap_file import Damage, McapFile, McapMessage, MessageBatch, decompressed
 from spool_bag.mcap_record import Topic
@@ -52,7 +54,7 @@ _OIL = _Source("oil_temperature", TEMPERATURE, _temperatures)
 
 
 class TopicInformation(NamedTuple):
-    """Topic of a bag: its type and number of messages."""
+    """Topic of a bag: its type and number of messages, without those that parts repeat."""
 
     type: str
     messages: int
@@ -73,7 +75,6 @@ class BagReader:
     Attributes:
         warnings: what is missing or not as it should be, one line each.
         closed: the recording was finished properly.
-        told: messages that ``metadata.yaml`` counts, 0 without it; of a recording under way some seconds old.
         damages: with ``skip_damage`` what was stepped over so far, else empty: damage is an error then.
         undecodable: messages that are not what their type says, left out, by topic, as far as read.
 
@@ -89,16 +90,13 @@ class BagReader:
         self._skip = skip_damage
         self._folder: TemporaryDirectory[str] | None = None
         self.warnings: list[str] = []
-        self.told = 0
+        self._told = 0
         if self.path.is_dir():
-            paths, self.told, self.warnings = storage_files(self.path)
+            paths, self._told, self.warnings = storage_files(self.path)
         elif self.path.is_file():
             paths = [self.path]
         else:
-            left = "".join(
-                f"; {part} is what a killed process left of it" for part in leftovers(self.path)[:1]
-            )
-            raise InputError(f"{self.path}: no such bag: name a rosbag2 directory or an .mcap file{left}")
+            raise no_such_bag(self.path)
         files = self._opened(paths)
         self.files = [file for file in files if file.times is None or span.touches(*file.times)]
         self.closed = all(file.closed for file in self.files)
@@ -144,15 +142,21 @@ class BagReader:
         """Type and number of messages by topic; an unfinished bag is read through once for it."""
         if self._topics is None:
             found: dict[str, TopicInformation] = {}
-            for file in self.files:
+            for file, repeated in zip(self.files, self._repeated, strict=True):
                 counts = file.counts
                 if counts is None:
                     counts = Counter(record.channel for record in self._records(file, lambda _: True))
                 for number, topic in file.topics.items():
                     before = found[topic.name].messages if topic.name in found else 0
-                    found[topic.name] = TopicInformation(topic.type, before + counts.get(number, 0))
+                    count = max(counts.get(number, 0) - repeated[number], 0)
+                    found[topic.name] = TopicInformation(topic.type, before + count)
             self._topics = dict(sorted(found.items()))
         return self._topics
+
+    @property
+    def told(self) -> int:
+        """Messages that ``metadata.yaml`` counts, 0 without it; of a recording under way some seconds old."""
+        return max(self._told - sum(repeated.total() for repeated in self._repeated), 0)
 
     @property
     def received(self) -> tuple[int, int] | None:
@@ -219,8 +223,7 @@ class BagReader:
     def records(self, topic: str | None = None) -> Iterator[tuple[Topic, McapMessage]]:
         """Yield the messages of ``topic`` (all topics without it) as recorded, in the order of recording."""
         for place, file in enumerate(self.files):
-            begin = begin_of(file.path) if place else None
-            repeated = begin.repeated_at if begin is not None else 0
+            repeated = _repeated_at(file) if place else 0
             for record in self._records(file, lambda candidate: topic is None or candidate.name == topic):
                 # What a part repeats so that it stands by itself was in the parts before it.
                 if (not repeated or record.log_time != repeated) and self.span.holds(record.log_time):
@@ -310,6 +313,11 @@ class BagReader:
     def _records(self, file: McapFile, wanted: Callable[[Topic], bool]) -> Iterator[McapMessage]:
         return file.records(wanted, self._damage_of(file))
 
+    @cached_property
+    def _repeated(self) -> list[Counter[int]]:
+        """Messages by channel that each file repeats at its beginning."""
+        return [_repeated(file) if place else Counter() for place, file in enumerate(self.files)]
+
     def _damage_of(self, file: McapFile) -> Callable[[Damage], None] | None:
         """Return what takes note of damage, ``None`` where that is an error."""
         return (lambda damage: self._note(file, damage)) if self._skip else None
@@ -343,6 +351,19 @@ class BagReader:
             except Exception:  # as above
                 self._stores[topic.type] = None
         return self._stores[topic.type]
+
+
+def _repeated_at(file: McapFile) -> int:
+    """Return the log time (ns) of the messages that a part repeats of those before it, 0 for none."""
+    begin = begin_of(file.path)
+    return begin.repeated_at if begin is not None else 0
+
+
+def _repeated(file: McapFile) -> Counter[int]:
+    """Return by channel how many messages a part repeats; as far as its beginning can be read."""
+    at = _repeated_at(file)
+    records = file.records(lambda _: True, lambda _: None) if at else iter(())
+    return Counter(record.channel for record in takewhile(lambda record: record.log_time == at, records))
 
 
 def _stated_losses(files: Sequence[McapFile]) -> list[str]:
