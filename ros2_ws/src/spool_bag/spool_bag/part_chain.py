@@ -157,12 +157,13 @@ def begin_of(path: Path) -> PartBegin | None:
 
 class Ended(NamedTuple):
     """End of a part, the SHA-256 of the bytes before it, whether it and the kinds of records behind it are as
-    written, and the SHA-256 of the whole ``file``."""
+    written, the SHA-256 of the whole ``file``, and whether it is ``cut`` off behind its end."""
 
     end: PartEnd
     content: str
     sound: bool
     file: str
+    cut: bool
 
 
 def end_of(path: Path) -> Ended | None:
@@ -186,8 +187,9 @@ def end_of(path: Path) -> Ended | None:
                     before = digest.hexdigest()
                     rest = stream.read(LARGEST_SUMMARY + 1)
                     digest.update(head + content + rest)
-                    sound = end.record() == told and _is_tail(rest)
-                    return Ended(end, before, sound, digest.hexdigest())
+                    sound, cut = _judge_tail(rest)
+                    same = end.record() == told
+                    return Ended(end, before, same and sound, digest.hexdigest(), same and cut)
                 digest.update(head + content)
                 continue
             digest.update(head)
@@ -222,19 +224,41 @@ def file_hash(path: Path) -> str:
     return digest.hexdigest()
 
 
-def _is_tail(rest: bytes) -> bool:
-    """Return whether ``rest`` is the end of the data, index records alone, footer and magic."""
-    if not (rest.startswith(_DATA_END) and rest.endswith(MAGIC)):
+def is_stub(path: Path) -> bool:
+    """Return whether a file ends within its first records, as a recorder leaves it that is killed there.
+
+    Raises:
+        OSError: the file cannot be read.
+    """
+    with path.open("rb") as stream:
+        data = stream.read(2 * LARGEST)
+    at = len(MAGIC)
+    if not MAGIC.startswith(data[:at]):
         return False
-    at, end = len(_DATA_END), len(rest) - len(MAGIC)
-    while at + FRAME.size <= end:
+    for expected in (Opcode.HEADER, Opcode.METADATA):
+        if at + FRAME.size > len(data):
+            return data[at : at + 1] in (b"", bytes([expected]))
+        opcode, length = FRAME.unpack_from(data, at)
+        if opcode != expected:
+            return False
+        at += FRAME.size + length
+    return at > len(data)
+
+
+def _judge_tail(rest: bytes) -> tuple[bool, bool]:
+    """Return whether ``rest`` is the end of the data, index records alone, footer and magic, and whether it
+    is the beginning of these."""
+    at = len(_DATA_END)
+    if not _DATA_END.startswith(rest[:at]):
+        return False, False
+    while at + FRAME.size <= len(rest):
         opcode, length = FRAME.unpack_from(rest, at)
         at += FRAME.size + length
         if opcode == Opcode.FOOTER:
-            return bool(at == end)
+            return rest[at:] == MAGIC, rest[at:] != MAGIC and MAGIC.startswith(rest[at:])
         if opcode not in _INDEX:
-            return False
-    return False
+            return False, False
+    return False, True
 
 
 def _told(path: Path, wanted: str) -> list[dict[str, str]]:
@@ -286,7 +310,9 @@ def _pairs(content: bytes) -> tuple[str, dict[str, str]]:
     name = text()
     (size,) = struct.unpack_from("<I", content, at)
     at += 4
-    end = min(at + size, len(content))
+    end = at + size
+    if end > len(content):
+        raise ValueError("the pairs are longer than their record")
     pairs: dict[str, str] = {}
     while at < end:
         key = text()

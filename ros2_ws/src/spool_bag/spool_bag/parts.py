@@ -19,7 +19,7 @@ from spool_core.system import OPEN_FLAGS
 from spool_bag.mcap_file import McapFile
 from spool_bag.mcap_record import message_head
 from spool_bag.metadata import Definition, PartCount, TopicCount, qos_of
-from spool_bag.part_chain import UNREADABLE, begin_of, end_of, file_hash, oldest_of
+from spool_bag.part_chain import UNREADABLE, begin_of, end_of, file_hash, is_stub, oldest_of
 
 #: B of an index at most (MCAP specification): of a chunk, of a channel in it, of a definition besides its
 #: texts, and of all else: statistics with some hundred channels, other records, offsets, footer.
@@ -280,6 +280,9 @@ def existing_parts(folder: Path) -> Existing:
     parts: list[PartCount] = []
     topics: dict[str, tuple[TopicCount, Definition]] = {}
     files = numbered(folder)
+    with contextlib.suppress(OSError):
+        if files and is_stub(files[-1][1]):  # no part could name the one before it through it
+            files.pop()[1].unlink()
     for number, path in files:
         count = PartCount(path.name, number)
         parts.append(count)

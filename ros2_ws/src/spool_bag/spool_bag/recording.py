@@ -407,7 +407,7 @@ def thin(path: Path, target: Path, sign: Callable[[str], str] | None = None) -> 
         OSError: it cannot be read, or ``target`` not be written.
     """
     begin, ended = begin_of(path), end_of(path)
-    if begin is None or ended is None:
+    if begin is None or ended is None or ended.cut:
         return None
     end = ended.end
     if (end.thinned or end.content) != ended.content or not ended.sound:

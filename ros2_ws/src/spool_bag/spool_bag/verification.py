@@ -19,7 +19,7 @@ from spool_core.text import printable
 from spool_bag.mcap_file import Damage, McapFile
 from spool_bag.mcap_record import Topic
 from spool_bag.metadata import Definition, qos_of, read_metadata
-from spool_bag.part_chain import UNREADABLE, Ended, PartBegin, begin_of, end_of, file_hash, oldest_of
+from spool_bag.part_chain import UNREADABLE, Ended, PartBegin, begin_of, end_of, file_hash, is_stub, oldest_of
 from spool_bag.parts import number_of, numbered
 from spool_bag.reader import BagReader
 from spool_bag.writer import BagWriter
@@ -266,13 +266,20 @@ class _Chain:
     def take(self, number: int, path: Path) -> None:
         """Judge the next part."""
         self.found.parts += 1
+        if self._before is not None and number != self._before + 1:
+            self.found.wrong.append(_missing(self._before + 1, number - 1))
+            self.link = self._ended = None
         try:
             begin, ended = begin_of(path), end_of(path)
             self.oldest = max(self.oldest, oldest_of(path))
+            begun = begin is not None or ended is not None or not (path == self.last and is_stub(path))
         except FileNotFoundError:
             raise
         except OSError as error:
             self._break(number, f"{path.name}: it cannot be read: {error.strerror}")
+            return
+        if not begun:
+            self.found.notes.append(f"{path.name}: it holds nothing yet: the recorder was cut off")
             return
         if begin is None and ended is None:
             self._break(number, f"{path.name}: it is no part of a recording, or its beginning was edited")
@@ -319,9 +326,7 @@ class _Chain:
             wrong.append(
                 f"{path.name}: it is part {begin.number} by its own words: it was renamed or exchanged"
             )
-        if self._before is not None and number != self._before + 1:
-            wrong.append(_missing(self._before + 1, number - 1))
-        elif begin.before == UNREADABLE:
+        if begin.before == UNREADABLE:
             self.found.notes.append(f"{path.name}: the part before it could not be read when it was begun")
         elif self.link is not None and begin.before != self.link:
             wrong.append(
@@ -345,6 +350,8 @@ class _Chain:
             found.wrong.append(
                 f"{path.name}: its content was edited: its SHA-256 is not the one it ends with"
             )
+        elif ended.cut:
+            found.notes.append(f"{path.name}: it has no index: the recorder was cut off")
         elif not (ended.sound and _readable(path)):
             found.wrong.append(f"{path.name}: its index or its end was edited")
         if end.before != begin_before:
