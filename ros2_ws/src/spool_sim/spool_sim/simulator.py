@@ -188,11 +188,15 @@ class Simulator:
     @property
     def truth(self) -> Truth:
         """The parameters that hold at the next sample."""
-        now = np.array([self._sample])
-        values = {name: float(ramp.at(now)[0]) for name, ramp in self._ramps.items()}
+        values = self._drifted()
         if self._warms:
             values["viscous_coefficient"] *= float(self._oil.ratio(np.array(values["oil_temperature"])))
         return Truth(time=self.time, mass=self._mass, **values)
+
+    def _drifted(self) -> dict[str, float]:
+        """Return the values at the next sample, the viscous coefficient at the reference temperature."""
+        now = np.array([self._sample])
+        return {name: float(ramp.at(now)[0]) for name, ramp in self._ramps.items()}
 
     @property
     def _warms(self) -> bool:
@@ -219,15 +223,17 @@ class Simulator:
             self.model.parameter(quantity, "drift").check(target, "drift")
         if not 0.0 <= duration <= 1e9:
             raise InputError(f"drift: duration {duration:g} s is out of range, use 0 to 1e9 s")
-        now = float(self._ramps[quantity].at(np.array([self._sample]))[0])
-        # Fewer steps would do after a fall, but not before it is over: the number only rises.
+        now = self._drifted()
         ends = {name: ramp.target for name, ramp in self._ramps.items()} | {quantity: target}
-        if ends["oil_temperature"] != self._temperature:
-            ends["viscous_coefficient"] *= float(self._oil.ratio(np.array(ends["oil_temperature"])))
+        # A slow drift may be at its start when another one has ended; the number of steps only rises.
+        most = {name: max(now[name], ends[name]) for name in DRIFTING}
+        coldest = min(now["oil_temperature"], ends["oil_temperature"])
+        if coldest != self._temperature:
+            most["viscous_coefficient"] *= float(self._oil.ratio(np.array(coldest)))
         period, highest = 1.0 / self.sample_rate, self.excitation.highest_frequency
-        needed = substeps_for(self.model.terms, {**self._values, **ends}, period, highest)
+        needed = substeps_for(self.model.terms, {**self._values, **most}, period, highest)
         self._substeps = max(self._substeps, needed)
-        self._ramps[quantity] = _Ramp(now, target, self._sample, round(duration * self.sample_rate))
+        self._ramps[quantity] = _Ramp(now[quantity], target, self._sample, round(duration * self.sample_rate))
 
     def next_block(self) -> Block:
         """Return the next block."""

@@ -16,6 +16,7 @@ from spool_sim.integration.composed_motion import (
     substeps_for,
 )
 from spool_sim.model import MODELS, model_from_mapping
+from spool_sim.simulator import Simulator
 from spool_sim.valve import Valve
 
 MASS, STIFFNESS = 0.18, 1632.0
@@ -227,3 +228,49 @@ def test_two_steps_a_sample_agree_with_half_a_microsecond(
     assert substeps_for(model.terms, model.values_for(valve, values), 5e-4, 110.0) == 2
     reference = sweep(name, valve, 1000, 3.0, **values)  # through both resonances
     assert relative_rms(sweep(name, valve, 2, 3.0, **values), reference) < 1e-3
+
+
+def amplification(
+    source: Simulator, valve: Valve, frequency: float, damping: float, stiffness: float
+) -> float:
+    """Return by how much the spool moves more than the body, over what theory has of a linear valve."""
+    blocks = list(source.records(1.0))
+    body, spool = (
+        np.concatenate([getattr(one, name) for one in blocks])[-1000:] for name in ("body", "spool")
+    )
+    held = stiffness + 2j * math.pi * frequency * damping
+    expected = abs(held / (held - valve.moving_mass * (2.0 * math.pi * frequency) ** 2))
+    return float(spool.std() / body.std() / expected)
+
+
+@pytest.mark.parametrize(
+    "drifts",
+    [
+        [("spring_stiffness", 1e7, 0.0)],
+        [("viscous_coefficient", 3000.0, 0.0)],
+        [("oil_temperature", -30.0, 0.0), ("viscous_coefficient", 100.0, 0.0)],
+        # Still cold when the coefficient steps, and thin at the end of its way.
+        [
+            ("oil_temperature", -30.0, 0.0),
+            ("oil_temperature", 60.0, 1e6),
+            ("viscous_coefficient", 100.0, 0.0),
+        ],
+        # Still thick when the oil is cold, and thin at the end.
+        [
+            ("viscous_coefficient", 100.0, 0.0),
+            ("viscous_coefficient", 1.0, 1e6),
+            ("oil_temperature", -30.0, 0.0),
+        ],
+    ],
+    ids=["stiffer", "thicker", "colder", "thicker while cold oil warms", "colder while it thins"],
+)
+def test_a_valve_that_drifts_to_a_faster_motion_answers_as_theory_has_it(
+    drifts: list[tuple[str, float, float]], valve: Valve
+) -> None:
+    frequency = 90.0
+    source = Simulator(valve, SteadySine(frequency=frequency, amplitude=10.0), model="fluid")
+    for quantity, target, duration in drifts:
+        source.set_drift(quantity, target, duration)
+    truth = source.truth
+    found = amplification(source, valve, frequency, truth.viscous_coefficient, truth.spring_stiffness)
+    assert found == pytest.approx(1.0, rel=1e-5)
