@@ -201,6 +201,20 @@ def test_oil_that_warms_thins_by_its_law(valve: Valve) -> None:
     np.testing.assert_allclose(late, wanted, atol=1e-3 * np.abs(wanted).max())
 
 
+def test_oil_that_cools_back_to_the_valve_s_own_temperature_is_thin_until_it_gets_there(valve: Valve) -> None:
+    cooling, warm = (Simulator(valve, SteadySine(frequency=15.0, amplitude=10.0)) for _ in range(2))
+    for one in (cooling, warm, warm):  # the same command again changes nothing
+        one.set_drift("oil_temperature", 60.0)
+    cooling.set_drift("oil_temperature", valve.oil_temperature, 1000.0)
+    moved, expected = (joined(list(one.records(1.0)))[1] for one in (cooling, warm))
+    np.testing.assert_allclose(moved, expected, atol=0.002 * np.abs(expected).max())
+    truth = cooling.truth
+    assert truth.oil_temperature == pytest.approx(59.96)
+    assert truth.viscous_coefficient == pytest.approx(valve.viscous_coefficient_at(59.96), rel=1e-4)
+    cooling.set_drift("oil_temperature", valve.oil_temperature)
+    assert cooling.truth.viscous_coefficient == valve.viscous_coefficient
+
+
 def test_wrong_drift_and_length_are_refused(valve: Valve) -> None:
     source = Simulator(valve, PRESETS["sweep"], model="fluid")
     with pytest.raises(InputError, match="coulomb_force: unknown parameter"):
