@@ -92,6 +92,13 @@ def test_quantised_reading_stands_on_steps_and_errs_by_half_a_step_at_most() -> 
     assert error.std() == pytest.approx(0.25 / np.sqrt(12.0), rel=0.1)
 
 
+def test_digitised_reading_never_lies_beyond_full_scale_though_its_step_divides_it_unevenly() -> None:
+    reading = SensorChannel(Sensor(resolution=0.3, full_scale=5.0), 0).read(SINE)
+    assert (reading.min(), reading.max()) == (-5.0, 5.0)
+    inside = reading[np.abs(reading) < 5.0]
+    np.testing.assert_array_equal(inside, np.rint(inside / 0.3) * 0.3)
+
+
 def test_chain_of_the_paper_is_uncertain_by_five_per_cent() -> None:
     assert PAPER_CHAIN.relative_uncertainty == pytest.approx(0.05)
     chain = MeasuringChain(
