@@ -35,9 +35,9 @@ SIGNIFICANCE = 4.0
 #: The parameter that follows the oil's temperature.
 VISCOUS = "viscous_coefficient"
 
-#: Of the change that matters: what a single value counts for at most, and above what uncertainty nothing is
-#: judged.
-CAP, UNCERTAIN = 2.5, 0.35
+#: Of the change that matters: what a single value counts for at most; by how much it may still exceed a limit
+#: that is wider than that; and above what uncertainty nothing is judged.
+CAP, ABOVE, UNCERTAIN = 2.5, 0.5, 0.35
 
 #: Shares of the limit below which a change is over, and from which it is followed as one that rises.
 RELEASE, RISES = 0.6, 0.4
@@ -342,9 +342,10 @@ class ParameterDrift:
         celsius = estimate.oil_temperature.value
         if not self.referred:
             if math.isnan(celsius) or math.isnan(self.temperature):
-                # A start value from a former run: the oil may have any temperature.
-                since = math.inf if self.learned_at is None else 1e-9 * (estimate.stamp - self.learned_at)
-                warmer = min(WARMS_MOST, WARMS * max(0.0, since))
+                # A start value from a former run, or a clock that was set back: any temperature is possible.
+                learned, stamp = self.learned_at, estimate.stamp
+                since = math.inf if learned is None or stamp < learned else 1e-9 * (stamp - learned)
+                warmer = min(WARMS_MOST, WARMS * since)
             else:
                 warmer = abs(celsius - self.temperature)
             return 0.0, VISCOSITY_PER_KELVIN * warmer
@@ -449,7 +450,8 @@ def threshold_for(run_length: float, allowance: float, variance: float) -> float
 class CumulativeSum:
     """Two-sided cumulative sum of a change, in s times its unit.
 
-    ``allowance`` is the change that is let pass, ``cap`` the largest that a single value counts for.
+    ``allowance`` is the change that is let pass, ``cap`` the largest that a single value counts for,
+    or ``ABOVE`` more than the allowance where that is larger.
     ``since`` (ns) is when the larger sum left zero: the most likely onset (Page 1954).
     """
 
@@ -462,7 +464,8 @@ class CumulativeSum:
 
     def update(self, stamp: int, change: float, seconds: float) -> None:
         """Take the change that held for ``seconds`` until ``stamp`` (ns)."""
-        bounded = float(min(self.cap, max(-self.cap, change)))
+        most = max(self.cap, self.allowance + ABOVE)
+        bounded = float(min(most, max(-most, change)))
         begin = stamp - round(seconds * 1e9)
         if self.up == 0.0:
             self._up_since = begin
