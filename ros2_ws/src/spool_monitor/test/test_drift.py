@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,11 +9,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.estimate import Estimate, State
+from spool_monitor.detection import Detection
 from spool_monitor.detectors import MonitorSettings
 from spool_monitor.event import Severity
 from spool_monitor.monitor import Monitor
-from spool_monitor.parameter_drift import TESTS, ParameterDrift
-from spool_monitor.state_file import Baseline
+from spool_monitor.parameter_drift import SMOOTHING, TESTS, ParameterDrift
+from spool_monitor.state_file import Baseline, HealthyValue
 
 SECOND = 1_000_000_000
 
@@ -218,6 +220,42 @@ def test_without_a_thermometer_the_limit_widens_as_the_oil_may_have_warmed() -> 
     assert limits[1] - limits[0] == pytest.approx(0.25, abs=0.01)
 
 
+@pytest.mark.parametrize(
+    ("drag", "learned_at", "celsius", "found"),
+    [
+        pytest.param(4.4, math.nan, math.nan, False, id="never measured"),
+        pytest.param(4.4, 20.0, math.nan, False, id="no longer measured"),
+        pytest.param(4.4, math.nan, 20.0, False, id="measured since"),
+        pytest.param(4.4, 20.0, 20.0, True, id="as warm as before"),
+        pytest.param(4.4, 45.0, 20.0, False, id="colder than before"),
+        pytest.param(6.0, math.nan, math.nan, True, id="never measured, beyond what cold oil does"),
+        pytest.param(6.0, 20.0, math.nan, True, id="no longer measured, beyond what cold oil does"),
+        pytest.param(6.0, math.nan, 20.0, True, id="measured since, beyond what cold oil does"),
+    ],
+)
+def test_after_a_restart_oil_that_was_not_measured_may_have_any_temperature(
+    drag: float, learned_at: float, celsius: float, found: bool
+) -> None:
+    """Oil that is 25 K colder drags 2.25 times as much: that is no wear of a valve whose drag was 2.0."""
+    made = ParameterDrift("viscous_coefficient", 0.2, True, Baseline(15.0))
+    made.baseline.restore(HealthyValue("viscous_coefficient", "N s/m", 2.0, 0.01, 2.0, 0.01, 15))
+    made.temperature = learned_at
+    for second in range(10, 310):
+        made.update(estimate(second, drag, celsius=celsius))
+    assert (made.level is not None) is found
+
+
+def test_after_a_clock_was_set_back_oil_that_nobody_measures_may_have_any_temperature() -> None:
+    """Nobody knows how long ago the start value was learned: warm oil must not look like wear."""
+    made = ParameterDrift("viscous_coefficient", 0.2, True, Baseline(3.0))
+    for second in range(3600, 3603):
+        made.update(estimate(second, 2.0, celsius=math.nan))
+    for second in range(60):
+        made.update(estimate(second, 0.8, celsius=math.nan))
+    assert made.judged
+    assert made.level is None
+
+
 def test_far_from_the_temperature_of_its_baseline_the_limit_is_wider() -> None:
     made = learned()
     limits = []
@@ -251,6 +289,45 @@ def test_it_tells_since_when() -> None:
     assert made.since == pytest.approx(109 * SECOND, abs=2 * SECOND)
 
 
+@pytest.mark.parametrize("slope", [0.0005, 0.002, 0.005])
+def test_a_slow_drift_began_before_half_of_the_limit_was_passed(slope: float) -> None:
+    made = learned()
+    found = found_after(made, [2.0 * (1.0 - max(0, second - 100) * slope) for second in range(700)])
+    half = 0.5 * made.sum.allowance * made.matters / slope
+    assert 110.0 <= 1e-9 * made.since <= 110.0 + half + SMOOTHING
+    assert found > 100.0 + 2.0 * half
+
+
+def test_a_drift_that_rests_for_some_seconds_began_before_it_rested() -> None:
+    made = learned()
+    for second, value in enumerate([2.0] * 100 + [1.4] * 20 + [2.0] * 8 + [1.4] * 5, 10):
+        made.update(estimate(second, value))
+    assert made.level is not None
+    assert made.since == pytest.approx(109 * SECOND, abs=2 * SECOND)
+
+
+@pytest.mark.parametrize("pause", [10.0, 3600.0, 86400.0, -1.0, -3600.0, -86400.0])
+def test_neither_a_pause_nor_a_clock_that_was_set_back_is_time_of_a_drift(pause: float) -> None:
+    """One estimate after it shows nothing that lasts; those that follow do."""
+    made = learned()
+    found_after(made, [2.0] * 10)
+    made.update(estimate(19.0 + pause, 2.5))
+    assert made.judged
+    assert (made.level, made.sum.size, made.change.value) == (None, 0.0, 0.0)
+    for second in range(1, 10):
+        made.update(estimate(19.0 + pause + second, 2.5))
+    assert made.level is not None
+    assert 1e-9 * made.since == pytest.approx(19.0 + pause, abs=1.0)
+
+
+def test_a_change_that_was_reported_before_a_pause_is_still_there_after_it() -> None:
+    made = learned()
+    assert math.isfinite(found_after(made, [1.4] * 30))
+    made.update(estimate(3600.0, 1.4))
+    assert made.level is Severity.WARNING
+    assert not made.released
+
+
 def test_one_wild_estimate_is_no_change() -> None:
     assert math.isinf(found_after(learned(), [2.0] * 20 + [9.0] + [2.0] * 100))
 
@@ -267,15 +344,21 @@ def test_a_restless_baseline_takes_longer_to_alarm() -> None:
     assert found_after(calm, [1.5] * 300) < found_after(restless, [1.1] * 300)
 
 
-def test_a_change_that_is_undone_is_over_soon() -> None:
+@pytest.mark.parametrize("changed", [1.0, 3.0])
+def test_a_change_that_is_undone_is_over_soon(changed: float) -> None:
+    """After an hour of it; another one that follows is dated from its own beginning."""
     made = learned()
-    for second in range(10, 3000):
-        made.update(estimate(second, 1.2))
+    for second in range(10, 3000, 10):
+        made.update(estimate(second, changed))
     assert made.level is Severity.ALARM
     for second in range(3000, 3015):
         made.update(estimate(second, 2.0))
     assert made.released
     assert made.level is None
+    for second in range(3015, 3025):
+        made.update(estimate(second, changed))
+    assert made.level is Severity.ALARM
+    assert made.since >= 3010 * SECOND
 
 
 def test_what_is_distrusted_neither_raises_nor_releases() -> None:
@@ -285,10 +368,67 @@ def test_what_is_distrusted_neither_raises_nor_releases() -> None:
     assert (made.level, made.released, made.judged) == (None, False, False)
 
 
+def test_what_came_before_a_distrusted_estimate_is_forgotten() -> None:
+    made = learned()
+    assert math.isfinite(found_after(made, [1.4] * 20))
+    made.update(estimate(30, 1.4), distrust=True)
+    assert made.level is None
+    for second in range(31, 41):
+        made.update(estimate(second, 1.4))
+    assert made.level is not None
+    assert made.since >= 30 * SECOND
+    made.update(estimate(41, 1.4), distrust=True)
+    made.update(estimate(42, 2.0))
+    assert (made.change.value, made.released, made.since) == (0.0, True, 0)
+
+
 def test_an_absolute_change_is_in_the_parameters_unit() -> None:
     made = learned(relative=False)
     assert math.isfinite(found_after(made, [2.3] * 60))
     assert (made.change.unit, made.change.value) == ("N s/m", pytest.approx(0.3, abs=0.01))
+
+
+def with_spring(second: float, stiffness: float, dry: float) -> Estimate:
+    """Return an estimate of a spool of 0.18 kg, shaken with 5 m/s^2; ``dry``: its friction, N."""
+    drag = estimate(second, 10.0)
+    spring = Quantity("spring_stiffness", "N/m", stiffness, 1.0, Validity.VALID)
+    friction = Quantity("coulomb_force", "N", dry, 0.001, Validity.VALID)
+    natural = math.sqrt(stiffness / 0.18) / (2.0 * math.pi)
+    return replace(
+        drag,
+        parameters=(*drag.parameters, spring, friction),
+        natural_frequency=Quantity("natural_frequency", "Hz", natural, 0.01, Validity.VALID),
+        excitation=Quantity("excitation", "m/s^2", 5.0, 0.01, Validity.VALID),
+    )
+
+
+@pytest.mark.parametrize(
+    ("stiffness", "dry", "softer"),
+    [(0.88, 0.0, True), (0.88, 0.2, False), (0.88, -0.2, True), (0.96, -0.2, False)],
+)
+def test_a_spring_that_seems_softer_by_what_growing_dry_friction_feigns_is_not_reported(
+    stiffness: float, dry: float, softer: bool
+) -> None:
+    """Friction (N) that holds the spool more of the time looks the same; less of it explains nothing."""
+    detection = Detection(MonitorSettings(natural_frequency=15.0))
+    for second in range(100):
+        share = min(1.0, max(0.0, (second - 20.0) / 50.0))
+        one = with_spring(second, 1600.0 * (1.0 + share * (stiffness - 1.0)), 0.25 + share * dry)
+        detection.update_estimate(one, 15.0)
+    assert detection.parameters["spring_stiffness"].judged
+    assert (detection.parameters["spring_stiffness"].level is not None) is softer
+
+
+def test_a_spool_that_sticks_most_of_the_time_shows_nothing_of_its_spring() -> None:
+    detection = Detection(MonitorSettings(natural_frequency=15.0))
+    spring = detection.parameters["spring_stiffness"]
+    for second in range(60):
+        stuck = second >= 20
+        detection.update_estimate(
+            with_spring(second, 800.0 if stuck else 1600.0, 0.6 if stuck else 0.4), 15.0
+        )
+        assert spring.judged is (15 <= second < 20)
+    assert spring.level is None
 
 
 def test_a_model_without_the_parameter_is_refused_by_name() -> None:
