@@ -6,7 +6,6 @@ import os
 import re
 import shutil
 from collections.abc import Iterable, Mapping
-from importlib.metadata import distributions
 from pathlib import Path
 
 from setup import uv
@@ -54,6 +53,8 @@ def site_packages(layout: Layout) -> Path | None:
 
 def installed(folders: Iterable[Path]) -> dict[str, str]:
     """Names and versions of the packages in the folders given."""
+    from importlib.metadata import distributions  # noqa: PLC0415  (a call that finds all set up needs none)
+
     entries = distributions(path=[str(folder) for folder in folders])
     return {_normal(entry.metadata["Name"]): entry.version for entry in entries if entry.metadata["Name"]}
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 
 from spool_core.errors import InputError
+from spool_core.system import leftovers
 
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
 
@@ -14,6 +16,12 @@ SPOOL = "spool_m_s2"
 OIL_TEMPERATURE = "oil_temperature_C"
 DISPLACEMENT = "displacement_m"
 FORCE = "force_N"
+
+
+def no_such_bag(path: Path) -> InputError:
+    """Return the refusal of ``path`` where there is no bag."""
+    left = "".join(f"; {part} is what a killed process left of it" for part in leftovers(path)[:1])
+    return InputError(f"{path}: no such bag: name a rosbag2 directory or an .mcap file{left}")
 
 
 def check_valve(valve: str) -> None:

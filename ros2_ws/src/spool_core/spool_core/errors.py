@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.metadata
 import shlex
 import sys
 import sysconfig
@@ -54,6 +53,8 @@ def unmet_library(error: ImportError) -> str | None:
         return f"this needs ROS 2 ({name} is missing): use ./spool in a checkout, or source a ROS 2"
     if not name or name.startswith("spool_") or name in sys.stdlib_module_names:
         return None
+    import importlib.metadata  # noqa: PLC0415 - with zipfile and email, where a library is missing only
+
     package = PACKAGES.get(name, name)
     wanted = f"{package}>={OLDEST[name]}" if name in OLDEST else package
     try:

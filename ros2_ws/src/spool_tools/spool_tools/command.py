@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import errno
 import math
+import os
 import pkgutil
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from importlib import import_module
-from importlib.metadata import entry_points
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from spool_bag import no_such_bag
 from spool_core.errors import InputError
 from typer import Typer
 from typer.core import TyperGroup
@@ -192,6 +194,20 @@ SensorDelay = Annotated[
 ]
 
 
+def refuse_missing(*records: Path) -> None:
+    """Refuse bags and loggers' files that are missing, before libraries are loaded for a second or two.
+
+    Raises:
+        InputError: one is missing.
+    """
+    for path in records:
+        if path.exists():
+            continue
+        if path.suffix.lower() in ("", ".mcap", ".zstd", ".zst", ".yaml", ".yml"):
+            raise no_such_bag(path)
+        raise InputError(f"{path}: cannot be read: {os.strerror(errno.ENOENT)}")
+
+
 #: Settings of a command that passes on what follows its own arguments, options included.
 PASSING_ON = {"allow_extra_args": True, "ignore_unknown_options": True, "allow_interspersed_args": False}
 
@@ -217,6 +233,8 @@ class Command:
 @cache
 def command_modules() -> dict[str, str]:
     """Return the full name of each command's module by the command's name."""
+    from importlib.metadata import entry_points  # noqa: PLC0415 - loads email and zipfile, --version needs none
+
     packages = {entry.value for entry in entry_points(group=ENTRY_POINTS)}
     if find_spec(RESEARCH) is not None:
         packages.add(f"{RESEARCH}.commands")

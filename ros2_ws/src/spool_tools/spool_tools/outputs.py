@@ -20,7 +20,6 @@ from contextvars import ContextVar
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from functools import cache
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 from xml.etree import ElementTree
@@ -311,6 +310,8 @@ def _package_version() -> str:
     manifest = Path(__file__).resolve().parents[1] / "package.xml"
     if manifest.is_file():
         return ElementTree.parse(manifest).findtext("version", "unknown")
+    from importlib.metadata import PackageNotFoundError, version  # noqa: PLC0415 - loads email and zipfile
+
     for name in ("spool_tools", "spool-valves"):  # built by colcon, or the wheel
         try:
             return version(name)

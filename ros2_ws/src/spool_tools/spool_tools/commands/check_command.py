@@ -25,6 +25,7 @@ def check(
 
     Example: ./spool check bags/practice_01 --report quality.html
     """
+    cli.refuse_missing(record)
     from spool_tools.operations.record_loading import selection  # noqa: PLC0415
     from spool_tools.operations.record_quality import check as checked  # noqa: PLC0415
     from spool_tools.terminal import progress  # noqa: PLC0415 - slow to load, as below

@@ -51,6 +51,7 @@ def compare(
 
     Example: ./spool compare soft.csv stiff.csv --valve soft.yaml --valve stiff.yaml --models fluid,coulomb
     """
+    cli.refuse_missing(*records)
     from spool_tools.operations.fit_run import run_compare  # noqa: PLC0415 - slow to load, as below
     from spool_tools.operations.record_loading import selection  # noqa: PLC0415
 

@@ -8,7 +8,15 @@ from typing import Annotated
 import typer
 from spool_core.text import printable
 
-from spool_tools.command import AroundOption, BagArgument, Command, Force, SinceOption, UntilOption
+from spool_tools.command import (
+    AroundOption,
+    BagArgument,
+    Command,
+    Force,
+    SinceOption,
+    UntilOption,
+    refuse_missing,
+)
 from spool_tools.outputs import making_room
 from spool_tools.terminal import progress, warn
 
@@ -29,6 +37,7 @@ def export(
 
     Example: ./spool export record_bag --out record.parquet
     """
+    refuse_missing(bag)
     from spool_bag.export import export_bag  # noqa: PLC0415 - slow to load
 
     from spool_tools.operations.record_sources import span_of  # noqa: PLC0415

@@ -45,6 +45,7 @@ def fit(
 
     Example: ./spool fit record.csv --valve my_valve.yaml --model stribeck --fix coulomb_force=0.3
     """
+    cli.refuse_missing(*records)
     from spool_tools.operations.fit_run import run_fit  # noqa: PLC0415
     from spool_tools.operations.record_loading import selection  # noqa: PLC0415 - slow to load, as below
 

@@ -81,6 +81,7 @@ def gap(
 
     Example: ./spool gap rig.csv --kind imposed --holdout other.csv
     """
+    cli.refuse_missing(*records)
     from spool_tools.operations.record_loading import selection  # noqa: PLC0415
 
     if mass is not None and (kind != "driven" or not mass > 0.0):

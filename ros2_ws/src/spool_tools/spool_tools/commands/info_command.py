@@ -30,6 +30,7 @@ def info(
 
     Example: ./spool info record_bag
     """
+    cli.refuse_missing(record)
     from spool_bag.information import describe  # noqa: PLC0415
     from spool_bag.metadata import ACCELERATION_BLOCK  # noqa: PLC0415 - slow to load, as below
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import typer
 from spool_core.text import plural, printable
 
-from spool_tools.command import BagArgument, Command, Force, NewBag
+from spool_tools.command import BagArgument, Command, Force, NewBag, refuse_missing
 from spool_tools.outputs import damaged_places, lost_messages, making_room
 from spool_tools.terminal import progress, warn
 
@@ -18,6 +18,7 @@ def recover(bag: BagArgument, out: NewBag, _force: Force = False) -> None:
 
     Example: ./spool recover killed_bag --out saved_bag
     """
+    refuse_missing(bag)
     from spool_bag.verification import recover as copy_readable  # noqa: PLC0415 - slow to load
 
     with making_room(out), progress("recovering"):

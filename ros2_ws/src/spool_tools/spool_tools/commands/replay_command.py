@@ -66,6 +66,7 @@ def replay(
 
     Example: ./spool replay bags/practice_03 --valve 4weh10_soft --params-file limits.yaml
     """
+    cli.refuse_missing(record)
     # slow to load
     from spool_tools.operations.record_replay import RefitRequest, print_replay, replay_bag  # noqa: PLC0415
 
