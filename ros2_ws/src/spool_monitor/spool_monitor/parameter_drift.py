@@ -17,10 +17,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
+from statistics import NormalDist
 
 import numpy as np
-from scipy.optimize import brentq
-from scipy.special import ndtri
 from spool_core.events.event import Facts
 from spool_core.numbers import Array
 from spool_core.uncertainty import Quantity, Validity
@@ -334,7 +333,7 @@ class ParameterDrift:
             variance += (oil * quantity.value) ** 2
         if self._quantile[0] != self.run_length:
             draws = max(1.0, TESTS * self.run_length / OPERATING_POINT)
-            self._quantile = self.run_length, float(-ndtri(0.5 / draws))
+            self._quantile = self.run_length, -NormalDist().inv_cdf(0.5 / draws)
         return self._quantile[1] * math.sqrt(variance) / size + unknown / self.matters
 
     def _oil(self, estimate: Estimate, quantity: Quantity, seconds: float) -> tuple[float, float]:
@@ -437,13 +436,16 @@ def threshold_for(run_length: float, allowance: float, variance: float) -> float
     """Return the threshold that has the mean time ``run_length`` (s) to a false alarm."""
     if variance <= 0.0:
         return 0.0
-    highest = variance / (2.0 * allowance) * (20.0 + math.log1p(2.0 * allowance**2 * run_length / variance))
-
-    def log_ratio(threshold: float) -> float:
-        length = mean_run_length(threshold, allowance, variance)
-        return 1.0 if math.isinf(length) else math.log(max(length, 1e-300) / run_length)
-
-    return float(brentq(log_ratio, 1e-12 * highest, highest))
+    # The exponent x of the mean run length solves expm1(x) - x = wanted. The function is convex, so Newton's
+    # method falls to x from either of these upper bounds.
+    wanted = 2.0 * allowance**2 * run_length / variance
+    exponent = min(math.sqrt(2.0 * wanted), 1.0 + math.log1p(wanted))
+    for _ in range(50):
+        step = (math.expm1(exponent) - exponent - wanted) / math.expm1(exponent)
+        exponent -= step
+        if step < 1e-12 * exponent:
+            break
+    return exponent * variance / (2.0 * allowance)
 
 
 @dataclass(slots=True)
