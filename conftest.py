@@ -102,6 +102,35 @@ for number, seconds in ((signal.SIGTERM, 3.0), (signal.SIGKILL, 3.0)):
 """
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Offer `--changed`."""
+    parser.addoption(
+        "--changed",
+        nargs="?",
+        const="HEAD",
+        metavar="COMMIT",
+        help="only tests that what differs from COMMIT (default: the last one) can reach; for the loop",
+    )
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_cmdline_main(config: pytest.Config) -> int | None:
+    """Replace the tests that were asked for by those that a change can reach, before workers are counted."""
+    commit = config.getoption("--changed")
+    if commit is None or hasattr(config, "workerinput"):
+        return None
+    from spool_core.errors import InputError  # noqa: PLC0415 - not beneath every package
+    from spool_evaluation.changed_tests import Repository  # noqa: PLC0415 - in a checkout only
+
+    repository = Repository(ROOT)
+    try:
+        config.args[:] = repository.tests_reached(repository.changed_since(commit))
+    except InputError as error:
+        raise pytest.UsageError(str(error)) from error
+    print(f"since {commit}: {len(config.args)} test functions can be reached; .ci/run runs all")
+    return None if config.args else 0
+
+
 def pytest_configure(config: pytest.Config) -> None:
     """Let no process that a test starts outlive this runner, even after kill -9; fail deprecated calls."""
     try:

@@ -48,7 +48,7 @@ COMPLETION = "_SPOOL_COMPLETE"
 
 #: The launcher's own: name, place in the list, and what it does.
 OWN = (
-    ("test", 15, "the tests of the repository; takes pytest's arguments, -m '' adds the slow ones"),
+    ("test", 15, "run the tests; takes pytest's arguments, -m '' adds the slow ones, --changed selects"),
     ("package", 990, "a Debian package with its own environment, and its bill of materials"),
 )
 SUFFIX = "_command.py"
