@@ -8,20 +8,22 @@ from collections import deque
 from collections.abc import Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from dataclasses import dataclass, field, replace
-from importlib.metadata import entry_points
 from statistics import fmean, median
+from typing import TYPE_CHECKING
 
 import numpy as np
 from spool_core.block import Block, joined
 from spool_core.errors import InputError
 from spool_core.events.event import Event, EventState, Facts, Namur, Severity, Urgency, urgency_of
 from spool_core.system import give_way
-from spool_sim.model import Model
-from spool_sim.valve import Valve
 
 from spool_estimator.estimate import Estimate, State
 from spool_estimator.identification.channel_faults import flat_share
 from spool_estimator.identification.record import Record, records_from_blocks
+
+if TYPE_CHECKING:  # slow to load
+    from spool_sim.model import Model
+    from spool_sim.valve import Valve
 
 #: Kind and code of the event, and the status after NE 107 that it gives the valve.
 MODEL_GAP, MODEL_GAP_CODE, NAMUR = "model_gap", 500, Namur.OUT_OF_SPECIFICATION
@@ -301,6 +303,8 @@ class GapAnswer:
 
 def analyse_task(task: GapTask) -> GapAnswer:
     """Return the analysis of ``task``; a record that cannot be analysed is an answer with a reason."""
+    from importlib.metadata import entry_points  # noqa: PLC0415 - loads email and zipfile
+
     offered = {one.name: one for one in entry_points(group=ANALYSIS)}
     if not offered:
         return task.failed("spool_gap is not installed: build and source it")

@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 from spool_core.node.messages import from_quantity, nanoseconds, to_quantity, to_time
 from spool_msgs.msg import ModelEstimate, ValveDescription, WindowRefit
-from spool_sim.valve import Valve, valve_from_mapping
 
 from spool_estimator.estimate import QUANTITIES, Estimate, State
-from spool_estimator.refit import Refit
+
+if TYPE_CHECKING:  # slow to load
+    from spool_sim.valve import Valve
+
+    from spool_estimator.refit import Refit
 
 _NUMBERS = ("model", "last_sequence", "samples", "delay", "memory", "lost_blocks", "refused_blocks")
 
-_VALVE_NUMBERS = tuple(name for name in Valve.model_fields if name not in ("id", "oil"))
+_VALVE_NUMBERS = tuple(
+    name for name, kind in ValveDescription.get_fields_and_field_types().items() if kind == "double"
+)
 
 
 def to_message(estimate: Estimate, valve_id: str) -> ModelEstimate:
@@ -81,6 +87,8 @@ def from_description(message: ValveDescription) -> Valve:
         InputError: a value is out of range; the key is named.
 
     """
+    from spool_sim.valve import valve_from_mapping  # noqa: PLC0415 - pydantic; a monitor may never need it
+
     numbers = {name: getattr(message, name) for name in _VALVE_NUMBERS}
     mapping = {name: value for name, value in numbers.items() if not math.isnan(value)}
     return valve_from_mapping(

@@ -15,6 +15,7 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 from spool_core.block import Block, Samples
@@ -22,12 +23,14 @@ from spool_core.block_gate import BlockGate, Verdict
 from spool_core.kernels.samples import OutlierFilter
 from spool_core.system import give_way
 from spool_core.uncertainty import Quantity, Validity
-from spool_sim.model import Model
-from spool_sim.valve import Valve
 
 from spool_estimator.estimate import Estimate, State
 from spool_estimator.identification.fit_result import FitSettings
 from spool_estimator.identification.record import Record
+
+if TYPE_CHECKING:  # slow to load
+    from spool_sim.model import Model
+    from spool_sim.valve import Valve
 
 #: Relative error from which a model explains nothing worth the name: a fifth of the power at most.
 NOTHING = 0.9

@@ -5,15 +5,11 @@ Run as ``python -m spool_estimator.warm_up``.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
-from spool_core.block import joined
+from spool_core.block import Block
 from spool_core.kernels.samples import StandingWatch
-from spool_sim.excitation import PRESETS
 from spool_sim.integration.composed_motion import ComposedMotion
 from spool_sim.model import load_model
-from spool_sim.simulator import Simulator
 from spool_sim.valve import find_valve
 
 from spool_estimator.estimator import Estimator, settings_for
@@ -22,8 +18,9 @@ from spool_estimator.recursive import ExponentialForgetting, RecursiveLeastSquar
 from spool_estimator.sliding_window import COLUMNS, ChunkWindow, Conditioning
 from spool_estimator.stream_estimator import EXPONENTIAL, WINDOW
 
-#: s of data after which an estimator has started and stepped on.
-SECONDS = 4.0
+#: Samples after which an estimator has started and stepped on, s between them (few are quick), and the
+#: frequencies that shake the body, Hz.
+SAMPLES, PERIOD, LINES = 2000, 2e-3, np.arange(10.0, 100.0, 5.0)
 
 
 def warm_up() -> None:
@@ -49,11 +46,15 @@ def warm_up_estimator() -> None:
     window.best()
     StandingWatch(1e-3).take(np.stack((samples, samples)))
     valve = find_valve("4weh10_soft")
-    run = joined(list(Simulator(valve, PRESETS["multisine"]).records(SECONDS)))
-    views = [np.frombuffer(channel.tobytes(), dtype=np.float32) for channel in (run.body, run.spool)]
-    for forgetting in (EXPONENTIAL, WINDOW):
-        for body, spool in ((run.body, run.spool), views):
-            Estimator(settings_for(valve, forgetting=forgetting)).update(replace(run, body=body, spool=spool))
+    # A linear valve in steady motion: its spool's acceleration is that of the body times the response.
+    turn = 2j * np.pi * LINES
+    pushes = valve.spring_stiffness + turn * valve.viscous_coefficient
+    response = pushes / (pushes + turn**2 * valve.moving_mass)
+    waves = np.exp(np.outer(turn, PERIOD * np.arange(SAMPLES)) + 1j * LINES[:, np.newaxis] ** 2)
+    rows = np.stack((waves.sum(axis=0), response @ waves)).imag.astype(np.float32)
+    sent = np.frombuffer(rows.tobytes(), dtype=np.float32).reshape(rows.shape)
+    for forgetting, (body, spool) in ((EXPONENTIAL, rows), (WINDOW, sent)):
+        Estimator(settings_for(valve, forgetting=forgetting)).update(Block(10**9, 0, PERIOD, body, spool))
 
 
 if __name__ == "__main__":

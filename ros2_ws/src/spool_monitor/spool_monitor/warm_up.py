@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import numpy as np
 from spool_core.block import Block
-from spool_estimator.warm_up import warm_up
 
 from spool_monitor.channels import due_power
 from spool_monitor.detectors import MonitorSettings
@@ -34,5 +33,7 @@ def warm_up_monitor() -> None:
 
 
 if __name__ == "__main__":
+    from spool_estimator.warm_up import warm_up
+
     warm_up()
     warm_up_monitor()

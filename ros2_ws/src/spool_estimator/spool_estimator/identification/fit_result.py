@@ -5,11 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 from spool_core.numbers import Array
 from spool_core.uncertainty import Quantity
-from spool_sim.model import Model
+
+if TYPE_CHECKING:  # slow to load
+    from spool_sim.model import Model
 
 #: Nuisance parameters of the spool's measuring chain, by name.
 SPOOL_GAIN, SPOOL_DELAY = "spool_gain", "spool_delay"
