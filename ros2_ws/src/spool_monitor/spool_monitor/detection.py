@@ -151,8 +151,15 @@ class Detection:
         for start in self.learned.values():
             start.restart()
 
-    def restart(self, period: float) -> None:
-        """Take note that samples are missing, or of the first ones, ``period`` s apart."""
+    def restart(self, period: float, pause: int = 0) -> None:
+        """Take note that samples are missing, or of the first ones, ``period`` s apart.
+
+        ``pause`` (ns) lies between the last sample and the next one, by their stamps: it counts as no time in
+        which there was something to judge. It is negative where a clock was set back.
+        """
+        self._windowed_at += pause
+        if self._judged_at is not None:
+            self._judged_at += pause
         self.windows.restart(period)
         self.response.restart()
         self.channels.restart(period)

@@ -71,7 +71,7 @@ class Monitor:
         self._stamp = block.end
         events += self._stale.arrived("acceleration", block.stamp)
         if verdict is Verdict.RESTARTS:
-            self.detection.restart(block.sample_period)
+            self.detection.restart(block.sample_period, 0 if before is None else block.stamp - before[1])
         self.detection.doubt = "" if self.gate.confirmed else UNCONFIRMED
         return events + self.detection.update(block, self._natural_frequency.value)
 

@@ -1,0 +1,304 @@
+"""An interruption leaves the judgements that would have come without it."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import pytest
+from hypothesis import Phase, example, given, settings
+from hypothesis import strategies as st
+from spool_core.block import Block
+from spool_estimator.estimate import Estimate
+from spool_estimator.estimator import Estimator, settings_for
+from spool_monitor.detectors import MonitorSettings
+from spool_monitor.event import Event, EventState
+from spool_monitor.monitor import Monitor
+from spool_monitor.state_file import HealthyValue
+from spool_monitor.valve_state import ValveState
+from spool_sim.excitation import PRESETS
+from spool_sim.sensors import Sensor
+from spool_sim.simulator import Simulator
+from spool_sim.valve import find_valve
+
+VALVE = find_valve("4weh10_soft")
+SETTINGS = MonitorSettings(natural_frequency=VALVE.natural_frequency, baseline_time=4.0)
+SECOND = 1_000_000_000
+#: Blocks of 0.1 s.
+RATE, SIZE, STEP = 500.0, 50, SECOND // 10
+#: Kinds of events that report the interruption itself.
+OWN = ("stale", "data_fault")
+#: Blocks from one copy of a story's chain to the next.
+APART = 25
+#: Few examples as a rule, many where new ones are searched for. A smaller one would not be clearer.
+FEW = settings(max_examples=6 if settings().derandomize else 300, phases=(Phase.explicit, Phase.generate))
+
+
+@dataclass(frozen=True)
+class Plot:
+    """What happens to a valve: changes of its parameters at blocks, and blocks with a dead accelerometer."""
+
+    blocks: int
+    changes: dict[int, tuple[str, float]] = field(default_factory=dict)
+    dead: range = range(0)
+
+
+FAULTS = {
+    "contaminated and cleaned": Plot(410, {80: ("coulomb_force", 0.26), 190: ("coulomb_force", 0.1)}),
+    "a softer spring": Plot(240, {80: ("spring_stiffness", 0.75 * VALVE.spring_stiffness)}),
+    "a dead accelerometer": Plot(260, dead=range(90, 160)),
+}
+PLOTS = {**FAULTS, "healthy": Plot(190)}
+#: Blocks after which the healthy valve is known.
+LEARNED = 65
+
+
+def simulated(plot: Plot, valve: str = VALVE.id, seed: int = 5) -> list[Block]:
+    noisy = Sensor(noise=0.03)
+    simulator = Simulator(
+        find_valve(valve), PRESETS["multisine"], coulomb_force=0.1, seed=seed, sample_rate=RATE,
+        block_size=SIZE, body_sensor=noisy, spool_sensor=noisy,
+    )  # fmt: skip
+    blocks: list[Block] = []
+    for number in range(plot.blocks):
+        if number in plot.changes:
+            simulator.set_drift(*plot.changes[number], 0.5)
+        block = simulator.next_block()
+        still = np.full_like(block.body, blocks[plot.dead[0] - 1].body[-1]) if number in plot.dead else None
+        blocks.append(block if still is None else replace(block, body=still))
+    return blocks
+
+
+@dataclass
+class Chain:
+    """Estimator, monitor and what is kept, called as their nodes call them."""
+
+    estimator: Estimator = field(
+        default_factory=lambda: Estimator(settings_for(VALVE, period=0.5, memory=2.0))
+    )
+    monitor: Monitor = field(default_factory=lambda: Monitor(SETTINGS))
+    state: ValveState = field(init=False)
+    events: list[Event] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self._open(None)
+
+    def _open(self, folder: Path | None) -> None:
+        self.state = ValveState(self.monitor, folder, self.warnings.append)
+        self.state.open()
+        self.state.baseline.identify(VALVE.id, VALVE.oil)
+
+    def take(self, block: Block) -> list[Estimate]:
+        """Take a block, each second with the oil's temperature; return the estimates that fell due."""
+        if block.sequence % 10 == 0:
+            self.estimator.update_temperature(block.stamp, VALVE.oil_temperature)
+        estimates = self.estimator.update(block)
+        self.tell(self.monitor.update(block))
+        for estimate in estimates:
+            self.estimate(estimate)
+        return estimates
+
+    def estimate(self, estimate: Estimate) -> None:
+        self.tell(self.monitor.update_estimate(estimate))
+        if self.state.baseline.update(estimate):
+            self.state.keep_baseline()
+
+    def tell(self, events: list[Event]) -> None:
+        self.events += events
+        transitions = [self.state.alarms.update(event) for event in events]
+        if any(transition.changed for transition in transitions):
+            self.state.keep_alarms()
+
+    def silence(self, seconds: float) -> None:
+        """Let nothing come for ``seconds``."""
+        latest = self.estimator.stale() if seconds > 1.5 else None
+        if latest is not None:
+            self.estimator.latest = latest
+            self.estimate(latest)
+        self.tell(self.monitor.idle(seconds, seconds))
+
+    def keep_in(self, folder: Path) -> None:
+        """Keep from now on, and what there is, in ``folder``."""
+        former, self.state = self.state, ValveState(self.monitor, folder, self.warnings.append)
+        self.state.alarms, self.state.baseline = former.alarms, former.baseline
+        self.state.open()
+        self.state.keep_alarms()
+        self.state.keep_baseline()
+
+    def restart_monitor(self) -> None:
+        """End the monitor's process; the next one takes up what was kept."""
+        folder = self.state.folder
+        self.state.close()
+        self.monitor = Monitor(SETTINGS)
+        self._open(folder)
+
+
+@dataclass(frozen=True)
+class Story:
+    """A plot without an interruption: its blocks, and its chain each APART blocks and at the end."""
+
+    blocks: list[Block]
+    estimates: list[list[Estimate]]
+    copies: list[Chain]
+
+    def until(self, moment: int) -> Chain:
+        """Return a chain that has taken the blocks before ``moment``."""
+        chain = copy.deepcopy(self.copies[moment // APART])
+        for block in self.blocks[moment - moment % APART : moment]:
+            chain.take(block)
+        return chain
+
+
+@cache
+def told(plot: str) -> Story:
+    """Return the story of a plot; nobody may change it."""
+    blocks = simulated(PLOTS[plot])
+    chain, copies, estimates = Chain(), [], []
+    for number, block in enumerate(blocks):
+        if number % APART == 0:
+            copies.append(copy.deepcopy(chain))
+        estimates.append(chain.take(block))
+    return Story(blocks, estimates, [*copies, chain])
+
+
+@cache
+def foreign() -> list[Block]:
+    """Return what a second source sends: another valve."""
+    return simulated(Plot(60), "4weh10_stiff", seed=9)
+
+
+@dataclass(frozen=True)
+class Interruption:
+    """What happens between two blocks.
+
+    Attributes:
+        seconds: by which the later stamps are ahead; negative for a clock that was set back.
+        silent: nothing came meanwhile; otherwise the clock was set.
+        sequence: of the later blocks: goes on, counts the time, or begins again with the source.
+        monitor, estimator: whether it is restarted.
+        rivals: blocks of a second source that come between the next ones.
+
+    """
+
+    seconds: float = 0.0
+    silent: bool = True
+    sequence: str = "goes on"
+    monitor: bool = False
+    estimator: bool = False
+    rivals: int = 0
+
+    def later(self, block: Block, moment: int) -> Block:
+        counted = max(0, round(self.seconds * SECOND / STEP)) if self.sequence == "counts" else 0
+        first = moment if self.sequence == "begins again" else 0
+        shifted = block.stamp + round(self.seconds * SECOND)
+        return replace(block, stamp=shifted, sequence=block.sequence - first + counted)
+
+
+@st.composite
+def interruptions(draw: st.DrawFn) -> Interruption:
+    seconds = draw(st.sampled_from([0.0, 1.0, 3600.0, 86400.0, -2.0, -3600.0, -86400.0]))
+    return Interruption(
+        seconds,
+        seconds > 0.0 and draw(st.booleans()),
+        draw(st.sampled_from(["goes on", "counts", "begins again"])),
+        draw(st.booleans()),
+        draw(st.booleans()),
+        draw(st.sampled_from([0, 0, 3, 40])),
+    )
+
+
+def continued(chain: Chain, story: Story, moment: int, what: Interruption) -> Iterator[Block]:
+    """Let ``what`` happen to a chain at ``moment``; yield each of the later blocks once it was taken."""
+    if what.silent and not what.monitor:
+        chain.silence(what.seconds)
+    if what.estimator:
+        chain.estimator = Chain().estimator
+    if what.monitor:
+        chain.restart_monitor()
+    for number, block in enumerate(story.blocks[moment:]):
+        later = what.later(block, moment)
+        chain.take(later)
+        if number < what.rivals:
+            chain.take(replace(foreign()[number], stamp=later.stamp + 3_000_000))
+        yield later
+
+
+def episodes(events: list[Event]) -> list[list[str]]:
+    """Return what was judged of the valve: name, cause and worst severity of each, and whether it is over."""
+    found: list[list[str]] = []
+    going_on: dict[tuple[str, str], list[str]] = {}
+    for one in events:
+        if one.kind in OWN:
+            continue
+        name = (one.kind, one.source)
+        if one.state is EventState.CLEARED:
+            going_on.pop(name)[-1] = "over"
+            continue
+        if name not in going_on:
+            going_on[name] = [*name, "", "", "goes on"]
+            found.append(going_on[name])
+        going_on[name][2:4] = [one.cause, one.severity.name]
+    return found
+
+
+def alarms(chain: Chain) -> list[tuple[object, ...]]:
+    return [
+        (one.name, one.active, one.latched, one.acknowledged, one.severity, one.cause)
+        for one in chain.state.alarms.alarms.values()
+        if one.kind not in OWN
+    ]
+
+
+def healthy(chain: Chain) -> dict[str, HealthyValue]:
+    """Return what is known of the healthy valve."""
+    records = chain.state.baseline.records
+    assert len(records) < 2
+    return {value.name: value for record in records for value in record.values}
+
+
+def follow(plot: str, moment: int, what: Interruption) -> tuple[Chain, dict[str, HealthyValue]]:
+    """Return the chain at the end of an interrupted story, and what it knew of the healthy valve before."""
+    chain = told(plot).until(moment)
+    known = healthy(chain)
+    with TemporaryDirectory() as folder:
+        chain.keep_in(Path(folder))
+        for _ in continued(chain, told(plot), moment, what):
+            pass
+        chain.state.close()
+    return chain, known
+
+
+@pytest.mark.parametrize("plot", FAULTS)
+@FEW
+@given(place=st.integers(0, 999), what=interruptions())
+@example(place=500, what=Interruption(3600.0))
+@example(place=500, what=Interruption(86400.0, silent=False))
+def test_an_interruption_changes_no_judgement(plot: str, place: int, what: Interruption) -> None:
+    uninterrupted = told(plot).copies[-1]
+    moment = LEARNED + place * (len(told(plot).blocks) - LEARNED) // 1000
+    chain, known = follow(plot, moment, what)
+    assert episodes(chain.events) == episodes(uninterrupted.events)
+    assert alarms(chain) == alarms(uninterrupted)
+    assert not [one for one in chain.events if one.cause == "not_judged"]
+    assert len(known) > 4
+    assert {name: repr(value) for name, value in healthy(chain).items() if name in known} == {
+        name: repr(value) for name, value in known.items()
+    }
+
+
+@FEW
+@given(moment=st.integers(0, LEARNED), what=interruptions())
+def test_what_is_healthy_is_learned_after_an_interruption(moment: int, what: Interruption) -> None:
+    chain, _ = follow("healthy", moment, what)
+    assert episodes(chain.events) == []
+    assert not [one for one in chain.events if one.cause == "not_judged"]
+    expected, found = healthy(told("healthy").copies[-1]), healthy(chain)
+    assert found.keys() == expected.keys()
+    for name, value in found.items():
+        assert abs(value.value - expected[name].value) < 0.01 * abs(expected[name].value) + 0.005, name
