@@ -3,6 +3,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -272,58 +273,6 @@ def test_shapes_that_do_not_fit_are_refused() -> None:
             )
 
 
-LOAD = """
-import numpy, numba
-from spool_sim.model import MODELS
-from spool_sim.integration.composed_motion import ComposedMotion
-motion = ComposedMotion(MODELS["mixed"].terms)
-motion.warm_up()
-found = motion._kernel.advance_batch_kernel.stats
-print(sum(found.cache_misses.values()), getattr(motion._kernel, "__file__", "memory"))
-"""
-
-
-def load(**environment: str) -> tuple[int, str]:
-    """Return how often a process of its own compiled the kernel, and where that lies."""
-    done = subprocess.run(
-        [sys.executable, "-c", LOAD],
-        capture_output=True,
-        text=True,
-        check=False,
-        env={**os.environ, "PYTHONPATH": ":".join(path for path in sys.path if path), **environment},
-    )
-    assert done.returncode == 0, done.stderr
-    compilations, place = done.stdout.split()
-    return int(compilations), place
-
-
-def test_first_use_compiles_and_later_processes_load(tmp_path: Path) -> None:
-    pytest.importorskip("numba")
-    first, place = load(NUMBA_CACHE_DIR=str(tmp_path))
-    later, _ = load(NUMBA_CACHE_DIR=str(tmp_path))
-    assert Path(place).parent.parent == tmp_path
-    assert first > 0
-    assert later == 0
-
-
-@pytest.mark.slow
-def test_a_cache_folder_that_cannot_be_written_costs_only_time(tmp_path: Path) -> None:
-    blocked = tmp_path / "file"
-    blocked.write_text("not a folder")
-    code = LOAD.replace("import numpy, numba", "import spool_sim.integration.composition as c; "
-                        "c.cache_folder = lambda: "
-                        f"__import__('pathlib').Path({str(blocked / 'kernels')!r})")  # fmt: skip
-    done = subprocess.run(
-        [sys.executable, "-c", code],
-        capture_output=True,
-        text=True,
-        check=False,
-        env={**os.environ, "PYTHONPATH": ":".join(path for path in sys.path if path)},
-    )
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.split()[1] == "memory"
-
-
 NEW_TERM = '''
 from spool_core.kernels.compiled import compiled
 from spool_sim.terms.base import Parameter, Term
@@ -340,43 +289,86 @@ class Magnet(Term):
     law = source = meaning = check = "for the test"
 '''
 
-
-def test_a_new_term_is_one_new_file_and_a_changed_law_is_never_served_stale(tmp_path: Path) -> None:
-    folder = tmp_path / "more"
-    folder.mkdir()
-    code = f"""
-import spool_sim.terms as terms, importlib
-terms.__path__.append({str(folder)!r})
+#: Moves a valve with the new term of a folder; says how often its kernel was compiled, and where that lies.
+LOAD = """
+import sys
+import numpy as np
 from spool_core.discovery import classes_in
+import spool_sim.terms as terms
+terms.__path__.append(sys.argv[1])
 terms.TERMS.update((entry.name, entry()) for entry in classes_in(terms.__name__, terms.Term))
 from spool_sim.model import model_from_mapping
 from spool_sim.integration.composed_motion import ComposedMotion, MotionState
-import numpy as np
-model = model_from_mapping({{"name": "m", "terms": ["inertia", "spring", "magnet"]}})
+model = model_from_mapping({"name": "m", "terms": ["inertia", "spring", "magnet"]})
 motion = ComposedMotion(model.terms)
-values = {{p.name: p.start for p in motion.parameters}}
-table = motion.table(values, 1)
+table = motion.table({p.name: p.start for p in motion.parameters}, 1)
 _, end = motion.advance(MotionState(), np.zeros(2001), table, sample_period=1e-4, substeps=1)
-print(end.displacement)
+stats = motion._kernel.advance_batch_kernel.stats
+print(sum(stats.cache_misses.values()), getattr(motion._kernel, "__file__", "memory"), end.displacement)
 """
-    found = []
-    for factor in ("1.0", "2.0"):
-        (folder / "magnet.py").write_text(NEW_TERM.replace("FACTOR", factor))
-        done = subprocess.run(
-            [sys.executable, "-c", code],
-            capture_output=True,
-            text=True,
-            check=False,
-            env={
-                **os.environ,
-                "PYTHONPATH": ":".join(path for path in sys.path if path),
-                "NUMBA_CACHE_DIR": str(tmp_path),
-            },
-        )
-        assert done.returncode == 0, done.stderr
-        found.append(float(done.stdout))
-    assert found[0] < 0.0
-    assert found[1] == pytest.approx(2.0 * found[0])
+
+
+@dataclass(frozen=True)
+class Load:
+    """What a process of its own said: kernels that it compiled, where they lie, the displacement (m)."""
+
+    compiled: int
+    place: Path
+    displacement: float
+
+
+def load(folder: Path, factor: str, code: str = LOAD) -> Load:
+    """Run ``code`` in a process of its own, with the new term times ``factor`` and a cache of kernels."""
+    (folder / "magnet.py").write_text(NEW_TERM.replace("FACTOR", factor))
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(folder)],
+        capture_output=True,
+        text=True,
+        check=False,
+        env={
+            **os.environ,
+            "PYTHONPATH": ":".join(path for path in sys.path if path),
+            "NUMBA_CACHE_DIR": str(folder),
+        },
+    )
+    assert done.returncode == 0, done.stderr
+    compiled, place, displacement = done.stdout.split()
+    return Load(int(compiled), Path(place), float(displacement))
+
+
+@pytest.fixture(scope="module")
+def loads(tmp_path_factory: pytest.TempPathFactory) -> tuple[Load, Load, Load]:
+    """Return three processes, one after the other: the term new, unchanged, and with another law."""
+    pytest.importorskip("numba")
+    folder = tmp_path_factory.mktemp("kernels")
+    first, later, changed = (load(folder, factor) for factor in ("1.0", "1.0", "2.0"))
+    assert first.place.parent.parent == folder
+    return first, later, changed
+
+
+def test_first_use_compiles_and_later_processes_load(loads: tuple[Load, Load, Load]) -> None:
+    first, later, _ = loads
+    assert first.compiled > 0
+    assert later.compiled == 0
+
+
+def test_a_new_term_is_one_new_file_and_a_changed_law_is_never_served_stale(
+    loads: tuple[Load, Load, Load],
+) -> None:
+    first, later, changed = loads
+    assert first.displacement == later.displacement < 0.0
+    assert changed.displacement == pytest.approx(2.0 * first.displacement)
+
+
+@pytest.mark.slow
+def test_a_cache_folder_that_cannot_be_written_costs_only_time(tmp_path: Path) -> None:
+    blocked = tmp_path / "file"
+    blocked.write_text("not a folder")
+    code = (
+        "import spool_sim.integration.composition as c; "
+        f"c.cache_folder = lambda: __import__('pathlib').Path({str(blocked / 'kernels')!r})\n{LOAD}"
+    )
+    assert load(tmp_path, "1.0", code).place == Path("memory")
 
 
 def test_the_same_list_is_the_same_kernel_and_another_order_another() -> None:
