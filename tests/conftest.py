@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
 import rclpy
@@ -27,6 +27,11 @@ from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from spool_core.node.service_calls import ServiceCalls
 from spool_tools.operations.demo import find_executable
+
+from .forks import Fork, completed, server
+
+if TYPE_CHECKING:
+    from spool_evaluation.pictures.structure import Module
 
 #: s, what is waited for comes much sooner on an idle machine, and still comes on a busy one.
 PATIENCE = 180.0
@@ -80,7 +85,7 @@ class Process:
     """One node."""
 
     name: str
-    popen: subprocess.Popen[bytes]
+    popen: subprocess.Popen[bytes] | Fork
     log: Path
 
     @property
@@ -107,6 +112,9 @@ class Process:
 class System:
     """Nodes on a domain of their own."""
 
+    #: Whether nodes are forks of a process that has everything loaded, not processes of their own.
+    forks = True
+
     def __init__(self, domain_id: int, folder: Path) -> None:
         self.domain_id = domain_id
         self.folder = folder
@@ -132,13 +140,19 @@ class System:
         for name, value in parameters.items():
             text = str(value).lower() if isinstance(value, bool) else str(value)
             arguments += ["-p", f"{name}:={text}"]
-        program = str(find_executable(PACKAGES[executable], executable))
-        return self.run([program, *arguments], f"/{namespace}/{executable}".replace("//", "/"))
+        command = [str(find_executable(PACKAGES[executable], executable)), *arguments]
+        name = f"/{namespace}/{executable}".replace("//", "/")
+        return self.fork(command, name) if self.forks else self.run(command, name)
+
+    def fork(self, command: Sequence[str], name: str) -> Process:
+        """Start a Python program as `run` does, but as a fork."""
+        with self._log(name).open("wb") as output:
+            popen = server().start(command, folder=self.folder, environment=self.environment, output=output)
+        return self._add(name, popen)
 
     def run(self, command: Sequence[str], name: str) -> Process:
         """Start a program in this domain, with the folder of the test as its working directory."""
-        log = self.folder / f"{len(self.processes)}_{name.rpartition('/')[2]}.log"
-        with log.open("wb") as output:
+        with self._log(name).open("wb") as output:
             popen = subprocess.Popen(
                 command,
                 cwd=self.folder,
@@ -147,19 +161,20 @@ class System:
                 stdout=output,
                 stderr=subprocess.STDOUT,
             )
-        process = Process(name, popen, log)
-        self.processes.append(process)
-        return process
+        return self._add(name, popen)
+
+    def _log(self, name: str) -> Path:
+        return self.folder / f"{len(self.processes)}_{name.rpartition('/')[2]}.log"
+
+    def _add(self, name: str, popen: subprocess.Popen[bytes] | Fork) -> Process:
+        self.processes.append(Process(name, popen, self._log(name)))
+        return self.processes[-1]
 
     def spool(self, *arguments: str) -> subprocess.CompletedProcess[str]:
         """Run the command line in this domain."""
-        return subprocess.run(
-            [str(find_executable("spool_bringup", "spool")), *arguments],
-            env={**os.environ, "ROS_DOMAIN_ID": str(self.domain_id)},
-            capture_output=True,
-            text=True,
-            check=False,
-        )
+        command = [str(find_executable("spool_bringup", "spool")), *arguments]
+        environment = {**os.environ, "ROS_DOMAIN_ID": str(self.domain_id)}
+        return completed(command, folder=Path.cwd(), environment=environment)
 
     # What is heard.
 
@@ -270,6 +285,14 @@ def _state_of_its_own(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_STATE_HOME", str(tmp_path_factory.mktemp("state")))
         yield
+
+
+@pytest.fixture(scope="session")
+def modules() -> dict[str, Module]:
+    """All modules of the workspace by name, with what they import."""
+    from spool_evaluation.pictures.structure import read_modules  # noqa: PLC0415 - slow to load
+
+    return read_modules(Path(__file__).resolve().parent.parent / "ros2_ws" / "src")
 
 
 @pytest.fixture(scope="session")

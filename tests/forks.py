@@ -1,0 +1,233 @@
+"""Programs of Python as forks of one process that has loaded what nodes and commands import.
+
+A node's imports and compiled kernels cost 1 to 3 s of processor time at each start, a fork a tenth of that.
+The fork runs the same executable file. It differs from a process of its own in two ways: `/proc/PID/environ`
+and `/proc/PID/cmdline` are those of the server, and modules that the program never imports are loaded.
+"""
+
+from __future__ import annotations
+
+import atexit
+import functools
+import gc
+import importlib
+import json
+import os
+import runpy
+import select
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+import warnings
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import IO, Any
+
+#: Modules that the server imports, and functions of modules that it calls.
+LOADED = (
+    *("spool_sim.simulator_node", "spool_estimator.estimator_node", "spool_monitor.monitor_node"),
+    *("spool_bag.recorder_node", "spool_bag.adapter_node", "spool_core.node.running"),
+    *("spool_view.page_node", "spool_view.plots_node", "spool_view.opcua_node"),
+    *("spool_bringup.host.host_process", "spool_tools.cli", "spool_tools.operations.simulation"),
+    *("spool_tools.operations.record_replay", "spool_tools.operations.gap_run"),
+    *("spool_tools.operations.fit_run", "spool_tools.operations.valve_trend"),
+    *("spool_estimator.warm_up:warm_up", "spool_monitor.warm_up:warm_up_monitor"),
+)
+#: B, of a request with its environment.
+LARGEST = 1 << 20
+
+
+class Fork:
+    """A program in a fork of the server, with the methods of ``subprocess.Popen`` that tests use."""
+
+    def __init__(self, server: Server, arguments: Sequence[str], pid: int) -> None:
+        self.args, self.pid = arguments, pid
+        self.returncode: int | None = None
+        self._server = server
+
+    def poll(self) -> int | None:
+        """Return the exit code, None while the program runs."""
+        if self.returncode is None:
+            self.returncode = self._server.code(self.pid, time.monotonic())
+        return self.returncode
+
+    def wait(self, timeout: float | None = None) -> int:
+        """Wait for the end of the program and return its exit code."""
+        if self.returncode is None:
+            end = None if timeout is None else time.monotonic() + timeout
+            self.returncode = self._server.code(self.pid, end)
+        if self.returncode is None:
+            raise subprocess.TimeoutExpired(self.args, timeout or 0.0)
+        return self.returncode
+
+    def send_signal(self, number: int) -> None:
+        """Send a signal to a program that still runs."""
+        if self.poll() is None:
+            os.kill(self.pid, number)
+
+    def kill(self) -> None:
+        """End the program as a crash does."""
+        self.send_signal(signal.SIGKILL)
+
+
+class Server:
+    """The process whose forks the programs are; all of them end with this process, even after kill -9."""
+
+    def __init__(self, loaded: Sequence[str] = LOADED) -> None:
+        self._connection, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        with other:
+            self._process = subprocess.Popen(
+                [sys.executable, __file__, str(other.fileno()), *loaded],
+                pass_fds=[other.fileno()],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+            )
+        self._codes: dict[int, int] = {}
+
+    def start(
+        self,
+        command: Sequence[str],
+        *,
+        folder: Path,
+        environment: Mapping[str, str],
+        output: IO[Any],
+        errors: IO[Any] | None = None,
+    ) -> Fork:
+        """Run a Python file, or what follows ``-c``; without ``errors`` both outputs go to ``output``."""
+        request = json.dumps([list(map(str, command)), str(folder), dict(environment)])
+        streams = [output.fileno(), (errors or output).fileno()]
+        socket.send_fds(self._connection, [request.encode()], streams)
+        while (started := self._hear()) is None:
+            pass
+        return Fork(self, command, started)
+
+    def code(self, pid: int, end: float | None) -> int | None:
+        """Return the exit code of a program, None if it still runs at ``end`` on the monotonic clock."""
+        while pid not in self._codes:
+            left = None if end is None else max(0.0, end - time.monotonic())
+            if not select.select([self._connection], [], [], left)[0]:
+                return None
+            self._hear()
+        return self._codes.pop(pid)
+
+    def close(self) -> None:
+        """End the server and all that still runs."""
+        self._connection.close()
+        self._process.wait()
+
+    def _hear(self) -> int | None:
+        """Take up one message: return the process that was started, or note how one ended."""
+        message = self._connection.recv(LARGEST)
+        if not message:
+            raise RuntimeError(f"the server of forks ended with {self._process.wait()}")
+        pid, code = json.loads(message)
+        if code is None:
+            return int(pid)
+        self._codes[pid] = code
+        return None
+
+
+@functools.cache
+def server() -> Server:
+    """Return the server of this test worker."""
+    made = Server()
+    atexit.register(made.close)
+    return made
+
+
+def completed(
+    command: Sequence[str], *, folder: Path, environment: Mapping[str, str], timeout: float | None = None
+) -> subprocess.CompletedProcess[str]:
+    """Run a program to its end as ``subprocess.run`` does."""
+    with tempfile.TemporaryFile() as output, tempfile.TemporaryFile() as errors:
+        popen = server().start(command, folder=folder, environment=environment, output=output, errors=errors)
+        try:
+            popen.wait(timeout)
+        finally:
+            popen.kill()
+        said = []
+        for stream in (output, errors):
+            stream.seek(0)
+            said.append(stream.read().decode())
+    return subprocess.CompletedProcess(command, popen.wait(), *said)
+
+
+def serve(requests: socket.socket) -> tuple[list[str], str, dict[str, str]]:
+    """Fork for each request and report how the forks end; return, in a fork, what it has to run."""
+    running: set[int] = set()
+    wake, ring = os.pipe()
+    os.set_blocking(ring, False)
+    signal.set_wakeup_fd(ring)
+    signal.signal(signal.SIGCHLD, lambda *_: None)
+    while True:
+        ready = select.select([requests, wake], [], [])[0]
+        if wake in ready:
+            os.read(wake, 4096)
+            for pid in list(running):
+                ended, status = os.waitpid(pid, os.WNOHANG)
+                if ended:
+                    running.discard(pid)
+                    requests.send(json.dumps([pid, os.waitstatus_to_exitcode(status)]).encode())
+        if requests not in ready:
+            continue
+        message, streams, _, _ = socket.recv_fds(requests, LARGEST, 2)
+        if not message:
+            for pid in running:
+                os.kill(pid, signal.SIGKILL)
+            sys.exit()
+        pid = fork()
+        if pid == 0:
+            signal.set_wakeup_fd(-1)
+            signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+            signal.signal(signal.SIGINT, signal.default_int_handler)
+            os.dup2(streams[0], 1)
+            os.dup2(streams[1], 2)
+            for number in (wake, ring, requests.detach(), *streams):
+                os.close(number)
+            command, folder, environment = json.loads(message)
+            return command, folder, environment
+        running.add(pid)
+        for stream in streams:
+            os.close(stream)
+        requests.send(json.dumps([pid, None]).encode())
+
+
+def fork() -> int:
+    """Fork this process, in which Python has one thread; those of LTTng in rclpy wait and hold no lock."""
+    assert threading.active_count() == 1, threading.enumerate()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)
+        return os.fork()
+
+
+def run(command: list[str], folder: str, environment: dict[str, str]) -> None:
+    """Be the program."""
+    os.chdir(folder)
+    os.environ.clear()
+    os.environ.update(environment)
+    if command[0] == "-c":
+        sys.argv = ["-c", *command[2:]]
+        exec(compile(command[1], "<string>", "exec", dont_inherit=True), {"__name__": "__main__"})
+    else:
+        sys.argv = command
+        runpy.run_path(command[0], run_name="__main__")
+
+
+if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C ends programs in the order that the tests ask for
+    sys.path[:] = [folder for folder in sys.path if folder != str(Path(__file__).resolve().parent)]
+    for module, _, function in (name.partition(":") for name in sys.argv[2:]):
+        try:
+            found = importlib.import_module(module)
+        except ImportError as error:  # a library that is missing here: the program that needs it reports that
+            if (error.name or "").startswith("spool_"):
+                raise
+            continue
+        if function:
+            getattr(found, function)()
+    gc.freeze()  # a collection in a fork would copy all that it shares with the server
+    run(*serve(socket.socket(fileno=int(sys.argv[1]))))
