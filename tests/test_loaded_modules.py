@@ -32,6 +32,7 @@ RUN = "from spool_tools.cli import main; main({})"
         (RUN.format(["replay", "missing.csv"]), REFUSAL),
         (RUN.format(["gap", "missing"]), REFUSAL),
         (RUN.format(["export", "missing", "--out", "table.csv"]), REFUSAL),
+        (RUN.format(["simulate", "--excitation", "dance", "--out", "bag"]), (*ANALYSIS, "numba", "rclpy")),
     ],
 )
 def test_only_what_is_needed_is_loaded(code: str, spared: tuple[str, ...]) -> None:

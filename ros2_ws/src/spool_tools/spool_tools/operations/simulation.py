@@ -20,7 +20,6 @@ from spool_core.numbers import Array
 from spool_core.text import plural
 from spool_sim.excitation import PRESETS, Excitation, Recorded, load_excitation
 from spool_sim.sensors import Sensor, Sensors, load_sensors
-from spool_sim.simulator import Simulator
 from spool_sim.valve import find_valve, one_line, read_mapping
 
 from spool_tools.operations.record_sources import VALVE_DESCRIPTION, encode_valve, is_table, record_of_table
@@ -67,6 +66,8 @@ def simulate(
         seconds = shaking.duration if isinstance(shaking, Recorded) else SIMULATION_SECONDS
     described = find_valve(valve)
     temperatures = _temperatures(oil_temperature)
+    from spool_sim.simulator import Simulator  # noqa: PLC0415 - numba: what is refused above waits for no compiler
+
     simulator = Simulator(
         described.at(temperatures[0]) if len(temperatures) == 1 else described,
         shaking,
