@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,20 +17,47 @@ if TYPE_CHECKING:
     from .conftest import Process, System, Topic
 
 
-@dataclass
 class Chain:
-    """All four nodes, learned and recorded."""
+    """All four nodes as processes of their own, learned and recorded."""
 
-    system: System
-    bag: Path
-    simulator: Process
-    estimator: Process
-    monitor: Process
-    recorder: Process
-    acceleration: Topic
-    estimate: Topic
-    health: Topic
-    events: Topic
+    def __init__(self, system: System) -> None:
+        system.forks = False
+        self.system = system
+        self.nodes: dict[str, Process] = {}
+        self.bag = Path()
+        self.acceleration = system.listen(AccelerationBlock, "/valve_1/acceleration")
+        self.estimate = system.listen(ModelEstimate, "/valve_1/estimate", latched=True)
+        self.health = system.listen(ValveHealth, "/valve_1/health", latched=True)
+        self.events = system.listen(HealthEvent, "/valve_1/events", latched=True)
+
+    def start(self, name: str) -> None:
+        """Start a node, the recorder with a new bag."""
+        if name == "recorder":
+            self.bag = self.system.folder / f"bag_{len(self.system.processes)}"
+            self.nodes[name] = self.system.start(name, "", output=self.bag)
+        elif name == "simulator":
+            self.nodes[name] = self.system.start(name, excitation="multisine", wait_for_subscribers=4)
+        else:
+            self.nodes[name] = self.system.start(name)
+
+    def complete(self) -> None:
+        """Start what does not run, and wait until the chain works."""
+        for name in ("recorder", "estimator", "monitor", "simulator"):
+            if name not in self.nodes or not self.nodes[name].alive:
+                self.start(name)
+        self.system.until(
+            lambda: self.system.node.count_subscribers("/valve_1/estimate") >= 3,
+            "recorder, monitor and this test listen to the estimate",
+        )
+        heard = len(self.estimate.heard)
+        self.system.until(
+            lambda: (
+                len(self.estimate.heard) >= heard + 3  # the recorder may hold the last second in memory
+                and self.health.heard
+                and self.health.last.level not in (ValveHealth.LEVEL_UNKNOWN, ValveHealth.LEVEL_STALE)
+            ),
+            "the chain works",
+        )
 
     def hears(self, topic: Topic, wanted: Callable[..., bool], what: str, *, after: float) -> float:
         """Wait for the first ``wanted`` message ``after`` some arrival; return when it came."""
@@ -48,40 +74,22 @@ class Chain:
             "the others go on publishing",
         )
 
-    def others_live(self, killed: Process) -> None:
-        nodes = (self.simulator, self.estimator, self.monitor, self.recorder)
-        assert [node.name for node in nodes if not node.alive] == [killed.name]
+    def others_live(self, killed: str) -> None:
+        assert [name for name, node in self.nodes.items() if not node.alive] == [killed]
+
+
+@pytest.fixture(scope="module", name="one_chain")
+def _one_chain(
+    make_system: Callable[[Path], AbstractContextManager[System]], tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[Chain]:
+    with make_system(tmp_path_factory.mktemp("chain")) as system:
+        yield Chain(system)
 
 
 @pytest.fixture(name="chain")
-def _chain(make_system: Callable[[Path], AbstractContextManager[System]], tmp_path: Path) -> Iterator[Chain]:
-    with make_system(tmp_path) as system:
-        bag = tmp_path / "bag"
-        acceleration = system.listen(AccelerationBlock, "/valve_1/acceleration")
-        estimate = system.listen(ModelEstimate, "/valve_1/estimate", latched=True)
-        health = system.listen(ValveHealth, "/valve_1/health", latched=True)
-        events = system.listen(HealthEvent, "/valve_1/events", latched=True)
-        recorder = system.start("recorder", "", output=bag)
-        estimator = system.start("estimator")
-        monitor = system.start("monitor")
-        simulator = system.start("simulator", excitation="multisine", wait_for_subscribers=4)
-        chain = Chain(
-            system, bag, simulator, estimator, monitor, recorder, acceleration, estimate, health, events
-        )
-        system.until(
-            lambda: system.node.count_subscribers("/valve_1/estimate") >= 3,
-            "recorder, monitor and this test listen to the estimate",
-        )
-        heard = len(estimate.heard)
-        system.until(
-            lambda: (
-                len(estimate.heard) >= heard + 3  # the recorder may hold the last second in memory
-                and health.heard
-                and health.last.level not in (ValveHealth.LEVEL_UNKNOWN, ValveHealth.LEVEL_STALE)
-            ),
-            "the chain works",
-        )
-        yield chain
+def _chain(one_chain: Chain) -> Chain:
+    one_chain.complete()
+    return one_chain
 
 
 def is_stale(message: ModelEstimate | ValveHealth) -> bool:
@@ -100,78 +108,27 @@ def cleared(event: HealthEvent) -> bool:
     return bool(event.kind == "stale" and event.state == HealthEvent.STATE_CLEARED)
 
 
-def test_simulator_killed(chain: Chain) -> None:
-    killed = chain.simulator.kill()
-    chain.hears(chain.estimate, is_stale, "estimate stale", after=killed)
-    chain.hears(chain.events, raised("acceleration"), "event stale", after=killed)
-    chain.hears(chain.health, is_stale, "health stale", after=killed)
-    chain.others_live(chain.simulator)
-    # A held estimate is no new one: its time is that of the last sample.
-    assert chain.estimate.last.samples == chain.estimate.messages[-2].samples
-    assert chain.estimate.last.header.stamp == chain.estimate.messages[-2].header.stamp
+def test_recorder_killed(chain: Chain) -> None:
+    """First: a bag of one simulator's run has each of its blocks."""
+    bag = chain.bag
 
-    chain.simulator = chain.system.start("simulator", excitation="multisine")
-    again = chain.hears(chain.events, cleared, "event cleared", after=killed)
-    for topic in (chain.estimate, chain.health):
-        chain.hears(topic, lambda message: not is_stale(message), "what comes after a restart", after=again)
-
-
-def test_estimator_killed(chain: Chain) -> None:
-    killed = chain.estimator.kill()
-    chain.hears(chain.events, raised("estimate"), "event stale", after=killed)
-    chain.hears(chain.health, is_stale, "health stale", after=killed)
-    chain.goes_on(chain.acceleration, chain.health)
-    chain.others_live(chain.estimator)
-
-    chain.estimator = chain.system.start("estimator")
-    chain.hears(chain.events, cleared, "event cleared", after=killed)
-    chain.system.until(lambda: not is_stale(chain.health.last), "health after a restart")
-
-
-def test_monitor_killed(chain: Chain) -> None:
-    killed = chain.monitor.kill()
-    chain.goes_on(chain.acceleration, chain.estimate)
-    chain.others_live(chain.monitor)
-    # A dead monitor can't tell of its own end: the recorder does.
-    task = "recorder: monitoring"
-    chain.system.until(
-        lambda: any(
-            status.level == DiagnosticStatus.ERROR and status.message == "not monitored: valve_1"
-            for _, status in chain.system.statuses(task, after=killed)
-        ),
-        "somebody misses the monitor",
-    )
-    assert chain.recorder.said.count("valve_1 is not monitored") == 1
-    before = len(chain.health.heard)
-    chain.monitor = chain.system.start("monitor")
-    chain.system.until(
-        lambda: len(chain.health.heard) > before and chain.health.last.level == ValveHealth.LEVEL_OK,
-        "health after a restart",
-    )
-    chain.system.until(
-        lambda: chain.system.statuses(task)[-1][1].level == DiagnosticStatus.OK, "the monitor is there again"
-    )
-
-
-def test_recorder_killed(chain: Chain, tmp_path: Path) -> None:
     def recorded() -> list[int]:
-        return [block.sequence for block in BagReader(chain.bag).blocks("valve_1")]
+        return [block.sequence for block in BagReader(bag).blocks("valve_1")]
 
     heard = chain.acceleration.last.sequence
     chain.system.until(lambda: recorded()[-1:] >= [heard], "what was heard is on the disk")
-    chain.recorder.kill()
+    chain.nodes["recorder"].kill()
     chain.goes_on(chain.acceleration, chain.estimate, chain.health)
-    chain.others_live(chain.recorder)
-    reader = BagReader(chain.bag)
+    chain.others_live("recorder")
+    reader = BagReader(bag)
     assert not reader.closed
     kept = recorded()
     assert kept == list(range(len(kept)))
     assert kept[-1] >= heard
     assert reader.topics["/valve_1/estimate"].messages >= 1
 
-    second = tmp_path / "second"
     begin = time.monotonic()
-    chain.recorder = chain.system.start("recorder", "", output=second)
+    chain.start("recorder")
     chain.system.until(
         lambda: (
             any(
@@ -187,12 +144,65 @@ def test_recorder_killed(chain: Chain, tmp_path: Path) -> None:
     wanted = {"/valve_1/acceleration", "/valve_1/valve"}
 
     def records_both() -> bool:
-        return wanted <= {name for name, topic in BagReader(second).topics.items() if topic.messages}
+        return wanted <= {name for name, topic in BagReader(chain.bag).topics.items() if topic.messages}
 
     chain.system.until(records_both, "it records blocks and the valve")
-    assert chain.recorder.end() == 0
-    found = BagReader(second)
+    assert chain.nodes["recorder"].end() == 0
+    found = BagReader(chain.bag)
     assert found.closed
     assert found.topics["/valve_1/acceleration"].messages > 0
     # Latched, so in every bag.
     assert found.topics["/valve_1/valve"].messages == 1
+
+
+def test_simulator_killed(chain: Chain) -> None:
+    killed = chain.nodes["simulator"].kill()
+    chain.hears(chain.estimate, is_stale, "estimate stale", after=killed)
+    chain.hears(chain.events, raised("acceleration"), "event stale", after=killed)
+    chain.hears(chain.health, is_stale, "health stale", after=killed)
+    chain.others_live("simulator")
+    # A held estimate is no new one: its time is that of the last sample.
+    assert chain.estimate.last.samples == chain.estimate.messages[-2].samples
+    assert chain.estimate.last.header.stamp == chain.estimate.messages[-2].header.stamp
+
+    chain.start("simulator")
+    again = chain.hears(chain.events, cleared, "event cleared", after=killed)
+    for topic in (chain.estimate, chain.health):
+        chain.hears(topic, lambda message: not is_stale(message), "what comes after a restart", after=again)
+
+
+def test_estimator_killed(chain: Chain) -> None:
+    killed = chain.nodes["estimator"].kill()
+    chain.hears(chain.events, raised("estimate"), "event stale", after=killed)
+    chain.hears(chain.health, is_stale, "health stale", after=killed)
+    chain.goes_on(chain.acceleration, chain.health)
+    chain.others_live("estimator")
+
+    chain.start("estimator")
+    chain.hears(chain.events, cleared, "event cleared", after=killed)
+    chain.system.until(lambda: not is_stale(chain.health.last), "health after a restart")
+
+
+def test_monitor_killed(chain: Chain) -> None:
+    killed = chain.nodes["monitor"].kill()
+    chain.goes_on(chain.acceleration, chain.estimate)
+    chain.others_live("monitor")
+    # A dead monitor can't tell of its own end: the recorder does.
+    task = "recorder: monitoring"
+    chain.system.until(
+        lambda: any(
+            status.level == DiagnosticStatus.ERROR and status.message == "not monitored: valve_1"
+            for _, status in chain.system.statuses(task, after=killed)
+        ),
+        "somebody misses the monitor",
+    )
+    assert chain.nodes["recorder"].said.count("valve_1 is not monitored") == 1
+    before = len(chain.health.heard)
+    chain.start("monitor")
+    chain.system.until(
+        lambda: len(chain.health.heard) > before and chain.health.last.level == ValveHealth.LEVEL_OK,
+        "health after a restart",
+    )
+    chain.system.until(
+        lambda: chain.system.statuses(task)[-1][1].level == DiagnosticStatus.OK, "the monitor is there again"
+    )
