@@ -5,43 +5,66 @@ from __future__ import annotations
 import asyncio
 import socket
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from asyncua import Client, ua
 from spool_msgs.msg import ModelEstimate, PlotValue, ValveHealth, WaveformEnvelope
 
+from .conftest import PATIENCE, Process, System
+
 if TYPE_CHECKING:
-    from .conftest import Process, System
+    from asyncua import Client
 
 LEVEL = "valve_1.health.level"
 STIFFNESS = "valve_1.estimate.spring_stiffness [N/m]"
 
 
-def valve(system: System) -> Process:
-    """Start the nodes of a valve, wait until it is judged, and return its monitor."""
-    health = system.listen(ValveHealth, "/valve_1/health", latched=True)
-    monitor = system.start("monitor", baseline_time=3.0)
-    system.start("estimator")
-    system.start("simulator", excitation="multisine", wait_for_subscribers=2)
-    system.until(lambda: health.heard and health.last.level == ValveHealth.LEVEL_OK, "data are judged")
-    return monitor
+@dataclass
+class Bridged:
+    """A valve that is judged, with both bridges."""
+
+    system: System
+    port: int
+    monitor: Process
+    bridge: Process
 
 
-def test_numbers_and_the_waveform_come_on_topics_of_their_own(system: System) -> None:
+@pytest.fixture(scope="module", name="valve")
+def _valve(
+    make_system: Callable[[Path], AbstractContextManager[System]], tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[Bridged]:
+    with make_system(tmp_path_factory.mktemp("bridge")) as system:
+        port = free_port()
+        bridge = system.start("opcua", namespace="", port=port)
+        system.start("plots", waveform_rate=50.0)
+        health = system.listen(ValveHealth, "/valve_1/health", latched=True)
+        monitor = system.start("monitor", baseline_time=3.0)
+        system.start("estimator")
+        system.start("simulator", excitation="multisine", wait_for_subscribers=2)
+        system.until(lambda: health.heard and health.last.level == ValveHealth.LEVEL_OK, "data are judged")
+        yield Bridged(system, port, monitor, bridge)
+
+
+def test_numbers_and_the_waveform_come_on_topics_of_their_own(valve: Bridged) -> None:
+    system = valve.system
     estimates = system.listen(ModelEstimate, "/valve_1/estimate", latched=True)
     stiffness = system.listen(PlotValue, "/valve_1/plot/spring_stiffness")
     amplification = system.listen(PlotValue, "/valve_1/plot/amplification")
     waveform = system.listen(WaveformEnvelope, "/valve_1/plot/waveform")
-    system.start("plots", waveform_rate=50.0)
-    valve(system)
     system.until(lambda: stiffness.heard and amplification.heard, "numbers come")
     system.until(lambda: len(waveform.heard) > 100, "the waveform comes")
     said = stiffness.last
     assert said.low < said.value < said.high
-    same = [one for one in estimates.messages if one.header.stamp == said.header.stamp]
-    numbers = {one.name: one for message in same for one in message.parameters}
+
+    def of_it() -> list[ModelEstimate]:
+        return [one for one in estimates.messages if one.header.stamp == said.header.stamp]
+
+    system.until(of_it, "the estimate with this number comes")
+    numbers = {one.name: one for message in of_it() for one in message.parameters}
     assert numbers["spring_stiffness"].value == said.value
     stamps = [one.header.stamp.sec + 1e-9 * one.header.stamp.nanosec for one in waveform.messages[-50:]]
     assert stamps[-1] - stamps[0] == pytest.approx(49 / 50.0, abs=1e-6)
@@ -55,7 +78,7 @@ def free_port() -> int:
 
 
 async def until(met: Callable[[], Any], what: str) -> Any:
-    end = time.monotonic() + 60.0
+    end = time.monotonic() + PATIENCE
     while True:
         found = await met()
         if found:
@@ -66,6 +89,8 @@ async def until(met: Callable[[], Any], what: str) -> Any:
 
 async def attacks(client: Client, index: int) -> list[str]:
     """Try to change something in every way that the protocol has; return what was let through."""
+    from asyncua import ua  # noqa: PLC0415 - slow to load
+
     level = client.get_node(ua.NodeId(LEVEL, index))
     valves = client.get_node(ua.NodeId("Valves", index))
     tries: dict[str, Callable[[], Any]] = {
@@ -85,10 +110,11 @@ async def attacks(client: Client, index: int) -> list[str]:
     return through
 
 
-def test_plant_systems_see_state_and_quality_and_change_nothing(system: System) -> None:
-    port = free_port()
-    bridge = system.start("opcua", namespace="", port=port)
-    monitor = valve(system)
+def test_plant_systems_see_state_and_quality_and_change_nothing(valve: Bridged) -> None:
+    """Last: it kills the monitor."""
+    from asyncua import Client, ua  # noqa: PLC0415 - slow to load
+
+    port = valve.port
     url = f"opc.tcp://127.0.0.1:{port}"
 
     async def listens() -> bool:
@@ -113,8 +139,12 @@ def test_plant_systems_see_state_and_quality_and_change_nothing(system: System) 
 
             known = await until(good, "the stiffness is known")
             assert 1500.0 < known.Value.Value < 1800.0
-            assert (await read(LEVEL)).Value.Value == ValveHealth.LEVEL_OK
-            monitor.kill()
+
+            async def fine() -> bool:
+                return bool((await read(LEVEL)).Value.Value == ValveHealth.LEVEL_OK)
+
+            await until(fine, "the level is shown")
+            valve.monitor.kill()
 
             async def lost() -> bool:
                 value = await read(LEVEL)
@@ -129,7 +159,7 @@ def test_plant_systems_see_state_and_quality_and_change_nothing(system: System) 
             await administrator.connect()
 
     asyncio.run(work())
-    assert bridge.alive
+    assert valve.bridge.alive
     with socket.socket() as other:
         other.settimeout(2.0)
         # Only loopback's own address is listened on.
