@@ -160,6 +160,8 @@ class Detection:
         self._windowed_at += pause
         if self._judged_at is not None:
             self._judged_at += pause
+        for drift in self.parameters.values():
+            drift.pause(pause)
         self.windows.restart(period)
         self.response.restart()
         self.channels.restart(period)

@@ -103,8 +103,12 @@ _RATIOS, _MOTIONS = (0.02, 1.1), (0.18, 2.5)
 
 @dataclass(slots=True)
 class Outlook:
-    """Outlook of one parameter: its changes since the sum of the sequential test left zero."""
+    """Outlook of one parameter: its changes since the sum of the sequential test left zero.
 
+    ``paused`` (ns) is the time since then in which nothing was measured: what rests does not wear.
+    """
+
+    paused: int = field(default=0, init=False)
     _since: int = field(default=0, init=False)
     _points: list[tuple[float, float]] = field(default_factory=list, init=False)
     _every: int = field(default=1, init=False)
@@ -113,7 +117,7 @@ class Outlook:
     def reset(self) -> None:
         """Forget what went before."""
         self._points.clear()
-        self._every, self._count = 1, 0
+        self._every, self._count, self.paused = 1, 0, 0
 
     def take(self, since: int, stamp: int, change: float) -> None:
         """Take the ``change`` at ``stamp`` (ns) of a drift that began at ``since`` (ns, 0: there is none)."""
@@ -124,7 +128,7 @@ class Outlook:
             return
         self._count += 1
         if self._count % self._every == 0:
-            self._points.append(((stamp - since) * 1e-9, change))
+            self._points.append(((stamp - since - self.paused) * 1e-9, change))
         if len(self._points) > MOST:
             self._points = self._points[::2]
             self._every *= 2
@@ -233,6 +237,11 @@ class ParameterDrift:
         self.level = None
         self.released = False
         self._smoothed = math.nan
+
+    def pause(self, nanoseconds: int) -> None:
+        """Take note that nothing was measured for this long: no time of a drift."""
+        self._last += nanoseconds if self._last else 0
+        self._outlook.paused += nanoseconds
 
     def update(self, estimate: Estimate, *, distrust: bool = False) -> None:
         """Take ``estimate``; parameters that are held are not judged."""

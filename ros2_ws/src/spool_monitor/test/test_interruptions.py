@@ -19,6 +19,7 @@ from spool_estimator.estimator import Estimator, settings_for
 from spool_monitor.detectors import MonitorSettings
 from spool_monitor.event import Event, EventState
 from spool_monitor.monitor import Monitor
+from spool_monitor.parameter_drift import CAP, Outlook
 from spool_monitor.state_file import HealthyValue
 from spool_monitor.valve_state import ValveState
 from spool_sim.excitation import PRESETS
@@ -145,6 +146,7 @@ class Story:
 
     blocks: list[Block]
     estimates: list[list[Estimate]]
+    drifts: list[list[float]]
     copies: list[Chain]
 
     def until(self, moment: int) -> Chain:
@@ -159,12 +161,19 @@ class Story:
 def told(plot: str) -> Story:
     """Return the story of a plot; nobody may change it."""
     blocks = simulated(PLOTS[plot])
-    chain, copies, estimates = Chain(), [], []
+    chain, copies, estimates, drifts = Chain(), [], [], []
     for number, block in enumerate(blocks):
         if number % APART == 0:
             copies.append(copy.deepcopy(chain))
         estimates.append(chain.take(block))
-    return Story(blocks, estimates, [*copies, chain])
+        drifts.append(drifted(chain.monitor))
+    return Story(blocks, estimates, drifts, [*copies, chain])
+
+
+def drifted(monitor: Monitor) -> list[float]:
+    """Return how far the drift tests have come: both sums and the smoothed change of each."""
+    tests = monitor.detection.parameters.values()
+    return [value for one in tests for value in (one.sum.up, one.sum.down, one.share)]
 
 
 @cache
@@ -302,3 +311,40 @@ def test_what_is_healthy_is_learned_after_an_interruption(moment: int, what: Int
     assert found.keys() == expected.keys()
     for name, value in found.items():
         assert abs(value.value - expected[name].value) < 0.01 * abs(expected[name].value) + 0.005, name
+
+
+@pytest.mark.parametrize("plot", ["contaminated and cleaned", "a softer spring"])
+@FEW
+@given(place=st.integers(0, 999), what=interruptions())
+@example(place=463, what=Interruption(-2.0, silent=False))
+@example(place=463, what=Interruption(1.0))
+def test_no_time_passes_for_a_drift_test_while_nothing_comes(
+    plot: str, place: int, what: Interruption
+) -> None:
+    story = told(plot)
+    moment = place * len(story.blocks) // 1000
+    moment -= bool(
+        story.estimates[moment]
+    )  # where the stamps jump one block is refused: none falls due in it
+    what = Interruption(what.seconds, what.silent)
+    monitor = story.until(moment).monitor
+    expected = zip(story.blocks, story.estimates, story.drifts, strict=True)
+    for block, estimates, drifts in list(expected)[moment:]:
+        monitor.update(what.later(block, moment))
+        for one in estimates:
+            monitor.update_estimate(replace(one, stamp=one.stamp + round(what.seconds * SECOND)))
+        assert drifted(monitor) == pytest.approx(drifts, abs=1e-9 * STEP * CAP)
+
+
+@settings(max_examples=FEW.max_examples)
+@given(place=st.integers(0, 60), seconds=st.sampled_from([1.0, 3600.0, 86400.0, -3600.0]))
+def test_no_time_passes_for_an_outlook_while_nothing_comes(place: int, seconds: float) -> None:
+    usual, interrupted, began = Outlook(), Outlook(), told("healthy").blocks[0].stamp
+    for second in range(60):
+        usual.take(began, began + second * SECOND, 0.01 * second)
+        if second == place:
+            interrupted.paused += round(seconds * SECOND)
+        ahead = round(seconds * SECOND) if second >= place else 0
+        interrupted.take(began, began + second * SECOND + ahead, 0.01 * second)
+    assert interrupted.seconds_to(1.0, 4.0) == usual.seconds_to(1.0, 4.0)
+    assert 30.0 < usual.seconds_to(1.0, 4.0) < 50.0
