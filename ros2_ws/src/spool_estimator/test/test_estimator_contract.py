@@ -154,6 +154,22 @@ def test_a_gap_restarts_the_filters_and_keeps_what_is_known(make: Make) -> None:
 
 
 @ALL
+def test_all_that_was_known_is_restored_whatever_was_learned_since(make: Make) -> None:
+    estimator, blocks = make(SETTINGS), record(20.0)
+    estimates_of(estimator, blocks[:450])
+    twin = pickle.loads(pickle.dumps(estimator))
+    twin._restore(twin._knowledge())
+    expected, known = pickle.dumps(twin._knowledge()), estimator._knowledge()
+    for wrong in (blocks[450:600], blocks[600:750]):  # the second time behind a restored state
+        estimates_of(
+            estimator, [replace(one, body=one.spool + np.float32(3.0), spool=one.body) for one in wrong]
+        )
+        assert pickle.dumps(estimator._knowledge()) != expected
+        estimator._restore(known)
+        assert pickle.dumps(estimator._knowledge()) == expected
+
+
+@ALL
 def test_time_that_goes_back_begins_anew_once_it_is_confirmed(make: Make) -> None:
     blocks = record()
     estimator = make(SETTINGS)
