@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from spool_core.block import Block
 from spool_core.uncertainty import Validity
-from spool_estimator.estimate import State
+from spool_estimator.estimate import Estimate, State
 from spool_estimator.estimator import Estimator, settings_for
 from spool_estimator.refit import (
     Refit,
@@ -89,6 +89,22 @@ def test_the_recursion_gives_the_start() -> None:
         assert set(task.start) == {"spring_stiffness", "viscous_coefficient", "coulomb_force"}
 
 
+def test_a_window_starts_from_the_newest_estimate_of_its_samples() -> None:
+    """Others are older, or come from later samples of the same block."""
+    estimator, windows = Estimator(settings_for(VALVE, period=0.1)), WindowRefits(SETTINGS)
+    estimates: list[Estimate] = []
+    starts: list[float] = []
+    for number, first in enumerate(range(0, 500, 14)):
+        block = replace(joined(record()[first : first + 14]), sequence=number)
+        estimates += (found := estimator.update(block))
+        for task in windows.update(block, found):
+            (own,) = [one for one in estimates if abs(one.stamp - task.stamp) < 1000]
+            assert own.stamp < found[-1].stamp
+            assert task.start == {one.name: one.value for one in own.parameters}
+            starts.append(task.start["spring_stiffness"])
+    assert len(set(starts)) == 2
+
+
 def test_a_refit_finds_the_truth_within_its_own_uncertainty() -> None:
     found = refit(tasks_of(record())[-1])
     assert found.state is RefitState.CONVERGED
@@ -148,6 +164,17 @@ def test_memory_holds_one_window() -> None:
         windows.update(block, ())
         sizes.append(len(pickle.dumps(windows)))
     assert max(sizes[300:]) < 1.05 * sizes[250]
+
+
+def test_memory_holds_one_window_however_often_blocks_are_lost() -> None:
+    windows = WindowRefits(SETTINGS)
+    sizes = []
+    for block in record():
+        if block.sequence % 100 >= 50:
+            windows.update(block, ())
+        if block.sequence % 100 == 99:
+            sizes.append(len(pickle.dumps(windows)))
+    assert max(sizes[2:]) < 1.05 * sizes[1]
 
 
 @pytest.mark.slow
