@@ -18,6 +18,7 @@ from spool_estimator.prediction import (
     TARGET,
     VELOCITY,
     Prediction,
+    Samples,
     score_noise,
 )
 
@@ -53,6 +54,36 @@ def test_a_standstill_has_no_noise_score() -> None:
     score = np.ones(3)
     score_noise(np.zeros(SUMS), SCALE, SCALE, 0.18, 5e-4, False, score)
     assert not score.any()
+
+
+def test_a_point_value_close_to_a_jump_teaches_nothing_whatever_it_reads() -> None:
+    """It may lie on the other side of the jump."""
+    parameters, time = np.array([1632.0, 4.0, 0.3]), 5e-4 * np.arange(1500)
+    body = (8.0 * np.sin(195.0 * time) + 5.0 * np.sin(423.0 * time)).astype(np.float32)
+
+    def product_of(spool: Samples) -> list[float]:
+        prediction = Prediction(5e-4, 0.18, SCALE, pointwise=True)
+        prediction.take(body, spool, parameters)
+        return prediction.product.tolist()
+
+    spool = np.zeros_like(body)
+    expected, model, velocity = product_of(spool), Prediction(5e-4, 0.18, SCALE), []
+    for n in range(body.size):
+        model.take(body[n : n + 1], spool[n : n + 1], parameters)
+        velocity.append(model.state[1])
+    before, after = np.array(velocity[2:-1]), np.array(velocity[3:])  # its motion is two samples behind
+    close = []
+    for place in np.flatnonzero(before * after < 0.0).tolist():
+        share = before[place] / (before[place] - after[place])
+        for sample, away in ((place, share), (place + 1, 1.0 - share)):
+            wrong = spool.copy()
+            wrong[sample] += 1.0
+            if away < 0.12:
+                assert product_of(wrong) == expected
+                close.append(sample - place)
+            elif away > 0.4:
+                assert product_of(wrong) != expected
+    assert min(close.count(0), close.count(1)) >= 3
 
 
 def test_mean_squares_are_the_sums_over_their_count_and_clearing_begins_anew() -> None:
