@@ -175,16 +175,20 @@ def _read(store: TrendStore, valve: str, wanted: Sequence[str], since: int) -> d
             raise InputError(f"--parameter {name}: {valve} has: {', '.join(units)}")
     chosen = list(wanted) or list(units)
     hours = [span for name in chosen for span in store.spans(name, 3600, since - since % 3600)]
-    if not hours:
-        raise InputError(f"{valve}: nothing was kept since then: leave --since out")
-    seconds = finest(KEPT, max(span.start for span in hours) + 3600 - min(span.start for span in hours))
+    length = max(span.start for span in hours) + 3600 - min(span.start for span in hours) if hours else 0
+    seconds = finest(KEPT, length)
+    # The hour that --since lies in may hold values of before only.
+    parameters = {name: (units[name], store.spans(name, seconds, since - since % seconds)) for name in chosen}
+    if not any(spans for _, spans in parameters.values()):
+        of = f" of {', '.join(wanted)}" if wanted else ""
+        raise InputError(
+            f"{valve}: nothing{of} was kept " + ("since then: leave --since out" if since else "yet")
+        )
     return {
         "valve": valve,
         "seconds": seconds,
         "counters": {name: (value, units[name]) for name, value in store.counters().items()},
-        "parameters": {
-            name: (units[name], store.spans(name, seconds, since - since % seconds)) for name in chosen
-        },
+        "parameters": parameters,
     }
 
 
