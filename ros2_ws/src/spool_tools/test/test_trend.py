@@ -6,6 +6,7 @@ import itertools
 import json
 import re
 import time
+from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
@@ -75,15 +76,42 @@ def test_people_read_the_displacement_in_mm_and_programs_in_m(
     assert displacement["maximum"][0] == 0.00125
 
 
-def test_one_parameter_since_a_time(kept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def at(seconds: int) -> str:
+    """Return a time, s since 1970, as --since takes it."""
+    return datetime.fromtimestamp(seconds, timezone.utc).strftime("%Y-%m-%dT%H:%M:%S")
+
+
+@pytest.mark.parametrize(("since", "minutes"), [(at(NOW - 1800), 30), ("2w", 150)])
+def test_one_parameter_since_a_time(
+    kept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], since: str, minutes: int
+) -> None:
     file = tmp_path / "trend.json"
-    arguments = ("--state-folder", kept, "--parameter", "coulomb_force", "--since", "30m", "--json", file)
+    arguments = ("--state-folder", kept, "--parameter", "coulomb_force", "--since", since, "--json", file)
     assert run(capsys, "press/left", *arguments)[0] == 0
     result = json.loads(file.read_text())
     assert list(result["parameters"]) == ["coulomb_force"]
-    # The records end when the tests were collected, the half hour ends now.
-    passed = (time.time() - NOW) / 60.0
-    assert len(result["parameters"]["coulomb_force"]["mean"]) == pytest.approx(30.0 - passed, abs=2.0)
+    assert len(result["parameters"]["coulomb_force"]["mean"]) == minutes
+
+
+def test_a_parameter_without_a_value_since_a_time_is_named_in_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The hour in which the time lies has values, but of before."""
+    path = valve_folder(tmp_path, "v") / "trends.sqlite"
+    path.parent.mkdir(parents=True)
+    store, sums, hour = TrendStore(path), Sums(), NOW // 3600 * 3600
+    sums.add(hour * 1_000_000_000, "coulomb_force", "N", 0.1)
+    sums.add((hour + 3600) * 1_000_000_000, "spring_stiffness", "N/m", 1632.0)
+    store.write(sums)
+    store.close()
+    arguments = ("v", "--state-folder", tmp_path, "--since", at(hour + 60), "--parameter", "coulomb_force")
+    code, _, said = run(capsys, *arguments)
+    assert code == 2
+    assert said == "spool: v: nothing of coulomb_force was kept since then: leave --since out\n"
+    code, shown, _ = run(capsys, *arguments, "--parameter", "spring_stiffness")
+    assert code == 0
+    assert "spring stiffness" in shown
+    assert "coulomb force" not in shown
 
 
 @pytest.mark.parametrize(("name", "begins"), [("t.png", b"\x89PNG"), ("t.html", b"<!doctype html>")])
