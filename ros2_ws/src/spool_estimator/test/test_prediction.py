@@ -35,6 +35,7 @@ def test_the_noise_score_is_half_the_slope_of_the_answer_to_white_noise(
 ) -> None:
     mass, period = 0.18, 5e-4
     sums = np.random.default_rng(seed).uniform(0.1, 10.0, SUMS)
+    sums[RESIDUAL] *= mass**2  # of the size of the body's noise: either may be the smaller one
     score = np.empty(3)
     score_noise(sums, np.array([k, c, f]), SCALE, mass, period, pointwise, score)
     by_friction = math.sqrt(2.0) / (math.pi * math.sqrt(sums[VELOCITY] / sums[COUNT]))
