@@ -22,7 +22,7 @@ from typing import TypeAlias
 
 from spool_core.errors import InputError
 
-#: Packages whose modules are found by their place: each is used by whoever uses the package.
+#: Packages whose modules are found by their place: to use the package is to use each of them.
 REGISTRIES = (
     "spool_bag.importing.formats",
     "spool_fleet.analyses",
