@@ -152,7 +152,7 @@ def completed(
         said = []
         for stream in (output, errors):
             stream.seek(0)
-            said.append(stream.read().decode())
+            said.append(stream.read().decode(errors="replace"))
     return subprocess.CompletedProcess(command, popen.wait(), *said)
 
 

@@ -7,19 +7,13 @@ tests/test_fuzz_commands.py`` draws so many new ones of each kind.
 from __future__ import annotations
 
 import gzip
-import multiprocessing
 import os
 import re
-import resource
 import shutil
-import signal
 import sqlite3
 import subprocess
-import sys
 import tempfile
-import traceback
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -30,11 +24,14 @@ from spool_monitor.trend import Sums, TrendStore
 from spool_sim.valve import shipped_valves
 from spool_tools.cli import main
 
+from .forks import completed
+
 EXAMPLES = int(os.environ.get("SPOOL_FUZZ_EXAMPLES", "0"))
 #: What a command may take more than what is loaded before it starts, B.
 MEMORY = 1_000_000_000
 #: s of processor time; the longest of them, a gap analysis of 4 s, takes 5 s.
 PATIENCE = 120
+SPOOL = Path(__file__).resolve().parent.parent / "spool"
 VALVE = shipped_valves()["4weh10_soft"]
 STAMP = 1_735_732_800_000_000_000
 
@@ -52,78 +49,32 @@ def sample(examples: int) -> Callable[[Callable[..., None]], Callable[..., None]
     )
 
 
-@dataclass(frozen=True)
-class Ending:
-    """How a command ended."""
+#: Runs one command within its limits.
+LIMITED = f"""
+import resource, signal, sys
+from pathlib import Path
+from spool_tools.cli import main
 
-    code: int | None
-    output: str
-    said: str
-    memory: int
-
-
-def _child(arguments: Sequence[str], folder: str) -> None:
-    """Run one command within its limits; the forked process is spent on it."""
-    os.chdir(folder)
-    for number, name in ((1, "output"), (2, "said")):
-        os.dup2(os.open(Path(folder, name), os.O_WRONLY | os.O_CREAT | os.O_TRUNC), number)
-    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
-    limit = pages * resource.getpagesize() + MEMORY
-    resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
-    resource.setrlimit(resource.RLIMIT_CPU, (PATIENCE, PATIENCE))
-    signal.alarm(5 * PATIENCE)
-    try:
-        code = main(list(arguments))
-        sys.stdout.flush()
-    except BaseException:
-        traceback.print_exc()
-        code = 99
-    sys.stderr.flush()
-    os._exit(code)
+pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
+limit = pages * resource.getpagesize() + {MEMORY}
+resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
+resource.setrlimit(resource.RLIMIT_CPU, ({PATIENCE}, {PATIENCE}))
+signal.alarm(5 * {PATIENCE})
+sys.exit(main(sys.argv[1:]))
+"""
 
 
-@pytest.fixture(scope="module")
-def processes() -> Any:
-    """A server that has everything loaded, of which each command is a fork."""
-    context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(
-        [
-            "spool_tools.cli",
-            *(
-                f"spool_tools.operations.{name}"
-                for name in ("simulation", "record_replay", "gap_run", "fit_run", "comparison", "valve_trend")
-            ),
-        ]
-    )
-    return context
-
-
-class Commands:
-    """Runs commands on input that is made for each of them."""
-
-    def __init__(self, context: Any, good: Path) -> None:
-        self.context, self.good = context, good
-
-    def run(self, folder: Path, *arguments: str) -> Ending:
-        process = self.context.Process(target=_child, args=(arguments, str(folder)))
-        process.start()
-        process.join(6 * PATIENCE)
-        if process.exitcode is None:
-            process.kill()
-        output, said = ((folder / name).read_text(errors="replace") for name in ("output", "said"))
-        return Ending(process.exitcode, output, said, 0)
-
-    def check(self, folder: Path, *arguments: str) -> None:
-        """Fail unless the command ends with 0, 1 or 2, and with 2 in one line that is fit to be shown."""
-        ending = self.run(folder, *arguments)
-        event(f"{arguments[0]} ended with {ending.code}")  # shown by --hypothesis-show-statistics
-        shown = f"spool {' '.join(arguments)}\n{ending.said[-4000:]}"
-        assert ending.code in (0, 1, 2), f"ended with {ending.code}: {shown}"
-        assert "Traceback" not in ending.said, shown
-        assert not re.search(r"[\x00-\x08\x0b-\x1f\x7f]", ending.said.replace("\r", "")), repr(ending.said)
-        errors = [line for line in ending.said.splitlines() if line.startswith("spool: ")]
-        assert len(errors) == (ending.code == 2), shown
-        assert all(len(line) < 5000 for line in ending.said.splitlines()), shown
+def check(folder: Path, *arguments: str) -> None:
+    """Fail unless the command ends with 0, 1 or 2, and with 2 in one line that is fit to be shown."""
+    done = completed(["-c", LIMITED, *arguments], folder=folder, environment=os.environ, timeout=6 * PATIENCE)
+    event(f"{arguments[0]} ended with {done.returncode}")  # shown by --hypothesis-show-statistics
+    shown = f"spool {' '.join(arguments)}\n{done.stderr[-4000:]}"
+    assert done.returncode in (0, 1, 2), f"ended with {done.returncode}: {shown}"
+    assert "Traceback" not in done.stderr, shown
+    assert not re.search(r"[\x00-\x08\x0b-\x1f\x7f]", done.stderr.replace("\r", "")), repr(done.stderr)
+    errors = [line for line in done.stderr.splitlines() if line.startswith("spool: ")]
+    assert len(errors) == (done.returncode == 2), shown
+    assert all(len(line) < 5000 for line in done.stderr.splitlines()), shown
 
 
 @pytest.fixture(scope="module")
@@ -153,11 +104,6 @@ def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
     store.write(sums)
     store.close()
     return folder
-
-
-@pytest.fixture(scope="module")
-def commands(processes: Any, good: Path) -> Commands:
-    return Commands(processes, good)
 
 
 @pytest.fixture
@@ -228,9 +174,7 @@ RECORDS = st.sampled_from(["import", "replay", "fit", "compare", "gap", "info"])
 
 @sample(8)
 @given(data=st.data(), command=RECORDS, packed=st.booleans())
-def test_records(
-    commands: Commands, good: Path, folder: Callable[[], Path], data: Any, command: str, packed: bool
-) -> None:
+def test_records(good: Path, folder: Callable[[], Path], data: Any, command: str, packed: bool) -> None:
     here = folder()
     text = (good / "record.csv").read_bytes()
     content = data.draw(st.one_of(damaged(text), odd_text(text.decode()).map(str.encode)))
@@ -246,12 +190,12 @@ def test_records(
         "gap": (*valve, "--json", "result.json"),
         "info": (),
     }
-    commands.check(here, command, record, *more[command])
+    check(here, command, record, *more[command])
 
 
 @sample(10)
 @given(data=st.data(), command=st.sampled_from(["info", "recover", "export", "replay", "fit"]))
-def test_bags(commands: Commands, good: Path, folder: Callable[[], Path], data: Any, command: str) -> None:
+def test_bags(good: Path, folder: Callable[[], Path], data: Any, command: str) -> None:
     here = folder()
     shutil.copytree(good / "bag", here / "bag")
     (part,) = (here / "bag").glob("*.mcap")
@@ -268,17 +212,17 @@ def test_bags(commands: Commands, good: Path, folder: Callable[[], Path], data: 
         "replay": ("--valve", "4weh10_soft", "--json", "result.json"),
         "fit": ("--valve", "4weh10_soft", "--model", "fluid"),
     }
-    commands.check(here, command, "bag", *more[command])
+    check(here, command, "bag", *more[command])
 
 
 @sample(10)
 @given(data=st.data(), kind=st.sampled_from(["valve", "model", "excitation", "sensors"]))
-def test_yaml_files(commands: Commands, good: Path, folder: Callable[[], Path], data: Any, kind: str) -> None:
+def test_yaml_files(good: Path, folder: Callable[[], Path], data: Any, kind: str) -> None:
     here = folder()
     text = (good / f"{kind}.yaml").read_text()
     content = data.draw(st.one_of(odd_text(text).map(str.encode), damaged(text.encode(), 40)))
     put(here / f"{kind}.yaml", content)
-    commands.check(here, "simulate", "--out", "bag", "--seconds", "1", f"--{kind}", f"{kind}.yaml")
+    check(here, "simulate", "--out", "bag", "--seconds", "1", f"--{kind}", f"{kind}.yaml")
 
 
 NUMBERS = st.sampled_from(["0", "-1", "nan", "inf", "1e-9", "0.5", "1", "3", "1e4", "", "x", "1,5", "1e999"])
@@ -313,7 +257,7 @@ OPTIONS = {
 @pytest.mark.slow
 @sample(12)
 @given(data=st.data(), command=st.sampled_from(sorted(OPTIONS)))
-def test_options(commands: Commands, good: Path, folder: Callable[[], Path], data: Any, command: str) -> None:
+def test_options(good: Path, folder: Callable[[], Path], data: Any, command: str) -> None:
     here = folder()
     needed: dict[str, tuple[str, ...]] = {
         "simulate": ("--out", "bag", "--seconds", "1"),
@@ -327,12 +271,12 @@ def test_options(commands: Commands, good: Path, folder: Callable[[], Path], dat
     }
     option = data.draw(st.sampled_from(OPTIONS[command]))
     value = data.draw(st.one_of(NUMBERS, ODD.filter(lambda text: "\x00" not in text)))
-    commands.check(here, command, *needed[command], f"{option}={value}")
+    check(here, command, *needed[command], f"{option}={value}")
 
 
 @sample(4)
 @given(data=st.data())
-def test_kept_trends(commands: Commands, good: Path, folder: Callable[[], Path], data: Any) -> None:
+def test_kept_trends(good: Path, folder: Callable[[], Path], data: Any) -> None:
     here = folder()
     shutil.copytree(good / "state", here / "state")
     path = here / "state" / "valve_1" / "monitor" / "trends.sqlite"
@@ -345,37 +289,42 @@ def test_kept_trends(commands: Commands, good: Path, folder: Callable[[], Path],
         base.execute(f"UPDATE OR IGNORE span SET {column} = coalesce(?, {column})", (value,))
         base.commit()
         base.close()
-    commands.check(
-        here, "trend", "valve_1", "--state-folder", "state", "--out", "trend.html", "--json", "a.json"
-    )
+    check(here, "trend", "valve_1", "--state-folder", "state", "--out", "trend.html", "--json", "a.json")
 
 
 @pytest.mark.parametrize(
     "arguments",
-    [("doctor", "x"), ("run", "nothing", "nothing"), ("run",), ("alarm", "list", "../x"),
-     ("bench", "nothing"), ("gap", "/dev/null", "--valve", "4weh10_soft"), ("info", "/"), ("nothing",),
-     ("paper", "--nothing")],
+    [("run", "nothing", "nothing"), ("run",), ("alarm", "list", "../x"), ("bench", "nothing"),
+     ("gap", "/dev/null", "--valve", "4weh10_soft"), ("info", "/"), ("nothing",), ("paper", "--nothing")],
 )  # fmt: skip
-def test_real_processes_refuse_in_one_line(tmp_path: Path, arguments: tuple[str, ...]) -> None:
-    spool = Path(__file__).parent.parent / "spool"
+def test_commands_refuse_in_one_line(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+    arguments: tuple[str, ...],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(list(arguments)) == 2
+    assert len(capfd.readouterr().err.splitlines()) == 1
+
+
+def test_the_launcher_itself_refuses_in_one_line(tmp_path: Path) -> None:
     done = subprocess.run(
-        [str(spool), *arguments], cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False
+        [SPOOL, "doctor", "x"], cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False
     )
-    assert done.returncode == 2, done.stderr
-    assert "Traceback" not in done.stderr
+    assert done.returncode == 2
     assert len(done.stderr.splitlines()) == 1
 
 
 def test_the_reader_of_the_output_may_end_early_or_not_be_there(good: Path, tmp_path: Path) -> None:
-    spool = Path(__file__).parent.parent / "spool"
-    command = f"{spool} info {good / 'bag'}"
+    command = f"{SPOOL} info {good / 'bag'}"
     for ending in ("| true", ">&-", ">&- 2>&-"):
         done = subprocess.run(
             ["bash", "-c", f"{command} {ending}"], capture_output=True, text=True, timeout=120, check=False
         )
         assert done.stderr == "", ending
     made = subprocess.run(
-        ["bash", "-c", f"{spool} simulate --seconds 1 --out {tmp_path / 'bag'} >&- 2>&- <&-"],
+        ["bash", "-c", f"{SPOOL} simulate --seconds 1 --out {tmp_path / 'bag'} >&- 2>&- <&-"],
         timeout=120, check=False,
     )  # fmt: skip
     assert made.returncode == 0
