@@ -15,10 +15,13 @@ import pytest
 from spool_bag.information import describe
 from spool_bag.writer import BagWriter
 from spool_msgs.msg import AccelerationBlock
-from spool_tools.cli import app
+from spool_tools.cli import app, main
+from spool_tools.operations.demo import find_executable
 from typer.main import get_command
 
 from setup.main import commands
+
+from .forks import completed
 
 if TYPE_CHECKING:
     from .conftest import System
@@ -28,6 +31,7 @@ SECONDS = 20
 
 
 def spool(*arguments: object, folder: Path | None = None) -> subprocess.CompletedProcess[str]:
+    """Run a command through the launcher."""
     return subprocess.run(
         [ROOT / "spool", *map(str, arguments)],
         capture_output=True,
@@ -36,6 +40,12 @@ def spool(*arguments: object, folder: Path | None = None) -> subprocess.Complete
         check=False,
         cwd=folder,
     )
+
+
+def program(*arguments: object, **environment: str) -> subprocess.CompletedProcess[str]:
+    """Run a command as what the launcher hands over to, in a fork."""
+    command = [str(find_executable("spool_bringup", "spool")), *map(str, arguments)]
+    return completed(command, folder=Path.cwd(), environment={**os.environ, **environment}, timeout=180)
 
 
 def read_json(path: Path) -> Any:
@@ -68,7 +78,7 @@ def test_info_tells_what_is_in_a_bag(bag: Path, tmp_path: Path) -> None:
 
 
 def test_replay_writes_the_contract_s_json(bag: Path, tmp_path: Path) -> None:
-    done = spool("replay", bag, "--json", tmp_path / "replay.json")
+    done = program("replay", bag, "--json", tmp_path / "replay.json")
     assert done.returncode == 0, done.stderr
     result = read_json(tmp_path / "replay.json")
     assert set(result) >= {"bag", "duration_s", "valves"}
@@ -88,9 +98,9 @@ def test_replay_writes_the_contract_s_json(bag: Path, tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_what_is_not_known_is_null(tmp_path: Path) -> None:
     bag = tmp_path / "still"
-    done = spool("simulate", "--excitation", "standstill", "--seconds", 3, "--out", bag)
+    done = program("simulate", "--excitation", "standstill", "--seconds", 3, "--out", bag)
     assert done.returncode == 0, done.stderr
-    done = spool("replay", bag, "--json", tmp_path / "replay.json")
+    done = program("replay", bag, "--json", tmp_path / "replay.json")
     assert done.returncode == 0, done.stderr
     assert "unknown" in done.stdout
     estimate = read_json(tmp_path / "replay.json")["valves"]["valve_1"]["estimate"]
@@ -99,17 +109,25 @@ def test_what_is_not_known_is_null(tmp_path: Path) -> None:
 
 
 def test_export_writes_every_sample(bag: Path, tmp_path: Path) -> None:
-    done = spool("export", bag, "--out", tmp_path / "samples.parquet")
+    done = program("export", bag, "--out", tmp_path / "samples.parquet")
     assert done.returncode == 0, done.stderr
     table = pyarrow.parquet.read_table(tmp_path / "samples.parquet")
     assert table.num_rows == SECONDS * 2000
     assert {"time_s", "body_m_s2", "spool_m_s2"} <= set(table.column_names)
 
 
+@pytest.fixture
+def work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The working directory, with a folder `here` that holds a file."""
+    (tmp_path / "here").mkdir()
+    (tmp_path / "here" / "kept").write_text("mine")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
-        (("info", "missing"), "missing: no such bag"),
         (("replay", "missing"), "missing: no such bag"),
         (("import", "missing.csv", "--out", "bag"), "missing.csv"),
         (("simulate", "--out", "here"), "here"),
@@ -119,24 +137,36 @@ def test_export_writes_every_sample(bag: Path, tmp_path: Path) -> None:
         (("simulate", "--seconds", "-1", "--out", "new"), "-1"),
         (("simulate", "--noise", "much", "--out", "new"), "'--noise'"),
         (("info", "missing", "--colour", "red"), "--colour"),
-        (("dance",), "dance"),
         (("simulate",), "--out"),
-        (("run", "spool_sim", "dancer"), "it has: simulator"),
         (("run", "spool_dance", "dancer"), "package spool_dance is not installed"),
     ],
     ids=lambda value: "_".join(value) if isinstance(value, tuple) else "",
 )
 def test_wrong_input_ends_in_one_line_and_2(
-    tmp_path: Path, arguments: tuple[str, ...], expected: str
+    work: Path, capfd: pytest.CaptureFixture[str], arguments: tuple[str, ...], expected: str
 ) -> None:
-    (tmp_path / "here").mkdir()
-    (tmp_path / "here" / "kept").write_text("mine")
-    done = spool(*arguments, folder=tmp_path)
+    assert main(list(arguments)) == 2
+    said = capfd.readouterr().err
+    assert expected in said
+    assert len(said.strip().splitlines()) == 1
+    assert (work / "here" / "kept").read_text() == "mine"
+    assert not (work / "new").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (("info", "missing"), "missing: no such bag"),
+        (("dance",), "dance"),
+        (("run", "spool_sim", "dancer"), "it has: simulator"),
+    ],
+    ids=lambda value: "_".join(value) if isinstance(value, tuple) else "",
+)
+def test_the_launcher_passes_a_refusal_on(work: Path, arguments: tuple[str, ...], expected: str) -> None:
+    done = spool(*arguments, folder=work)
     assert done.returncode == 2
     assert expected in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1
-    assert (tmp_path / "here" / "kept").read_text() == "mine"
-    assert not (tmp_path / "new").exists()
 
 
 def test_a_tree_that_is_not_set_up_yet_lists_the_commands_that_there_are() -> None:
@@ -158,6 +188,15 @@ def test_version_names_package_and_commit() -> None:
     assert re.fullmatch(r"spool \d+\.\d+\.\d+( \(commit [0-9a-f]{12}\+?\))?\n", done.stdout)
 
 
+def asked(typed: str) -> dict[str, str]:
+    """Return the variables by which bash asks for completions, with what `--show-completion` prints."""
+    return {
+        "_SPOOL_COMPLETE": "complete_bash",
+        "COMP_WORDS": typed,
+        "COMP_CWORD": str(len(typed.split()) - 1),
+    }
+
+
 @pytest.mark.parametrize(
     ("typed", "expected"),
     [
@@ -169,23 +208,15 @@ def test_version_names_package_and_commit() -> None:
     ],
 )
 def test_tab_completes_commands_and_names(typed: str, expected: set[str]) -> None:
-    """As bash asks for it with what `--show-completion` prints."""
-    *_, begun = typed.split()
-    asked = {
-        "_SPOOL_COMPLETE": "complete_bash",
-        "COMP_WORDS": typed,
-        "COMP_CWORD": str(len(typed.split()) - 1),
-    }
-    done = subprocess.run(
-        [ROOT / "spool"],
-        env={**os.environ, **asked},
-        capture_output=True,
-        text=True,
-        timeout=180,
-        check=False,
-    )
+    done = program(**asked(typed))
     assert expected <= set(done.stdout.split()), done.stderr
-    assert all(word.startswith(begun) for word in done.stdout.split())
+    assert all(word.startswith(typed.rsplit(maxsplit=1)[-1]) for word in done.stdout.split())
+
+
+def test_the_launcher_completes() -> None:
+    environment = {**os.environ, **asked("./spool repl")}
+    done = subprocess.run([ROOT / "spool"], env=environment, capture_output=True, text=True, check=False)
+    assert done.stdout.split() == ["replay"]
 
 
 def test_shown_completion_is_for_the_launcher() -> None:
@@ -198,7 +229,7 @@ def test_shown_completion_is_for_the_launcher() -> None:
 
 
 def test_json_on_standard_output_is_all_there_is(bag: Path) -> None:
-    done = spool("replay", bag, "--json", "-")
+    done = program("replay", bag, "--json", "-")
     assert done.returncode == 0, done.stderr
     assert set(json.loads(done.stdout)["valves"]) == {"valve_1"}
 
@@ -206,7 +237,7 @@ def test_json_on_standard_output_is_all_there_is(bag: Path) -> None:
 def test_names_in_a_bag_do_not_steer_the_terminal(tmp_path: Path) -> None:
     with BagWriter(tmp_path / "bag") as writer:
         writer.add_topic("/\x1b[2J\x07[red]/oil", "sensor_msgs/msg/Temperature")
-    done = spool("info", tmp_path / "bag")
+    done = program("info", tmp_path / "bag")
     assert done.returncode == 2
     assert "no valve in it" in done.stderr
     assert "spool_msgs/msg/AccelerationBlock" in done.stderr
@@ -241,7 +272,7 @@ def test_an_interrupted_demonstration_says_what_was_recorded(
     assert f"{sum(valve.blocks for valve in information.valves)} blocks recorded" in " ".join(said.split())
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
 def test_run_starts_a_node_that_ends_by_a_signal(system: System, tmp_path: Path, number: int) -> None:
     blocks = system.listen(AccelerationBlock, "/valve_9/acceleration")
     with (tmp_path / "log").open("wb") as log:
