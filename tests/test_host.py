@@ -3,12 +3,8 @@
 from __future__ import annotations
 
 import math
-import os
-import signal
-import subprocess
-import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -22,9 +18,10 @@ from spool_msgs.msg import AccelerationBlock, ModelEstimate, ValveHealth
 from spool_sim.excitation import PRESETS
 from spool_sim.simulator import Simulator
 from spool_sim.valve import find_valve
+from spool_tools.operations.demo import find_executable
 
 if TYPE_CHECKING:
-    from .conftest import System, Topic
+    from .conftest import Process, System, Topic
 
 VALVES = [f"valve_{number}" for number in range(4)]
 #: What one valve's estimator does with some blocks from number 300 on.
@@ -118,37 +115,17 @@ def _feed(system: System) -> Feed:
 
 
 @pytest.fixture(name="host")
-def _host(system: System, tmp_path: Path) -> Iterator[Callable[[str], subprocess.Popen[bytes]]]:
+def _host(system: System, tmp_path: Path) -> Callable[..., Process]:
     valves = tmp_path / "valves.yaml"
     valves.write_text("".join(f"- {{namespace: {name}}}\n" for name in VALVES))
-    running: list[subprocess.Popen[bytes]] = []
 
-    def start(program: str, *words: str, params_file: str = "", **parameters: str) -> subprocess.Popen[bytes]:
+    def start(program: str, *words: str, params_file: str = "", **parameters: str) -> Process:
         parameters["valves_file"] = str(valves)
         given = [word for name, value in parameters.items() for word in rule(name, value)]
         files = ["--params-file", params_file] if params_file else []
-        arguments = ["--ros-args", *files, *given]
-        with (tmp_path / "host.log").open("wb") as log:
-            running.append(
-                subprocess.Popen(
-                    [sys.executable, "-c", program, *words, *arguments],
-                    env={
-                        **os.environ,
-                        "XDG_STATE_HOME": str(tmp_path / "state"),
-                        "ROS_DOMAIN_ID": str(system.domain_id),
-                    },
-                    stdin=subprocess.DEVNULL,
-                    stdout=log,
-                    stderr=subprocess.STDOUT,
-                )
-            )
-        return running[-1]
+        return system.fork(["-c", program, *words, "--ros-args", *files, *given], "host")
 
-    yield start
-    for process in running:
-        if process.poll() is None:
-            process.kill()
-            process.wait()
+    return start
 
 
 PLAIN = "import sys; from spool_bringup.host.program import main; sys.exit(main())"
@@ -164,7 +141,7 @@ def stamps(topic: Topic) -> list[float]:
 
 @pytest.mark.slow
 def test_each_node_is_there_as_in_a_process_of_its_own(
-    system: System, feed: Feed, host: Callable[..., subprocess.Popen[bytes]], tmp_path: Path
+    system: System, feed: Feed, host: Callable[..., Process], tmp_path: Path
 ) -> None:
     told = estimates(system)
     _ = system.diagnostics
@@ -200,24 +177,16 @@ def test_each_node_is_there_as_in_a_process_of_its_own(
     assert timing["blocks_lost"] == "0"
     assert float(timing["cpu_share"]) < 0.5
     assert 0.0 <= float(timing["longest_wait_s"]) < 1.0
-    doctor = subprocess.Popen(
-        [sys.executable, "-m", "spool_bringup.program", "doctor", "--live"],
-        env={**os.environ, "ROS_DOMAIN_ID": str(system.domain_id)},
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    feed.until(lambda: doctor.poll() is not None, "the doctor is done")
-    assert doctor.stdout is not None
-    said = doctor.stdout.read()
+    doctor = system.fork([str(find_executable("spool_bringup", "spool")), "doctor", "--live"], "doctor")
+    feed.until(lambda: not doctor.alive, "the doctor is done")
+    said = doctor.said
     assert "4 valves are hosted: blocks at most" in said
     assert "host_1: 4 nodes" in said
-    process.send_signal(signal.SIGINT)
-    assert process.wait(60) == 0
+    assert process.end() == 0
 
 
 def test_a_host_runs_the_sources_itself_and_others_hear_them_as_well(
-    system: System, host: Callable[..., subprocess.Popen[bytes]], tmp_path: Path
+    system: System, host: Callable[..., Process], tmp_path: Path
 ) -> None:
     """What its estimators have without a message comes over DDS as well, and costs them no block."""
     told = estimates(system)
@@ -236,27 +205,24 @@ def test_a_host_runs_the_sources_itself_and_others_hear_them_as_well(
     system.change("/valve_1/simulator", "deactivate")
     system.until(lambda: told["valve_1"].last.state == ModelEstimate.STATE_STALE, "its estimate is stale")
     assert told["valve_2"].last.state == ModelEstimate.STATE_TRACKING
-    process.send_signal(signal.SIGINT)
-    assert process.wait(60) == 0
+    assert process.end() == 0
 
 
-def test_an_unknown_source_is_refused_with_those_that_there_are(
-    host: Callable[..., subprocess.Popen[bytes]], tmp_path: Path
-) -> None:
+def test_an_unknown_source_is_refused_with_those_that_there_are(host: Callable[..., Process]) -> None:
     process = host(PLAIN, "--processes", "2", source="nothing")
-    assert process.wait(60) == 2
-    said = (tmp_path / "host.log").read_text()
+    assert process.popen.wait(180) == 2
+    said = process.said
     assert "source: no package offers 'nothing'; there are none, adapter, simulator" in said
     assert "Traceback" not in said
 
 
 def test_a_parameter_for_all_nodes_that_none_of_them_has_is_refused(
-    host: Callable[..., subprocess.Popen[bytes]], tmp_path: Path
+    host: Callable[..., Process], tmp_path: Path
 ) -> None:
     (tmp_path / "my.yaml").write_text("/**: {ros__parameters: {memry: 3.0}}\n")
     process = host(PLAIN, params_file=str(tmp_path / "my.yaml"))
-    assert process.wait(60) == 2
-    said = (tmp_path / "host.log").read_text().splitlines()
+    assert process.popen.wait(180) == 2
+    said = process.said.splitlines()
     assert any(line.startswith("/valve_0/estimator: parameter memry is unknown") for line in said)
 
 
@@ -264,7 +230,7 @@ def test_a_parameter_for_all_nodes_that_none_of_them_has_is_refused(
     "fault", [pytest.param(one, marks=() if one == "raises" else pytest.mark.slow) for one in FAULTS]
 )
 def test_a_valve_that_fails_costs_the_others_nothing(
-    system: System, feed: Feed, host: Callable[..., subprocess.Popen[bytes]], tmp_path: Path, fault: str
+    system: System, feed: Feed, host: Callable[..., Process], fault: str
 ) -> None:
     told = estimates(system)
     _ = system.diagnostics
@@ -277,19 +243,18 @@ def test_a_valve_that_fails_costs_the_others_nothing(
     for name in (name for name in VALVES if name != "valve_1"):
         feed.until(lambda name=name: stamps(told[name])[-1:] > [late], f"{name} goes on")
         assert told[name].last.lost_blocks == 0
-    said = (tmp_path / "host.log").read_text()
+    said = process.said
     if fault == "raises":
         assert "broken on purpose" in said
     else:
         assert "/valve_1/estimator: a callback did not return within 1 s" in said
     if fault == "hangs":
         feed.until(lambda: stamps(told["valve_1"])[-1] > stamps(told["valve_0"])[-1] - 3.0, "it is back")
-    process.send_signal(signal.SIGINT)
-    process.wait(60)
+    process.end()
 
 
 def test_garbage_on_one_valves_topic_is_refused_and_costs_the_others_nothing(
-    system: System, feed: Feed, host: Callable[..., subprocess.Popen[bytes]], monkeypatch: pytest.MonkeyPatch
+    system: System, feed: Feed, host: Callable[..., Process], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     told = estimates(system)
     health = system.listen(ValveHealth, "/valve_0/health", latched=True)
@@ -317,13 +282,12 @@ def test_garbage_on_one_valves_topic_is_refused_and_costs_the_others_nothing(
     assert system.numbers("valve_0/estimator: estimate")["blocks_lost"] == "0"
     assert system.numbers("valve_0/estimator: estimate")["blocks_refused"] == "0"
     assert int(system.numbers("valve_1/estimator: estimate")["blocks_refused"]) > 300
-    process.send_signal(signal.SIGINT)
-    assert process.wait(60) == 0
+    assert process.end() == 0
 
 
 @pytest.mark.slow
 def test_a_hundred_namespaces_answer_for_their_life_cycles(
-    system: System, host: Callable[..., subprocess.Popen[bytes]], tmp_path: Path
+    system: System, host: Callable[..., Process], tmp_path: Path
 ) -> None:
     names = [f"valve_{number}" for number in range(100)]
     (tmp_path / "valves.yaml").write_text("".join(f"- {{namespace: {name}}}\n" for name in names))
@@ -331,28 +295,25 @@ def test_a_hundred_namespaces_answer_for_their_life_cycles(
     for name in names:
         for node in ("estimator", "monitor"):
             system.until(lambda node=f"/{name}/{node}": system.state(node) == "active", "it is active")
-    process.send_signal(signal.SIGINT)
-    assert process.wait(120) == 0
+    assert process.end() == 0
 
 
 @pytest.mark.parametrize(
     ("words", "said"), [(["--cpus", "9999"], "cpus: "), (["--priority", "100"], "priority: ")]
 )
 def test_scheduling_that_cannot_be_had_is_refused_in_a_line(
-    host: Callable[..., subprocess.Popen[bytes]], tmp_path: Path, words: list[str], said: str
+    host: Callable[..., Process], words: list[str], said: str
 ) -> None:
     process = host(PLAIN, *words)
-    assert process.wait(60) == 2
-    assert said in (tmp_path / "host.log").read_text().splitlines()[-1]
+    assert process.popen.wait(180) == 2
+    assert said in process.said.splitlines()[-1]
 
 
-def test_a_list_that_is_none_is_refused_in_a_line(
-    host: Callable[..., subprocess.Popen[bytes]], tmp_path: Path
-) -> None:
+def test_a_list_that_is_none_is_refused_in_a_line(host: Callable[..., Process], tmp_path: Path) -> None:
     (tmp_path / "valves.yaml").write_text("- {valve_file: x}\n")
     emptied = "open(sys.argv[-1].partition(':=')[2].strip('\"'), 'w').write('[]'); sys.exit"
     process = host(PLAIN.replace("sys.exit", emptied))
-    assert process.wait(60) == 2
-    said = (tmp_path / "host.log").read_text()
+    assert process.popen.wait(180) == 2
+    said = process.said
     assert "give a list of valves" in said
     assert "Traceback" not in said
