@@ -5,8 +5,6 @@ from __future__ import annotations
 import os
 import shutil
 import signal
-import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -30,6 +28,9 @@ from spool_core.block import Block
 from spool_core.node import qos
 from spool_core.node.messages import from_block
 from spool_msgs.msg import AccelerationBlock, HealthEvent, ModelEstimate, ValveDescription
+from spool_tools.operations.demo import find_executable
+
+from .forks import server
 
 PERIOD = 0.0005
 SIZE = 40
@@ -97,26 +98,24 @@ class Recorder:
 
     def __init__(self, domain: int, folder: Path, **parameters: object) -> None:
         self.bag = folder / "bag"
-        arguments = [f"{name}:={value}" for name, value in {"output": self.bag, **parameters}.items()]
-        environment = {
-            **os.environ,
-            "ROS_DOMAIN_ID": str(domain),
-            "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-        }
-        self.process = subprocess.Popen(
-            [
-                *(sys.executable, "-m", "spool_bag.recorder_node", "--ros-args"),
-                *(part for argument in arguments for part in ("-p", argument)),
-            ],
-            env=environment,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
+        self._log = folder / "recorder.log"
+        given = {"output": self.bag, **parameters}.items()
+        arguments = [part for name, value in given for part in ("-p", f"{name}:={value}")]
+        with self._log.open("wb") as log:
+            self.process = server().start(
+                [str(find_executable("spool_bag", "recorder")), "--ros-args", *arguments],
+                folder=folder,
+                environment={**os.environ, "ROS_DOMAIN_ID": str(domain)},
+                output=log,
+            )
+
+    @property
+    def said(self) -> str:
+        return self._log.read_text()
 
     def end(self, number: int) -> int:
         self.process.send_signal(number)
-        self.process.communicate(timeout=180)
-        return self.process.returncode
+        return self.process.wait(timeout=180)
 
 
 @pytest.fixture(name="record")
@@ -129,9 +128,7 @@ def _record(domain_id: int, tmp_path: Path) -> Iterator[Callable[..., Recorder]]
 
     yield start
     for recorder in running:
-        if recorder.process.poll() is None:
-            recorder.process.kill()
-        recorder.process.communicate()
+        recorder.end(signal.SIGKILL)
 
 
 def stored(bag: Path, topic: str) -> list[bytes]:
@@ -243,8 +240,7 @@ def test_a_killed_recording_keeps_what_was_flushed(
         source.publish(topic, from_block(block(sequence), "valve_1"))
     # Far from a full chunk: it is closed by its age.
     source.until(lambda: len(recorded()) == 100)
-    recorder.process.kill()
-    recorder.process.communicate(timeout=180)
+    recorder.end(signal.SIGKILL)
 
     reader = BagReader(recorder.bag)
     assert not reader.closed
@@ -347,10 +343,9 @@ def test_inactive_means_silent_and_each_activation_has_its_bag(
 def test_an_existing_bag_is_refused(record: Callable[..., Recorder], tmp_path: Path) -> None:
     (tmp_path / "bag").mkdir()
     recorder = record()
-    _, errors = recorder.process.communicate(timeout=180)
-    assert recorder.process.returncode == 2
-    assert "exists already" in errors
-    assert "Traceback" not in errors
+    assert recorder.process.wait(timeout=180) == 2
+    assert "exists already" in recorder.said
+    assert "Traceback" not in recorder.said
 
 
 def test_a_removed_recording_is_begun_anew_with_what_is_latched(
@@ -371,11 +366,9 @@ def test_a_removed_recording_is_begun_anew_with_what_is_latched(
     source.heard(blocks)
     source.publish(blocks, from_block(block(1), "valve_1"))
     source.until(lambda: written(other, blocks) == 1)
-    recorder.process.send_signal(signal.SIGINT)
-    _, said = recorder.process.communicate(timeout=180)
-    assert recorder.process.returncode == 0
-    assert "was removed while it was recorded: " in said
-    assert "Traceback" not in said
+    assert recorder.end(signal.SIGINT) == 0
+    assert "was removed while it was recorded: " in recorder.said
+    assert "Traceback" not in recorder.said
 
 
 def test_a_full_disk_ends_the_recording_cleanly(source: Source, record: Callable[..., Recorder]) -> None:
