@@ -280,7 +280,8 @@ class BagWriter:
             self._sync()
             self._part.add_metadata(LOSSES, told)
             self._sync()
-            self._write_metadata()
+        # With the next chunk: if metadata.yaml failed here, the loss would be stated again.
+        self._described = -math.inf
 
     def remove_oldest(self) -> bool:
         """Remove the oldest finished part; return whether there was one."""
