@@ -133,7 +133,8 @@ class BagWriter:
             self.release()
             raise InputError(f"{self.path}: cannot be made: {error.strerror}") from error
         try:
-            at = 1 + max((self._parts[-1].end if self._parts else 0, *(one.received for one in repeat)))
+            # The part before may hold nothing but repeated messages, 1 ns ahead of the next message.
+            at = 2 + max((self._parts[-1].end if self._parts else 0, *(one.received for one in repeat)))
             self._part = self._begin(
                 PartBegin(number, before, at if repeat else 0, *lost, file, self._oldest)
             )
