@@ -228,14 +228,12 @@ class MessageQueue:
         self._taken.append(message)
         return message
 
-    def confirmed(self, count: int) -> None:
-        """Forget the first ``count`` messages that were taken: they are on the disk."""
-        taken, size = self._taken, 0
-        for _ in range(count):
-            size += len(taken.popleft().data)
-        self._out += size + count * OVERHEAD
+    def confirmed(self, count: int) -> list[Recorded]:
+        """Forget the first ``count`` messages that were taken, and return them: they are on the disk."""
+        gone = self.uncertain(count)
         self.messages += count
-        self.bytes += size
+        self.bytes += sum(len(message.data) for message in gone)
+        return gone
 
     def drop(self) -> None:
         """Forget the message that was taken last: it cannot be recorded."""

@@ -13,7 +13,7 @@ import os
 import shutil
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
@@ -238,8 +238,6 @@ class Recording:
                     self._unstated -= count
 
     def _take(self, writer: BagWriter, message: Recorded, *, flush: bool) -> None:
-        if message.latched:
-            self._latched[message.topic] = message
         try:
             channel = writer.add_topic(message.topic, message.kind, message.qos, latched=message.latched)
             writer.write(channel, message.received, message.data, message.published, flush=flush)
@@ -271,8 +269,12 @@ class Recording:
 
     def _confirm(self, writer: BagWriter) -> None:
         """Let the queue forget what is on the disk."""
-        self._queue.confirmed(writer.synced - self._confirmed)
+        self._leave(self._queue.confirmed(writer.synced - self._confirmed))
         self._confirmed = writer.synced
+
+    def _leave(self, messages: Iterable[Recorded]) -> None:
+        """Remember the latched ones of messages that the queue has forgotten: further parts repeat them."""
+        self._latched |= {message.topic: message for message in messages if message.latched}
 
     def _lose(self, topic: str, count: int, because: str) -> None:
         """Count messages that are not recorded."""
@@ -324,7 +326,7 @@ class Recording:
         )
         with contextlib.suppress(OSError):
             writer.close()
-        self._queue.uncertain(writer.written - self._confirmed)
+        self._leave(self._queue.uncertain(writer.written - self._confirmed))
         self._queue.take_back()
         self._lose("removed files", gone, "the file was removed")
         with self._lock:
@@ -334,7 +336,9 @@ class Recording:
         """Stop writing; what may be on the disk or not counts as lost, all else waits."""
         self._confirm(writer)
         if not writer.certain:
-            for message in self._queue.uncertain(writer.written - writer.synced):
+            gone = self._queue.uncertain(writer.written - writer.synced)
+            self._leave(gone)
+            for message in gone:
                 self._lose(message.topic, 1, because)
         self._queue.take_back()
         if because != self._paused:
