@@ -311,7 +311,7 @@ class Recording:
         """Pause after a failure, or begin another file where the removal of this one is its cause."""
         gone = False
         with contextlib.suppress(OSError):
-            gone = _is_gone(writer.file)
+            gone = writer.withdrawn is None and _is_gone(writer.file)
         if gone:
             self._begin_anew(writer)
         else:
@@ -346,7 +346,8 @@ class Recording:
         with self._lock:
             self._writer, self._paused = None, because
             self._removed += writer.removed
-            self._unstated += writer.withdrawn
+            if writer.withdrawn is not None:
+                self._unstated += writer.withdrawn.lost
 
     def _go_on(self) -> None:
         """Begin the next part where the cause of the pause is gone."""

@@ -76,8 +76,8 @@ class BagWriter:
 
     Attributes:
         removed: parts that went by the quota. written: messages that it took, and synced: how
-            many of these are on the disk. certain: after a failure, none of the others is. withdrawn: of the
-            ``lost`` messages that it stated, those of a part that a failure left nothing of.
+            many of these are on the disk. certain: after a failure, none of the others is. withdrawn: what a
+            part stated that a failure left nothing of.
 
     Raises:
         InputError: ``path`` exists already or cannot be made.
@@ -102,7 +102,8 @@ class BagWriter:
     ) -> None:
         self.path = Path(path)
         self.limits = limits
-        self.removed = self.written = self.synced = self.withdrawn = 0
+        self.removed = self.written = self.synced = 0
+        self.withdrawn: PartBegin | None = None
         self.certain = True
         self._custom = dict(custom or {})
         self._interval, self._chunk_size, self._sign = flush_interval, chunk_size, sign
@@ -358,7 +359,7 @@ class BagWriter:
     def _begin(self, begin: PartBegin) -> McapPart:
         about = {BEGIN: begin.content()} if self.limits is not None else None
         part = McapPart(self._file_of(begin.number), begin.number, self._chunk_size, about)
-        self._before, self._stated = begin.before, begin.lost
+        self._before, self._begun = begin.before, begin
         for one in self._channels:
             one.part = None
         return part
@@ -490,9 +491,10 @@ class BagWriter:
         self.certain = self._part.abandon(cut=True)
         self.release()
         # A part without messages: on a disk that stays full each try would leave one behind.
-        if self.limits is not None and self.certain and self._part.good == self._part.head:
+        empty = self.certain and self._part.good == self._part.head and self._part.path.is_file()
+        if self.limits is not None and empty:
             self._part.discard()
-            self.withdrawn = self._stated
+            self.withdrawn = self._begun
             with contextlib.suppress(OSError):
                 self._write_metadata(without_last=True)
 
