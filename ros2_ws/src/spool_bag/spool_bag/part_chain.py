@@ -41,6 +41,7 @@ class PartBegin:
     ``repeated_at``: log time (ns) of latched messages that are repeated, 0 for none. ``lost``: messages that
     were not recorded since the part before, by what ``reason``. ``file``: hash of the whole file of the part
     before, its index included, where it was finished; ``oldest``: number of the oldest part then.
+    ``cut_off``: the recorder before did not end, though its last part was finished.
     """
 
     number: int
@@ -50,6 +51,7 @@ class PartBegin:
     reason: str = ""
     file: str = ""
     oldest: int = 0
+    cut_off: bool = False
 
     def content(self) -> dict[str, str]:
         """Return what the metadata record holds."""
@@ -61,6 +63,7 @@ class PartBegin:
             "lost_because": self.reason,
             "previous_file_sha256": self.file,
             "oldest_part": str(self.oldest),
+            "cut_off": str(int(self.cut_off)),
         }
 
     @classmethod
@@ -74,6 +77,7 @@ class PartBegin:
             told.get("lost_because", ""),
             told.get("previous_file_sha256", ""),
             _number(told.get("oldest_part", "")),
+            told.get("cut_off", "") == "1",
         )
 
 

@@ -367,10 +367,15 @@ def _repeated(file: McapFile) -> Counter[int]:
 
 
 def _stated_losses(files: Sequence[McapFile]) -> list[str]:
-    """Return what the parts of a recording say was not recorded before them."""
+    """Return what the parts of a recording say was not recorded."""
     found = []
     for file in files:
         begin = begin_of(file.path)
+        if begin is not None and begin.cut_off:
+            found.append(
+                f"{file.path}: the recorder was cut off before this part: what was not on the disk then is "
+                "missing"
+            )
         if begin is not None and begin.lost:
             because = printable(begin.reason, 200)
             found.append(f"{_not_recorded(begin.lost)} before {file.path.name}: {because}")

@@ -23,7 +23,7 @@ from typing import Protocol
 from spool_core.errors import InputError
 
 from spool_bag.mcap_file import McapFile
-from spool_bag.metadata import Definition, PartCount
+from spool_bag.metadata import Definition, PartCount, is_unfinished
 from spool_bag.part_chain import BEGIN, END, LOSSES, begin_of, end_of, losses_of
 from spool_bag.parts import McapPart, numbered
 from spool_bag.recorder import PARAMETER_EVENTS, TOPICS, MessageQueue, Recorded
@@ -114,6 +114,7 @@ class Recording:
         self._ending = False
         self._latched: dict[str, Recorded] = {}
         self._oldest = 0
+        self._cut_off = settings.resume and is_unfinished(path)
         self._writer: BagWriter | None = None
         try:
             self._writer = self._opened(resume=settings.resume)
@@ -165,7 +166,7 @@ class Recording:
         return not self._thread.is_alive()
 
     def _opened(self, *, resume: bool) -> BagWriter:
-        return BagWriter(
+        writer = BagWriter(
             self.path,
             flush_interval=self._settings.flush_interval,
             custom=self._settings.custom,
@@ -175,7 +176,10 @@ class Recording:
             sign=self._settings.sign,
             repeat=tuple(self._latched.values()),
             oldest=self._oldest,
+            cut_off=self._cut_off,
         )
+        self._cut_off = False
+        return writer
 
     def _run(self) -> None:
         looked = -math.inf
@@ -348,6 +352,7 @@ class Recording:
             self._removed += writer.removed
             if writer.withdrawn is not None:
                 self._unstated += writer.withdrawn.lost
+                self._cut_off = writer.withdrawn.cut_off
 
     def _go_on(self) -> None:
         """Begin the next part where the cause of the pause is gone."""

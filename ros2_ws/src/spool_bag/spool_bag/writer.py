@@ -72,7 +72,8 @@ class BagWriter:
     message of each latched topic are repeated at its start, and a chain of hashes
     (:mod:`spool_bag.part_chain`) leads from part to part. ``resume`` goes on in a recording that is
     there, whose last messages of latched topics are those to ``repeat``. ``sign`` signs a part's hash;
-    ``oldest``: number of the first part that its recorder did not remove.
+    ``oldest``: number of the first part that its recorder did not remove; ``cut_off``: the recorder before
+    did not end.
 
     Attributes:
         removed: parts that went by the quota. written: messages that it took, and synced: how
@@ -99,6 +100,7 @@ class BagWriter:
         sign: Callable[[str], str] | None = None,
         repeat: Sequence[Recorded] = (),
         oldest: int = 0,
+        cut_off: bool = False,
     ) -> None:
         self.path = Path(path)
         self.limits = limits
@@ -136,8 +138,9 @@ class BagWriter:
         try:
             # The part before may hold nothing but repeated messages, 1 ns ahead of the next message.
             at = 2 + max((self._parts[-1].end if self._parts else 0, *(one.received for one in repeat)))
+            cut_off = cut_off and bool(file)
             self._part = self._begin(
-                PartBegin(number, before, at if repeat else 0, *lost, file, self._oldest)
+                PartBegin(number, before, at if repeat else 0, *lost, file, self._oldest, cut_off)
             )
             try:
                 self._repeat(repeat, at)
