@@ -181,7 +181,7 @@ class MessageQueue:
     A message that was taken stays known until it is :meth:`confirmed`, so that a failed disk costs nothing:
     :meth:`take_back` puts all that was not confirmed at the head again. The consumer looks by itself every
     tenth of a second: to wake it for each message would cost more than to write it. ``WAKE`` messages wake
-    it.
+    it. The newest message of each latched topic finds room even if the queue is full: it is sent but once.
     """
 
     def __init__(self, largest: int) -> None:
@@ -189,6 +189,7 @@ class MessageQueue:
         self.messages = self.bytes = 0
         self._ahead: deque[Recorded] = deque()
         self._taken: deque[Recorded] = deque()
+        self._newest: dict[str, Recorded] = {}
         self._in = self._out = 0
         self._changed = threading.Condition()
 
@@ -197,17 +198,24 @@ class MessageQueue:
         """B of messages that are not on the disk."""
         return self._in - self._out
 
-    def put(self, message: Recorded) -> bool:
-        """Append a message; return whether there was room for it."""
+    def put(self, message: Recorded) -> Recorded | None:
+        """Append a message; return the one there is no room for: it, or one that it replaces."""
         cost = len(message.data) + OVERHEAD
         with self._changed:
-            if self._in - self._out + cost > self.largest:
-                return False
+            full = self._in - self._out + cost > self.largest
+            if full and not message.latched:
+                return message
             self._in += cost
-            self._ahead.append(message)
+            older = self._newest.pop(message.topic, None) if message.latched else None
+            if older is not None:
+                self._in -= older.cost
+            if full:
+                self._newest[message.topic] = message
+            else:
+                self._ahead.append(message)
             if len(self._ahead) == WAKE:
                 self._changed.notify()
-        return True
+        return older
 
     def wake(self) -> None:
         """Let the consumer look now."""
@@ -223,7 +231,11 @@ class MessageQueue:
     def take(self) -> Recorded | None:
         """Return the next message, ``None`` where there is none."""
         if not self._ahead:
-            return None
+            if not self._newest:
+                return None
+            with self._changed:
+                self._ahead.extend(self._newest.values())
+                self._newest.clear()
         message = self._ahead.popleft()
         self._taken.append(message)
         return message
@@ -254,8 +266,9 @@ class MessageQueue:
     def clear(self) -> list[Recorded]:
         """Return all that is not on the disk, and forget it."""
         self.take_back()
-        rest = list(self._ahead)
+        rest = [*self._ahead, *self._newest.values()]
         self._ahead.clear()
+        self._newest.clear()
         self._out += sum(message.cost for message in rest)
         return rest
 

@@ -130,8 +130,9 @@ class Recording:
 
     def put(self, message: Recorded) -> None:
         """Take a message; what finds the queue full is counted as lost. Never waits for the disk."""
-        if not self._queue.put(message):
-            self._lose(message.topic, 1, f"{self._paused or 'the disk is too slow'}: the queue is full")
+        lost = self._queue.put(message)
+        if lost is not None:
+            self._lose(lost.topic, 1, f"{self._paused or 'the disk is too slow'}: the queue is full")
 
     @property
     def state(self) -> RecordingState:
