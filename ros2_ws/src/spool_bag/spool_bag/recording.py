@@ -166,14 +166,14 @@ class Recording:
         self._thread.join(timeout)
         return not self._thread.is_alive()
 
-    def _opened(self, *, resume: bool) -> BagWriter:
+    def _opened(self, *, resume: bool, lost: int = 0) -> BagWriter:
         writer = BagWriter(
             self.path,
             flush_interval=self._settings.flush_interval,
             custom=self._settings.custom,
             limits=self._settings.limits,
             resume=resume,
-            lost=(self._unstated, self._because),
+            lost=(lost, self._because),
             sign=self._settings.sign,
             repeat=tuple(self._latched.values()),
             oldest=self._oldest,
@@ -204,6 +204,9 @@ class Recording:
             self._writer, self._paused = None, self._paused or "closed"
         if self._unstated:
             self._log.error(f"{self._unstated} messages were not recorded at the end: {self._because}")
+            with contextlib.suppress(InputError, OSError):  # there is room for that, or for nothing
+                self._opened(resume=True, lost=self._unstated).close()
+                self._unstated = 0
         self._thinning.close()
 
     @contextlib.contextmanager
@@ -363,7 +366,7 @@ class Recording:
         self._make_room(least)
         lost = self._unstated  # told in the part's first record
         try:
-            writer = self._opened(resume=True)
+            writer = self._opened(resume=True, lost=lost)
         except (InputError, OSError):
             return
         self._confirmed = 0
