@@ -94,11 +94,13 @@ class LossCount:
     """Blocks that never arrived, by topic, from jumps in ``sequence``.
 
     A jump that is far beyond what the stamps say went by is a wrong number, not a loss. Where the next block
-    goes on from there it is another source, of which nothing is lost.
+    goes on from there it is another source, of which nothing is lost. A block that goes on from before a jump
+    shows that nothing was lost there: two sources send, or blocks changed places.
     """
 
     lost: dict[str, int] = field(default_factory=dict)
     _last: dict[str, _LastBlock] = field(default_factory=dict)
+    _left: dict[str, _LastBlock] = field(default_factory=dict)
     _doubted: dict[str, int] = field(default_factory=dict)
 
     def take(self, topic: str, sequence: int, stamp: int) -> bool:
@@ -114,6 +116,12 @@ class LossCount:
                 last.step = float(stamp - last.stamp)
             last.sequence, last.stamp = sequence, stamp
             return False
+        left = self._left.get(topic)
+        if left is not None and sequence == left.sequence + 1:
+            self.lost[topic] -= left.missed
+            self._left[topic] = last
+            self._last[topic] = _LastBlock(sequence, stamp, last.step)
+            return False
         # What can have been lost since then, by the stamps.
         likely = 0.0 if math.isnan(last.step) else LIKELY * max(stamp - last.stamp, 0) / last.step
         if jump > SLACK + likely:
@@ -122,11 +130,14 @@ class LossCount:
                 return False
             jump = 0
         self._doubted.pop(topic, None)
-        self.lost[topic] += max(jump, 0)
-        if jump == 0 and stamp > last.stamp:
+        missed = max(jump, 0)
+        self.lost[topic] += missed
+        if sequence != last.sequence + 1:
+            self._left[topic] = _LastBlock(last.sequence, last.stamp, missed=missed)
+        elif stamp > last.stamp:
             last.step = float(stamp - last.stamp)
         last.sequence, last.stamp = sequence, stamp
-        return jump > 0
+        return missed > 0
 
 
 def new_bag(
@@ -324,6 +335,7 @@ class _LastBlock:
     sequence: int
     stamp: int
     step: float = math.nan
+    missed: int = 0
 
 
 @dataclass(slots=True)
