@@ -195,7 +195,8 @@ class SnapshotKeeper:
         except (CdrError, SerdeError):
             return
         raised = event.state == _RAISED and event.severity == _ALARM
-        if not raised or not ring.blocks or stamp < ring.blocks[0]:
+        # The clock may have been set back meanwhile: the oldest block is not the one of the least stamp.
+        if not raised or not ring.blocks or stamp < min(ring.blocks):
             return
         kind = "".join(c if c.isalnum() or c == "_" else "_" for c in event.kind)[:40]
         if not self._begin(valve, ring, kind, stamp, message.received):
