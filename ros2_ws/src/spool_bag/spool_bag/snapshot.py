@@ -240,7 +240,7 @@ class SnapshotWriter:
         self._worker = ThreadPoolExecutor(1, "snapshots")
         self._told = False
         self._quota = quota
-        self._failed: deque[Snapshot] = deque(maxlen=MOST_KEPT)
+        self._failed: deque[Snapshot] = deque()
         self._pending: Future[None] | None = None
 
     def watch(self, now: int, limit: int) -> None:
@@ -252,9 +252,15 @@ class SnapshotWriter:
 
     def close(self) -> None:
         """Write what waits, complete or not, and wait until it is written."""
-        for snapshot in (*self._failed, *self.keeper.rest()):
+        failed = [self._failed.popleft() for _ in range(len(self._failed))]
+        for snapshot in (*failed, *self.keeper.rest()):
             self._worker.submit(self._write, snapshot, None)
         self._worker.shutdown()
+        for snapshot in self._failed:
+            self._report_lost(snapshot)
+
+    def _report_lost(self, snapshot: Snapshot) -> None:
+        self._log.error(f"snapshot {snapshot.name} is lost: the disk did not take it in time")
 
     def _write(self, snapshot: Snapshot, limit: int | None) -> None:
         try:
@@ -264,6 +270,8 @@ class SnapshotWriter:
             if not self._told:
                 self._log.error(f"snapshot of {snapshot.valve} {snapshot.event}: {error}; it is tried again")
             self._told = True
+            if len(self._failed) == MOST_KEPT:
+                self._report_lost(self._failed.popleft())
             self._failed.append(snapshot)
             return
         self.written += 1
