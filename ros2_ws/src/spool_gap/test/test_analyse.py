@@ -20,14 +20,19 @@ from spool_sim.simulator import Simulator
 from spool_sim.valve import find_valve
 
 VALVE = find_valve("4weh10_soft").model_copy(update={"dynamic_viscosity": 0.03})
-SWEEP = SweptSine(start_frequency=6.0, stop_frequency=80.0, duration=8.0, amplitude=9.0)
+#: Lengths of a record and of each of its sweeps, s. Slow tests take the long one. A sweep passes the jump of
+#: a hardening spring once: in a short record the sweeps are quick, so that several of them show it.
+SHORT, LONG = (12.0, 2.0), (24.0, 8.0)
+Lengths = tuple[float, float]
 
 
-def record(model: str = "fluid", seconds: float = 24.0, seed: int = 1, **given: object) -> Record:
+def record(model: str = "fluid", lengths: Lengths = SHORT, seed: int = 1, **given: object) -> Record:
     spool = given.pop("spool", {})
     assert isinstance(spool, dict)
+    seconds, duration = lengths
+    sweep = SweptSine(start_frequency=6.0, stop_frequency=80.0, duration=duration, amplitude=9.0)
     simulator = Simulator(
-        VALVE, SWEEP, model=model, parameters=given, sample_rate=1250.0, block_size=50, seed=seed,
+        VALVE, sweep, model=model, parameters=given, sample_rate=1250.0, block_size=50, seed=seed,
         body_sensor=Sensor(noise=0.03), spool_sensor=Sensor(**{"noise": 0.03, **spool}),
     )  # fmt: skip
     blocks = list(simulator.records(seconds))
@@ -37,13 +42,13 @@ def record(model: str = "fluid", seconds: float = 24.0, seed: int = 1, **given: 
 
 
 @lru_cache
-def healthy() -> Record:
-    return record()
+def healthy(lengths: Lengths = SHORT) -> Record:
+    return record(lengths=lengths)
 
 
 @lru_cache
-def with_cubic() -> GapResult:
-    hidden = record("fluid_cubic_stiffness", cubic_coefficient=4e7)
+def with_cubic(lengths: Lengths = SHORT) -> GapResult:
+    hidden = record("fluid_cubic_stiffness", lengths, cubic_coefficient=4e7)
     return analyse([hidden], VALVE, MODELS["fluid"])
 
 
@@ -51,12 +56,13 @@ def test_nothing_is_named_where_nothing_is_missing() -> None:
     result = analyse([healthy()], VALVE, MODELS["fluid"])
     assert result.verdict == "none"
     assert result.effects == ()
+    assert result.nuisances == ()
     assert result.after.nrmse < 1.3 * result.noise_floor
 
 
 @pytest.mark.slow
 def test_friction_of_two_directions_keeps_a_correlation_for_each_number() -> None:
-    hidden = record("fluid_asymmetric_friction", 16.0, seed=3, forward_force=0.2, backward_force=0.1)
+    hidden = record("fluid_asymmetric_friction", (16.0, 8.0), seed=3, forward_force=0.2, backward_force=0.1)
     result = analyse([hidden], VALVE, MODELS["fluid"])
     assert result.verdict == "asymmetric_friction"
     assert {"forward_force", "backward_force"} <= set(result.correlated)
@@ -79,7 +85,7 @@ def test_a_hardening_spring_is_named_with_its_size_and_closes_the_gap() -> None:
 
 @pytest.mark.slow
 def test_coulomb_friction_is_not_taken_for_a_confusable_effect() -> None:
-    hidden = record("coulomb", coulomb_force=0.4)
+    hidden = record("coulomb", LONG, coulomb_force=0.4)
     result = analyse([hidden], VALVE, MODELS["fluid"])
     assert result.verdict == "coulomb_friction"
     assert result.effects[0].parameters[0].value == pytest.approx(0.4, rel=0.03)
@@ -91,18 +97,19 @@ def test_coulomb_friction_is_not_taken_for_a_confusable_effect() -> None:
     ]
 
 
+@pytest.mark.slow
 def test_the_gap_is_gone_where_the_saved_model_is_the_base() -> None:
-    found = with_cubic()
+    found = with_cubic(LONG)
     names = [entry.name for entry in found.model.terms]
     base = model_from_mapping({"name": "saved", "terms": names, "parameters": dict(found.model.values)})
-    hidden = record("fluid_cubic_stiffness", seed=2, cubic_coefficient=4e7)
+    hidden = record("fluid_cubic_stiffness", LONG, seed=2, cubic_coefficient=4e7)
     assert analyse([hidden], VALVE, base).verdict == "none"
 
 
 @pytest.mark.slow
 def test_gain_within_its_tolerance_is_no_effect_and_beyond_it_is_one() -> None:
-    within = record(spool={"gain_error": 0.03})
-    beyond = record(spool={"gain_error": 0.09})
+    within = record(lengths=LONG, spool={"gain_error": 0.03})
+    beyond = record(lengths=LONG, spool={"gain_error": 0.09})
     assert analyse([within], VALVE, MODELS["fluid"]).verdict == "none"
     result = analyse([beyond], VALVE, MODELS["fluid"])
     assert result.verdict == "spool_gain_error"
@@ -117,7 +124,7 @@ def test_a_channel_that_clips_is_named_and_its_limit_read() -> None:
 
 @pytest.mark.slow
 def test_the_spools_limit_is_named_where_the_body_clips_too() -> None:
-    whole = healthy()
+    whole = healthy(LONG)
     limit = float(np.quantile(np.abs(np.concatenate([whole.body, whole.spool])), 0.995))
     clipped = replace(
         whole, body=np.clip(whole.body, -limit, limit), spool=np.clip(whole.spool, -limit, limit)
@@ -127,9 +134,10 @@ def test_the_spools_limit_is_named_where_the_body_clips_too() -> None:
     assert result.effects[0].parameters[0].value == pytest.approx(limit, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_another_record_can_be_held_out() -> None:
-    other = record(seconds=16.0, seed=5)
-    result = analyse([healthy()], VALVE, MODELS["fluid"], holdout=[other])
+    other = record(lengths=(16.0, 8.0), seed=5)
+    result = analyse([healthy(LONG)], VALVE, MODELS["fluid"], holdout=[other])
     assert result.verdict == "none"
 
 
@@ -147,7 +155,7 @@ def test_the_result_survives_json_and_pickle() -> None:
 
 @pytest.mark.slow
 def test_the_same_record_gives_the_same_numbers() -> None:
-    first, again = (analyse([healthy()], VALVE, MODELS["fluid"]) for _ in range(2))
+    first, again = (analyse([healthy(LONG)], VALVE, MODELS["fluid"]) for _ in range(2))
     assert first.after == again.after
     assert first.parameters == again.parameters
 
