@@ -37,10 +37,13 @@ def study(
             "records: is the truth of bags/ found? steps: what does a step cost? "
             "monitor: events found in time? operation: false alarms and delays over valve-days? "
             "operation-fit, operation-agreement: its surrogate. operation-gap: model gaps found online? "
-            "fleet: drift found over a year? fleet-cost: what does a bag cost?"
+            "fleet: drift found over a year? fleet-cost: what does a bag cost? "
+            "stale: which pages of docs/results are older than the code that they measured?"
         ),
     ],
-    out: Annotated[Path, typer.Option(help="Folder for tables and pictures.")],
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for tables and pictures; needed for all but stale.")
+    ] = None,
     cases: Annotated[int, typer.Option("--cases", "--days", help="Number of cases or days.", min=1)] = 200,
     seed: Annotated[int, typer.Option(help="Of the first; below 1000 is for development.", min=0)] = 1000,
     workers: Annotated[
@@ -60,12 +63,19 @@ def study(
 
     Example: ./spool study gap --cases 200 --seed 1000 --out study_gap
     """
+    if what == "stale":
+        from spool_evaluation.results.stale import ROOT, ages  # noqa: PLC0415 - slow to load
+
+        print("\n".join(map(str, ages(ROOT / "docs" / "results"))) or "no page is older than its code")
+        return
     if what not in STUDIES:
-        raise InputError(f"study {what}: there is no such study; there are {', '.join(STUDIES)}")
+        raise InputError(f"study {what}: there is no such study; there are {', '.join(STUDIES)}, stale")
     if diagnose and what != "field":
         raise InputError(f"study {what}: only the study field has a diagnosis; remove --diagnose")
     if what != "operation" and (faulty is not None or day is not None):
         raise InputError(f"study {what}: only the study operation has valve-days; remove --faulty and --day")
+    if out is None:
+        raise InputError(f"study {what}: name a folder for its tables and pictures with --out")
     module, function = STUDIES[what]
     given = {"diagnosing": diagnose or None, "faulty": faulty, "day": day}
     options = {name: value for name, value in given.items() if value is not None}

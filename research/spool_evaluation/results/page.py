@@ -14,6 +14,8 @@ from rich.table import Table
 from scipy.stats import binomtest, chi2
 from spool_tools.outputs import suite_version, write_json
 
+from spool_evaluation.results.stale import depends_on
+
 
 def markdown_table(head: Sequence[str], body: Sequence[Sequence[str]]) -> str:
     """Return a table in Markdown, a line a row."""
@@ -33,8 +35,13 @@ def study_command(name: str, cases: int, seed: int) -> str:
 
 
 def write_page(page: Path, title: str, command: str, parts: Sequence[str]) -> Path:
-    """Write a page in Markdown: title, provenance and ``parts``, blank lines between them; return it."""
-    page.write_text("\n\n".join([f"# {title}", made_by(command), *parts]) + "\n", encoding="utf-8")
+    """Write a page in Markdown: title, provenance and ``parts``, blank lines between them; return it.
+
+    The provenance names the packages that the numbers depend on: `./spool study stale` compares.
+    """
+    packages = ", ".join(f"`{name}`" for name in depends_on(command))
+    parts = [made_by(command), f"Depends on {packages}.", *parts]
+    page.write_text("\n\n".join([f"# {title}", *parts]) + "\n", encoding="utf-8")
     return page
 
 

@@ -1,6 +1,7 @@
 """Blind study: how it counts, and what its pages say."""
 
 import re
+import subprocess
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -11,6 +12,7 @@ from spool_blind.case import limit_case, make
 from spool_core.errors import InputError
 from spool_evaluation.bench import run_bench
 from spool_evaluation.results.page import Proportion, interval, write_page
+from spool_evaluation.results.stale import ROOT, ages
 from spool_evaluation.studies import gap_limit, workers
 from spool_evaluation.studies.gap import (
     PICTURE,
@@ -193,6 +195,24 @@ def test_a_result_page_says_when_and_by_what_it_was_made(tmp_path: Path):
     page = write_page(
         tmp_path / "page.md", "Title", "./spool study gap --cases 1 --seed 2 --out DIR", ["text"]
     )
-    title, made, text = page.read_text(encoding="utf-8").strip().split("\n\n")
+    title, made, depends, text = page.read_text(encoding="utf-8").strip().split("\n\n")
     assert (title, text) == ("# Title", "text")
+    assert {"spool_gap", "spool_estimator", "spool_sim"} <= set(re.findall(r"`(\w+)`", depends))
     assert re.fullmatch(r"Made on \d{4}-\d\d-\d\d by `./spool study gap .+`, version 0.1.0.*\.", made)
+
+
+def test_a_result_page_is_stale_once_a_package_that_it_measured_changed(tmp_path: Path) -> None:
+    made = (
+        "# Title\n\nMade on 2026-11-23 by `./spool bench sim --markdown FILE`, version 0.1.0 (commit {}).\n"
+    )
+    first = subprocess.run(
+        ["git", "rev-list", "--max-parents=0", "HEAD"], cwd=ROOT, capture_output=True, text=True, check=True
+    ).stdout.split()[-1]
+    (tmp_path / "old.md").write_text(made.format(first))
+    (tmp_path / "unknown.md").write_text(made.format("0123456789ab"))
+    (tmp_path / "other.md").write_text("# No results\n")
+    old, unknown = sorted(ages(tmp_path), key=lambda one: one.page)
+    assert old.commits is not None
+    assert old.commits["spool_sim"] > 0
+    assert "spool_gap" not in old.commits
+    assert str(unknown) == "unknown.md, made 2026-11-23 with a commit that is not in this repository"
