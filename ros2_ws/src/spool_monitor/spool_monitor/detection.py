@@ -162,6 +162,8 @@ class Detection:
             self._judged_at += pause
         for drift in self.parameters.values():
             drift.pause(pause)
+        for name, (stamp, rank, reason) in self._suspicions.items():
+            self._suspicions[name] = stamp + pause, rank, reason
         self.windows.restart(period)
         self.response.restart()
         self.channels.restart(period)

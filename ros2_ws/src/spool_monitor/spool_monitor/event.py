@@ -157,6 +157,10 @@ class Condition:
         self._since = self._indicated = self._raised = None
         return [event]
 
+    def pause(self, nanoseconds: int) -> None:
+        """Take note that there was nothing to judge for this long: no part of a delay."""
+        self._since = None if self._since is None else self._since + nanoseconds
+
     def _raise(self, finding: Finding, severity: Severity) -> list[Event]:
         stamp, cause = finding.stamp, finding.cause
         self.active, self.cause = severity, cause

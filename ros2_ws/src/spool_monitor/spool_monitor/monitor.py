@@ -55,6 +55,9 @@ class Monitor:
         """Take one block; return what began or ended with it."""
         verdict = self.gate.judge(block)
         before = self.gate.before
+        pause = block.stamp - before[1] if before is not None and verdict is Verdict.RESTARTS else 0
+        for condition in self.conditions if pause else ():
+            condition.pause(pause)
         judged_at = block.stamp if verdict is not Verdict.REFUSED or before is None else self._stamp
         events = self._data_faults.judge(self.gate, judged_at)
         if verdict is Verdict.REFUSED:
@@ -71,7 +74,7 @@ class Monitor:
         self._stamp = block.end
         events += self._stale.arrived("acceleration", block.stamp)
         if verdict is Verdict.RESTARTS:
-            self.detection.restart(block.sample_period, 0 if before is None else block.stamp - before[1])
+            self.detection.restart(block.sample_period, pause)
         self.detection.doubt = "" if self.gate.confirmed else UNCONFIRMED
         return events + self.detection.update(block, self._natural_frequency.value)
 

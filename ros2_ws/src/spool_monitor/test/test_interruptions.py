@@ -14,10 +14,11 @@ import pytest
 from hypothesis import Phase, example, given, settings
 from hypothesis import strategies as st
 from spool_core.block import Block
+from spool_core.uncertainty import Quantity
 from spool_estimator.estimate import Estimate
 from spool_estimator.estimator import Estimator, settings_for
-from spool_monitor.detectors import MonitorSettings
-from spool_monitor.event import Event, EventState
+from spool_monitor.detectors import MonitorSettings, event_kind
+from spool_monitor.event import Condition, Event, EventState, Finding, Severity
 from spool_monitor.monitor import Monitor
 from spool_monitor.parameter_drift import CAP, Outlook
 from spool_monitor.state_file import HealthyValue
@@ -147,6 +148,7 @@ class Story:
     blocks: list[Block]
     estimates: list[list[Estimate]]
     drifts: list[list[float]]
+    doubts: list[str]
     copies: list[Chain]
 
     def until(self, moment: int) -> Chain:
@@ -161,13 +163,14 @@ class Story:
 def told(plot: str) -> Story:
     """Return the story of a plot; nobody may change it."""
     blocks = simulated(PLOTS[plot])
-    chain, copies, estimates, drifts = Chain(), [], [], []
+    chain, copies, estimates, drifts, doubts = Chain(), [], [], [], []
     for number, block in enumerate(blocks):
         if number % APART == 0:
             copies.append(copy.deepcopy(chain))
         estimates.append(chain.take(block))
         drifts.append(drifted(chain.monitor))
-    return Story(blocks, estimates, drifts, [*copies, chain])
+        doubts.append(chain.monitor.detection.distrust)
+    return Story(blocks, estimates, drifts, doubts, [*copies, chain])
 
 
 def drifted(monitor: Monitor) -> list[float]:
@@ -336,6 +339,19 @@ def test_no_time_passes_for_a_drift_test_while_nothing_comes(
         assert drifted(monitor) == pytest.approx(drifts, abs=1e-9 * STEP * CAP)
 
 
+@FEW
+@given(blocks=st.integers(1, 40), what=interruptions())
+@example(blocks=20, what=Interruption(3600.0))
+def test_a_doubt_lasts_until_the_estimator_has_forgotten(blocks: int, what: Interruption) -> None:
+    """The accelerometer lives again; for a while the estimates may still hold what it showed before."""
+    story = told("a dead accelerometer")
+    moment = max(number for number, doubt in enumerate(story.doubts) if doubt) - blocks
+    chain = story.until(moment)
+    what = Interruption(what.seconds, what.silent)
+    doubted = sum(chain.monitor.detection.distrust != "" for _ in continued(chain, story, moment, what))
+    assert doubted in (blocks + 1, blocks + 2)  # one block is refused where the stamps jump
+
+
 @settings(max_examples=FEW.max_examples)
 @given(place=st.integers(0, 60), seconds=st.sampled_from([1.0, 3600.0, 86400.0, -3600.0]))
 def test_no_time_passes_for_an_outlook_while_nothing_comes(place: int, seconds: float) -> None:
@@ -348,3 +364,40 @@ def test_no_time_passes_for_an_outlook_while_nothing_comes(place: int, seconds: 
         interrupted.take(began, began + second * SECOND + ahead, 0.01 * second)
     assert interrupted.seconds_to(1.0, 4.0) == usual.seconds_to(1.0, 4.0)
     assert 30.0 < usual.seconds_to(1.0, 4.0) < 50.0
+
+
+#: What a finding says: severity that is indicated, and whether it counts as released.
+FINDINGS = st.sampled_from(
+    [
+        (None, True),
+        (None, False),
+        (Severity.WARNING, False),
+        (Severity.WARNING, False),
+        (Severity.ALARM, False),
+    ]
+)
+
+
+@settings(max_examples=10 * FEW.max_examples)
+@given(
+    course=st.lists(FINDINGS, min_size=2, max_size=20),
+    place=st.integers(1, 19),
+    seconds=st.sampled_from([1.0, 3600.0, 86400.0, -3600.0]),
+)
+@example(course=[(Severity.WARNING, False)] * 2, place=1, seconds=3600.0)
+@example(course=[(Severity.WARNING, False)] * 4, place=3, seconds=-3600.0)
+def test_no_delay_passes_while_nothing_comes(
+    course: list[tuple[Severity | None, bool]], place: int, seconds: float
+) -> None:
+    usual, interrupted = (Condition(event_kind("resonance"), 1.0, 2.0) for _ in range(2))
+    for number, what in enumerate(course):
+        ahead = round(seconds * SECOND) if number >= place else 0
+        if number == place:
+            interrupted.pause(ahead)
+        both = [
+            one.judge(Finding((number + 1) * SECOND // 2 + later, *what, "", Quantity("amplification", "1")))
+            for one, later in ((usual, 0), (interrupted, ahead))
+        ]
+        assert [(one.state, one.severity) for one in both[0]] == [
+            (one.state, one.severity) for one in both[1]
+        ]
