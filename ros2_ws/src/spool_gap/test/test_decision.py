@@ -1,0 +1,167 @@
+"""Borders of the decision: what is named, what stays unexplained, how sure it is, how wide intervals are."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from spool_estimator.identification.record import Record
+from spool_gap.evidence import decision as decision_module
+from spool_gap.evidence.decision import BEYOND, EXACT, OUTSIDE, RUNS, Decision, decide, numbers_of
+from spool_gap.evidence.held_out import HeldOut, Judged
+from spool_gap.evidence.look import Look, look_at
+from spool_gap.likelihood.kernel import motions_for
+from spool_gap.likelihood.prediction import Prediction, Predictions
+from spool_gap.likelihood.rest import Rest
+from spool_gap.likelihood.search import DECISIVE, Search
+from spool_gap.likelihood.structure import DELAY, GAIN, structure_of
+from spool_gap.likelihood.structure_fit import Curvature, StructureFit, fit_structure
+from spool_gap.result import GapSettings
+from spool_sim.excitation import SweptSine
+from spool_sim.model import MODELS, Model
+from spool_sim.sensors import Sensor
+from spool_sim.simulator import Simulator
+from spool_sim.terms import term
+from spool_sim.valve import find_valve
+
+VALVE = find_valve("4weh10_soft").model_copy(update={"dynamic_viscosity": 0.03})
+BASE = MODELS["fluid"]
+MOTIONS = motions_for(BASE)
+RATE, SECONDS, NOISE = 500.0, 6.0, 0.03
+SWEEP = SweptSine(start_frequency=6.0, stop_frequency=60.0, duration=3.0, amplitude=9.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Fitted:
+    """A short record, to which nothing but the base is fitted."""
+
+    predictions: Predictions
+    search: Search
+    look: Look
+
+    def decided(self, look: Look | None = None, **settings: float) -> Decision:
+        """Return the decision with ``settings``, and with another ``look`` than the record's own."""
+        chosen, held = GapSettings(**settings), HeldOut(self.predictions, [False])
+        return decide(self.predictions, self.search, look or self.look, chosen, MOTIONS, held)
+
+
+def fitted(effect: str = "", spool: Sensor | None = None, **given: float) -> Fitted:
+    terms = [term(effect)] if effect else []
+    simulator = Simulator(
+        VALVE, SWEEP, model=Model("hidden", (*BASE.terms, *terms), {}), parameters=given,
+        sample_rate=RATE, block_size=50, seed=5,
+        body_sensor=Sensor(noise=NOISE), spool_sensor=spool or Sensor(noise=NOISE),
+    )  # fmt: skip
+    blocks = list(simulator.records(SECONDS))
+    body, spool_row = (np.concatenate([getattr(one, name) for one in blocks]) for name in ("body", "spool"))
+    record = Record("short", 0, 1.0 / RATE, body.astype(np.float64), spool_row.astype(np.float64))
+    look = look_at([record], (), VALVE)
+    predictions = Predictions([Prediction(look.readings[0], VALVE, MOTIONS)])
+    search = Search(predictions, structure_of(BASE, VALVE), [])
+    search.fits = {search.base.structure.key: search.base}
+    return Fitted(predictions, search, look)
+
+
+@lru_cache
+def chain() -> Fitted:
+    """Return a record whose spool's channel reads 9 % too much, 1 ms late."""
+    return fitted(spool=Sensor(noise=NOISE, gain_error=0.09, delay_samples=0.5))
+
+
+@lru_cache
+def drag() -> Fitted:
+    """Return a record with drag that the base lacks."""
+    return fitted("quadratic_damping", quadratic_coefficient=20.0)
+
+
+@pytest.mark.parametrize(("name", "setting"), [(GAIN, "gain_tolerance"), (DELAY, "delay_tolerance")])
+@pytest.mark.parametrize(("deviations", "named"), [(BEYOND - 0.5, False), (BEYOND + 0.5, True)])
+def test_gain_or_delay_is_named_once_it_exceeds_its_tolerance_by_two_deviations(
+    name: str, setting: str, deviations: float, named: bool
+) -> None:
+    found = chain().decided().numbers.of(name)
+    assert found is not None
+    tolerance = found.value - deviations * found.standard_deviation
+    assert (name in chain().decided(**{setting: tolerance}).effects) is named
+
+
+@pytest.mark.parametrize(("clips", "named"), [("body", (DELAY,)), ("spool", (GAIN, DELAY))])
+def test_no_gain_error_is_named_where_the_body_s_channel_clips(clips: str, named: tuple[str, ...]) -> None:
+    """A curve restores what the body did meanwhile, and says nothing about a gain."""
+    assert chain().decided(replace(chain().look, limits={clips: 16.0})).effects == named
+
+
+@pytest.mark.parametrize(
+    ("gain", "share", "confirmed", "left", "unexplained"),
+    [
+        (1e4, 0.05, 1.1 * RUNS, 1.1, True),
+        (1e4, 0.05, 0.9 * RUNS, 1.1, False),
+        (1e4, 0.05, 1.0, 0.9, False),
+        (1e4, 0.0024, 1.0, 1.1, False),
+        (0.9 * DECISIVE, 0.05, 1.0, 1.1, False),
+    ],
+    ids=["confirmed", "in no free run", "a free run leaves noise alone", "too small", "not decided"],
+)
+def test_a_remainder_is_unexplained_where_it_is_certain_large_and_seen_in_a_free_run(
+    monkeypatch: pytest.MonkeyPatch,
+    gain: float,
+    share: float,
+    confirmed: float,
+    left: float,
+    unexplained: bool,
+) -> None:
+    judged = HeldOut.judged
+
+    def leaving(held: HeldOut, fit: StructureFit) -> Judged:
+        found = judged(held, fit)
+        return replace(found, floor=found.agreement.nrmse / left)
+
+    monkeypatch.setattr(HeldOut, "judged", leaving)
+    monkeypatch.setattr(decision_module, "rest_of", lambda *_: Rest(gain, share, "speed"))
+    monkeypatch.setattr(decision_module, "foreseen", lambda *_: confirmed * gain)
+    found = drag().decided()
+    assert found.unexplained is unexplained
+    assert (next(iter(found.probabilities)) == "unexplained") is unexplained
+
+
+def test_no_verdict_is_surer_than_the_share_of_records_that_some_structure_fits() -> None:
+    found = chain().decided()
+    assert found.probabilities["none"] > 0.999
+    assert found.confidence == pytest.approx(1.0 - OUTSIDE, abs=1e-3)
+    doubted = replace(found, probabilities={"none": 0.7, "unexplained": 0.3})
+    assert doubted.confidence == pytest.approx(0.7 * (1.0 - OUTSIDE))
+    assert replace(doubted, unexplained=True).confidence == pytest.approx(0.3 * (1.0 - OUTSIDE))
+
+
+@pytest.mark.parametrize(("own", "nearest"), [(0.1, (0.03,)), (0.03, (0.1, 0.01)), (0.01, (0.03,))])
+def test_an_interval_reaches_to_what_the_next_corrections_make_of_its_number(
+    own: float, nearest: tuple[float, ...]
+) -> None:
+    """But not to what one makes that lets the motion follow the measured one, 0.3 or more."""
+    predictions = drag().predictions
+    fit, numbers = decision_module._refined(predictions, replace(drag().search.base, looseness=own))
+    others = [fit_structure(predictions, fit.structure, (one,), enough=EXACT).structure for one in nearest]
+    alone = numbers_of(predictions, fit).deviations
+    for one in numbers.quantities:
+        moved = max(abs(other.values[one.name] - one.value) for other in others)
+        assert one.standard_deviation == pytest.approx(math.hypot(alone[one.name], moved))
+
+
+def test_the_pulls_of_a_few_windows_scatter_as_a_sample_of_them_does() -> None:
+    """By hand: one number and four windows, whose pulls are 1, -1, 2 and 0."""
+    parts = [SimpleNamespace(inside=np.ones(2, np.bool_), lines=np.arange(3.0)) for _ in range(2)]
+    predictions: Any = SimpleNamespace(parts=parts)
+    residual = np.zeros((2, 2, 2, 3))  # part, real and imaginary, window, line
+    residual[0, 0, 0, 0], residual[0, 1, 1, 2] = 1.0, -1.0
+    residual[1, :, 0, 1] = 1.0
+    slopes = np.ones((1, residual.size))
+    bread, sandwich = decision_module._covariances(
+        predictions, Curvature(slopes, np.array([[0.5]])), residual.ravel()
+    )
+    # 0.5 * (1 + 1 + 4) * 4 / (4 - 1) * 0.5
+    assert (bread.item(), sandwich.item()) == (0.5, pytest.approx(2.0))
