@@ -12,6 +12,7 @@ from rich.table import Table
 from spool_core.errors import InputError, how_to_install
 from spool_tools.outputs import check_output, write_json
 
+from spool_evaluation.results.dearer import dearer, reference_line
 from spool_evaluation.results.page import markdown_table, write_page
 from spool_evaluation.results.timing import Row
 
@@ -39,7 +40,8 @@ def run_bench(
     markdown: Path | None = None,
     seconds: float | None = None,
     valves: Sequence[int] | None = None,
-) -> None:
+    against: Path | None = None,
+) -> int:
     """Run the benchmark ``what``, or all; show the rows and write them as JSON.
 
     Args:
@@ -49,10 +51,13 @@ def run_bench(
         seconds: how long each run of ``host`` and ``record`` takes, and ``valves`` of how many each is.
         seed: of the first record of ``gap`` and ``monitor``; their own where left out.
         cases: how many records of ``gap``, how often every kind of ``monitor``; their own where left out.
+        against: page of the same benchmark to compare costs with.
+
+    Returns:
+        How many rows cost more than on that page.
 
     Raises:
         InputError: there is no benchmark of that name, or its peer is missing.
-
     """
     if what is not None and what not in BENCHMARKS:
         raise InputError(f"bench {what}: there is no such benchmark; there are {', '.join(BENCHMARKS)}")
@@ -63,9 +68,12 @@ def run_bench(
         if what is not None and what not in owners:
             raise InputError(f"bench {what}: --{name} belongs to {' and '.join(owners)}")
     check_output(markdown, "--markdown")
+    if against is not None and not against.is_file():
+        raise InputError(f"--against {against}: no such file; docs/results holds the published pages")
     names = (what,) if what else tuple(BENCHMARKS)
     modules = [_load(name) for name in names]
     rows: list[Row] = []
+    unit = _load("estimate").reference() if markdown or against else 0.0
     for name, module in zip(names, modules, strict=True):
         found = list(module.run(**{key: value for key, value in given.items() if key in BENCHMARKS[name]}))
         Console(width=max(140, Console().width)).print(table_of(found))
@@ -78,9 +86,12 @@ def run_bench(
         command = f"./spool bench {what or ''}{said} --markdown FILE".replace("  ", " ")
         # The first line of a module says what it measures.
         title = str(modules[0].__doc__).partition("\n")[0].rstrip(".") if what else "Benchmarks"
-        write_page(
-            markdown, title, command, [*([] if what in ("host", "record") else [ABOUT]), markdown_of(rows)]
-        )
+        about = [] if what in ("host", "record") else [ABOUT]
+        write_page(markdown, title, command, [*about, markdown_of(rows), reference_line(unit)])
+    worse = dearer(against, [row.cells() for row in rows], unit) if against else []
+    for line in worse:
+        print(f"dearer: {line}")
+    return len(worse)
 
 
 def _load(name: str) -> ModuleType:

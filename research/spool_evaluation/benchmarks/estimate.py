@@ -157,6 +157,16 @@ def timings() -> Iterator[Timing]:
     )
 
 
+def reference() -> float:
+    """Return s a sample of the compiled peer: a fixed work that no change of ours makes dearer."""
+    rows, target = _regression()
+    _take(CompiledRls(SIZE, FACTOR, 10.0), rows, target, BLOCK)  # compiles
+    return (
+        best_of(5, lambda: _take(CompiledRls(SIZE, FACTOR, 10.0), rows, target, BLOCK), process_time)
+        / target.size
+    )
+
+
 class CompiledRls:
     """Recursive least squares of target = row . parameters, with forgetting ``factor``.
 

@@ -10,20 +10,28 @@ from spool_tools.command import Command, Force, JsonFile
 
 
 def bench(
-    what: Annotated[str | None, typer.Argument(help="Which one; default: all there are.")] = None,
+    what: Annotated[str | None, typer.Argument(help="Name of the benchmark (default: all).")] = None,
     json: JsonFile = None,
     seed: Annotated[
-        int | None, typer.Option(help="gap, monitor: of the first record that is drawn.", min=0)
+        int | None, typer.Option(help="Seed of the first record (gap and monitor only).", min=0)
     ] = None,
-    cases: Annotated[int | None, typer.Option(help="gap: records; monitor: of every kind.", min=1)] = None,
+    cases: Annotated[
+        int | None, typer.Option(help="Number of records (gap), or of records of each kind (monitor).", min=1)
+    ] = None,
     markdown: Annotated[
         Path | None, typer.Option(help="Write the table as Markdown.", metavar="FILE")
     ] = None,
     seconds: Annotated[
-        float | None, typer.Option(help="host, record: of each run.", min=10.0, max=3600.0)
+        float | None,
+        typer.Option(help="Duration of each run, in seconds (host and record only).", min=10.0, max=3600.0),
     ] = None,
     valves: Annotated[
-        list[int] | None, typer.Option(help="host, record: how many; as often as wanted.", min=1, max=1000)
+        list[int] | None,
+        typer.Option(help="Number of valves; repeatable (host and record only).", min=1, max=1000),
+    ] = None,
+    against: Annotated[
+        Path | None,
+        typer.Option(help="Published page; report what costs over 1.3 times as much.", metavar="FILE"),
     ] = None,
     _force: Force = False,
 ) -> None:
@@ -33,7 +41,8 @@ def bench(
     """
     from spool_evaluation.bench import run_bench  # noqa: PLC0415 - slow to load
 
-    run_bench(what, json, seed, cases, markdown, seconds, valves)
+    if run_bench(what, json, seed, cases, markdown, seconds, valves, against):
+        raise typer.Exit(1)
 
 
 COMMAND = Command(bench, place=170, line="timings against the peers")
