@@ -185,6 +185,7 @@ class BlockGate:
             rival.since = block.stamp
         if rival.direct and rival.blocks == 2:
             self._count(Fault.NEW_TIME)
+            self.rate.go_on(block)
             return self._accept(block, Verdict.RESTARTS)
         if block.stamp - rival.since >= STALE * 1e9:
             self._count(Fault.NEW_SOURCE)

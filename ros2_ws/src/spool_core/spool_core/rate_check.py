@@ -88,6 +88,13 @@ class RateCheck:
         self.state, self.departure, self.began = RateState.UNKNOWN, math.nan, block.stamp
         self._follow_from(block)
 
+    def go_on(self, block: Block) -> None:
+        """Go on with the same source elsewhere: its clock was set, or it samples at another rate."""
+        if self._previous is not None and block.sample_period == self._previous[3]:
+            self._follow_from(block)
+        else:
+            self.begin(block)
+
     def take(self, block: Block) -> bool:
         """Take the next block of the stream; return whether it follows the ones before by its sequence."""
         previous = self._previous
@@ -151,9 +158,8 @@ class RateCheck:
             self._direct = block.sequence == self._previous[1] + 1
         lasted = block.stamp - self._stray_since >= STRAY * 1e9
         if lasted or (self._direct and self._stray_since != block.stamp):
-            # The same source goes on: its clock was set, or it samples at another rate.
-            if self._direct and block.sample_period == self._previous[3]:
-                self._follow_from(block)
+            if self._direct:
+                self.go_on(block)
             else:
                 self.begin(block)
             return True
