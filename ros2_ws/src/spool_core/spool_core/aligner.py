@@ -182,7 +182,7 @@ class Aligner:
         if math.isnan(self._lag):
             self._lag = watch.steady_lag
         gained = watch.lag - self._lag
-        if not abs(gained) > 1e9 * WANDERS or abs(gained) <= CERTAIN * watch.lag_scale:
+        if not abs(gained) > 1e9 * WANDERS or abs(gained) <= CERTAIN * watch.lag_unrest:
             return 0.0
         return 1e-9 * gained
 

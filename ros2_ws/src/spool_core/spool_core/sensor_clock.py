@@ -28,6 +28,8 @@ JITTER_SAMPLES, JITTER_CLIP = 500, 5.0
 
 #: Standard deviations in a median absolute deviation of normal errors.
 MEDIAN_TO_DEVIATION = 1.4826
+#: Share of changes that a large one exceeds, and standard deviations in it: 1 / 1.645 for normal errors.
+LARGE, LARGE_TO_DEVIATION = 0.9, 0.608
 
 #: ns; smaller steps are followed like drift: 0.1 ms is 0.5 degrees at 15 Hz.
 LEAST_STEP = 100_000
@@ -169,6 +171,8 @@ class StepWatch:
         spread: ns, standard deviation of the residuals of the stamps that made the clock.
         lag: ns, average of the lag, NaN before the first. lag_deviation: its standard deviation.
         lag_scale: ns, usual change of the lag from one chunk to the next, as a standard deviation.
+        lag_unrest: ns, large change of the lag over ``LAG_MEMORY``, as a standard deviation: what a delivery
+            that stays late for longer than a chunk makes of the average.
         recent: ns, average of the newest residuals: what the clock has not followed yet while it is slewed.
         limit: ns, step of the averages that is certain, when one was looked for last.
 
@@ -179,6 +183,7 @@ class StepWatch:
     lag: float = math.nan
     lag_deviation: float = 0.0
     lag_scale: float = math.inf
+    lag_unrest: float = math.inf
     recent: float = 0.0
     limit: float = math.inf
     size: int = field(init=False)
@@ -231,6 +236,10 @@ class StepWatch:
         self._lags.append(lags / lagging if lagging else math.nan)
         if lagging:
             self.lag_scale = _scale(self._lags)
+            unrest = _changes(self._lags, max(1, round(LAG_MEMORY * self.rate / self.size)))
+            self.lag_unrest = (
+                LARGE_TO_DEVIATION * float(np.quantile(unrest, LARGE)) if unrest.size else math.inf
+            )
         self._lines.append((line, off / self._count))
         self._count, self._sums = 0, (0.0, 0.0, 0, 0.0)
         return self._step()
@@ -310,10 +319,16 @@ def _rate_gain(count: int) -> float:
     return 6.0 / (count * (count + 1.0))
 
 
+def _changes(means: list[float] | deque[float], apart: int = 1) -> Array:
+    """Return by how much each average differs from the one ``apart`` later, ns, where both are known."""
+    values = np.asarray(means, dtype=np.float64)
+    changes = np.abs(values[apart:] - values[:-apart])
+    return np.asarray(changes[np.isfinite(changes)])
+
+
 def _scale(means: list[float] | deque[float]) -> float:
     """Return the usual change from one average to the next as a standard deviation, ns."""
-    changes = np.abs(np.diff(np.asarray(means, dtype=np.float64)))
-    changes = changes[np.isfinite(changes)]
+    changes = _changes(means)
     return MEDIAN_TO_DEVIATION * float(np.median(changes)) if changes.size else math.inf
 
 
