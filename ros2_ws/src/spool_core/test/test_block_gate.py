@@ -202,6 +202,46 @@ def test_the_first_of_two_sources_keeps_its_place_for_a_minute(order: str, ahead
     assert gate.lost == 0
 
 
+def test_a_second_source_that_once_carried_on_the_count_of_the_first_waits_as_long_as_any_other() -> None:
+    """Its first block looks like the first one after a clock was set; then the first source sends again."""
+    gate = running()
+    theirs = [after(n, stamp=at(n) + MINUTE) for n in range(1, 101)]
+    assert gate.judge(theirs[0]) is Verdict.REFUSED
+    assert gate.judge(after(1)) is Verdict.CONTINUES
+    verdicts = [gate.judge(each) for each in theirs[1:]]
+    waits = round(STALE * 1e9 / LENGTH)
+    assert set(verdicts[:waits]) == {Verdict.REFUSED}
+    assert verdicts[waits] is Verdict.RESTARTS
+    assert (gate.faults[Fault.NEW_SOURCE], Fault.NEW_TIME in gate.faults) == (1, False)
+
+
+def test_a_source_that_takes_over_has_to_confirm_its_rate_though_a_third_one_sends() -> None:
+    """Its samples take 1 % longer than it claims; what the first source showed says nothing of that."""
+    gate, verdicts = running(), []
+    for number in range(300):
+        verdicts.append(gate.judge(block(number, stamp=at(1) + MINUTE + round(1.01 * number * LENGTH))))
+        assert not (gate.confirmed and Fault.NEW_SOURCE in gate.faults)
+        assert gate.judge(block(10**6 + number, stamp=at(number) + 2 * MINUTE)) is Verdict.REFUSED
+    assert Verdict.RESTARTS in verdicts
+    assert verdicts[-1] is Verdict.REFUSED
+    assert gate.faults[Fault.RATE] > 0
+
+
+@pytest.mark.parametrize("times", [1, 2])
+def test_a_rate_that_is_wrong_after_the_clock_was_set_is_found_though_a_second_source_sends(
+    times: int,
+) -> None:
+    """The first source goes on in an hour, with samples ``times`` as long that take 1 % longer still."""
+    gate, verdicts = running(), []
+    for number in range(1, 301):
+        stamp = at(1) + 60 * MINUTE + round(1.01 * times * number * LENGTH)
+        verdicts.append(gate.judge(after(number, stamp=stamp, sample_period=times * PERIOD)))
+        assert gate.judge(block(10**6 + number, stamp=at(number) + 2 * MINUTE)) is Verdict.REFUSED
+    assert verdicts[:3] == [Verdict.REFUSED, Verdict.RESTARTS, Verdict.CONTINUES]
+    assert verdicts[-1] is Verdict.REFUSED
+    assert gate.faults[Fault.RATE] > 0
+
+
 def test_blocks_that_name_another_valve_are_never_used() -> None:
     gate = BlockGate()
     for number in range(200):

@@ -60,18 +60,20 @@ def run(
     *,
     rate: float = RATE,
     phase: float = 0.0,
-    delivered: Callable[[Times], Times] = same,
+    delivered: Callable[[Times], Times] | tuple[Callable[[Times], Times], ...] = same,
     kept: tuple[set[int], set[int]] = (set(), set()),
 ) -> Run:
     """Return what comes of two sensors whose clocks show ``body`` and ``spool`` of the true times (s).
 
-    ``delivered`` says when samples arrive; ``kept`` numbers those of body and spool that never do.
+    ``delivered`` says when samples arrive, for both or for each; ``kept`` numbers those of body and spool
+    that never do.
     """
     events = []
+    delays = delivered if isinstance(delivered, tuple) else (delivered, delivered)
     for order, (channel, clock, lost) in enumerate(zip(Channel, (body, spool), kept, strict=True)):
         times = np.arange(round(seconds * rate)) / rate + order * phase
         stamps = START + np.rint(1e9 * clock(times)).astype(np.int64)
-        arrivals, values = delivered(times) + 1e-5 * order, wave(times)
+        arrivals, values = delays[order](times) + 1e-5 * order, wave(times)
         events += [
             (float(arrivals[n]), order, n, channel, int(stamps[n]), float(values[n]))
             for n in range(times.size)
@@ -159,6 +161,20 @@ def test_clocks_that_run_apart_are_followed_then_reported_and_stopped_before_it_
     fault = found.aligner.fault
     assert fault is not None
     assert "drifted apart" in fault.text
+
+
+@pytest.mark.parametrize("lasts", [0.1, 0.3, 1.0])
+def test_sensors_of_one_clock_are_used_though_the_delivery_of_one_is_restless(lasts: float) -> None:
+    """Its messages are up to 80 ms late; by how much changes every ``lasts`` s. Its stamps are right."""
+    late = np.random.default_rng(6).uniform(0.0, 0.08, 200)
+
+    def restless(times: Times) -> Times:
+        return np.maximum.accumulate(times + late[(times / lasts).astype(np.intp)])
+
+    found = run(8.0, rate=100.0, delivered=(restless, same))
+    assert math.isnan(found.reported)
+    assert found.aligner.wandered == 0.0
+    assert len(found.blocks) > 390
 
 
 def test_sensors_of_different_rates_are_no_clocks_that_run_apart() -> None:
