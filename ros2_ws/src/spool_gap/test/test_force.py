@@ -15,7 +15,7 @@ from spool_sim.model import MODELS
 PERIOD = 0.005
 
 
-def rig(seed: int, seconds: float = 24.0) -> tuple[Array, Array, Array]:
+def rig(seed: int, seconds: float = 12.0) -> tuple[Array, Array, Array]:
     time = np.arange(0.0, seconds, PERIOD)
     place = np.zeros(time.size)
     phases = np.random.default_rng(seed).uniform(0.0, 6.28, 3)
@@ -114,7 +114,7 @@ def test_a_plain_law_stays_where_a_richer_one_leaves_hardly_less(error: float, k
 
 @pytest.mark.parametrize("effect", ["spring_backlash", "damping_drift"])
 def test_effects_that_share_numbers_with_the_base_keep_the_fitted_ones(effect: str) -> None:
-    time, place, speed = rig(9)
+    time, place, speed = rig(9, 24.0)
     if effect == "spring_backlash":
         force = 900.0 * speed + 5e4 * (np.abs(place) > 2e-3) * (place - 2e-3 * np.sign(place))
     else:

@@ -91,13 +91,13 @@ def test_a_hardening_spring_fitted_to_small_motion_closes_the_gap_of_growing_mot
     assert result.after.nrmse < 0.5 * result.before.nrmse
 
 
+def part(record: ForceRecord, first: int, stop: int) -> ForceRecord:
+    return replace(record, displacement=record.displacement[first:stop], force=record.force[first:stop])
+
+
 def fitted_axis() -> tuple[ForceBalance, ForceFit]:
     """Return the balance of a driven mass and its fit, to fit and to judge on."""
-    record = driven(AXIS, 0.0, 0.5)
-    parts = [
-        ForceRecord("axis", 0.0, PERIOD, record.displacement[low:high], record.force[low:high])
-        for low, high in ((0, 8000), (8000, 16_000))
-    ]
+    parts = [part(driven(AXIS, 0.0, 0.5), low, low + 8000) for low in (0, 8000)]
     balance = ForceBalance(parts[:1], parts[1:], ["damping", "mass", "zero"], driven=True)
     return balance, balance.fit([])
 
@@ -142,7 +142,8 @@ def test_numbers_that_follow_the_position_are_kept_only_if_both_errors_fall(
 
 
 def test_a_known_mass_is_not_fitted() -> None:
-    result = analyse_forces([driven(AXIS, 0.0, 0.5)], MODELS["fluid"], "driven", mass=MASS)
+    record = part(driven(AXIS, 0.0, 0.5), 0, 8000)
+    result = analyse_forces([record], MODELS["fluid"], "driven", mass=MASS)
     assert "mass" not in {quantity.name for quantity in result.parameters}
     assert result.model.values["mass"] == MASS
 
