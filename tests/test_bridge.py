@@ -39,8 +39,10 @@ def _valve(
 ) -> Iterator[Bridged]:
     with make_system(tmp_path_factory.mktemp("bridge")) as system:
         port = free_port()
+        system.forks = False  # no other test starts these two
         bridge = system.start("opcua", namespace="", port=port)
         system.start("plots", waveform_rate=50.0)
+        system.forks = True
         health = system.listen(ValveHealth, "/valve_1/health", latched=True)
         monitor = system.start("monitor", baseline_time=3.0)
         system.start("estimator")

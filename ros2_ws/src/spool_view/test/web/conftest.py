@@ -32,6 +32,8 @@ from spool_view.operator import Act, ActLog, Desk, OperatorToken, Outcome
 from spool_view.view import Board, alarms_of
 from starlette.testclient import TestClient
 
+from tests.forks import Fork, server
+
 #: s; what is waited for comes much sooner on an idle machine.
 PATIENCE = 60.0
 OWN = "http://127.0.0.1:8765"
@@ -184,22 +186,28 @@ class Domain:
             "XDG_STATE_HOME": str(folder / "state"),
             "PYTHONPATH": os.pathsep.join(path for path in sys.path if path),
         }
-        self.running: list[subprocess.Popen[bytes]] = []
+        self.running: list[Fork | subprocess.Popen[bytes]] = []
+        self.forks = True
 
     def start(
         self, package: str, name: str, *arguments: str, **parameters: object
-    ) -> subprocess.Popen[bytes]:
+    ) -> Fork | subprocess.Popen[bytes]:
         words = [word for key, value in parameters.items() for word in ("-p", f"{key}:={value}")]
-        log = (self.folder / f"{len(self.running)}_{name}.log").open("wb")
-        process = subprocess.Popen(
-            [executable(package, name), "--ros-args", *arguments, *words],
-            env=self.environment, stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT,
-        )  # fmt: skip
-        log.close()
-        self.running.append(process)
-        return process
+        command = [executable(package, name), "--ros-args", *arguments, *words]
+        with (self.folder / f"{len(self.running)}_{name}.log").open("wb") as log:
+            self.running.append(
+                server().start(command, folder=self.folder, environment=self.environment, output=log)
+                if self.forks
+                else subprocess.Popen(
+                    command, env=self.environment, stdin=subprocess.DEVNULL, stdout=log,
+                    stderr=subprocess.STDOUT,
+                )
+            )  # fmt: skip
+        return self.running[-1]
 
-    def page(self, *, operator: bool = False, **parameters: object) -> tuple[subprocess.Popen[bytes], str]:
+    def page(
+        self, *, operator: bool = False, **parameters: object
+    ) -> tuple[Fork | subprocess.Popen[bytes], str]:
         """Start the page; return its process and address."""
         number = len(self.running)
         process = self.start("spool_view", "page", port=0, operator=str(operator).lower(), **parameters)
