@@ -5,16 +5,19 @@ Run as ``python -m spool_monitor.warm_up``; the kernels of simulator and estimat
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from spool_core.block import Block
+from spool_estimator.identification.channel_faults import count_repeats
 
-from spool_monitor.channels import due_power
+from spool_monitor.channels import KEPT, due_power
 from spool_monitor.detectors import MonitorSettings
 from spool_monitor.monitor import Monitor
 from spool_monitor.trend_writer import TravelCounter
 
-#: s of data after which every kernel has run.
-SECONDS = 3
+#: s of data after which every kernel has run, those that look at the pair of channels last.
+SECONDS = math.ceil(KEPT) + 1
 
 
 def warm_up_monitor() -> None:
@@ -30,6 +33,8 @@ def warm_up_monitor() -> None:
         TravelCounter().update(Block(10**9, 1, 2e-3, body, spool))
     # A spool that follows without a lag is no valve's: the detector behind that is not asked.
     due_power(np.ones(1), np.ones(1), 1.0, 1.0)
+    # Nor do these samples repeat.
+    count_repeats(np.ones(2), 1.0, 0.0, 1.0)
 
 
 if __name__ == "__main__":

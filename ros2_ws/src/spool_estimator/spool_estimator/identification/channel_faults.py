@@ -170,15 +170,18 @@ def same_channel(body: Array, spool: Array, period: float) -> ChannelFault | Non
 
     A spool that sticks moves as its body, but its sensor has noise of its own.
     """
+    power, together = float(body @ body), float(spool @ body)
+    gain = together / power if power > 0.0 else 0.0
+    # The largest difference is no smaller than the rms of all.
+    if float(spool @ spool) - gain * together > body.size * AGREE**2:
+        return None
     changes = np.count_nonzero(np.diff(body))
     if body.size * period < SAME_TIME or changes < FEWEST:
         return None
-    power = float(body @ body)
-    gain = float(spool @ body) / power if power > 0.0 else 0.0
     equal, apart, nearest = bool(np.array_equal(body, spool)), 0.0, AGREE
     if not equal:
         # Numbers of a file are rounded to some digit, which a factor scales.
-        rounding = max(_step(body) * abs(gain), _step(spool))
+        rounding = max(_step(np.diff(body)) * abs(gain), _step(np.diff(spool)))
         apart = float(np.abs(spool - gain * body).max())
         loud = float(np.std(spool)) > 50.0 * AGREE
         nearest = min(AGREE, 1.01 * rounding)
@@ -198,13 +201,11 @@ def same_channel(body: Array, spool: Array, period: float) -> ChannelFault | Non
 def wrap_around(row: Array, name: str) -> ChannelFault | None:
     """Return that a converter's integers wrap around: jumps lead from one end of the span to the other."""
     span = float(np.ptp(row))
-    if not span > LEVELS * _step(row):
-        return None
     change = np.diff(row)
     jumps = np.flatnonzero(np.abs(change) > WRAPS * span)
     # Beyond the end the signal goes on as it came: a whole turn makes it continuous.
     inside = jumps[(jumps > 0) & (jumps < change.size - 1)]
-    if inside.size < FEWEST_WRAPS:
+    if inside.size < FEWEST_WRAPS or not span > LEVELS * _step(change):
         return None
     turn = float(np.median(np.abs(change[inside] - 0.5 * (change[inside - 1] + change[inside + 1]))))
     unwrapped = change[inside] - np.sign(change[inside]) * turn
@@ -234,37 +235,53 @@ def repeats(row: Array, name: str) -> ChannelFault | None:
     none. Only rows of up to 16 equal samples between larger changes count.
     """
     change = np.diff(row)
-    step = _step(row)
-    edges = np.flatnonzero(change != 0.0)
-    if edges.size < FEWEST:
+    # As many neighbours are equal as samples repeat, at least.
+    if change.size - np.count_nonzero(change) < REPEATS * FEWEST:
         return None
-    lengths = np.diff(edges)
-    size = np.abs(change[edges])
-    large = (size[:-1] > STEPS * step) & (size[1:] > STEPS * step)
-    # Rails are levels that are met again and again at the extremes.
-    level = row[edges[:-1] + 1]
-    inner = (level > row.min() + step) & (level < row.max() - step)
-    judged = large & inner & (lengths <= 16)
-    count = int(np.count_nonzero(judged))
-    if count < FEWEST:
+    counts, mean = count_repeats(row, _step(change), float(row.min()), float(row.max()))
+    if counts[0, 0] < FEWEST:
         return None
-    # By chance neighbours are equal half as often as they differ by one step, up or down.
-    far = np.abs(change) > STEPS * step
-    chance = (change[1:-1] != 0.0) & (np.abs(change[1:-1]) < 1.5 * step) & far[:-2] & far[2:]
     # A vibration that is read alike at each of its tops repeats there, and nowhere else.
-    sign = np.sign(change)
-    rising, rises = sign[edges[:-1]] == sign[edges[1:]], sign[:-2] == sign[2:]
-    for some, by_chance in ((judged, chance), (judged & rising, chance & rises)):
-        total = np.count_nonzero(some)
-        equal = np.count_nonzero(lengths[some] > 1) - 0.5 * np.count_nonzero(by_chance)
-        if total < FEWEST // 4 or equal < REPEATS * total:
+    for total, equal, chance in counts.tolist():
+        # By chance neighbours are equal half as often as they differ by one step, up or down.
+        if total < FEWEST // 4 or equal - 0.5 * chance < REPEATS * total:
             return None
-    mean = float(np.mean(lengths[judged]))
     return ChannelFault(
         "repeats", name, "equal_samples", mean, 1.0 + REPEATS, "1",
         f"{name} repeats its samples, each {mean:.3g} times on average",
         "poll the sensor at its own rate, or record with the rate at which it samples",
     )  # fmt: skip
+
+
+@compiled
+def count_repeats(row: Array, step: float, low: float, high: float) -> tuple[Array, float]:
+    """Return how often samples repeat between large changes, and how many do on average.
+
+    Rows of the counts: all levels, and those that lie on a slope. Columns: levels that are judged, those with
+    more than one sample, and changes by one ``step`` between large ones. Rails are levels that are met again
+    and again at the extremes ``low`` and ``high``.
+    """
+    counts, samples = np.zeros((2, 3)), 0.0
+    before, previous = -1, 0.0
+    for i in range(row.size - 1):
+        change = row[i + 1] - row[i]
+        if change == 0.0:
+            continue
+        length = i - before
+        large = abs(change) > STEPS * step and abs(previous) > STEPS * step
+        level = row[before + 1]
+        if before >= 0 and large and length <= 16 and low + step < level < high - step:
+            samples += length
+            for which in range(2 if change * previous > 0.0 else 1):
+                counts[which, 0] += 1
+                counts[which, 1] += length > 1
+        before, previous = i, change
+        if 0 < i < row.size - 2 and abs(change) < 1.5 * step:
+            earlier, later = row[i] - row[i - 1], row[i + 2] - row[i + 1]
+            if abs(earlier) > STEPS * step and abs(later) > STEPS * step:
+                for which in range(2 if earlier * later > 0.0 else 1):
+                    counts[which, 2] += 1
+    return counts, samples / max(1.0, counts[0, 0])
 
 
 def faults_of_pair(body: Array, spool: Array, period: float) -> list[ChannelFault]:
@@ -304,11 +321,18 @@ def look_at_pair(body: Array, spool: Array, period: float, start: float = 0.0) -
     # A clipped channel has another gain at its tops.
     if pair is None or max(flat_share(body), flat_share(spool)) > CLIPS:
         return None
+    seen = pair.glance()
+    # A delay may be so large that nothing of first order shows it.
+    wild = seen.plain >= FITS**2
+    if not wild and seen.plain < BETTER_TIME * min(seen.constant, seen.parted):
+        # No fault can explain so much more that it would be believed: none is searched for.
+        return PairLook(None, seen.delay if seen.delayed < FITS_TIME**2 else math.nan)
     drift = clock_drift(pair)
     if drift is not None:
         return PairLook(drift, math.nan)
     gain, nominal = pair.fit((GAIN,)), pair.fit(())
-    step = pair.step(nominal)
+    parts = wild or gain.residual**2 >= BETTER_TIME * seen.parted
+    step = pair.step(nominal) if parts else None
     wrong = wrong_sensitivity(pair, gain, nominal)
     changed = step is not None and valve_changes(body, spool, period, step, gain)
     if wrong is not None and not changed and not clock_steps(step, gain.residual, period):
@@ -317,7 +341,11 @@ def look_at_pair(body: Array, spool: Array, period: float, start: float = 0.0) -
     delay = delayed.delay if delayed.residual < FITS_TIME else math.nan
     # A step bends the gain of the whole, and so do laws that the fit lacks: 1 is tried before it.
     constant = min(coupled.residual, delayed.residual)
-    if not clock_steps(step, constant, period) and nominal.residual**2 > BETTER * gain.residual**2:
+    if (
+        step is not None
+        and not clock_steps(step, constant, period)
+        and nominal.residual**2 > BETTER * gain.residual**2
+    ):
         step = pair.step(gain)
     if step is not None and clock_steps(step, constant, period):
         late = "late" if step.size > 0.0 else "early"
@@ -552,11 +580,9 @@ def _clear(plain: PairFit, corrected: PairFit) -> bool:
     return better and corrected.residual < FITS_TIME and corrected.stiffness > 0.0
 
 
-def _step(row: Array) -> float:
-    """Return the smallest step between two levels of ``row``: that of the converter, or of the digits."""
-    change = np.abs(np.diff(row))
-    change = change[change > 0.0]
-    if not change.size:
-        return 0.0
+def _step(change: Array) -> float:
+    """Return the smallest step in the changes of a row: that of the converter, or of the digits."""
+    sizes = np.abs(change[change != 0.0])
     # Levels of a converter are rounded in a file: steps that differ by less than that are one.
-    return float(np.quantile(change, 0.001, method="higher"))
+    place = math.ceil(0.001 * (sizes.size - 1))
+    return float(np.partition(sizes, place)[place]) if sizes.size else 0.0
