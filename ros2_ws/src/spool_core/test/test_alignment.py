@@ -72,16 +72,15 @@ def test_samples_taken_together_are_passed_on_bit_for_bit_from_the_first_one() -
     assert [gate.judge(block) for block in found][1:] == [Verdict.CONTINUES] * 199
 
 
-@pytest.mark.parametrize("frequency", [5.0, 300.0])
-def test_two_clocks_that_differ_by_200_ppm_give_the_spool_at_the_body_s_instants(frequency: float) -> None:
+def test_two_clocks_that_differ_by_200_ppm_give_the_spool_at_the_body_s_instants() -> None:
     def signal(stamps: np.ndarray) -> np.ndarray:
-        return wave(stamps, frequency)
+        return wave(stamps, 5.0) + wave(stamps, 300.0)
 
     aligner = Aligner(AlignerSettings())
     found = blocks_of(
-        aligner, merged(sampled(20.0, signal=signal), sampled(20.0, RATE * (1.0 - 200e-6), 0.37e-3, signal))
+        aligner, merged(sampled(10.0, signal=signal), sampled(10.0, RATE * (1.0 - 200e-6), 0.37e-3, signal))
     )
-    assert len(found) > 950
+    assert len(found) > 450
     for block in found:
         np.testing.assert_allclose(block.spool, signal(instants(block)), atol=1e-3 * 5.0)
         np.testing.assert_allclose(block.spool, block.body, atol=1e-3 * 5.0)
@@ -96,9 +95,9 @@ def test_stamps_that_jitter_are_averaged_and_the_rate_is_known_to_ppm() -> None:
         return [(stamp + round(4e5 * rng.uniform(-1.0, 1.0)), value) for stamp, value in samples]
 
     aligner = Aligner(AlignerSettings())
-    found = blocks_of(aligner, merged(jittered(sampled(30.0)), jittered(sampled(30.0, phase=0.4e-3))))
-    late = [block for block in found if block.stamp > START + 15_000_000_000]
-    assert len(late) > 700
+    found = blocks_of(aligner, merged(jittered(sampled(10.0)), jittered(sampled(10.0, phase=0.4e-3))))
+    late = [block for block in found if block.stamp > START + 5_000_000_000]
+    assert len(late) > 220
     error = np.concatenate([block.spool - block.body for block in late])
     assert np.sqrt(np.mean(error**2)) < 0.002 * 5.0 / math.sqrt(2.0)
     for stream in aligner.streams.values():
@@ -164,7 +163,7 @@ VALUES = st.one_of(
 )
 
 
-@settings(max_examples=30)
+@settings(max_examples=15)
 @given(
     st.lists(
         st.tuples(st.integers(0, 4000), st.sampled_from(list(Channel)), STAMPS, VALUES), max_size=CONFIRM - 1

@@ -97,7 +97,7 @@ def step(by: float, at: float = 3.0) -> Callable[[Times], Times]:
 @pytest.mark.parametrize("channel", list(Channel))
 def test_a_step_of_one_clock_stops_the_blocks_and_is_reported(channel: Channel, by: float) -> None:
     clocks = {channel.value: step(by)}
-    found = run(6.0, **clocks)
+    found = run(5.0, **clocks)
     assert found.apart() < 0.02e-3
     assert max(arrival for arrival, _ in found.blocks) < 3.1
     assert len(found.blocks) >= 149
@@ -111,10 +111,10 @@ def test_a_step_of_one_clock_stops_the_blocks_and_is_reported(channel: Channel, 
 
 @pytest.mark.parametrize("by", [0.4e-3, 3e-3, -3e-3, 0.3, -0.3, 3.0, -3.0])
 def test_both_clocks_that_step_together_restart_the_stream(by: float) -> None:
-    found = run(6.0, step(by), step(by))
+    found = run(5.0, step(by), step(by))
     assert found.apart() < 1e-6
     assert found.aligner.fault is None
-    assert len(found.blocks) >= 280
+    assert len(found.blocks) >= 230
     gate = BlockGate()
     verdicts = [gate.judge(block) for _, block in found.blocks]
     assert verdicts[-1] is Verdict.CONTINUES
@@ -203,7 +203,7 @@ def grouped(size: int, gap: float) -> Callable[[Times], Times]:
     return stamps
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=10, deadline=None)
 @given(
     st.sampled_from([200.0, 400.0, 500.0, 800.0, 833.0, 1000.0, 1600.0]),
     st.integers(2, 12),
@@ -227,7 +227,7 @@ def test_bursts_give_the_right_rate_or_none(rate: float, size: int, gap: float, 
         assert found.blocks or found.aligner.streams[BODY].doubt
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=10, deadline=None)
 @given(st.floats(120.0, 1900.0), st.sampled_from([1e-6, 1e-5, 1e-4, 1e-3]), st.sampled_from(["both", "body"]))
 def test_coarse_stamps_give_the_right_rate_or_none(rate: float, resolution: float, who: str) -> None:
     def coarse(times: Times) -> Times:
@@ -348,20 +348,20 @@ def test_no_block_holds_samples_that_do_not_belong_together(
     def clock(name: str) -> Callable[[Times], Times]:
         def stamps(times: Times) -> Times:
             shown = times + jitter * rng.uniform(-1.0, 1.0, times.size)
-            return step(by, 4.0)(times) + shown - times if who in (name, "both") else shown
+            return step(by)(times) + shown - times if who in (name, "both") else shown
 
         return stamps
 
     def delivered(times: Times) -> Times:
         return np.ceil(times / lumps) * lumps if lumps else times
 
-    found = run(7.5, clock("body"), clock("spool"), rate=rate, phase=phase / rate, delivered=delivered)
+    found = run(5.5, clock("body"), clock("spool"), rate=rate, phase=phase / rate, delivered=delivered)
     assert found.apart() < 0.15e-3
     fault = found.aligner.fault
     if who in ("body", "spool"):
         assert fault is not None
         assert fault.cause == CLOCK_STEP
-        assert found.reported < 5.5
+        assert found.reported < 4.5
     else:
         assert fault is None
         assert len(found.blocks) > 200
