@@ -32,8 +32,6 @@ from spool_view.operator import Act, ActLog, Desk, OperatorToken, Outcome
 from spool_view.view import Board, alarms_of
 from starlette.testclient import TestClient
 
-from tests.forks import Fork, server
-
 #: s; what is waited for comes much sooner on an idle machine.
 PATIENCE = 60.0
 OWN = "http://127.0.0.1:8765"
@@ -186,28 +184,22 @@ class Domain:
             "XDG_STATE_HOME": str(folder / "state"),
             "PYTHONPATH": os.pathsep.join(path for path in sys.path if path),
         }
-        self.running: list[Fork | subprocess.Popen[bytes]] = []
-        self.forks = True
+        self.running: list[subprocess.Popen[bytes]] = []
 
     def start(
         self, package: str, name: str, *arguments: str, **parameters: object
-    ) -> Fork | subprocess.Popen[bytes]:
+    ) -> subprocess.Popen[bytes]:
         words = [word for key, value in parameters.items() for word in ("-p", f"{key}:={value}")]
-        command = [executable(package, name), "--ros-args", *arguments, *words]
-        with (self.folder / f"{len(self.running)}_{name}.log").open("wb") as log:
-            self.running.append(
-                server().start(command, folder=self.folder, environment=self.environment, output=log)
-                if self.forks
-                else subprocess.Popen(
-                    command, env=self.environment, stdin=subprocess.DEVNULL, stdout=log,
-                    stderr=subprocess.STDOUT,
-                )
-            )  # fmt: skip
-        return self.running[-1]
+        log = (self.folder / f"{len(self.running)}_{name}.log").open("wb")
+        process = subprocess.Popen(
+            [executable(package, name), "--ros-args", *arguments, *words],
+            env=self.environment, stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT,
+        )  # fmt: skip
+        log.close()
+        self.running.append(process)
+        return process
 
-    def page(
-        self, *, operator: bool = False, **parameters: object
-    ) -> tuple[Fork | subprocess.Popen[bytes], str]:
+    def page(self, *, operator: bool = False, **parameters: object) -> tuple[subprocess.Popen[bytes], str]:
         """Start the page; return its process and address."""
         number = len(self.running)
         process = self.start("spool_view", "page", port=0, operator=str(operator).lower(), **parameters)

@@ -270,7 +270,6 @@ def test_the_page_ends_within_two_seconds_with_streams_open(
     domain: Domain, stand_in: Callable[..., StandIn], number: int
 ) -> None:
     stand_in()
-    domain.forks = False
     process, address = domain.page(operator=True)
     streams = [build_opener(ProxyHandler({})).open(f"{address}stream/machine", timeout=10) for _ in range(10)]
     until(lambda: all(one.readline() for one in streams), "the streams have begun")
