@@ -17,6 +17,7 @@ from pathlib import Path
 import pytest
 
 from setup import uv
+from setup.packages import failure
 
 ROOT = Path(__file__).resolve().parent.parent
 TOOLS = ("sh", "bash", "env", "readlink", "dirname", "cat", "mkdir", "rm", "uname")
@@ -92,13 +93,13 @@ def assert_one_line(result: subprocess.CompletedProcess[str], *parts: str, code:
 
 @pytest.fixture
 def fresh(tmp_path: Path) -> Path:
-    """The project as it is, without anything that was set up."""
+    """The project as it is, without anything that was set up; the sources are those of the project."""
     folder = tmp_path / "project with a space"
-    folder.mkdir()
+    (folder / "ros2_ws").mkdir(parents=True)
+    (folder / "ros2_ws" / "src").symlink_to(ROOT / "ros2_ws" / "src")
     shutil.copy2(ROOT / "spool", folder)
-    ignored = shutil.ignore_patterns("__pycache__", "*.egg-info", "test")
-    for name in ("setup", "requirements", "ros2_ws/src"):
-        shutil.copytree(ROOT / name, folder / name, ignore=ignored)
+    for name in ("setup", "requirements"):
+        shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
     return folder
 
 
@@ -298,6 +299,34 @@ class TestIndexesOfPip:
 
 
 class TestPackagesThatDoNotCome:
+    @pytest.mark.parametrize(
+        ("output", "said"),
+        [
+            (
+                "WARNING: Retrying (Retry(total=0)) after connection broken by 'ProxyError('Cannot connect to "
+                "proxy.', NewConnectionError('<...>: Failed to establish a new connection: [Errno 111]'))'\n"
+                "ERROR: No matching distribution found for tiny==1.0\n",
+                "no connection to the package index: check network and proxy",
+            ),
+            (
+                "ERROR: THESE PACKAGES DO NOT MATCH THE HASHES FROM THE REQUIREMENTS FILE.\n"
+                "    tiny==1.0 from file:///tiny-1.0-py3-none-any.whl (from -r wheels.lock (line 1)):\n",
+                "tiny==1.0 is not the file that the lock was made with",
+            ),
+            (
+                "ERROR: Could not find a version that satisfies the requirement tiny==1.0\n"
+                "ERROR: No matching distribution found for tiny==1.0\n",
+                "no matching distribution found for tiny==1.0 on your package index: check pip's",
+            ),
+            ("ERROR: [Errno 28] No space left on device\n", "is full: free some space and call again"),
+        ],
+    )
+    def test_what_pip_says_becomes_a_cause_and_what_to_do(self, output: str, said: str):
+        line = str(failure("the packages could not be installed", output, Path("/p/.setup/on_wheels/a.log")))
+        assert said in line
+        assert "\n" not in line
+
+    @pytest.mark.slow
     def test_no_network(self, fresh: Path, tmp_path: Path):
         with socket.socket() as unused:
             unused.bind(("127.0.0.1", 0))
