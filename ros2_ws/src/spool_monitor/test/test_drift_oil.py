@@ -83,6 +83,7 @@ def test_the_estimates_of_a_spool_that_dry_friction_slows_down_are_believed() ->
     assert both.events == []
 
 
+@pytest.mark.slow
 def test_wear_is_found_though_the_oil_warms_as_well() -> None:
     found = events_of(warmest=24.0, told=True, wear=0.5)
     assert found

@@ -70,6 +70,7 @@ def test_what_reaches_its_limit_within_a_shift_is_not_to_be_planned(hurries: boo
     assert event.facts.urgency is urgency
 
 
+@pytest.mark.slow
 def test_a_slow_wear_says_when_it_becomes_an_alarm() -> None:
     valve = find_valve("4weh10_soft")
     sensor = Sensor(noise=0.05)

@@ -40,7 +40,10 @@ FAULTS = st.lists(
     max_size=6,
 )
 
-SOUND = list(Simulator(VALVE, SHAFT, coulomb_force=0.1, seed=3).records(8.0))
+
+@pytest.fixture(scope="module", name="sound")
+def _sound() -> list[Block]:
+    return list(Simulator(VALVE, SHAFT, coulomb_force=0.1, seed=3).records(8.0))
 
 
 def spoiled(blocks: list[Block], faults: list[tuple[int, str]]) -> list[Block]:
@@ -108,56 +111,54 @@ def live(method: str, blocks: list[Block]) -> tuple[list[Estimate], list[Event],
     return estimates, events, monitor
 
 
-@pytest.mark.parametrize("method", ESTIMATORS)
-@settings(max_examples=8, deadline=None)
-@given(faults=FAULTS)
-def test_a_replay_equals_the_live_nodes(method: str, faults: list[tuple[int, str]]) -> None:
-    blocks = spoiled(SOUND, faults)
-    estimates, events, monitor = live(method, blocks)
-    replay = Replay(make_estimator(method, settings_for(VALVE)), Monitor(SETTINGS), keep=True)
-    for place, block in enumerate(blocks):
-        if place % 100 == 50:
-            replay.update_temperature(block.stamp, 40.0 + 0.01 * place)
-        replay.update(block)
+def judged(replay: Replay) -> tuple[object, ...]:
+    """Return all that a replay says once it has been fed."""
     replay.flush()
-    assert len(estimates) > 3
-    assert repr(replay.estimates) == repr(estimates)
-    assert repr(replay.events) == repr(events)
-    assert repr(replay.monitor.health) == repr(monitor.health)
-    assert replay.monitor.gate.faults == monitor.gate.faults
-    assert replay.monitor.gate.accepted == monitor.gate.accepted
-    assert replay.samples == 40 * monitor.gate.accepted
+    gate = replay.monitor.gate
+    return (
+        repr(replay.estimates), repr(replay.events), repr(replay.monitor.health), gate.faults, gate.accepted,
+        replay.samples,
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize("method", ESTIMATORS)
 @settings(max_examples=8, deadline=None)
 @given(faults=FAULTS, edges=st.sets(st.integers(0, 399)))
-def test_runs_of_blocks_say_what_their_blocks_say(
-    method: str, faults: list[tuple[int, str]], edges: set[int]
+def test_a_replay_equals_the_live_nodes_and_runs_of_blocks_equal_their_blocks(
+    sound: list[Block], method: str, faults: list[tuple[int, str]], edges: set[int]
 ) -> None:
-    blocks = spoiled(SOUND, faults)
+    blocks = spoiled(sound, faults)
     estimates, events, monitor = live(method, blocks)
-    replay = Replay(make_estimator(method, settings_for(VALVE)), Monitor(SETTINGS), keep=True)
+    assert len(estimates) > 3
+    gate = monitor.gate
+    expected = (
+        repr(estimates), repr(events), repr(monitor.health), gate.faults, gate.accepted, 40 * gate.accepted
+    )  # fmt: skip
+
+    alone, together = (
+        Replay(make_estimator(method, settings_for(VALVE)), Monitor(SETTINGS), keep=True) for _ in range(2)
+    )
     warmer = set(range(50, len(blocks), 100))
+    for place, block in enumerate(blocks):
+        if place in warmer:
+            alone.update_temperature(block.stamp, 40.0 + 0.01 * place)
+        alone.update(block)
+    assert judged(alone) == expected
     place = 0
     for item in runs_of(blocks, edges | warmer):
         first = item.block(0) if isinstance(item, BlockRun) else item
         if place in warmer:
-            replay.update_temperature(first.stamp, 40.0 + 0.01 * place)
+            together.update_temperature(first.stamp, 40.0 + 0.01 * place)
         if isinstance(item, BlockRun):
-            replay.update_run(item)
+            together.update_run(item)
         else:
-            replay.update(item)
+            together.update(item)
         place += len(item) if isinstance(item, BlockRun) else 1
-    replay.flush()
     assert place == len(blocks)
-    assert repr(replay.estimates) == repr(estimates)
-    assert repr(replay.events) == repr(events)
-    assert repr(replay.monitor.health) == repr(monitor.health)
-    assert replay.monitor.gate.faults == monitor.gate.faults
-    assert replay.monitor.gate.accepted == monitor.gate.accepted
+    assert judged(together) == expected
 
 
+@pytest.mark.slow
 def test_a_gap_that_opens_is_among_the_events_of_a_replay_in_order() -> None:
     """A spring that hardens: what the model leaves over grows and stays up."""
     quick = settings_for(VALVE, period=0.2, memory=2.0)
