@@ -303,8 +303,8 @@ class TestPackagesThatDoNotCome:
         ("output", "said"),
         [
             (
-                "WARNING: Retrying (Retry(total=0)) after connection broken by 'ProxyError('Cannot connect to "
-                "proxy.', NewConnectionError('<...>: Failed to establish a new connection: [Errno 111]'))'\n"
+                "WARNING: Retrying after connection broken by 'ProxyError('Cannot connect to proxy.', "
+                "NewConnectionError('<...>: Failed to establish a new connection: [Errno 111]'))'\n"
                 "ERROR: No matching distribution found for tiny==1.0\n",
                 "no connection to the package index: check network and proxy",
             ),
