@@ -2,12 +2,14 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
+from spool_core.events.event import Urgency
 from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.estimate import Estimate, State
 from spool_estimator.estimator import Estimator, settings_for
 from spool_monitor.detectors import MonitorSettings
-from spool_monitor.event import Event
+from spool_monitor.event import Event, Severity
 from spool_monitor.monitor import Monitor
 from spool_monitor.parameter_drift import ParameterDrift
 from spool_monitor.replay import Replay
@@ -108,7 +110,11 @@ def at(second: float, drag: float, referred: float | None) -> Estimate:
         samples=0,
         delay=0.375,
         memory=4.0,
-        parameters=(Quantity("viscous_coefficient", "N s/m", drag, 0.001, Validity.VALID),),
+        parameters=(
+            Quantity("spring_stiffness", "N/m", 1632.0, 1.0, Validity.VALID),
+            Quantity("viscous_coefficient", "N s/m", drag, 0.001, Validity.VALID),
+            Quantity("coulomb_force", "N", 0.2, 0.001, Validity.VALID),
+        ),
         natural_frequency=nothing,
         damping_ratio=nothing,
         residual=nothing,
@@ -116,6 +122,33 @@ def at(second: float, drag: float, referred: float | None) -> Estimate:
         relative_displacement=nothing,
         referred_viscous_coefficient=quantity,
     )
+
+
+def test_a_slow_wear_in_oil_that_warms_says_what_changed_and_when_it_becomes_an_alarm() -> None:
+    """By estimates of a valve that loses 70 % of its drag in 300 s, in oil that takes a tenth more of it."""
+    monitor, draw = Monitor(MonitorSettings(natural_frequency=15.15)), np.random.default_rng(1)
+    events = []
+    for second in range(1, 240):
+        drag = 4.0 * (1.0 - 0.7 * max(0.0, second - 20.0) / 300.0) * (1.0 + 0.002 * draw.standard_normal())
+        events += monitor.update_estimate(at(second, (1.0 - 0.1 * second / 240.0) * drag, drag))
+    warning, alarm = events
+    assert [(event.kind, event.cause, event.severity) for event in events] == [
+        ("friction_drift", "wear", Severity.WARNING),
+        ("friction_drift", "wear", Severity.ALARM),
+    ]
+    left = (alarm.stamp - warning.stamp) * 1e-9
+    assert warning.facts.time_to_limit == pytest.approx(left, rel=0.25)
+    assert math.isnan(alarm.facts.time_to_limit)
+    assert warning.facts.urgency is alarm.facts.urgency is Urgency.SOON
+    assert alarm.facts.limit < warning.facts.limit
+    for event in events:
+        facts = event.facts
+        assert (facts.parameter, facts.note) == ("viscous_coefficient", "oil_referred")
+        assert facts.low < facts.value < facts.high < facts.baseline
+        assert facts.value < facts.limit
+        assert facts.change == pytest.approx(facts.value - facts.baseline)
+        # The quantity is the same change, relative to the baseline.
+        assert event.quantity.value == pytest.approx(facts.change / facts.baseline)
 
 
 def detector() -> ParameterDrift:
