@@ -53,10 +53,12 @@ def simulated(valve: str, excitation: str, friction: float, noise: float, seed: 
         np.concatenate([getattr(one, name) for one in blocks]).astype(np.float64).round(3)
         for name in ("body", "spool")
     )
+    body.flags.writeable = spool.flags.writeable = False
     return body, spool
 
 
-SOUND: Pair = simulated("4weh10_soft", "machine", 0.1, 0.03, 1)
+def sound() -> Pair:
+    return simulated("4weh10_soft", "machine", 0.1, 0.03, 1)
 
 
 def held(row: Array, times: float) -> Array:
@@ -105,7 +107,7 @@ FAULTS: dict[str, tuple[Callable[[Array], Array], str]] = {
 @pytest.mark.parametrize("fault", FAULTS)
 def test_each_fault_of_a_channel_has_its_own_cause(fault: str, channel: str) -> None:
     change, cause = FAULTS[fault]
-    found = faults_of(*on(channel, change, SOUND), 1.0 / RATE)
+    found = faults_of(*on(channel, change, sound()), 1.0 / RATE)
     assert [one.cause for one in found] == [cause]
 
 
@@ -152,7 +154,7 @@ def test_a_machine_that_stops_leaves_noise_behind_a_converter_and_repeats_no_sam
 
 @pytest.mark.parametrize("factor", [0.1, 0.5, 2.0, 5.0, 7.0, 10.0])
 def test_the_factor_of_a_wrong_sensitivity_is_measured_and_both_candidates_are_named(factor: float) -> None:
-    body, spool = SOUND
+    body, spool = sound()
     (of_spool,) = faults_of(body, factor * spool, 1.0 / RATE)
     (of_body,) = faults_of(factor * body, spool, 1.0 / RATE)
     assert of_spool.value == pytest.approx(factor, rel=0.02)
@@ -163,7 +165,7 @@ def test_the_factor_of_a_wrong_sensitivity_is_measured_and_both_candidates_are_n
 
 @pytest.mark.parametrize("by", [3, -3, 16, -20, 40, -100, 300], ids="{:+d} ms".format)
 def test_the_size_of_a_step_of_a_clock_and_its_time_are_measured(by: int) -> None:
-    body, spool = SOUND
+    body, spool = sound()
     (found,) = faults_of(body, moved(spool, by), 1.0 / RATE)
     assert found.cause == "clock_step"
     assert found.value == pytest.approx(1e-3 * by, abs=1e-3)
@@ -182,7 +184,7 @@ def test_a_clock_that_runs_faster_than_the_other_is_told_with_its_rate(rate: flo
 @pytest.mark.parametrize("corner", [1.0, 3.0, 6.0])
 @pytest.mark.parametrize("channel", ["body", "spool"])
 def test_the_corner_of_a_coupled_channel_is_measured(corner: float, channel: str) -> None:
-    coupled = on(channel, lambda row: ac_coupled(row, corner), SOUND)
+    coupled = on(channel, lambda row: ac_coupled(row, corner), sound())
     (found,) = faults_of(*coupled, 1.0 / RATE)
     assert (found.cause, found.channel) == ("ac_coupling", channel)
     assert found.value == pytest.approx(corner, rel=0.15)
@@ -224,7 +226,7 @@ def test_a_valve_that_changes_is_told_from_a_gain_that_jumps(after: float) -> No
 
 
 def test_one_sensor_read_twice_is_seen_and_a_stuck_spool_is_not_that() -> None:
-    body, _ = SOUND
+    body, _ = sound()
     stuck = body + 0.03 * np.random.default_rng(4).standard_normal(body.size).round(3)
     assert [one.cause for one in faults_of(body, body, 1.0 / RATE)] == ["same_channel"]
     assert [one.cause for one in faults_of(body, (1.02 * body).round(3), 1.0 / RATE)] == ["same_channel"]
@@ -234,7 +236,7 @@ def test_one_sensor_read_twice_is_seen_and_a_stuck_spool_is_not_that() -> None:
 
 
 def test_samples_that_no_motion_explains_are_lines_between_their_neighbours() -> None:
-    _, spool = SOUND
+    _, spool = sound()
     spoiled = spool.copy()
     spoiled[[0, 700, 701, 4000]] = -9999.0
     mended, count = without_outliers(spoiled, 1.0 / RATE)
