@@ -6,7 +6,7 @@ import os
 import stat
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType
 
@@ -73,37 +73,121 @@ def ran(folder: Path, code: str, **environment: str) -> subprocess.CompletedProc
     )
 
 
-@pytest.mark.slow
-def test_only_a_change_in_what_a_kernel_uses_makes_it_old(tmp_path: Path) -> None:
-    package = tmp_path / "four_files"
-    package.mkdir()
-    head = "from spool_core.kernels.compiled import compiled\n"
-    files = {
-        "__init__": "",
-        "constants": "FACTOR = 2.0\n",
-        "other": "UNUSED = 1\n",
-        "called": f"{head}\n@compiled\ndef one():\n    return 1.0\n",
-        "caller": f"{head}from .called import one\nfrom .constants import (  # comment, with a comma\n"
-        "    FACTOR as SIZE,\n)\n\n@compiled\ndef times(x):\n    return one() * SIZE * x\n",
-    }
-    changes = [
-        files,
-        {"other": "UNUSED = 2\n"},
-        {"constants": "FACTOR = 5.0\n"},
-        {"called": files["called"].replace("1.0", "3.0")},
-    ]
-    found = []
-    for change in changes:
-        for name, text in change.items():
-            (package / f"{name}.py").write_text(text)
-        done = ran(
-            tmp_path,
-            "from four_files.caller import times; print(times(1.0))",
-            NUMBA_CACHE_DIR=str(tmp_path / "cache"),
-        )
-        kept = list((tmp_path / "cache" / "spool_kernels").iterdir())  # one for each state of a module
-        found.append((float(done.stdout), len(kept)))
-    assert found == [(2.0, 2), (2.0, 2), (5.0, 3), (15.0, 5)]
+HEAD = """
+from enum import IntEnum
+from typing import NamedTuple
+import numpy as np
+from spool_core.kernels.compiled import compiled, inlined
+"""
+#: Modules of a package with one kernel, which takes code and constants in every way from the others.
+SOURCES = {
+    "__init__": "",
+    "base": "BASE = 1.0\nOTHER = 4.0\n\ndef other():\n    return 'text'\n",
+    "constants": "from .base import BASE\nFACTOR = 2.0 * BASE\nUNUSED = 1.0\n",
+    "again": "from .constants import *\n",
+    "gains": f"{HEAD}GAIN = 3.0\nTABLE = np.array([1.0, 2.0])\nclass Side(IntEnum):\n    RIGHT = 2\n",
+    "points": f"{HEAD}class Point(NamedTuple):\n    left: float\n    right: float\n",
+    "called": f"""{HEAD}
+@compiled
+def one(z, by=1.0):
+    return 1.0 * by
+
+@inlined
+def half(z: float) -> float:
+    return 0.5 * z
+""",
+    "caller": f"""{HEAD}
+from . import gains
+from .again import FACTOR as SIZE
+from .called import half, one
+
+@compiled
+def times(x, point):
+    inner = lambda y: y * gains.TABLE[1]
+    y = one(x) * SIZE * half(x) * gains.GAIN * inner(x)
+    return y + 100.0 * point.left + 1000.0 * gains.Side.RIGHT.value
+""",
+}
+#: What a kernel takes: module, text, and what stands in its place.
+USED = (
+    ("constants", "2.0 * BASE", "7.0"),
+    ("base", "BASE = 1.0", "BASE = 5.0"),
+    ("called", "return 1.0", "return 1.7"),
+    ("called", "by=1.0", "by=1.3"),
+    ("called", "0.5 * z", "0.7 * z"),
+    ("gains", "GAIN = 3.0", "GAIN = 2.0"),
+    ("gains", "[1.0, 2.0]", "[1.0, 9.0]"),
+    ("gains", "RIGHT = 2", "RIGHT = 6"),
+    ("points", "    left: float\n    right: float\n", "    right: float\n    left: float\n"),
+    ("caller", "100.0", "300.0"),
+)
+#: What no kernel takes.
+UNUSED = (
+    ("base", "'text'", "'another text'"),
+    ("base", "OTHER = 4.0", "OTHER = 5.0"),
+    ("constants", "UNUSED = 1.0", "UNUSED = 2.0"),
+    ("called", "    return 1.0", "    'Say what it is for.'\n    # And why.\n    return 1.0"),
+    ("called", "z: float", "z: int"),
+    ("caller", "\n@compiled", "\n\n# Further down.\nMORE = 1\n\n@compiled"),
+)
+
+
+@pytest.fixture
+def changed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., tuple[float, float, int]]:
+    """Return what runs the kernel of ``SOURCES`` with a change: its value, the one due, compilations."""
+    folder = tmp_path / "package_of_a_kernel"
+    folder.mkdir()
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)  # two changes may come in one second
+
+    def run(module: str = "base", old: str = "BASE", new: str = "BASE") -> tuple[float, float, int]:
+        for name, text in SOURCES.items():
+            (folder / f"{name}.py").write_text(text.replace(old, new) if name == module else text)
+        for name in [name for name in sys.modules if name.startswith(folder.name)]:
+            monkeypatch.delitem(sys.modules, name)
+        importlib.invalidate_caches()
+        points = vars(importlib.import_module(f"{folder.name}.points"))
+        point = points["Spot" if "Spot" in points else "Point"](left=2.0, right=3.0)
+        kernel = importlib.import_module(f"{folder.name}.caller").times
+        value = kernel(1.0, point)
+        return value, kernel.py_func(1.0, point), sum(kernel.stats.cache_misses.values())
+
+    return run
+
+
+def test_a_kernel_is_never_served_stale(changed: Callable[..., tuple[float, float, int]]) -> None:
+    values = {changed()[0]}
+    for change in USED:
+        value, due, compilations = changed(*change)
+        assert (change, value, compilations) == (change, pytest.approx(due), 1)
+        values.add(value)
+    assert len(values) == len(USED)  # each of these changes shows but that fields change places
+
+
+def test_a_class_of_an_argument_that_was_renamed_is_no_error(
+    changed: Callable[..., tuple[float, float, int]],
+) -> None:
+    changed()
+    assert changed("points", "Point", "Spot")[0] == changed()[0]
+
+
+def test_a_change_that_a_kernel_does_not_take_keeps_it(
+    changed: Callable[..., tuple[float, float, int]],
+) -> None:
+    assert changed()[2] == 1
+    assert [change for change in UNUSED if changed(*change)[2]] == []
+
+
+def test_a_constant_that_changes_while_the_process_runs_makes_another_kernel(
+    changed: Callable[..., tuple[float, float, int]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    value, *_ = changed()
+    kernel = sys.modules["package_of_a_kernel.caller"].times
+    monkeypatch.setitem(kernel.py_func.__globals__, "SIZE", 20.0)
+    point = sys.modules["package_of_a_kernel.points"].Point(2, 3)  # of integers: compiled apart
+    assert kernel(1.0, point) == pytest.approx(kernel.py_func(1.0, point))
+    assert changed()[0] == value
 
 
 def test_kernels_are_kept_elsewhere_where_they_can_t_be(tmp_path: Path) -> None:

@@ -2,34 +2,22 @@
 
 from __future__ import annotations
 
+import enum
 import hashlib
 import importlib
-import importlib.util
 import logging
 import os
-import re
-import shutil
-import time
+import pickle
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from functools import lru_cache
-from pathlib import Path
-from types import ModuleType
-from typing import TypeVar, cast
+from types import CodeType, FunctionType, ModuleType
+from typing import Any, TypeVar, cast
 
-from spool_core.kernels.kernel_files import MAGIC, keep_sealed, kernel_folder
-from spool_core.system import lock_file, private_folder
+from spool_core.kernels.kernel_files import keep_on_disk, kernel_folder
+from spool_core.system import lock_file
 
 Function = TypeVar("Function", bound=Callable[..., object])
-
-#: s after which compiled kernels of another version of a package are taken away.
-OUTDATED = 30 * 86_400
-
-#: An import: the module, with its dots, and what is taken from it, in brackets or to the end of the line.
-_IMPORT = re.compile(
-    r"^[ \t]*(?:from[ \t]+([.\w]+)[ \t]+import[ \t]+(\([^)]*\)|[^\n]*)|import[ \t]+([^\n]*))", re.M
-)
-
 
 _NUMBA: ModuleType | None = None
 with suppress(ImportError):  # the functions stay correct, only slow
@@ -48,20 +36,12 @@ if not COMPILED:  # imported once per process, so said once
     logging.getLogger(__name__).warning(notice())
 
 
-def cache_folder() -> Path:
-    """Return where kernels are kept; see :func:`~spool_core.kernels.kernel_files.kernel_folder`."""
-    return kernel_folder()
-
-
 def compiled(function: Function) -> Function:
     """Return ``function`` compiled (cached on disk, without the interpreter lock), or as it is."""
     if _NUMBA is None:
         return function
-    folder = _folder_of(function.__module__, cache_folder())
-    with _cached_in(folder) as cached:
-        kernel = _NUMBA.njit(cache=cached, nogil=True)(function)
-    if cached:
-        keep_sealed(kernel)
+    kernel = _NUMBA.njit(nogil=True)(function)
+    keep_on_disk(kernel, lambda: str(Digest(kernel)))
     return cast("Function", kernel)
 
 
@@ -79,7 +59,7 @@ def inlined(function: Function) -> Function:
 def alone() -> Iterator[None]:
     """Hold the lock of the kernels' cache; where there is no cache that can be written, hold nothing."""
     try:
-        folder = cache_folder()
+        folder = kernel_folder()
         folder.mkdir(parents=True, exist_ok=True)
         lock = (folder / "compiling.lock").open("a")
     except (OSError, RuntimeError):  # RuntimeError: there is no home folder
@@ -90,99 +70,91 @@ def alone() -> Iterator[None]:
         yield
 
 
-@lru_cache(maxsize=256)
-def _folder_of(module: str, base: Path) -> Path:
-    """Return where the kernels of ``module`` are kept, named by its source and all that it imports of ours.
+class Digest:
+    """Hash of all that numba compiles into a kernel: its code, and what its global names hold.
 
-    numba looks at a kernel's own file only: a change in a function that it calls, or in a constant that it
-    takes from another module, would find the old kernel. A script, or a module that was generated, has no
-    source that can be found by its name: its kernels lie in ``base``, by its own file.
+    numba freezes what these names hold when it compiles: functions, compiled likewise, and constants. So this
+    follows the names as they are now, whichever modules they come from. What only documents (docstrings,
+    annotations, comments, the place in the file) does not count.
     """
-    sources = _closure(module)
-    if not sources:
-        return base
-    digest = hashlib.sha256(MAGIC)
-    for name in sorted(sources):
-        digest.update(name.encode() + _text(sources[name]).encode())
-    folder = base / f"{module}_{digest.hexdigest()[:16]}"
-    if not folder.exists():
-        for other in base.glob(f"{module}_*"):
-            if other.stat().st_mtime < time.time() - OUTDATED:
-                shutil.rmtree(other, ignore_errors=True)
-    return folder
 
+    def __init__(self, kernel: Any) -> None:
+        """Take all of the dispatcher ``kernel``."""
+        self._hash = hashlib.sha256(repr(sys.version_info[:2]).encode())
+        self._own = (kernel.__module__ or "").partition(".")[0]
+        self._met: set[tuple[int, frozenset[str]]] = set()
+        self._take(kernel, frozenset())
 
-def _closure(module: str) -> dict[str, Path]:
-    """Return the sources of ``module`` and of what it imports, by module, of its own and of our packages."""
-    own = module.partition(".")[0]
-    found: dict[str, Path] = {}
-    waiting = [module]
-    while waiting:
-        name = waiting.pop()
-        package = name.partition(".")[0]
-        path = _source(name) if package == own or package.startswith("spool_") else None
-        if path is not None and name not in found:
-            found[name] = path
-            waiting += _imports(name, path)
-    return found
+    def __str__(self) -> str:
+        return self._hash.hexdigest()
 
+    def _write(self, *parts: object) -> None:
+        self._hash.update(repr(parts).encode())
 
-@lru_cache(maxsize=1024)
-def _imports(module: str, path: Path) -> tuple[str, ...]:
-    """Return the modules that ``module`` at ``path`` may import; some may be names inside of modules."""
-    package = module if path.name == "__init__.py" else module.rpartition(".")[0]
-    found = []
-    for source, names, plain in _IMPORT.findall(_text(path)):
-        if plain:
-            found += [one.split()[0] for one in plain.split("#")[0].split(",") if one.strip()]
-            continue
-        bare = source.lstrip(".")
-        up = len(source) - len(bare)
-        start = ".".join(package.split(".")[: 1 - up or None]) if up else ""
-        base = ".".join(part for part in (start, bare) if part)
-        found.append(base)
-        found += [f"{base}.{one}" for one in re.findall(r"\w+", re.sub(r"#[^\n]*|\bas\s+\w+", "", names))]
-    return tuple(found)
+    def _take(self, value: Any, names: frozenset[str]) -> None:
+        """Take ``value``; of a module, what ``names`` can mean there: those of the code that holds it."""
+        if isinstance(value, (tuple, list)):
+            self._write(type(value).__name__, len(value), getattr(value, "_fields", None))
+            for one in value:
+                self._take(one, names)
+        elif isinstance(value, (set, frozenset)):
+            self._write("set", sorted(map(repr, value)))
+        elif isinstance(value, (FunctionType, ModuleType, type)) or hasattr(value, "py_func"):
+            self._write(type(value).__name__, getattr(value, "__module__", None), value.__name__)
+            met = id(value), names if isinstance(value, ModuleType) else frozenset[str]()
+            if met not in self._met:
+                self._met.add(met)
+                self._follow(value, names)
+        elif hasattr(value, "tobytes") and hasattr(value, "dtype"):
+            self._write("array", value.dtype.descr, value.shape, value.tobytes())
+        elif value is None or isinstance(value, (bool, int, float, complex, str, bytes)):
+            self._write(type(value).__name__, value)
+        else:
+            try:
+                self._write(pickle.dumps(value))
+            except (pickle.PicklingError, TypeError, AttributeError):
+                self._write(os.urandom(16))  # no kernel is taken for this one
 
+    def _follow(self, value: Any, names: frozenset[str]) -> None:
+        """Take what a function, a module or a class holds; what a library has changes with its version."""
+        if hasattr(value, "py_func"):
+            self._write(sorted(value.targetoptions.items()))
+            self._function(value.py_func)
+        elif isinstance(value, type):
+            self._take(getattr(value, "_fields", None), names)
+            if issubclass(value, enum.Enum):
+                self._take([(one.name, one.value) for one in value], names)
+        else:
+            module = value.__name__ if isinstance(value, ModuleType) else value.__module__ or ""
+            package = module.partition(".")[0]
+            if package != self._own and not package.startswith("spool_"):
+                return
+            if isinstance(value, ModuleType):
+                self._held(vars(value), names)
+            else:
+                self._function(value)
 
-@lru_cache(maxsize=1024)
-def _text(path: Path) -> str:
-    return path.read_text(encoding="utf-8")
+    def _function(self, value: FunctionType) -> None:
+        names = self._code(value.__code__, value.__doc__)
+        self._held(value.__globals__, names)
+        self._take([cell.cell_contents for cell in value.__closure__ or ()], names)
+        self._take((value.__defaults__, sorted((value.__kwdefaults__ or {}).items())), names)
 
+    def _code(self, code: CodeType, document: str | None = None) -> frozenset[str]:
+        """Take code without its docstring; return its names, with those of the code within it."""
+        self._write(code.co_code, getattr(code, "co_exceptiontable", None), code.co_flags, code.co_argcount)
+        self._write(code.co_posonlyargcount, code.co_kwonlyargcount, code.co_names, code.co_varnames)
+        self._write(code.co_cellvars, code.co_freevars)
+        names = frozenset(code.co_names)
+        documented = code.co_consts[:1] == (document,)
+        for one in code.co_consts[documented:]:
+            if isinstance(one, CodeType):
+                names |= self._code(one)
+            else:
+                self._take(one, frozenset())
+        return names
 
-@lru_cache(maxsize=4096)
-def _source(module: str) -> Path | None:
-    """Return the file of ``module``; ``None`` for a script's own module and for what is no module."""
-    package, _, rest = module.partition(".")
-    for root in _roots(package):
-        path = root.joinpath(*rest.split(".")) if rest else root
-        for candidate in (path / "__init__.py", path.with_suffix(".py")):
-            if candidate.is_file():
-                return candidate
-    return None
-
-
-@lru_cache(maxsize=64)
-def _roots(package: str) -> tuple[Path, ...]:
-    try:
-        spec = importlib.util.find_spec(package)
-    except ValueError:
-        return ()
-    return tuple(Path(root) for root in (spec.submodule_search_locations if spec else None) or ())
-
-
-@contextmanager
-def _cached_in(folder: Path) -> Iterator[bool]:
-    """Let numba keep kernels in ``folder``; yield whether it can keep any."""
-    assert _NUMBA is not None
-    try:
-        private_folder(folder)
-        writable = os.access(folder, os.W_OK)
-    except OSError:
-        writable = False
-    before = _NUMBA.config.CACHE_DIR
-    _NUMBA.config.CACHE_DIR = str(folder) if writable else before
-    try:
-        yield writable
-    finally:
-        _NUMBA.config.CACHE_DIR = before
+    def _held(self, holder: dict[str, Any], names: frozenset[str]) -> None:
+        for name in sorted(names & holder.keys()):
+            self._write(name)
+            self._take(holder[name], names)

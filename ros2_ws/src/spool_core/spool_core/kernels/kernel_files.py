@@ -18,8 +18,10 @@ import logging
 import multiprocessing
 import os
 import pickle
+import re
 import tempfile
-from collections.abc import Mapping
+import time
+from collections.abc import Callable, Mapping
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -39,6 +41,8 @@ MAGIC = b"spool kernel 1\n"
 #: First byte of the files that earlier releases kept without a checksum, where nothing looks for them now.
 _PLAIN = b"\x80"
 _DIGEST_SIZE = hashlib.sha256().digest_size
+#: s after which kernels of another state of their code are taken away.
+OUTDATED = 30 * 86_400
 
 _log = logging.getLogger(__name__)
 _warned: set[Path] = set()
@@ -76,28 +80,90 @@ def damaged_files(folder: Path) -> list[Path]:
     return found
 
 
-def keep_sealed(kernel: object) -> None:
-    """Let the dispatcher ``kernel`` keep its compiled forms in sealed files, where numba would keep them.
+def keep_on_disk(kernel: object, digest: Callable[[], str]) -> None:
+    """Let the dispatcher ``kernel`` keep its compiled forms in sealed files.
 
     Does nothing to a function that numba does not compile (``NUMBA_DISABLE_JIT``).
+
+    Args:
+        kernel: the dispatcher.
+        digest: returns a hash of all that is compiled into it, as it is when it is called.
     """
-    cache = getattr(kernel, "_cache", None)
-    plain = getattr(cache, "_cache_file", None)
-    if cache is not None and plain is not None:
-        cache._cache_file = SealedCacheFile(
-            Path(plain._cache_path), plain._index_name.removesuffix(INDEX), plain._source_stamp
-        )
+    if hasattr(kernel, "_cache"):
+        kernel._cache = KernelCache(f"{kernel.__module__}.{kernel.__qualname__}", digest)  # type: ignore[attr-defined]
+
+
+class KernelCache:
+    """Compiled forms of one kernel: what numba's ``FunctionCache`` does, by a hash of all that is in them.
+
+    numba looks at the kernel's own file only: a change in a function that it calls, or in a constant that it
+    takes from another module, would find the old kernel.
+    """
+
+    def __init__(self, name: str, digest: Callable[[], str]) -> None:
+        """Take the full name of the kernel, and what returns the hash."""
+        self._name = re.sub(r"[<>]", "", name)
+        self._digest = digest
+
+    @property
+    def cache_path(self) -> str:
+        """Where the files are."""
+        return str(kernel_folder())
+
+    def enable(self) -> None:
+        """Stay enabled."""
+
+    def disable(self) -> None:
+        """Stay enabled: numba itself disables no cache."""
+
+    def flush(self) -> None:
+        """Forget all that is kept."""
+        self._file().flush()
+
+    def load_overload(self, signature: Any, target: Any) -> Any:
+        """Return the compiled form for ``signature``, or ``None``."""
+        target.refresh()
+        kept = self._file().load(_key(signature, target.codegen()))
+        if kept is None:
+            return None
+        return importlib.import_module("numba.core.compiler").CompileResult._rebuild(target, *kept)
+
+    def save_overload(self, signature: Any, result: Any) -> None:
+        """Keep ``result`` of compiling for ``signature``, unless it holds an address of this process."""
+        if not result.library.has_dynamic_globals and all(one.can_cache for one in result.lifted):
+            self._file().save(_key(signature, result.codegen), result._reduce())
+
+    def _file(self) -> SealedCacheFile:
+        """Return the file of the code as it is now: a constant may change while the process runs."""
+        digest = self._digest()
+        return SealedCacheFile(kernel_folder(), f"{self._name}-{digest[:16]}", digest)
+
+
+def _key(signature: Any, codegen: Any) -> object:
+    """Return the key of a compiled form: types of the arguments, with the fields of named tuples, processor.
+
+    numba compares named tuples by their class and the types of their fields, which may change places.
+    """
+    found: list[tuple[str, tuple[str, ...]]] = []
+    waiting = list(getattr(signature, "args", signature))
+    while waiting:
+        kind = waiting.pop()
+        if hasattr(kind, "instance_class"):
+            found.append((kind.instance_class.__qualname__, tuple(kind.fields)))
+        waiting += getattr(kind, "types", ())
+        waiting += [one for name in ("dtype", "type") if (one := getattr(kind, name, None)) is not None]
+    return signature, codegen.magic_tuple(), tuple(found)
 
 
 class SealedCacheFile:
     """Index and data files of one kernel: what numba's ``IndexDataCacheFile`` does, with checksums.
 
-    A key is numba's: signature, processor and hash of the function's code. Data files are named by a hash of
-    their key, so that two processes that write together never exchange the kernels of two signatures.
+    Data files are named by a hash of their key, so that two processes that write together never exchange the
+    kernels of two signatures.
     """
 
     def __init__(self, folder: Path, base: str, stamp: object) -> None:
-        """Take the folder, the files' common name and the stamp of the source that the kernel comes from."""
+        """Take the folder, the files' common name and the stamp of the code that the kernel comes from."""
         self._folder, self._base = folder, base
         numba = importlib.import_module("numba")
         self._dump = importlib.import_module("numba.core.serialize").dumps
@@ -107,7 +173,7 @@ class SealedCacheFile:
         """Return what is kept under ``key``, or ``None``."""
         name = self._index().get(key)
         content = None if name is None else self._read(name)
-        return None if content is None else pickle.loads(content)
+        return None if content is None else _unpickled(content)
 
     def save(self, key: object, data: object) -> None:
         """Keep ``data`` under ``key``; where the disk does not take it, the kernel is used without a copy."""
@@ -116,13 +182,22 @@ class SealedCacheFile:
             self._write(name, self._dump(data))
             with (self._folder / "writing.lock").open("a") as lock:
                 lock_file(lock.fileno())  # no other process changes the index meanwhile
-                self._write_index({**self._index(), key: name})
+                names = self._index()
+                if not names:
+                    self._remove_outdated()
+                self._write_index({**names, key: name})
         except OSError as error:
             _warn(self._folder, "compiled kernels are not kept in %s: %s", self._folder, error.strerror)
 
     def flush(self) -> None:
         """Forget all that is kept."""
         self._write_index({})
+
+    def _remove_outdated(self) -> None:
+        """Remove what is kept of the same kernel for other states of its code, once that is old."""
+        for path in self._folder.glob(f"{self._base.rpartition('-')[0]}-*"):
+            if not path.name.startswith(self._base) and path.stat().st_mtime < time.time() - OUTDATED:
+                path.unlink()
 
     def _index(self) -> dict[object, str]:
         """Return the names of the data files by their keys; empty for another source or version of numba."""
@@ -131,7 +206,7 @@ class SealedCacheFile:
             return {}
         # Names of numba's types are loaded only for the version of numba that wrote them.
         origin, names = pickle.loads(content)
-        return dict(pickle.loads(names)) if origin == self._origin else {}
+        return dict(_unpickled(names) or {}) if origin == self._origin else {}
 
     def _write_index(self, names: dict[object, str]) -> None:
         self._write(self._base + INDEX, pickle.dumps((self._origin, self._dump(names))))
@@ -152,6 +227,14 @@ class SealedCacheFile:
         """Write a file that other processes see whole or not at all."""
         self._folder.mkdir(parents=True, exist_ok=True)
         write_durably(self._folder / name, sealed(name, content), mode=FILE_MODE)
+
+
+def _unpickled(content: bytes) -> Any:
+    """Return what ``content`` holds; ``None`` where a class in it has got another name since."""
+    try:
+        return pickle.loads(content)
+    except (AttributeError, ImportError):
+        return None
 
 
 def wanted_kernel_folder(environment: Mapping[str, str]) -> Path:

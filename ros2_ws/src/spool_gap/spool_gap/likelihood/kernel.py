@@ -6,10 +6,6 @@ whose switch is 0 costs one comparison. The step is that of :mod:`spool_sim.inte
 
 from __future__ import annotations
 
-import hashlib
-import importlib
-import inspect
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -246,10 +242,4 @@ def laws_source(terms: Sequence[Term]) -> str:
 
 @lru_cache(maxsize=16)
 def _kernel(names: tuple[str, ...]) -> ModuleType:
-    terms = [term(name) for name in names]
-    source = composition.kernel_with(laws_source(terms))
-    digest = hashlib.sha256(source.encode())
-    for entry in terms:
-        digest.update(inspect.getsource(importlib.import_module(type(entry).__module__)).encode())
-    digest.update(f"{sys.version_info[:2]}{np.__version__}".encode())
-    return composition.load_kernel(f"spool_kernel_{digest.hexdigest()[:20]}", source)
+    return composition.load_kernel(composition.kernel_with(laws_source([term(name) for name in names])))

@@ -5,22 +5,16 @@ from __future__ import annotations
 import ast
 import hashlib
 import importlib
-import inspect
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from functools import lru_cache
 from pathlib import Path
 from types import ModuleType
-from typing import Any, TypeVar, cast
 
 from spool_core.errors import InputError
-from spool_core.kernels import compiled as compiling
-from spool_core.kernels.compiled import cache_folder
-from spool_core.system import FILE_MODE, write_durably
 
 from spool_sim.terms import Parameter, Term, term
 
-Function = TypeVar("Function", bound=Callable[..., object])
 #: Module whose laws the stepping kernel imports, to be replaced by those of the terms.
 _LAWS = "spool_sim.integration.fluid_laws"
 _MEMORY = "memory_law"
@@ -144,69 +138,19 @@ def kernel_with(laws: str) -> str:
     return "".join([*lines[: found.lineno - 1], laws, "\n\n", *lines[found.end_lineno :]])
 
 
-def compiled_in_memory(function: Function) -> Function:
-    """Return ``function`` compiled without a copy on the disk, or as it is where numba is missing."""
-    if not compiling.COMPILED:
-        return function
-    return cast("Function", importlib.import_module("numba").njit(nogil=True)(function))
-
-
 @lru_cache(maxsize=256)
 def kernel_of(names: tuple[str, ...]) -> ModuleType:
     """Return the kernel module of the terms called ``names``, in this order.
 
-    It is compiled at its first call and found on the disk by later processes. Its file is named by a hash of
-    its own source, the sources of the terms and the versions, so a changed law never finds an old kernel.
+    It is compiled at its first call; later processes find it on the disk.
     """
-    terms = [term(name) for name in names]
-    source = kernel_source(terms)
-    digest = hashlib.sha256(source.encode())
-    for entry in terms:
-        digest.update(inspect.getsource(importlib.import_module(type(entry).__module__)).encode())
-    digest.update(f"{sys.version_info[:2]}{_version('numba')}{_version('numpy')}".encode())
-    return load_kernel(f"spool_kernel_{digest.hexdigest()[:20]}", source)
+    return load_kernel(kernel_source([term(name) for name in names]))
 
 
-def load_kernel(name: str, source: str) -> ModuleType:
-    """Return the kernel module ``name`` from the disk, written there first where it is missing."""
-    try:
-        return _from_disk(name, source)
-    except (OSError, RuntimeError):  # not writable: numba says RuntimeError, "no locator available"
-        return _in_memory(name, source)
-
-
-def _version(package: str) -> str:
-    try:
-        return str(importlib.import_module(package).__version__)
-    except ImportError:
-        return "none"
-
-
-def _from_disk(name: str, source: str) -> ModuleType:
-    path = cache_folder() / f"{name}.py"
-    if not path.exists() or path.read_bytes() != source.encode():
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_durably(path, source, mode=FILE_MODE)
-    # Not by an import, which would trust a damaged file of bytecode beside the source.
+def load_kernel(source: str) -> ModuleType:
+    """Return the kernel module of ``source``, which its name is a hash of."""
+    name = f"spool_kernel_{hashlib.sha256(source.encode()).hexdigest()[:20]}"
     module = ModuleType(name)
-    module.__file__ = str(path)
     sys.modules[name] = module
-    try:
-        exec(compile(source, str(path), "exec"), module.__dict__)
-    except BaseException:
-        del sys.modules[name]
-        raise
-    return module
-
-
-def _in_memory(name: str, source: str) -> ModuleType:
-    module = ModuleType(name)
-    text = source.replace(
-        "from spool_core.kernels.compiled import compiled, inlined",
-        "from spool_sim.integration.composition import compiled_in_memory as compiled\n"
-        "from spool_core.kernels.compiled import inlined",
-    )
-    sys.modules[name] = module
-    namespace: dict[str, Any] = module.__dict__
-    exec(compile(text, f"<{name}>", "exec"), namespace)
+    exec(compile(source, f"<{name}>", "exec"), module.__dict__)
     return module
