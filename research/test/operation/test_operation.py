@@ -87,7 +87,7 @@ def test_a_fault_is_found_and_named(name: str, speed: str, kind: str, cause: str
     [
         (4_000_090, "spring_change", "softer"),
         (3_000_123, "friction_drift", "oil_contamination"),
-        (3_000_167, "sensor_fault", "scale"),
+        pytest.param(3_000_167, "sensor_fault", "scale", marks=pytest.mark.slow),
     ],
     ids=["spring breaks", "dry friction jumps", "gain jumps"],
 )
