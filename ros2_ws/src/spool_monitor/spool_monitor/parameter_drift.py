@@ -34,9 +34,9 @@ SIGNIFICANCE = 4.0
 #: The parameter that follows the oil's temperature.
 VISCOUS = "viscous_coefficient"
 
-#: Of the change that matters: what a single value counts for at most; by how much it may still exceed a limit
-#: that is wider than that; and above what uncertainty nothing is judged.
-CAP, ABOVE, UNCERTAIN = 2.5, 0.5, 0.35
+#: Of the change that matters: what a single value counts for at most, and above what uncertainty nothing is
+#: judged.
+CAP, UNCERTAIN = 2.5, 0.35
 
 #: Shares of the limit below which a change is over, and from which it is followed as one that rises.
 RELEASE, RISES = 0.6, 0.4
@@ -461,8 +461,7 @@ def threshold_for(run_length: float, allowance: float, variance: float) -> float
 class CumulativeSum:
     """Two-sided cumulative sum of a change, in s times its unit.
 
-    ``allowance`` is the change that is let pass, ``cap`` the largest that a single value counts for,
-    or ``ABOVE`` more than the allowance where that is larger.
+    ``allowance`` is the change that is let pass, ``cap`` the largest that a single value counts for.
     ``since`` (ns) is when the larger sum left zero: the most likely onset (Page 1954).
     """
 
@@ -475,8 +474,7 @@ class CumulativeSum:
 
     def update(self, stamp: int, change: float, seconds: float) -> None:
         """Take the change that held for ``seconds`` until ``stamp`` (ns)."""
-        most = max(self.cap, self.allowance + ABOVE)
-        bounded = float(min(most, max(-most, change)))
+        bounded = float(min(self.cap, max(-self.cap, change)))
         begin = stamp - round(seconds * 1e9)
         if self.up == 0.0:
             self._up_since = begin
