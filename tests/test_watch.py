@@ -13,7 +13,6 @@ import pytest
 from spool_monitor.valve_condition import DRIFT
 from spool_msgs.msg import Alarm, AlarmList, ValveHealth
 from spool_tools.operations.heard import HeardValve, Listener, shown_condition
-from spool_tools.operations.watch import WatchApp
 
 if TYPE_CHECKING:
     from textual.pilot import Pilot
@@ -79,6 +78,8 @@ def test_alarms_are_acknowledged_and_shelved_by_keys(system: System, monkeypatch
         return (-1, None) if found is None else (found.state, found)
 
     async def work() -> None:
+        from spool_tools.operations.watch import WatchApp  # noqa: PLC0415 - slow to load
+
         app = WatchApp(listener, "Eva")
         async with app.run_test(size=(160, 40)) as pilot:
             valves: Any = app.query_one("#valves")

@@ -9,7 +9,6 @@ from functools import partial
 from itertools import product
 
 import numpy as np
-import pysindy
 from scipy.fft import rfft, rfftfreq
 from scipy.ndimage import median_filter
 from spool_blind.case import hidden_by, kind_of, make
@@ -199,6 +198,8 @@ def _owners(owners: Sequence[str], coefficients: Array) -> frozenset[str]:
 
 
 def _fit(columns: Array, target: Array, threshold: float, ridge: float, *, ensemble: bool) -> Array:
+    import pysindy  # noqa: PLC0415 - slow to load
+
     optimizer = pysindy.STLSQ(threshold=threshold, alpha=ridge)
     if ensemble:
         optimizer = pysindy.EnsembleOptimizer(optimizer, bagging=True, n_models=MODELS)

@@ -3,9 +3,9 @@ from __future__ import annotations
 import math
 import re
 from functools import cache
+from typing import Any
 
 import numpy as np
-import pint
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -18,9 +18,15 @@ from spool_sim.valve import Valve
 FRICTION = [entry for entry in TERMS.values() if entry.dissipates]
 SLIDING = [entry for entry in TERMS.values() if "sliding_law" in entry.laws]
 ODD = [entry for entry in TERMS.values() if entry.odd and "memory_law" not in entry.laws]
-UNITS = pint.UnitRegistry()
 # Printed as they stand, these do not have the unit of a force: that is what is wrong with them.
 WRONG_UNITS = {"coulomb_hydrodynamic_friction_printed", "microwedge_friction_printed"}
+
+
+@cache
+def units() -> Any:
+    import pint  # noqa: PLC0415 - slow to load
+
+    return pint.UnitRegistry()
 
 
 @cache
@@ -29,7 +35,7 @@ def exponents(unit: str) -> tuple[float, float, float]:
     if unit.startswith("sqrt("):
         mass, length, time = exponents(unit[5:-1])
         return 0.5 * mass, 0.5 * length, 0.5 * time
-    dimensions = UNITS.parse_expression(unit).dimensionality if unit != "1" else {}
+    dimensions = units().parse_expression(unit).dimensionality if unit != "1" else {}
     assert set(dimensions) <= {"[mass]", "[length]", "[time]"}
     mass, length, time = (float(dimensions.get(name, 0)) for name in ("[mass]", "[length]", "[time]"))
     return mass, length, time

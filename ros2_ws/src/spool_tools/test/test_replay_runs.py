@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -21,16 +23,23 @@ from spool_sim.valve import find_valve
 from spool_tools.operations.record_replay import SHIPPED, replay_bag, replay_valve
 
 VALVE = find_valve("4weh10_soft")
-SOUND = list(Simulator(VALVE, PRESETS["multisine"], coulomb_force=0.3, seed=1).records(8.0))
-SLOW = list(
-    Simulator(
-        VALVE, PRESETS["multisine"], coulomb_force=0.3, seed=2, sample_rate=1000.0, block_size=20
-    ).records(4.0)
-)
 FAULTS = ("lost", "gap", "not a number", "jitter", "rate step", "second source", "clock back", "shuffled")
 
 
-def recut(blocks: list[Block], seed: int) -> list[Block]:
+@cache
+def sound() -> tuple[Block, ...]:
+    return tuple(Simulator(VALVE, PRESETS["multisine"], coulomb_force=0.3, seed=1).records(8.0))
+
+
+@cache
+def slow() -> tuple[Block, ...]:
+    simulator = Simulator(
+        VALVE, PRESETS["multisine"], coulomb_force=0.3, seed=2, sample_rate=1000.0, block_size=20
+    )
+    return tuple(simulator.records(4.0))
+
+
+def recut(blocks: Sequence[Block], seed: int) -> list[Block]:
     """Return the samples of ``blocks`` in blocks of other lengths."""
     body, spool = (np.concatenate([getattr(one, name) for one in blocks]) for name in ("body", "spool"))
     random, at, found = np.random.default_rng(seed), 0, []
@@ -43,7 +52,7 @@ def recut(blocks: list[Block], seed: int) -> list[Block]:
 
 
 def spoiled(fault: str, place: int) -> list[Block]:
-    blocks = list(SOUND)
+    blocks = list(sound())
     ahead, behind = blocks[:place], blocks[place:]
     if fault == "lost":
         return ahead + behind[7:]
@@ -57,9 +66,9 @@ def spoiled(fault: str, place: int) -> list[Block]:
         first = behind[0]
         later = [
             replace(
-                one, stamp=one.stamp - SLOW[0].stamp + first.stamp, sequence=first.sequence + one.sequence
+                one, stamp=one.stamp - slow()[0].stamp + first.stamp, sequence=first.sequence + one.sequence
             )
-            for one in SLOW
+            for one in slow()
         ]
         return ahead + later
     if fault == "second source":
@@ -70,7 +79,7 @@ def spoiled(fault: str, place: int) -> list[Block]:
     return [*ahead, *behind[3:6], *behind[:3], *behind[6:]]
 
 
-def write(path: Path, blocks: list[Block], warm: int) -> None:
+def write(path: Path, blocks: Sequence[Block], warm: int) -> None:
     """Write a bag with a temperature, late by some blocks, ahead of every ``warm``-th block."""
     with BagWriter(path) as writer:
         samples = writer.add_topic("/valve_1/acceleration", ACCELERATION_BLOCK)
@@ -102,7 +111,7 @@ def outcome(path: Path) -> list[str]:
 )
 def test_runs_give_what_single_blocks_give(tmp_path: Path, fault: str, place: int, warm: int) -> None:
     path = tmp_path / "bag"
-    whole = {"none": SOUND, "recut": recut(SOUND, 1)}
+    whole = {"none": sound(), "recut": recut(sound(), 1)}
     write(path, whole[fault] if fault in whole else spoiled(fault, place), warm)
     in_runs = outcome(path)
     with pytest.MonkeyPatch.context() as patch:

@@ -7,7 +7,6 @@ import socket
 from typing import Any
 
 import pytest
-from asyncua import Client, Server, ua
 from spool_bag.information import Timeline
 from spool_core.events.english import Language
 from spool_core.events.event import Event, EventState, Facts
@@ -20,7 +19,6 @@ from spool_monitor.monitor_node import to_alarm_list
 from spool_msgs.msg import AlarmList, ValveHealth
 from spool_tools.operations.heard import HeardValve, alarm_details, alarm_row, event_line
 from spool_tools.operations.record_replay import Clock, event_dictionary
-from spool_view.opcua_node import NAMESPACE, AddressSpace, items_of
 from spool_view.view import alarms_of
 
 STAMP = 1_700_000_000_000_000_000
@@ -50,6 +48,8 @@ def published(event: Event, language: Language) -> AlarmList:
 def test_message_terminal_page_report_and_opc_ua_show_the_same_headline(
     kind: EventKind, language: Language
 ) -> None:
+    from spool_view.opcua_node import items_of  # noqa: PLC0415 - slow to load
+
     for cause in [one.name for one in kind.causes] or [""]:
         event = raised(kind, cause)
         said = headline(event, language)
@@ -72,6 +72,9 @@ def test_message_terminal_page_report_and_opc_ua_show_the_same_headline(
 
 
 def test_the_opc_ua_server_serves_the_fields_of_an_alarm() -> None:
+    from asyncua import Client, Server, ua  # noqa: PLC0415 - slow to load
+    from spool_view.opcua_node import NAMESPACE, AddressSpace  # noqa: PLC0415 - slow to load
+
     alarms = published(raised(KINDS["friction_drift"], "wear"), LANGUAGES["en"])
 
     async def served() -> dict[str, Any]:

@@ -11,14 +11,12 @@ from pathlib import Path
 
 import h5py
 import numpy as np
-import openpyxl
 import pyarrow as pa
 import pyarrow.csv as pa_csv
 import pyarrow.feather as pa_feather
 import pyarrow.parquet as pa_parquet
 import pytest
 import pyuff
-from asammdf import MDF, Signal
 from nptdms import ChannelObject, TdmsWriter
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import StoragePlugin
@@ -73,6 +71,8 @@ def epoch(size: float, decimals: int) -> Callable[[float], str]:
 
 
 def excel(path: Path) -> None:
+    import openpyxl  # noqa: PLC0415 - slow to load
+
     book = openpyxl.Workbook()
     sheet = book.active
     sheet.append(["Measured on the press"])
@@ -84,6 +84,8 @@ def excel(path: Path) -> None:
 
 
 def excel_dates(path: Path) -> None:
+    import openpyxl  # noqa: PLC0415 - slow to load
+
     book = openpyxl.Workbook()
     book.active.append(["time", "body (m/s²)", "spool (m/s²)"])
     for at, (b, s) in enumerate(zip(BODY[::2], SPOOL[::2], strict=True)):
@@ -169,6 +171,8 @@ def tdms_time(path: Path) -> None:
 
 
 def mf4(path: Path) -> None:
+    from asammdf import MDF, Signal  # noqa: PLC0415 - slow to load
+
     with MDF() as file:
         file.header.start_time = START
         file.append(
@@ -179,6 +183,8 @@ def mf4(path: Path) -> None:
 
 def mf4_groups(path: Path) -> None:
     """Each channel in a group of its own, as many systems write them; the clock is one."""
+    from asammdf import MDF, Signal  # noqa: PLC0415 - slow to load
+
     with MDF() as file:
         for name, row in (("body", BODY), ("spool", SPOOL)):
             file.append([Signal(row / GRAVITY, TIME, name=name, unit="g")])

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-import openpyxl
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -185,6 +184,8 @@ def test_an_encoding_is_recognised_and_named(tmp_path: Path, encoding: str, name
 
 
 def test_a_workbook_has_the_same_rules(tmp_path: Path) -> None:
+    import openpyxl  # noqa: PLC0415 - slow to load
+
     book = openpyxl.Workbook()
     for row in (
         ["Sampling rate [Hz]", 2000],

@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import pyuff
-from asammdf import MDF, Signal
 from nptdms import ChannelObject, TdmsWriter
 from scipy.io import savemat
 from spool_bag.importing.bag_import import import_record
@@ -148,6 +147,8 @@ def test_an_uneven_abscissa_keeps_its_gap(tmp_path: Path) -> None:
 
 
 def test_values_that_are_marked_as_invalid_are_a_gap_in_both_channels(tmp_path: Path) -> None:
+    from asammdf import MDF, Signal  # noqa: PLC0415 - slow to load
+
     invalid = {"body": np.zeros(COUNT, bool), "spool": np.zeros(COUNT, bool)}
     invalid["body"][300:310] = invalid["spool"][700:705] = True
     with MDF(version="4.10") as file:
