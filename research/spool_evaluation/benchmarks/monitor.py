@@ -21,9 +21,7 @@ from itertools import product
 from typing import TypeAlias, TypeVar
 
 import numpy as np
-import ruptures
 from numpy.typing import NDArray
-from river import drift as river_drift
 from spool_core.numbers import Array
 from spool_estimator.estimate import Estimate
 from spool_monitor.parameter_drift import CAP, CumulativeSum, ParameterDrift
@@ -66,9 +64,11 @@ def page_sum(allowance: float, threshold: float) -> Peer:
     return update
 
 
-def river(detector: type[river_drift.ADWIN], **settings: float) -> Peer:
-    """Return one of river's detectors."""
-    made = detector(**settings)
+def river(detector: str, **settings: float) -> Peer:
+    """Return one of river's detectors by its name."""
+    from river import drift  # noqa: PLC0415 - slow to load
+
+    made = getattr(drift, detector)(**settings)
 
     def update(value: float) -> bool:
         made.update(value)
@@ -79,6 +79,8 @@ def river(detector: type[river_drift.ADWIN], **settings: float) -> Peer:
 
 def kernel_change_points(penalty: float) -> Peer:
     """Return ruptures' offline search over the last ``WINDOW`` values, looked at every ``EVERY``."""
+    import ruptures  # noqa: PLC0415 - slow to load
+
     last: list[float] = []
     count = 0
 
@@ -181,19 +183,19 @@ PEERS: dict[str, Settings] = {
     },
     "river PageHinkley": {
         f"delta {delta:g}, threshold {threshold:g}": partial(
-            river, river_drift.PageHinkley, min_instances=15, delta=delta, threshold=threshold, alpha=1.0
+            river, "PageHinkley", min_instances=15, delta=delta, threshold=threshold, alpha=1.0
         )
         for delta, threshold in product((0.05, 0.2, 0.5), (0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0))
     },
     "river ADWIN": {
         f"delta 1e-{power}, grace {grace}": partial(
-            river, river_drift.ADWIN, delta=10.0**-power, clock=1, min_window_length=3, grace_period=grace
+            river, "ADWIN", delta=10.0**-power, clock=1, min_window_length=3, grace_period=grace
         )
         for power, grace in product(range(1, 13), (10, 30))
     },
     "river KSWIN": {
         f"alpha 1e-{power}, window {size}": partial(
-            river, river_drift.KSWIN, alpha=10.0**-power, window_size=size, stat_size=size // 3, seed=1
+            river, "KSWIN", alpha=10.0**-power, window_size=size, stat_size=size // 3, seed=1
         )
         for power, size in product((2, 4, 6, 8, 10, 12), (30, 60))
     },

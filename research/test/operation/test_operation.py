@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import ruptures
 from spool_core.errors import InputError
 from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.estimator import Estimator, settings_for
@@ -154,6 +153,8 @@ def test_memory_stays_as_it_is_over_weeks() -> None:
 
 
 def test_the_best_split_is_the_one_that_ruptures_finds() -> None:
+    import ruptures  # noqa: PLC0415 - slow to load
+
     values = np.random.default_rng(4).normal(0.0, 0.1, WINDOW) + 1.0 * (np.arange(WINDOW) >= 50)
     gain = float(best_split(values)[-1])
     search = ruptures.KernelCPD(kernel="linear", min_size=4).fit(values)
