@@ -165,7 +165,7 @@ def _hand_over(
         os.chdir(layout.root)
         # Tests interrupt programs; what a call in the background ignores, its programs would ignore as well.
         signal.signal(signal.SIGINT, signal.SIG_DFL)
-        # Without bytecode each worker rewrites the assertions of all tests at each run: 9 s of processor time.
+        # Without bytecode each worker rewrites the assertions of all tests at each run: 9 s of its processor.
         run.pop("PYTHONDONTWRITEBYTECODE", None)
         command = [python, "-m", "pytest", *SPREAD, *arguments[1:]]
     else:
