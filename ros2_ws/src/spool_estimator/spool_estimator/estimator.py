@@ -110,6 +110,7 @@ class Estimator(StreamEstimator):
             tracker.settling,
             np.array([*tracker.powers[:3], tracker.displacement.mean_square]),
             DELAY * tracker.sample_period,
+            tracker.refits,
         )
 
     def _parameter(self, name: str, unit: str, value: float, deviation: float, learned: Learned) -> Quantity:

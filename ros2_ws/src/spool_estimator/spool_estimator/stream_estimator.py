@@ -80,6 +80,7 @@ class Learned:
         powers: mean squares of error and inertia force (N^2), body acceleration and displacement, shape (4,);
             NaN where unknown, as the last two are until they have settled after a restart.
         delay: s, of the described motion behind the newest sample.
+        refits: how often a fit to the last samples took the place of all that was learned before.
 
     """
 
@@ -90,6 +91,7 @@ class Learned:
     settling: bool
     powers: Array
     delay: float
+    refits: int = 0
 
     @property
     def state(self) -> State:
@@ -167,6 +169,7 @@ class StreamEstimator(ABC):
     latest: Estimate | None = field(default=None, init=False)
     _samples: int = field(default=0, init=False)
     _fresh: int = field(default=0, init=False)
+    _refits: int = field(default=0, init=False)
     _chunks: int = field(default=0, init=False)
     _good: LastGood[Any] = field(default_factory=LastGood, init=False)
     _stands: bool = field(default=False, init=False)
@@ -243,6 +246,7 @@ class StreamEstimator(ABC):
         block = self.outliers.cleaned(block, restarts=verdict is Verdict.RESTARTS)
         if verdict is Verdict.RESTARTS or not self._missing[0]:
             self._restart(block.sample_period)
+            self.oil.restart()
         estimates = []
         taken = 0
         while taken < block.body.size:
@@ -298,8 +302,9 @@ class StreamEstimator(ABC):
             )
         )
         described = stamp - round(learned.delay * 1e9)
-        self.oil.follow(described, self._fresh * self._standing.sample_period)
-        self._fresh = 0
+        forgets = learned.refits != self._refits
+        self.oil.follow(described, math.inf if forgets else self._fresh * self._standing.sample_period)
+        self._fresh, self._refits = 0, learned.refits
         estimate = Estimate(
             stamp=stamp,
             model="coulomb",

@@ -43,11 +43,15 @@ FEW = settings(max_examples=6 if settings().derandomize else 300, phases=(Phase.
 
 @dataclass(frozen=True)
 class Plot:
-    """What happens to a valve: changes of its parameters at blocks, and blocks with a dead accelerometer."""
+    """What happens to a valve: changes of its parameters at blocks, and blocks with a dead accelerometer.
+
+    ``oil``: deg C before and from a block on.
+    """
 
     blocks: int
     changes: dict[int, tuple[str, float]] = field(default_factory=dict)
     dead: range = range(0)
+    oil: tuple[int, float, float] = (0, VALVE.oil_temperature, VALVE.oil_temperature)
 
 
 FAULTS = {
@@ -67,7 +71,10 @@ def simulated(plot: Plot, valve: str = VALVE.id, seed: int = 5) -> list[Block]:
         block_size=SIZE, body_sensor=noisy, spool_sensor=noisy,
     )  # fmt: skip
     blocks: list[Block] = []
+    simulator.set_drift("oil_temperature", plot.oil[1])
     for number in range(plot.blocks):
+        if number == plot.oil[0]:
+            simulator.set_drift("oil_temperature", plot.oil[2])
         if number in plot.changes:
             simulator.set_drift(*plot.changes[number], 0.5)
         block = simulator.next_block()
@@ -85,6 +92,7 @@ class Chain:
     )
     monitor: Monitor = field(default_factory=lambda: Monitor(SETTINGS))
     state: ValveState = field(init=False)
+    celsius: float = VALVE.oil_temperature
     events: list[Event] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
 
@@ -99,7 +107,7 @@ class Chain:
     def take(self, block: Block) -> list[Estimate]:
         """Take a block, each second with the oil's temperature; return the estimates that fell due."""
         if block.sequence % 10 == 0:
-            self.estimator.update_temperature(block.stamp, VALVE.oil_temperature)
+            self.estimator.update_temperature(block.stamp, self.celsius)
         estimates = self.estimator.update(block)
         self.tell(self.monitor.update(block))
         for estimate in estimates:
@@ -225,7 +233,7 @@ def interruptions(draw: st.DrawFn) -> Interruption:
     )
 
 
-def continued(chain: Chain, story: Story, moment: int, what: Interruption) -> Iterator[Block]:
+def continued(chain: Chain, blocks: list[Block], moment: int, what: Interruption) -> Iterator[Block]:
     """Let ``what`` happen to a chain at ``moment``; yield each of the later blocks once it was taken."""
     if what.silent and not what.monitor:
         chain.silence(what.seconds)
@@ -233,7 +241,7 @@ def continued(chain: Chain, story: Story, moment: int, what: Interruption) -> It
         chain.estimator = Chain().estimator
     if what.monitor:
         chain.restart_monitor()
-    for number, block in enumerate(story.blocks[moment:]):
+    for number, block in enumerate(blocks[moment:]):
         later = what.later(block, moment)
         chain.take(later)
         if number < what.rivals:
@@ -280,7 +288,7 @@ def follow(plot: str, moment: int, what: Interruption) -> tuple[Chain, dict[str,
     known = healthy(chain)
     with TemporaryDirectory() as folder:
         chain.keep_in(Path(folder))
-        for _ in continued(chain, told(plot), moment, what):
+        for _ in continued(chain, told(plot).blocks, moment, what):
             pass
         chain.state.close()
     return chain, known
@@ -316,6 +324,28 @@ def test_what_is_healthy_is_learned_after_an_interruption(moment: int, what: Int
         assert abs(value.value - expected[name].value) < 0.01 * abs(expected[name].value) + 0.005, name
 
 
+@FEW
+@given(before=st.floats(5.0, 60.0), after=st.floats(5.0, 60.0), monitor=st.booleans(), late=st.integers(0, 9))
+@example(before=20.0, after=45.0, monitor=True, late=0)
+@example(before=20.0, after=25.0, monitor=True, late=5)
+def test_a_healthy_valve_whose_oil_changed_in_a_pause_is_not_worn(
+    before: float, after: float, monitor: bool, late: int
+) -> None:
+    blocks = simulated(Plot(240, oil=(100, before, after)))
+    chain = Chain(estimator=Estimator(settings_for(VALVE)), celsius=before)
+    for block in blocks[:100]:
+        chain.take(block)
+    assert healthy(chain)
+    pause = Interruption(43_200.0, sequence="counts", monitor=monitor)
+    with TemporaryDirectory() as folder:
+        chain.keep_in(Path(folder))
+        chain.celsius = after
+        for _ in continued(chain, blocks, 100, replace(pause, seconds=pause.seconds + 0.1 * late)):
+            pass
+        chain.state.close()
+    assert episodes(chain.events) == []
+
+
 @pytest.mark.parametrize("plot", ["contaminated and cleaned", "a softer spring"])
 @FEW
 @given(place=st.integers(0, 999), what=interruptions())
@@ -348,7 +378,9 @@ def test_a_doubt_lasts_until_the_estimator_has_forgotten(blocks: int, what: Inte
     moment = max(number for number, doubt in enumerate(story.doubts) if doubt) - blocks
     chain = story.until(moment)
     what = Interruption(what.seconds, what.silent)
-    doubted = sum(chain.monitor.detection.distrust != "" for _ in continued(chain, story, moment, what))
+    doubted = sum(
+        chain.monitor.detection.distrust != "" for _ in continued(chain, story.blocks, moment, what)
+    )
     assert doubted in (blocks + 1, blocks + 2)  # one block is refused where the stamps jump
 
 

@@ -27,6 +27,9 @@ COLDEST, HOTTEST = -60.0, 200.0
 #: s, a stamp that goes back by more is a new start of time, by less a message that came late.
 LATE = 5.0
 
+#: deg C by which the oil has changed over a gap in the motion, and memories in which a regression forgets.
+JUMP, FORGETS = 1.0, 4.0
+
 
 @dataclass(frozen=True, slots=True)
 class OilLaw:
@@ -78,6 +81,10 @@ class OilReference:
     _waiting: deque[tuple[int, float, float]] = field(init=False)
     _present: tuple[int, float, float] | None = field(default=None, init=False)
     _ratio: float = field(default=math.nan, init=False)
+    _behind: float = field(default=0.0, init=False)
+    _before: float = field(default=math.nan, init=False)
+    _doubted: float = field(default=0.0, init=False)
+    _known: bool = field(default=False, init=False)
 
     def __post_init__(self) -> None:
         self._waiting = deque(maxlen=256)
@@ -97,17 +104,30 @@ class OilReference:
         known = math.isfinite(deviation) and deviation > 0.0
         self._waiting.append((stamp, celsius, deviation if known else USUAL_DEVIATION))
 
+    def restart(self) -> None:
+        """Take note of a gap in the motion: the oil may have cooled or warmed meanwhile."""
+        self._before = self._present[1] if self._present is not None else math.nan
+
     def follow(self, stamp: int, seconds: float) -> None:
-        """Move on to the motion at ``stamp`` (ns), of which ``seconds`` went into the regression since."""
+        """Move on to the motion at ``stamp`` (ns), of which ``seconds`` went into the regression since.
+
+        They are infinite where the regression has forgotten what was before. The oil is taken to have been as
+        it is now while its temperature was not known.
+        """
         stamp -= _LAG
         while self._waiting and self._waiting[0][0] <= stamp:
             self._present = self._waiting.popleft()
-        if self._present is None or self.law is None or not self._fresh(stamp):
-            self._ratio = math.nan
+        self._behind += seconds
+        self._known = self._fresh(stamp)
+        if not self._known or self._present is None or self.law is None:
             return
+        # After a jump nobody knows of which oil most of the regression is: until it has forgotten the former.
+        jumped = abs(self._present[1] - self._before) > JUMP
+        self._doubted = (FORGETS * self.memory if jumped else self._doubted) - self._behind
+        share = 1.0 if jumped else 1.0 - math.exp(-self._behind / self.memory)
         now = self.law.ratio(self._present[1])
-        share = 1.0 - math.exp(-seconds / self.memory)
         self._ratio = now if math.isnan(self._ratio) else self._ratio + share * (now - self._ratio)
+        self._behind, self._before = 0.0, math.nan
 
     def temperature(self, stamp: int) -> Quantity:
         """Return the temperature at ``stamp`` (ns), unknown where it is too old or there is none."""
@@ -124,11 +144,13 @@ class OilReference:
         The uncertainty of the temperature goes in through the slope of the law.
         """
         name = "referred_viscous_coefficient"
-        if self.law is None or self._present is None or math.isnan(self._ratio) or math.isnan(viscous.value):
+        known = self._known and math.isfinite(self._ratio) and not math.isnan(viscous.value)
+        if self.law is None or self._present is None or not known:
             return Quantity(name, viscous.unit)
         _, celsius, deviation = self._present
         value = viscous.value / self._ratio
         colder, warmer = self.law.ratio(celsius - 0.5), self.law.ratio(celsius + 0.5)
         slope = math.log(colder / warmer) if colder > 0.0 and warmer > 0.0 else math.nan
         total = math.hypot(viscous.standard_deviation / self._ratio, value * slope * deviation)
-        return Quantity(name, viscous.unit, value, total, viscous.validity)
+        doubtful = self._doubted > 0.0 and viscous.validity is Validity.VALID
+        return Quantity(name, viscous.unit, value, total, Validity.HELD if doubtful else viscous.validity)
