@@ -125,6 +125,11 @@ class LastGood(Generic[Known]):
         """Keep an estimate that tracks."""
         self._kept.append((estimate, knowledge))
 
+    def move(self, nanoseconds: int) -> None:
+        """Give all the time of a clock that was set back: what is known is not from a time to come."""
+        moved = [(replace(one, stamp=one.stamp + nanoseconds), known) for one, known in self._kept]
+        self._kept = deque(moved, KEPT)
+
     def back(self, stamp: int) -> Known | None:
         """Forget what is newer than ``stamp`` (ns); return what was known with the newest that is not."""
         while self._kept and self._kept[-1][0].stamp > stamp:
@@ -244,6 +249,8 @@ class StreamEstimator(ABC):
             return []
         self._gone_back = False
         block = self.outliers.cleaned(block, restarts=verdict is Verdict.RESTARTS)
+        if self.gate.before is not None and block.stamp < self.gate.before[0]:
+            self._good.move(block.stamp - self.gate.before[1])
         if verdict is Verdict.RESTARTS or not self._missing[0]:
             self._restart(block.sample_period)
             self.oil.restart()

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cache
 
+import numpy as np
 import pytest
 from hypothesis import Phase, example, given, settings
 from hypothesis import strategies as st
@@ -124,6 +125,20 @@ def test_no_interruption_makes_it_forget_or_err(moment: int, what: Interruption)
     for estimate in estimates:
         assert estimate.state in (State.TRACKING, State.SETTLING)
         check(estimate)
+
+
+@FEW
+@given(moment=st.integers(30, 59), what=INTERRUPTIONS, after=st.integers(1, 20), blocks=st.integers(3, 20))
+@example(moment=56, what=Interruption(-86400.0, lost=1), after=11, blocks=19)
+def test_what_stands_still_after_an_interruption_makes_it_forget_nothing(
+    moment: int, what: Interruption, after: int, blocks: int
+) -> None:
+    estimator = copy.deepcopy(healthy().estimators[moment])
+    for number, block in enumerate(replace(what, rivals=0).later(healthy().blocks, moment)):
+        stands = after <= number < after + blocks
+        body = np.full_like(block.body, healthy().blocks[0].body[0]) if stands else block.body
+        for estimate in estimator.update(replace(block, body=body)):
+            check(estimate)
 
 
 CELSIUS = st.floats(5.0, 60.0)
