@@ -124,6 +124,8 @@ class GapWatch:
 
     def take(self, block: Block) -> None:
         """Keep the samples of ``block`` as long as they may be looked at."""
+        if self._recent and abs(block.stamp - self._recent[-1].end) >= LOOKED_AT * 1e9:
+            self._up.clear()  # a pause, or a clock that was set: what was up before it stayed up no longer
         self._recent.append(block)
         self._kept += _length(block)
         while self._kept - _length(self._recent[0]) >= LOOKED_AT:

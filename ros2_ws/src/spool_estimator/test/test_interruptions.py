@@ -12,9 +12,11 @@ import pytest
 from hypothesis import Phase, example, given, settings
 from hypothesis import strategies as st
 from spool_core.block import Block
+from spool_core.events.event import EventState
 from spool_core.uncertainty import Validity
 from spool_estimator.estimate import Estimate, State
 from spool_estimator.estimator import Estimator, settings_for
+from spool_estimator.gap_requests import LEARNED, GapWatch
 from spool_sim.excitation import PRESETS
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
@@ -168,3 +170,34 @@ def test_the_drag_is_referred_to_oil_that_cooled_or_warmed_in_a_pause(
     # A fit to the first samples may be on its way for a second; what is wrong for 3 s can make an event.
     assert sum(error > 0.05 for error in errors) < 3
     assert drag.value == pytest.approx(VALVE.viscous_coefficient, rel=0.01)
+
+
+@FEW
+@given(before=st.integers(1, 15), jump=JUMPS)
+@example(before=3, jump=3600.0)
+@example(before=3, jump=-3600.0)
+def test_no_time_passes_for_a_gap_of_the_model_in_a_pause(before: int, jump: float) -> None:
+    """The residual is up from some estimate on; a gap opens once it stayed up for some memories."""
+    watch, seconds = GapWatch(), 0.0
+    tracked = [estimate for estimate in healthy().estimates if estimate.state is State.TRACKING]
+    sequence = iter(healthy().blocks)
+    opened: list[int] = []
+    for number, estimate in enumerate(tracked):
+        if number == LEARNED + before:
+            seconds = jump
+        for block in sequence:
+            watch.take(replace(block, stamp=block.stamp + round(seconds * SECOND)))
+            if block.end > estimate.stamp:
+                break
+        up = replace(
+            estimate,
+            stamp=estimate.stamp + round(seconds * SECOND),
+            residual=replace(estimate.residual, value=0.3),
+            residual_force=replace(estimate.residual_force, value=3.0),
+        )
+        event = watch.update(up if number >= LEARNED else estimate)
+        if event is not None:
+            assert event.state is EventState.RAISED
+            opened.append(number - LEARNED)
+    # Estimates come each 0.2 s, patience is 5 s; what was up before the pause does not count.
+    assert opened == [25 if jump == 0.0 else before + 25]
