@@ -55,6 +55,7 @@ def test_uneven_instants_are_said_to_be_that(motion: tuple[NDArray[np.float64], 
     assert any("ms (rms) too early or too late" in line for line in found.warnings)
 
 
+@pytest.mark.slow
 def test_even_instants_are_not(motion: tuple[NDArray[np.float64], NDArray[np.float64]]) -> None:
     found = result(motion, 0.0)
     assert found.verdict == "none"
