@@ -36,7 +36,7 @@ def spool(*arguments: object, folder: Path | None = None) -> subprocess.Complete
         [ROOT / "spool", *map(str, arguments)],
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=180,
         check=False,
         cwd=folder,
     )

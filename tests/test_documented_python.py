@@ -118,7 +118,7 @@ def test_the_node_of_the_page_publishes_once_it_is_active(system: System, tmp_pa
         assert readings.heard[0].message.data == 21.5
     finally:
         node.send_signal(signal.SIGINT)
-        assert node.wait(timeout=30) == 0
+        assert node.wait(timeout=180) == 0
 
 
 def names_of_tables() -> list[tuple[str, str, str | None]]:

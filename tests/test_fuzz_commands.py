@@ -310,7 +310,7 @@ def test_commands_refuse_in_one_line(
 
 def test_the_launcher_itself_refuses_in_one_line(tmp_path: Path) -> None:
     done = subprocess.run(
-        [SPOOL, "doctor", "x"], cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False
+        [SPOOL, "doctor", "x"], cwd=tmp_path, capture_output=True, text=True, timeout=180, check=False
     )
     assert done.returncode == 2
     assert len(done.stderr.splitlines()) == 1
@@ -320,12 +320,12 @@ def test_the_reader_of_the_output_may_end_early_or_not_be_there(good: Path, tmp_
     command = f"{SPOOL} info {good / 'bag'}"
     for ending in ("| true", ">&-", ">&- 2>&-"):
         done = subprocess.run(
-            ["bash", "-c", f"{command} {ending}"], capture_output=True, text=True, timeout=120, check=False
+            ["bash", "-c", f"{command} {ending}"], capture_output=True, text=True, timeout=180, check=False
         )
         assert done.stderr == "", ending
     made = subprocess.run(
         ["bash", "-c", f"{SPOOL} simulate --seconds 1 --out {tmp_path / 'bag'} >&- 2>&- <&-"],
-        timeout=120, check=False,
+        timeout=180, check=False,
     )  # fmt: skip
     assert made.returncode == 0
     assert main(["info", str(tmp_path / "bag")]) == 0

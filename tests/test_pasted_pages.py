@@ -125,7 +125,7 @@ def test_commands_of_running_nodes_work_on_them(system: System, folder: Path) ->
     def ask(*words: str) -> subprocess.CompletedProcess[str]:
         return subprocess.run(
             [ROOT / "spool", *words],
-            cwd=folder, env=system.environment, capture_output=True, text=True, check=False, timeout=120,
+            cwd=folder, env=system.environment, capture_output=True, text=True, check=False, timeout=180,
         )  # fmt: skip
 
     for one in (one for one in live if one.page == "README.md"):

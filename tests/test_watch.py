@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 SILENCE = "stale/acceleration"
 #: s; what is waited for comes much sooner on an idle machine.
-PATIENCE = 120.0
+PATIENCE = 180.0
 
 
 def heard(level: int, judgement: str = "judged") -> HeardValve:

@@ -36,7 +36,7 @@ PERIOD, SIZE = 0.0005, 40
 STEP = PERIOD * SIZE
 #: s between faults: longer than a recorder needs to sync what it has, and to go on after a pause.
 CALM = 2.5
-PATIENCE = 120.0
+PATIENCE = 180.0
 #: s within which a message is heard.
 HEARD = 0.3
 #: s between two messages of a recorder on /diagnostics.

@@ -220,7 +220,7 @@ def lived(folder: Path, life: Life, disk: Disk, report: Callable[[Result], None]
         for message in step:
             one.put(message)
         wait_for(lambda expected=expected: one.state.messages == expected)
-    assert one.close(60.0)
+    assert one.close(180.0)
     if life.kill is not None:
         die()
     tell()

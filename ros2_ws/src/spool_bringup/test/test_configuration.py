@@ -101,7 +101,7 @@ def started(params: Path, *namespaces: str) -> list[dict[str, dict[str, Any]]]:
         [sys.executable, "-c", START_NODES, str(params), *namespaces],
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=180,
         check=False,
         env={
             **os.environ,

@@ -75,7 +75,7 @@ def test_the_pydantic_of_debian_12_is_named_in_one_line(
         stdin=subprocess.DEVNULL,
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=180,
         check=False,
     )
     assert done.returncode == 2, done.stderr

@@ -183,22 +183,22 @@ def test_the_process_gives_the_same_bits_skips_what_comes_too_soon_and_survives_
     worker = RefitWorker(SETTINGS)
     try:
         assert worker.collect() is None
-        worker.wait(60.0)
+        worker.wait(180.0)
         assert worker.offer(tasks[0])
         assert not worker.offer(tasks[1])
-        worker.wait(60.0)
+        worker.wait(180.0)
         assert repr(worker.collect()) == repr(refit(tasks[0]))
         assert (worker.done, worker.skipped) == (1, 1)
         assert worker.offer(tasks[1])
         assert worker.process is not None
         os.kill(worker.process, signal.SIGKILL)
-        worker.wait(60.0)
+        worker.wait(180.0)
         broken = worker.collect()
         assert broken is not None
         assert broken.state is RefitState.FAILED
         assert "killed" in broken.reason
         assert worker.offer(tasks[2])
-        worker.wait(60.0)
+        worker.wait(180.0)
         assert repr(worker.collect()) == repr(refit(tasks[2]))
     finally:
         worker.close()

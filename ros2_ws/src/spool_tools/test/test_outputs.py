@@ -132,7 +132,7 @@ def test_a_pipe_takes_what_is_written(tmp_path: Path) -> None:
     reader = threading.Thread(target=lambda: read.append(pipe.read_text()))
     reader.start()
     outputs.write_file(pipe, "content")
-    reader.join(timeout=10)
+    reader.join(timeout=180)
     assert read == ["content"]
 
 

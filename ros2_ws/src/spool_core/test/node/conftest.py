@@ -22,7 +22,8 @@ from spool_core.node.service_calls import ServiceCalls
 from std_msgs.msg import String
 
 PROBE = Path(__file__).with_name("probe_node.py")
-PATIENCE = 30.0
+#: s that a test waits at most: machines are busy.
+PATIENCE = 180.0
 
 TRANSITIONS = {
     "configure": Transition.TRANSITION_CONFIGURE,
@@ -101,6 +102,16 @@ class Observer:
         end = time.monotonic() + seconds
         while time.monotonic() < end:
             self.executor.spin_once(timeout_sec=0.05)
+
+    def becomes_silent(self) -> None:
+        """Wait until nothing is said for a while: what was on its way may come late."""
+
+        def nothing() -> bool:
+            self.heard.clear()
+            self.spin(0.4)
+            return not self.heard
+
+        self.until(nothing, "silence")
 
     def call(self, service: Any, name: str, request: Any) -> Any:
         calls = ServiceCalls(self.node, PATIENCE)

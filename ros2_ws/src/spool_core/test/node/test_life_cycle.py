@@ -7,13 +7,15 @@ from typing import Any
 
 import pytest
 
+from .conftest import PATIENCE
+
 Start = Callable[..., "subprocess.Popen[str]"]
 
 
 def end(process: subprocess.Popen[str]) -> tuple[list[str], str]:
     """End the node; return what its hooks said and its log."""
     process.terminate()
-    stdout, stderr = process.communicate(timeout=30)
+    stdout, stderr = process.communicate(timeout=PATIENCE)
     assert process.returncode == 0, stderr
     return stdout.split(), stderr
 
@@ -38,9 +40,7 @@ def test_the_whole_life_cycle_by_its_services(probe: Start, observer: Any) -> No
     for _ in range(2):
         assert observer.change("configure")
         assert observer.state() == "inactive"
-        observer.heard.clear()
-        observer.spin(0.4)
-        assert observer.heard == []
+        observer.becomes_silent()
         assert observer.change("activate")
         assert observer.state() == "active"
         observer.until(lambda: observer.heard.count("tick") > 3, "ticks")
@@ -48,10 +48,7 @@ def test_the_whole_life_cycle_by_its_services(probe: Start, observer: Any) -> No
         observer.until(lambda: "heard something" in observer.heard, "the echo")
         assert observer.change("deactivate")
         assert observer.state() == "inactive"
-        observer.spin(0.2)
-        observer.heard.clear()
-        observer.spin(0.4)
-        assert observer.heard == []
+        observer.becomes_silent()
         assert observer.change("cleanup")
         assert observer.state() == "unconfigured"
     assert end(process)[0] == ["configure", "activate", "deactivate", "cleanup"] * 2
@@ -90,10 +87,7 @@ def test_a_deactivate_that_raises_leaves_the_node_alive(probe: Start, observer: 
     process = probe(failing="deactivate")
     observer.until(lambda: "tick" in observer.heard, "a tick")
     assert not observer.change("deactivate")
-    observer.spin(0.2)
-    observer.heard.clear()
-    observer.spin(0.3)
-    assert observer.heard == []
+    observer.becomes_silent()
     assert process.poll() is None
     assert "deactivate broke" in end(process)[1]
 
@@ -101,7 +95,7 @@ def test_a_deactivate_that_raises_leaves_the_node_alive(probe: Start, observer: 
 @pytest.mark.parametrize("hook", ["configure!", "activate!"])
 def test_an_autostart_that_fails_ends_with_2_and_the_reason(probe: Start, hook: str) -> None:
     process = probe(failing=hook)
-    _, stderr = process.communicate(timeout=30)
+    _, stderr = process.communicate(timeout=PATIENCE)
     assert process.returncode == 2
     assert stderr.splitlines()[-1].endswith(f"{hook[:-1]}: repair this")
     assert "Traceback" not in stderr
@@ -112,7 +106,7 @@ def test_ends_on_an_interrupt_in_order(probe: Start, observer: Any) -> None:
     process = probe()
     observer.until(lambda: "tick" in observer.heard, "a tick")
     process.send_signal(signal.SIGINT)
-    stdout, stderr = process.communicate(timeout=30)
+    stdout, stderr = process.communicate(timeout=PATIENCE)
     assert process.returncode == 0, stderr
     assert stdout.split() == ["configure", "activate", "deactivate", "cleanup"]
     assert "Traceback" not in stderr
@@ -122,7 +116,7 @@ def test_ends_on_a_signal_while_it_waits_to_be_configured(probe: Start, observer
     process = probe(autostart="false")
     assert observer.state() == "unconfigured"
     process.send_signal(signal.SIGINT)
-    stdout, _ = process.communicate(timeout=30)
+    stdout, _ = process.communicate(timeout=PATIENCE)
     assert (process.returncode, stdout) == (0, "")
 
 

@@ -20,6 +20,8 @@ from spool_core.errors import InputError
 from spool_core.node.parameters import NodeParameter, declare, read_parameters, rule
 from spool_core.node.running import REFUSED, one_line
 
+from .conftest import PATIENCE
+
 PROBE = Path(__file__).with_name("probe_node.py")
 PARAMETERS = (
     NodeParameter("gain", 1.0, "A number.", "N", 0.0, 10.0),
@@ -205,7 +207,7 @@ def test_a_wrong_parameter_at_the_start_ends_the_node_with_one_line(environment:
         env=environment,
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=PATIENCE,
         check=False,
     )
     assert (done.returncode, done.stdout) == (2, "")
@@ -238,7 +240,7 @@ def test_values_that_contradict_each_other_are_refused_at_start(environment: dic
         env=environment,
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=PATIENCE,
         check=False,
     )
     assert done.returncode == 2
@@ -281,7 +283,7 @@ def test_changes_while_running_are_judged(probe: Callable[..., Any], observer: A
     assert observer.set(gain=6.0, limit=7.0) == (True, "")
     assert observer.get("gain").double_value == 6.0
     process.terminate()
-    stdout, log = process.communicate(timeout=30)
+    stdout, log = process.communicate(timeout=PATIENCE)
     assert "parameters changed: gain from 1.0 to 6.0, limit from 5.0 to 7.0" in log
     assert [line for line in stdout.splitlines() if line.startswith("applied")] == [
         "applied ['gain', 'limit']"

@@ -12,6 +12,8 @@ from typing import Any
 
 import pytest
 
+from .conftest import PATIENCE
+
 Start = Callable[..., "subprocess.Popen[str]"]
 LOADING = """
 import sys, types
@@ -36,7 +38,7 @@ def wait_for(process: subprocess.Popen[str], line: str) -> None:
 
 
 def ended_well(process: subprocess.Popen[str]) -> str:
-    stdout, stderr = process.communicate(timeout=30)
+    stdout, stderr = process.communicate(timeout=PATIENCE)
     assert "Traceback" not in stderr
     assert process.returncode == 0, stderr
     return stdout
@@ -103,7 +105,7 @@ def test_arguments_that_rcl_refuses_are_said_in_one_line(
         cwd=tmp_path,
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=PATIENCE,
         check=False,
     )
     assert answer.returncode == 2
@@ -127,7 +129,7 @@ def test_without_a_writable_home_it_logs_elsewhere_and_says_so(
     )
     wait_for(process, "activate")
     process.terminate()
-    _, said = process.communicate(timeout=30)
+    _, said = process.communicate(timeout=PATIENCE)
     assert process.returncode == 0
     assert "/dev/null/.ros/log can't be written" in said
     assert list(tmp_path.glob("spool_*/log/*"))

@@ -33,7 +33,7 @@ from spool_view.view import Board, alarms_of
 from starlette.testclient import TestClient
 
 #: s; what is waited for comes much sooner on an idle machine.
-PATIENCE = 60.0
+PATIENCE = 180.0
 OWN = "http://127.0.0.1:8765"
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 FLAGS = [
@@ -311,6 +311,7 @@ def open_page(chromium: Any) -> Iterator[Callable[..., Any]]:
 
     def make(address: str, *, width: int = 1280, height: int = 900, **options: Any) -> Any:
         context = chromium.new_context(viewport={"width": width, "height": height}, **options)
+        context.set_default_timeout(1000 * PATIENCE)
         contexts.append(context)
         page = context.new_page()
         page.on("pageerror", lambda error: wrong.append(str(error)))

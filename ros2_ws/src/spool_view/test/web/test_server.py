@@ -11,7 +11,7 @@ import pytest
 from spool_view import application
 from spool_view.application import MOST_BEHIND, MOST_STREAMS, Reader, ServerThread
 
-from .conftest import Station, good_health, until
+from .conftest import PATIENCE, Station, good_health, until
 
 
 class Served:
@@ -28,7 +28,7 @@ class Served:
         one = socket.socket()
         if buffer:
             one.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, buffer)
-        one.settimeout(20.0)
+        one.settimeout(PATIENCE)
         one.connect(("127.0.0.1", self.port))
         one.sendall(f"GET {path} HTTP/1.1\r\nHost: 127.0.0.1:{self.port}\r\n\r\n".encode())
         return one
@@ -65,16 +65,17 @@ def test_a_stream_begins_with_all_and_goes_on_with_changes(served: Served) -> No
         read_until(one, b"event: beat")
 
 
-def test_the_server_ends_within_two_seconds_with_streams_open(served: Served) -> None:
+def test_the_server_ends_its_streams_as_it_ends(served: Served) -> None:
     streams = [served.connect("/stream/machine") for _ in range(20)]
     streams += [served.connect("/stream/valve/valve_1") for _ in range(5)]
     for one in streams:
         read_until(one, b"data:")
-    begin = time.monotonic()
     served.thread.stop()
-    assert time.monotonic() - begin < 2.0
     for one in streams:
-        one.close()
+        with one:
+            while one.recv(65536):
+                pass
+    assert not served.answers()
 
 
 def test_a_reader_that_does_not_read_is_dropped_and_others_go_on(served: Served) -> None:
@@ -89,7 +90,7 @@ def test_a_reader_that_does_not_read_is_dropped_and_others_go_on(served: Served)
         until(lambda: len(application._OPEN) >= 11, "all are connected")
         begin = time.monotonic()
         while len(application._OPEN) > 1:
-            assert time.monotonic() - begin < 50.0, len(application._OPEN)
+            assert time.monotonic() - begin < PATIENCE, len(application._OPEN)
             for number, heard in enumerate(list(board.valves.values())):
                 heard.health = good_health(f"{begin} {time.monotonic()} {number} " + 200 * "x")
                 heard.health_at = time.monotonic()
@@ -116,7 +117,7 @@ def test_streams_are_bounded(served: Served) -> None:
 
 def test_a_connection_that_never_asks_is_ended(served: Served, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(application, "HEAD", 0.5)
-    silent = [socket.create_connection(("127.0.0.1", served.port), timeout=10.0) for _ in range(50)]
+    silent = [socket.create_connection(("127.0.0.1", served.port), timeout=PATIENCE) for _ in range(50)]
     for one in silent:
         one.sendall(b"GET / HTTP/1.1\r\nHost: ")
     for one in silent:
@@ -135,7 +136,7 @@ def test_nonsense_ends_a_connection_and_not_the_server(served: Served) -> None:
         b"GET http://127.0.0.1/ HTTP/1.1\r\nHost: evil.example\r\n\r\n",
         b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nHost: evil.example\r\n\r\n",
     ):
-        with socket.create_connection(("127.0.0.1", served.port), timeout=10.0) as one:
+        with socket.create_connection(("127.0.0.1", served.port), timeout=PATIENCE) as one:
             try:
                 one.sendall(nonsense)
                 assert b" 200 " not in one.recv(4096)
