@@ -23,7 +23,7 @@ import math
 import numpy as np
 from spool_core.kernels.compiled import compiled
 from spool_core.numbers import Array
-from spool_sim.integration.stepping import release
+from spool_sim.integration.release import release
 
 #: Places in the state: z (m), v (m/s), direction of slip (0 while sticking), then dz and dv by k, c, F_c.
 MOTION_STATES = 9
