@@ -16,7 +16,8 @@ from setup.process import Runner, Steps, say
 from setup.requirements import SetupState
 from setup.workspace import cmake_dependents, package_fingerprints
 
-WARM_UP = "spool_monitor.warm_up"
+#: Logs and modules of the processes that compile kernels: of the nodes, and of analyses.
+WARM_UPS = {"kernels": "spool_monitor.warm_up", "analysis_kernels": "spool_gap.warm_up"}
 
 
 def is_current(layout: Layout, done: SetupState, running_series: str) -> bool:
@@ -175,19 +176,24 @@ class Installation:
         state.save(layout, done)
 
     @contextmanager
-    def _kernels(self) -> Iterator[Callable[[], int]]:
-        """Compile the kernels into their cache on disk, in parallel with the build."""
+    def _kernels(self) -> Iterator[dict[str, Callable[[], int]]]:
+        """Compile the kernels into their cache on disk, in parallel with the build; yield the ends by log."""
         tools = self._tools()
         path = os.pathsep.join(filter(None, (workspace.link_sources(self._layout), tools.get("PYTHONPATH"))))
         environment = tools | {"PYTHONPATH": path}
-        with self._runner.in_parallel("kernels", [self._layout.python, "-m", WARM_UP], environment) as end:
-            yield end
+        with ExitStack() as parallel:
+            ends = {}
+            for name, module in WARM_UPS.items():
+                command = (str(self._layout.python), "-m", module)
+                ends[name] = parallel.enter_context(self._runner.in_parallel(name, command, environment))
+            yield ends
 
-    def _finish_kernels(self, end: Callable[[], int]) -> None:
+    def _finish_kernels(self, ends: dict[str, Callable[[], int]]) -> None:
         with self._steps.step("compiling the numerical kernels"):
-            if end() != 0:
-                log = self._runner.log("kernels")
-                raise packages.failure("the kernels could not be compiled", log.read_text(), log)
+            for name, end in ends.items():
+                if end() != 0:
+                    log = self._runner.log(name)
+                    raise packages.failure("the kernels could not be compiled", log.read_text(), log)
         self._done.warmed = True
         state.save(self._layout, self._done)
 

@@ -488,10 +488,11 @@ class TestSetUp:
         subprocess.run(["git", "clone", "--quiet", set_up, folder], check=True, capture_output=True)
         source = folder / "ros2_ws/src"
         for package in source.glob("spool_*"):
-            if package.name not in ("spool_msgs", "spool_monitor"):
+            if package.name not in ("spool_msgs", "spool_monitor", "spool_gap"):
                 shutil.rmtree(package)
-        for name in ("__init__", "warm_up"):
-            (source / f"spool_monitor/spool_monitor/{name}.py").write_text("")
+        for package in ("spool_monitor", "spool_gap"):
+            for name in ("__init__", "warm_up"):
+                (source / package / package / f"{name}.py").write_text("")
         variables = source_wheels(set_up / ".venv", tmp_path / "ros")
         result = spool(folder, "test", "--version", **variables)
         assert result.returncode == 0, result.stderr

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from spool_gap.likelihood.kernel import Point, SwitchableMotion, steps_a_sample
+from spool_gap.likelihood.kernel import Point, motions_for, steps_a_sample
 from spool_sim.excitation import SweptSine
 from spool_sim.integration.composed_motion import ComposedMotion, MotionState, half_step_times
 from spool_sim.model import MODELS, model_from_mapping
@@ -21,7 +21,7 @@ SWEEP = SweptSine(start_frequency=6.0, stop_frequency=60.0, duration=8.0, amplit
 @pytest.mark.parametrize("extra", EXTRAS)
 def test_a_kernel_of_all_terms_moves_as_one_of_the_terms_that_are_on(extra: str) -> None:
     active = (*BASE, extra)
-    every = SwitchableMotion((*BASE, *EXTRAS))
+    _, every = motions_for(FLUID)
     model = model_from_mapping({"name": "own", "terms": list(active)}, "own")
     own = ComposedMotion([term(name) for name in active])
     values = {**model.values_for(VALVE), "stop_gap": 2e-4}
@@ -35,7 +35,7 @@ def test_a_kernel_of_all_terms_moves_as_one_of_the_terms_that_are_on(extra: str)
 
 def test_a_base_without_drag_has_none_in_the_kernel_that_holds_it() -> None:
     active = ("inertia", "spring")
-    every = SwitchableMotion(BASE)
+    every, _ = motions_for(FLUID)
     own = ComposedMotion([term(name) for name in active])
     values = {"mass": 0.18, "spring_stiffness": 1632.0, "viscous_coefficient": 4.0}
     body = SWEEP.acceleration(half_step_times(0, 2000, 1000.0, 2))

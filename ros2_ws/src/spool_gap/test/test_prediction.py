@@ -72,6 +72,19 @@ def test_the_truth_leaves_the_noise_of_both_sensors() -> None:
     assert NOISE * 0.97 < left < NOISE * 1.5
 
 
+def test_predictions_take_the_kernels_that_the_warm_up_compiles() -> None:
+    for motion in MOTIONS:
+        motion.warm_up()
+    one = prediction(with_play())
+    for effects in ((), ("spring_backlash",)):
+        structure = structure_of(BASE, VALVE, effects)
+        one.errors([structure], 0.01)
+        one.force_of(structure, (*structure.terms,), 0.01)
+    kernels = [kernel for motion in MOTIONS for kernel in vars(motion._kernel).values()]
+    taken = {"predict_batch_kernel", "force_kernel"}
+    assert [len(one.signatures) for one in kernels if getattr(one, "__name__", "") in taken] == [1] * 4
+
+
 def test_the_truth_leaves_noise_where_the_motion_is_sensitive_to_its_start() -> None:
     one = prediction(with_play())
     truth = structure_of(BASE, VALVE, ("spring_backlash",), (), {"backlash": 2e-4})

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from spool_core.errors import InputError
 from spool_core.numbers import Array
 from spool_sim.integration import composition
-from spool_sim.integration.composed_motion import ComposedMotion, substeps_for
+from spool_sim.integration.composed_motion import ComposedMotion, Correction, substeps_for
 from spool_sim.model import Model
 from spool_sim.terms import TERMS, Parameter, Term, term
 
@@ -35,9 +35,12 @@ COARSER, SMOOTHER = 2.0, 1.7
 
 
 def motions_for(base: Model) -> list[SwitchableMotion]:
-    """Return the kernels for ``base`` with any effect: one for forces without events, and one for all."""
-    wanted = [entry.name for entry in base.terms]
-    wanted += [name for entry in EFFECTS.values() for name in entry.terms]
+    """Return the kernels for ``base`` with any effect: one for forces without events, and one for all.
+
+    The effects come first, so that bases whose terms are among them have the same kernels.
+    """
+    wanted = [name for entry in EFFECTS.values() for name in entry.terms]
+    wanted += [entry.name for entry in base.terms]
     known = tuple(dict.fromkeys(name for name in wanted if name in TERMS))
     smooth = [name for name in known if set(term(name).laws) <= {"force_law"}]
     return [SwitchableMotion(smooth), SwitchableMotion(known)]
@@ -85,11 +88,13 @@ class SwitchableMotion(ComposedMotion):
         self._memories = sum("memory_law" in entry.laws for entry in self.terms)
 
     def warm_up(self) -> None:
-        """Compile the kernel, or load it from the disk."""
-        from spool_sim.integration.composed_motion import MotionState  # noqa: PLC0415
-
-        row = self.row(ALWAYS, {})
-        self.advance(MotionState(), np.zeros(3), row[np.newaxis], sample_period=1e-3, substeps=1)
+        """Compile what analyses use of the kernel, or load it from the disk."""
+        sets, first = self.row(ALWAYS, {})[np.newaxis], np.zeros(1, dtype=np.int64)
+        self.predict_batch(
+            np.zeros((1, 3)), np.zeros((1, 1)), np.ones(1), sets, rows=(first, first),
+            correction=Correction(0.0, 0.0, 1.0), sample_period=1e-3, substeps=1, means=False,
+        )  # fmt: skip
+        self.forces(np.zeros(1), np.zeros(1), sets, sample_period=1e-3)
 
     def _packed(self, parameters: Array) -> NDArray[np.void]:
         # A record goes to a function as its address; dozens of numbers by value cost more than the laws.
