@@ -225,7 +225,7 @@ class SensorStream:
         elif len(off) >= CONFIRM and max(abs(one - last) for one in off[-CONFIRM:]) <= 2.0 * near:
             self._went_on_elsewhere(float(np.mean(off[-CONFIRM:])))
         elif len(held) > MOST_HELD + round(HOLD * clock.rate):
-            self._restart()
+            self._restart(contradicted=True)
 
     @property
     def _near(self) -> float:
@@ -278,7 +278,7 @@ class SensorStream:
         received, lost, losses = self._window
         if losses >= MANY_LOSSES and lost > received:
             self._held = held
-            self._restart()
+            self._restart(contradicted=True)
 
     def _went_on_elsewhere(self, step: float) -> None:
         """Say what stamps are that go on regularly, ``step`` ns from where they were due."""
@@ -508,12 +508,12 @@ class SensorStream:
             self.refused[Refusal.DUPLICATE] += int(np.count_nonzero(again))
             self._first = [one for one, left_out in zip(self._first, again, strict=True) if not left_out]
 
-    def _restart(self) -> None:
-        """Make a clock again, from the samples that are held."""
+    def _restart(self, *, contradicted: bool = False) -> None:
+        """Make a clock again, from the samples that are held; ``contradicted``: they show another rate."""
         clock = self.clock
         assert clock is not None
         lasted = 1e-9 * (self.newest - int(self.opening[-1]))
-        if lasted < PATIENCE * self.settle:
+        if lasted < PATIENCE * self.settle and (contradicted or not self._even):
             self.doubt = (
                 f"the next stamps contradict the rate found, {clock.rate:.6g} Hz, after {lasted:.1f} s"
             )
