@@ -237,7 +237,7 @@ class Aligner:
         other = self.streams[Channel.SPOOL if channel is Channel.BODY else Channel.BODY]
         before = stream.newest
         other.met = other.heard
-        alive = 0 <= stamp - stream.met <= other.silence
+        alive = 0 <= stamp - stream.met <= other.silence and not other.unconfirmed
         stream.update(stamp, value, other.heard - other.stepped if alive else 0)
         self._compare_moves()
         if stream.newest == before or not self.settled or self.fault is not None:

@@ -152,6 +152,11 @@ class SensorStream:
         return 1e9 * LONGEST_PERIOD if self.clock is None else max(1e9 * QUIET, 3.0 * self.clock.period)
 
     @property
+    def unconfirmed(self) -> bool:
+        """Whether its newest message may be a stray: its stamp says nothing of its clock yet."""
+        return len(self._held) == 1
+
+    @property
     def sure(self) -> int:
         """Number of the newest sample whose number a step of the clock can no longer change."""
         if self.clock is None or self.watch is None:
