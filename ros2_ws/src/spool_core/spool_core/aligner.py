@@ -179,7 +179,7 @@ class Aligner:
         watch = self.streams[Channel.BODY].watch
         if watch is None:
             return 0.0
-        if math.isnan(self._lag):
+        if math.isnan(self._lag) and watch.lag_unrest <= 1e9 * WANDERS:
             self._lag = watch.steady_lag
         gained = watch.lag - self._lag
         if not abs(gained) > 1e9 * WANDERS or abs(gained) <= CERTAIN * watch.lag_unrest:
