@@ -250,6 +250,8 @@ class StepWatch:
         scale = self.lag_deviation
         if count >= self.size and len(self._lags) > SCALED:
             scale = min(scale, self.lag_scale / math.sqrt(2.0 * count / self.size))
+            if math.isfinite(self.lag_unrest):
+                scale = max(scale, self.lag_unrest)
         return math.hypot(LAG_CERTAIN * scale, LUMP * 1e-9 * self.lag_deviation**2 / seconds)
 
     def judge(self, step: float, lags: list[float], *, last: bool = False) -> Change:
