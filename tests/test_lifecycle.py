@@ -14,6 +14,7 @@ from spool_core.node.messages import nanoseconds, to_time
 from spool_msgs.msg import AccelerationBlock, ModelEstimate, ValveHealth
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from pathlib import Path
 
     from .conftest import System, Topic
@@ -38,12 +39,12 @@ def test_the_nodes_are_managed_from_outside(system: System, tmp_path: Path) -> N
 
     for node in nodes.values():
         assert system.state(node) == "unconfigured"
-    assert silent(system, *topics)
+    become_silent(system, *topics)
     assert not (tmp_path / "bag").exists()
     for node in nodes.values():
         system.change(node, "configure")
         assert system.state(node) == "inactive"
-    assert silent(system, *topics)
+    become_silent(system, *topics)
     assert not (tmp_path / "bag").exists()
     for node in nodes.values():
         system.change(node, "activate")
@@ -57,7 +58,7 @@ def test_the_nodes_are_managed_from_outside(system: System, tmp_path: Path) -> N
     for node in nodes.values():
         system.change(node, "deactivate")
     before = estimates.last
-    assert silent(system, *topics)
+    become_silent(system, *topics)
     for node in nodes.values():
         system.change(node, "activate")
     begin = time.monotonic()
@@ -74,7 +75,7 @@ def test_the_nodes_are_managed_from_outside(system: System, tmp_path: Path) -> N
     for node in nodes.values():
         system.change(node, "deactivate", "cleanup")
         assert system.state(node) == "unconfigured"
-    assert silent(system, *topics)
+    become_silent(system, *topics)
     for node in (nodes["estimator"], nodes["simulator"]):
         system.change(node, "configure", "activate")
     system.until(
@@ -83,14 +84,17 @@ def test_the_nodes_are_managed_from_outside(system: System, tmp_path: Path) -> N
     assert [process.end(signal.SIGTERM) for process in system.processes] == [0, 0, 0, 0]
 
 
-def silent(system: System, *topics: Topic) -> bool:
-    """Return whether nothing comes on ``topics`` and nobody reports for a second; they are emptied."""
-    # What was on its way when a service answered still arrives.
-    system.watch(0.3)
-    for topic in (*topics, system.diagnostics):
-        topic.heard.clear()
-    system.watch(1.2)
-    return not any(topic.heard for topic in (*topics, system.diagnostics))
+def become_silent(system: System, *topics: Topic) -> None:
+    """Wait until nothing comes on ``topics`` and nobody reports for a second; they are emptied."""
+    topics = (*topics, system.diagnostics)
+
+    def nothing() -> bool:  # what was on its way when a service answered still arrives
+        for topic in topics:
+            topic.heard.clear()
+        system.watch(1.2)
+        return not any(topic.heard for topic in topics)
+
+    system.until(nothing, "silence")
 
 
 class SimulatedTime:
@@ -103,11 +107,33 @@ class SimulatedTime:
     def heard(self) -> None:
         self._system.until(lambda: self._publisher.get_subscription_count() > 0, "somebody hears /clock")
 
-    def run(self, begin: float, seconds: float) -> None:
-        """Let time go on from ``begin`` s, about as fast as real time."""
+    def run(self, begin: float, seconds: float, blocks: Topic) -> list[AccelerationBlock]:
+        """Let time go on from ``begin`` s, no faster than ``blocks`` follow; return those that came.
+
+        Time that stands still sends nothing, which is waited for.
+        """
+        count = len(blocks.heard)
         for step in range(round(seconds * 100)):
-            self._publisher.publish(Clock(clock=to_time(round((begin + 0.01 * step) * NANOSECONDS))))
-            self._system.watch(0.01)
+            now = round((begin + 0.01 * step) * NANOSECONDS)
+            tries = itertools.count()
+
+            def followed(step: int = step, now: int = now, tries: Iterator[int] = tries) -> bool:
+                self._publisher.publish(Clock(clock=to_time(now)))
+                self._system.watch(0.01)
+                stamps = [nanoseconds(block.header.stamp) for block in blocks.messages[count:]]
+                if not stamps:  # it may have heard this time as the first one
+                    return step < 30 or next(tries) > 100
+                return now - max(stamps) < 200_000_000
+
+            self._system.until(followed, "blocks follow the clock")
+
+        def still() -> bool:
+            before = len(blocks.heard)
+            self._system.watch(0.5)
+            return len(blocks.heard) == before
+
+        self._system.until(still, "time stands still")
+        return blocks.messages[count:]
 
 
 def test_simulated_time_drives_the_simulator(system: System) -> None:
@@ -121,26 +147,17 @@ def test_simulated_time_drives_the_simulator(system: System) -> None:
     assert not blocks.heard
 
     for begin in (1000.0, 500.0):
-        count = len(blocks.heard)
-        clock.run(begin, 2.0)
-        system.watch(0.2)
-        seen = blocks.messages[count:]
+        seen = clock.run(begin, 2.0, blocks)
         assert len(seen) > 50
         assert [block.sequence for block in seen] == list(range(len(seen)))
         stamps = [nanoseconds(block.header.stamp) for block in seen]
         assert begin * NANOSECONDS <= stamps[0] < (begin + 0.5) * NANOSECONDS
         assert {later - earlier for earlier, later in itertools.pairwise(stamps)} == {20_000_000}
         assert stamps[-1] <= (begin + 2.0) * NANOSECONDS
-        # Time that stands still sends nothing.
-        count = len(blocks.heard)
-        system.watch(0.5)
-        assert len(blocks.heard) == count
     # Back, but not before the start.
-    count = len(blocks.heard)
-    clock.run(501.0, 0.5)
-    system.watch(0.2)
-    assert blocks.heard[count].message.sequence == 0
-    assert nanoseconds(blocks.heard[count].message.header.stamp) >= 501 * NANOSECONDS
+    seen = clock.run(501.0, 0.5, blocks)
+    assert seen[0].sequence == 0
+    assert nanoseconds(seen[0].header.stamp) >= 501 * NANOSECONDS
 
 
 @pytest.mark.parametrize(
