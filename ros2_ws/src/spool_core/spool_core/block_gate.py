@@ -153,7 +153,10 @@ class BlockGate:
                 return self._accept(block, Verdict.RESTARTS)
             if block.sequence == self._held_back[2] + 1 and not self.confirmed:
                 return self._hold_back(block)
-        return self._place(block, self.last)
+        verdict = self._place(block, self.last)
+        if self.fault is Fault.LOST and not follows:
+            self.rate.go_on(block)
+        return verdict
 
     def _place(self, block: Block, last: Place) -> Verdict:
         """Say which stream ``block`` belongs to, and what follows for it."""

@@ -89,7 +89,7 @@ class RateCheck:
         self._follow_from(block)
 
     def go_on(self, block: Block) -> None:
-        """Go on with the same source elsewhere: its clock was set, or it samples at another rate."""
+        """Go on with the same source elsewhere: after a loss, with a clock that was set or another rate."""
         if self._previous is not None and block.sample_period == self._previous[3]:
             self._follow_from(block)
         else:
