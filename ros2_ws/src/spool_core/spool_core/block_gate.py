@@ -153,8 +153,8 @@ class BlockGate:
                 return self._accept(block, Verdict.RESTARTS)
             if block.sequence == self._held_back[2] + 1 and not self.confirmed:
                 return self._hold_back(block)
-        verdict = self._place(block, self.last)
-        if self.fault is Fault.LOST and not follows:
+        lost, verdict = self.lost, self._place(block, self.last)
+        if self.lost > lost and not follows:
             self.rate.go_on(block)
         return verdict
 
