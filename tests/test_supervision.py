@@ -74,7 +74,7 @@ def test_limits_change_while_the_monitor_runs_and_every_line_is_logged_once(
     assert system.call(ManageBaseline, f"{MONITOR}/manage_baseline", request).success
     simulator.end()
     system.until(lambda: events.first(lambda event: event.kind == "stale"), "the silence is an alarm")
-    system.until(lambda: "no acceleration for" in monitor.said, "it is logged")
+    system.until(lambda: "No acceleration: silence " in monitor.said, "it is logged")
     assert [recorder.end(), monitor.end(), estimator.end()] == [0, 0, 0]
 
     published = {status.name for one in system.diagnostics.messages for status in one.status}
@@ -83,7 +83,7 @@ def test_limits_change_while_the_monitor_runs_and_every_line_is_logged_once(
     assert "parameters changed: amplification_on from 1.8 to 2.5" in monitor.said
     assert "baseline changed by Eva: frozen (as delivered)" in monitor.said
     assert monitor.said.count("learned") == 1
-    (line,) = [line for line in monitor.said.splitlines() if "no acceleration for" in line]
+    (line,) = [line for line in monitor.said.splitlines() if "No acceleration: silence " in line]
     assert line.startswith("[ERROR]")
     assert re.search(r"configured for valve 4weh10_soft \(4weh10_soft\): 180 g, 15\.\d Hz", estimator.said)
     for process in (monitor, estimator, simulator, recorder):
