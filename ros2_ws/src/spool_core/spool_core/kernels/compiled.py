@@ -45,8 +45,15 @@ def compiled(function: Function) -> Function:
     return cast("Function", kernel)
 
 
+def inner(function: Function) -> Function:
+    """Return ``function`` compiled for its compiled callers, with which the disk keeps it, or as it is."""
+    if _NUMBA is None:
+        return function
+    return cast("Function", _NUMBA.njit(nogil=True)(function))
+
+
 def inlined(function: Function) -> Function:
-    """Return ``function`` compiled into each of its compiled callers, which the disk keeps, or as it is.
+    """Return ``function`` compiled as ``inner`` does, but into the body of each caller.
 
     For small functions with many arguments in the innermost loop: a call costs more than they do.
     """

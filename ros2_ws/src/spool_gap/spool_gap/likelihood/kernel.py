@@ -160,11 +160,7 @@ def _places(terms: Sequence[Term]) -> tuple[dict[tuple[str, str], int], dict[str
 def laws_source(terms: Sequence[Term]) -> str:
     """Return the Python source of the laws, as :mod:`spool_sim.integration.stepping` uses them."""
     columns, switches, _ = _places(terms)
-    imports = [
-        "import numpy as np",
-        "from spool_sim.terms.base import Array",
-        "from spool_core.kernels.compiled import inlined",
-    ]
+    imports = ["import numpy as np", "from spool_sim.terms.base import Array"]
     smooth: list[str] = []
     pushing: list[str] = []
     sliding, rest, levels = [], [], []
@@ -240,7 +236,7 @@ def laws_source(terms: Sequence[Term]) -> str:
         f"MEMORIES = {kept}",
     ]
     for head, body in functions:
-        kind = "inlined" if head.partition("(")[0] in INNERMOST else "compiled"
+        kind = "inlined" if head.partition("(")[0] in INNERMOST else "inner"
         text += ["", "", f"@{kind}", f"def {head}:", *(f"    {line}" for line in body)]
     return "\n".join(text) + "\n"
 

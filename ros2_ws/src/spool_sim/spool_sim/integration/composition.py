@@ -112,7 +112,7 @@ def laws_source(terms: Sequence[Term]) -> str:
     ]  # fmt: skip
     text = [*imports, "", f"EVENTS = {events}", f"MASS = {mass}"]
     for head, returns, body in functions:
-        text += ["", "", "@compiled", f"def {head}:", f'    """Return {returns}."""']
+        text += ["", "", "@inner", f"def {head}:", f'    """Return {returns}."""']
         text += [f"    {line}" for line in body]
     return "\n".join(text) + "\n"
 

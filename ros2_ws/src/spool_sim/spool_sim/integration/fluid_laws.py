@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 
-from spool_core.kernels.compiled import compiled
+from spool_core.kernels.compiled import inner
 from spool_core.numbers import Array
 
 from spool_sim.terms.spring import force_law as force_law_1
@@ -17,43 +17,43 @@ EVENTS = False
 MASS = 0
 
 
-@compiled
+@inner
 def given(parameters: Array, row: int) -> tuple[float, ...]:
     """Return the parameters that hold in ``row``."""
     return (parameters[row, 0], parameters[row, 1], parameters[row, 2])
 
 
-@compiled
+@inner
 def start_memory(state: Array) -> tuple[float, ...]:
     """Return the forces that the terms remember, N."""
     return (state[3],)
 
 
-@compiled
+@inner
 def smooth(z: float, v: float, t: float, x: tuple[float, ...], q: tuple[float, ...]) -> float:
     """Return the sum of the forces that are continuous in the motion, N."""
     return force_law_1(z, v, t, q[1]) + force_law_2(z, v, t, q[2])
 
 
-@compiled
+@inner
 def sliding(z: float, speed: float, s: float, q: tuple[float, ...]) -> float:
     """Return the sum of dry friction while slipping, N."""
     return 0.0
 
 
-@compiled
+@inner
 def rest(z: float, q: tuple[float, ...]) -> tuple[float, float]:
     """Return what dry friction can take up at rest, N."""
     return 0.0, 0.0
 
 
-@compiled
+@inner
 def remembered(x: tuple[float, ...], slip: float, s: float, q: tuple[float, ...]) -> tuple[float, ...]:
     """Return the forces that the terms remember after slipping on by ``slip`` m, N."""
     return (x[0],)
 
 
-@compiled
+@inner
 def next_level(z0: float, z1: float, q: tuple[float, ...]) -> float:
     """Return the first kink between z0 and z1, m, or not a number."""
     return math.nan

@@ -18,7 +18,7 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from spool_core.kernels.compiled import compiled, inlined
+from spool_core.kernels.compiled import compiled, inlined, inner
 from spool_core.numbers import Array
 
 from spool_sim.integration.fluid_laws import (
@@ -51,7 +51,7 @@ def acceleration(
     return -a - force / q[MASS]
 
 
-@compiled
+@inner
 def slip(
     z: float,
     v: float,
@@ -84,7 +84,7 @@ def slip(
     return z + sixth * (v + 2.0 * (v2 + v3) + v4), v + sixth * (k1 + 2.0 * (k2 + k3) + k4)
 
 
-@compiled
+@inner
 def needed_at_rest(
     z: float, u: float, x: Numbers, t: float, h: float, a0: float, b: float, d: float, q: Numbers
 ) -> float:
@@ -92,7 +92,7 @@ def needed_at_rest(
     return -q[MASS] * (a0 + u * (b + u * d)) - smooth(z, 0.0, t + u * h, x, q)
 
 
-@compiled
+@inner
 def first_time(
     level: float,
     z: float,
@@ -143,7 +143,7 @@ def first_time(
     return tau, z1, v1
 
 
-@compiled
+@inner
 def step_with_events(
     z: float, v: float, s: float, x: Numbers, t: float, h: float, a0: float, am: float, a1: float, q: Numbers
 ) -> tuple[float, float, float, Numbers]:
@@ -233,7 +233,7 @@ def step_with_events(
     return z, v, s, x
 
 
-@compiled
+@inner
 def advance_kernel(
     state: Array,
     body: Array,
@@ -342,7 +342,7 @@ def force_kernel(
             out[number, n] = force
 
 
-@compiled
+@inner
 def predict_kernel(
     state: Array,
     body: Array,
