@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
 
@@ -100,13 +101,19 @@ def _load(name: str) -> ModuleType:
     Raises:
         InputError: its peer is not installed.
     """
+    missing = None
     try:
-        return import_module(f"{__package__}.benchmarks.{name}")
+        module = import_module(f"{__package__}.benchmarks.{name}")
+        # Peers that are slow to load are loaded by their benchmark; whether they are there is known before.
+        missing = next((peer for peer in getattr(module, "LATE", ()) if find_spec(peer) is None), None)
     except ModuleNotFoundError as error:
-        if str(error.name).partition(".")[0].startswith("spool_"):
+        missing = str(error.name)
+        if missing.partition(".")[0].startswith("spool_"):
             raise
-        fix = f"./spool sets it up, elsewhere: {how_to_install(str(error.name))}"
-        raise InputError(f"bench {name}: {error.name} is not installed; {fix}") from None
+    if missing is not None:
+        fix = f"./spool sets it up, elsewhere: {how_to_install(missing)}"
+        raise InputError(f"bench {name}: {missing} is not installed; {fix}")
+    return module
 
 
 def table_of(rows: Sequence[Row]) -> Table:
