@@ -101,18 +101,16 @@ def _load(name: str) -> ModuleType:
     Raises:
         InputError: its peer is not installed.
     """
-    missing = None
     try:
         module = import_module(f"{__package__}.benchmarks.{name}")
-        # Peers that are slow to load are loaded by their benchmark; whether they are there is known before.
-        missing = next((peer for peer in getattr(module, "LATE", ()) if find_spec(peer) is None), None)
+        for peer in getattr(module, "LATE", ()):
+            if find_spec(peer) is None:
+                raise ModuleNotFoundError(name=peer)
     except ModuleNotFoundError as error:
-        missing = str(error.name)
-        if missing.partition(".")[0].startswith("spool_"):
+        if str(error.name).partition(".")[0].startswith("spool_"):
             raise
-    if missing is not None:
-        fix = f"./spool sets it up, elsewhere: {how_to_install(missing)}"
-        raise InputError(f"bench {name}: {missing} is not installed; {fix}")
+        fix = f"./spool sets it up, elsewhere: {how_to_install(str(error.name))}"
+        raise InputError(f"bench {name}: {error.name} is not installed; {fix}") from None
     return module
 
 
@@ -127,8 +125,7 @@ def table_of(rows: Sequence[Row]) -> Table:
 
 def markdown_of(rows: Sequence[Row]) -> str:
     """Return ``rows`` as the same table in Markdown."""
-    columns, cells = _cells(rows)
-    return markdown_table(columns, cells)
+    return markdown_table(*_cells(rows))
 
 
 def _cells(rows: Sequence[Row]) -> tuple[list[str], list[list[str]]]:

@@ -30,7 +30,7 @@ from spool_tools.operations.record_loading import DEFAULT_VALVE
 from spool_tools.operations.record_replay import RefitRequest, replay_valve
 from spool_tools.operations.simulation import simulate
 
-from spool_evaluation.benchmarks.load.valve_source import BLOCK_RATE, PATIENCE, last_words, report_of, sending
+from spool_evaluation.benchmarks.load.valve_source import BLOCK_RATE, last_words, sending
 from spool_evaluation.results.timing import Timing, best_of
 
 SECONDS = 120.0
@@ -83,9 +83,8 @@ def latency(folder: Path, seconds: float) -> Iterator[Timing]:
         own = ["--ros-args", "-r", "__ns:=/valve_1"]
         nodes.start("estimator", "spool_estimator", "estimator", [*own, "-p", "period:=0.1"])
         nodes.start("monitor", "spool_monitor", "monitor", own)
-        with sending(folder, 1, seconds, 0, RUN_IN, LISTENERS) as source:
-            source.wait(timeout=seconds + 2.0 * PATIENCE)
-    seen = report_of(folder)
+        with sending(folder, 1, seconds, 0, RUN_IN, LISTENERS) as saw:
+            seen = saw()
     if not seen["estimates"]:
         raise InputError(f"bench: no estimate came: {last_words(folder / 'nodes.log')}")
     p50, p99, delay = seen["p50_s"], seen["p99_s"], seen["delay_s"]

@@ -23,8 +23,7 @@ from spool_evaluation.results.timing import Stopwatch, Timing
 from spool_evaluation.studies.gap import given, judge
 
 CASES = 12
-#: Loaded where it is asked for.
-LATE = ("pysindy",)
+LATE = ("pysindy",)  # loaded where it is asked for
 #: Of the first record; no seed from here to 30999 was used for making the workflow or a published table.
 FRESH = 30_000
 PEERS = {"PySINDy STLSQ": False, "PySINDy ensemble": True}

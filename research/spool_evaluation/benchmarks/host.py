@@ -17,14 +17,7 @@ from spool_core.errors import InputError
 from spool_core.node.network import isolate
 from spool_tools.operations.demo import Nodes
 
-from spool_evaluation.benchmarks.load.valve_source import (
-    family,
-    last_words,
-    memory,
-    processor_time,
-    report_of,
-    sending,
-)
+from spool_evaluation.benchmarks.load.valve_source import family, last_words, memory, processor_time, sending
 
 VALVES = (1, 10, 32, 100)
 #: s that blocks are sent, and how long after the start processor time is taken from.
@@ -69,6 +62,7 @@ class HostCost:
             "PSS, MB": f"{self.memory / 1e6:.0f}",
             "RSS, MB": f"{self.resident / 1e6:.0f}",
             "blocks lost": f"{seen['lost']:.0f}",
+            "source late, s": f"{seen['longest_late_s']:.1f}",
             "block to estimate p50, ms": milliseconds("p50_s"),
             "p99, ms": milliseconds("p99_s"),
             "longest wait of a block, start, ms": milliseconds("wait_at_start_s")
@@ -82,8 +76,7 @@ class HostCost:
 
     def to_dict(self) -> dict[str, object]:
         """Return what ``--json`` writes."""
-        own = {name: value for name, value in asdict(self).items() if name != "seen"}
-        return {**own, **self.seen}
+        return {name: value for name, value in asdict(self).items() if name != "seen"} | self.seen
 
 
 def run(seconds: float = SECONDS, valves: Sequence[int] = VALVES) -> Iterator[HostCost]:
@@ -99,7 +92,7 @@ def _measured(count: int, seconds: float, way: str) -> HostCost:
     Console(stderr=True).print(f"{count} valves, {way}: {seconds:g} s ...", highlight=False)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        with sending(folder, count, seconds) as source, Nodes(folder / "nodes.log") as nodes:
+        with sending(folder, count, seconds) as saw, Nodes(folder / "nodes.log") as nodes:
             begin = time.monotonic()
             _start(nodes, folder, count, way)
             time.sleep(max(0.0, min(SETTLED, 0.5 * seconds) - (time.monotonic() - begin)))
@@ -110,8 +103,7 @@ def _measured(count: int, seconds: float, way: str) -> HostCost:
             shared, resident = (sum(one) for one in zip(*map(memory, processes), strict=True))
             if nodes.dead():
                 raise InputError(f"bench host: {nodes.dead()[0]} ended: {last_words(folder / 'nodes.log')}")
-            source.wait(timeout=60.0)
-        seen = report_of(folder)
+            seen = saw()
     return HostCost(count, way, len(processes), cores, int(shared), int(resident), seen)
 
 

@@ -32,8 +32,7 @@ from spool_evaluation.results.timing import Stopwatch, Timing
 from spool_evaluation.studies.monitor import replay
 from spool_evaluation.studies.scenarios import Scenario, draw_scenario
 
-#: Peers loaded where they are asked for.
-LATE = ("river", "ruptures")
+LATE = ("river", "ruptures")  # loaded where they are asked for
 #: Of the streams; no seed from here to 30999 was used for making the detectors or a published table.
 FRESH = 30_000
 HEALTHY = ("healthy, oil warms", "healthy, speed changes", "healthy, standstills")

@@ -22,7 +22,7 @@ from spool_core.node.network import isolate
 from spool_tools.operations.demo import Nodes
 
 from spool_evaluation.benchmarks.load import plain_recorder
-from spool_evaluation.benchmarks.load.valve_source import memory, processor_time, report_of, sending
+from spool_evaluation.benchmarks.load.valve_source import memory, processor_time, sending
 
 VALVES = (32,)
 #: s that blocks are sent, after which processor time is taken, and that nodes have to start.
@@ -94,17 +94,16 @@ def _measured(count: int, seconds: float, recorder: str) -> RecordingCost:
                     [sys.executable, "-m", plain_recorder.__name__, str(bag), *topics], start_new_session=True
                 )
             time.sleep(START)
-            with sending(folder, count, seconds, SHIFT) as source:
+            with sending(folder, count, seconds, SHIFT) as saw:
                 time.sleep(min(SETTLED, 0.25 * seconds))
                 process = nodes.running[recorder].pid
                 before, begin = processor_time(process), time.monotonic()
                 time.sleep(0.7 * seconds)
                 cores = (processor_time(process) - before) / (time.monotonic() - begin)
                 resident = memory(process)[1]
-                source.wait(timeout=seconds)
+                sent = int(saw()["blocks"])
             time.sleep(1.0)  # what was sent last is still on its way
             nodes.stop(recorder, patience=PATIENCE)
-        sent = int(report_of(folder)["blocks"])
         files = [bag] if bag.is_file() else list(bag.glob("*.mcap"))
         size = sum(file.stat().st_size for file in files)
         found = _sequences(bag)

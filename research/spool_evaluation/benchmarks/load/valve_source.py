@@ -14,7 +14,7 @@ import struct
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
@@ -58,6 +58,7 @@ class ValveSource:
         delay: s, of the filter, as the last estimate says.
         lost: blocks that each estimator counts as lost.
         blocks: that were sent of each valve.
+        late: s, longest that a block was sent after its time.
         longest_wait: s, that a block waited for its turn in a host: while it starts, and later.
     """
 
@@ -75,6 +76,7 @@ class ValveSource:
     longest_wait: dict[str, float] = field(default_factory=lambda: {"start": 0.0, "later": 0.0})
     sent: dict[int, list[float]] = field(default_factory=dict)
     blocks: int = 0
+    late: float = 0.0
     _begin: float = 0.0
 
     def run(self) -> None:
@@ -111,7 +113,8 @@ class ValveSource:
             number, group = divmod(turn, GROUPS)
             self.blocks = number + 1 if group == GROUPS - 1 else number
             due = self._begin + (turn + 1) * step
-            if time.monotonic() - due > LONGEST_BEHIND:
+            self.late = max(self.late, time.monotonic() - due)
+            if self.late > LONGEST_BEHIND:
                 break  # no processor is left: what was seen until now is the result
             while (left := due - time.monotonic()) > 0.0:
                 executor.spin_once(timeout_sec=left)
@@ -185,6 +188,7 @@ class ValveSource:
             "all_tracking_s": max(self.tracking.values(), default=None),
             "first_heard_s": min(self.first.values(), default=math.nan) - self._begin,
             "lost": sum(self.lost.values()),
+            "longest_late_s": self.late,
             "delay_s": self.delay,
             "processor_s": time.process_time(),
         }
@@ -210,32 +214,37 @@ def memory(process: int) -> tuple[int, int]:
 
 
 @contextmanager
-def sending(folder: Path, *words: object) -> Iterator[subprocess.Popen[bytes]]:
-    """Run this module as a process, which writes ``report.json`` into ``folder``; end it at the end.
+def sending(
+    folder: Path, count: int, seconds: float, *more: object
+) -> Iterator[Callable[[], dict[str, Any]]]:
+    """Run this module as a process that is ended at the end; yield a wait for what it saw.
 
-    ``words`` are COUNT, SECONDS, and what may follow FILE.
-    """
-    count, seconds, *more = map(str, words)
-    given = [count, seconds, str(folder / "report.json"), *more]
-    with (folder / "source.log").open("wb") as log:
-        source = subprocess.Popen([sys.executable, "-m", __name__, *given], stdout=log, stderr=log)
-    try:
-        yield source
-    finally:
-        source.kill()
-
-
-def report_of(folder: Path) -> dict[str, Any]:
-    """Return what the process of :func:`sending` saw.
+    ``more`` may follow FILE. Where processors are busy the process begins late and ends late.
 
     Raises:
-        InputError: it failed.
+        InputError: it failed, or does not end.
     """
     report = folder / "report.json"
-    if not report.exists():
-        raise InputError(f"bench: the source of blocks failed: {last_words(folder / 'source.log')}")
-    seen: dict[str, Any] = json.loads(report.read_text(encoding="utf-8"))
-    return seen
+    words = [str(one) for one in (count, seconds, report, *more)]
+    with (folder / "source.log").open("wb") as log:
+        source = subprocess.Popen([sys.executable, "-m", __name__, *words], stdout=log, stderr=log)
+
+    def saw() -> dict[str, Any]:
+        try:
+            source.wait(timeout=seconds + LONGEST_BEHIND + 2.0 * PATIENCE)
+        except subprocess.TimeoutExpired:
+            raise InputError(
+                "bench: this machine is too busy to send the blocks; try fewer --valves"
+            ) from None
+        if not report.exists():
+            raise InputError(f"bench: the source of blocks failed: {last_words(folder / 'source.log')}")
+        seen: dict[str, Any] = json.loads(report.read_text(encoding="utf-8"))
+        return seen
+
+    try:
+        yield saw
+    finally:
+        source.kill()
 
 
 def last_words(log: Path) -> str:
