@@ -173,8 +173,8 @@ def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
     named = {Path(argument.partition("::")[0]) for argument in config.args}
     if len(named) == 1 and all(path.is_file() for path in named):
         return 0
-    # More than the processors: tests of live nodes wait most of their time.
-    return len(os.sched_getaffinity(0)) + 2
+    # One more than the processors: tests of live nodes wait most of their time.
+    return len(os.sched_getaffinity(0)) + 1
 
 
 @pytest.fixture(autouse=True, scope="session")
