@@ -144,7 +144,7 @@ def slow(*values: object) -> Any:
     [
         slow(9023, "none"),  # the noise looks like a cubic spring to either half of the record
         slow(1081, "none"),  # and here like one to the half that is held out
-        (12, "quadratic_damping"),
+        slow(12, "quadratic_damping"),
         # Few windows, in which the two simulators stick differently, favour a richer law.
         slow(15005, "coulomb_friction"),
         # A law that held-out windows take for another.

@@ -56,8 +56,8 @@ def test_gap_gives_the_numbers_that_a_fit_of_the_same_model_gives() -> None:
 
 
 def test_the_study_writes_what_it_counted(tmp_path: Path) -> None:
-    rows = run(5, 1, tmp_path, workers=1)
-    assert [row.model for row in rows] == ["fluid", "microwedge", "mixed", "coulomb_hydrodynamic", "coulomb"]
+    rows = run(2, 1, tmp_path, workers=1)
+    assert [row.model for row in rows] == ["fluid", "microwedge"]
     told = [entry for row in rows for entry in row.estimates if row.converged]
     assert all(abs(entry.score) < 5.0 for entry in told)
     stiffnesses = [entry for entry in told if entry.quantity == "spring_stiffness"]
@@ -65,5 +65,5 @@ def test_the_study_writes_what_it_counted(tmp_path: Path) -> None:
     counted = json.loads((tmp_path / "estimation.json").read_text())["summary"]
     assert counted[-1]["fits"] == len(told)
     page = (tmp_path / "estimation_study.md").read_text()
-    assert "`./spool study estimation --cases 5 --seed 1 --out DIR`" in page
+    assert "`./spool study estimation --cases 2 --seed 1 --out DIR`" in page
     assert (tmp_path / "estimation_scores.png").stat().st_size > 1000

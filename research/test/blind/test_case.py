@@ -130,7 +130,11 @@ def test_a_stop_with_friction_differs_from_none_only_where_it_is_reached():
         assert both.differs(dry) is reached
 
 
-@pytest.mark.parametrize("hidden", ["damping_drift", "quadratic_damping", "spring_preload"])
+@pytest.mark.parametrize(
+    "hidden",
+    [pytest.param(one, marks=pytest.mark.slow) for one in ("damping_drift", "quadratic_damping")]
+    + ["spring_preload"],
+)
 def test_the_limit_is_where_the_evidence_meets_the_threshold_from_either_side(hidden):
     """The search may end just below the threshold: that size is the limit, not the last one above it."""
     for seed in (1000, 1001):

@@ -122,11 +122,11 @@ def test_drag_that_warms_begins_as_a_line_and_ends_at_its_share():
 
 
 def test_a_seed_makes_the_same_record_again_and_another_one_another():
-    one, other = (make_field(33, nuisances=("hum", "jitter", "spikes")) for _ in range(2))
+    one, other = (make_field(33, "none", ("hum", "jitter", "spikes")) for _ in range(2))
     assert np.array_equal(one.spool, other.spool, equal_nan=True)
     assert np.array_equal(one.body, other.body, equal_nan=True)
     assert [n.sizes for n in one.nuisances] == [n.sizes for n in other.nuisances]
-    assert not np.array_equal(one.spool[:100], make_field(151).spool[:100])
+    assert not np.array_equal(one.spool[:100], make_field(151, "none", ()).spool[:100])
 
 
 def test_without_nuisances_the_record_is_the_motion_and_white_noise():
@@ -167,7 +167,13 @@ def test_an_excitation_begins_at_rest_and_has_the_size_that_is_told(kind):
         assert np.abs(seconds).max(axis=1).min() < 1e-9  # it stands still in between
 
 
-@pytest.mark.parametrize("law", FIELD_LAWS)
+#: One that matters and one that does not, the others in the slow tests.
+QUICK = ("oil_chamber", "spring_surge")
+
+
+@pytest.mark.parametrize(
+    "law", [law if law in QUICK else pytest.param(law, marks=pytest.mark.slow) for law in FIELD_LAWS]
+)
 def test_a_law_of_no_catalogue_is_never_a_name_alone_unless_it_is_that_one(law):
     case = make_field(33, law, ())
     assert case.importance[law].with_without > 0.0

@@ -104,7 +104,7 @@ def test_a_faulty_channel_is_named_and_nothing_is_said_of_friction(fault: Channe
     assert np.isfinite([facts.value, facts.limit]).all()
 
 
-@pytest.mark.parametrize("gain", [0.6, 1.5])
+@pytest.mark.parametrize("gain", [0.6, pytest.param(1.5, marks=pytest.mark.slow)])
 def test_what_the_estimator_still_remembers_of_a_fault_that_is_over_is_no_drift(gain: float) -> None:
     case = short(150.0)
     valve = case.drawn_valve

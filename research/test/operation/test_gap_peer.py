@@ -21,6 +21,7 @@ def test_equal_distributions_have_no_distance_and_disjoint_ones_have_one() -> No
     assert apart[1:] == pytest.approx(1.0)
 
 
+@pytest.mark.slow
 def test_a_record_follows_from_its_seed() -> None:
     first, again = (live((700_003, True)) for _ in range(2))
     assert first.effect == again.effect
