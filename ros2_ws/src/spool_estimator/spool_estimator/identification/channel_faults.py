@@ -170,10 +170,9 @@ def same_channel(body: Array, spool: Array, period: float) -> ChannelFault | Non
 
     A spool that sticks moves as its body, but its sensor has noise of its own.
     """
-    power, together = float(body @ body), float(spool @ body)
-    gain = together / power if power > 0.0 else 0.0
+    gain, left = proportion(body, spool)
     # The largest difference is no smaller than the rms of all.
-    if float(spool @ spool) - gain * together > body.size * AGREE**2:
+    if left > body.size * AGREE**2:
         return None
     changes = np.count_nonzero(np.diff(body))
     if body.size * period < SAME_TIME or changes < FEWEST:
@@ -196,6 +195,21 @@ def same_channel(body: Array, spool: Array, period: float) -> ChannelFault | Non
         "same_channel", "both", "channel_difference", apart, nearest, "m/s^2", text,
         "one sensor is read twice: check the wiring and which channel of the logger each column is",
     )  # fmt: skip
+
+
+@compiled
+def proportion(body: Array, spool: Array) -> tuple[float, float]:
+    """Return by which factor ``spool`` follows ``body``, and the sum of squares that this leaves.
+
+    A library's products of so many samples run in threads, which costs a live node more than it gains.
+    """
+    bodies = both = spools = 0.0
+    for i in range(body.size):
+        bodies += body[i] * body[i]
+        both += body[i] * spool[i]
+        spools += spool[i] * spool[i]
+    gain = both / bodies if bodies > 0.0 else 0.0
+    return gain, spools - gain * both
 
 
 def wrap_around(row: Array, name: str) -> ChannelFault | None:
