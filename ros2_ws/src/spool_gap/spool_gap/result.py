@@ -9,7 +9,7 @@ from itertools import pairwise
 from typing import TypeAlias
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 from spool_core.numbers import Array
 from spool_core.uncertainty import Quantity
 from spool_estimator.identification.nuisances import Nuisance
@@ -18,7 +18,7 @@ from spool_sim.model import Model
 Progress = Callable[[str, float], None]
 
 #: Twice the fall of the log likelihood at the ends of a 95 % interval of one number (Wilks, 1938).
-RISE_95 = float(chi2.ppf(0.95, 1))
+RISE_95 = float(chdtri(1, 0.05))
 IDENTIFIABLE, ONE_SIDED, TOGETHER, NOT = "identifiable", "one-sided", "only together", "not identifiable"
 
 

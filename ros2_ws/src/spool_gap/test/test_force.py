@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ from spool_core.errors import InputError
 from spool_core.numbers import Array
 from spool_gap.catalogue.friction import dahl_state
 from spool_gap.force.analyse import TriedForces, analyse_forces, decide, probability_of
-from spool_gap.force.balance import ForceFit, ForceRecord
+from spool_gap.force.balance import ForceBalance, ForceFit, ForceRecord
 from spool_gap.report import result_to_dict
 from spool_sim.model import MODELS
 
@@ -49,6 +50,15 @@ def test_coulomb_friction_is_named() -> None:
     speed = rig(3)[2]
     result = analyse_forces([forced(3, 15.0 * np.sign(speed))], MODELS["fluid"], "imposed")
     assert result.verdict == "coulomb_friction"
+
+
+def test_the_error_while_it_slides_is_a_share_whatever_the_unit_of_force() -> None:
+    found = []
+    for unit in (1.0, 1000.0):
+        records = [replace(one, force=unit * one.force) for one in (forced(1, 30.0), forced(2, 20.0))]
+        balance = ForceBalance(records[:1], records[1:], ("damping", "zero"))
+        found.append(balance.sliding_error(balance.fit([])))
+    assert found[1] == pytest.approx(found[0])
 
 
 def test_nothing_is_named_where_nothing_is_missing() -> None:

@@ -16,7 +16,7 @@ from spool_estimator.identification.spectra import delayed
 from spool_gap.catalogue import EFFECTS
 from spool_gap.likelihood.kernel import motions_for
 from spool_gap.likelihood.prediction import FREE, Prediction, Predictions, _step_of
-from spool_gap.likelihood.readings import readings_of
+from spool_gap.likelihood.readings import bridged, readings_of
 from spool_gap.likelihood.structure import CHAIN_PARTS, Structure, inverse, mode, mode_of_other, structure_of
 from spool_gap.likelihood.structure_fit import StructureFit, fit_structure
 from spool_sim.excitation import SteppedSine, SweptSine
@@ -320,13 +320,14 @@ def test_the_rail_that_a_bias_moves_is_a_rail_too() -> None:
     assert readings.heard[np.abs(of.spool) < 0.8 * limit].all()
 
 
-def test_a_bias_does_not_leak_from_where_samples_are_missing() -> None:
+def test_a_bias_and_its_drift_do_not_leak_from_where_samples_are_missing() -> None:
     of = record()
     gone, nothing = np.zeros(of.spool.size, dtype=np.bool_), np.zeros(of.spool.size, dtype=np.bool_)
     gone[np.arange(of.spool.size) % 37 < 6] = True
     one = prediction(of, (nothing, gone))
-    biased = one.counted_lines(np.full(one.size, 5.0))[one.inside]
-    assert np.abs(biased).max() < 1e-9 * 5.0 * one.size
+    for drift in (np.zeros(one.size), np.linspace(-1.0, 1.0, one.size)):
+        biased = one.counted_lines(5.0 + drift)[one.inside]
+        assert np.abs(biased).max() < 1e-9 * 5.0 * one.size
 
 
 def test_samples_that_are_cut_off_are_bridged_by_the_model() -> None:
@@ -338,6 +339,14 @@ def test_samples_that_are_cut_off_are_bridged_by_the_model() -> None:
     inside = slice(500, -500)
     error, before = (float(np.std((row.spool - whole.spool)[inside])) for row in (bridge, cut))
     assert error < 0.3 * before
+
+
+def test_a_bridge_ends_at_the_measured_samples_whatever_the_zero_of_the_guess() -> None:
+    of, gone = record(), np.zeros(record().spool.size, dtype=np.bool_)
+    gone[3000:3100] = True
+    cut = readings_of(of, missing=(np.zeros_like(gone), gone))
+    bridges = [bridged(cut, of.spool + zero).spool for zero in (0.0, 5.0)]
+    np.testing.assert_allclose(bridges[1], bridges[0], atol=1e-9)
 
 
 @pytest.mark.parametrize("channel", ["body", "spool"])

@@ -296,7 +296,8 @@ def test_refused_blocks_are_a_data_fault_and_nothing_is_computed_from_them() -> 
     )
     assert hurt.gate.refused == 3
     assert hurt.line == whole.line
-    assert hurt.health.level is HealthLevel.WARNING
+    assert (hurt.health.level, hurt.calm) == (HealthLevel.WARNING, False)
+    assert whole.calm
 
 
 def test_a_fault_before_any_data_is_reported_without_harm() -> None:

@@ -43,6 +43,12 @@ def test_a_steady_drift_tells_when_it_reaches_its_limit(sign: float, length: int
     assert left == pytest.approx(0.8 / rate, rel=0.2)
 
 
+@pytest.mark.parametrize(("seconds", "tells"), [(15, False), (16, True)])
+def test_a_trend_tells_once_it_has_lasted_four_memories_of_the_estimator(seconds: int, tells: bool) -> None:
+    ramp = np.linspace(0.6, 1.2, seconds + 1)
+    assert math.isfinite(followed(ramp, noise=0.0).seconds_to(2.0, MEMORY)) is tells
+
+
 def test_what_has_passed_its_limit_has_no_time_left() -> None:
     assert followed(np.linspace(0.6, 2.4, 60)).seconds_to(2.0, MEMORY) == 0.0
 

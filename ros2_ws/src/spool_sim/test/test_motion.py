@@ -188,6 +188,11 @@ def test_step_error_tells_what_the_chosen_step_costs() -> None:
     assert told < 1e-5
 
 
+def test_a_spool_that_rests_has_no_step_error() -> None:
+    error = halving_error(MOTION, FREE, np.zeros_like, seconds=0.1, sample_rate=2000.0, substeps=1)
+    assert error == 0.0
+
+
 @settings(max_examples=60, deadline=None)
 @given(
     cuts=st.lists(st.integers(1, 599), max_size=12, unique=True),

@@ -138,6 +138,7 @@ REFUSED: list[tuple[str, Maker, dict[str, object], str]] = [
     ("which.csv", made.text("t [s],body 1 [g],body 2 [g],spool [g]\n", made.rows().replace("\n", ",0\n")), {},
      "body 1 .g., body 2 .g. could be body_m_s2: say which with --columns .body=body 1 .g.., or --columns"),
     ("names.csv", made.text("t [s],a [g],b [g]\n", made.rows()), {}, r"name columns, e\.g\. --columns .body=a .g.,spool=b .g.."),
+    ("headless.csv", made.text("", made.rows()), {}, r"name columns, e\.g\. --columns time=0,body=1,spool=2"),
     ("rate.csv", made.text("t [s],body [g],spool [g]\n", made.rows()), {"rate": 1000.0}, "shows 2000 Hz: leave --rate out"),
     ("cut.xlsx", lambda path: path.write_bytes(b"PK\x03\x04 cut") and None, {}, "cannot be read as Excel"),
     ("cut.tdms", lambda path: path.write_bytes(b"TDSm" + bytes(40)) and None, {}, "cannot be read as NI TDMS"),

@@ -14,6 +14,7 @@ from spool_bag.importing.bag_import import import_record
 from spool_bag.importing.choices import choices
 from spool_bag.importing.clock_offset import clock_offset
 from spool_bag.importing.logger_record import read_record
+from spool_bag.importing.two_clocks import Series, merged
 from spool_bag.reader import BagReader
 from spool_core.errors import InputError
 from spool_estimator.identification.fit import fit
@@ -78,6 +79,16 @@ def test_offset_and_drift_are_found_and_the_stiffness_is_the_valves(tmp_path: Pa
 def test_two_clocks_are_refused_where_that_is_asked(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="on two clocks, and --align none says to leave them so"):
         read_record(two_files(tmp_path), how=choices(align="none"))
+
+
+@pytest.mark.parametrize(("body", "spool", "slower"), [(500.0, 2048.0, "body"), (2048.0, 500.0, "spool")])
+def test_the_grid_of_the_slower_channel_is_told(body: float, spool: float, slower: str) -> None:
+    series = (
+        Series("x", np.arange(rate) / rate, np.zeros(int(rate)), 1.0 / rate, np.zeros(0, np.int64), None)
+        for rate in (body, spool)
+    )
+    found = merged(*series, shared_clock=True)
+    assert found.note.endswith(f"; grid of 500 Hz, that of the {slower}")
 
 
 def test_a_linear_spool_has_no_error_of_its_own() -> None:
