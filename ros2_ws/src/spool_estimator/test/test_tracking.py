@@ -106,6 +106,20 @@ def test_a_spring_that_jumps_is_seen_within_1_s(change: float) -> None:
     assert settled(np.abs(after / target - 1.0) < 0.02) <= 1.0
 
 
+def test_a_jump_leaves_nothing_of_the_former_spring_where_the_next_one_is_looked_for() -> None:
+    source = simulator()
+    estimator = Estimator(settings_for(source.valve))
+    follow(source, 10.0, estimator)
+    tracker, before = estimator.tracker, estimator.tracker.refits
+    source.set_drift("spring_stiffness", 1.8 * 1632.0)
+    for block in source.records(3.0):
+        estimator.update(block)
+        if tracker.refits > before:
+            break
+    assert tracker.refits == before + 1
+    assert tracker._window.best()[0] == pytest.approx(1.8 * 1632.0, rel=0.05)
+
+
 def test_a_small_change_is_followed_after_the_excitation_dropped_to_a_tenth() -> None:
     strong, weak = (Multisine(low_frequency=10.0, high_frequency=100.0, rms=rms) for rms in (7.0, 0.7))
     excitation = Sequence(

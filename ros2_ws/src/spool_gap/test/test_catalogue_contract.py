@@ -9,6 +9,7 @@ from spool_core.errors import InputError
 from spool_gap.catalogue import EFFECTS, effect
 from spool_gap.effect import Effect, Motion
 from spool_gap.likelihood.kernel import motions_for
+from spool_gap.report import named
 from spool_sim.integration.composed_motion import ComposedMotion, MotionState
 from spool_sim.model import MODELS
 from spool_sim.terms import term
@@ -66,6 +67,12 @@ def test_an_effect_says_what_a_reader_needs(name: str) -> None:
     assert {parameter.name for law in entry.terms for parameter in term(law).parameters} >= (
         set(entry.fitted) if entry.terms else set()
     )
+
+
+def test_the_sentence_says_of_every_effect_what_it_is_on_the_machine_and_what_to_check() -> None:
+    sentence = named([(name, ()) for name in EFFECTS], 0.5, 0.1, 0.05, "the force")
+    told = (text for entry in EFFECTS.values() for text in (entry.on_the_machine, entry.to_check))
+    assert [text for text in told if text not in sentence] == []
 
 
 @pytest.mark.parametrize("name", FORCES)

@@ -15,11 +15,12 @@ from spool_gap.evidence.analyse import DOUBTFUL, analyse, words_of
 from spool_gap.evidence.decision import decide
 from spool_gap.evidence.held_out import HeldOut
 from spool_gap.evidence.look import look_at
+from spool_gap.likelihood import prediction
 from spool_gap.likelihood.kernel import motions_for
 from spool_gap.likelihood.prediction import Prediction, Predictions
 from spool_gap.likelihood.readings import readings_of
 from spool_gap.likelihood.rest import Rest, foreseen, rest_of
-from spool_gap.likelihood.score import Balance, best_of, close_proposals, proposals
+from spool_gap.likelihood.score import Balance, Proposal, best_of, close_proposals, proposals
 from spool_gap.likelihood.search import COMPARED, DECISIVE, Search
 from spool_gap.likelihood.structure import mode, structure_of
 from spool_gap.likelihood.structure_fit import fit_structure
@@ -158,6 +159,18 @@ def test_a_plainer_law_is_tried_in_place_of_the_best_one_however_late_it_is() ->
     tried = {effects for effects, parts in search.fits if not parts}
     assert {frozenset(["stribeck_friction"]), frozenset(["coulomb_friction"])} <= tried
     assert search.simplest.structure.effects == ("coulomb_friction",)
+
+
+@pytest.mark.parametrize("name", ["cubic_stiffness", "end_stop"])
+def test_a_first_look_at_an_effect_takes_excerpts_of_the_record_alone(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(prediction, "EXCERPT", 3.5)
+    of = predictions(record())
+    search = Search(of, structure_of(BASE, VALVE), [name])
+    before = of.work
+    assert search._quick(search.base, [Proposal(name, search.base.structure.values, 0.0, 0)], None)
+    assert of.work == before
 
 
 STOP = {"stop_gap": 1.2e-3, "stop_stiffness": 2e5, "stop_dissipation": 0.3, "stop_damping": 2.0}

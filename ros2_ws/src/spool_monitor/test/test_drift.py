@@ -14,6 +14,7 @@ from spool_monitor.detectors import MonitorSettings
 from spool_monitor.event import Severity
 from spool_monitor.monitor import Monitor
 from spool_monitor.parameter_drift import SMOOTHING, TESTS, ParameterDrift
+from spool_monitor.replay import DriftTrace
 from spool_monitor.state_file import Baseline, HealthyValue
 
 SECOND = 1_000_000_000
@@ -336,6 +337,14 @@ def test_one_wild_estimate_is_no_change() -> None:
 def test_what_is_too_uncertain_is_not_judged(deviation: float, found: bool) -> None:
     """0.2 of 2.0 must be found: an estimate is believed up to 35 % of that, a larger change found by it."""
     assert math.isfinite(found_after(learned(), [1.4] * 50, deviation)) is found
+
+
+@pytest.mark.parametrize(("relative", "size"), [(True, 0.4), (False, 0.2)])
+def test_a_trace_shows_the_change_that_matters_in_the_parameters_unit(relative: bool, size: float) -> None:
+    trace = DriftTrace()
+    trace.take(estimate(9.0, 2.0), {"viscous_coefficient": learned(relative=relative)})
+    (point,) = trace.points["viscous_coefficient"]
+    assert point.matters == pytest.approx(size)
 
 
 def test_a_restless_baseline_takes_longer_to_alarm() -> None:

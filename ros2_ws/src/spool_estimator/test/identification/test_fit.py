@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from spool_core.errors import InputError
@@ -14,6 +14,7 @@ from spool_core.uncertainty import rate_power
 from spool_estimator.identification.fit import fit, free_run_agreement
 from spool_estimator.identification.fit_result import SPOOL_DELAY, SPOOL_GAIN, FitSettings
 from spool_estimator.identification.record import Record, first_seconds, records_from_blocks
+from spool_estimator.identification.residuals import covariance_of
 from spool_estimator.identification.spectra import ZeroPhase, relative_motion
 from spool_sim.excitation import Excitation, Multisine, SweptSine
 from spool_sim.integration.composed_motion import ComposedMotion
@@ -55,6 +56,17 @@ def record(
     )
     (whole,) = records_from_blocks(simulator.records(seconds), model)
     return whole
+
+
+@settings(max_examples=20)
+@given(st.lists(st.floats(-100.0, 100.0), min_size=3, max_size=9))
+def test_few_blocks_tell_a_mean_with_the_variance_of_students_t(sums: list[float]) -> None:
+    count = len(sums)
+    spread = float(np.var(sums, ddof=1))
+    assume(spread > 1.0)
+    blocks = [slice(number, number + 1) for number in range(count)]
+    (variance,) = covariance_of(np.ones((count, 1)), np.array(sums), blocks).ravel()
+    assert variance == pytest.approx(spread / count * (1.0 + 2.0 / count))
 
 
 def test_integration_without_phase_keeps_a_sine_and_drops_bias_and_drift() -> None:
