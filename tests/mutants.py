@@ -219,7 +219,8 @@ def _first_failure(tests: list[str], first: Path | None) -> str:
         return "no end"
     if run.returncode in (0, 5):
         return ""
-    found = re.search(r"^(?:FAILED|ERROR) (\S+)", run.stdout, re.MULTILINE)
+    # Without the case of a test of several: there may be blanks in it.
+    found = re.search(r"^(?:FAILED|ERROR) ([^\s\[]+)", run.stdout, re.MULTILINE)
     return found[1] if found else tests[0]
 
 

@@ -71,6 +71,9 @@ def test_a_viscosity_in_other_units_is_told_from_the_damping() -> None:
     filed = SOFT.model_copy(update={"dynamic_viscosity": 100.0 * SOFT.dynamic_viscosity})
     (doubt,) = check_records(filed, [simulated(SOFT)])
     assert "dynamic_viscosity" in doubt
+    # How thin the oil may become is not known from a temperature that its law does not reach.
+    beyond = filed.model_copy(update={"oil_temperature": 200.0})
+    assert check_records(beyond, [simulated(SOFT)]) == []
 
 
 def test_hot_oil_and_a_worn_sleeve_are_no_contradiction() -> None:

@@ -106,6 +106,16 @@ def test_a_spring_that_jumps_is_seen_within_1_s(change: float) -> None:
     assert settled(np.abs(after / target - 1.0) < 0.02) <= 1.0
 
 
+@pytest.mark.parametrize("change", [0.4, 2.5])
+def test_the_residual_is_that_of_before_the_jump_once_the_new_spring_is_found(change: float) -> None:
+    source = simulator()
+    estimator = Estimator(settings_for(source.valve))
+    before = follow(source, 10.0, estimator)[-1].residual
+    source.set_drift("spring_stiffness", change * 1632.0)
+    after = follow(source, 2.0, estimator)[-1].residual
+    assert 0.0 < after.value < 2.0 * before.value
+
+
 def test_a_jump_leaves_nothing_of_the_former_spring_where_the_next_one_is_looked_for() -> None:
     source = simulator()
     estimator = Estimator(settings_for(source.valve))

@@ -29,6 +29,7 @@ def test_record_and_blocks_are_the_same_bit_for_bit(valve: Valve, name: str) -> 
     live = Simulator(valve, PRESETS[name], seed=3, **NOISY)
     assert len(fast) == 300
     for block in fast:
+        assert live.stamp == block.stamp
         other = live.next_block()
         assert (block.stamp, block.sequence, block.sample_period) == (
             other.stamp,

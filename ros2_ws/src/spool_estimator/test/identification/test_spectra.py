@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import fft, signal
 from spool_core.numbers import Array
-from spool_estimator.identification.spectra import cross_spectrum, density_of, fast_length
+from spool_estimator.identification.spectra import cross_spectrum, delayed, density_of, fast_length
 
 RATE = 500.0
 
@@ -38,6 +38,12 @@ def test_cross_spectra_are_welch_s_of_pieces_less_their_means(samples: int, piec
     frequency, cross = signal.csd(body, spool, RATE, "hann", piece)
     np.testing.assert_allclose(found.frequency, frequency, rtol=1e-12)
     np.testing.assert_allclose(found.cross, cross, rtol=1e-9, atol=1e-12)
+
+
+def test_rows_that_are_delayed_by_whole_samples_are_moved_by_them() -> None:
+    rows = np.stack(channels(400))
+    for row in (rows, rows[0]):
+        np.testing.assert_allclose(delayed(row, 3.0 / RATE, 1.0 / RATE)[..., 3:], row[..., :-3], atol=1e-9)
 
 
 def test_a_record_shorter_than_a_piece_is_one_piece() -> None:
