@@ -9,10 +9,10 @@ excited near the resonance, there is no verdict.
 from __future__ import annotations
 
 import math
+from bisect import insort
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-import numpy as np
 from spool_core.errors import InputError
 from spool_core.uncertainty import Z_95, compared
 from spool_sim.valve import FILM, OILS, Valve
@@ -87,10 +87,10 @@ class ValveCheck:
         """Take how the spool swung for a moment; numbers that are not finite tell nothing."""
         if self.complete or not math.isfinite(swing.frequency + swing.frequency_deviation):
             return
-        self._frequencies.append(swing.frequency)
-        self._deviations.append(swing.frequency_deviation)
+        insort(self._frequencies, swing.frequency)
+        insort(self._deviations, swing.frequency_deviation)
         if math.isfinite(swing.ratio + swing.ratio_deviation):
-            self._ratios.append(swing.ratio + Z_95 * swing.ratio_deviation)
+            insort(self._ratios, swing.ratio + Z_95 * swing.ratio_deviation)
 
     @property
     def natural_frequency(self) -> Interval | None:
@@ -101,8 +101,8 @@ class ValveCheck:
         """
         if len(self._frequencies) < LEAST:
             return None
-        low, middle, high = np.quantile(self._frequencies, (0.025, 0.5, 0.975)).tolist()
-        wide = Z_95 * float(np.median(self._deviations))
+        low, middle, high = (_quantile(self._frequencies, share) for share in (0.025, 0.5, 0.975))
+        wide = Z_95 * _quantile(self._deviations, 0.5)
         return Interval(low - wide, middle, high + wide)
 
     def doubts(self) -> list[str]:
@@ -134,7 +134,7 @@ class ValveCheck:
             thinner = oil.kinematic_viscosity(max(HOTTEST, self.valve.oil_temperature)) / here
         except InputError:  # the file's temperature is out of the law's range
             thinner = 0.0
-        shown, least = float(np.quantile(self._ratios, 0.975)), self.valve.damping_ratio * thinner / WORN
+        shown, least = _quantile(self._ratios, 0.975), self.valve.damping_ratio * thinner / WORN
         if shown >= least:
             return ""
         return (
@@ -142,6 +142,13 @@ class ValveCheck:
             f"and {least:.2g} at least with oil at {HOTTEST:g} deg C in a worn sleeve; the record shows "
             f"{shown:.2g} at most: check dynamic_viscosity (Pa s), radial_clearance and the land (m)"
         )
+
+
+def _quantile(ordered: Sequence[float], share: float) -> float:
+    """Return the quantile of a few values in order; NumPy takes a node fifty times as long for that."""
+    place = share * (len(ordered) - 1)
+    low = min(int(place), len(ordered) - 2)
+    return ordered[low] + (place - low) * (ordered[low + 1] - ordered[low])
 
 
 def check_rate(name: str, sample_rate: float, valve: Valve) -> None:
