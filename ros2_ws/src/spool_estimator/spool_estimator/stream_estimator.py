@@ -249,7 +249,8 @@ class StreamEstimator(ABC):
             return []
         self._gone_back = False
         block = self.outliers.cleaned(block, restarts=verdict is Verdict.RESTARTS)
-        if self.gate.before is not None and block.stamp < self.gate.before[0]:
+        # Of blocks that are taken together the last one counts: the first is older than the one before it.
+        if self.gate.before is not None and block.end < self.gate.before[1]:
             self._good.move(block.stamp - self.gate.before[1])
         if verdict is Verdict.RESTARTS or not self._missing[0]:
             self._restart(block.sample_period)

@@ -17,7 +17,7 @@ import spool_estimator
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from spool_core.block import Block
-from spool_core.block_gate import STALE
+from spool_core.block_gate import STALE, SharedGate
 from spool_core.uncertainty import Validity
 from spool_estimator.estimate import Estimate, State
 from spool_estimator.estimator import ESTIMATORS
@@ -307,6 +307,27 @@ def test_while_channels_stand_still_the_last_good_estimate_is_held(
             assert numbers(one) == numbers(good)
             assert {each.validity for each in one.parameters} == {Validity.HELD}
             assert not one.excitation.known
+
+
+@ALL
+def test_blocks_that_are_taken_together_go_back_as_far_where_the_rate_is_wrong(make: Make) -> None:
+    seen = record(20.0)
+    blocks = [
+        replace(block, stamp=block.stamp + max(0, number - 630) * 1_000_000)  # 5 % slower from 12.6 s on
+        for number, block in enumerate(seen)
+    ]
+    together, gate = make(SETTINGS), SharedGate()
+    together.gate = gate
+    found = [
+        estimate
+        for first in range(0, len(blocks), 5)
+        for block in gate.admitted(blocks[first : first + 5], lambda: together.lacking)
+        for estimate in together.update(block)
+    ]
+    one_by_one = make(SETTINGS)
+    assert bits(found, last_sequence=0) == bits(estimates_of(one_by_one, blocks), last_sequence=0)
+    assert one_by_one.gate.refused
+    assert bits([together.stale()], last_sequence=0) == bits([one_by_one.stale()], last_sequence=0)
 
 
 @ALL
