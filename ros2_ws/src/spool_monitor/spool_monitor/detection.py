@@ -269,7 +269,9 @@ class Detection:
         """Return the reference with the drag of the oil where that is colder than when the drag was seen."""
         seen = self.parameters[VISCOUS].temperature if self._followed_at is None else self._followed_at
         colder = seen - self._celsius
-        thicker = math.exp(VISCOSITY_PER_KELVIN * min(colder, COLDER_MOST)) if colder > 0.0 else 1.0
+        if not colder > 0.0:
+            return self.reference
+        thicker = math.exp(VISCOSITY_PER_KELVIN * min(colder, COLDER_MOST))
         return replace(self.reference, damping=thicker * self.reference.damping)
 
     def _moment(
