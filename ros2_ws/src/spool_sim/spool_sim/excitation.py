@@ -356,11 +356,12 @@ def sum_of_lines(t: Array, frequencies: Array, amplitudes: Array, phases: Array)
     One line after the other: the order of the sum does not depend on how many times are asked for.
     """
     total = np.zeros(t.shape)
-    step = max(1, _TOGETHER // frequencies.size)
-    for part in (slice(begin, begin + step) for begin in range(0, t.size, step)):
-        turns = frequencies[:, np.newaxis] * t[part] + phases[:, np.newaxis]
-        for sine in amplitudes[:, np.newaxis] * turns_to_sine(turns):
-            total[part] += sine
+    several = max(1, _TOGETHER // max(1, t.size))
+    for first in range(0, frequencies.size, several):
+        part = slice(first, first + several), np.newaxis
+        turns = frequencies[part] * t + phases[part]
+        for sine in amplitudes[part] * turns_to_sine(turns):
+            total += sine
     return total
 
 
