@@ -9,6 +9,7 @@ import uuid
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import settings
@@ -117,7 +118,10 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def pytest_cmdline_main(config: pytest.Config) -> int | None:
     """Replace the tests that were asked for by those that a change can reach, before workers are counted."""
     commit = config.getoption("--changed")
-    if commit is None or hasattr(config, "workerinput"):
+    if commit is None:
+        return None
+    if hasattr(config, "workerinput"):
+        config.args[:] = config.workerinput["reached"]
         return None
     from spool_core.errors import InputError  # noqa: PLC0415 - not beneath every package
     from spool_evaluation.changed_tests import Repository  # noqa: PLC0415 - in a checkout only
@@ -129,6 +133,12 @@ def pytest_cmdline_main(config: pytest.Config) -> int | None:
         raise pytest.UsageError(str(error)) from error
     print(f"since {commit}: {len(config.args)} test functions can be reached; .ci/run runs all")
     return None if config.args else 0
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_configure_node(node: Any) -> None:
+    """Give a worker the tests that a change can reach: it would begin with what was typed."""
+    node.workerinput["reached"] = node.config.args
 
 
 def pytest_configure(config: pytest.Config) -> None:
