@@ -1,7 +1,10 @@
 from __future__ import annotations
 
 import fnmatch
+import os
+import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -74,10 +77,15 @@ def _repository(tmp_path: Path) -> Path:
     for name, text in FILES.items():
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text(text)
-    who = ["-c", "user.name=somebody", "-c", "user.email=somebody@example.org"]
-    for words in (["init", "-q"], ["add", "."], [*who, "commit", "-q", "-m", "all"]):
-        subprocess.run(["git", *words], cwd=tmp_path, check=True)
+    subprocess.run(["git", "init", "-q"], cwd=tmp_path, check=True)
+    commit(tmp_path)
     return tmp_path
+
+
+def commit(repository: Path) -> None:
+    who = ["-c", "user.name=somebody", "-c", "user.email=somebody@example.org"]
+    for words in (["add", "."], [*who, "commit", "-q", "-m", "all"]):
+        subprocess.run(["git", *words], cwd=repository, check=True)
 
 
 @pytest.mark.parametrize(
@@ -100,6 +108,22 @@ def test_a_change_reaches_the_tests_that_use_what_it_changes(
     found = Repository(repository)
     names = found.tests_reached(found.changed_since("HEAD"))
     assert set(names) == {f"{TESTS}/test_a.py::test_of_a_{name}" for name in reached}
+
+
+@pytest.mark.parametrize("workers", ["0", "2"])
+def test_only_what_is_reached_is_run_by_workers_too(repository: Path, workers: str) -> None:
+    shutil.copy(ROOT / "conftest.py", repository)
+    commit(repository)
+    path = repository / PACKAGE / "laws.py"
+    path.write_text(path.read_text().replace("return 1", "return 2"))
+    source = os.pathsep.join((str(repository / PACKAGE).rpartition("/")[0], os.environ["PYTHONPATH"]))
+    words = ["-m", "pytest", "-q", "-p", "no:cacheprovider", "-n", workers, "--changed"]
+    done = subprocess.run(
+        [sys.executable, *words], cwd=repository, env=os.environ | {"PYTHONPATH": source},
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.stdout.startswith("since HEAD: 1 test functions can be reached"), done.stdout + done.stderr
+    assert "\n1 passed" in done.stdout, done.stdout
 
 
 def test_nothing_is_reached_where_nothing_changed(repository: Path) -> None:
