@@ -209,13 +209,13 @@ class HostProcess:
         autostart = self._node.value("autostart")
         if autostart:
             self._node.trigger_configure()
+        gc.disable()  # until all nodes live: each look of it goes through all that there are already
         for valve in mine:
             for kind in kinds:
                 self._add(kind, valve)
                 self._turns()
         gc.collect()
         gc.freeze()
-        gc.disable()
         for one in self.hosted:
             # An operator, or a new try after a failure, may have been sooner.
             if one.node.value("autostart") and one.node.is_inactive and not one.failed:
