@@ -17,6 +17,9 @@ OIL_TEMPERATURE = "oil_temperature_C"
 DISPLACEMENT = "displacement_m"
 FORCE = "force_N"
 
+#: What ``linear_acceleration_covariance[0]`` holds where an Imu measures no acceleration (sensor_msgs/Imu).
+NOT_MEASURED = -1.0
+
 
 def no_such_bag(path: Path) -> InputError:
     """Return the refusal of ``path`` where there is no bag."""

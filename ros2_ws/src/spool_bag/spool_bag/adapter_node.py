@@ -27,6 +27,8 @@ from spool_core.sensor_stream import Refusal
 from spool_core.text import plural
 from std_msgs.msg import Float64MultiArray
 
+from spool_bag import NOT_MEASURED
+
 #: s between two looks at the sensors, and looks between two reports of an unchanged state: about once a
 #: second, and a sensor that stopped is reported within ``stale_after`` and a look.
 LOOK, LOOKS = 0.25, 4
@@ -45,8 +47,6 @@ TYPES: Mapping[str, Any] = {
 _AXIS = re.compile(r"[+-]?[xyz]")
 _COLUMN = re.compile(r"[+-]?column\d{1,4}")
 
-#: What ``linear_acceleration_covariance[0]`` holds where an Imu measures no acceleration (sensor_msgs/Imu).
-NOT_MEASURED = -1.0
 #: Parts of a second in ``builtin_interfaces/Time``: more is no time.
 NANOSECONDS = 1_000_000_000
 

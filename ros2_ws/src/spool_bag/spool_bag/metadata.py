@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import functools
 import os
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -44,6 +45,12 @@ class _Dumper(yaml.SafeDumper):
 
 _Dumper.add_representer(type(None), lambda dumper, _: dumper.represent_scalar("tag:yaml.org,2002:null", ""))
 
+
+#: Names of parts without suffix: rosbag2 writes ``NAME_N`` up to Kilted, ``N_NAME_DATE`` from Lyrical on.
+_COUNTED = re.compile(r"(?P<stem>.*)_(?P<number>\d{1,9})")
+_DATED = re.compile(r"(?:(?P<number>\d{1,9})_)?(?P<stem>.*?)_?\d{4}_\d\d_\d\d-\d\d_\d\d_\d\d")
+#: Suffixes of the files of a bag.
+STORED = (".mcap", ".db3")
 
 ACCELERATION_BLOCK = "spool_msgs/msg/AccelerationBlock"
 TEMPERATURE = "sensor_msgs/msg/Temperature"
@@ -124,19 +131,48 @@ def is_bag_file(path: Path) -> bool:
     return path.name.lower().endswith((".mcap", ".mcap.zstd", ".mcap.zst"))
 
 
+def part_of(name: str) -> tuple[str, int] | None:
+    """Return what the parts of one recording have in common, and the number of the file called ``name``.
+
+    ``None`` where the name has no number.
+    """
+    base = name.removesuffix(COMPRESSED)
+    suffix = next((one for one in STORED if base.endswith(one)), "")
+    if not suffix:
+        return None
+    base = base.removesuffix(suffix)
+    # The last digits of a date are no number of a part.
+    match = _DATED.fullmatch(base) or _COUNTED.fullmatch(base)
+    return (match["stem"], int(match["number"])) if match and match["number"] else None
+
+
+def in_order(names: Iterable[str]) -> list[str]:
+    """Return names of files in the order in which they were recorded, as far as their numbers tell."""
+    return sorted(names, key=lambda name: (*(part_of(name) or (name, -1)), len(name), name))
+
+
 class Storage(NamedTuple):
-    """The files of a bag in order, the messages that its metadata counts, and what is wrong, a line each."""
+    """Files of a bag in order.
+
+    ``messages``: as the metadata counts them. ``warnings``: one line each. ``packed``: each message is
+    compressed by itself.
+    """
 
     files: list[Path]
     messages: int
     warnings: list[str]
+    packed: bool = False
 
 
-def storage_files(folder: Path) -> Storage:
+def storage_files(folder: Path, *, foreign: bool = False) -> Storage:
     """Return what makes up the rosbag2 directory ``folder``.
 
+    Args:
+        folder: where the files are.
+        foreign: whether SQLite files and messages that are compressed one by one are taken as well.
+
     Raises:
-        InputError: no MCAP file, another storage, or compressed messages.
+        InputError: no file of a bag, another storage, or compressed messages.
     """
     warnings: list[str] = []
     storage, compression, names, messages = "mcap", "", list[str](), 0
@@ -149,7 +185,10 @@ def storage_files(folder: Path) -> Storage:
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         warnings.append(f"{folder / FILE_NAME} cannot be read")
     other = storage not in ("mcap", "") or any(name.endswith(".db3") for name in names)
-    if other or compression.lower() not in ("", "none", "file"):
+    packed = compression.lower() == "message"
+    if foreign:
+        other = storage not in ("mcap", "sqlite3", "")
+    if other or not (compression.lower() in ("", "none", "file") or (foreign and packed)):
         what = f"storage {storage or 'sqlite3'!r}" if other else f"compression mode {compression!r}"
         raise InputError(
             f"{folder}: {printable(what, 80)} is not read here: type "
@@ -159,24 +198,23 @@ def storage_files(folder: Path) -> Storage:
     names = [
         name if (folder / name).is_file() else name.removesuffix(COMPRESSED) for name in names
     ]  # files that were decompressed since
-    unlisted = (
-        sorted(_parts_of(folder, names) - set(names), key=lambda name: (len(name), name)) if names else []
-    )
+    unlisted = in_order(_parts_of(folder, names) - set(names))
     warnings.extend(
         f"{folder}: {printable(name, 200)} is not in {FILE_NAME}, and is read as well" for name in unlisted
     )
-    names = sorted({*names, *unlisted}, key=lambda name: (len(name), name)) if unlisted else names
+    names = in_order({*names, *unlisted}) if unlisted else names
     paths = [folder / name for name in names if (folder / name).is_file()]
     missing = [name for name in names if not (folder / name).is_file()]
     warnings.extend(f"{folder}: {printable(name, 200)} is missing" for name in missing[:MOST_MISSING])
     if len(missing) > MOST_MISSING:
         warnings.append(f"{folder}: {len(missing) - MOST_MISSING} more files are missing")
-    if not paths:
-        found = [*folder.glob("*.mcap"), *folder.glob(f"*.mcap{COMPRESSED}")]
-        paths = sorted(found, key=lambda path: (len(path.name), path.name))
+    for suffix in STORED[: 1 + foreign]:
+        if not paths:
+            found = [*folder.glob(f"*{suffix}"), *folder.glob(f"*{suffix}{COMPRESSED}")]
+            paths = [folder / name for name in in_order(path.name for path in found)]
     if not paths:
         raise InputError(f"{folder}: no .mcap file in it: name a rosbag2 directory or an .mcap file")
-    return Storage(paths, messages, warnings)
+    return Storage(paths, messages, warnings, packed)
 
 
 def read_metadata(folder: Path) -> dict[str, Any]:
@@ -214,14 +252,6 @@ def custom_data(path: Path) -> dict[str, str]:
 def is_unfinished(path: Path) -> bool:
     """Return whether the bag at ``path`` says that its recording is under way, or was never finished."""
     return custom_data(path).items() >= _UNFINISHED.items()
-
-
-def storage_of(folder: Path) -> str | None:
-    """Return the storage that ``metadata.yaml`` names, ``None`` where it cannot be read."""
-    try:
-        return _told(folder)[0]
-    except (OSError, YamlError, ValueError, KeyError, TypeError, AttributeError):
-        return None
 
 
 @dataclass(frozen=True, slots=True)
@@ -328,11 +358,15 @@ def _content(bag: BagMetadata) -> dict[str, Any]:
 
 
 def _parts_of(folder: Path, names: Sequence[str]) -> set[str]:
-    """Return the parts ``STEM_N.mcap`` that lie beside those that are listed."""
-    stems = {stem for name in names if (stem := name.rpartition("_")[0]) and name.endswith(".mcap")}
-    beside = (path.name for path in folder.glob("*_*.mcap") if path.is_file())
+    """Return the parts that lie beside those that are listed, numbered like these."""
+    stems = {part[0] for name in names if (part := part_of(name)) is not None}
+    listed = {name.removesuffix(COMPRESSED) for name in names}
+    kinds = [suffix for suffix in STORED if any(name.endswith(suffix) for name in listed)]
+    beside = (path.name for suffix in kinds for path in folder.glob(f"*{suffix}") if path.is_file())
     return {
-        name for name in beside if name.rpartition("_")[0] in stems and name[:-5].rpartition("_")[2].isdigit()
+        name
+        for name in beside
+        if name not in listed and (part := part_of(name)) is not None and part[0] in stems
     }
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import os
-import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -18,7 +17,7 @@ from spool_core.system import OPEN_FLAGS
 
 from spool_bag.mcap_file import McapFile
 from spool_bag.mcap_record import message_head
-from spool_bag.metadata import Definition, PartCount, TopicCount, qos_of
+from spool_bag.metadata import Definition, PartCount, TopicCount, part_of, qos_of
 from spool_bag.part_chain import UNREADABLE, begin_of, end_of, file_hash, is_stub, oldest_of
 
 #: B of an index at most (MCAP specification): of a chunk, of a channel in it, of a definition besides its
@@ -28,8 +27,6 @@ CHUNK_INDEX, OFFSET, DEFINITION, INDEX = 100, 10, 200, 16_384
 #: Of the chunks with messages of a channel the first ones that define it, and every how many later ones do:
 #: in every chunk of 0.7 s the definitions of one valve's accelerations alone add 6 % to a recording, so 1 %.
 FIRST, EVERY = 4, 8
-
-_NUMBER = re.compile(r".*_(\d{1,9})\.mcap")
 
 
 class RepeatingChunks(ChunkBuilder):
@@ -260,14 +257,8 @@ class Existing(NamedTuple):
 
 def numbered(folder: Path) -> list[tuple[int, Path]]:
     """Return the parts in a folder by their numbers."""
-    found = [(number, path) for path in folder.glob("*.mcap") if (number := number_of(path.name)) is not None]
+    found = [(part[1], path) for path in folder.glob("*.mcap") if (part := part_of(path.name)) is not None]
     return sorted(found)
-
-
-def number_of(name: str) -> int | None:
-    """Return the number in a part's file name, ``None`` where it has none."""
-    match = _NUMBER.fullmatch(name)
-    return int(match[1]) if match else None
 
 
 def existing_parts(folder: Path) -> Existing:

@@ -92,7 +92,7 @@ class BagReader:
         self.warnings: list[str] = []
         self._told = 0
         if self.path.is_dir():
-            paths, self._told, self.warnings = storage_files(self.path)
+            paths, self._told, self.warnings, _ = storage_files(self.path)
         elif self.path.is_file():
             paths = [self.path]
         else:

@@ -18,9 +18,9 @@ from spool_core.text import printable
 
 from spool_bag.mcap_file import Damage, McapFile
 from spool_bag.mcap_record import Topic
-from spool_bag.metadata import Definition, qos_of, read_metadata
+from spool_bag.metadata import Definition, part_of, qos_of, read_metadata
 from spool_bag.part_chain import UNREADABLE, Ended, PartBegin, begin_of, end_of, file_hash, is_stub, oldest_of
-from spool_bag.parts import number_of, numbered
+from spool_bag.parts import numbered
 from spool_bag.reader import BagReader
 from spool_bag.writer import BagWriter
 
@@ -378,7 +378,7 @@ def _listed(folder: Path) -> int | None:
         names = [str(name) for name in read_metadata(folder)["relative_file_paths"]]
     except (OSError, YamlError, ValueError, KeyError, TypeError):
         return None
-    return max((number for name in names if (number := number_of(name)) is not None), default=-1)
+    return max((part[1] for name in names if (part := part_of(name)) is not None), default=-1)
 
 
 def _readable(path: Path) -> bool:

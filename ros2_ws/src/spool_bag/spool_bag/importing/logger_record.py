@@ -17,8 +17,9 @@ from spool_core.text import plural, printable
 
 from spool_bag import BODY, OIL_TEMPERATURE, SPOOL, TIME
 from spool_bag.importing import roles, time_axis
-from spool_bag.importing.choices import Choices, choices
+from spool_bag.importing.choices import Choices, choices, short, typed
 from spool_bag.importing.formats.format import open_table, read_channels
+from spool_bag.importing.mixed_sources import mixed
 from spool_bag.importing.table import STAMP, Channel, Group, Table, Values
 from spool_bag.importing.two_clocks import Series, TopicTimes, check_one_time, merged
 
@@ -29,6 +30,9 @@ CLOCKS_OWN = 1e-6
 LARGEST_USUAL_RMS = 2000.0
 #: ns since 1970 of the year 2000: earlier stamps are those of a clock that was never set.
 EARLIEST = 946_684_800_000_000_000
+#: Gravity in units in which drivers publish, beyond that of the format, and how far off it a sensor may be.
+GRAVITY_IN = {"g": 1.0, "mg": 1000.0, "mm/s^2": 9806.65}
+GRAVITY_OFF = 0.07
 _PIECE = 1 << 20
 
 Array = NDArray[Any]
@@ -159,6 +163,7 @@ def _of_group(
     names = [one.name for one in taken]
     small = [one.channel.name for role, one in sources.items() if single and role in (BODY, SPOOL)]
     values = _read(table, group, list(dict.fromkeys([*clocks, *names])), small, sources)
+    _check_gravity(table, group, sources, asked)
     warnings: list[str] = []
     if table.holes_are_gaps or asked.empty_as_gap:
         required = [one.channel.name for role, one in sources.items() if role in roles.REQUIRED[kind]]
@@ -177,18 +182,11 @@ def _of_group(
         numbers = uses[role].applied(np.asarray(values[one.channel.name]))
         found[role] = time_axis.finite(path, one.channel.name, numbers, where, holes=role == OIL_TEMPERATURE)
     values.clear()
+    _check_one_source(table, group, clock, found, clocks)
     timed = roles.use_of_time(path.name, axis, asked) if axis is not None else None
     rows = [row for role, row in found.items() if role != OIL_TEMPERATURE]
-    try:
-        if regular:
-            given = asked.rate if axis is not None else None
-            base = time_axis.time_base(str(path), clock.label, clock.time, rows, where, given)
-        else:
-            base = time_axis.loose_time_base(str(path), clock.label, clock.time, where)
-    except InputError as error:
-        if axis is None or axis.unit != STAMP or group.name not in table.clocks:
-            raise
-        raise InputError(f"{error}; or type --stamps log to use the times of reception") from error
+    given = asked.rate if axis is not None else None
+    base = _base_of(table, group, clock, rows, given, regular=regular)
     if base.kept is not None:
         found = {role: row[base.kept] for role, row in found.items()}
     warnings += base.warnings
@@ -212,6 +210,74 @@ def _of_group(
         uses=(*([timed] if timed else []), *uses.values()),
         rate_std=base.rate_std if base.rate_std > CLOCKS_OWN else 0.0,
     )
+
+
+def _base_of(
+    table: Table,
+    group: Group,
+    clock: time_axis.TimeAxis,
+    rows: Sequence[Array],
+    rate: float | None,
+    *,
+    regular: bool,
+) -> time_axis.TimeBase:
+    """Return the time base of a group's samples."""
+    label = str(table.path)
+    if not regular:
+        return time_axis.loose_time_base(label, clock.label, clock.time, table.where)
+    try:
+        return time_axis.time_base(label, clock.label, clock.time, rows, table.where, rate)
+    except InputError as error:
+        if clock.start is None or group.name not in table.clocks:
+            raise
+        raise InputError(f"{error}; or type --stamps log to use the times of reception") from error
+
+
+def _check_gravity(table: Table, group: Group, sources: Mapping[str, roles.Source], asked: Choices) -> None:
+    """Check that the gravity that three axes show is in the unit that their format prescribes.
+
+    Raises:
+        InputError: it is in another one, and the user states none.
+    """
+    shown = table.gravity.get(group.name, 0.0)
+    unit = next((unit for unit, size in GRAVITY_IN.items() if abs(shown / size - 1.0) < GRAVITY_OFF), "")
+    open_roles = [role for role in sources if role in (BODY, SPOOL) and not asked.gives(role)]
+    if unit and open_roles:
+        ways = [typed("--unit", {short(role): one for role in open_roles}) for one in (unit, "m/s^2")]
+        raise InputError(
+            f"{table.path}: {printable(group.name, 60)}: its three axes show {shown:.3g} as gravity: they "
+            f"seem to be in {unit}, not in m/s^2 as this message prescribes: type {ways[0]}; or {ways[1]} "
+            "if gravity was removed"
+        )
+
+
+def _check_one_source(
+    table: Table, group: Group, clock: time_axis.TimeAxis, found: Mapping[str, Array], clocks: Sequence[str]
+) -> None:
+    """Check that each channel holds the samples of one sensor.
+
+    Raises:
+        InputError: several take turns in it.
+    """
+
+    def others() -> dict[str, NDArray[np.float64]]:
+        names = [
+            one.name
+            for one in group.channels
+            if one.name not in clocks and one.unit != STAMP and not one.role
+        ]
+        try:
+            held = read_channels(table, group, names, ()) if names else {}
+        except InputError:  # a channel that nobody asked for
+            held = {}
+        return {name: row.astype(np.float64) for name, row in held.items() if row.size == clock.time.size}
+
+    why = mixed(clock.time, [row for role, row in found.items() if role != OIL_TEMPERATURE], others)
+    if why:
+        raise InputError(
+            f"{table.path}: {why}: rows of several sensors, or of several publishers on one topic: write "
+            "each sensor into its own column, file or topic"
+        )
 
 
 def _without_holes(values: dict[str, Values], required: Sequence[str], what: str) -> list[str]:

@@ -31,6 +31,9 @@ LOG_TIME = "log_time"
 
 Values = NDArray[np.float64] | NDArray[np.int64]
 
+#: Relative difference up to which an amount that a file states is the one that was read.
+COUNTED_ALIKE = 1e-6
+
 #: Samples of the first piece of memory.
 _FIRST = 1 << 16
 
@@ -118,7 +121,8 @@ class Table(ABC):
     ``notes``: how it was understood, ``warnings``: what is wrong with it, one line each; ``warnings`` are
     complete only after :meth:`read`. ``clocks``: of bags, header stamps and times of reception (ns, int64,
     shape (n,)) of each group that was read. ``holes_are_gaps``: rows without a value are missing samples by
-    the format. ``dates``: order of day and month, ``dmy`` or ``mdy``, where the user states it.
+    the format. ``dates``: order of day and month, ``dmy`` or ``mdy``, where the user states it. ``gravity``:
+    length of the mean vector of three axes, in the unit that the format prescribes, by group, once read.
     """
 
     path: Path
@@ -128,6 +132,14 @@ class Table(ABC):
     warnings: tuple[str, ...] = ()
     holes_are_gaps: bool = False
     dates: str = ""
+    gravity: Mapping[str, float] = MappingProxyType({})
+
+    def account(self, title: str, what: str, stated: float | None, read: float) -> None:
+        """Warn where the file states another amount of something than was read, e.g. of messages."""
+        if stated and abs(read - stated) > COUNTED_ALIKE * stated:
+            where = f"{title}: " if title else ""
+            text = f"{where}the file states {stated:.7g} {what}, and {read:.7g} are read"
+            self.warnings = tuple(dict.fromkeys((*self.warnings, text)))
 
     @abstractmethod
     def read(self, group: Group, names: Sequence[str], _single: Sequence[str] = ()) -> dict[str, Values]:

@@ -253,7 +253,7 @@ def _stamp(store: object, at: int) -> object:
     return store.types["builtin_interfaces/msg/Time"](sec=whole // 10**9, nanosec=whole % 10**9)
 
 
-def _imu(store: object, at: int, value: float, ros1: bool = False) -> object:
+def imu(store: object, at: int, value: float, ros1: bool = False) -> object:
     types = store.types
     vector = types["geometry_msgs/msg/Vector3"]
     header = {"stamp": _stamp(store, at), "frame_id": "imu"} | ({"seq": at} if ros1 else {})
@@ -277,7 +277,7 @@ def imu_bag(plugin: StoragePlugin) -> Callable[[Path], None]:
             for topic, row in (("/imu_1", BODY), ("/imu_2", SPOOL)):
                 channel = writer.add_connection(topic, "sensor_msgs/msg/Imu", typestore=store)
                 for at, value in enumerate(row):
-                    message = _imu(store, at, value)
+                    message = imu(store, at, value)
                     stamp = round((START.timestamp() + at / RATE) * 1e9)
                     writer.write(channel, stamp, store.serialize_cdr(message, "sensor_msgs/msg/Imu"))
 
@@ -291,7 +291,7 @@ def ros1_bag(path: Path) -> None:
             channel = writer.add_connection(topic, "sensor_msgs/msg/Imu", typestore=store)
             for at, value in enumerate(row):
                 stamp = round((START.timestamp() + at / RATE) * 1e9)
-                message = _imu(store, at, value, ros1=True)
+                message = imu(store, at, value, ros1=True)
                 writer.write(channel, stamp, store.serialize_ros1(message, "sensor_msgs/msg/Imu"))
 
 
