@@ -38,7 +38,7 @@ class Held(NamedTuple):
 
 
 class Message(NamedTuple):
-    """Message: time of its reception (ns), and its number in the recording.
+    """Time of reception (ns), number in the recording and content of a message.
 
     ``content`` is ``None`` where the bytes are no message of the topic's type.
     """

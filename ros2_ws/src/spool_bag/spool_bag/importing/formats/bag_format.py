@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rosbags.highlevel import AnyReader, AnyReaderError
-from rosbags.serde import SerdeError
 from spool_core.errors import InputError
 from spool_core.text import plural, printable
 
+from spool_bag import NOT_MEASURED
+from spool_bag.importing.foreign_bag import Held, interleaved, opened
 from spool_bag.importing.formats.format import Format
 from spool_bag.importing.table import LOG_TIME, MOST_SAMPLES, STAMP, Channel, Group, Table, Values, too_long
-from spool_bag.mcap_file import decompressed
-from spool_bag.metadata import ACCELERATION_BLOCK, COMPRESSED, storage_of, typestore
+from spool_bag.metadata import ACCELERATION_BLOCK
 
 _STAMP = "stamp"
 _AXES = ("x", "y", "z")
@@ -52,67 +49,109 @@ class BagTable(Table):
     def __init__(self, path: Path) -> None:
         self.path = path
         self.clocks: dict[str, tuple[NDArray[np.int64], NDArray[np.int64]]] = {}
-        self._folder: TemporaryDirectory[str] | None = None
-        self._files = self._plain_files()
-        with self._reader() as reader:
-            groups = [
-                Group(connection.topic, self._channels(reader, connection), stamped=True)
-                for connection in reader.connections
-                if connection.msgtype in (*_READINGS, _NO_TIME, ACCELERATION_BLOCK) and connection.msgcount
-            ]
-            held = ", ".join(printable(one.topic, 40) for one in reader.connections[:8]) or "nothing"
-        if not groups:
+        self._bag = opened(path)
+        self.groups = tuple(
+            Group(name, self._channels(name, held), stamped=True)
+            for name, held in self._bag.topics.items()
+            if held.type in (*_READINGS, _NO_TIME, ACCELERATION_BLOCK) and held.stated
+        )
+        self.warnings = tuple(self._bag.warnings)
+        if not self.groups:
+            held_topics = ", ".join(
+                f"{printable(name, 40)} ({printable(held.type, 40)}{'' if held.stated else ', empty'})"
+                for name, held in list(self._bag.topics.items())[:8]
+            )
             raise InputError(
                 f"{path}: no topic of accelerations (sensor_msgs/Imu, geometry_msgs/AccelStamped, "
                 "geometry_msgs/Vector3Stamped, std_msgs/Float64MultiArray, spool_msgs/AccelerationBlock) "
-                f"with messages in it; it has {held}"
+                f"with messages in it; it has {held_topics or 'nothing'}"
             )
-        self.groups = tuple({group.name: group for group in groups}.values())
 
-    def _channels(self, reader: Any, connection: Any) -> tuple[Channel, ...]:
+    def _channels(self, name: str, held: Held) -> tuple[Channel, ...]:
         stamp, log = Channel(_STAMP, STAMP, time=True), Channel(LOG_TIME, STAMP)
-        if connection.msgtype == ACCELERATION_BLOCK:
+        if held.type == ACCELERATION_BLOCK:
             return (
                 stamp,
                 Channel("body", "m/s^2", role="body_m_s2"),
                 Channel("spool", "m/s^2", role="spool_m_s2"),
             )
-        if connection.msgtype == _NO_TIME:
-            message = next(self._messages(reader, connection.topic), None)
-            size = np.size(message[1].data) if message else 0
+        if held.type == _NO_TIME:
+            first = next((one.content for one in self._bag.messages(name) if one.content is not None), None)
+            size = 0 if first is None else np.size(first.data)
             return (stamp, *(Channel(str(at)) for at in range(size)))
         return (stamp, *(Channel(axis, "m/s^2") for axis in _AXES), log)
 
     def read(self, group: Group, names: Sequence[str], _single: Sequence[str] = ()) -> dict[str, Values]:
         """Return stamps (ns) and values by name."""
-        wanted = list(dict.fromkeys([*names, _STAMP]))
+        title, kind = printable(group.name, 60), self._bag.topics[group.name].type
+        vectors = kind in _READINGS
+        wanted = list(dict.fromkeys([*names, _STAMP, *(_AXES if vectors else ())]))
         parts: dict[str, list[Any]] = {name: [] for name in wanted}
         times: list[int] = []
-        rows = 0
-        with self._reader() as reader:
-            kind = next(one.msgtype for one in reader.connections if one.topic == group.name)
-            for received, message in self._messages(reader, group.name):
-                cells = self._cells(kind, received, message)
-                rows += np.size(cells[_STAMP])
-                if rows > MOST_SAMPLES:
-                    raise too_long(self.path)
-                times.append(received)
-                for name, kept in parts.items():
-                    if name not in cells:
-                        raise InputError(
-                            f"{self.path}: {printable(group.name, 60)}: a message has no element "
-                            f"{printable(name, 20)}: "
-                            "its size changes"
-                        )
-                    kept.append(cells[name])
+        numbers: list[int] = []
+        frames: dict[str, None] = {}
+        rows = seen = 0
+        for message in self._bag.messages(group.name):
+            seen += 1
+            if message.content is None:
+                continue
+            cells = self._cells(kind, message.received, message.content)
+            if cells is None:
+                raise InputError(
+                    f"{self.path}: {title}: these messages say that they measure no acceleration (covariance "
+                    f"{NOT_MEASURED:g}): name the topic of the accelerometer with --topic"
+                )
+            rows += np.size(cells[_STAMP])
+            if rows > MOST_SAMPLES:
+                raise too_long(self.path)
+            times.append(message.received)
+            numbers.append(message.sequence)
+            if hasattr(message.content, "header"):
+                frames.setdefault(message.content.header.frame_id)
+            for name, kept in parts.items():
+                if name not in cells:
+                    raise InputError(
+                        f"{self.path}: {title}: a message has no element {printable(name, 20)}: "
+                        "its size changes"
+                    )
+                kept.append(cells[name])
+        self._check_one_publisher(title, list(frames), numbers)
+        if not times and seen:
+            raise InputError(
+                f"{self.path}: {title}: none of its {seen} messages is a {kind} as the bag defines it"
+            )
+        self.account(title, "messages", self._bag.topics[group.name].stated, len(times))
         joined = np.concatenate if kind == ACCELERATION_BLOCK else np.array
         found: dict[str, Values] = {}
         for name in wanted:
-            row: Any = joined(parts.pop(name))
+            row: Any = joined(parts.pop(name)) if times else np.empty(0)
             found[name] = row.astype(np.int64 if name in (_STAMP, LOG_TIME) else np.float64, copy=False)
+        if vectors and rows:
+            mean = [float(found[axis].mean()) for axis in _AXES]
+            self.gravity = {**self.gravity, group.name: float(np.linalg.norm(mean))}
         if _STAMP in names:
             found = self._in_order(group, found, np.array(times, dtype=np.int64))
+        elif LOG_TIME in names:
+            order = np.argsort(found[LOG_TIME], kind="stable")
+            found = {name: row[order] for name, row in found.items()}
         return {name: found[name] for name in names}
+
+    def _check_one_publisher(self, title: str, frames: Sequence[str], numbers: Sequence[int]) -> None:
+        """Check that one publisher alone wrote a topic.
+
+        Raises:
+            InputError: there were several.
+        """
+        several = ""
+        if len(frames) > 1:
+            several = f"frame_id is {' and '.join(repr(printable(one, 30)) for one in frames[:4])}"
+        elif interleaved(numbers):
+            several = "the messages are numbered twice"
+        if several:
+            raise InputError(
+                f"{self.path}: {title}: several publishers wrote this topic ({several}): their "
+                "samples cannot be separated: record each sensor on a topic of its own"
+            )
 
     def _in_order(
         self, group: Group, found: dict[str, Values], times: NDArray[np.int64]
@@ -155,7 +194,8 @@ class BagTable(Table):
         return found
 
     @staticmethod
-    def _cells(kind: str, received: int, message: Any) -> dict[str, Any]:
+    def _cells(kind: str, received: int, message: Any) -> dict[str, Any] | None:
+        """Return the readings of a message by channel, ``None`` where it says that it holds none."""
         if kind == _NO_TIME:
             return {_STAMP: received, **{str(at): value for at, value in enumerate(message.data.tolist())}}
         stamp = message.header.stamp
@@ -163,29 +203,11 @@ class BagTable(Table):
         if kind == ACCELERATION_BLOCK:
             steps = np.rint(np.arange(message.body.size) * (message.sample_period * 1e9)).astype(np.int64)
             return {_STAMP: taken + steps, "body": message.body, "spool": message.spool}
+        covariance = getattr(message, "linear_acceleration_covariance", None)
+        if covariance is not None and covariance[0] == NOT_MEASURED:
+            return None
         vector = _READINGS[kind](message)
         return {_STAMP: taken, LOG_TIME: received, "x": vector.x, "y": vector.y, "z": vector.z}
-
-    def _messages(self, reader: Any, topic: str) -> Any:
-        wanted = [one for one in reader.connections if one.topic == topic]
-        for connection, received, data in reader.messages(connections=wanted):
-            with suppress(SerdeError):
-                yield received, reader.deserialize(data, connection.msgtype)
-
-    def _plain_files(self) -> list[Path]:
-        """Return what is opened: the bag, its only file decompressed, or files whose storage is not named."""
-        if self.path.is_file() and self.path.suffix in (COMPRESSED, ".zst"):
-            self._folder = TemporaryDirectory(prefix="spool_import_")
-            return [decompressed(self.path, Path(self._folder.name))]
-        if self.path.is_dir() and storage_of(self.path) == "":
-            return sorted(self.path.glob("*.mcap")) or [self.path]
-        return [self.path]
-
-    def _reader(self) -> AnyReader:
-        try:
-            return AnyReader(self._files, default_typestore=typestore())
-        except AnyReaderError as error:
-            raise InputError(f"{self.path}: it cannot be read as a bag: {printable(error, 200)}") from error
 
 
 FORMAT = Format(
