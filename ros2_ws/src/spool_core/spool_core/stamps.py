@@ -592,19 +592,36 @@ def _jittered(time: Array, usual: float) -> Stamps | None:
     power = float(centred @ centred)
     if power == 0.0 or float(centred[1:] @ centred[:-1]) / power > STAMP_NOISE:
         return None
+    return placed(time)
+
+
+def placed(time: Array, *, stepped: bool = False) -> Stamps | None:
+    """Return the line through stamps of a clock that jitters, with gaps where they advance for good.
+
+    A late stamp leaves the stamps behind it where they were, a loss does not. With ``stepped`` a clock that
+    was set by part of a period begins another line, too. ``None`` where no clock explains the stamps.
+    """
+    if time.size < 3 * BESIDE:
+        return None
+    steps = np.diff(time)
     period = float(np.median((time[BESIDE:] - time[:-BESIDE]) / BESIDE))
+    if not period > 0.0:
+        return None
     phase = time - period * np.arange(time.size)
     gaps, lost = [], 0
-    long = np.flatnonzero(steps > GAP * period) + 1
+    odd = np.abs(steps - period) > JITTER * period if stepped else steps > GAP * period
+    long = np.flatnonzero(odd) + 1
     # The longest first: what it explains is taken off before its neighbours are judged.
-    long = long[_jumps(phase, long) > 0.3 * period]
+    jumps = _jumps(phase, long)
+    long = long[(np.abs(jumps) if stepped else jumps) > JITTER * period]
     for at in long[np.argsort(-steps[long - 1])]:
         before, after = phase[max(0, at - BESIDE) : at], phase[at : at + BESIDE]
-        missing = round(float(np.median(after) - np.median(before)) / period)
-        if missing >= 1:
+        moved = float(np.median(after) - np.median(before)) / period
+        missing = round(moved)
+        if missing >= 1 or (stepped and abs(moved) >= JITTER):
             gaps.append(int(at))
-            lost += missing if missing <= time.size else 0
-            phase[at:] -= missing * period
+            lost += missing if 0 < missing <= time.size else 0
+            phase[at:] -= (moved if stepped else missing) * period
     if lost > time.size:
         return None
     gaps.sort()

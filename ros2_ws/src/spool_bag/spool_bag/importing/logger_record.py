@@ -308,7 +308,9 @@ def _rate_note(
             f"{path}: {name} shows {rate:.7g} Hz and {group.source or 'the file'} states "
             f"{group.rate:.7g} Hz: correct one of them, or type --rate {rate:.7g} if the times hold"
         )
-    given = ", which --rate confirms" if asked.rate else ""
+    if base.given:
+        return f"rate {rate:.7g} Hz from --rate, which {name} allows"
+    given = f", near --rate {asked.rate:g}" if asked.rate else ""
     return f"rate {rate:.7g} Hz from {name}{given}"
 
 

@@ -17,12 +17,14 @@ from spool_core.errors import InputError
 from spool_core.numbers import Array
 from spool_core.stamps import (
     BACKWARDS,
+    BURSTS,
     JITTER,
     Rhythm,
     Stamps,
     first_step,
     judge,
     number_error,
+    placed,
     repeated,
     resolution,
     ticks,
@@ -64,10 +66,17 @@ _NAMES = {
 }  # fmt: skip
 
 
+#: Bits of counters of a clock, how often one may begin again in a record, and usual steps that one may pass
+#: meanwhile.
+COUNTERS, MOST_WRAPS, LONGEST_WRAP = (16, 24, 31, 32), 100_000, 100.0
 #: Relative difference up to which --rate and the rate of a time axis are the same.
 SAME = 0.005
 #: Steps, of the longest there are, by which stamps may be off the line of a given rate.
 OFF_LINE = 1.5
+#: Share of stamps that may be late although no more of them jitter.
+MOST_LATE = 0.03
+#: What decides for a line that the stamps alone do not show.
+GIVEN = "--rate"
 Indices = NDArray[np.int64]
 Where = Callable[[int], str]
 
@@ -261,7 +270,8 @@ class TimeBase:
     """``time`` in s, shape (n,), ``period`` in s, ``gaps``: indices of first samples after one.
 
     ``rate_std``: relative standard deviation of the rate, from the stamps. ``kept``: rows that are kept,
-    ``None`` for all. ``warnings``: one line each; ``repairs``: counts by name.
+    ``None`` for all. ``warnings``: one line each; ``repairs``: counts by name. ``given``: the rate is the one
+    that the user states.
     """
 
     time: Array
@@ -271,6 +281,7 @@ class TimeBase:
     kept: NDArray[np.bool_] | None = None
     warnings: list[str] = field(default_factory=list)
     repairs: dict[str, int] = field(default_factory=dict)
+    given: bool = False
 
 
 def time_base(
@@ -419,11 +430,12 @@ def _in_seconds(path: Path, axis: Channel, values: Array, asked: Choices) -> Tim
     """Return times of numbers; a unit that is not named is recognised where only one is plausible."""
     label = printable(axis.header, 40)
     unit = asked.units.get(TIME) or axis.unit or ("s" if asked.states_unit(TIME) else "")
+    values, notes = _continued(label, values)
     if unit:
         if quantity_of(unit) != "time":
             raise InputError(f"{path}: {label} is in {printable(unit, 30)}, which is no time")
         size = factor(unit, "time")
-        return TimeAxis(values if size == 1.0 else values * size, None, label)
+        return TimeAxis(values if size == 1.0 else values * size, None, label, notes)
     found = _plausible(values)
     if len(found) != 1:
         way = "s" if "s" in found or not found else found[0]
@@ -438,7 +450,27 @@ def _in_seconds(path: Path, axis: Channel, values: Array, asked: Choices) -> Tim
         note = f"{label} has no unit: by its steps and size it counts {only}"
         return TimeAxis((values - first) * 86_400.0, start, label, (note,))
     note = f"{label} has no unit: by its steps and size it is in {only}"
-    return TimeAxis(values if only == "s" else values * _SIZES[only], None, label, (note,))
+    return TimeAxis(values if only == "s" else values * _SIZES[only], None, label, (*notes, note))
+
+
+def _continued(label: str, values: Array) -> tuple[Array, tuple[str, ...]]:
+    """Return counts of a clock as one line that begins again after its largest number, e.g. of `micros()`.
+
+    Such a step back is, with the range of the counter added, a step forward by some usual steps.
+    """
+    back = np.flatnonzero(np.diff(values) < 0.0)
+    if values.size < 3 or not 0 < back.size <= MOST_WRAPS or np.any(values != np.rint(values)):
+        return values, ()
+    steps, usual = np.diff(values)[back], float(np.median(np.diff(values[: 1 << 16])))
+    for bits in COUNTERS:
+        size = 2.0**bits
+        inside = float(np.max(values)) - float(np.min(values)) <= size
+        if inside and usual > 0.0 and np.all((steps + size > 0.0) & (steps + size <= LONGEST_WRAP * usual)):
+            turns = np.zeros(values.size)
+            turns[back + 1] = size
+            note = f"{label} counts to 2^{bits} and begins again there: continued"
+            return values + np.cumsum(turns), (note,)
+    return values, ()
 
 
 def _plausible(values: Array) -> list[str]:
@@ -479,22 +511,25 @@ def _settled(
         InputError: nothing decides.
     """
     found = judge(time)
-    if rate is not None and found.rhythm is not Rhythm.EVEN:
+    late = placed(time, stepped=True) if found.rhythm is Rhythm.UNEVEN and found.reason != BACKWARDS else None
+    if rate is not None and found.rhythm is not Rhythm.EVEN and found.reason != BACKWARDS:
         near = [
-            one for one in (found, found.literal) if one is not None and abs(one.rate / rate - 1.0) <= SAME
+            one
+            for one in (found, found.literal, late)
+            if one is not None and abs(one.rate / rate - 1.0) <= SAME
         ]
+        line = _line_at(time, rate)
         if near and near[0] is found.literal:
             return near[0]
-        line = _line_at(time, rate)
         if line is not None and not found.lost:
             return replace(line, rhythm=Rhythm.COARSE if not near else found.rhythm, burst=found.burst)
         if near:
             return near[0]
-        if found.rhythm is Rhythm.UNEVEN and found.reason != BACKWARDS:
-            span = float(time[-1] - time[0])
+        if found.rhythm is Rhythm.UNEVEN:
+            shown = "" if late is None else f": they show {late.rate:.7g} Hz"
             raise InputError(
-                f"{label}: --rate {rate:g}: {time.size} samples in {span:g} s of {name} do not fit it: "
-                "correct it, or leave the time out with --exclude"
+                f"{label}: --rate {rate:g}: {time.size} samples in {float(time[-1] - time[0]):g} s of {name} "
+                f"do not fit it{shown}: correct it, or leave the time out with --exclude"
             )
     if found.literal is not None:
         paused = _paused(found.literal.gaps, rows)
@@ -510,22 +545,42 @@ def _settled(
     if found.rhythm is not Rhythm.UNEVEN:
         return found
     if found.reason == BACKWARDS:
-        raise InputError(f"{label}: {where(found.at)}: {name} does not increase ({time[found.at]:g} s)")
+        raise InputError(
+            f"{label}: {where(found.at)}: {name} does not increase ({time[found.at]:g} s): a clock that was "
+            "set, or two runs in one file: import each by itself"
+        )
+    if late is not None and _few_late(time, late):
+        return late
+    shown = "HZ" if late is None else f"{late.rate:.7g}"
     raise InputError(
         f"{label}: {where(found.at)}: sampling is irregular, {found.reason}: resample it to a constant "
-        "period, or give the rate with --rate HZ if only the times are poor"
+        f"period, or give the rate with --rate {shown} if only the times are poor"
     )
 
 
+def _few_late(time: Array, late: Stamps) -> bool:
+    """Return whether stamps are on the line through them but for a few, and hardly ever set."""
+    assert late.times is not None
+    if late.gaps.size > MOST_LATE * time.size:
+        return False
+    return float(np.quantile(np.abs(time - late.times), 1.0 - MOST_LATE)) <= JITTER * late.period
+
+
 def _line_at(time: Array, rate: float) -> Stamps | None:
-    """Return the line of samples at a given rate through ``time``; ``None`` where stamps are far off it."""
+    """Return the line of samples at a given rate through ``time``; ``None`` where stamps are far off it.
+
+    One step that is much longer than the others is a pause, over which no line leads.
+    """
     line = np.arange(time.size, dtype=np.float64) / rate
-    off = time - line
-    if float(np.ptp(off)) > OFF_LINE * max(float(np.max(np.abs(np.diff(time)))), 1.0 / rate):
+    off, steps = time - line, np.abs(np.diff(time))
+    longest = max(float(np.max(steps)), 1.0 / rate)
+    long = np.count_nonzero(steps > 0.5 * longest)
+    alone = long < min(BURSTS, np.count_nonzero(steps))
+    if float(np.ptp(off)) > OFF_LINE * (1.0 / rate if alone else longest):
         return None
     line += float(off.mean())
     deviation = float(np.sqrt(np.mean(np.square(time - line))))
-    return Stamps(Rhythm.COARSE, rate, 0.0, times=line, deviation=deviation)
+    return Stamps(Rhythm.COARSE, rate, 0.0, times=line, deviation=deviation, reason=GIVEN)
 
 
 def _paused(gaps: Indices, rows: Sequence[NDArray[np.floating]]) -> bool | None:
@@ -555,9 +610,10 @@ def _paused(gaps: Indices, rows: Sequence[NDArray[np.floating]]) -> bool | None:
 def _of_stamps(name: str, time: Array, found: Stamps, where: Where) -> TimeBase:
     """Return the time base of stamps whose clock is known."""
     base = TimeBase(time if found.times is None else found.times, found.period, found.gaps, found.rate_std)
+    base.given = found.reason == GIVEN
     if found.gaps.size:
         at = base.time
-        missing = float(np.sum(at[found.gaps] - at[found.gaps - 1] - found.period))
+        missing = float(np.sum(np.maximum(at[found.gaps] - at[found.gaps - 1] - found.period, 0.0)))
         base.warnings.append(
             f"{plural(found.gaps.size, 'gap')} in {name}, {missing:g} s missing; "
             f"first at {where(int(found.gaps[0]))}"

@@ -309,3 +309,31 @@ def test_the_deviation_of_a_coarse_rate_stays_with_the_bag(tmp_path: Path) -> No
     even = csv(tmp_path / "y.csv", "time_s,body_m_s2,spool_m_s2", lambda at: f"{TIME[at]:.6f}", body, spool)
     import_record(even, tmp_path / "even")
     assert rate_std(tmp_path / "even") == 0.0
+
+
+@pytest.mark.parametrize(("bits", "unit", "step"), [(32, "us", 500), (16, "us", 500), (24, "us", 500)])
+def test_a_counter_of_microseconds_that_begins_again_is_continued(
+    tmp_path: Path, bits: int, unit: str, step: int
+) -> None:
+    first = 2**bits - 100 * step
+    path = csv(
+        tmp_path / "x.csv",
+        f"time_{unit},body (m/s^2),spool (m/s^2)",
+        lambda at: str((first + at * step) % 2**bits),
+        body,
+        spool,
+    )
+    assert is_whole(read_record(path))
+
+
+@pytest.mark.parametrize("rate", [None, RATE])
+def test_two_runs_in_one_file_are_refused_whatever_rate_is_given(tmp_path: Path, rate: float | None) -> None:
+    path = csv(
+        tmp_path / "x.csv",
+        "time (s),body (m/s^2),spool (m/s^2)",
+        lambda at: f"{at % 600 / RATE:.4f}",
+        body,
+        spool,
+    )
+    with pytest.raises(InputError, match=r"does not increase .*two runs in one file"):
+        read_record(path, how=choices(rate=rate))

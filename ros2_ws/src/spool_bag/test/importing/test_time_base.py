@@ -176,3 +176,38 @@ def test_coarse_epochs_are_read_at_their_rate_with_its_deviation(decimals: int) 
     assert found.period == 1.0 / rate
     assert found.rate_std < 5e-5
     assert not found.gaps.size
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    pauses=st.lists(st.floats(0.004, 20.0), min_size=0, max_size=4),
+    glitch=st.floats(0.0, 0.45),
+    noise=st.floats(0.0, 0.1),
+    ppm=st.floats(-1000.0, 1000.0),
+)
+def test_a_given_rate_closes_no_pause(
+    seed: int, pauses: list[float], glitch: float, noise: float, ppm: float
+) -> None:
+    numbers = np.random.default_rng(seed)
+    steps = np.full(3999, 1e-3 * (1.0 + 1e-6 * ppm))
+    for place, pause in zip(
+        numbers.choice(np.arange(200, 3800), len(pauses), replace=False), pauses, strict=True
+    ):
+        steps[place] += pause
+    steps[numbers.integers(100, 3900)] += 1e-3 * glitch
+    stamps = np.concatenate([[0.0], np.cumsum(steps)]) + 1e-3 * noise * numbers.uniform(-1.0, 1.0, 4000)
+    try:
+        found = time_base("x", "t", stamps, numbers.normal(size=(2, 4000)), where, 1000.0)
+    except InputError:
+        return
+    np.testing.assert_allclose(found.time, stamps, atol=2e-3)
+
+
+def test_a_few_odd_steps_refuse_no_record() -> None:
+    steps = np.full(3999, 1e-3)
+    steps[[700, 701, 2500]] = [1.4e-3, 0.6e-3, 1.35e-3]
+    stamps = np.concatenate([[0.0], np.cumsum(steps)])
+    found = time_base("x", "t", stamps, RNG.normal(size=(2, 4000)), where)
+    assert found.period == pytest.approx(1e-3, rel=1e-6)
+    np.testing.assert_allclose(found.time, stamps, atol=0.5e-3)
