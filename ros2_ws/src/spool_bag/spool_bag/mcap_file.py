@@ -17,6 +17,7 @@ from mcap.opcode import Opcode
 from spool_core.errors import InputError
 
 from spool_bag.mcap_record import (
+    BAD_BYTES,
     FRAME,
     HEAD_SIZE,
     MAGIC,
@@ -167,7 +168,7 @@ class McapFile:
                     yield from self._batches(run, walk, wanted, accepted)
                 except InputError:
                     raise
-                except Exception as error:  # struct, Unicode, mcap, MemoryError: whatever a bad byte brings
+                except BAD_BYTES as error:
                     size = FRAME.size + run.frame.length
                     walk.damaged(Damage(run.frame.offset, size, str(error) or type(error).__name__))
             self.density = walk.messages / walk.size if walk.size else 0.0

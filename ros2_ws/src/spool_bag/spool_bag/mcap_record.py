@@ -14,8 +14,12 @@ from io import BytesIO
 from typing import BinaryIO, NamedTuple
 
 from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Message, Schema, Statistics
+
+#: What a bad byte brings; anything else is a fault of the suite.
+BAD_BYTES = (ValueError, struct.error, McapError, MemoryError, OverflowError)
 
 MAGIC = b"\x89MCAP0\r\n"
 FRAME = struct.Struct("<BQ")
@@ -216,7 +220,7 @@ def read_summary(
         return None
     try:
         return _counts(content[: end - start], definitions)
-    except Exception:  # struct, Unicode, mcap, MemoryError: whatever a bad byte brings
+    except BAD_BYTES:
         return None
 
 

@@ -20,7 +20,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Protocol
 
-from spool_core.errors import InputError
+from spool_core.errors import InputError, unexpected
 
 from spool_bag.mcap_file import McapFile
 from spool_bag.metadata import Definition, PartCount, is_unfinished
@@ -215,7 +215,8 @@ class Recording:
         try:
             yield
         except Exception as error:
-            because = f"{type(error).__name__}: {error}"
+            foreseen = isinstance(error, (OSError, InputError, MemoryError))
+            because = f"{type(error).__name__}: {error}" if foreseen else unexpected(error)
             writer = self._writer
             if writer is not None:
                 writer.abandon()

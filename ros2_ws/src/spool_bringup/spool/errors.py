@@ -6,7 +6,7 @@ from collections.abc import Callable
 from functools import wraps
 from typing import ParamSpec, TypeVar
 
-from spool_core.errors import InputError, unmet_library
+from spool_core.errors import InputError, refused_by_system, unmet_library
 
 Given = ParamSpec("Given")
 Found = TypeVar("Found")
@@ -23,8 +23,7 @@ def one_error(function: Callable[Given, Found]) -> Callable[Given, Found]:
             with silently():
                 return function(*arguments, **named)
         except OSError as error:
-            text = f"{error.filename}: {error.strerror}" if error.filename else str(error)
-            raise InputError(text) from error
+            raise InputError(refused_by_system(error)) from error
         except ImportError as error:
             said = unmet_library(error)
             if said is None:

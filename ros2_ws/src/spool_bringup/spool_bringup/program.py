@@ -8,10 +8,13 @@ import signal
 import sys
 from types import FrameType
 
-from spool_core.errors import libraries_reported
+from spool_core.errors import libraries_reported, refused_by_system
 from spool_core.text import drop_output, keep_standard_streams
 
 INTERRUPTED, NOBODY_READS = 130, 141  # what a shell says of SIGINT and SIGPIPE
+
+#: Exit code where standard output takes no more.
+UNWRITTEN = 2
 
 
 def main() -> int:
@@ -21,12 +24,17 @@ def main() -> int:
     with libraries_reported("spool"):
         run = importlib.import_module("spool_tools.cli").main
     signal.signal(signal.SIGINT, signal.default_int_handler)
+    code = 0
     try:
         with libraries_reported("spool"):  # commands load what they need themselves
             code = int(run())
         sys.stdout.flush()
     except BrokenPipeError:
         code = NOBODY_READS
+    except OSError as error:  # the last lines do not fit on the disk
+        if not code:
+            print(f"spool: {refused_by_system(error)}", file=sys.stderr)
+        code = code or UNWRITTEN
     except SystemExit as end:  # rich ends so where nobody reads
         if not isinstance(end.__context__, BrokenPipeError):
             raise

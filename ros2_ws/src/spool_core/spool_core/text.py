@@ -2,14 +2,36 @@
 
 from __future__ import annotations
 
+import contextlib
 import difflib
+import io
 import os
 import sys
 from collections.abc import Iterable
 from pathlib import PurePath
+from typing import Any
 
 #: Least similarity of a name that is suggested: difflib's own default.
 SIMILAR = 0.6
+
+
+class _NamedOutput(io.FileIO):
+    """Standard output whose errors name it."""
+
+    def write(self, data: Any, /) -> int:
+        """Write ``data``.
+
+        Raises:
+            OSError: with the file that standard output leads to.
+        """
+        try:
+            return super().write(data)
+        except OSError as error:
+            file = ""
+            with contextlib.suppress(OSError):
+                file = f" ({os.readlink('/proc/self/fd/1')})"
+            error.filename = f"standard output{file}"
+            raise
 
 
 def plural(count: int, thing: str) -> str:
@@ -46,7 +68,7 @@ def printable(text: object, longest: int = 2000) -> str:
 
 
 def keep_standard_streams() -> None:
-    """Open ``/dev/null`` in place of closed standard streams.
+    """Open ``/dev/null`` in place of closed standard streams; print ``?`` for what theirs cannot encode.
 
     The next file that is opened would get their number, and what libraries print would go into it.
     """
@@ -61,6 +83,15 @@ def keep_standard_streams() -> None:
         sys.stdout = open(1, "w", closefd=False)  # noqa: SIM115 - open for the life of the process
     if sys.stderr is None:
         sys.stderr = open(2, "w", closefd=False)  # noqa: SIM115
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")
+    if type(sys.stdout) is io.TextIOWrapper and sys.stdout.fileno() == 1:
+        by_line = sys.stdout.isatty() or sys.stdout.write_through
+        sys.stdout = io.TextIOWrapper(
+            io.BufferedWriter(_NamedOutput(1, "w", closefd=False)), sys.stdout.encoding, "replace",
+            line_buffering=by_line,
+        )  # fmt: skip
 
 
 def drop_output() -> None:

@@ -15,7 +15,7 @@ from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 
-from spool_core.errors import InputError, how_to_install
+from spool_core.errors import InputError, how_to_install, unexpected
 from spool_core.system import end_with_parent, limit_processors
 from spool_core.text import printable
 from spool_tools.outputs import finite
@@ -294,9 +294,11 @@ def _run(task: Task, namespace: str, name: str) -> Outcome:
         rows = analyses()[name].run(subject)
     except InputError as error:
         return Outcome(namespace, name, FAILED, printable(error, LONGEST), {})
-    except Exception as error:  # one bag must not end a run over thousands; the reason is kept
+    except (OSError, MemoryError) as error:
         text = f"{type(error).__name__}: {error}"
         return Outcome(namespace, name, FAILED, printable(text, LONGEST), {})
+    except Exception as error:  # one bag must not end a run over thousands; the reason is kept
+        return Outcome(namespace, name, FAILED, printable(unexpected(error), LONGEST), {})
     return Outcome(namespace, name, DONE, "", finite(rows))
 
 
@@ -308,7 +310,7 @@ def _alone(work: Callable[[Item], Found], item: Item) -> Done[Item, Found]:
     except BrokenProcessPool:
         return Done(item, None, "its analysis ended the worker process again and again")
     except Exception as error:  # whatever the work raised
-        return Done(item, None, f"{type(error).__name__}: {error}")
+        return Done(item, None, unexpected(error))
     finally:
         pool.shutdown(wait=False, cancel_futures=True)
 

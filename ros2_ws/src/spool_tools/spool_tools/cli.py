@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from spool_core.errors import InputError
+from spool_core.errors import InputError, refused_by_system, show_traceback, unexpected
 from typer.exceptions import TyperException
 
 from spool_tools.command import CommandGroup
@@ -21,6 +21,9 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode="rich",
 )
+
+#: Exit code of a fault of the suite: EX_SOFTWARE of sysexits.h.
+FAULT = 70
 
 
 def _version(wanted: bool) -> None:
@@ -44,17 +47,22 @@ def everywhere(
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the command line; return the exit code: 0 done, 1 found a problem, 2 bad input or usage."""
+    """Run the command line; return the exit code: 0 done, 1 found a problem, 2 bad input, 70 our fault."""
     arguments = sys.argv[1:] if arguments is None else arguments
     with one_command(arguments):
         try:
             result = app(arguments, prog_name="spool", standalone_mode=False)
         except InputError as error:
+            show_traceback(error)
             return fail(str(error))
         except BrokenPipeError:  # the reader of the output has ended: no fault, and nobody to tell
             raise
         except OSError as error:
-            return fail(f"{error.filename}: {error.strerror}" if error.filename else str(error))
+            show_traceback(error)
+            return fail(refused_by_system(error))
+        except MemoryError as error:
+            show_traceback(error)
+            return fail("the memory does not suffice: give a shorter span of the record, or close programs")
         except KeyboardInterrupt:
             return fail("interrupted", 130)
         except typer.Exit as stop:
@@ -76,6 +84,10 @@ def main(arguments: list[str] | None = None) -> int:
                 return 2
             end = "" if text[-1] in ".?" else "."
             return fail(f"{text}{end} See: ./spool {command} --help".replace("  ", " "))
+        except ImportError:  # of libraries: the program names what is missing
+            raise
+        except Exception as error:
+            return fail(unexpected(error), FAULT)
         return result if isinstance(result, int) else 0
 
 

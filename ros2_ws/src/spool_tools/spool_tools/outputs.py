@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 from xml.etree import ElementTree
 
-from spool_core.errors import InputError
+from spool_core.errors import InputError, removed_folder
 from spool_core.system import remove, write_durably
 from spool_core.text import printable
 
@@ -67,7 +67,9 @@ def command_line() -> str:
 
 def fail(text: str, code: int = 2) -> int:
     """Say on standard error in one line what is wrong; return the exit code."""
-    print("spool: " + printable(" ".join(text.split())), file=sys.stderr)
+    line = printable(" ".join(text.split()))
+    gone = "" if "working folder" in line else removed_folder()
+    print(f"spool: {line}{gone}", file=sys.stderr)
     return code
 
 

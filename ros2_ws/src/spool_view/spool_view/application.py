@@ -20,6 +20,7 @@ from urllib.parse import urlsplit
 
 import uvicorn
 from jinja2 import BaseLoader, Environment, StrictUndefined
+from spool_core.errors import unexpected
 from spool_monitor.valve_condition import condition_of
 from starlette.applications import Starlette
 from starlette.datastructures import Headers
@@ -317,7 +318,7 @@ class Streams:
             except Exception as error:
                 if time.monotonic() - self._trouble > 60.0:
                     self._trouble = time.monotonic()
-                    self._desk.warn(f"a change could not be sent: {error!r}")
+                    self._desk.warn(f"a change could not be sent: {unexpected(error)}")
 
     def close(self) -> None:
         """End every stream; none begins after that."""

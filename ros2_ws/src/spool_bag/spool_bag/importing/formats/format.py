@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+import csv
 import importlib
 import pkgutil
+import struct
+import zlib
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-from spool_core.errors import InputError, how_to_install
+from spool_core.errors import InputError, how_to_install, raised_by_library
 from spool_core.text import printable
 
 from spool_bag.importing.table import Group, Table, Values, numbered
+
+#: What bad bytes bring in the readers of this package; their libraries may raise anything.
+DAMAGE = (ValueError, EOFError, ArithmeticError, struct.error, csv.Error, zlib.error)
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +96,7 @@ def read_channels(
 ) -> dict[str, Values]:
     """Return channels of a table, as :meth:`Table.read` does; whatever its library meets is an InputError."""
     with _understood(table.path, format_of(table.path)):
-        found = table.read(group, names, single)
+        found = table.taken(group, names, single)
     sizes = {name: row.size for name, row in found.items()}
     short, long = min(sizes, key=lambda name: sizes[name]), max(sizes, key=lambda name: sizes[name])
     if sizes[short] != sizes[long]:
@@ -113,6 +119,8 @@ def _understood(path: Path, form: Format) -> Iterator[None]:
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
     except Exception as error:
+        if not (raised_by_library(error) or isinstance(error, DAMAGE)):
+            raise  # a fault of the suite
         raise InputError(
             f"{path}: it cannot be read as {form.name} ({type(error).__name__}): is it cut off or damaged? "
             "copy it again"

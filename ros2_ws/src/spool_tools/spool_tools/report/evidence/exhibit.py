@@ -10,7 +10,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from spool_core.errors import InputError
+from spool_core.errors import InputError, show_traceback, unexpected
 from spool_core.numbers import Array
 
 # Pictures are drawn where there is no screen: every module of the report that draws imports this one.
@@ -156,8 +156,11 @@ def made(title: str, build: Callable[[], Exhibit]) -> Exhibit | LeftOut:
         return build()
     except InputError as error:
         reason = str(error)
-    except (ArithmeticError, IndexError, KeyError, ValueError, np.linalg.LinAlgError) as error:
+    except (ArithmeticError, np.linalg.LinAlgError) as error:
+        show_traceback(error)
         reason = f"the numbers do not allow it ({type(error).__name__}: {error})"
+    except Exception as error:
+        reason = unexpected(error)
     for number in set(plt.get_fignums()) - opened:
         plt.close(number)
     return LeftOut(title, reason)
