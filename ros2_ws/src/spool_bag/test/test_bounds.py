@@ -210,6 +210,20 @@ def test_a_valve_without_a_namespace_is_read(tmp_path: Path, block: MakeBlock) -
     assert len(list(reader.blocks(""))) == reader.blocks_of("") == 1
 
 
+def test_the_blocks_of_a_valve_are_its_own_and_of_their_type(tmp_path: Path, block: MakeBlock) -> None:
+    counts = {"/a/acceleration": 3, "/b/acceleration": 2, "/a/copy/acceleration": 4, "/a/other": 5}
+    with BagWriter(tmp_path / "bag") as writer:
+        for topic, count in counts.items():
+            channel = writer.add_topic(topic, ACCELERATION_BLOCK)
+            for sequence in range(count):
+                writer.write(channel, block(sequence).stamp, encode_block(block(sequence), "x"))
+        text = writer.add_topic("/c/acceleration", "std_msgs/msg/String")
+        writer.write(text, block(0).stamp, b"\0\1\0\0\2\0\0\0x\0")
+    reader = BagReader(tmp_path / "bag")
+    assert {valve: reader.blocks_of(valve) for valve in reader.valves} == {"a": 3, "b": 2, "a/copy": 4}
+    assert all(len(list(reader.blocks(valve))) == reader.blocks_of(valve) for valve in reader.valves)
+
+
 @pytest.mark.parametrize("name", ["../outside_0.mcap", "{folder}/outside_0.mcap", "../../etc/passwd"])
 def test_a_bag_does_not_lead_out_of_its_folder(bag: Path, tmp_path: Path, name: str) -> None:
     outside = tmp_path / "outside_0.mcap"

@@ -12,13 +12,15 @@ import yaml
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 from spool_bag import recording as recording_module
+from spool_bag import verification
 from spool_bag.metadata import ACCELERATION_BLOCK
+from spool_bag.part_chain import PartBegin, begin_of
 from spool_bag.parts import Output
 from spool_bag.reader import BagReader
 from spool_bag.recorder import Recorded
 from spool_bag.recording import Recording, RecordingSettings, older, thin
-from spool_bag.verification import make_keys, signer, verify
-from spool_bag.writer import BagWriter, PartLimits
+from spool_bag.verification import TRIES, make_keys, signer, verify
+from spool_bag.writer import BagWriter, PartLimits, RecordingError
 from spool_core.block import Block
 from spool_core.cdr import encode_block
 from spool_core.errors import InputError
@@ -311,6 +313,22 @@ def test_a_disk_that_takes_names_but_no_bytes_gets_no_file_a_try(
     assert one.lost == {}
 
 
+def test_a_part_that_a_full_disk_left_empty_is_neither_kept_nor_listed(
+    tmp_path: Path, block: MakeBlock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    recorded(tmp_path / "bag", block, 100, TEN_SECONDS).close()
+    full = [False]
+    fill(monkeypatch, lambda: full[0])
+    writer = BagWriter(tmp_path / "bag", limits=TEN_SECONDS, resume=True, flush_interval=1e9)
+    channel = writer.add_topic("/valve_1/acceleration", ACCELERATION_BLOCK)
+    writer.write(channel, START + 100 * STEP, encode_block(block(100), "valve_1"))
+    full[0] = True
+    with pytest.raises(RecordingError, match="No space left"):
+        writer.flush()
+    assert [path.name for path in (tmp_path / "bag").glob("*.mcap")] == ["bag_0.mcap"]
+    assert verify(tmp_path / "bag").wrong == []
+
+
 def test_a_loss_is_stated_once_though_the_first_tries_to_state_it_fail(
     tmp_path: Path, block: MakeBlock, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -570,6 +588,29 @@ def test_a_recording_under_way_whose_oldest_parts_went_is_as_it_was_written(
     found = verify(tmp_path / "bag")  # neither closed nor split since
     assert found.wrong == []
     assert "parts 0 to 0 went by the recorder's quota" in found.notes
+    writer.close()
+
+
+@pytest.mark.parametrize("gone", range(1, TRIES + 1))
+def test_a_recording_whose_parts_go_while_it_is_verified_is_looked_at_again(
+    tmp_path: Path, block: MakeBlock, monkeypatch: pytest.MonkeyPatch, gone: int
+) -> None:
+    """A part goes during each of the first looks; one that loses a part at every look is given up."""
+    writer = recorded(tmp_path / "bag", block, 400, ONE_SECOND)
+    left = [gone]
+
+    def begin(path: Path) -> PartBegin | None:
+        if left[0]:
+            left[0] -= 1
+            writer.remove_oldest()
+        return begin_of(path)
+
+    monkeypatch.setattr(verification, "begin_of", begin)
+    if gone < TRIES:
+        assert verify(tmp_path / "bag").wrong == []
+    else:
+        with pytest.raises(InputError, match="went while it was verified"):
+            verify(tmp_path / "bag")
     writer.close()
 
 

@@ -152,6 +152,15 @@ def test_what_is_no_event_is_left_alone() -> None:
     assert run(keeper, 10.0, broken) == []
 
 
+@pytest.mark.parametrize(
+    ("topic", "kind"), [("/valve_1/events_copy", HEALTH_EVENT), ("/valve_1/events", "other_msgs/msg/Alarm")]
+)
+def test_only_events_of_their_type_on_the_events_topic_begin_a_snapshot(topic: str, kind: str) -> None:
+    alarm = event(5.0)
+    other = Recorded(topic, kind, alarm.received, alarm.published, alarm.data)
+    assert run(SnapshotKeeper(3.0, 2.0), 10.0, other) == []
+
+
 @pytest.fixture
 def writer(tmp_path: Path) -> Iterator[SnapshotWriter]:
     made = SnapshotWriter(SnapshotKeeper(3.0, 2.0), tmp_path / "snapshots", logging.getLogger("test"))
