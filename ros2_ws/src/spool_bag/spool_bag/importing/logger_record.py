@@ -18,6 +18,7 @@ from spool_core.text import plural, printable
 from spool_bag import BODY, OIL_TEMPERATURE, SPOOL, TIME
 from spool_bag.importing import roles, time_axis
 from spool_bag.importing.choices import Choices, choices, short, typed
+from spool_bag.importing.csv_layout import listed
 from spool_bag.importing.formats.format import open_table, read_channels
 from spool_bag.importing.mixed_sources import mixed
 from spool_bag.importing.table import STAMP, Channel, Group, Table, Values
@@ -33,6 +34,8 @@ EARLIEST = 946_684_800_000_000_000
 #: Gravity in units in which drivers publish, beyond that of the format, and how far off it a sensor may be.
 GRAVITY_IN = {"g": 1.0, "mg": 1000.0, "mm/s^2": 9806.65}
 GRAVITY_OFF = 0.07
+#: Relative difference of a duration that is stated from that of the samples, beyond which it is a warning.
+SPAN_OFF = 0.02
 _PIECE = 1 << 20
 
 Array = NDArray[Any]
@@ -195,6 +198,10 @@ def _of_group(
             f"--rate {asked.rate:g} is used, and {group.source or 'the file'} states {group.rate:g} Hz"
         )
     notes.append(_rate_note(path, axis, group, asked, base))
+    table.account(group.name, "s", group.span, base.time.size * base.period, off=SPAN_OFF)
+    left = table.settings.unused([one.name for one in taken])
+    if left:
+        notes.append(f"stated in the file and not used: {listed(left)}")
     doubt = time_axis.period_check(path, clock.label, base.period, kind)
     warnings += [doubt] if doubt else []
     return LoggerRecord(

@@ -539,6 +539,14 @@ def _use_of(role: str, source: Source, asked: Choices) -> ChannelUse:
             return use("", 1.0, f"no unit in the file, --columns {role}=... says it")
         raise _no_unit(quantity)
     found = quantity_of(unit)
+    scaling = channel.scaling
+    if scaling.doubt and not asked.gives(role) and found == quantity:
+        raise _RefusalError(
+            f" has whole numbers and {scaling.doubt}",
+            [("--scale", f"{scaling.size:.7g}{unit}/count"), ("--unit", unit)],
+            "it may still have to be applied: if so, type --unit "
+            f"{way}=count and the first of these, else the second: ",
+        )
     if found == quantity:
         if quantity != "temperature":
             return use(unit, factor(unit, quantity), why)

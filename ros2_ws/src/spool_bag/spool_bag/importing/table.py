@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from spool_core.errors import InputError
 from spool_core.text import printable
 
+from spool_bag.importing.settings import NEUTRAL, Scaling, Settings, Start, StatedRate
 from spool_bag.importing.units import quantity_of, split_header
 
 #: Samples of one record that are read: 4 hours at 2 kHz; 16 B each are kept, 24 while they are read.
@@ -37,30 +38,6 @@ COUNTED_ALIKE = 1e-6
 #: Samples of the first piece of memory.
 _FIRST = 1 << 16
 
-#: Names of a number that states a sampling rate (+1) or a period (-1), and of one that may as well be the
-#: speed of a shaft or an excitation's; `_Hz`, `_kHz`, `_s`, `_ms`, `_us` may follow.
-_RATES = dict.fromkeys(
-    (
-        "fs", "f_s", "sr", "samplerate", "sample_rate", "samplingrate", "sampling_rate", "samp_rate",
-        "fsample", "f_sample", "samplefrequency", "sample_frequency", "samplingfrequency",
-        "sampling_frequency",
-        "sampling_freq", "sample_freq", "samples_per_second", "abtastrate", "abtastfrequenz",
-    ),
-    1.0,
-)  # fmt: skip
-_PERIODS = dict.fromkeys(
-    (
-        "dt", "ts", "t_s", "delta_t", "deltat", "sampleperiod", "sample_period", "samplingperiod",
-        "sampling_period", "sampleinterval", "sample_interval", "samplinginterval", "sampling_interval",
-        "sampletime", "sample_time", "time_step", "timestep", "abtastzeit",
-    ),
-    -1.0,
-)  # fmt: skip
-_SURE = {**_RATES, **_PERIODS}
-_DOUBTFUL = {"rate": 1.0, "frequency": 1.0, "freq": 1.0, "period": -1.0}
-_SUFFIXES = {"hz": 1.0, "khz": 1e3, "mhz": 1e6, "s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-#: Relative difference up to which two settings are one rate.
-_SAME = 1e-6
 #: Names of time axes.
 TIMES = ("t", "time", "zeit", "timestamp", "time_s")
 #: Samples from which a row is a record; shorter ones are settings.
@@ -74,7 +51,7 @@ class Channel:
     ``time`` marks a time axis by the format itself; ``dated`` is False for a time of day without a date.
     ``role``: contract name where the format fixes what the channel is. ``number``: of its column in the file,
     from 0. ``own``: its name in the file where ``name`` has an index, since several channels have that name
-    there.
+    there. ``scaling``: how the stored numbers become those of the unit.
     """
 
     name: str
@@ -84,6 +61,7 @@ class Channel:
     dated: bool = True
     number: int = -1
     own: str = ""
+    scaling: Scaling = NEUTRAL
 
     @property
     def header(self) -> str:
@@ -98,7 +76,7 @@ class Group:
     ``source``: where the file states the rate, e.g. ``bearing/sr``. ``start``: acquisition time of the first
     sample in ns since 1970, ``None`` where not stated. ``delay``: s, from there to the first sample.
     ``stamped``: its times are those of a clock that other groups share. ``doubt``: a setting that may be the
-    rate or not.
+    rate or not. ``count``, ``span``: samples and s that the file states, NaN where it does not.
     """
 
     name: str
@@ -109,6 +87,8 @@ class Group:
     source: str = ""
     delay: float = 0.0
     doubt: str = ""
+    count: float = math.nan
+    span: float = math.nan
 
     def channel(self, name: str) -> Channel:
         """Return the channel that has ``name``."""
@@ -123,6 +103,7 @@ class Table(ABC):
     shape (n,)) of each group that was read. ``holes_are_gaps``: rows without a value are missing samples by
     the format. ``dates``: order of day and month, ``dmy`` or ``mdy``, where the user states it. ``gravity``:
     length of the mean vector of three axes, in the unit that the format prescribes, by group, once read.
+    ``settings``: what the file states beside its channels.
     """
 
     path: Path
@@ -133,10 +114,14 @@ class Table(ABC):
     holes_are_gaps: bool = False
     dates: str = ""
     gravity: Mapping[str, float] = MappingProxyType({})
+    settings: Settings = Settings()
 
-    def account(self, title: str, what: str, stated: float | None, read: float) -> None:
-        """Warn where the file states another amount of something than was read, e.g. of messages."""
-        if stated and abs(read - stated) > COUNTED_ALIKE * stated:
+    def account(self, title: str, what: str, stated: float, read: float, off: float = COUNTED_ALIKE) -> None:
+        """Warn where the file states another amount of something than was read, e.g. of messages.
+
+        ``stated``: NaN or 0 where it does not. ``off``: relative difference that is none.
+        """
+        if stated and abs(read - stated) > off * stated:
             where = f"{title}: " if title else ""
             text = f"{where}the file states {stated:.7g} {what}, and {read:.7g} are read"
             self.warnings = tuple(dict.fromkeys((*self.warnings, text)))
@@ -150,6 +135,20 @@ class Table(ABC):
         Raises:
             InputError: values that are no numbers, with their place.
         """
+
+    def taken(self, group: Group, names: Sequence[str], single: Sequence[str] = ()) -> dict[str, Values]:
+        """Return what :meth:`read` does, in the units of the channels, once the file's count was compared."""
+        found = self.read(group, names, single)
+        for name in names:
+            scaling = group.channel(name).scaling
+            if scaling == NEUTRAL:
+                continue
+            row = found[name].astype(np.float64)
+            if scaling.missing:
+                row = np.where(np.isin(row, np.asarray(scaling.missing)), math.nan, row)
+            found[name] = row * scaling.factor + scaling.offset
+        self.account(group.name, "samples", group.count, max((row.size for row in found.values()), default=0))
+        return found
 
     def where(self, row: int) -> str:
         """Return where row ``row`` (from 0) stands, for messages."""
@@ -165,6 +164,7 @@ class ArrayTable(Table):
     arrays: Mapping[tuple[str, str], Any]
     notes: tuple[str, ...] = field(default=())
     warnings: tuple[str, ...] = field(default=())
+    settings: Settings = field(default_factory=Settings)
 
     def read(self, group: Group, names: Sequence[str], _single: Sequence[str] = ()) -> dict[str, Values]:
         """Return the values of channels by name."""
@@ -274,142 +274,122 @@ class GrowingColumns:
         return {name: np.empty(0) if column is None else column for name, column in self._columns.items()}
 
 
-@dataclass(frozen=True, slots=True)
-class StatedRate:
-    """Rate (Hz) that a setting states for a channel, NaN for none; ``source``: the settings' own names.
-
-    ``doubt``: why none is taken though there are settings, with what to type.
-    """
-
-    rate: float = math.nan
-    source: str = ""
-    doubt: str = ""
-
-
-def stated_rate(channel: str, settings: Mapping[str, Any]) -> StatedRate:
-    """Return the rate that holds for a channel: of the settings nearest to it, else of those elsewhere.
-
-    Args:
-        channel: its path, e.g. ``bearing/gs``; settings on the way to it are beside it.
-        settings: numbers by their paths, e.g. ``bearing/sr``.
-    """
-    sure: list[tuple[int, str, float]] = []
-    doubtful: list[str] = []
-    for path, value in settings.items():
-        parent, _, name = path.rpartition("/")
-        number = _positive(value)
-        plain = name.lower().strip().replace(" ", "_")
-        if number is None:
-            continue
-        power, size = _rate_name(plain, _SURE)
-        beside = not parent or channel == parent or channel.startswith(f"{parent}/")
-        if power:
-            depth = (0 if not parent else 1 + parent.count("/")) if beside else -1
-            sure.append((depth, path, float((number * size) ** power)))
-        elif _rate_name(plain, _DOUBTFUL)[0] and beside:
-            doubtful.append(f"{printable(path, 60)} = {number:.7g}")
-    if not sure:
-        may_be = f"{' and '.join(doubtful)} may be a sampling rate or not: if it is, type it with --rate"
-        return StatedRate(doubt=may_be if doubtful else "")
-    nearest = max(depth for depth, _, _ in sure)
-    taken = [(path, rate) for depth, path, rate in sure if depth == nearest]
-    rate = taken[0][1]
-    if any(abs(other / rate - 1.0) > _SAME for _, other in taken):
-        said = " and ".join(f"{printable(path, 60)} = {one:.7g} Hz" for path, one in taken[:4])
-        return StatedRate(doubt=f"{said} disagree: type the right one, e.g. --rate {rate:.7g}")
-    name = taken[0][0].rpartition("/")[2]
-    return StatedRate(rate, printable(" and ".join(path for path, _ in taken[:3]), 120) or name)
-
-
 def array_table(
     path: Path,
     arrays: Mapping[str, Any],
     units: Mapping[str, str] | None = None,
     settings: Mapping[str, Any] | None = None,
 ) -> ArrayTable:
-    """Return the table of named arrays: those of one length share a clock.
+    """Return the table of named arrays: those of one length, rate and start share a clock.
 
     Args:
         path: of the file.
         arrays: rows, and matrices whose columns are channels, or whose rows are where these are longer.
         units: by the arrays' names, where the file states them.
-        settings: numbers by their paths; arrays of one number are settings as well.
+        settings: numbers and texts by their paths; arrays of one number are settings as well.
 
     Raises:
         InputError: there is no row of numbers.
     """
     rows: dict[str, Any] = {}
+    stated: dict[str, Any] = {}
     for name, value in arrays.items():
-        for key, row in _rows(name, np.asarray(value)):
+        parts = _rows(name, np.asarray(value))
+        for at, (key, row) in enumerate(parts):
             if row.size >= SHORTEST and row.dtype.kind in "fiubM":
                 rows[key] = row
+                stated |= _of_column(name, key, at, len(parts), settings or {})
     if not rows:
         raise InputError(f"{path}: no row of at least {SHORTEST} numbers in it")
     if len(rows) > MOST_CHANNELS:
         raise InputError(f"{path}: {len(rows)} channels, more than {MOST_CHANNELS}")
-    known = {**(settings or {}), **{key: value for key, value in arrays.items() if np.size(value) == 1}}
-    by_size: dict[int, list[str]] = {}
-    for name, row in rows.items():
-        by_size.setdefault(row.size, []).append(name)
+    single = {key: value for key, value in arrays.items() if np.size(value) == 1}
+    known = Settings({**(settings or {}), **single, **stated})
+    channels = {name: _channel(name, row, units or {}, known) for name, row in rows.items()}
+    times = {name for name, channel in channels.items() if _is_time(channel)}
+    timed = {rows[name].size for name in times}
+    rates = {name: known.rate(name) for name in rows}
+    # Channels that have a column of times begin with it.
+    starts = {name: Start() if row.size in timed else known.start(name) for name, row in rows.items()}
+    clocks: dict[int, dict[tuple[float, Start], list[str]]] = {}
+    for size in dict.fromkeys(row.size for row in rows.values()):
+        names = [name for name, row in rows.items() if row.size == size and name not in times]
+        # What one channel alone states holds for those beside it that state nothing.
+        rate = _only({round(rates[name].rate, 6) for name in names if rates[name].rate > 0.0}) or 0.0
+        moment = _only({start.moment for name in names if (start := starts[name]).moment is not None})
+        by_clock = clocks.setdefault(size, {})
+        for name in names:
+            own = round(rates[name].rate, 6) if rates[name].rate > 0.0 else rate
+            start = starts[name] if starts[name].moment is not None else Start(moment, starts[name].delay)
+            by_clock.setdefault((own, start), []).append(name)
+        if not names:
+            by_clock[0.0, Start()] = []
     groups: list[Group] = []
     kept: dict[tuple[str, str], Any] = {}
-    for size, names in by_size.items():
-        channels = {
-            name: Channel(
-                name,
-                STAMP if dated else (units or {}).get(name, "") or split_header(name.rpartition("/")[2])[1],
-                time=dated,
-            )
-            for name in names
-            for dated in [rows[name].dtype.kind == "M"]
-        }
-        stated = {name: stated_rate(name, known) for name in names}
-        rates = {
-            round(one.rate, 6): one
-            for name, one in stated.items()
-            if one.rate > 0.0 and not _is_time(channels[name])
-        }
-        for rate in rates or {0.0: StatedRate()}:
+    stamped = len({key[1].moment is None for by_clock in clocks.values() for key in by_clock}) == 1
+    for size, by_clock in clocks.items():
+        for (rate, start), names in by_clock.items():
             inside = [
                 name
-                for name in names
-                if len(rates) < 2 or round(stated[name].rate, 6) == rate or _is_time(channels[name])
+                for name, row in rows.items()
+                if row.size == size and (name in names or name in times or not names)
             ]
-            title = f"{size} samples" if len(by_size) > 1 else ""
-            title += f"{' ' if title else ''}at {rate:.7g} Hz" if len(rates) > 1 else ""
-            of_rate = [stated[name] for name in inside if round(stated[name].rate, 6) == rate]
-            sources = dict.fromkeys(one.source for one in of_rate)
-            doubts = dict.fromkeys(stated[name].doubt for name in inside if stated[name].doubt)
+            title = f"{size} samples" if len(clocks) > 1 else ""
+            title += (
+                f"{' ' if title else ''}at {rate:.7g} Hz" if len({key[0] for key in by_clock}) > 1 else ""
+            )
+            begins = f"from {_begin_text(start)}" if len({key[1] for key in by_clock}) > 1 else ""
+            title += f"{' ' if title and begins else ''}{begins}"
+            of_rate = [rates[name] for name in names or inside if rates[name].rate > 0.0] or [StatedRate()]
+            counts = [count for name in inside if (count := known.count(name)) > 0.0]
+            spans = [span for name in inside if (span := known.span(name)) > 0.0]
             groups.append(
                 Group(
                     title,
                     tuple(channels[name] for name in inside),
-                    of_rate[0].rate if of_rate else math.nan,
-                    source=", ".join(sources),
-                    doubt="; ".join(doubts),
+                    of_rate[0].rate,
+                    start.moment,
+                    stamped=stamped and len(by_clock) > 1,
+                    source=", ".join(dict.fromkeys(one.source for one in of_rate if one.source)),
+                    delay=start.delay,
+                    doubt="; ".join(dict.fromkeys(rates[name].doubt for name in inside if rates[name].doubt)),
+                    count=counts[0] if counts else math.nan,
+                    span=spans[0] if spans else math.nan,
                 )
             )
             kept |= {(title, name): rows[name] for name in inside}
-    return ArrayTable(path, tuple(groups), kept)
+    return ArrayTable(path, tuple(groups), kept, settings=known)
 
 
-def _rate_name(name: str, known: Mapping[str, float]) -> tuple[float, float]:
-    """Return 1 for a rate's name, -1 for a period's, 0 for others, and the size of the unit in it."""
-    if name in known:
-        return known[name], 1.0
-    base, _, suffix = name.rpartition("_")
-    power, size = known.get(base, 0.0), _SUFFIXES.get(suffix, 0.0)
-    return (power, size) if power and size and ("hz" in suffix) == (power > 0.0) else (0.0, 1.0)
+def _of_column(name: str, key: str, at: int, count: int, settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what the settings of an array of several columns state for one of them, by its path."""
+    if key == name:
+        return {}
+    own = {path: value for path, value in settings.items() if path.rpartition("/")[0] == name}
+    return {
+        f"{key}/{path.rpartition('/')[2]}": np.ravel(value)[at] if np.size(value) == count else value
+        for path, value in own.items()
+        if np.size(value) in (1, count)
+    }
 
 
-def _positive(value: Any) -> float | None:
-    """Return a setting as a number above 0, ``None`` for others."""
-    try:
-        held = np.asarray(value).reshape(-1)
-        number = float(held[0]) if held.size == 1 else math.nan
-    except (TypeError, ValueError):
-        return None
-    return number if math.isfinite(number) and number > 0.0 else None
+def _channel(name: str, row: Any, units: Mapping[str, str], known: Settings) -> Channel:
+    """Return the channel of an array: its unit, and how its numbers become those of the unit."""
+    if row.dtype.kind == "M":
+        return Channel(name, STAMP, time=True)
+    unit = units.get(name, "") or known.unit(name) or split_header(name.rpartition("/")[2])[1]
+    return Channel(name, unit, scaling=known.scaling(name, whole=row.dtype.kind in "iu"))
+
+
+def _only(found: set[Any]) -> Any:
+    """Return the only one of ``found``, ``None`` where there is none or more."""
+    return next(iter(found)) if len(found) == 1 else None
+
+
+def _begin_text(start: Start) -> str:
+    """Return a start for the name of a group."""
+    whole = "" if start.moment is None else f"{start.moment * 1e-9:.6f}"
+    return f"{whole}{start.delay:+.7g} s" if start.delay or not whole else f"{whole} s"
 
 
 def _is_time(channel: Channel) -> bool:

@@ -11,7 +11,8 @@ from spool_bag.importing.formats.format import Format
 from spool_bag.importing.formats.matlab_format import tables_of
 from spool_bag.importing.table import MOST_CHANNELS, ArrayTable, array_table, check_size
 
-_UNITS = ("unit", "units", "Unit", "Units", "UNIT", "UNITS")
+#: Characters of a text that is a setting.
+LONGEST_TEXT = 1000
 
 
 def opened(path: Path) -> ArrayTable:
@@ -19,7 +20,6 @@ def opened(path: Path) -> ArrayTable:
     import h5py  # noqa: PLC0415 - comes with the extras
 
     arrays: dict[str, Any] = {}
-    units: dict[str, str] = {}
     settings: dict[str, Any] = {}
     size, tables = 0, False
 
@@ -28,7 +28,12 @@ def opened(path: Path) -> ArrayTable:
         settings.update({f"{name}/{key}": value for key, value in entry.attrs.items()})
         matlab = _text(entry.attrs.get("MATLAB_class", ""))
         tables = tables or matlab in ("table", "timetable")
-        if not isinstance(entry, h5py.Dataset) or matlab in ("char", "cell", "table", "timetable"):
+        if not isinstance(entry, h5py.Dataset) or matlab in ("cell", "table", "timetable"):
+            return
+        if entry.size <= LONGEST_TEXT and (matlab == "char" or h5py.check_string_dtype(entry.dtype)):
+            held = entry[()]
+            text = "".join(map(chr, np.ravel(held).tolist())) if matlab == "char" else held
+            settings[name] = _text(text) if np.size(text) == 1 else text
             return
         if entry.dtype.kind not in "fiub" and not entry.dtype.names:
             return
@@ -37,22 +42,14 @@ def opened(path: Path) -> ArrayTable:
         size += entry.size * entry.dtype.itemsize
         check_size(path, size)
         arrays[name] = entry[()]
-        for key in _UNITS:
-            if key in entry.attrs and entry.dtype.names:
-                stated = [_text(one) for one in np.ravel(entry.attrs[key])]
-                units.update(
-                    {f"{name}/{part}": unit for part, unit in zip(entry.dtype.names, stated, strict=False)}
-                )
-            elif key in entry.attrs:
-                units[name] = _text(entry.attrs[key])
 
     with h5py.File(path, "r") as file:
         settings.update(file.attrs)
         file.visititems(visit)
+    units: dict[str, str] = {}
     if tables:
-        columns, stated = tables_of(path)
+        columns, units = tables_of(path)
         arrays |= columns
-        units |= stated
     return array_table(path, arrays, units, settings)
 
 

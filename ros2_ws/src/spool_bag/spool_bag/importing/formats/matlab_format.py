@@ -25,14 +25,14 @@ def opened(path: Path) -> ArrayTable:
     held = loadmat(path, squeeze_me=True, struct_as_record=False)
     arrays: dict[str, Any] = {}
     units: dict[str, str] = {}
+    texts: dict[str, str] = {}
     for name, value in held.items():
         if not name.startswith("__"):
-            _collect(name, value, arrays, units, DEEPEST)
+            _collect(name, value, arrays, texts, DEEPEST)
     if "__function_workspace__" in held or any(isinstance(value, _opaque()) for value in held.values()):
-        tables, stated = tables_of(path)
+        tables, units = tables_of(path)
         arrays |= tables
-        units |= stated
-    return array_table(path, arrays, units)
+    return array_table(path, arrays, units, texts)
 
 
 def tables_of(path: Path) -> tuple[dict[str, Any], dict[str, str]]:
@@ -87,27 +87,21 @@ def _opaque() -> Any:
     return MatlabOpaque
 
 
-def _collect(name: str, value: Any, arrays: dict[str, Any], units: dict[str, str], deeper: int) -> None:
+def _collect(name: str, value: Any, arrays: dict[str, Any], texts: dict[str, str], deeper: int) -> None:
     fields = getattr(value, "_fieldnames", None)
-    if fields is None:
+    if isinstance(value, str):
+        texts[name] = value
+    elif fields is None:
         array = np.asarray(value)
         if array.dtype.kind in "fiub":
             arrays[name] = array
         elif array.dtype == object and array.ndim and deeper > 0 and not isinstance(value, _opaque()):
             for at, entry in enumerate(array.ravel()[:MOST_ELEMENTS]):
-                _collect(f"{name}({at + 1})", entry, arrays, units, deeper - 1)
-        return
-    if deeper == 0:
-        return
-    for field in fields:
-        entry = getattr(value, field)
-        if isinstance(entry, str):
-            if field.lower() in ("unit", "units"):
-                units |= {f"{name}/{other}": entry for other in fields}
-            elif field.lower().endswith(("_unit", "_units")):
-                units[f"{name}/{field.rpartition('_')[0]}"] = entry
-            continue
-        _collect(f"{name}/{printable(field, 60)}", entry, arrays, units, deeper - 1)
+                _collect(f"{name}({at + 1})", entry, arrays, texts, deeper - 1)
+    elif deeper > 0:
+        for field in fields:
+            entry = getattr(value, field)
+            _collect(f"{name}/{printable(field, 60)}", entry, arrays, texts, deeper - 1)
 
 
 def _is_version_4(path: Path, head: bytes) -> bool:
