@@ -143,7 +143,7 @@ class Settings:
     def unit(self, channel: str) -> str:
         """Return the unit that is stated for a channel, its own or that of all beside it; "" for none."""
         near = [one for one in self._near(channel) if one.name in _UNIT_NAMES and isinstance(one.value, str)]
-        own = [one for one in near if one.depth >= max(channel.count("/"), 1)]
+        own = [one for one in near if one.depth >= max(channel.count("/"), 0.5)]
         return str(self._take(max(own, key=lambda one: one.depth)).value).strip() if own else ""
 
     def rate(self, channel: str) -> StatedRate:
@@ -222,7 +222,7 @@ class Settings:
             size = self._size(one, unit, "time")
             number = _number(one.value)
             # A number for all channels alike moves nothing against each other.
-            if delay == 0.0 and size is not None and math.isfinite(number) and one.depth >= 1.0:
+            if delay == 0.0 and size is not None and math.isfinite(number) and one.depth > 0.0:
                 delay = number * size
                 taken.append(one)
         for one in taken:

@@ -338,8 +338,10 @@ def array_table(
             title += (
                 f"{' ' if title else ''}at {rate:.7g} Hz" if len({key[0] for key in by_clock}) > 1 else ""
             )
-            begins = f"from {_begin_text(start)}" if len({key[1] for key in by_clock}) > 1 else ""
-            title += f"{' ' if title and begins else ''}{begins}"
+            if len({key[1] for key in by_clock}) > 1:
+                earliest = min(key[1].moment or 0 for key in by_clock)
+                since = ((start.moment or 0) - earliest) * 1e-9 + start.delay
+                title += f"{' ' if title else ''}from {since:.7g} s"
             of_rate = [rates[name] for name in names or inside if rates[name].rate > 0.0] or [StatedRate()]
             counts = [count for name in inside if (count := known.count(name)) > 0.0]
             spans = [span for name in inside if (span := known.span(name)) > 0.0]
@@ -384,12 +386,6 @@ def _channel(name: str, row: Any, units: Mapping[str, str], known: Settings) -> 
 def _only(found: set[Any]) -> Any:
     """Return the only one of ``found``, ``None`` where there is none or more."""
     return next(iter(found)) if len(found) == 1 else None
-
-
-def _begin_text(start: Start) -> str:
-    """Return a start for the name of a group."""
-    whole = "" if start.moment is None else f"{start.moment * 1e-9:.6f}"
-    return f"{whole}{start.delay:+.7g} s" if start.delay or not whole else f"{whole} s"
 
 
 def _is_time(channel: Channel) -> bool:
