@@ -129,6 +129,27 @@ def test_anothers_is_refused_by_name_and_learned_anew(valve_id: str, oil: str, r
     assert (after.current.version, after.current.valve_id, after.current.oil) == (2, valve_id, oil)
 
 
+@pytest.mark.parametrize("other", [("4weh10_stiff", "HL68"), ("4weh10_soft", "HL46")])
+def test_another_valve_that_begins_meanwhile_is_not_compared_with_the_one_before(
+    other: tuple[str, str],
+) -> None:
+    made = known()
+    with pytest.raises(InputError, match=r"4weh10_soft|HL68"):
+        made.identify(*other)
+    assert made.current is None
+    assert healthy_values(made.detection) == ()
+    learned(made, 100, shift=1.5)
+    assert made.current is not None
+    assert (made.current.version, made.current.valve_id, made.current.oil) == (2, *other)
+
+
+def test_a_valve_that_names_itself_again_stays_compared_with_what_was_learned() -> None:
+    made = known()
+    assert not made.identify("4weh10_soft", "HL68")
+    assert made.current is not None
+    assert healthy_values(made.detection) != ()
+
+
 def test_an_oil_that_is_not_known_fits() -> None:
     assert restarted(known()).identify("4weh10_soft", "")
 

@@ -307,6 +307,20 @@ def test_a_drift_that_rests_for_some_seconds_began_before_it_rested() -> None:
     assert made.since == pytest.approx(109 * SECOND, abs=2 * SECOND)
 
 
+@pytest.mark.parametrize("period", [1.0, 0.1])
+def test_since_when_is_known_from_the_first_sign_of_a_change_until_the_last(period: float) -> None:
+    """The smoothed change comes later than the sum and is over sooner."""
+    made, seconds, dated = learned(), 10.0, set[int]()
+    for value, lasts in ((2.0, 10.0), (1.4, 20.0), (2.0, 20.0)):
+        for _ in range(round(lasts / period)):
+            made.update(estimate(seconds, value))
+            seconds += period
+            assert (made.since > 0) == (made.sum.size > 0.0)
+            dated.add(made.since)
+    assert made.since == 0
+    assert len(dated) == 2
+
+
 @pytest.mark.parametrize("pause", [10.0, 3600.0, 86400.0, -1.0, -3600.0, -86400.0])
 def test_neither_a_pause_nor_a_clock_that_was_set_back_is_time_of_a_drift(pause: float) -> None:
     """One estimate after it shows nothing that lasts; those that follow do."""

@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from spool_monitor.state_file import FolderLock, StateFile, default_folder
+from spool_monitor.state_file import FolderLock, StateFile, default_folder, valve_folder
 
 
 def names(folder: Path) -> set[str]:
@@ -262,3 +262,21 @@ def test_state_is_kept_where_the_user_says(monkeypatch: pytest.MonkeyPatch, tmp_
     monkeypatch.setenv("XDG_STATE_HOME", "relative")
     monkeypatch.setenv("HOME", str(tmp_path))
     assert default_folder() == tmp_path / ".local/state/spool"
+
+
+@pytest.mark.parametrize(
+    ("namespace", "below"),
+    [
+        ("/valve_1", "valve_1"),
+        ("valve_1", "valve_1"),
+        ("/press/left", "press/left"),
+        ("/press//left/", "press/left"),
+        ("/", ""),
+        ("", ""),
+        ("/../../etc/./x", "etc/x"),
+    ],
+)
+def test_each_valve_has_a_folder_of_its_own_that_never_leads_out(
+    tmp_path: Path, namespace: str, below: str
+) -> None:
+    assert valve_folder(tmp_path, namespace) == tmp_path / below / "monitor"

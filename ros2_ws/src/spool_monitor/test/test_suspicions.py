@@ -6,16 +6,19 @@ import math
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from spool_core.block import Block
 from spool_estimator.identification.channel_faults import ChannelFault, PairLook
 from spool_monitor.channels import Channel, ChannelLook, Signals, ValveResponse, due_power, look
 from spool_monitor.detection import COLDER_MOST, Detection
 from spool_monitor.detectors import Moment, MonitorSettings
 from spool_monitor.detectors.channel_faults import Sensitivity
+from spool_monitor.detectors.sensor_faults import SensorOffset
 from spool_monitor.detectors.stuck_spool import StuckSpool
 from spool_monitor.event import Severity
 from spool_monitor.monitor import Monitor
 from spool_monitor.parameter_drift import VISCOSITY_PER_KELVIN
+from spool_monitor.state_file import Baseline
 from spool_monitor.window import WindowTracker
 
 SECOND = 1_000_000_000
@@ -56,6 +59,30 @@ def test_while_an_alarm_of_a_stuck_spool_lasts_its_parameters_are_doubted() -> N
         if second > 6:
             assert detection.conditions["stuck_spool"].active is Severity.ALARM
             assert detection.distrust
+
+
+def offset(wanders: float, moved: float) -> bool:
+    """Return whether a spool's mean that moves by ``moved`` after it had wandered is found, m/s^2."""
+    detector = SensorOffset(MonitorSettings())
+    starts = {name: Baseline(40.0) for name in SensorOffset.learns}
+    found = False
+    for second in range(100):
+        mean = wanders * (-1.0) ** (second // 10) if second < 60 else moved
+        signals = moving(second, 0.5).signals
+        assert signals is not None
+        signals = signals._replace(spool=BODY._replace(mean=mean))
+        finding = detector.update(moving(second, 0.5)._replace(signals=signals, learned=starts))
+        found = found or (finding is not None and finding.indicated is not None)
+    return found
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_a_mean_that_always_wandered_must_move_further_to_be_an_offset(side: float) -> None:
+    """Otherwise it must move by ``offset_change``, 0.5 m/s^2, to either side."""
+    assert not offset(0.0, side * 0.45)
+    assert offset(0.0, side * 0.55)
+    assert not offset(0.5, side * 4.2)
+    assert offset(0.5, side * 5.2)
 
 
 def test_what_can_no_longer_be_judged_is_doubted_no_longer() -> None:
