@@ -126,6 +126,18 @@ def test_whole_seconds_since_1970_show_two_kilohertz() -> None:
     assert 1e-5 < found.rate_std < 5e-5  # one sample of 40,000
 
 
+@pytest.mark.parametrize("decimals", [4, 5, 6])
+@pytest.mark.parametrize("rate", [800.123, 1017.3, 2001.7])
+@pytest.mark.parametrize("count", [300, 2000])
+def test_printed_times_leave_the_rate_no_less_certain_than_one_digit_over_their_length(
+    decimals: int, rate: float, count: int
+) -> None:
+    found = judge(np.round(np.arange(count) / rate, decimals))
+    assert found.rhythm is Rhythm.EVEN
+    assert right(found, rate)
+    assert 0.0 < found.rate_std <= 10.0**-decimals * rate / count
+
+
 def test_two_whole_seconds_show_no_rate() -> None:
     assert judge(np.floor(1_767_225_600.3 + np.arange(4000) / 2000.0)).rhythm is Rhythm.UNEVEN
 

@@ -50,6 +50,26 @@ VALVES = "- namespace: valve_1\n  valve_file: 4weh10_soft\n"
 
 
 @pytest.mark.parametrize(
+    ("held", "reason"),
+    [
+        (None, "No such file or directory"),
+        (b"a: \xff\xfe", "is not UTF-8 text"),
+        ("folder", "Is a directory"),
+    ],
+)
+def test_a_file_that_cannot_be_read_is_refused_with_the_reason(
+    tmp_path: Path, held: bytes | str | None, reason: str
+) -> None:
+    path = tmp_path / "a.yaml"
+    if isinstance(held, bytes):
+        path.write_bytes(held)
+    elif held is not None:
+        path.mkdir()
+    with pytest.raises(InputError, match=rf"a\.yaml: cannot read the valve file: {reason}"):
+        read_yaml(path, "valve")
+
+
+@pytest.mark.parametrize(
     ("text", "what", "reason"),
     [
         (PARAMETERS, "valve", "this is a parameter file of nodes: pass it as --params-file "),
