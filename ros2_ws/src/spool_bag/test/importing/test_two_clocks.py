@@ -91,17 +91,35 @@ def test_the_grid_of_the_slower_channel_is_told(body: float, spool: float, slowe
     assert found.note.endswith(f"; grid of 500 Hz, that of the {slower}")
 
 
-def test_a_linear_spool_has_no_error_of_its_own() -> None:
-    """The response of a mass on springs is the model: offset and drift come out to microseconds."""
+@cache
+def linear() -> tuple[np.ndarray, np.ndarray]:
+    """Return a body at 1000 Hz, and at 2000 Hz half a second later a spool on springs of 15 Hz."""
     noise = np.random.default_rng(1).normal(size=60 * 4000)
     body = signal.sosfiltfilt(signal.butter(4, (3.0, 60.0), "bandpass", fs=4000.0, output="sos"), noise)
     ratio = np.fft.rfftfreq(body.size, 1.0 / 4000.0) / 15.0
     response = (1.0 + 0.4j * ratio) / (1.0 - ratio**2 + 0.4j * ratio)
     spool = np.fft.irfft(np.fft.rfft(body) * response, body.size)
-    found = clock_offset(body[::4], 1e-3, spool[2000::2], 1.0 / 2000.0, "x")
+    return body[::4], spool[2000::2]
+
+
+def test_a_linear_spool_has_no_error_of_its_own() -> None:
+    """The response of a mass on springs is the model: offset and drift come out to microseconds."""
+    body, spool = linear()
+    found = clock_offset(body, 1e-3, spool, 1.0 / 2000.0, "x")
     assert found.offset == pytest.approx(-0.5, abs=2e-5)
     assert found.drift == pytest.approx(0.0, abs=2e-7)
     assert found.natural_frequency == pytest.approx(15.0, rel=1e-2)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_the_deviations_of_offset_and_drift_are_those_that_noise_makes(seed: int) -> None:
+    generator = np.random.default_rng(seed)
+    body, spool = (row + row.std() * generator.normal(size=row.size) for row in linear())
+    found = clock_offset(body, 1e-3, spool, 1.0 / 2000.0, "x")
+    assert abs(found.offset + 0.5) < 4.0 * found.offset_std < 2e-3
+    assert abs(found.drift) < 4.0 * found.drift_std < 1e-4
+    # Line through n even points: 2 sigma / sqrt(n) at its end, sqrt(12) sigma / (60 s sqrt(n)) of slope.
+    assert found.offset_std == pytest.approx(2.0 / np.sqrt(12.0) * 60.0 * found.drift_std, rel=0.2)
 
 
 def test_motion_that_repeats_itself_does_not_tell_the_offset() -> None:
