@@ -14,9 +14,12 @@ import spool_sim
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from spool_core.errors import InputError
+from spool_core.numbers import Array
 from spool_sim.excitation import SteadySine, SweptSine
+from spool_sim.integration import composed_motion
 from spool_sim.integration.composed_motion import (
     ComposedMotion,
+    Correction,
     MotionState,
     Trajectory,
     checked_substeps,
@@ -120,6 +123,40 @@ def test_valves_together_move_as_each_alone() -> None:
             start[n], bodies[body], tables[n], sample_period=5e-4, substeps=4, first_sample=begin
         )
         np.testing.assert_array_equal(mixed.velocity[n], alone.velocity)
+
+
+@pytest.mark.parametrize("shares", [1, 3])
+def test_of_many_sets_of_parameters_the_true_one_alone_predicts_what_was_measured(
+    monkeypatch: pytest.MonkeyPatch, shares: int
+) -> None:
+    """Each set is predicted as it is alone, however many there are and however many threads they take."""
+    monkeypatch.setattr(composed_motion, "processors", lambda: shares)
+    motion, values = everything()
+    samples, count, true = 200, 7 * shares, 5 * shares
+    bodies = np.stack(
+        [size * SWEEP.acceleration(half_step_times(0, samples, 2000.0, 4)) for size in (1.0, 2.0)]
+    )
+    tables = [motion.table({**values, "coulomb_force": 0.2 + 0.05 * n}, samples) for n in range(count)]
+    body = np.arange(count) % 2
+    measured, _ = motion.advance(
+        MotionState(), bodies[body[true]], tables[true], sample_period=5e-4, substeps=4
+    )
+    sets = np.array([table[0] for table in tables])
+
+    def predicted(places: list[int]) -> tuple[Array, Array, Array]:
+        rows = body[places], np.zeros(len(places), dtype=np.int64)
+        return motion.predict_batch(
+            bodies, measured.acceleration[np.newaxis], np.zeros(samples), sets[places], rows=rows,
+            correction=Correction(0.0, 0.0, 1.0), sample_period=5e-4, substeps=4, means=False,
+        )  # fmt: skip
+
+    together = predicted(list(range(count)))
+    size = np.abs(together[0]).max(axis=1)
+    assert size[true] < 1e-9
+    assert np.delete(size, true).min() > 1e-3
+    for n in range(count):
+        for all_of_them, alone in zip(together, predicted([n]), strict=True):
+            np.testing.assert_array_equal(all_of_them[n], alone[0])
 
 
 @pytest.mark.parametrize(

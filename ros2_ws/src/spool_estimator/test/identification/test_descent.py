@@ -8,7 +8,14 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import least_squares
-from spool_estimator.identification.least_squares import Descent, Unknown, bounds_of, descend
+from spool_estimator.identification.least_squares import (
+    Descent,
+    Unknown,
+    bounds_of,
+    descend,
+    to_hold,
+    unseen_directions,
+)
 
 TIME = np.linspace(0.0, 1.0, 200)
 #: Size, rate and offset of a decay.
@@ -72,3 +79,25 @@ def test_nothing_to_find_is_found_immediately():
     end = descend(problem, np.empty((1, 0)), 5, 1e-6)
     assert end.converged
     assert end.cost == 4.0
+
+
+@given(st.integers(0, 10_000), st.lists(st.integers(1, 3), min_size=1, max_size=3))
+@settings(max_examples=100, deadline=None)
+def test_with_what_is_held_the_data_determine_the_rest(seed, sizes):
+    """The data tell one product of each group, so that all of it but one are held, wherever they stand."""
+    generator = np.random.default_rng(seed)
+    group = generator.permutation(np.repeat(np.arange(len(sizes)), sizes))
+    slopes = generator.normal(size=(50, len(sizes)))[:, group] * generator.uniform(0.5, 2.0, group.size)
+    scales = np.ones(group.size)
+    held = to_hold(unseen_directions(slopes, scales), [f"u{place}" for place in range(group.size)])
+    free = [place for place in range(group.size) if f"u{place}" not in held]
+    assert sorted(group[free]) == list(range(len(sizes)))
+    assert unseen_directions(slopes[:, free], scales[free]).size == 0
+    assert free == [int(np.flatnonzero(group == one)[0]) for one in dict.fromkeys(group.tolist())]
+
+
+def test_what_is_told_by_itself_is_never_held():
+    unseen = np.array([[0.6, 0.0, 0.8, 0.0], [0.0, 0.0, 0.6, 0.8]])
+    assert to_hold(unseen, ["a", "b", "c", "d"]) == ("d", "c")
+    assert to_hold(unseen[:1], ["a", "b", "c", "d"]) == ("c",)
+    assert to_hold(np.empty((0, 4)), ["a", "b", "c", "d"]) == ()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import fft, signal
 from spool_core.numbers import Array
-from spool_estimator.identification.spectra import cross_spectrum, delayed, density_of, fast_length
+from spool_estimator.identification.spectra import cross_spectrum, delayed, density_of, fast_length, floor_of
 
 RATE = 500.0
 
@@ -51,6 +51,18 @@ def test_a_record_shorter_than_a_piece_is_one_piece() -> None:
     short, whole = cross_spectrum(body, spool, RATE, 256), cross_spectrum(body, spool, RATE, 100)
     np.testing.assert_array_equal(short.cross, whole.cross)
     np.testing.assert_allclose(short.coherence[1:], 1.0)
+
+
+@pytest.mark.parametrize("lines", [1, 2, 3, 4, 5, 41, 500])
+def test_the_floor_of_a_spectrum_of_any_length_is_the_level_of_its_upper_half(lines: int) -> None:
+    """The last lines are an anti-alias filter's; what stands out below the upper half is the motion."""
+    density = np.full(lines, 2.5)
+    density[: lines // 2] = 1e3
+    assert floor_of(density) == pytest.approx(2.5)
+    if lines > 40:
+        density[round(0.98 * lines) :] = 1e-9
+        density[round(0.8 * lines)] = 1e3
+        assert floor_of(density) == pytest.approx(2.5)
 
 
 def test_a_fast_length_is_the_next_product_of_2_3_and_5() -> None:
