@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -78,6 +79,39 @@ def test_blows_to_one_side_are_no_friction_that_differs_by_direction(forward: fl
     else:
         assert found is not None
         assert found.ratio == pytest.approx((forward - backward) / (forward + backward), abs=0.05)
+
+
+def shaken(**given: float) -> Record:
+    """Return a record that rests for 0.3 s, is then shaken at 14 Hz, the more for half a second."""
+    rate, seconds = 2000.0, 4.0
+    time = np.arange(round(seconds * rate)) / rate - 0.3
+    body = 8.0 * np.clip(2.0 * time, 0.0, 1.0) * np.sin(2.0 * np.pi * 14.0 * time)
+    sensor, model = Sensor(noise=NOISE), Model("hit", (*BASE.terms, term("asymmetric_friction")), {})
+    simulator = Simulator(
+        VALVE, Recorded(sample_rate=rate, samples=body), model=model,
+        parameters=given, sample_rate=rate, block_size=200, seed=3, body_sensor=sensor, spool_sensor=sensor,
+    )  # fmt: skip
+    parts = list(simulator.records(seconds))
+    rows = (np.concatenate([getattr(one, name) for one in parts]) for name in ("body", "spool"))
+    return Record("shaken", 0, 1.0 / rate, *(row.astype(np.float64) for row in rows))
+
+
+@pytest.mark.parametrize("bias", [0.0, 0.3, 0.6, -0.6, 3.0])
+@pytest.mark.parametrize(("forward", "backward"), [(0.5, 0.5), (0.6, 0.4), (0.3, 0.7)])
+def test_a_bias_of_the_body_is_no_friction_that_differs_by_direction(
+    bias: float, forward: float, backward: float
+) -> None:
+    """It is there from the start, and pushes no spool as the blows to one side above do."""
+    of = shaken(forward_force=forward, backward_force=backward)
+    of = replace(of, body=of.body + bias)
+    mean = structure_of(BASE, VALVE, ["coulomb_friction"], (), {"coulomb_force": FORCE})
+    fit = fit_structure(predictions(of), mean, (0.03,), steps=0)
+    found = two_forces([readings_of(of)], VALVE, MOTIONS, fit)
+    if forward == backward:
+        assert found is None
+    else:
+        assert found is not None
+        assert found.ratio == pytest.approx((forward - backward) / (forward + backward), abs=0.03)
 
 
 @pytest.mark.slow

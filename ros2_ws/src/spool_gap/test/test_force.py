@@ -52,6 +52,18 @@ def test_coulomb_friction_is_named() -> None:
     assert result.verdict == "coulomb_friction"
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("zero", [-1e5, 0.0, 1e5])
+@pytest.mark.parametrize("way", [-0.02, 0.02])
+def test_the_rig_s_sign_of_force_is_found_whatever_its_zero_and_where_the_motion_ends(
+    sign: float, zero: float, way: float
+) -> None:
+    time, place, speed = rig(1)
+    place, speed = place + way * time / time[-1], speed + way / time[-1]
+    record = ForceRecord("rig", 0.0, PERIOD, place, zero + sign * 900.0 * speed)
+    assert ForceBalance([record], [record], ("damping", "zero")).sign == sign
+
+
 def test_the_error_while_it_slides_is_a_share_whatever_the_unit_of_force() -> None:
     found = []
     for unit in (1.0, 1000.0):

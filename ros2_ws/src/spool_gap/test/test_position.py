@@ -12,7 +12,7 @@ from spool_gap.catalogue import EFFECTS
 from spool_gap.force import analyse as workflow
 from spool_gap.force.analyse import analyse_forces
 from spool_gap.force.balance import ForceBalance, ForceFit, ForceRecord
-from spool_gap.force.position import Chosen, position_rmse, position_run, speed_at
+from spool_gap.force.position import Chosen, cross_validated, position_rmse, position_run, speed_at
 from spool_gap.result import RankedHypothesis
 from spool_sim.model import MODELS, Model
 from spool_sim.terms import term
@@ -89,6 +89,23 @@ def test_a_hardening_spring_fitted_to_small_motion_closes_the_gap_of_growing_mot
     assert "constant_force" not in result.verdict
     assert result.verdict.startswith("cubic_stiffness")
     assert result.after.nrmse < 0.5 * result.before.nrmse
+
+
+def test_left_out_parts_are_foreseen_by_the_others_and_best_with_the_effect_that_acts() -> None:
+    hidden = Model("hidden", (*AXIS.terms, term("coulomb_friction")), {**AXIS.values, "coulomb_force": 20.0})
+    records, columns = [driven(hidden, 0.0, 0.5)], ["damping", "mass", "zero"]
+    acts: Chosen = ((EFFECTS["coulomb_friction"], {}),)
+    without, by = (
+        cross_validated(records, columns, chosen, MODELS["fluid"], None, by_position=False)
+        for chosen in ((), acts)
+    )
+    travel = float(np.std(records[0].displacement))
+    assert by < 0.5 * without < travel
+    assert (
+        cross_validated(records, columns[::2], acts, MODELS["fluid"], MASS, by_position=False) < 0.5 * without
+    )
+    short = [part(records[0], 0, 12_000)]
+    assert math.isinf(cross_validated(short, columns, acts, MODELS["fluid"], None))
 
 
 def part(record: ForceRecord, first: int, stop: int) -> ForceRecord:
