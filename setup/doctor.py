@@ -158,7 +158,7 @@ def _ros_variables(environment: Mapping[str, str]) -> Iterator[CheckResult]:
     if environment.get("ROS_LOCALHOST_ONLY", "0") not in ("", "0"):
         yield CheckResult(
             "problem",
-            "ROS_LOCALHOST_ONLY is set: it is deprecated and newer ROS 2 ignores it silently; "
+            "ROS_LOCALHOST_ONLY is set: it is deprecated, and a later ROS 2 may ignore it silently; "
             "unset it and set ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST",
         )
     reach = environment.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "")

@@ -182,7 +182,7 @@ def _warn_localhost_only(environment: dict[str, str]) -> None:
     """Tell of the variable that newer releases of ROS 2 ignore."""
     if environment.get("ROS_LOCALHOST_ONLY", "0") not in ("", "0"):
         say(
-            "ROS_LOCALHOST_ONLY is deprecated and ignored by newer ROS 2: "
+            "ROS_LOCALHOST_ONLY is deprecated: ROS 2 Jazzy still follows it, a later release may not: "
             "use ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST"
         )
 

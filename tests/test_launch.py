@@ -249,8 +249,9 @@ def test_what_is_not_given_is_left_to_the_parameter_file(
     """Parameters that a launch file passes rule over those of the file."""
     params = write(tmp_path / "my.yaml", {"/**/recorder": {"ros__parameters": {"output": "mine"}}})
     made = nodes(description, PACKAGE / "config" / "valves.yaml", params_file=str(params))
-    assert all(one.parameters[0] == str(params) for one in made)
-    passed = {name for one in made for name in one.parameters[1]}
+    (recorder,) = (one for one in made if one.executable == "recorder")
+    assert recorder.parameters[0] == str(params)
+    passed = {name for one in made for name in one.parameters[-1]}
     assert passed == {"valve_file", "valves", "number_output"}
     given = {"output": "bag", "autostart": "false", "use_sim_time": "true", "respawn": "false"}
     made = nodes(description, PACKAGE / "config" / "valves.yaml", **given)
@@ -314,6 +315,27 @@ def test_files_given_in_place_of_each_other_are_recognised(
         nodes(description, shipped / "valves.yaml", params_file=str(shipped / "valves.yaml"))
     with pytest.raises(ValueError, match=r"/valve.yaml: this is a parameter file of nodes: "):
         nodes(description, shipped / "valve.yaml")
+
+
+@pytest.mark.parametrize("section", ["monitor", "/valve_7/monitor", "monitors/monitor"])
+def test_a_section_that_reaches_no_node_of_the_launch_is_refused(
+    description: LaunchDescription, tmp_path: Path, section: str
+) -> None:
+    params = tmp_path / "mine.yaml"
+    params.write_text(f"{section}:\n  ros__parameters: {{coulomb_change: 0.3}}\n")
+    with pytest.raises(
+        ValueError, match=rf"section /?{section} is for no node of this launch: write"
+    ):
+        nodes(description, PACKAGE / "config" / "valves.yaml", params_file=str(params))
+
+
+def test_a_file_for_one_kind_of_node_is_given_to_these_nodes_alone(
+    description: LaunchDescription, tmp_path: Path
+) -> None:
+    params = tmp_path / "mine.yaml"
+    params.write_text("/**/monitor:\n  ros__parameters: {coulomb_change: 0.3}\n")
+    made = nodes(description, PACKAGE / "config" / "valves.yaml", params_file=str(params))
+    assert {node.executable for node in made if str(params) in node.parameters} == {"monitor"}
 
 
 def test_the_monitors_keep_their_state_where_it_is_said(description: LaunchDescription) -> None:

@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 from rosbags.interfaces import Qos
 from spool_core.errors import InputError
+from spool_core.files import expanded
 
 from spool_bag.metadata import ACCELERATION_BLOCK, TEMPERATURE
 
@@ -159,11 +160,11 @@ def new_bag(
     moment = now or datetime.now(timezone.utc)
     name = output or f"recording_{moment:%Y%m%dT%H%M%S}Z"
     if resume and output:
-        return Path(name).expanduser()
-    path = Path(name if activation == 0 else f"{name.rstrip('/')}_{activation}").expanduser()
+        return expanded(name)
+    path = expanded(name if activation == 0 else f"{name.rstrip('/')}_{activation}")
     while number and path.exists():
         activation += 1
-        path = Path(f"{name.rstrip('/')}_{activation}").expanduser()
+        path = expanded(f"{name.rstrip('/')}_{activation}")
     if path.exists():
         raise InputError(f"output: {path} exists already: name a bag that does not, or remove it")
     return path

@@ -15,6 +15,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 from spool_core.cdr import CdrError, block_head, header_stamp
 from spool_core.errors import InputError
+from spool_core.files import expanded
 from spool_core.node import qos
 from spool_core.node.diagnostics import DiagnosticPublisher, Level, Status
 from spool_core.node.managed_node import ManagedNode
@@ -217,7 +218,7 @@ class RecorderNode(ManagedNode):
         self._snapshot_limit = self.value("snapshot_limit")
         self._snapshots = SnapshotWriter(
             SnapshotKeeper(self.value("snapshot_before"), self.value("snapshot_after")),
-            Path(self.value("snapshot_folder") or path.absolute().parent / "snapshots").expanduser(),
+            expanded(self.value("snapshot_folder") or path.absolute().parent / "snapshots"),
             self.get_logger(),
             self.value("snapshot_max_total_size"),
         )

@@ -12,7 +12,7 @@ from typing import Any
 from spool_core.block import Block
 from spool_core.block_gate import BlockGate
 from spool_core.errors import InputError
-from spool_core.files import YamlError
+from spool_core.files import YamlError, expanded
 from spool_core.system import OPEN_FLAGS
 from spool_core.text import printable
 
@@ -111,7 +111,7 @@ def signer(key: str) -> Callable[[str], str] | None:
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey  # noqa: PLC0415
     from cryptography.hazmat.primitives.serialization import load_pem_private_key  # noqa: PLC0415
 
-    path = Path(key).expanduser()
+    path = expanded(key)
     try:
         found = load_pem_private_key(path.read_bytes(), password=None)
     except OSError as error:

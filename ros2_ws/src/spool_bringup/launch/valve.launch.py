@@ -14,6 +14,7 @@ from launch_ros.actions import LifecycleNode, Node
 from launch_ros.parameter_descriptions import ParameterValue
 from spool_bringup.host.arguments import read_valves
 from spool_core.errors import InputError
+from spool_core.files import expanded, names_node, sections_of
 from spool_core.node.parameters import refuse_other_files, rule
 
 SHARE = Path(get_package_share_directory("spool_bringup"))
@@ -119,6 +120,7 @@ def _nodes(context) -> list:
     again = {"respawn": respawn, "respawn_delay": RESPAWN_DELAY, "respawn_max_retries": RESPAWN_MAX_RETRIES}
     if [LaunchConfiguration(name).perform(context) for name in ("simulate", "adapt")] == ["true", "true"]:
         raise ValueError("adapt: with simulate each valve has two sources: leave one of them out")
+    _refuse_stray_sections(params_file, valves)
     hosts = LaunchConfiguration("host_processes").perform(context)
     if not hosts.isdecimal() or int(hosts) > 64:
         raise ValueError(f"host_processes: {hosts} is no number from 0 to 64")
@@ -168,7 +170,10 @@ def _nodes(context) -> list:
                     executable=executable,
                     name=executable,
                     namespace=valve.namespace,
-                    parameters=[params_file, {**common, **extra}],
+                    parameters=[
+                        *_file_for(params_file, f"/{valve.namespace}/{executable}"),
+                        {**common, **extra},
+                    ],
                     condition=condition,
                     output="screen",
                     **again,
@@ -183,13 +188,32 @@ def _nodes(context) -> list:
             executable="recorder",
             name="recorder",
             namespace="",
-            parameters=[params_file, {**common, **own}],
+            parameters=[*_file_for(params_file, "/recorder"), {**common, **own}],
             condition=IfCondition(LaunchConfiguration("record")),
             output="screen",
             **again,
         )
     )
     return nodes
+
+
+def _file_for(path: str, node: str) -> list:
+    """Return the parameter file for a node that it has a section for; without one the node refuses it."""
+    return [path] if any(names_node(section, node) for section in sections_of(path)) else []
+
+
+def _refuse_stray_sections(path: str, valves: list) -> None:
+    """Refuse sections for nodes of this launch by their last name alone, which reach none of them."""
+    of_a_valve = ("estimator", "monitor", "simulator", "adapter")
+    nodes = [f"/{valve.namespace}/{name}" for valve in valves for name in of_a_valve] + ["/recorder", "/host"]
+    for section in sections_of(path):
+        name = section.rpartition("/")[2]
+        known = any(node.endswith(f"/{name}") for node in nodes)
+        if known and not any(names_node(section, node) for node in nodes):
+            raise ValueError(
+                f"params_file: {path}: section {section} is for no node of this launch: write /**/{name} for "
+                f"that of each valve, or /NAMESPACE/{name} for one"
+            )
 
 
 def _given(context, name: str, kind: type) -> dict:
@@ -201,6 +225,7 @@ def _given(context, name: str, kind: type) -> dict:
 
 def _existing(argument: str, path: str) -> str:
     """Return ``path``, which must be a file: without their parameter file nodes start on defaults."""
+    path = str(expanded(path))
     if not Path(path).is_file():
         raise ValueError(
             f"{argument}: {path} is no file: name the YAML file, e.g. a copy of config/valve.yaml"

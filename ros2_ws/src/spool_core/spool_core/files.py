@@ -5,6 +5,7 @@ A few hundred bytes of YAML can stand for gigabytes, or end the stack.
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -76,6 +77,11 @@ def load_yaml(text: str, *, largest: int = LARGEST, most_values: int = MOST_VALU
         raise YamlError(f"not valid YAML: a value can't be read ({_short(error)}); correct it") from None
 
 
+def expanded(path: str | Path) -> Path:
+    """Return ``path`` with ``~`` replaced by the home folder, which no shell does in files and parameters."""
+    return Path(os.path.expanduser(path))
+
+
 def read_yaml(path: str | Path, what: str) -> Any:
     """Return what the YAML file ``path`` holds, of plain types only.
 
@@ -88,7 +94,7 @@ def read_yaml(path: str | Path, what: str) -> Any:
             remedy are named.
     """
     try:
-        with Path(path).open(encoding="utf-8") as file:
+        with expanded(path).open(encoding="utf-8") as file:
             text = file.read(LARGEST + 1)
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or "is not UTF-8 text"
@@ -146,10 +152,24 @@ def parameters_of(path: str | Path, node: str) -> dict[str, Any]:
     for name, values in sections:
         if not isinstance(values, dict):
             raise InputError(f"{path}: {name}: {NODE_PARAMETERS} must be a list of 'name: value' lines")
-        pattern = re.escape(name).replace(r"/\*\*", r"(/\w+)*").replace(r"/\*", r"/\w+")
-        if re.fullmatch(pattern, node):
+        if names_node(name, node):
             given |= dict(_flat(values, ""))
     return given
+
+
+def sections_of(path: str | Path) -> list[str]:
+    """Return the names of the sections of a parameter file; none where it cannot be read."""
+    try:
+        content = load_yaml(expanded(path).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return []
+    return [name for name, _ in _sections(content, "")] if isinstance(content, dict) else []
+
+
+def names_node(section: str, node: str) -> bool:
+    """Return whether the name of a ``section`` stands for the full name of ``node``; for ``*`` see above."""
+    pattern = re.escape(section).replace(r"/\*\*", r"(/\w+)*").replace(r"/\*", r"/\w+")
+    return re.fullmatch(pattern, node) is not None
 
 
 def _holds_parameters(content: dict[Any, Any]) -> bool:

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from spool_core.errors import InputError
-from spool_core.files import LARGEST, YamlError, load_yaml, read_yaml
+from spool_core.files import LARGEST, YamlError, expanded, load_yaml, read_yaml
 
 #: Each of 9 lists holds the one before nine times: 3.5e8 values in some 300 bytes.
 BILLION_LAUGHS = 'a0: &a0 [x,x,x,x,x,x,x,x,x]\n' + "".join(
@@ -117,3 +117,13 @@ def test_any_text_is_read_or_refused_in_one_line(text: str) -> None:
         refused = str(error)
     assert "\n" not in refused
     assert len(refused) < 300
+
+
+def test_the_home_folder_is_meant_by_its_sign_in_any_path(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("HOME", str(tmp_path))
+    (tmp_path / "mine.yaml").write_text("a: 1")
+    assert read_yaml("~/mine.yaml", "valve") == {"a": 1}
+    assert expanded("~/bags/~one") == tmp_path / "bags/~one"
+    assert str(expanded("~nobody_of_that_name/x")) == "~nobody_of_that_name/x"

@@ -21,6 +21,7 @@ from pydantic import (
     model_validator,
 )
 from spool_core.errors import InputError
+from spool_core.files import expanded
 from spool_core.numbers import Array
 from spool_core.text import did_you_mean
 
@@ -596,7 +597,7 @@ def load_excitation(name_or_path: str | Path) -> Excitation:
     preset = PRESETS.get(str(name_or_path))
     if preset is not None:
         return preset
-    path = Path(name_or_path)
+    path = expanded(name_or_path)
     if not path.exists():
         raise InputError(
             f"{path}: no such excitation; give one of {', '.join(PRESETS)} or a YAML file"

@@ -9,6 +9,7 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from spool_core.errors import InputError
+from spool_core.files import expanded
 from spool_core.text import did_you_mean
 
 from spool_sim.integration.composition import unique_parameters
@@ -151,7 +152,7 @@ def load_model(name_or_path: str | Path) -> Model:
     known = MODELS.get(str(name_or_path))
     if known is not None:
         return known
-    path = Path(name_or_path)
+    path = expanded(name_or_path)
     if not path.exists():
         raise InputError(
             f"{path}: no such model; give one of {', '.join(MODELS)} or a YAML file"

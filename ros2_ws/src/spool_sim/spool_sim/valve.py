@@ -22,7 +22,7 @@ from pydantic import (
     model_validator,
 )
 from spool_core.errors import InputError
-from spool_core.files import read_yaml
+from spool_core.files import expanded, read_yaml
 from spool_core.numbers import GRAVITY
 from spool_core.text import did_you_mean
 
@@ -346,7 +346,7 @@ def find_valve(name: str | Path) -> Valve:
     shipped = shipped_valves()
     if str(name) in shipped:
         return load_valve(shipped[str(name)])
-    if not Path(name).exists():
+    if not expanded(name).exists():
         raise InputError(
             f"{name}: no such valve file; shipped ones are {', '.join(shipped)}"
             f"{did_you_mean(str(name), shipped)}"

@@ -9,6 +9,7 @@ from typing import Annotated
 
 import typer
 from spool_core.errors import InputError, refused_by_system, show_traceback, unexpected
+from spool_core.files import expanded
 from typer.exceptions import TyperException
 
 from spool_tools.command import CommandGroup
@@ -48,7 +49,7 @@ def everywhere(
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line; return the exit code: 0 done, 1 found a problem, 2 bad input, 70 our fault."""
-    arguments = sys.argv[1:] if arguments is None else arguments
+    arguments = [with_home(word) for word in (sys.argv[1:] if arguments is None else arguments)]
     with one_command(arguments):
         try:
             result = app(arguments, prog_name="spool", standalone_mode=False)
@@ -89,6 +90,12 @@ def main(arguments: list[str] | None = None) -> int:
         except Exception as error:
             return fail(unexpected(error), FAULT)
         return result if isinstance(result, int) else 0
+
+
+def with_home(word: str) -> str:
+    """Return an argument with ``~/`` expanded, which shells leave as it is in --json=~/x."""
+    option, mark, path = word.partition("=") if word.startswith("--") else ("", "", word)
+    return f"{option}{mark}{expanded(path)}" if path.startswith("~/") else word
 
 
 if __name__ == "__main__":

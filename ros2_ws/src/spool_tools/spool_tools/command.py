@@ -17,6 +17,7 @@ from typing import Annotated, Any
 import typer
 from spool_bag import no_such_bag
 from spool_core.errors import InputError
+from spool_core.node.network import check_middleware
 from typer import Typer
 from typer.core import TyperGroup
 from typer.main import get_group
@@ -222,12 +223,14 @@ class Command:
         place: in the list of commands; the lowest comes first.
         line: what it does, for the list that is shown before anything is installed.
         settings: of the context in which its arguments are parsed.
+        live: whether it starts nodes or talks to them.
     """
 
     run: Callable[..., None] | Typer
     place: int
     line: str
     settings: Mapping[str, object] = field(default_factory=dict)
+    live: bool = False
 
 
 @cache
@@ -261,6 +264,17 @@ class CommandGroup(TyperGroup):
         for name in names:
             self.get_command(ctx, name)
         return names
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Return name, command and arguments of a call.
+
+        Raises:
+            InputError: ROS 2 cannot start in this environment, and the command needs it.
+        """
+        found = super().resolve_command(ctx, args)
+        if found[0] in command_modules() and declaration(found[0]).live and "--help" not in args:
+            check_middleware()
+        return found
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         """Return the command, ``None`` where there is none.

@@ -191,3 +191,15 @@ def test_a_file_that_cannot_be_written_is_named(tmp_path: Path) -> None:
     path = tmp_path / "missing" / "result.json"
     with pytest.raises(InputError, match=r"result\.json: there is no folder .*missing: make it first"):
         outputs.write_json(path, {})
+
+
+@pytest.mark.parametrize("words", [["--out", "~/made"], ["--out=~/made"]])
+def test_a_path_below_the_home_folder_needs_no_shell(
+    words: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("HOME", str(tmp_path))
+    valve = "id: mine\nmoving_mass: 0.18\nspring_stiffness: 1632.0\nland_diameter: 0.02\nland_length: 0.032\n"
+    oil = "radial_clearance: 15.0e-6\ndynamic_viscosity: 0.0612\n"
+    (tmp_path / "mine.yaml").write_text(valve + oil)
+    assert main(["simulate", "--valve", "~/mine.yaml", "--seconds", "1", *words]) == 0
+    assert list((tmp_path / "made").glob("*.mcap"))

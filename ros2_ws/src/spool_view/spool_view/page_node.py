@@ -14,6 +14,7 @@ from rcl_interfaces.srv import GetParameters
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from spool_core.errors import InputError
+from spool_core.files import expanded
 from spool_core.node import qos
 from spool_core.node.managed_node import ManagedNode
 from spool_core.node.parameters import NodeParameter, Value, rule
@@ -176,7 +177,7 @@ class PageNode(ManagedNode):
     def _folder(self) -> Path:
         given = self.value("state_folder")
         try:
-            return Path(given).expanduser() if given else default_folder()
+            return expanded(given) if given else default_folder()
         except RuntimeError as error:
             raise InputError("state_folder: there is no home folder: name a folder") from error
 

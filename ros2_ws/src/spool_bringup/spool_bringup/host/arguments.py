@@ -20,7 +20,7 @@ from pathlib import Path
 
 import yaml
 from spool_core.errors import InputError
-from spool_core.files import LARGEST, YamlError, load_yaml, read_yaml
+from spool_core.files import LARGEST, YamlError, expanded, load_yaml, read_yaml
 
 #: Name of the node of a host's first process; that of process 1 is ``host_1``, and so on.
 NAME = "host"
@@ -107,7 +107,7 @@ def read_valves(path: str) -> list[ListedValve]:
     Raises:
         InputError: it is no file, no list of valves, or a namespace stands twice.
     """
-    if not Path(path).is_file():
+    if not expanded(path).is_file():
         raise InputError(
             f"valves_file: {path} is no file: name the YAML file, e.g. a copy of config/valves.yaml"
         )

@@ -7,6 +7,7 @@ import sys
 from functools import partial
 
 from spool_core.errors import InputError, libraries_reported
+from spool_core.node.network import check_middleware
 from spool_core.system import run_before_others, use_processors
 from spool_core.text import keep_standard_streams
 
@@ -36,6 +37,7 @@ def main() -> int:
         parser.error("--processes: 1 to 64")
     keep_standard_streams()
     try:
+        check_middleware()
         if options.cpus is not None:
             use_processors(options.cpus)
         if options.priority is not None:

@@ -19,6 +19,7 @@ PORT_BASE, DOMAIN_GAIN = 7400, 250
 #: Domains in the order of preference. Up to 101 and above 214 they keep clear of the ports 32768 to 60999,
 #: which Linux hands out by itself. People use low numbers, so high ones come first.
 DOMAINS = (*range(215, 233), *range(101, 0, -1), *range(102, 215))
+LARGEST_DOMAIN = 232
 #: Tables of the open UDP sockets: one in each line after the first, its local address and port in hexadecimal
 #: numbers in the second column (proc(5)).
 SOCKET_TABLES = ("/proc/net/udp", "/proc/net/udp6")
@@ -30,8 +31,9 @@ _HELD: list[IO[str]] = []
 def network_warnings(environment: Mapping[str, str] | None = None) -> list[str]:
     """Return what lets others in, one sentence each with what to do; none where nothing does.
 
-    Variables as of ROS 2 Jazzy: ``ROS_AUTOMATIC_DISCOVERY_RANGE`` (unset: SUBNET), ``ROS_STATIC_PEERS``,
-    ``ROS_SECURITY_ENABLE``, ``ROS_SECURITY_STRATEGY`` (unset: Permissive), ``ROS_SECURITY_KEYSTORE``.
+    Variables as of ROS 2 Jazzy: ``ROS_LOCALHOST_ONLY``, ``ROS_AUTOMATIC_DISCOVERY_RANGE`` (unset: SUBNET),
+    ``ROS_STATIC_PEERS``, ``ROS_SECURITY_ENABLE``, ``ROS_SECURITY_STRATEGY`` (unset: Permissive),
+    ``ROS_SECURITY_KEYSTORE``.
     """
     environment = os.environ if environment is None else environment
     said = []
@@ -39,6 +41,8 @@ def network_warnings(environment: Mapping[str, str] | None = None) -> list[str]:
     enforced = on and environment.get("ROS_SECURITY_STRATEGY", "") == "Enforce"
     built_in = not environment.get(WHEELS)
     reach = environment.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "") or "SUBNET"  # the default of Jazzy
+    if environment.get("ROS_LOCALHOST_ONLY", "") == "1":  # Jazzy obeys it and ignores the two others
+        return _security(environment, on=on, enforced=enforced, built_in=built_in)
     if reach in ("SUBNET", "SYSTEM_DEFAULT") and not (enforced and built_in):
         said.append(
             f"discovery range {reach}: anyone on this network may read the samples, acknowledge and shelve "
@@ -48,6 +52,32 @@ def network_warnings(environment: Mapping[str, str] | None = None) -> list[str]:
     if peers and not (enforced and built_in):
         said.append(f"ROS_STATIC_PEERS={peers}: each of these hosts may acknowledge and shelve alarms")
     return [*said, *_security(environment, on=on, enforced=enforced, built_in=built_in)]
+
+
+def check_middleware(environment: Mapping[str, str] | None = None) -> None:
+    """Refuse a middleware or domain that cannot be: ROS 2 would end the process without saying what to do.
+
+    Raises:
+        InputError: ``RMW_IMPLEMENTATION`` is not installed, or ``ROS_DOMAIN_ID`` is no domain.
+    """
+    environment = os.environ if environment is None else environment
+    wanted = environment.get("RMW_IMPLEMENTATION", "")
+    index = "share/ament_index/resource_index"
+    prefixes = [Path(one) for one in environment.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if one]
+    if wanted and prefixes and not any((one / index / "packages" / wanted).exists() for one in prefixes):
+        found = {
+            file.name for one in prefixes for file in (one / index / "rmw_typesupport_cpp").glob("rmw_*")
+        }
+        has = ", ".join(sorted(found - {"rmw_implementation"})) or "none"
+        raise InputError(
+            f"RMW_IMPLEMENTATION={wanted} is not installed; this ROS 2 has {has}: "
+            "unset RMW_IMPLEMENTATION, or install that middleware"
+        )
+    domain = environment.get("ROS_DOMAIN_ID", "")
+    if domain and not (domain.strip().isdecimal() and int(domain) <= LARGEST_DOMAIN):
+        raise InputError(
+            f"ROS_DOMAIN_ID={domain} is no domain: set it to a number from 0 to {LARGEST_DOMAIN}"
+        )
 
 
 def isolate() -> int:

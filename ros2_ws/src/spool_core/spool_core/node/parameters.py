@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import shlex
 import sys
 from collections.abc import Iterable, Mapping, Sequence
@@ -18,7 +19,7 @@ from rclpy.node import Node
 
 from spool_core.errors import InputError
 from spool_core.events.sentences import LANGUAGES, VARIABLE
-from spool_core.files import load_yaml, parameters_of, refuse_other_kind
+from spool_core.files import expanded, load_yaml, names_node, parameters_of, refuse_other_kind, sections_of
 
 Value = bool | int | float | str | list[str] | list[float]
 
@@ -26,6 +27,12 @@ Value = bool | int | float | str | list[str] | list[float]
 BUILT_IN = ("use_sim_time", "start_type_description_service")
 #: Would be accepted by rclpy and, for publishers and subscriptions that don't ask for them, ignored.
 QOS_OVERRIDES = "qos_overrides"
+
+#: Options of ROS 2 that a rule follows, which may be for the nodes of one name.
+RULES = ("-p", "--param", "-r", "--remap")
+_FOR_A_NODE = re.compile(r"([\w/*]+):(?!=)(.+:=.*)", re.DOTALL)
+#: Sections that a message names.
+MOST_NAMED = 5
 
 #: Types in the words of ROS 2.
 _TYPES: Mapping[type, str] = {bool: "bool", int: "integer", float: "double", str: "string"}
@@ -213,10 +220,32 @@ def refuse_other_files(arguments: Sequence[str]) -> None:
         if flag != "--params-file":
             continue
         try:
-            content = load_yaml(Path(file).read_text(encoding="utf-8"))
+            content = load_yaml(expanded(file).read_text(encoding="utf-8"))
         except (OSError, ValueError):
             continue
         refuse_other_kind(file, content, "parameters")
+
+
+def refuse_other_nodes(arguments: Sequence[str], node: str) -> None:
+    """Refuse what ``arguments`` set for other nodes alone: ``node``, a full name, would run on defaults.
+
+    Raises:
+        InputError: a parameter file has sections, and none for the node; or a rule names another node.
+
+    """
+    name = node.rpartition("/")[2]
+    for flag, word in pairwise(arguments):
+        sections = sections_of(word) if flag == "--params-file" else []
+        if sections and not any(names_node(section, node) for section in sections):
+            raise InputError(
+                f"{word}: no parameters for {node} in it, only for {', '.join(sections[:MOST_NAMED])}: "
+                f"write a section /**/{name} (or {node}), or start the node without this file"
+            )
+        rule = _FOR_A_NODE.match(word) if flag in RULES else None
+        if rule and rule[1] != name and not names_node(rule[1], node):
+            raise InputError(
+                f"{flag} {word}: it is for a node {rule[1]}, and this is {node}: type {flag} {rule[2]}"
+            )
 
 
 def read_parameters(file: str | Path, node: str, table: Sequence[NodeParameter]) -> dict[str, Value]:

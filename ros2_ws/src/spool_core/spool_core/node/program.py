@@ -11,7 +11,8 @@ import time
 from pathlib import Path
 from types import FrameType
 
-from spool_core.errors import libraries_reported
+from spool_core.errors import InputError, libraries_reported
+from spool_core.node.network import check_middleware
 from spool_core.text import keep_standard_streams
 
 NUMBERS = (signal.SIGINT, signal.SIGTERM)
@@ -83,6 +84,11 @@ def start(module: str, node: str) -> int:
     """Run the node class ``node`` of ``module``; return the exit code. A signal meanwhile ends it with 0."""
     STOP.install()
     keep_standard_streams()
+    try:
+        check_middleware()
+    except InputError as error:
+        print(error, file=sys.stderr, flush=True)
+        return 2
     with libraries_reported(Path(sys.argv[0]).name):
         run = importlib.import_module("spool_core.node.running").run
         kind = getattr(importlib.import_module(module), node)

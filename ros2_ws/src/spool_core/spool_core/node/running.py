@@ -9,10 +9,12 @@ import re
 import shlex
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from pathlib import Path
 
 import rclpy
+import rclpy.logging
 from rclpy.exceptions import NameValidationException, ParameterException
 from rclpy.executors import Executor
 from rclpy.impl.implementation_singleton import rclpy_implementation
@@ -20,9 +22,10 @@ from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.signals import SignalHandlerOptions
 
 from spool_core.errors import InputError
+from spool_core.files import expanded
 from spool_core.node.managed_node import AUTOSTART, ManagedNode
-from spool_core.node.network import network_warnings
-from spool_core.node.parameters import refuse_other_files, rule
+from spool_core.node.network import check_middleware, network_warnings
+from spool_core.node.parameters import RULES, refuse_other_files, refuse_other_nodes, rule
 from spool_core.node.program import STOP, Phase, StopRequested
 from spool_core.system import private_temporary_folder
 from spool_core.text import keep_standard_streams
@@ -53,10 +56,19 @@ def run(node_class: type[ManagedNode], arguments: Sequence[str] | None = None) -
     node, executor, code = None, None, 0
     try:
         STOP.phase = Phase.STARTING
-        refuse_other_files(sys.argv if arguments is None else arguments)
+        words = list(sys.argv[1:] if arguments is None else arguments)
+        words = [
+            str(expanded(word)) if before == "--params-file" else word
+            for before, word in pairwise(["", *words])
+        ]
+        refuse_unknown_words(words)
+        refuse_other_files(words)
+        check_middleware()
         _say(ensure_log_folder())
-        rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+        with _rcl_silent():
+            rclpy.init(args=words, signal_handler_options=SignalHandlerOptions.NO)
         node = node_class()
+        refuse_other_nodes(words, node.get_fully_qualified_name())
         for warning in network_warnings():
             node.get_logger().warning(warning)
         executor = new_executor()
@@ -85,16 +97,101 @@ def run(node_class: type[ManagedNode], arguments: Sequence[str] | None = None) -
     return code
 
 
+def refuse_unknown_words(arguments: Sequence[str]) -> None:
+    """Refuse words outside of ``--ros-args ... --``: a node takes none, and rcl ignores them.
+
+    Raises:
+        InputError: the words are named, and what to type.
+
+    """
+    unknown, of_ros = [], False
+    for word in arguments:
+        if word == "--ros-args" or (of_ros and word == "--"):
+            of_ros = word != "--"
+        elif not of_ros:
+            unknown.append(word)
+    if not unknown:
+        return
+    said = " ".join(map(shlex.quote, unknown))
+    if any(word in (*RULES, "--params-file", "--log-level") or ":=" in word for word in unknown):
+        raise InputError(f"options of ROS 2 stand behind --ros-args: type --ros-args {said}")
+    raise InputError(f"{said}: no option of this program; --help lists its parameters")
+
+
 def one_line(error: Exception) -> str:
-    """Return what is wrong with arguments or parameters, without the places in rcl's own sources."""
+    """Return what is wrong with arguments or parameters, and what to do, without the words of rcl."""
     text = re.sub(r", at /\S+:\d+", "", " ".join(str(error).split()))
+    text = text.removeprefix("failed to initialize rcl: ")
     if isinstance(error, rclpy_implementation.UnknownROSArgsError):
         return f"unknown ROS arguments: {text}; --help lists this node's parameters"
-    unread = re.search(r"parameter override rule: '(?:-p|--param) ([\w./*:]+?):=(.*)'\. Error", text)
+    unread = re.search(r"rule: '(-p|--param|-r|--remap) (.*)'\. Error", text)
     if unread is not None:
-        quoted = " ".join(map(shlex.quote, rule(unread[1], unread[2])))
-        return f"-p {unread[1]}:={unread[2]} can't be read as YAML; for a text type {quoted}"
+        return _wrong_rule(unread[1], unread[2])
+    file = re.search(r"params file: '--params-file (.*)'\. Error:? ?(.*)", text)
+    if file is not None:
+        reason = file[2]
+        try:
+            Path(file[1]).read_bytes()
+        except OSError as missing:
+            reason = missing.strerror or reason
+        return f"--params-file {file[1]}: it cannot be read as a parameter file: {reason}"
+    level = re.search(r"log level: '--log-level (.*)'", text)
+    if level is not None:
+        return f"--log-level {level[1]}: use debug, info, warn, error or fatal"
+    trailing = re.search(r"trailing (\S+) flag", text)
+    if trailing is not None:
+        return f"{trailing[1]}: its value is missing; an example is {_EXAMPLES.get(trailing[1], trailing[1])}"
+    if text.startswith("Enclave"):
+        return f"{text}; an example is {_EXAMPLES['--enclave']}"
     return text
+
+
+#: Examples of options of ROS 2.
+_EXAMPLES = {
+    "-p": "-p autostart:=true", "--param": "--param autostart:=true", "-r": "-r __ns:=/valve_1",
+    "--remap": "--remap __ns:=/valve_1", "--params-file": "--params-file valve.yaml",
+    "--log-level": "--log-level info", "-e": "-e /valve_1", "--enclave": "--enclave /valve_1",
+}  # fmt: skip
+#: Parts of a namespace, and of a name of ROS 2.
+_NAME = r"[A-Za-z_]\w*"
+
+
+def _wrong_rule(flag: str, text: str) -> str:
+    """Return what is wrong with a rule that rcl could not read."""
+    name, mark, value = text.partition(":=")
+    if not mark:
+        return f"{flag} {text}: write it with :=, for example {_EXAMPLES[flag]}"
+    name = name.rpartition(":")[2]
+    if name == "__ns":
+        return (
+            f"{flag} {text}: {value!r} is no namespace: use letters, digits and single underscores, not a "
+            f"digit first, for example {flag} __ns:=/valve_1"
+        )
+    if name in ("__node", "__name"):
+        return (
+            f"{flag} {text}: {value!r} is no name of a node: use letters, digits and underscores, not a "
+            f"digit first, for example {flag} {name}:=monitor_1"
+        )
+    if flag in ("-r", "--remap"):
+        return (
+            f"{flag} {text}: no rule for a topic's name: use letters, digits, underscores and slashes, no "
+            f"digit first in a part, for example {flag} acceleration:=press/acceleration"
+        )
+    if not re.fullmatch(rf"{_NAME}(\.{_NAME})*", name):
+        return f"{flag} {text}: {name!r} is no name of a parameter; --help lists this node's parameters"
+    quoted = " ".join(map(shlex.quote, rule(name, value)))
+    return f"{flag} {text} can't be read as YAML; for a text type {quoted}"
+
+
+@contextlib.contextmanager
+def _rcl_silent() -> Iterator[None]:
+    """Let rcl write nothing to the console: what it refuses is raised, and reported in one line."""
+    set_level = rclpy_implementation.rclpy_logging_set_logger_level
+    set_level("rcl", rclpy.logging.LoggingSeverity.FATAL)
+    try:
+        yield
+    finally:
+        set_level("rcl", rclpy.logging.LoggingSeverity.UNSET)
 
 
 def describe(node_class: type[ManagedNode]) -> str:
@@ -169,7 +266,7 @@ def _end(node: ManagedNode | None, executor: Executor | None) -> None:
 def _own() -> Path | None:
     named = os.environ.get("ROS_LOG_DIR")
     if named:
-        return Path(named).expanduser()
+        return expanded(named)
     home = os.environ.get("ROS_HOME")
     try:
         return (Path(home).expanduser() if home else Path.home() / ".ros") / "log"

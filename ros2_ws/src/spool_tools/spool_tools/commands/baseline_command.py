@@ -62,4 +62,6 @@ def _manage(valve: str, action: str, *, version: int = 0, who: str = "", comment
     manage_baseline(valve, action, version=version, who=who, comment=comment)
 
 
-COMMAND = Command(app, place=165, line="what the healthy valve is held to be: show, learn, confirm, restore")
+COMMAND = Command(
+    app, place=165, line="what the healthy valve is held to be: show, learn, confirm, restore", live=True
+)

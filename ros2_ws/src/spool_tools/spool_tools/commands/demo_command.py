@@ -29,5 +29,8 @@ def demo(
 
 
 COMMAND = Command(
-    demo, place=10, line="the main job, live: two valves simulated, estimated, monitored, recorded, reported"
+    demo,
+    place=10,
+    line="the main job, live: two valves simulated, estimated, monitored, recorded, reported",
+    live=True,
 )

@@ -28,4 +28,5 @@ COMMAND = Command(
     place=20,
     line="what `ros2 run` does: ./spool run PACKAGE EXECUTABLE [arguments]",
     settings=PASSING_ON,
+    live=True,
 )

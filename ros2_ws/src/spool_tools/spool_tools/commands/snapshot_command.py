@@ -16,5 +16,8 @@ def snapshot(valve: RunningValve, who: WhoOption = "", comment: CommentOption = 
 
 
 COMMAND = Command(
-    snapshot, place=167, line="the minutes around this moment of a running valve, as a bag of its own"
+    snapshot,
+    place=167,
+    line="the minutes around this moment of a running valve, as a bag of its own",
+    live=True,
 )

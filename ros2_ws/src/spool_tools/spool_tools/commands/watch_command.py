@@ -51,4 +51,6 @@ def watch(
     run(tuple(valves or ()), who, seconds, language)
 
 
-COMMAND = Command(watch, place=155, line="running valves on the terminal, or as a page on this host")
+COMMAND = Command(
+    watch, place=155, line="running valves on the terminal, or as a page on this host", live=True
+)

@@ -15,6 +15,7 @@ from rich.console import Console
 from rich.table import Table
 from spool_bag import check_valve
 from spool_core.errors import InputError
+from spool_core.files import expanded
 from spool_core.uncertainty import exact, number, unit_text
 from spool_monitor.state_file import default_folder, valve_folder
 from spool_monitor.trend import KEPT, TrendStore, finest, own_file
@@ -48,7 +49,7 @@ def show_trend(
         raise InputError(f"--out {out}: name a file that ends in .png or .html")
     check_output(out, "--out")
     begin = _since(since)
-    base = (state_folder or default_folder()).expanduser()
+    base = expanded(state_folder or default_folder())
     path = own_file(valve_folder(base, valve) / TRENDS)
     if not path.is_file():
         there = sorted(str(one.parent.parent.relative_to(base)) for one in base.glob(f"**/{TRENDS}"))
