@@ -3,19 +3,29 @@
 from __future__ import annotations
 
 import builtins
+import inspect
 import json
+import re
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 import spool
+from spool.errors import in_python
 from spool_tools.cli import main
 
 ROOT = Path(__file__).resolve().parent.parent
 BAG = ROOT / "bags" / "practice_03"
+SOFT = partial(spool.valve, "4weh10_soft")
 SLOW_LIBRARIES = ("matplotlib", "numba", "numpy", "pandas", "pyarrow", "pydantic", "rich", "scipy")
+
+
+def arrays_of(record: spool.Record) -> dict[str, np.ndarray]:
+    return {"time": record.time, "body": record.body, "spool": record.spool}
 
 
 @pytest.fixture(scope="module")
@@ -112,18 +122,120 @@ def test_units_that_a_file_does_not_name_are_given_by_argument(tmp_path: Path) -
         lambda: spool.fit(BAG, "4weh10_soft", model="no_such_model"),
         lambda: spool.simulate(seconds=-1.0),
         lambda: spool.fleet("no_such_store").query("SELECT 1"),
+        lambda: spool.fit(SOFT(), BAG),
+        lambda: spool.fit(BAG, spool.read(BAG)),
+        lambda: spool.fit(BAG, SOFT(), sensor_gian=True),
+        lambda: spool.fit(BAG, SOFT(), model=0.3),
+        lambda: spool.fit([], SOFT()),
+        lambda: spool.gap(BAG, SOFT(), thorogh=True),
+        lambda: spool.gap(BAG, SOFT(), stop="5"),
+        lambda: spool.gap(BAG, SOFT(), kind="acceleration"),
+        lambda: spool.gap(BAG, SOFT(), gain_tolerance=5.0),
+        lambda: spool.replay(BAG, SOFT(), methd="equation"),
+        lambda: spool.replay(BAG, SOFT(), method="other"),
+        lambda: spool.simulate(SOFT(), seconds="3"),
+        lambda: spool.simulate(SOFT(), oil_temperature=318.15, seconds=1.0),
+        lambda: spool.valve(id="mine", moving_mass=0.2, spring_stiffness=1600.0, oil="HL68"),
+        lambda: spool.valve(spool_mass="172", spring_mass="24g"),
+        lambda: spool.read(BAG, start=3.0, stop=2.0),
+        lambda: spool.read(BAG, name="valve_7"),
+        lambda: spool.read(BAG, since="soon"),
+        lambda: spool.read(np.zeros(10)),
+        lambda: spool.read(np.zeros((3, 500))),
+        lambda: spool.read(np.zeros((500, 2))),
+        lambda: spool.read({"time": [0.0, 1.0], "body": [0.0], "spool": [0.0, 1.0]}),
+        lambda: spool.read({"time": [0.0, 1.0], "body": [[0.0, 1.0], [2.0, 3.0]], "spool": [0.0, 1.0]}),
+        lambda: spool.read(arrays_of(spool.read(BAG))),
+        lambda: spool.read([{"body": [1.0]}]),
+        lambda: spool.read(7),
     ],
 )
 def test_wrong_input_is_one_type_of_error_with_one_line(wrong) -> None:
     with pytest.raises(spool.InputError) as caught:
         wrong()
     assert "\n" not in str(caught.value)
+    assert "--" not in str(caught.value)
+
+
+def test_every_option_that_a_message_names_becomes_an_argument() -> None:
+    """In the sources of all messages; what follows an option there may be filled in."""
+    sources = "".join(path.read_text() for path in (ROOT / "ros2_ws" / "src").glob("spool_*/spool_*/**/*.py"))
+    found = {line.strip() for line in sources.splitlines() if re.search(r"--[a-z]", line)}
+    assert len(found) > 300
+    assert [line for line in found if re.search(r"(?<!-)--[a-z]", in_python(line))] == []
+
+
+@pytest.mark.parametrize(
+    ("command", "python"),
+    [
+        ("type --unit body=g,spool=g, or", "pass unit={'body': 'g', 'spool': 'g'}, or"),
+        ("e.g. --rate 2000 for 2000 Hz", "e.g. rate=2000 for 2000 Hz"),
+        ("e.g. --columns 'body=a [g],spool=b [g]'.", "e.g. columns={'body': 'a [g]', 'spool': 'b [g]'}."),
+        ("say which with --valve", "pass valve="),
+        ("give --thorough", "pass thorough=True"),
+        ("valve new: give --id, e.g. --id press", "spool.valve: pass id=, e.g. id=press"),
+    ],
+)  # fmt: skip
+def test_a_message_advises_in_the_words_of_python(command: str, python: str) -> None:
+    assert in_python(command) == python
+
+
+@pytest.mark.parametrize("shape", ["mapping", "lists", "frame", "dates", "array", "structured"])
+def test_arrays_and_tables_are_read_like_a_file_of_them(shape: str) -> None:
+    record = spool.read(BAG, stop=4.0)
+    named = arrays_of(record)
+    if shape == "mapping":
+        found = spool.read(named, unit="m/s^2")
+    elif shape == "lists":
+        found = spool.read({key: list(row) for key, row in named.items()}, unit="m/s^2")
+    elif shape == "frame":
+        found = spool.read(record.to_frame())
+    elif shape == "dates":
+        frame = pd.DataFrame(named).set_index(pd.Timestamp("2026-05-04") + pd.to_timedelta(record.time, "s"))
+        found = spool.read(frame[["body", "spool"]].rename(columns="{} [m/s^2]".format))
+    elif shape == "array":
+        found = spool.read(
+            np.column_stack([record.body, record.spool]), unit="m/s^2", rate=record.sample_rate
+        )
+    else:
+        found = spool.read(np.rec.fromarrays(list(named.values()), names=list(named)), unit="m/s^2")
+    assert found.sample_rate == pytest.approx(record.sample_rate, rel=1e-9)
+    np.testing.assert_allclose(found.body, record.body, atol=1e-5)
+    np.testing.assert_allclose(found.spool, record.spool, atol=1e-5)
+
+
+def test_samples_in_g_are_converted_and_other_columns_left_out() -> None:
+    record = spool.read(BAG, stop=4.0)
+    named = arrays_of(record) | {
+        "body": record.body / 9.80665,
+        "spool": record.spool / 9.80665,
+        "noise": 0 * record.body,
+    }
+    found = spool.read(named, unit="g", exclude="noise")
+    np.testing.assert_allclose(found.spool, record.spool, rtol=1e-4, atol=1e-5)
+
+
+def test_a_part_of_a_record_is_what_analyses_use() -> None:
+    whole, part = spool.read(BAG), spool.read(BAG, start=2.0, stop=8.0)
+    assert part.duration == pytest.approx(6.0, abs=0.01)
+    given = spool.fit(whole, SOFT(), model="fluid", start=2.0, stop=8.0)
+    assert spool.fit(part, SOFT(), model="fluid").parameters == given.parameters
+    with pytest.raises(spool.InputError, match="read in different parts"):
+        spool.fit([whole, part], SOFT(), model="fluid")
+
+
+def test_the_version_and_the_hints_are_there_for_users_and_their_tools() -> None:
+    assert re.fullmatch(r"\d+\.\d+\.\d+", spool.__version__)
+    assert Path(spool.__file__).with_name("py.typed").is_file()
+    for function in (spool.gap, spool.replay, spool.valve, spool.read):
+        kinds = {one.kind for one in inspect.signature(function).parameters.values()}
+        assert not kinds & {inspect.Parameter.VAR_KEYWORD, inspect.Parameter.VAR_POSITIONAL}
 
 
 def test_numbers_of_a_data_sheet_are_text_with_units_or_numbers_in_si() -> None:
     text = spool.valve(id="mine", spool_mass="172 g", spring_mass="24g", spring_rate="0.816N/mm")
     assert text == spool.valve(id="mine", spool_mass=0.172, spring_mass=0.024, spring_rate=816)
-    with pytest.raises(spool.InputError, match=r"'spring_masss' is unknown.*did you mean spring_mass\?"):
+    with pytest.raises(spool.InputError, match=r"no argument 'spring_masss'; did you mean spring_mass\?"):
         spool.valve(id="mine", spool_mass="172 g", spring_masss="24g", spring_rate="0.816N/mm")
 
 

@@ -10,6 +10,7 @@ setup(
     name=PACKAGE,
     version=ElementTree.parse("package.xml").findtext("version"),
     packages=find_namespace_packages(include=[PACKAGE, f"{PACKAGE}.*", "spool"]),
+    package_data={"spool": ["py.typed"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),

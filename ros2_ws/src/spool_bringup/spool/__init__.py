@@ -7,14 +7,17 @@
     fit = spool.fit(record, valve, model="coulomb")
     print(fit.summary())
 
-Numbers are in SI units. Each result has ``summary()``, ``save()`` and ``to_dict()``, which equals the JSON of
-the command of the same name, and shows itself in a notebook. Every function raises ``InputError`` for
-input that cannot be used; its message is one line that names what is wrong, where, and what to do.
+Numbers are in SI units, oil temperatures in deg C. Each result has ``summary()``, ``save()`` and
+``to_dict()``, which equals the JSON of the command of the same name, and shows itself in a notebook. Every
+function raises ``InputError`` for input that cannot be used; its message is one line that names what is
+wrong, where, and what to do.
 
 Libraries that load slowly are imported by the functions that need them.
 """
 
 from __future__ import annotations
+
+from typing import TYPE_CHECKING
 
 from spool_core.errors import InputError
 
@@ -22,6 +25,9 @@ from spool.analysis import compare, fit, gap, replay
 from spool.fleet_store import Fleet, fleet
 from spool.record import Record, read, simulate, valve
 from spool.results import Comparison, Fit, Gap, Picture, Quality, Replay, Result
+
+if TYPE_CHECKING:
+    __version__: str
 
 __all__ = [
     "Comparison",
@@ -43,3 +49,12 @@ __all__ = [
     "simulate",
     "valve",
 ]
+
+
+def __getattr__(name: str) -> str:
+    """Return the version of the suite as ``__version__``, which takes a moment to look up."""
+    if name != "__version__":
+        raise AttributeError(f"module 'spool' has no attribute {name!r}")
+    from spool_tools.outputs import package_version  # noqa: PLC0415
+
+    return package_version()

@@ -9,11 +9,18 @@ import tempfile
 import warnings
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any, cast
+from typing import cast
 
-from spool.errors import one_error
-from spool.record import AnyRecord, AnyValve, path_of, paths_of, valve_files
+from spool_core.errors import InputError
+from spool_core.files import expanded
+from spool_core.text import did_you_mean
+
+from spool.errors import in_python, one_error
+from spool.record import AnyRecord, AnyValve, Part, listed, part_of, path_of, valve_files
 from spool.results import Comparison, Fit, Gap, Replay, keeping_backend, text_console, text_of
+
+#: What ``gap`` takes for its kind.
+KINDS = ("accelerations", "driven", "imposed")
 
 
 @one_error
@@ -27,6 +34,12 @@ def fit(
     fix: Sequence[str] = (),
     sensor_gain: bool = False,
     sensor_delay: bool = False,
+    name: str | None = None,
+    start: float = 0.0,
+    stop: float | None = None,
+    since: str | None = None,
+    until: str | None = None,
+    around: str | None = None,
 ) -> Fit:
     """Fit one model to records.
 
@@ -39,20 +52,23 @@ def fit(
         fix: parameters to hold, ``"coulomb_force=0.3"``, or as the valve file has them.
         sensor_gain: fit the gain of the spool's sensor.
         sensor_delay: fit its delay.
+        name, start, stop, since, until, around: part of the records, as of ``spool.read``; default: as read.
 
     Raises:
         InputError: records, valve, model or parameters cannot be used.
     """
-    from spool_tools.operations.fit_run import fit_records  # noqa: PLC0415
-    from spool_tools.operations.record_loading import Selection  # noqa: PLC0415 - slow to load, as below
-
+    every = listed(records)
+    part = part_of(every, Part(name, start, stop, since, until, around))
+    paths, held_out = [path_of(one) for one in every], _held_out(holdout)
     with valve_files([valve]) as (file,):
+        from spool_tools.operations.fit_run import fit_records  # noqa: PLC0415 - slow to load, as below
+
         validated = fit_records(
-            paths_of(records), file, str(model), Selection(), held_out=paths_of(holdout), free=free,
-            fixed=fix, sensor_gain=sensor_gain, sensor_delay=sensor_delay,
+            paths, file, str(model), part.selection(), held_out=held_out, free=_listed(free),
+            fixed=_listed(fix), sensor_gain=sensor_gain, sensor_delay=sensor_delay,
         )  # fmt: skip
     for doubt in (*validated.data.doubts, *validated.fit.warnings):
-        warnings.warn(doubt, stacklevel=3)
+        warnings.warn(in_python(doubt), stacklevel=3)
     return Fit(validated)
 
 
@@ -64,6 +80,14 @@ def compare(
     *,
     together: bool = False,
     holdout: Sequence[AnyRecord] = (),
+    sensor_gain: bool = False,
+    sensor_delay: bool = False,
+    name: str | None = None,
+    start: float = 0.0,
+    stop: float | None = None,
+    since: str | None = None,
+    until: str | None = None,
+    around: str | None = None,
 ) -> Comparison:
     """Fit several models to records and rank them.
 
@@ -73,20 +97,25 @@ def compare(
         models: names or YAML files; default: the paper's four, coulomb and stribeck.
         together: take all records as one set of data.
         holdout: records to judge errors by; default: pieces of ``records``.
+        sensor_gain: fit the gain of the spool's sensor.
+        sensor_delay: fit its delay.
+        name, start, stop, since, until, around: part of the records, as of ``spool.read``; default: as read.
 
     Raises:
         InputError: records, valves or models cannot be used.
     """
-    from spool_tools.operations.fit_run import compare_records  # noqa: PLC0415
-    from spool_tools.operations.record_loading import Selection  # noqa: PLC0415
-
+    every = listed(records)
+    part = part_of(every, Part(name, start, stop, since, until, around))
+    paths, held_out = [path_of(one) for one in every], _held_out(holdout)
     given: list[AnyValve] = []
     if valve is not None:
         given = list(valve) if isinstance(valve, (list, tuple)) else [cast("AnyValve", valve)]
     with valve_files(given) as files:
+        from spool_tools.operations.fit_run import compare_records  # noqa: PLC0415
+
         found = compare_records(
-            paths_of(records), [str(file) for file in files], [str(one) for one in models], Selection(),
-            held_out=paths_of(holdout), together=together,
+            paths, [str(file) for file in files], [str(one) for one in _listed(models)], part.selection(),
+            held_out=held_out, together=together, sensor_gain=sensor_gain, sensor_delay=sensor_delay,
         )  # fmt: skip
     return Comparison(*found)
 
@@ -99,7 +128,18 @@ def gap(
     *,
     kind: str = "accelerations",
     holdout: Sequence[AnyRecord] = (),
-    **options: Any,
+    gain_tolerance: float = 0.05,
+    delay_tolerance: float = 0.5e-3,
+    mass: float | None = None,
+    least_share: float = 0.0025,
+    thorough: bool = False,
+    profiles: bool = False,
+    name: str | None = None,
+    start: float = 0.0,
+    stop: float | None = None,
+    since: str | None = None,
+    until: str | None = None,
+    around: str | None = None,
 ) -> Gap:
     """Find where simulation and records disagree, name what is missing, add it, measure the gap again.
 
@@ -109,23 +149,37 @@ def gap(
         base: model that something may be missing from: name or YAML file.
         kind: ``accelerations``, ``driven`` (a force moves the mass) or ``imposed`` (it is the reaction).
         holdout: records to judge by; default: every other stretch.
-        options: of the command ``gap``: ``gain_tolerance``, ``delay_tolerance`` (s), ``mass`` (kg),
-            ``least_share``, ``thorough``, ``profiles``.
+        gain_tolerance: relative gain error of the spool's sensor that its data sheet allows.
+        delay_tolerance: delay between the channels that is allowed, s.
+        mass: mass that the force of a driven record moves, kg; default: fitted, or the valve's.
+        least_share: share of the spool's acceleration, rms, that an effect must change to be named.
+        thorough: search without a limit of time.
+        profiles: work out the profile likelihood of each number of what is named.
+        name, start, stop, since, until, around: part of the records, as of ``spool.read``; default: as read.
 
     Raises:
         InputError: records, valve or model cannot be used.
     """
+    if kind not in KINDS:
+        raise InputError(f"spool.gap: kind={kind!r} is none of {', '.join(KINDS)}{did_you_mean(kind, KINDS)}")
+    within = (("gain_tolerance", gain_tolerance, 0.4), ("delay_tolerance", delay_tolerance, 4e-3))
+    for key, value, most in (*within, ("least_share", least_share, 0.5)):
+        if not 0.0 <= value <= most:
+            raise InputError(f"spool.gap: {key}={value:g} is out of range: use 0 to {most:g}")
+    every = listed(records)
+    part = part_of(every, Part(name, start, stop, since, until, around))
+    paths, held_out = [path_of(one) for one in every], _held_out(holdout)
     with keeping_backend(), valve_files([valve]) as (file,), tempfile.TemporaryDirectory() as folder:
         from spool_tools.operations.gap_run import run_gap  # noqa: PLC0415
-        from spool_tools.operations.record_loading import Selection  # noqa: PLC0415
         from spool_tools.outputs import ResultFiles  # noqa: PLC0415
 
         found, page, model = (Path(folder) / name for name in ("gap.json", "gap.html", "gap.yaml"))
         shown = text_console()
         with contextlib.redirect_stdout(io.StringIO()):
             run_gap(
-                paths_of(records), file, str(base), kind, Selection(), ResultFiles(found, page, model),
-                holdout=paths_of(holdout), console=shown, **options,
+                paths, file, str(base), kind, part.selection(), ResultFiles(found, page, model),
+                holdout=held_out, gain_tolerance=gain_tolerance, delay_tolerance=delay_tolerance, mass=mass,
+                least_share=least_share, thorough=thorough, profiles=profiles, console=shown,
             )  # fmt: skip
         return Gap(
             json.loads(found.read_text(encoding="utf-8")),
@@ -137,7 +191,18 @@ def gap(
 
 @one_error
 def replay(
-    record: AnyRecord, valve: AnyValve | None = None, *, report: bool = False, **options: Any
+    record: AnyRecord,
+    valve: AnyValve | None = None,
+    *,
+    report: bool = False,
+    method: str | None = None,
+    baseline_time: float | None = None,
+    state: str | Path | None = None,
+    params_file: str | Path | None = None,
+    since: str | None = None,
+    until: str | None = None,
+    around: str | None = None,
+    language: str = "",
 ) -> Replay:
     """Run the live estimator and monitor over a record.
 
@@ -145,19 +210,41 @@ def replay(
         record: bag or file; a bag may hold several valves.
         valve: description, name or file; default: what the bag describes.
         report: draw the page that ``save("replay.html")`` writes.
-        options: ``method`` (``prediction`` or ``equation``), ``baseline_time`` (s), ``state`` (folder that
-            keeps baselines).
+        method: of the estimator: ``prediction`` or ``equation``; default: that of ``params_file``.
+        baseline_time: s in which the healthy valve is learned; default: the monitor's.
+        state: folder that keeps each valve's baseline from record to record.
+        params_file: parameter file of the nodes, with the limits of the plant; default: the shipped limits.
+        since, until, around: span of a bag, as of ``spool.read``; default: as read.
+        language: of alarms: ``en``, ``de`` or ``pl``.
 
     Raises:
         InputError: record or valve cannot be used.
     """
-    from spool_tools.operations.record_replay import replay_bag  # noqa: PLC0415
-
+    if method not in (None, "prediction", "equation"):
+        raise InputError(f"spool.replay: method={method!r} is neither prediction nor equation")
+    path, part = path_of(record), part_of([record], Part(since=since, until=until, around=around))
+    if part.name is not None or part.start or part.stop is not None:
+        raise InputError(
+            "spool.replay: it takes whole valves of a record: read it without name, start and stop"
+        )
     with valve_files([valve]) as (file,), tempfile.TemporaryDirectory() as folder:
-        given = [] if file is None else [file]
-        if not report:
-            return Replay(replay_bag(path_of(record), given, **options), "")
+        from spool_tools.operations.record_replay import replay_bag  # noqa: PLC0415
+
         page = Path(folder) / "replay.html"
-        with keeping_backend():
-            found = replay_bag(path_of(record), given, report=page, **options)
-        return Replay(found, page.read_text(encoding="utf-8"))
+        with keeping_backend() if report else contextlib.nullcontext():
+            found = replay_bag(
+                path, [] if file is None else [file], baseline_time=baseline_time, method=method,
+                params_file=None if params_file is None else expanded(params_file),
+                report=page if report else None, state=None if state is None else expanded(state),
+                when=(part.since, part.until, part.around), language=language,
+            )  # fmt: skip
+        return Replay(found, page.read_text(encoding="utf-8") if report else "")
+
+
+def _held_out(holdout: AnyRecord | Sequence[AnyRecord]) -> list[Path]:
+    none = isinstance(holdout, (list, tuple)) and not holdout
+    return [] if none else [path_of(one) for one in listed(holdout)]
+
+
+def _listed(given: str | Path | Sequence[str | Path]) -> list[str]:
+    return [str(one) for one in ([given] if isinstance(given, (str, Path)) else given)]

@@ -6,6 +6,8 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from spool_core.files import expanded
+
 from spool.errors import one_error
 from spool.results import keeping_backend
 
@@ -38,7 +40,7 @@ class Fleet:
         """
         from spool_fleet.operations import add_to_store  # noqa: PLC0415 - slow to load, as below
 
-        paths = [Path(one) for one in ([folders] if isinstance(folders, (str, Path)) else folders)]
+        paths = [expanded(one) for one in ([folders] if isinstance(folders, (str, Path)) else folders)]
         added = add_to_store(self.store, paths, pattern, None, valve, None)
         return (
             f"{added.new} bags added or changed, {added.unchanged} known already; "
@@ -104,6 +106,11 @@ class Fleet:
         return f"Fleet({str(self.store)!r})"
 
 
+@one_error
 def fleet(store: str | Path) -> Fleet:
-    """Return the fleet in the folder ``store``, which ``add`` makes if it is missing."""
-    return Fleet(Path(store))
+    """Return the fleet in the folder ``store``, which ``add`` makes if it is missing.
+
+    Raises:
+        InputError: ``store`` is no path.
+    """
+    return Fleet(expanded(store))

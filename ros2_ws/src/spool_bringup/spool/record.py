@@ -6,20 +6,24 @@ import contextlib
 import io
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
 from spool_core.errors import InputError
+from spool_core.files import expanded
 
+from spool.arrays import write_table
 from spool.errors import one_error
 from spool.results import Picture, Quality, keeping_backend
 
 if TYPE_CHECKING:
     import numpy as np
+    import pandas as pd
     from numpy.typing import NDArray
     from spool_sim.valve import Valve
-    from spool_tools.operations.record_loading import Recording
+    from spool_tools.operations.record_loading import Recording, Selection
 
     Array: TypeAlias = NDArray[np.float64]
 
@@ -29,17 +33,19 @@ class Record:
 
     Attributes:
         path: of the bag or file.
+        part: what of it is used, as of ``spool.read``; analyses use the same.
     """
 
-    def __init__(self, path: Path, folder: tempfile.TemporaryDirectory[str] | None = None) -> None:
+    def __init__(
+        self, path: Path, folder: tempfile.TemporaryDirectory[str] | None = None, part: Part | None = None
+    ) -> None:
         self.path = path
+        self.part = part or Part()
         self._folder = folder  # goes with the record
 
     @cached_property
     def _recording(self) -> Recording:
-        from spool_tools.operations.record_loading import load_recording  # noqa: PLC0415 - slow to load, as below
-
-        return load_recording(self.path)
+        return _loaded(self)
 
     @property
     def sample_rate(self) -> float:
@@ -85,6 +91,24 @@ class Record:
         return self._joined("spool")
 
     @one_error
+    def to_frame(self) -> pd.DataFrame:
+        """Return the samples as a pandas table by time in s, with units in the names of the columns.
+
+        ``spool.read`` takes it back.
+
+        Raises:
+            InputError: the record cannot be read, or pandas is not installed.
+        """
+        import numpy as np  # noqa: PLC0415
+        import pandas as pd  # noqa: PLC0415 - an extra
+
+        columns = {"body_m_s2": self.body, "spool_m_s2": self.spool}
+        oil = [one.oil_temperature for one in self._recording.stretches]
+        if all(one is not None for one in oil):
+            columns["oil_temperature_C"] = np.concatenate([one for one in oil if one is not None])
+        return pd.DataFrame(columns, index=pd.Index(self.time, name="time_s"))
+
+    @one_error
     def check(self) -> Quality:
         """Return the quality of the record, as the command ``check`` does.
 
@@ -92,10 +116,9 @@ class Record:
             InputError: the record cannot be read.
         """
         with keeping_backend():
-            from spool_tools.operations.record_loading import Selection  # noqa: PLC0415
             from spool_tools.operations.record_quality import quality_of_record  # noqa: PLC0415
 
-            return Quality(*quality_of_record(self.path, Selection()))
+            return Quality(*quality_of_record(self.path, self.part.selection()))
 
     @one_error
     def plot(self) -> Picture:
@@ -138,77 +161,170 @@ AnyRecord: TypeAlias = Record | str | Path
 AnyValve: TypeAlias = "Valve | str | Path"
 
 
+@dataclass(frozen=True)
+class Part:
+    """Part of a record: ``name`` of a valve of a bag, and times as the arguments of ``spool.read``."""
+
+    name: str | None = None
+    start: float = 0.0
+    stop: float | None = None
+    since: str | None = None
+    until: str | None = None
+    around: str | None = None
+
+    def selection(self) -> Selection:
+        """Return what the commands take for it."""
+        from spool_tools.operations.record_loading import selection  # noqa: PLC0415 - slow to load, as below
+
+        when = (self.since, self.until, self.around)
+        return selection(self.name, None, float(self.start), self.stop, when)
+
+
+@one_error
+def _loaded(record: Record) -> Recording:
+    from spool_tools.operations.record_loading import load_recording  # noqa: PLC0415
+
+    return load_recording(record.path, record.part.selection())
+
+
 @one_error
 def read(
-    path: str | Path | Sequence[str | Path],
+    source: str | Path | Sequence[str | Path] | Mapping[str, Any] | Array | pd.DataFrame,
     *,
     unit: str | Mapping[str, str] | None = None,
     columns: Mapping[str, str] | None = None,
     scale: Mapping[str, str] | None = None,
     rate: float | None = None,
+    topic: Mapping[str, str] | None = None,
+    exclude: str | Sequence[str] = (),
     dates: str = "",
+    stamps: str | None = None,
+    align: str = "auto",
     empty_as_gap: bool = False,
+    name: str | None = None,
+    start: float = 0.0,
+    stop: float | None = None,
+    since: str | None = None,
+    until: str | None = None,
+    around: str | None = None,
 ) -> Record:
-    """Return the record in a bag or in any file of a data logger.
+    """Return the record in a bag, in any file of a data logger, or in arrays.
 
     Args:
-        path: bag, file, or two files, one of each sensor.
-        unit: of both accelerations, or of each (``{"body": "g", "spool": "m/s^2"}``); needed where the file
-            does not name it.
-        columns: names or numbers of the file's columns by role: ``{"time": "t", "body": "ch1",
-            "spool": "#5"}``.
+        source: bag, file, or two files, one of each sensor; a pandas table, a mapping of arrays such as
+            ``{"time": t, "body": b, "spool": s}``, or an array with the columns time, body and spool, or body
+            and spool with ``rate``. A table's index counts as a column if it has a name or holds dates.
+        unit: of both accelerations, or of each (``{"body": "g", "spool": "m/s^2"}``); needed where neither
+            file nor names state it, as ``body_m_s2`` or ``body [g]`` do.
+        columns: names or numbers of the columns by role: ``{"time": "t", "body": "ch1", "spool": "#5"}``.
         scale: sensitivities by role: ``{"body": "100mV/g"}``.
-        rate: sample rate, Hz, of files without a time.
-        dates: order of dates like 05/04/2026: ``dmy`` or ``mdy``; needed where both fit.
+        rate: sample rate, Hz, where there is no time.
+        topic: topics and axes of a foreign bag by role: ``{"body": "/imu_1:z", "spool": "/imu_2:z"}``.
+        exclude: columns to leave out.
+        dates: order of dates like 05/04/2026: ``dmy``, ``mdy`` or ``ymd``; needed where several fit.
+        stamps: which time of a foreign bag's messages counts: ``header``, ``log`` or ``arrival``.
+        align: ``auto``, or ``none`` if two clocks must not be brought together.
         empty_as_gap: leave out rows in which body or spool has no value.
+        name: which valve of a bag that holds several.
+        start: use the record from here on, s since its first sample.
+        stop: use it up to here, s.
+        since: of a bag, from then on: ``10m``, ``6h`` or ``7d`` before its end, or a time in UTC such as
+            ``2025-01-31T12:00:00``.
+        until: end of that span.
+        around: of a bag, the minutes around its newest alarm of a kind.
 
     Raises:
         InputError: no such record, or what it holds is ambiguous; the message names the argument to give.
     """
-    paths = [Path(one) for one in ([path] if isinstance(path, (str, Path)) else path)]
-    named = (unit, columns, scale, rate, dates or None, empty_as_gap or None)
-    if len(paths) == 1 and all(one is None for one in named):
-        record = Record(paths[0])
+    part = Part(name, start, stop, since, until, around)
+    if not isinstance(source, (str, Path, list, tuple)):
+        given = (unit, columns, scale, rate, exclude, dates)
+        return _read_arrays(source, part, *given, empty_as_gap=empty_as_gap)
+    paths = [_file(one) for one in ([source] if isinstance(source, (str, Path)) else source)]
+    named = (unit, columns, scale, rate, topic, exclude or None, dates or None, stamps, empty_as_gap or None)
+    if len(paths) == 1 and all(one is None for one in named) and align == "auto":
+        record = Record(paths[0], None, part)
         _ = record._recording  # wrong files are refused here
         return record
     from spool_bag.importing.bag_import import import_record  # noqa: PLC0415 - slow to load
     from spool_bag.importing.choices import choices  # noqa: PLC0415
 
-    units = {"body": unit, "spool": unit} if isinstance(unit, str) else unit or {}
     how = choices(
-        columns=_pairs(columns),
-        unit=_pairs(units),
-        scale=_pairs(scale),
-        rate=rate,
-        dates=dates,
-        empty_as_gap=empty_as_gap,
-    )
+        columns=_pairs("columns", columns), unit=_pairs("unit", _units(unit)), scale=_pairs("scale", scale),
+        topic=_pairs("topic", topic), rate=rate, align=align, exclude=exclude or None, stamps=stamps,
+        dates=dates, empty_as_gap=empty_as_gap,
+    )  # fmt: skip
     folder, bag = _place(paths[0].name.partition(".")[0] or "record")
     import_record(paths, bag, how=how)
-    return Record(bag, folder)
+    record = Record(bag, folder, part)
+    if part != Part():
+        _ = record._recording
+    return record
 
 
 @one_error
-def valve(name: str | Path | None = None, **data_sheet: str | float) -> Valve:
+def valve(
+    name: str | Path | None = None,
+    *,
+    id: str | None = None,  # noqa: A002 - the key of valve files
+    moving_mass: str | float | None = None,
+    spool_mass: str | float | None = None,
+    spring_mass: str | float | None = None,
+    oil_mass: str | float | None = None,
+    spring_stiffness: str | float | None = None,
+    spring_rate: str | float | None = None,
+    natural_frequency: str | float | None = None,
+    land_diameter: str | float | None = None,
+    land_length: str | float | None = None,
+    radial_clearance: str | float | None = None,
+    oil: str | None = None,
+    oil_temperature: str | float | None = None,
+    dynamic_viscosity: str | float | None = None,
+) -> Valve:
     """Return a valve description: a shipped one by name, a YAML file, or what a data sheet states.
+
+    Numbers are text with a unit, or in SI units; temperatures are in deg C.
+
+        spool.valve(id="mine", spool_mass="172g", spring_mass="24g", spring_rate="0.816N/mm")
 
     Args:
         name: ``4weh10_soft``, ``4weh10_stiff``, or the path of a YAML file.
-        data_sheet: numbers with units (without: SI units), named as the options of ``spool valve new``:
-            ``spool.valve(id="mine", spool_mass="172g", spring_mass="24g", spring_rate="0.816N/mm")``.
+        id: name of the valve that a data sheet describes.
+        moving_mass: kg; spool, oil in it and 1/3 of the springs, or the next two.
+        spool_mass: kg; of the spool alone.
+        spring_mass: kg; of both centring springs together.
+        oil_mass: kg; of the oil that moves with the spool.
+        spring_stiffness: N/m; of both centring springs together, or one of the next two.
+        spring_rate: N/m; of one of two equal centring springs.
+        natural_frequency: Hz; of the spool on its springs.
+        land_diameter: m.
+        land_length: m; of all sealing lands together.
+        radial_clearance: m; between spool and bore.
+        oil: HL68, Azolla ZS22, or ISO VG 10 to ISO VG 100; needs ``oil_temperature``.
+        oil_temperature: deg C; of the oil at work.
+        dynamic_viscosity: Pa s; at that temperature.
 
     Raises:
-        InputError: no such valve, a name is unknown, or numbers are missing or impossible.
+        InputError: no such valve, or numbers are missing or impossible.
     """
+    given = dict(  # noqa: C408 - a table of names
+        id=id, moving_mass=moving_mass, spool_mass=spool_mass, spring_mass=spring_mass, oil_mass=oil_mass,
+        spring_stiffness=spring_stiffness, spring_rate=spring_rate, natural_frequency=natural_frequency,
+        land_diameter=land_diameter, land_length=land_length, radial_clearance=radial_clearance, oil=oil,
+        oil_temperature=oil_temperature, dynamic_viscosity=dynamic_viscosity,
+    )  # fmt: skip
+    data_sheet = {key: str(value) for key, value in given.items() if value is not None}
     if (name is None) == (not data_sheet):
-        raise InputError("valve: give either a name or file, or the numbers of a data sheet")
+        raise InputError("spool.valve: give either a name or file, or the numbers of a data sheet")
     if name is not None:
         from spool_sim.valve import find_valve  # noqa: PLC0415 - slow to load
 
         return find_valve(str(name))
+    if oil is not None and oil_temperature is None:
+        raise InputError("spool.valve: oil needs the temperature at work: add oil_temperature=45 (deg C)")
     from spool_tools.operations.valve_sheet import described  # noqa: PLC0415
 
-    return described({key: str(value) for key, value in data_sheet.items()})[0]
+    return described(data_sheet)[0]
 
 
 @one_error
@@ -221,7 +337,7 @@ def simulate(
     sample_rate: float = 2000.0,
     noise: float = 0.05,
     coulomb_force: float | None = None,
-    oil_temperature: str | None = None,
+    oil_temperature: str | float | None = None,
     seed: int = 0,
 ) -> Record:
     """Return a simulated record of a valve.
@@ -235,7 +351,7 @@ def simulate(
         sample_rate: Hz.
         noise: of both sensors, rms, m/s^2.
         coulomb_force: N; default: the model's.
-        oil_temperature: deg C, or ``"20:60"`` for oil that warms; default: the valve's.
+        oil_temperature: deg C, or ``"20:60"`` (deg C) for oil that warms; default: the valve's.
         seed: of the noise.
 
     Raises:
@@ -244,35 +360,77 @@ def simulate(
     from spool_tools.operations.simulation import simulate as write_bag  # noqa: PLC0415 - slow to load
 
     folder, bag = _place("simulated")
+    oil = None if oil_temperature is None else str(oil_temperature)
     with valve_files([valve]) as (file,), contextlib.redirect_stdout(io.StringIO()):
         write_bag(
             bag, str(file), str(model), str(path_of(excitation)), seconds,
             sample_rate=sample_rate, block_rate=50.0, coulomb_force=coulomb_force, noise=noise,
-            oil_temperature=oil_temperature, seed=seed, name="valve_1",
+            oil_temperature=oil, seed=seed, name="valve_1",
         )  # fmt: skip
     return Record(bag, folder)
 
 
 def path_of(record: AnyRecord) -> Path:
-    """Return where a record is."""
-    return record.path if isinstance(record, Record) else Path(record)
+    """Return where a record is.
+
+    Raises:
+        InputError: it is no record.
+    """
+    if isinstance(record, Record):
+        return record.path
+    if hasattr(record, "moving_mass"):
+        raise InputError("a valve was given in place of a record: records come first, then the valve")
+    if not isinstance(record, (str, Path)):
+        raise InputError(f"{type(record).__name__}: no record: pass what spool.read returns, or a path")
+    return expanded(record)
 
 
-def paths_of(records: AnyRecord | Iterable[AnyRecord]) -> list[Path]:
-    """Return where records are, one or several."""
-    every = [records] if isinstance(records, (Record, str, Path)) else records
-    return [path_of(one) for one in every]
+def listed(records: AnyRecord | Iterable[AnyRecord]) -> list[AnyRecord]:
+    """Return one record or several as a list.
+
+    Raises:
+        InputError: there is none.
+    """
+    if isinstance(records, (Record, str, Path)) or not isinstance(records, Iterable):
+        return [records]
+    if hasattr(records, "moving_mass"):  # a valve, whose keys can be iterated over
+        path_of(cast("AnyRecord", records))
+    every = list(records)
+    if not every:
+        raise InputError("no record was given: pass what spool.read returns, or a path")
+    return every
+
+
+def part_of(records: Sequence[AnyRecord], given: Part) -> Part:
+    """Return which part of ``records`` an analysis uses: ``given``, else that of the records.
+
+    Raises:
+        InputError: records were read in different parts.
+    """
+    found = {each.part for each in records if isinstance(each, Record)}
+    if given == Part() and len(found) > 1:
+        raise InputError("the records were read in different parts (name, start, since ...): read them alike")
+    return found.pop() if found and given == Part() else given
 
 
 @contextlib.contextmanager
 def valve_files(valves: Iterable[AnyValve | None]) -> Iterator[list[str | None]]:
-    """Yield the names or files by which the commands find ``valves``; descriptions are written to files."""
+    """Yield the names or files by which the commands find ``valves``; descriptions are written to files.
+
+    Raises:
+        InputError: one is no valve.
+    """
     with tempfile.TemporaryDirectory(prefix="spool_") as folder:
         found: list[str | None] = []
         for one in valves:
             if one is None or isinstance(one, (str, Path)):
                 found.append(None if one is None else str(one))
                 continue
+            if not hasattr(one, "moving_mass"):
+                raise InputError(
+                    f"valve: {type(one).__name__} is no valve: pass what spool.valve returns, a name or a "
+                    "file; records come before the valve"
+                )
             from spool_tools.operations.valve_sheet import file_text  # noqa: PLC0415 - slow to load
 
             file = Path(folder) / f"{len(found)}_{one.id}.yaml"
@@ -281,11 +439,57 @@ def valve_files(valves: Iterable[AnyValve | None]) -> Iterator[list[str | None]]
         yield found
 
 
+def _file(one: object) -> Path:
+    if not isinstance(one, (str, Path)):
+        raise InputError(
+            f"spool.read: {type(one).__name__} in a list is no path: give one table, array or mapping"
+        )
+    return expanded(one)
+
+
+def _read_arrays(
+    source: Any,
+    part: Part,
+    unit: str | Mapping[str, str] | None,
+    columns: Mapping[str, str] | None,
+    scale: Mapping[str, str] | None,
+    rate: float | None,
+    exclude: str | Sequence[str],
+    dates: str,
+    *,
+    empty_as_gap: bool,
+) -> Record:
+    """Return the record in arrays: a file of them is imported like any other.
+
+    Raises:
+        InputError: they are no record, or what they hold is ambiguous.
+    """
+    folder, file = _place("arrays.parquet")
+    with folder:
+        write_table(source, file, rate)
+        try:
+            return read(
+                [file], unit=unit, columns=columns, scale=scale, rate=rate, exclude=exclude, dates=dates,
+                empty_as_gap=empty_as_gap, align="none", name=part.name, start=part.start, stop=part.stop,
+                since=part.since, until=part.until, around=part.around,
+            )  # fmt: skip
+        except InputError as error:
+            raise InputError(str(error).replace(str(file), "arrays")) from error
+
+
 def _place(name: str) -> tuple[tempfile.TemporaryDirectory[str], Path]:
     """Return a folder that goes with a record, and the place of its bag."""
     folder = tempfile.TemporaryDirectory(prefix="spool_")
     return folder, Path(folder.name) / name
 
 
-def _pairs(given: Mapping[str, str] | None) -> list[str] | None:
+def _units(unit: str | Mapping[str, str] | None) -> Mapping[str, str] | None:
+    return {"body": unit, "spool": unit} if isinstance(unit, str) else unit
+
+
+def _pairs(argument: str, given: Mapping[str, str] | None) -> list[str] | None:
+    if given is not None and not isinstance(given, Mapping):
+        raise InputError(
+            f'spool.read: {argument}={given!r:.60} is no mapping: write {argument}={{"body": ...}}'
+        )
     return None if not given else [f"{role}={text}" for role, text in given.items()]

@@ -245,9 +245,9 @@ def suite_version() -> str:
     revision = _git(folder, "rev-parse", "--short=12", "HEAD")
     sources = (":/ros2_ws/src", ":/research", ":/requirements")
     if not revision:
-        return _package_version()
+        return package_version()
     changed = _git(folder, "status", "--porcelain", "--untracked-files=no", "--", *sources) != ""
-    return f"{_package_version()} (commit {revision}{'+' if changed else ''})"
+    return f"{package_version()} (commit {revision}{'+' if changed else ''})"
 
 
 def finite(value: Any) -> Any:
@@ -307,7 +307,7 @@ def _is_device(path: Path) -> bool:
     return stat.S_ISFIFO(mode) or stat.S_ISCHR(mode) or stat.S_ISSOCK(mode)
 
 
-def _package_version() -> str:
+def package_version() -> str:
     """Return the version that package.xml gives, or what is installed."""
     manifest = Path(__file__).resolve().parents[1] / "package.xml"
     if manifest.is_file():
