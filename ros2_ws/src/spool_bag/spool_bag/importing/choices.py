@@ -47,7 +47,7 @@ class Choices:
     ``scales``: sensitivities. ``topics``: topic and axis. ``rate``: Hz, of samples without a time.
     ``align``: whether two clocks may be brought together. ``exclude``: columns to leave out.
     ``stamps``: which time of a bag's messages counts, one of ``STAMPS``; ``None``: that of the header.
-    ``dates``: order of day and month, ``dmy`` or ``mdy``, in dates like 05/04/2026.
+    ``dates``: order of day, month and year in dates like 05/04/2026 or 26/05/04: ``dmy``, ``mdy`` or ``ymd``.
     ``empty_as_gap``: whether a row without a value in a channel is a gap in all of them.
     """
 
@@ -113,8 +113,8 @@ def choices(
         raise InputError(
             f"--stamps {printable(stamps, 20)!r}: write {', '.join(STAMPS[:-1])} or {STAMPS[-1]}"
         )
-    if dates not in ("", "dmy", "mdy"):
-        raise InputError(f"--dates {printable(dates, 20)!r}: write dmy or mdy")
+    if dates not in ("", "dmy", "mdy", "ymd"):
+        raise InputError(f"--dates {printable(dates, 20)!r}: write dmy, mdy or ymd")
     return Choices(named, units, scales, topics, rate, align == "auto", left_out, stamps, dates, empty_as_gap)
 
 

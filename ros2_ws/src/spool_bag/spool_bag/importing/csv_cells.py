@@ -45,7 +45,7 @@ _DATES = (
     r"|\d{1,2}[/-]\d{1,2}[/-](?:\d{4}|\d{2})"
     rf"|\d{{1,2}}[- ](?:{'|'.join(_MONTHS)})[a-z]*\.?[- ]\d{{4}})"
 )
-_DAY_OR_MONTH = re.compile(r"(\d{1,2})[/-](\d{1,2})[/-](?:\d{4}|\d{2})(?!\d)")
+_DAY_OR_MONTH = re.compile(r"(\d{1,2})[/-](\d{1,2})[/-](\d{4}|\d{2})(?!\d)")
 _DAY_NS, _HOUR_NS = 86_400_000_000_000, 3_600_000_000_000
 
 
@@ -80,6 +80,7 @@ _DATES_AS_WRITTEN = (
 _SLASHED = {
     "dmy": (r"^(\d{1,2})[/-](\d{1,2})[/-](\d{4}|\d{2})([T ,]|$)", r"\3-\2-\1\4"),
     "mdy": (r"^(\d{1,2})[/-](\d{1,2})[/-](\d{4}|\d{2})([T ,]|$)", r"\3-\1-\2\4"),
+    "ymd": (r"^(\d{2})[/-](\d{1,2})[/-](\d{2})([T ,]|$)", r"\1-\2-\3\4"),
 }
 _TIMES_AS_WRITTEN = (
     (r"^(\d{2}-\d{1,2}-\d{1,2}([T ,]|$))", r"20\1"),
@@ -141,16 +142,41 @@ def shape_of(cell: str, decimal: str) -> tuple[int, int] | None:
     return (len(match[1] or ""), -1 if match[2] is None else len(match[2])) if match else None
 
 
-def date_order(texts: Iterable[str]) -> str:
-    """Return how dates like 05/04/2026 are written: ``dmy``, ``mdy``, "" where they could be two.
+def date_order(label: str, days: Iterable[str], given: str) -> tuple[str, bool]:
+    """Return the order of dates like 05/04/2026 or 26/05/04, and whether they show it.
 
-    A number above 12 is a day. ``both`` where no date says: there is none, or day and month are equal.
+    Orders are ``dmy``, ``mdy`` and, for years of two digits, ``ymd``.
+
+    Args:
+        label: of the file, for messages.
+        days: the dates, other texts among them.
+        given: as the user states it, "" where not.
+
+    Raises:
+        InputError: a date could be several.
     """
+    days = list(days)
+    found = _date_orders(days)
+    if not given and len(set(found.values())) > 1:
+        ways = ", or ".join(f"--dates {one}" for one in found)
+        begins = " or the ".join({"d": "day", "m": "month", "y": "year"}[one[0]] for one in found)
+        raise InputError(f"{label}: the date {days[0]} could begin with the {begins}: type {ways}")
+    return given or next(iter(found), "dmy"), len(found) == 1
+
+
+def _date_orders(texts: Iterable[str]) -> dict[str, frozenset[tuple[int, int, int]]]:
+    """Return year, month and day of dates by the orders in which all exist; none where there is no date."""
     found = {match.groups() for text in texts if (match := _DAY_OR_MONTH.match(text.strip()))}
-    first, second = any(int(one) > 12 for one, _ in found), any(int(two) > 12 for _, two in found)
-    if first != second:
-        return "dmy" if first else "mdy"
-    return "both" if all(int(one) == int(two) for one, two in found) else ""
+    orders = {}
+    for order, places in (("dmy", (2, 1, 0)), ("mdy", (2, 0, 1)), ("ymd", (0, 1, 2))):
+        if order == "ymd" and not all(len(one[0]) == len(one[2]) == 2 for one in found):
+            continue
+        days = frozenset(
+            (int(one[places[0]]) % 100, int(one[places[1]]), int(one[places[2]])) for one in found
+        )
+        if found and all(1 <= month <= 12 and 1 <= day <= 31 for _, month, day in days):
+            orders[order] = days
+    return orders
 
 
 def moments(text: pa.ChunkedArray, order: str = "dmy") -> NDArray[np.int64]:
@@ -159,7 +185,7 @@ def moments(text: pa.ChunkedArray, order: str = "dmy") -> NDArray[np.int64]:
     Args:
         text: dates by ISO 8601 with any of `-/.`, day first with dots, with the month's English name, or with
             slashes in the ``order`` given; clocks of 24 hours, or of 12 with AM and PM.
-        order: ``mdy``, or ``dmy`` and all else.
+        order: ``mdy``, ``ymd``, or ``dmy`` and all else.
 
     Raises:
         pa.ArrowInvalid: a cell is none.
@@ -260,6 +286,7 @@ def encoding_of(path: Path, start: bytes) -> tuple[str, str]:
 def _split(path: Path, stream: BinaryIO) -> Iterator[TextPiece]:
     rest, line, size, note = b"", 1, 0, ""
     decoder: codecs.IncrementalDecoder | None = None
+    lone: bool | None = None
     while read := stream.read(_PIECE):
         if size == 0:
             encoding, note = encoding_of(path, read[:_PROBE])
@@ -272,6 +299,9 @@ def _split(path: Path, stream: BinaryIO) -> Iterator[TextPiece]:
             )
         if decoder is not None:
             read = decoder.decode(read).encode()
+        # Lines of some oscilloscopes end in a carriage return alone.
+        lone = (b"\r" in read and b"\n" not in read) if lone is None else lone
+        read = read.replace(b"\r", b"\n") if lone else read
         kept, nul, padding = read.partition(b"\0")
         if nul:
             _check_padding(path, stream, padding, line + (rest + kept).count(b"\n"))

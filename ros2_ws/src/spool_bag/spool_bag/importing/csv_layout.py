@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import csv
-import math
 import re
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from enum import Enum
 from pathlib import Path
 
@@ -15,8 +14,9 @@ from spool_core.errors import InputError
 from spool_core.text import printable
 
 from spool_bag.importing.csv_cells import LONGEST_LINE, Kind, is_grouped, kind_of
+from spool_bag.importing.csv_settings import key_and_text, stated_above
 from spool_bag.importing.table import MOST_CHANNELS, unique
-from spool_bag.importing.units import NO_UNIT, WORDS, factor, is_unit, quantity_of, split_header
+from spool_bag.importing.units import NO_UNIT, WORDS, is_unit, quantity_of, split_header
 
 #: Cells that mark a line as a comment.
 _COMMENTS = ("#", "%", "//")
@@ -30,26 +30,14 @@ _NEAR = 6
 _UNITS_NEAR = 3
 #: Rows of samples in succession from which on there is nothing but samples.
 _RUN = 3
+#: Rows at the top of a table without names that may be no samples, and how far beyond the samples they are.
+_ABOVE, _BEYOND = 3, 20.0
 _TYPED = frozenset({Kind.NUMBER, Kind.MOMENT, Kind.DATE, Kind.CLOCK})
-_SETTING = re.compile(
-    r"[#%/\s\"]*(?P<key>[^=:;,\t]*[^\W\d][^=:;,\t]*?)\s*[=:;,\t\s]\s*(?P<value>[-+]?\d+(?:[.,]\d+)?(?:[eE][-+]?\d+)?)"
-    r"\s*(?P<unit>[^\d\s;,]\S*)?[\s;,\"]*"
+#: First cells of a row of numbers about the samples.
+_STATISTICS = re.compile(
+    r"(?:min|max|mean|avg|average|std|rms|peak|range|offset|scale|gain|median|mittel|mittelwert)[a-z]*\.?",
+    re.IGNORECASE,
 )
-_RATE = re.compile(
-    r"(?:actual |effective |nominal )?(?:sampl(?:e|es|ing)|scan|abtast|mess|acquisition|data|output "
-    r"data|logging|采样)"
-    r"[ _-]*(?:rate|freq(?:uency)?|frequenz|频率|率)|f_?s|odr|rate|sample/?s|samples per second"
-)
-_PERIOD = re.compile(
-    r"(?:sampl(?:e|es|ing)|scan|abtast|mess)[ "
-    r"_-]*(?:interval|intervall|period|periode|step|schritt|increment)|"
-    r"x?[ _]?incr?(?:ement)?|delta[ _]?[xt]|d[xt]|t_?inc|time[ _]?(?:step|increment)|h(?:orizontal)?[ "
-    r"_]interval"
-)
-_RATE_UNITS = {
-    "": 1.0, "hz": 1.0, "khz": 1e3, "mhz": 1e6, "s/s": 1.0, "sa/s": 1.0, "ks/s": 1e3, "ksa/s": 1e3,
-    "ms/s": 1e6, "msa/s": 1e6, "sps": 1.0, "ksps": 1e3, "1/s": 1.0, "samples/s": 1.0, "samples/sec": 1.0,
-}  # fmt: skip
 
 #: Lines by which a dialect is known: the longest preambles of loggers have some hundred lines.
 PROBED = 500
@@ -68,7 +56,8 @@ class Layout:
     there
     are none (``numbered``), ``headers`` are as the table has them. ``rate`` (Hz): of a setting above the
     samples,
-    NaN without one, ``rate_from``: its name and row.
+    NaN without one, ``rate_from``: its name and row, ``rate_doubt``: a setting that may be one. ``settings``:
+    what else stands above the samples, by key.
     """
 
     first: int
@@ -78,10 +67,16 @@ class Layout:
     numbered: bool
     rate: float
     rate_from: str
+    rate_doubt: str = ""
+    settings: Mapping[str, str] = field(default_factory=dict)
 
 
 def layout_of(
-    rows: Sequence[Sequence[str]], marks: Sequence[Sequence[Kind]], kinds: Sequence[Kind], width: int
+    rows: Sequence[Sequence[str]],
+    marks: Sequence[Sequence[Kind]],
+    kinds: Sequence[Kind],
+    width: int,
+    decimal: str = ".",
 ) -> Layout:
     """Return the layout of a table by its first rows.
 
@@ -90,6 +85,7 @@ def layout_of(
         marks: the kind of each cell.
         kinds: of each column.
         width: cells of a row of samples, empty ones at its end included.
+        decimal: mark of the samples.
 
     Raises:
         InputError: settings above the samples contradict each other.
@@ -97,18 +93,26 @@ def layout_of(
     firm = _filled(marks, kinds)
     states = [_state(row, firm, width) for row in marks]
     first = _first_sample(rows, states)
-    named = _header(rows, states, first, len(kinds), width)
+    named = _header(rows, states, marks, first, len(kinds), width)
     if named is None and _numeric_names(rows, states, kinds, first):
         names, units = [rows[first][at] for at in range(len(kinds))], [""] * len(kinds)
-        above, first, numbered = first, first + 1, False
+        heads, first, numbered = frozenset({first}), first + 1, False
     elif named is None:
         names, units = [str(at) for at in range(len(kinds))], [""] * len(kinds)
-        above, numbered = first, True
+        first += _numbers_above(rows[first:], decimal)
+        heads, numbered = frozenset({first}), True
     else:
-        names, units, above = named
+        names, units, heads = named
         numbered = False
-    rate, rate_from = _stated(rows, first, above)
-    return Layout(first, unique(names), tuple(names), tuple(units), numbered, rate, rate_from)
+    rate, rate_from, doubt, used = stated_above(rows, first, min(heads), decimal)
+    settings = dict(
+        key_and_text(row, at)
+        for at, row in enumerate(rows[:first])
+        if any(row) and at not in heads and at not in used
+    )
+    return Layout(
+        first, unique(names), tuple(names), tuple(units), numbered, rate, rate_from, doubt, settings
+    )
 
 
 def column_kinds(marks: Sequence[Sequence[Kind]], width: int) -> tuple[Kind, ...]:
@@ -307,18 +311,62 @@ def _numeric_names(
     return sum(fractions) > 0.99 * len(fractions)
 
 
+def _numbers_above(rows: Sequence[Sequence[str]], decimal: str) -> int:
+    """Return how many rows of numbers at the top of a table without names are no samples.
+
+    They are one number in all columns, such as a rate, or far beyond all that follows, such as a date.
+    """
+    try:
+        held = [[float(cell.replace(decimal, ".")) for cell in row if cell] for row in rows[:50]]
+    except ValueError:
+        return 0
+    held = [row for row in held if row and len(row) == len(held[-1])]
+    for at, row in enumerate(held[:_ABOVE]):
+        later = held[at + 1 :]
+        if len(row) < 2 or len(later) < _RUN:
+            return at
+        equal = sum(len(set(one)) == 1 for one in later)
+        alike = len(set(row)) == 1 and row[0] != 0.0 and 10 * equal < len(later)
+        most = [max(abs(one[place]) for one in later) for place in range(len(row))]
+        if not alike and not all(
+            abs(cell) > _BEYOND * top > 0.0 for cell, top in zip(row, most, strict=True)
+        ):
+            return at
+    return 0
+
+
+def _is_about(row: Sequence[str]) -> bool:
+    """Return whether a row holds numbers about the samples, such as `Max;8.1;3.2`, no names or units."""
+    cells = [cell for cell in row[1:] if cell]
+    return (
+        bool(cells)
+        and all(map(_is_number, cells))
+        and bool(
+            _STATISTICS.fullmatch(row[0].strip(" :#%")) or any(re.search(r"[-.,eE]", cell) for cell in cells)
+        )
+    )
+
+
 def _header(
-    rows: Sequence[Sequence[str]], states: Sequence[_Row], first: int, count: int, width: int
-) -> tuple[list[str], list[str], int] | None:
-    """Return names, units and the row of the first of both; ``None`` where there are none."""
+    rows: Sequence[Sequence[str]],
+    states: Sequence[_Row],
+    marks: Sequence[Sequence[Kind]],
+    first: int,
+    count: int,
+    width: int,
+) -> tuple[list[str], list[str], frozenset[int]] | None:
+    """Return names, units and the rows of both; ``None`` where there are none."""
     near = [at for at in range(first) if any(rows[at])][-_NEAR:]
+    scoped = any(_is_increment(cell) for at in near for cell in rows[at])
     fitting: list[tuple[int, list[str]]] = []
     for at in reversed(near):
         row = [cell.lstrip("\ufeff") for cell in rows[at]]
         row = row[1:] if row[0] in _COMMENTS and len(row) == width + 1 else row
         row = [row[0].lstrip("#% ").strip() or row[0], *row[1:]]
-        increments = any(re.match(r"(?:start|increment|t0\s*=|tinc\s*=)", cell.lower()) for cell in row)
-        if count <= len(row) and (len(row) <= width or increments):
+        beside = scoped and all(not cell or _is_number(cell) or _is_increment(cell) for cell in row[count:])
+        if _is_about(row[:count]):
+            continue
+        if count <= len(row) and (len(row) <= width or beside):
             if states[at] is _Row.TEXT or states[at] is _Row.OTHER or _describes(row, _Row.MIXED):
                 fitting.append((at, row[:count]))
         elif fitting or len([cell for cell in row if cell]) > 1:
@@ -335,13 +383,28 @@ def _header(
             above, names = others[0]
             pairs = [split_header(name) for name in names]
             units = [unit or pair[1] for unit, pair in zip(_units(row), pairs, strict=True)]
-            return names, units, min(at, above)
+            return names, units, frozenset({at, above})
         filled = [cell for cell in row if cell]
         if len(set(filled)) < len(filled):
-            return [str(one) for one in range(count)], _units(row), at
-    at, names = max(fitting, key=lambda one: (known[one[0]], one[0]))
+            return [str(one) for one in range(count)], _units(row), frozenset({at})
+    at, names = max(fitting, key=lambda one: (_may_name(one[1], marks[one[0]]), known[one[0]], one[0]))
     units = [split_header(name)[1] for name in names]
-    return names, _scope_units(rows[:at], units), at
+    return names, _scope_units(rows[:at], units), frozenset({at})
+
+
+def _is_increment(cell: str) -> bool:
+    """Return whether a cell names the start or increment of the times, as some oscilloscopes write it."""
+    return bool(re.match(r"(?:start|increment|t0\s*=|tinc\s*=)", cell.lower()))
+
+
+def _may_name(row: Sequence[str], marks: Sequence[Kind]) -> bool:
+    """Return whether a row names more than half of the columns, and not by dates or numbers."""
+    named = [
+        kind
+        for cell, kind in zip(row, marks, strict=False)
+        if cell and (kind not in _TYPED or cell.isdigit())
+    ]
+    return 2 * len(named) > len(row)
 
 
 def _is_known(cell: str) -> bool:
@@ -388,66 +451,6 @@ def _scope_units(above: Sequence[Sequence[str]], units: list[str]) -> list[str]:
     return units
 
 
-def _stated(rows: Sequence[Sequence[str]], first: int, above: int) -> tuple[float, str]:
-    """Return the rate (Hz) that a setting above the samples states, NaN without one, and where it stands.
-
-    Raises:
-        InputError: two of them contradict each other.
-    """
-    found: list[tuple[float, str]] = []
-    for at, row in enumerate(rows[:first]):
-        below = rows[at + 1] if at + 1 < first else []
-        for place, cell in enumerate(row):
-            increment = re.fullmatch(r"t_?inc\s*=\s*(\S+)", cell.strip(), re.IGNORECASE)
-            number = increment[1] if increment else ""
-            if cell.strip().casefold() == "increment" and place < len(below):
-                number = below[place]
-            rate = _rate("increment", number.rstrip("sS"), "")
-            found += [(rate, f"'{cell.strip()}', line {at + 1}")] if math.isfinite(rate) else []
-        cells = [cell.strip().strip('"') for cell in row if cell.strip()]
-        if at < above or len(cells) <= 2:
-            found += _of_line(cells, at)
-    for rate, where in found[1:]:
-        if abs(rate / found[0][0] - 1.0) > 1e-3:
-            raise InputError(
-                f"{where} says {rate:g} Hz and {found[0][1]} says {found[0][0]:g} Hz: correct one of them"
-            )
-    return found[0] if found else (math.nan, "")
-
-
-def _of_line(cells: Sequence[str], at: int) -> list[tuple[float, str]]:
-    """Return the rate that a line of key and value states, with where."""
-    if not cells or len(cells) > 4:
-        return []
-    match = (
-        _SETTING.fullmatch(f"{cells[0]}\t{cells[1]}{' ' + cells[2] if len(cells) == 3 else ''}")
-        if len(cells) > 1
-        else None
-    )
-    match = match or _SETTING.fullmatch(cells[0])
-    if not match:
-        return []
-    key, unit = split_header(match["key"].strip(" =:"))
-    rate = _rate(key, match["value"], unit or match["unit"] or "")
-    return [(rate, f"'{key}', line {at + 1}")] if math.isfinite(rate) else []
-
-
-def _rate(key: str, value: str, unit: str) -> float:
-    """Return the rate (Hz) of a setting, NaN where it is none."""
-    plain = key.strip().lower()
-    try:
-        number = float(value.replace(",", "."))
-    except ValueError:
-        return math.nan
-    if number <= 0.0:
-        return math.nan
-    if _RATE.fullmatch(plain) and unit.lower() in _RATE_UNITS:
-        return number * _RATE_UNITS[unit.lower()]
-    if _PERIOD.fullmatch(plain) and (not unit or quantity_of(unit) == "time"):
-        return 1.0 / (number * (factor(unit, "time") if unit else 1.0))
-    return math.nan
-
-
 def _reading(lines: Sequence[str], delimiter: str, decimal: str) -> tuple[tuple[float, ...], Dialect] | None:
     """Return how well the lines read in this way, and the dialect that it is."""
     rows = [cells_of(line, delimiter) for line in lines]
@@ -466,7 +469,7 @@ def _reading(lines: Sequence[str], delimiter: str, decimal: str) -> tuple[tuple[
         kinds = kinds[:-1]  # a delimiter at the end of each line
     if not any(kind is Kind.NUMBER for kind in kinds):
         return None
-    layout = layout_of(rows, marks, kinds, width)
+    layout = layout_of(rows, marks, kinds, width, decimal)
     # A channel may begin late, as an oil temperature does.
     kinds = tuple(Kind.NUMBER if kind is Kind.EMPTY and not layout.numbered else kind for kind in kinds)
     every = sum(any(row) for row in rows)
@@ -486,7 +489,7 @@ def _reading(lines: Sequence[str], delimiter: str, decimal: str) -> tuple[tuple[
         if kind is Kind.NUMBER and not grouped and not is_proven(column, decimal)
     )
     score = (
-        round(len(samples) / every, 2),
+        round(sum(data[at] for at in samples) / every, 2),
         round(numeric / max(1, sum(len(kinds) for _ in samples)), 2),
         float(not layout.numbered or layout.first == 0),
         float(not grouped or any(decimal in cell for column in columns for cell in column)),

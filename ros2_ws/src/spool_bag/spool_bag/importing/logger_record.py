@@ -16,7 +16,8 @@ from spool_core.numbers import GRAVITY
 from spool_core.text import plural, printable
 
 from spool_bag import BODY, OIL_TEMPERATURE, SPOOL, TIME
-from spool_bag.importing import roles, time_axis
+from spool_bag.importing import roles, time_axis, time_base
+from spool_bag.importing.channel_use import ChannelUse
 from spool_bag.importing.choices import Choices, choices, short, typed
 from spool_bag.importing.csv_layout import listed
 from spool_bag.importing.formats.format import open_table, read_channels
@@ -34,6 +35,8 @@ EARLIEST = 946_684_800_000_000_000
 #: Gravity in units in which drivers publish, beyond that of the format, and how far off it a sensor may be.
 GRAVITY_IN = {"g": 1.0, "mg": 1000.0, "mm/s^2": 9806.65}
 GRAVITY_OFF = 0.07
+#: Rows without a time below the samples.
+MOST_FOOTER = 50
 #: Relative difference of a duration that is stated from that of the samples, beyond which it is a warning.
 SPAN_OFF = 0.02
 _PIECE = 1 << 20
@@ -69,7 +72,7 @@ class LoggerRecord:
     notes: tuple[str, ...] = ()
     repairs: Mapping[str, int] = field(default_factory=dict)
     clocks: time_axis.ClockOffset | None = None
-    uses: tuple[roles.ChannelUse, ...] = ()
+    uses: tuple[ChannelUse, ...] = ()
     rate_std: float = 0.0
 
     @property
@@ -167,9 +170,10 @@ def _of_group(
     small = [one.channel.name for role, one in sources.items() if single and role in (BODY, SPOOL)]
     values = _read(table, group, list(dict.fromkeys([*clocks, *names])), small, sources)
     _check_gravity(table, group, sources, asked)
-    warnings: list[str] = []
+    warnings = [] if axis is None else _without_footer(table, axis, values)
     if table.holes_are_gaps or asked.empty_as_gap:
         required = [one.channel.name for role, one in sources.items() if role in roles.REQUIRED[kind]]
+        required += [axis.name] if axis is not None else []
         warnings += _without_holes(
             values, required, "that the file marks as invalid" if table.holes_are_gaps else "that are empty"
         )
@@ -193,7 +197,7 @@ def _of_group(
     if base.kept is not None:
         found = {role: row[base.kept] for role, row in found.items()}
     warnings += base.warnings
-    if axis is None and asked.rate and abs(group.rate / asked.rate - 1.0) > time_axis.SAME:
+    if axis is None and asked.rate and abs(group.rate / asked.rate - 1.0) > time_base.SAME:
         warnings.append(
             f"--rate {asked.rate:g} is used, and {group.source or 'the file'} states {group.rate:g} Hz"
         )
@@ -227,13 +231,13 @@ def _base_of(
     rate: float | None,
     *,
     regular: bool,
-) -> time_axis.TimeBase:
+) -> time_base.TimeBase:
     """Return the time base of a group's samples."""
     label = str(table.path)
     if not regular:
-        return time_axis.loose_time_base(label, clock.label, clock.time, table.where)
+        return time_base.loose_time_base(label, clock.label, clock.time, table.where)
     try:
-        return time_axis.time_base(label, clock.label, clock.time, rows, table.where, rate)
+        return time_base.time_base(label, clock.label, clock.time, rows, table.where, rate)
     except InputError as error:
         if clock.start is None or group.name not in table.clocks:
             raise
@@ -287,6 +291,19 @@ def _check_one_source(
         )
 
 
+def _without_footer(table: Table, axis: Channel, values: dict[str, Values]) -> list[str]:
+    """Leave out rows without a time at a file's end, such as statistics, and return a line about them."""
+    time = values[axis.name]
+    timed = np.flatnonzero(~np.isnan(time))
+    end = int(timed[-1]) + 1 if timed.size else time.size
+    left = time.size - end
+    if not 0 < left <= MOST_FOOTER:
+        return []
+    for name, row in values.items():
+        values[name] = row[:end]
+    return [f"left out at the file's end: {plural(left, 'row')} without a time, from {table.where(end)} on"]
+
+
 def _without_holes(values: dict[str, Values], required: Sequence[str], what: str) -> list[str]:
     """Leave out the rows without a value in a required channel, and return a line about them."""
     whole = ~np.logical_or.reduce([np.isnan(values[name]) for name in required])
@@ -299,7 +316,7 @@ def _without_holes(values: dict[str, Values], required: Sequence[str], what: str
 
 
 def _rate_note(
-    path: Path, axis: Channel | None, group: Group, asked: Choices, base: time_axis.TimeBase
+    path: Path, axis: Channel | None, group: Group, asked: Choices, base: time_base.TimeBase
 ) -> str:
     """Return which rate is used and where it comes from.
 
@@ -310,7 +327,7 @@ def _rate_note(
     if axis is None:
         return f"rate {rate:.7g} Hz from {'--rate' if asked.rate else group.source or 'the file'}"
     name = printable(axis.name, 40)
-    if asked.rate is None and abs(group.rate * base.period - 1.0) > time_axis.SAME:  # NaN: none is stated
+    if asked.rate is None and abs(group.rate * base.period - 1.0) > time_base.SAME:  # NaN: none is stated
         raise InputError(
             f"{path}: {name} shows {rate:.7g} Hz and {group.source or 'the file'} states "
             f"{group.rate:.7g} Hz: correct one of them, or type --rate {rate:.7g} if the times hold"

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,11 +12,11 @@ from spool_core.errors import InputError
 from spool_core.text import printable
 
 from spool_bag import BODY, DISPLACEMENT, FORCE, OIL_TEMPERATURE, SPOOL, TIME
+from spool_bag.importing.channel_use import ChannelUse
 from spool_bag.importing.choices import QUANTITIES, SHORT, Choices, role_of, short, typed
 from spool_bag.importing.csv_layout import listed
 from spool_bag.importing.table import LOG_TIME, STAMP, Channel, Group, Table
 from spool_bag.importing.units import (
-    KEPT,
     NO_UNIT,
     READINGS,
     WORDS,
@@ -44,6 +43,10 @@ _EXAMPLES = {
     "voltage": "100mV/g", "reading": "50g/FS", "count": "1.25e-6g/count", "current": "1mA/g",
     "charge": "10pC/g",
 }  # fmt: skip
+
+
+#: What a sensor puts out that loggers write in units with and without a prefix.
+_PREFIXED = ("voltage", "current", "charge")
 
 
 @dataclass(frozen=True, slots=True)
@@ -239,63 +242,6 @@ def named(tables: Sequence[Table], sources: Sequence[Source], own: str, role: st
             f"{', or '.join(ways)}"
         )
     return fitting[0]
-
-
-@dataclass(frozen=True, slots=True)
-class ChannelUse:
-    """Use of a channel: which column became what, and the conversion of its values.
-
-    Attributes:
-        role: contract name, e.g. ``body_m_s2``.
-        file, column, number: file, name of the column there, its number from 0.
-        unit: the values' unit, "" where none is known.
-        factor: what values are multiplied by; NaN for temperatures with an offset.
-        why: option that decides, "" where the file does.
-    """
-
-    role: str
-    file: str
-    column: str
-    number: int
-    unit: str
-    factor: float
-    why: str = ""
-
-    def __str__(self) -> str:
-        """Column and conversion, for people."""
-        kept = KEPT[QUANTITIES[self.role]].replace("**", "^")
-        number = f"column #{self.number} " if self.number >= 0 else "column "
-        said = f"{short(self.role)}: {number}'{printable(self.column, 60)}'"
-        if self.unit == STAMP:
-            said += ", dates or times of day"
-        elif self.factor == 1.0:
-            said += f" in {kept}"
-        elif np.isnan(self.factor):
-            said += f", {printable(self.unit, 30)} converted to {kept}"
-        else:
-            said += f", 1 {printable(self.unit, 30)} = {self.factor:.7g} {kept}"
-        return said + (f" ({self.why})" if self.why else "")
-
-    def dictionary(self) -> dict[str, Any]:
-        """Return the use as JSON has it."""
-        known = np.isfinite(self.factor)
-        return {
-            "role": self.role,
-            "file": self.file,
-            "column": self.column,
-            "number": self.number,
-            "unit": None if self.unit in ("", STAMP) else self.unit,
-            "factor": self.factor if known else None,
-            "option": self.why or None,
-        }
-
-    def applied(self, values: Array) -> Array:
-        """Return values, shape (n,), in the unit of the role; a row of float32 stays one."""
-        if self.factor == 1.0:
-            return values
-        if np.isnan(self.factor):
-            return converted(values.astype(np.float64), self.unit, QUANTITIES[self.role]).astype(values.dtype)
-        return (values.astype(np.float64) * self.factor).astype(values.dtype)
 
 
 def uses_of(sources: Mapping[str, Source], asked: Choices) -> dict[str, ChannelUse]:
@@ -530,6 +476,14 @@ def _use_of(role: str, source: Source, asked: Choices) -> ChannelUse:
         except InputError as error:
             reading = scale.reading.replace("percent_full_scale", "%FS").replace("coulomb", "C")
             raise _RefusalError(f": {error}", [("--unit", reading)], "if it is not, type ") from error
+        if not unit and quantity_of(scale.reading) in _PREFIXED:
+            base = READINGS[quantity_of(scale.reading)].replace("coulomb", "C")
+            raise _RefusalError(
+                f" has no unit, and --scale {way}={scale.text} does not state whether it is in {base} or "
+                f"m{base}",
+                [("--unit", base), ("--unit", f"m{base}")],
+                "add the one that holds, ",
+            )
         taken = "" if unit else f"no unit in the file, read in {scale.reading}, "
         return use(
             unit or scale.reading, size, f"{taken}--scale {way}={scale.text}" + (f", {why}" if why else "")
@@ -566,7 +520,7 @@ def _no_unit(quantity: str) -> _RefusalError:
         return _RefusalError(" has no unit", [("--unit", _UNITS.get(quantity, "s"))], "state it, e.g. ")
     return _RefusalError(
         " has no unit and could be in g, m/s^2, volts or counts",
-        [("--unit", "g"), ("--unit", "m/s^2"), ("--scale", "100mV/g"), ("--scale", "1.25e-6g/count")],
+        [("--unit", "g"), ("--unit", "m/s^2"), ("--unit", "V"), ("--scale", "1.25e-6g/count")],
         "type ",
     )
 

@@ -44,7 +44,7 @@ _DOUBTFUL = {"rate": 1.0, "frequency": 1.0, "freq": 1.0, "data_rate": 1.0, "peri
 RATE_UNITS = {
     "": 1.0, "hz": 1.0, "khz": 1e3, "mhz": 1e6, "s/s": 1.0, "sa/s": 1.0, "ks/s": 1e3, "ksa/s": 1e3,
     "ms/s": 1e6, "msa/s": 1e6, "sps": 1.0, "ksps": 1e3, "1/s": 1.0, "samples/s": 1.0, "samples/sec": 1.0,
-    "hertz": 1.0, "kilohertz": 1e3, "samples/second": 1.0, "s^-1": 1.0, "s-1": 1.0,
+    "hertz": 1.0, "kilohertz": 1e3, "samples/second": 1.0, "s^-1": 1.0, "s-1": 1.0, "k": 1e3,
 }  # fmt: skip
 _UNIT_NAMES = ("unit", "units", "unit_string", "einheit", "y_unit", "yunit", "ni_unitdescription")
 _STARTS = (

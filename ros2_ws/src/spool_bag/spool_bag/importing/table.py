@@ -101,7 +101,7 @@ class Table(ABC):
     ``notes``: how it was understood, ``warnings``: what is wrong with it, one line each; ``warnings`` are
     complete only after :meth:`read`. ``clocks``: of bags, header stamps and times of reception (ns, int64,
     shape (n,)) of each group that was read. ``holes_are_gaps``: rows without a value are missing samples by
-    the format. ``dates``: order of day and month, ``dmy`` or ``mdy``, where the user states it. ``gravity``:
+    the format. ``dates``: order of day, month and year, where the user states it. ``gravity``:
     length of the mean vector of three axes, in the unit that the format prescribes, by group, once read.
     ``settings``: what the file states beside its channels.
     """

@@ -117,6 +117,11 @@ _MARKS = str.maketrans(
     {"·": "*", "⋅": "*", "∙": "*", "•": "*", "×": "*", "μ": "u", "−": "-", "–": "-", "∕": "/", "⁄": "/",
      "÷": "/", "Ω": "ohm", "’": "'", "′": "'", "`": "'", "´": "'", "\u200b": "", "\ufeff": ""}
 )  # fmt: skip
+#: A power of ten ahead of a unit, as in `10^-3 g`.
+_POWER = re.compile(
+    r"(?:1?[xX*]?10\s*(?:\^|\*\*)?\s*|1[eE])(?P<power>[+-]?\d)\s*[*·]?\s*(?P<unit>[A-Za-z].*)"
+)
+_PREFIXES = {"-3": "m", "-6": "u", "-9": "n", "-12": "p", "3": "k", "+3": "k", "6": "M"}
 _WRITABLE = re.compile(r"[\w\s./*()+-]{1,60}")
 _TOKEN = re.compile(r"[A-Za-z_°]+")
 _LEVEL = re.compile(
@@ -130,7 +135,7 @@ _LEVEL = re.compile(
 WORDS = {
     "time": (
         "time", "t", "zeit", "zeitstempel", "timestamp", "messzeit", "temps", "datetime", "stamp", "uhrzeit",
-        "tempo", "czas", "时间", "時間", "время",
+        "elapsed", "tempo", "czas", "时间", "時間", "время",
     ),
     "body": (
         "body", "housing", "gehäuse", "gehaeuse", "gehause", "ventilgehäuse", "valvebody", "阀体", "корпус",
@@ -175,7 +180,10 @@ def normalised(text: str) -> str:
     plain = (
         unicodedata.normalize("NFKC", text.replace("Â", "")).translate(_MARKS).strip()
     )  # of UTF-8 read as Latin-1
-    plain = plain.strip("\"'").strip()
+    plain = plain.strip("\"'").rstrip("*").strip()  # Shimmer marks calibrated channels by a star
+    power = _POWER.fullmatch(plain)
+    if power and power["power"] in _PREFIXES:
+        plain = _PREFIXES[power["power"]] + power["unit"]
     while len(plain) > 1 and plain[0] + plain[-1] in ("[]", "()", "{}", "<>") and _closed(plain):
         plain = plain[1:-1].strip()
     known = _AS_WRITTEN.get(plain.casefold()) if plain != "MV" else ""

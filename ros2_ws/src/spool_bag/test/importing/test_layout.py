@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from datetime import timedelta
 from pathlib import Path
 
 import numpy as np
@@ -57,6 +58,15 @@ ABOVE: list[tuple[str, list[str], list[str], dict[str, object]]] = [
     ("same names", ["t [s],a,a"], ROWS, {"columns": "body_m_s2=a_1,spool_m_s2=a_2"}),
     ("excluded", ["t [s],body [m/s2],spool [m/s2],body 2 [m/s2]"], [f"{r},1" for r in ROWS],
      {"exclude": "body 2"}),
+    ("words of times in preamble", ["Logger X,", "Start Time 08:58:00,", "Date 2/14/2026,", "Ch1,Ch2"],
+     NO_TIME, {"columns": "body_m_s2=Ch1,spool_m_s2=Ch2", "rate": 2000.0, "unit": "body=m/s^2,spool=m/s^2"}),
+    ("extremes below names", [CONTRACT, "Max,8.118,3.127", "Min,-8.129,-3.125"], ROWS, {}),
+    ("marked units", ["Time,Body,Spool", "s,m/(s^2)*,m/(s^2)*"], ROWS, {}),
+    ("interval in words", ["Sampling time interval(ms),0.5", "body [m/s2],spool [m/s2]"], NO_TIME, {}),
+    ("thousands in rate", ["Sampling rate: 2'000 Hz", "body [m/s2],spool [m/s2]"], NO_TIME, {}),
+    ("rate with suffix", ["Sampling rate: 2k", "body [m/s2],spool [m/s2]"], NO_TIME, {}),
+    ("numbers above samples", ["1680686620,1680686620", "32,32"], NO_TIME,
+     {"columns": "body=#0,spool=#1", "rate": 2000.0, "unit": "body=m/s^2,spool=m/s^2"}),
     ("excluded number", [f"{CONTRACT},oil [degC]"],
      [f"{r},hot" for r in ROWS[:9]] + [f"{r},5" for r in ROWS[9:]], {"exclude": "#3"}),
     ("holes", [f"{CONTRACT},oil [degC]"],
@@ -103,6 +113,12 @@ END: list[tuple[str, Callable[[bytes], bytes], int, str]] = [
     ("NUL after a line", lambda text: text + bytes(100_000), 600, "NUL bytes"),
     ("footer", lambda text: text + b"\nMean,0.1,0.2\nEnd of file\n", 600, "2 lines from line 603"),
     ("footer of one cell", lambda text: text + b"[END]\n", 600, "line 602"),
+    (
+        "rows without a time",
+        lambda text: text + b",8.118,3.127\n,0.1,0.2\n",
+        600,
+        "2 rows without a time, from line 602",
+    ),
     ("no newline", lambda text: text[:-1], 600, ""),
 ]
 
@@ -204,6 +220,37 @@ def test_a_workbook_has_the_same_rules(tmp_path: Path) -> None:
     assert np.isnan(found.columns["oil_temperature_C"][3])
 
 
+def test_other_columns_of_a_workbook_refuse_nothing_and_times_may_be_text(tmp_path: Path) -> None:
+    import openpyxl  # noqa: PLC0415 - slow to load
+
+    book = openpyxl.Workbook()
+    book.active.append(["Timestamp", "Body (m/s^2)", "Spool (m/s^2)", "State", None, "Mean"])
+    for at, (b, s) in enumerate(zip(made.BODY, made.SPOOL, strict=True)):
+        stamp = f"2026-05-04T10:00:{at / made.RATE:09.6f}"
+        book.active.append(
+            [stamp, float(b), float(s), "ok" if at % 9 == 0 else 1, None, 1.5 if at < 99 else "end"]
+        )
+    book.save(tmp_path / "book.xlsx")
+    found = read_record(tmp_path / "book.xlsx")
+    check(found)
+    assert found.start == 1_777_888_800_000_000_000
+    with pytest.raises(InputError, match="row 2: State is 'ok', not a number"):
+        read_record(tmp_path / "book.xlsx", columns={"body_m_s2": "State"})
+
+
+def test_elapsed_times_of_a_workbook_are_times(tmp_path: Path) -> None:
+    import openpyxl  # noqa: PLC0415 - slow to load
+
+    book = openpyxl.Workbook()
+    book.active.append(["Elapsed", "Body (m/s^2)", "Spool (m/s^2)"])
+    for at, (b, s) in enumerate(zip(made.BODY, made.SPOOL, strict=True)):
+        book.active.append([timedelta(milliseconds=at), float(b), float(s)])
+    book.save(tmp_path / "book.xlsx")
+    found = read_record(tmp_path / "book.xlsx")
+    assert found.period == pytest.approx(1e-3, rel=1e-6)
+    np.testing.assert_allclose(found.columns["spool_m_s2"], made.SPOOL)
+
+
 def test_each_conversion_is_described(tmp_path: Path) -> None:
     rows = [
         f"{1e3 * t:.1f},{b:.4f},{1e3 * s:.1f},104.0"
@@ -221,3 +268,57 @@ def test_each_conversion_is_described(tmp_path: Path) -> None:
     np.testing.assert_allclose(found.columns["oil_temperature_C"], 40.0, atol=1e-9)
     over = read_record(path, how=choices(columns="body=#1", scale="spool=100mV/g", unit="body=m/s^2"))
     assert str(over.uses[1]).endswith("in m/s^2 (--unit body=m/s^2 instead of the file's g)")
+
+
+@pytest.mark.parametrize(
+    ("setting", "why"),
+    [
+        ("Rate: 25", "'Rate', line 1 may be a sampling rate or not: if it is, type --rate 25"),
+        ("Data rate: 115200", "'Data rate', line 1 may be a sampling rate or not"),
+        ("Sample Rate: 51,200 Hz", "type --rate 51200, or --rate 51.2"),
+        ("Sample interval: 1,250 ms", "type --rate 0.8, or --rate 800"),
+    ],
+)
+def test_a_setting_that_may_be_another_rate_is_asked_for(tmp_path: Path, setting: str, why: str) -> None:
+    path = save(tmp_path, [setting, "body [m/s2],spool [m/s2]", *NO_TIME])
+    with pytest.raises(InputError, match=why):
+        read_record(path)
+    check(read_record(path, how=choices(rate=2000.0)))
+
+
+def test_lines_above_the_samples_that_nothing_used_are_named(tmp_path: Path) -> None:
+    above = ["Decimation: 10", "Operator;Eva", "Sampling rate [Hz];2000", "body [m/s2];spool [m/s2]"]
+    found = read_record(save(tmp_path, [*above, *(row.partition(";")[2] for row in GERMAN)]))
+    assert "stated in the file and not used: Decimation = 10, Operator = Eva" in found.notes
+
+
+@pytest.mark.parametrize("end", ["\r", "\r\n"])
+@pytest.mark.parametrize("name", ["record.log", "record.ascii", "record"])
+def test_a_text_is_read_whatever_its_name_and_ends_of_lines(tmp_path: Path, name: str, end: str) -> None:
+    (tmp_path / name).write_bytes("".join(f"{row}{end}" for row in [CONTRACT, *ROWS]).encode())
+    check(read_record(tmp_path / name))
+
+
+def test_readings_without_a_unit_are_in_no_unit_that_a_sensitivity_has(tmp_path: Path) -> None:
+    path = save(tmp_path, ["time_s,body,spool", *ROWS])
+    with pytest.raises(InputError, match=r"could be in .*--unit body=V,spool=V"):
+        read_record(path)
+    scale = "body=1V/(m/s^2),spool=1V/(m/s^2)"
+    with pytest.raises(InputError, match=r"does not state whether it is in V or mV.*--unit body=V"):
+        read_record(path, how=choices(scale=scale))
+    check(read_record(path, how=choices(scale=scale, unit="body=V,spool=V")))
+    milli = read_record(path, how=choices(scale=scale, unit="body=mV,spool=mV"))
+    np.testing.assert_allclose(milli.columns["body_m_s2"], 1e-3 * made.BODY, atol=1e-9)
+
+
+@pytest.mark.parametrize("rows", ["in turn", "labelled in words"])
+def test_rows_of_two_sensors_in_turn_are_refused(tmp_path: Path, rows: str) -> None:
+    labels = ("1", "2") if rows == "in turn" else ("left", "right")
+    lines = [
+        f"{at / 2000:.4f},{label},{value:.4f},0.1"
+        for at in range(made.COUNT)
+        for label, value in zip(labels, (9.0 + made.BODY[at], made.SPOOL[at]), strict=True)
+    ]
+    path = save(tmp_path, ["time_s,sensor,x,y", *lines])
+    with pytest.raises(InputError, match="rows of several sensors"):
+        read_record(path, columns={"body_m_s2": "x", "spool_m_s2": "y"})

@@ -110,7 +110,7 @@ READ: list[tuple[str, Maker, dict[str, object]]] = [
     ("keysight.csv", made.keysight, {"columns": "time=x-axis,body=1,spool=2", **VOLTS}),
     ("siglent.csv", made.siglent, {"columns": "body=CH1,spool=CH2", **VOLTS}),
     ("tektronix.csv", made.tektronix, {"columns": "body=CH1,spool=CH2", **VOLTS}),
-    ("tektronix_old.csv", made.tektronix_old, {"columns": "time_s=#3,body=#4,spool=#5", **VOLTS}),
+    ("tektronix_old.csv", made.tektronix_old, {"columns": "time_s=#3,body=#4,spool=#5", "unit": "body=V,spool=V", **VOLTS}),
     ("rigol.csv", made.rigol, {"columns": "body=CH1,spool=CH2", **VOLTS}),
     ("rigol_new.csv", made.rigol_new, {"columns": "body=#0,spool=#1", **VOLTS}),
     ("four.mat", made.mat4, {}),

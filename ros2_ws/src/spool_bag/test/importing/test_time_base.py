@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from spool_bag.importing.time_axis import time_base
+from spool_bag.importing.time_base import time_base
 from spool_core.errors import InputError
 
 RNG = np.random.default_rng(5)

@@ -41,7 +41,7 @@ def import_(
         float | None, typer.Option(help="Sample rate in Hz, for files without a time or with a poor one.")
     ] = None,
     dates: Annotated[
-        str, typer.Option(help="Order of dates like 05/04/2026: dmy or mdy; needed where both fit.")
+        str, typer.Option(help="Order of dates like 05/04/2026 or 26/05/04: dmy, mdy or ymd.")
     ] = "",
     empty_as_gap: Annotated[
         bool, typer.Option("--empty-as-gap", help="Leave out rows in which body or spool has no value.")
@@ -70,10 +70,9 @@ def import_(
     """Turn what a logger wrote, or a bag of other topics, into a bag.
 
     Reads CSV of any dialect, oscilloscopes' CSV, LabVIEW LVM, Excel, Parquet, Feather, MATLAB, HDF5, NumPy,
-    WAV,
-    TDMS, MF4, UFF 58, and bags of ROS 1 and ROS 2. The columns used and each conversion are printed.
-    Ambiguous input is refused with the option to type; options may be repeated. Use --json and --report with
-    --look.
+    WAV, TDMS, MF4, UFF 58, and bags of ROS 1 and ROS 2. The columns used, each conversion and what the file
+    states beside them are printed. Ambiguous input is refused with the option to type; options may be
+    repeated. Use --json and --report with --look.
 
     Example: ./spool import logger.csv --look
     Example: ./spool import logger.csv --unit body=g,spool=g --out record_bag

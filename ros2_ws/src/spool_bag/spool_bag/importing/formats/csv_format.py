@@ -26,6 +26,7 @@ from spool_bag.importing.csv_cells import (
 )
 from spool_bag.importing.csv_layout import BLANKS, Dialect, cells_of, dialect, is_proven
 from spool_bag.importing.formats.format import Format
+from spool_bag.importing.settings import Settings
 from spool_bag.importing.table import STAMP, Channel, Group, GrowingColumns, Table, Values
 
 if TYPE_CHECKING:
@@ -79,7 +80,18 @@ class CsvTable(Table):
             )
             if kind in (Kind.NUMBER, *_TIMES)
         ]
-        self.groups = (Group("", tuple(channels), layout.rate, source=printable(layout.rate_from, 80)),)
+        self.settings = Settings(layout.settings)
+        self.groups = (
+            Group(
+                "",
+                tuple(channels),
+                layout.rate,
+                source=printable(layout.rate_from, 80),
+                doubt=printable(layout.rate_doubt, 200),
+                count=self.settings.count(""),
+                span=self.settings.span(""),
+            ),
+        )
 
     def where(self, row: int) -> str:
         """Return the line of a row."""
@@ -255,14 +267,10 @@ class CsvTable(Table):
 
         call: Any = compute
         days = call.unique(call.utf8_slice_codeunits(call.utf8_trim_whitespace(dates), 0, 10)).to_pylist()
-        found = date_order(one for one in days if one)
-        order = self.dates or self._shown or found
-        self._shown = found if found in ("dmy", "mdy") else self._shown
-        if not order:
-            raise InputError(
-                f"{self.path}: the date {printable(days[0], 20)} could begin with the day or the month: type "
-                "--dates dmy, or --dates mdy"
-            )
+        order, sure = date_order(
+            str(self.path), [printable(one, 20) for one in days if one], self.dates or self._shown
+        )
+        self._shown = order if sure else self._shown
         return order
 
 
@@ -324,4 +332,17 @@ def _cut_short(piece: TextPiece, found: Dialect) -> int | None:
     return None if shape_of(cells[-1], found.decimal) in shapes else piece.line + len(above)
 
 
-FORMAT = Format("CSV", (".csv", ".csv.gz", ".txt", ".tsv", ".dat", ".asc"), CsvTable, place=90)
+def _is_text(_path: Path, head: bytes) -> bool:
+    """Return whether a file begins as a text with numbers in it, whatever its name is."""
+    try:
+        text = head.decode("utf-8") if len(head) < 4 else head[:-3].decode("utf-8")
+    except UnicodeDecodeError:
+        return False
+    return all(letter.isprintable() or letter in "\t\r\n\ufeff" for letter in text) and any(
+        map(str.isdigit, text)
+    )
+
+
+FORMAT = Format(
+    "CSV", (".csv", ".csv.gz", ".txt", ".tsv", ".dat", ".asc"), CsvTable, place=90, recognises=_is_text
+)

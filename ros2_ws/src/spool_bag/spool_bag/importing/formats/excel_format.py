@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import zipfile
 from collections.abc import Sequence
-from dataclasses import replace
-from datetime import date, datetime, time, timezone
+from dataclasses import dataclass, replace
+from datetime import date, datetime, time, timedelta, timezone
 from pathlib import Path
 from typing import Any
 
@@ -13,15 +13,17 @@ import numpy as np
 from spool_core.errors import InputError
 from spool_core.text import printable
 
-from spool_bag.importing.csv_cells import HOLES, Kind, kind_of
+from spool_bag.importing.csv_cells import HOLES, Kind, clocks, date_order, kind_of, moments
 from spool_bag.importing.csv_layout import Layout, column_kinds, is_data, layout_of
 from spool_bag.importing.formats.format import Format
+from spool_bag.importing.settings import Settings
 from spool_bag.importing.table import MOST_CHANNELS, STAMP, ArrayTable, Channel, Group, check_size, too_long
 
 #: Rows above the samples that are looked at.
 PROBED = 200
 #: Rows of a sheet by the file format (ECMA-376): 2^20.
 MOST_ROWS = 1 << 20
+_TIMES = (Kind.MOMENT, Kind.CLOCK, Kind.DATE)
 
 
 def opened(path: Path) -> ArrayTable:
@@ -51,9 +53,23 @@ def opened(path: Path) -> ArrayTable:
     arrays: dict[tuple[str, str], Any] = {}
     for title, channels, columns, layout in found:
         name = "" if single else title
-        groups.append(Group(name, tuple(channels), layout.rate, source=printable(layout.rate_from, 80)))
+        groups.append(
+            Group(
+                name,
+                tuple(channels),
+                layout.rate,
+                source=printable(layout.rate_from, 80),
+                doubt=printable(layout.rate_doubt, 200),
+            )
+        )
         arrays |= {(name, channel.name): column for channel, column in zip(channels, columns, strict=True)}
-    return ArrayTable(path, tuple(groups), arrays)
+    whole = ArrayTable(
+        path, tuple(groups), arrays, settings=Settings(found[0][3].settings if single else None)
+    )
+    for column in arrays.values():
+        if isinstance(column, _Column):
+            column.table = whole
+    return whole
 
 
 def _table(
@@ -82,26 +98,26 @@ def _table(
     body = [row[:width] for row in rows[layout.first :]]
     while body and all(cell is None for cell in body[-1]):
         body.pop()
-    channels, columns = [], []
+    channels: list[Channel] = []
+    columns: list[Any] = []
     for at, kind in enumerate(kinds):
         cells = [row[at] if at < len(row) else None for row in body]
         if kind in (Kind.TEXT, Kind.EMPTY):
             continue
-        stamped = kind in (Kind.MOMENT, Kind.CLOCK, Kind.DATE)
-        try:
-            column = np.array([_number(cell) for cell in cells], dtype=np.int64 if stamped else np.float64)
-        except (TypeError, ValueError, OverflowError):
-            bad = next(row for row, cell in enumerate(cells) if not _is_number(cell))
-            raise InputError(
-                f"{path}: sheet {printable(title, 40)}, row {layout.first + bad + 1}: "
-                f"{printable(layout.names[at], 40)} is {printable(cells[bad], 40)!r}, not a number"
-            ) from None
+        stamped = kind in _TIMES
         name, header = layout.names[at], layout.headers[at]
+        where = f"{path}: sheet {printable(title, 40)}, row %d: {printable(name, 40)}"
+        column = _Column(cells, kind, layout.first + 1, where)
         unit = STAMP if stamped else layout.units[at]
         own = "" if name == header else header
-        clock = stamped and all(isinstance(cell, time) for cell in cells if cell is not None)
-        channels.append(Channel(name, unit, time=stamped, number=at, own=own, dated=not clock))
-        columns.append(column.astype("datetime64[ns]") if stamped else column)
+        clock = stamped and (
+            kind is Kind.CLOCK or all(isinstance(cell, time) for cell in cells if cell is not None)
+        )
+        elapsed = any(isinstance(cell, timedelta) for cell in cells)
+        channels.append(
+            Channel(name, "s" if elapsed else unit, time=stamped, number=at, own=own, dated=not clock)
+        )
+        columns.append(column if any(isinstance(cell, str) for cell in cells) else column.read())
     _date_clocks(channels, columns)
     return (channels, columns, layout) if channels else None
 
@@ -113,9 +129,12 @@ def _date_clocks(channels: list[Channel], columns: list[Any]) -> None:
     dates = [
         at
         for at, one in enumerate(channels)
-        if one.time and one.dated and not np.any((columns[at] - np.datetime64(0, "ns")) % day)
+        if one.time
+        and one.dated
+        and isinstance(columns[at], np.ndarray)
+        and not np.any((columns[at] - np.datetime64(0, "ns")) % day)
     ]
-    if len(clocks) == len(dates) == 1:
+    if len(clocks) == len(dates) == 1 and isinstance(columns[clocks[0]], np.ndarray):
         (clock,), (date_at,) = clocks, dates
         columns[clock] = columns[clock] + (columns[date_at] - np.datetime64(0, "ns"))
         channels[clock] = replace(channels[clock], dated=True)
@@ -130,10 +149,62 @@ def _kind(cell: Any) -> Kind:
         return Kind.TEXT
     if isinstance(cell, (int, float)):
         return Kind.NUMBER
+    if isinstance(cell, timedelta):
+        return Kind.NUMBER
     if isinstance(cell, (datetime, date, time)):
         return Kind.MOMENT
     kinds = [kind_of(str(cell).strip(), mark) for mark in ".,"]
-    return Kind.EMPTY if kinds[0] is Kind.EMPTY else Kind.NUMBER if Kind.NUMBER in kinds else Kind.TEXT
+    return Kind.NUMBER if Kind.NUMBER in kinds else kinds[0]
+
+
+@dataclass(slots=True)
+class _Column:
+    """Column of a sheet, made numbers only when it is read: a word in another one refuses nothing.
+
+    ``row``: number of its first row; ``where``: text with a place for a row's number. ``table``: whose order
+    of dates holds.
+    """
+
+    cells: list[Any]
+    kind: Kind
+    row: int
+    where: str
+    table: ArrayTable | None = None
+
+    def __array__(self, *_: object, **__: object) -> Any:
+        return self.read()
+
+    def read(self) -> Any:
+        """Return the cells as numbers or, of times, as ns since 1970 or midnight.
+
+        Raises:
+            InputError: a cell is neither, with its place.
+        """
+        stamped = self.kind in _TIMES
+        if stamped and all(isinstance(cell, str) for cell in self.cells):
+            return self._of_text().astype("datetime64[ns]")
+        try:
+            column = np.array(
+                [_number(cell) for cell in self.cells], dtype=np.int64 if stamped else np.float64
+            )
+        except (TypeError, ValueError, OverflowError):
+            bad = next(row for row, cell in enumerate(self.cells) if not _is_number(cell))
+            shown = printable(self.cells[bad], 40)
+            raise InputError(f"{self.where % (self.row + bad)} is {shown!r}, not a number") from None
+        return column.astype("datetime64[ns]") if stamped else column
+
+    def _of_text(self) -> Any:
+        import pyarrow as pa  # noqa: PLC0415 - 26 MB that most workbooks do not need
+
+        text = pa.chunked_array([pa.array(self.cells, pa.string())])
+        try:
+            if self.kind is Kind.CLOCK:
+                return clocks(text)
+            given = self.table.dates if self.table is not None else ""
+            days = {cell.strip()[:10] for cell in self.cells}
+            return moments(text, date_order(self.where.partition(": ")[0], days, given)[0])
+        except pa.ArrowInvalid as error:
+            raise InputError(f"{self.where % self.row} is no time: {printable(error, 100)}") from error
 
 
 def _is_number(cell: Any) -> bool:
@@ -150,6 +221,8 @@ def _number(cell: Any) -> float | int:
         return float("nan")
     if isinstance(cell, datetime):
         return round(cell.replace(tzinfo=timezone.utc).timestamp() * 1e6) * 1000
+    if isinstance(cell, timedelta):
+        return cell.total_seconds()
     if isinstance(cell, time):
         return ((cell.hour * 60 + cell.minute) * 60 + cell.second) * 1_000_000_000 + cell.microsecond * 1000
     if isinstance(cell, str):
