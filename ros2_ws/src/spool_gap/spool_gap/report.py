@@ -106,12 +106,12 @@ def nothing_missing(base: str, after: float, floor: float, of_what: str) -> str:
         floor: error that noise alone leaves.
         of_what: that is compared: "the spool's acceleration" or "the force".
     """
-    return f"Nothing is missing: '{base}' leaves {percent(after)} of {of_what}, {_noise(after, floor)}."
+    return f"Nothing is missing: '{base}' leaves {percent(after)} of {of_what}{_noise(after, floor, ', ')}."
 
 
-def _noise(after: float, floor: float) -> str:
-    """Return what noise leaves; where a law amplifies it, the bound for it may exceed the error."""
-    return f"noise alone {'up to ' if floor > after else ''}{percent(floor)}"
+def _noise(after: float, floor: float, before: str, behind: str = "") -> str:
+    """Return what noise leaves; nothing where only a bound is known, which exceeds the error."""
+    return f"{before}noise alone {percent(floor)}{behind}" if floor <= after else ""
 
 
 def named(
@@ -128,7 +128,7 @@ def named(
         parts.append(f"{name.replace('_', ' ')} ({told}): {entry.on_the_machine}; check {entry.to_check}")
     return (
         f"The model lacks {'; and '.join(parts)}. With it the error falls from {percent(before)} to "
-        f"{percent(after)} of {of_what} ({_noise(after, floor)})."
+        f"{percent(after)} of {of_what}{_noise(after, floor, ' (', ')')}."
     )
 
 
@@ -156,7 +156,7 @@ def unnamed(
         near += f". The remainder follows {follows}"
     return (
         f"Something is missing that has no name here: '{base}' leaves {percent(before)} of {of_what}, "
-        f"the best of the catalogue {percent(after)}, noise would leave {percent(floor)}{near}."
+        f"the best of the catalogue {percent(after)}{_noise(after, floor, ', ')}{near}."
     )
 
 
@@ -196,7 +196,7 @@ def result_to_dict(result: GapResult) -> dict[str, Any]:
         "gap": {
             "before": _agreement(result.before, result.kind),
             "after": _agreement(result.after, result.kind),
-            "noise_floor": json_number(result.noise_floor),
+            "noise_floor": json_number(result.known_floor),
         },
         "predictable_share": {name: json_number(share) for name, share in result.predictable.items()},
         "profiles": {one.name: _profile(one) for one in result.profiles},

@@ -192,14 +192,15 @@ class RankedHypothesis:
     """One row of the ranking.
 
     Attributes:
-        id: effect of the catalogue.
+        id: effect of the catalogue; ``none`` for the structure without effects, where that was taken.
         jointly_with: the other effects of its structure.
         nrmse_after: held out, with it, everything else refitted.
         evidence: twice the log likelihood ratio over the base, less the BIC penalty; of force records on
             held-out data, over the set that it was added to.
         parameters: values by name.
         accepted: its structure was taken; what of it matters is in the verdict.
-        reason: why not; empty for one with less evidence, or whose numbers make no sense on a machine.
+        reason: why not; empty in force records for one with less evidence than one that was accepted.
+        measuring_chain: parts of the measuring chain in its structure.
     """
 
     id: str
@@ -209,6 +210,7 @@ class RankedHypothesis:
     parameters: Mapping[str, float]
     accepted: bool = False
     reason: str = ""
+    measuring_chain: tuple[str, ...] = ()
 
 
 #: Records of a result that JSON takes field by field.
@@ -314,6 +316,21 @@ class GapResult:
     profiles: tuple[ProfileLikelihood, ...] = ()
     correlation: Array = field(default_factory=lambda: np.empty((0, 0)))
     correlated: tuple[str, ...] = ()
+
+    @property
+    def known_floor(self) -> float:
+        """The noise floor, NaN where only a bound is known, which exceeds the error itself."""
+        return self.noise_floor if self.noise_floor <= self.after.nrmse else math.nan
+
+    def verdict_of(self, row: RankedHypothesis) -> str:
+        """Return whether a row of the ranking was accepted, or why not; empty where that is not known."""
+        if row.accepted or row.reason:
+            return "accepted" if row.accepted else row.reason
+        better = any(
+            one.accepted and one.jointly_with == row.jointly_with and one.evidence > row.evidence
+            for one in self.ranking
+        )
+        return "another one is better" if better else ""
 
 
 def verdict_of(

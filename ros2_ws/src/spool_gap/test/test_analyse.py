@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import pickle
+from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
 
@@ -11,7 +12,7 @@ from spool_core.errors import InputError
 from spool_estimator.identification.record import Record
 from spool_gap.evidence.analyse import analyse
 from spool_gap.likelihood.structure import structure_of
-from spool_gap.report import result_to_dict
+from spool_gap.report import nothing_missing, result_to_dict
 from spool_gap.result import GapResult
 from spool_sim.excitation import Multisine, SweptSine
 from spool_sim.model import MODELS, model_from_mapping
@@ -52,12 +53,38 @@ def with_cubic(lengths: Lengths = SHORT) -> GapResult:
     return analyse([hidden], VALVE, MODELS["fluid"])
 
 
+@lru_cache
+def of_healthy() -> GapResult:
+    return analyse([healthy()], VALVE, MODELS["fluid"])
+
+
 def test_nothing_is_named_where_nothing_is_missing() -> None:
-    result = analyse([healthy()], VALVE, MODELS["fluid"])
+    result = of_healthy()
     assert result.verdict == "none"
     assert result.effects == ()
     assert result.nuisances == ()
     assert result.after.nrmse < 1.3 * result.noise_floor
+
+
+@pytest.mark.parametrize("case", [of_healthy, with_cubic])
+def test_the_structure_that_won_leads_the_ranking_and_others_have_a_reason(
+    case: Callable[[], GapResult],
+) -> None:
+    result = case()
+    first, *others = result_to_dict(result)["ranking"]
+    assert (first["id"], first["accepted"]) == (result.verdict, True)
+    assert first["evidence"] >= 0.0
+    assert first["nrmse_after"] == pytest.approx(result.after.nrmse)
+    assert not any(row["accepted"] for row in others)
+    assert all(row["reason"] for row in others)
+
+
+def test_noise_of_which_only_a_bound_is_known_is_left_out() -> None:
+    result = replace(of_healthy(), noise_floor=0.09)
+    assert result_to_dict(result)["gap"]["noise_floor"] is None
+    assert nothing_missing("fluid", 0.004, 0.09, "the force") == (
+        "Nothing is missing: 'fluid' leaves 0.40 % of the force."
+    )
 
 
 @pytest.mark.slow

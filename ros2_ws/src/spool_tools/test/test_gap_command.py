@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -199,3 +200,21 @@ def test_an_unevenly_sampled_force_record_is_resampled_and_said(
     assert "unevenly sampled" in result["warnings"][0]
     assert "resampled" in capsys.readouterr().err
     assert result["verdict"].startswith("coulomb_friction")
+
+
+def test_page_json_and_terminal_show_what_was_taken_where_nothing_is_missing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag, page = tmp_path / "bag", tmp_path / "gap.html"
+    assert main(["simulate", "--model", "fluid", "--seconds", "12", "--out", str(bag)]) == 0
+    capsys.readouterr()
+    found = gap(tmp_path, bag, "--report", page)
+    assert found["verdict"] == "none"
+    assert [row["id"] for row in found["ranking"] if row["accepted"]] == ["none"]
+    text, printed = page.read_text(), capsys.readouterr().out
+    assert re.search(r"<td>none</td>(\s*<td[^>]*>[^<]*</td>){3}\s*<td>accepted</td>", text)
+    assert "of windows that no fit has seen" in text
+    for shown in (text, printed):
+        assert "another one is better" not in shown
+        assert "noise alone up to" not in shown
+    assert re.search(r"^none +the base .* accepted$", printed, re.MULTILINE)

@@ -244,7 +244,7 @@ def _assembled(
     where, picture = held.located(before)
     where_after, picture_after = held.located(after)
     numbers = decision.numbers
-    ranking = tuple(_ranked(search, decision, held))
+    ranking = tuple(_ranked(search, decision, held, after))
     return GapResult(
         record=", ".join(dict.fromkeys(record.name for record in records)),
         kind="accelerations",
@@ -316,26 +316,46 @@ def _named(
     return found
 
 
-def _ranked(search: Search, decision: Decision, held: HeldOut) -> list[RankedHypothesis]:
-    """Return the structures with effects that were fitted, those with one effect first, best first."""
-    named = [fit for effects, fit in search.of_each_set.items() if effects]
-    rows = []
-    chosen = sorted(named, key=lambda fit: (len(fit.structure.effects), -fit.evidence))[:RANKED]
-    for fit in chosen:
-        *others, newest = fit.structure.effects
-        accepted = fit.structure.key == decision.fit.structure.key
-        rows.append(
-            RankedHypothesis(
-                newest,
-                tuple(others),
-                held.judged(fit).agreement.nrmse,
-                2.0 * (fit.evidence - decision.base.evidence),
-                {name: fit.structure.values[name] for name in EFFECTS[newest].fitted},
-                accepted,
-                "" if accepted else decision.refused.get(newest, "") or senseless(fit),
-            )
-        )
-    return rows
+def _ranked(search: Search, decision: Decision, held: HeldOut, after: Judged) -> list[RankedHypothesis]:
+    """Return the structure that was taken, then those with effects, those with one first, best first."""
+    taken = decision.fit
+    others = [
+        fit
+        for effects, fit in search.of_each_set.items()
+        if effects and effects != frozenset(taken.structure.effects)
+    ]
+    others.sort(key=lambda fit: (len(fit.structure.effects), -fit.evidence))
+    return [
+        _row(taken, decision, after),
+        *(_row(fit, decision, held.judged(fit)) for fit in others[: RANKED - 1]),
+    ]
+
+
+def _row(fit: StructureFit, decision: Decision, judged: Judged) -> RankedHypothesis:
+    """Return the row of a structure, and why it was not taken."""
+    effects, accepted = fit.structure.effects, fit is decision.fit
+    newest = effects[-1] if effects else "none"
+    fitted = EFFECTS[newest].fitted if effects else ()
+    refused = next((decision.refused[one] for one in effects if one in decision.refused), "")
+    return RankedHypothesis(
+        newest,
+        effects[:-1],
+        judged.agreement.nrmse,
+        2.0 * (fit.evidence - decision.base.evidence),
+        {name: fit.structure.values[name] for name in fitted},
+        accepted,
+        "" if accepted else refused or senseless(fit) or _less(fit, decision.fit),
+        fit.structure.parts,
+    )
+
+
+def _less(fit: StructureFit, taken: StructureFit) -> str:
+    """Return what speaks for the structure that was taken against another one that is possible."""
+    lead = 2.0 * (taken.evidence - fit.evidence)
+    name = " + ".join(taken.structure.effects) or "no effect"
+    if lead > 0.0:
+        return f"evidence {lead:.0f} less than that of {name}"
+    return f"evidence {-lead:.0f} more than that of {name}, which does not decide for more numbers"
 
 
 def _model(base: Model, fit: StructureFit) -> Model:

@@ -133,7 +133,7 @@ class HeldOut:
             parts.append(np.array([time, rows[2], rows[3], values["mass"] * error])[:, inside])
         time, z, v, force = np.concatenate(parts, axis=1)
         rms = float(np.sqrt(np.mean(np.concatenate([rows[0] for rows in judged.rows]) ** 2)))
-        floor = values["mass"] * judged.floor * rms
+        floor = values["mass"] * min(judged.floor, judged.agreement.nrmse) * rms  # noise leaves no more
         residual = Residual(time, z, v, force, floor, self._predictions.parts[0].period)
         return locate(residual), surface(residual)
 

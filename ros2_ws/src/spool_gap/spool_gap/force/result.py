@@ -93,6 +93,8 @@ def result_of(
     runner = max(
         (h for h in ranking if not h.accepted and not h.jointly_with), key=lambda h: h.evidence, default=None
     )
+    if not any(row.accepted for row in ranking):
+        ranking = [RankedHypothesis("none", (), after, 0.0, {}, accepted=True), *ranking]
     text = _sentence(base, verdict, effects, (*alike, *candidates), left, (before, after, floor))
     where = locate(_residual(balance, first, floor * size))
     return GapResult(
@@ -100,7 +102,7 @@ def result_of(
         kind=kind, base_model=base.name, verdict=verdict, confidence=min(confidence, MOST_SURE),
         confidence_note=NOT_CALIBRATED, sentence=_told(text, alike), effects=tuple(effects),
         runner_up=runner, candidates=candidates,
-        ranking=tuple(sorted(ranking, key=lambda h: (len(h.jointly_with), -h.evidence))),
+        ranking=tuple(sorted(ranking, key=lambda h: (h.id != "none", len(h.jointly_with), -h.evidence))),
         base=quantities_of(balance, first, ()), parameters=quantities_of(balance, final, chosen),
         where=where, where_after=locate(_residual(balance, final, floor * size)),
         surface=surface(_residual(balance, first, floor * size)),

@@ -259,8 +259,14 @@ def show(result: GapResult, console: Console) -> None:
         table.add_column(column, no_wrap=True)
     table.add_column("", overflow="fold")
     for row in result.ranking[:10]:
-        note = "accepted" if row.accepted else row.reason
+        note = result.verdict_of(row)
         after = f"{100.0 * row.nrmse_after:.2f} %"
-        table.add_row(row.id, " + ".join(row.jointly_with) or "the base", after, f"{row.evidence:.0f}", note)
+        table.add_row(
+            row.id,
+            " + ".join((*row.jointly_with, *row.measuring_chain)) or "the base",
+            after,
+            f"{row.evidence:.0f}",
+            note,
+        )
     if result.ranking:
         console.print(table)

@@ -11,7 +11,7 @@ from markupsafe import Markup
 from matplotlib.figure import Figure
 from spool_core.uncertainty import LEGEND, interval, number, with_interval
 from spool_gap.catalogue import EFFECTS
-from spool_gap.result import RISE_95, Curves, GapResult, ProfileLikelihood, Surface, Where
+from spool_gap.result import RISE_95, Curves, GapResult, ProfileLikelihood, RankedHypothesis, Surface, Where
 
 from spool_tools.report import page as html
 from spool_tools.report.evidence.exhibit import AFTER, BEFORE, FLOOR, MEASURED, WIDTH, Exhibit, LeftOut
@@ -25,7 +25,14 @@ SURFACE = (
     "Mean force that the model lacks over displacement and velocity. Where left and right differ, a spring "
     "is missing; where top and bottom differ, friction; grey: the record was not there."
 )
-RANKING = "Every hypothesis, fitted together with the base and validated on data that no fit has seen."
+RANKING = "Hypotheses, fitted together with the base; their errors are on data that no fit has seen."
+#: What the evidence of a ranking is, by kind of record.
+EVIDENCE_OF = {
+    "accelerations": "Evidence: twice the logarithm of the likelihood ratio over the base, of all windows, "
+    "less the BIC penalty of the hypothesis's numbers. Errors are those of windows that no fit has seen.",
+    "force": "Evidence: twice the logarithm of the likelihood ratio on held-out data over the set that a "
+    "hypothesis was added to, less the BIC penalty of its numbers.",
+}
 WAVEFORM = "The held-out stretch in which the base model was worst: measured, before, after."
 PROFILES = (
     "Profile likelihood: each number held at values around its estimate, all others fitted again. Where the "
@@ -64,7 +71,7 @@ def gap_page(
             "": f"held-out error, % of the rms of the {what}",
             "before": 100.0 * before.nrmse,
             "after": 100.0 * after.nrmse,
-            "noise alone": 100.0 * result.noise_floor,
+            "noise alone": 100.0 * result.known_floor if math.isfinite(result.known_floor) else "not known",
         }
     ]
     if math.isfinite(before.amplitude_ratio):
@@ -156,10 +163,10 @@ def _where_it_sits(result: GapResult) -> list[Markup]:
         rows = [
             {
                 "hypothesis": _said(row.id),
-                "jointly with": ", ".join(map(_said, row.jointly_with)) or "the base",
+                "jointly with": _beside(row),
                 "error, %": 100.0 * row.nrmse_after,
                 "evidence": f"{row.evidence:.0f}",
-                "verdict": "accepted" if row.accepted else row.reason or "another one is better",
+                "verdict": result.verdict_of(row),
             }
             for row in result.ranking[:SHOWN]
         ]
@@ -167,19 +174,22 @@ def _where_it_sits(result: GapResult) -> list[Markup]:
             html.heading("Hypotheses"),
             html.drawing(ranking_figure(result), RANKING, f"Held-out error with the first ones: {first}."),
             html.table(list(rows[0]), rows),
-            html.paragraph(
-                "Evidence: twice the logarithm of the likelihood ratio on held-out data, less the BIC "
-                "penalty of the hypothesis's numbers."
-            ),
+            html.paragraph(EVIDENCE_OF["accelerations" if result.kind == "accelerations" else "force"]),
         ]
     return sections
 
 
+def _beside(row: RankedHypothesis) -> str:
+    """Return what else is in the structure of a hypothesis."""
+    return ", ".join(map(_said, (*row.jointly_with, *row.measuring_chain))) or "the base"
+
+
 def _before_and_after(result: GapResult, evidence: Sequence[Exhibit | LeftOut]) -> list[Markup]:
     """Return waveforms, spectra, evidence and numbers of both models."""
-    errors = (result.before.nrmse, result.after.nrmse, result.noise_floor)
+    errors = (result.before.nrmse, result.after.nrmse, result.known_floor)
     before, after, noise = (f"{100.0 * error:.2g} %" for error in errors)
-    seen = f"Held-out error {before} before, {after} after, noise alone {noise}."
+    alone = f", noise alone {noise}" if math.isfinite(result.known_floor) else ""
+    seen = f"Held-out error {before} before, {after} after{alone}."
     base, final = ({one.name: one for one in own} for own in (result.base, result.parameters))
     rows = [
         {
@@ -195,7 +205,9 @@ def _before_and_after(result: GapResult, evidence: Sequence[Exhibit | LeftOut]) 
     return [
         html.heading("Before and after"),
         html.drawing(waveform_figure(result.curves), WAVEFORM, seen),
-        html.drawing(spectrum_figure(result.curves), SPECTRUM, seen),
+        html.drawing(
+            spectrum_figure(result.curves, "noise alone" if alone else "noise at most"), SPECTRUM, seen
+        ),
         *([html.heading("Evidence"), html.paragraph(EVIDENCE)] if evidence else []),
         *html.evidence(evidence),
         html.heading("Numbers"),
@@ -311,7 +323,7 @@ def ranking_figure(result: GapResult) -> Figure:
     ]
     axis.set_yticks(range(len(rows)), labels, fontsize=8)
     axis.axvline(100.0 * result.before.nrmse, color=BEFORE, lw=1.4, label="base model")
-    axis.axvline(100.0 * result.noise_floor, color=FLOOR, lw=1.2, ls=(0, (4, 2)), label="noise alone")
+    axis.axvline(100.0 * result.known_floor, color=FLOOR, lw=1.2, ls=(0, (4, 2)), label="noise alone")
     axis.set_xlim(0.0, 115.0 * top)
     axis.set_xlabel("error on held-out data, % of the measured rms", fontsize=9)
     axis.legend(fontsize=8, loc="lower right")
@@ -343,7 +355,7 @@ def waveform_figure(curves: Curves) -> Figure:
     return figure
 
 
-def spectrum_figure(curves: Curves) -> Figure:
+def spectrum_figure(curves: Curves, noise: str = "noise alone") -> Figure:
     """Return the spectra of the measured signal, what is left before and after, and the noise floor."""
     figure: Figure
     figure, axis = plt.subplots(figsize=(WIDTH, 3.8), layout="constrained")
@@ -352,7 +364,7 @@ def spectrum_figure(curves: Curves) -> Figure:
         (curves.measured_density, MEASURED, "-", 2.6, "measured"),
         (curves.before_density, BEFORE, (0, (5, 2)), 1.3, "left before"),
         (curves.after_density, AFTER, "-", 1.3, "left after"),
-        (curves.floor_density, FLOOR, (0, (1.5, 1.2)), 1.2, "noise alone"),
+        (curves.floor_density, FLOOR, (0, (1.5, 1.2)), 1.2, noise),
     ):
         axis.plot(
             curves.frequency[inside], np.sqrt(np.maximum(row[inside], 1e-30)), color=colour, ls=dash,
