@@ -382,6 +382,8 @@ def _header(
         if others:
             above, names = others[0]
             pairs = [split_header(name) for name in names]
+            if all(unit for _, unit in pairs):  # a line of key and value, such as `unit of rate;kHz`
+                continue
             units = [unit or pair[1] for unit, pair in zip(_units(row), pairs, strict=True)]
             return names, units, frozenset({at, above})
         filled = [cell for cell in row if cell]
@@ -418,11 +420,12 @@ def _are_units(row: Sequence[str]) -> bool:
     cells = [_bare(cell) for cell in row]
     if cells and cells[0].casefold() in _UNIT_WORDS:
         cells[0] = ""
+    numbers = any(_is_number(cell) and cell not in NO_UNIT for cell in cells)
     cells = ["" if _is_number(cell) else cell for cell in cells]
     known = [cell for cell in cells if quantity_of(cell)]
     names = {word for words in WORDS.values() for word in words if not is_unit(word)}
     return (
-        bool(known)
+        len(known) > numbers
         and all(
             is_unit(cell) or cell.casefold() in NO_UNIT or (len(cell) <= 12 and cell.casefold() not in names)
             for cell in cells

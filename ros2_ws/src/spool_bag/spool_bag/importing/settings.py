@@ -57,7 +57,7 @@ _DELAYS = (
 )  # fmt: skip
 _COUNTS = (
     "samples", "n_samples", "nsamples", "num_samples", "number_of_samples", "sample_count", "samplecount",
-    "samples_count", "npts", "num_points", "number_of_points", "record_length", "wf_samples",
+    "samples_count", "npts", "num_points", "number_of_points", "record_length",
     "number_of_sampling_data", "anzahl_messwerte",
 )  # fmt: skip
 _DURATIONS = ("duration", "total_time", "record_duration", "recording_time", "dauer", "messdauer")
@@ -236,6 +236,10 @@ class Settings:
     def span(self, channel: str) -> float:
         """Return the duration (s) that is stated for a channel, NaN for none."""
         return self._amount(channel, _DURATIONS, "time")
+
+    def use(self, *paths: str) -> None:
+        """Mark settings as used, as formats do with those of which they take care themselves."""
+        self._used.update(paths)
 
     def unused(self, channels: Iterable[str]) -> list[str]:
         """Return the settings beside ``channels`` that nothing used, as ``path = value``."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -15,12 +16,12 @@ from spool_core.errors import InputError
 from spool_core.text import printable
 
 from spool_bag.importing.formats.format import Format
+from spool_bag.importing.settings import Settings, StatedRate
 from spool_bag.importing.table import STAMP, Channel, Group, GrowingColumns, Table, Values
 from spool_bag.importing.units import split_header
 
 #: Column that says which valve a row is of, in exports of several.
 VALVE = "valve"
-_UNITS = (b"unit", b"units")
 #: Rows of a batch: a page or two of a column at a time.
 _BATCH = 1 << 16
 _NUMERIC = (pa.types.is_floating, pa.types.is_integer, pa.types.is_decimal, pa.types.is_duration)
@@ -34,14 +35,35 @@ class ArrowTable(Table):
     def __init__(self, path: Path) -> None:
         self.path = path
         schema = self._schema()
+        known = self.settings = Settings(_stated(schema))
         channels = tuple(
-            Channel(field.name, STAMP if dated else _unit(field), time=dated, number=number)
+            Channel(
+                field.name,
+                STAMP if dated else _unit(field, known),
+                time=dated,
+                number=number,
+                scaling=known.scaling(field.name, whole=pa.types.is_integer(field.type)),
+            )
             for number, field in enumerate(schema)
             for dated in [pa.types.is_timestamp(field.type) or pa.types.is_time(field.type)]
             if dated or any(is_one(field.type) for is_one in _NUMERIC)
         )
         valves = self._valves() if VALVE in schema.names else [""]
-        self.groups = tuple(Group(valve, channels) for valve in valves)
+        rates = {rate.rate: rate for one in channels if (rate := known.rate(one.name)).source or rate.doubt}
+        rate = next(iter(rates.values())) if len(rates) == 1 else StatedRate()
+        names = [one.name for one in channels]
+        self.groups = tuple(
+            Group(
+                valve,
+                channels,
+                rate.rate,
+                source=rate.source,
+                doubt=rate.doubt,
+                count=known.count(names[0]) if names else math.nan,
+                span=known.span(names[0]) if names else math.nan,
+            )
+            for valve in valves
+        )
 
     def read(self, group: Group, names: Sequence[str], single: Sequence[str] = ()) -> dict[str, Values]:
         """Return the values of columns by name."""
@@ -109,11 +131,21 @@ def _numbers(column: Any) -> Any:
     return values if values.dtype.kind == "f" else values.astype(np.float64)
 
 
-def _unit(field: pa.Field) -> str:
+def _unit(field: pa.Field, known: Settings) -> str:
     if pa.types.is_duration(field.type):
         return "s"
-    stated = [value for key, value in (field.metadata or {}).items() if key.lower() in _UNITS]
-    return stated[0].decode("utf-8", "replace") if stated else split_header(printable(field.name, 200))[1]
+    return known.unit(field.name) or split_header(printable(field.name, 200))[1]
+
+
+def _stated(schema: pa.Schema) -> dict[str, str]:
+    """Return the metadata of a file and of its columns by path."""
+    held = {"": schema.metadata, **{f"{field.name}/": field.metadata for field in schema}}
+    return {
+        f"{at}{key.decode('utf-8', 'replace')}": value.decode("utf-8", "replace")
+        for at, metadata in held.items()
+        for key, value in (metadata or {}).items()
+        if not key.startswith((b"PARQUET:", b"ARROW:"))
+    }
 
 
 def _is_parquet(path: Path) -> bool:

@@ -15,11 +15,18 @@ from spool_core.text import printable
 
 from spool_bag.importing.csv_cells import pieces, shape_of
 from spool_bag.importing.formats.format import Format
+from spool_bag.importing.settings import Settings
 from spool_bag.importing.table import ArrayTable, Channel, Group, check_size, unique
 from spool_bag.importing.units import split_header
 
 _BEGIN = b"LabVIEW Measurement"
 _END = "***End_of_Header***"
+#: Keys of the headers that are used, or say how the file is written.
+_TAKEN = (
+    "LabVIEW Measurement", _END, "Writer_Version", "Reader_Version", "Separator", "Decimal_Separator",
+    "Multi_Headings", "X_Columns", "Time_Pref", "Date", "Time", "Channels", "Samples", "Y_Unit_Label",
+    "X_Dimension", "X0", "Delta_X",
+)  # fmt: skip
 
 
 @dataclass(slots=True)
@@ -69,7 +76,15 @@ def opened(path: Path) -> ArrayTable:
     if not signals:
         raise InputError(f"{path}: no channel with samples in it")
     comma = "comma" if decimal == "," else "point"
-    return _table(path, signals, [*notes, f"LabVIEW measurement file, decimal {comma}"], warnings)
+    found = _table(path, signals, [*notes, f"LabVIEW measurement file, decimal {comma}"], warnings)
+    stated = {
+        cells[0]: ", ".join(filter(None, cells[1:]))
+        for cells in (line.split(separator) for line in lines[:top])
+    }
+    for segment in segments:
+        stated |= {key: ", ".join(filter(None, cells)) for key, cells in segment.header.items()}
+    found.settings = Settings({key: text for key, text in stated.items() if key not in _TAKEN and text})
+    return found
 
 
 def _file_header(path: Path, lines: Sequence[str]) -> tuple[int, str, str]:
@@ -207,7 +222,15 @@ def _table(
             arrays[group, "X_Value"] = time
         rate = 1.0 / step if regular else math.nan
         groups.append(
-            Group(group, tuple(channels), rate, held[0][2].start, source="Delta_X" if regular else "")
+            Group(
+                group,
+                tuple(channels),
+                rate,
+                held[0][2].start,
+                stamped=regular,
+                source="Delta_X" if regular else "",
+                delay=float(time[0]) if regular else 0.0,
+            )
         )
     return ArrayTable(path, tuple(groups), arrays, tuple(notes), tuple(warnings))
 

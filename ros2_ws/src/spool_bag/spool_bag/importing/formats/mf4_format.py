@@ -12,6 +12,7 @@ import numpy as np
 from spool_core.errors import InputError
 
 from spool_bag.importing.formats.format import Format
+from spool_bag.importing.settings import Settings
 from spool_bag.importing.table import Channel, Group, Table, Values, as_numbers, check_size
 from spool_bag.importing.units import split_header
 
@@ -28,6 +29,7 @@ class Mf4Table(Table):
         self.path = path
         with _opened(path) as file:
             begun = round(file.header.start_time.timestamp() * 1e9)
+            stated = {"comment": str(getattr(file.header, "description", "") or "")}
             groups = []
             held_groups: Any = file.groups
             for at, group in enumerate(held_groups):
@@ -41,9 +43,11 @@ class Mf4Table(Table):
                     for number, one in enumerate(group.channels)
                     if number != master
                 ]
+                stated |= {f"{one.name}/comment": str(one.comment or "") for one in group.channels}
                 name = "" if len(file.groups) == 1 else str(at)
                 held = (Channel(_TIME, "s", time=True), *channels) if master is not None else tuple(channels)
                 groups.append(Group(name, held, start=begun, stamped=True))
+        self.settings = Settings({key: text for key, text in stated.items() if text.strip()})
         self.groups = tuple(group for group in groups if len(group.channels) > 1)
         self._index = {group.name: int(group.name or 0) for group in self.groups}
 

@@ -13,6 +13,7 @@ from spool_core.errors import InputError
 from spool_core.text import printable
 
 from spool_bag.importing.formats.format import Format
+from spool_bag.importing.settings import Settings
 from spool_bag.importing.table import STAMP, Channel, Group, Table, Values, as_numbers
 from spool_bag.importing.units import factor, quantity_of, split_header
 
@@ -33,15 +34,24 @@ class TdmsTable(Table):
         # The library has its own words about a file that is cut off.
         log_manager.set_level(logging.CRITICAL)
         with TdmsFile.read_metadata(path) as file:
+            stated = dict(file.properties)
+            for group in file.groups():
+                stated |= {f"{group.name}/{key}": value for key, value in group.properties.items()}
             every = [channel for group in file.groups() for channel in group.channels()]
             held = [channel for channel in every if len(channel)]
             if file.file_status.incomplete_final_segment:
                 self._cut(held, [channel for channel in every if not len(channel)])
+            for channel in every:
+                name = f"{channel.group_name}/{channel.name}"
+                stated |= {f"{name}/{key}": value for key, value in channel.properties.items()}
+        known = self.settings = Settings(stated)
         placed = False
         for channel in held:
             found = channel.properties
+            name = f"{channel.group_name}/{channel.name}"
+            known.use(*(f"{name}/{key}" for key in found if key in _UNITS or key.startswith(("wf_", "NI_"))))
             unit = next((str(found[key]) for key in _UNITS if found.get(key)), "")
-            unit = unit or split_header(channel.name)[1]
+            unit = unit or known.unit(name) or split_header(channel.name)[1]
             step = float(found.get("wf_increment", math.nan) or math.nan)
             axis = str(found.get("wf_xunit_string") or "").strip()
             if axis and step > 0.0:  # a waveform may be over degrees or hertz
@@ -49,24 +59,40 @@ class TdmsTable(Table):
             start = found.get("wf_start_time")
             begun = None if start is None else int(np.datetime64(start, "ns").astype(np.int64))
             delay = float(found.get("wf_start_offset", 0.0) or 0.0)
+            if not step > 0.0:
+                step = 1.0 / known.rate(name).rate
+            if start is None and delay == 0.0:
+                begun, delay = known.start(name)
             placed |= (begun or 0) > 0 or delay != 0.0
             dated = channel.dtype.kind == "M"
-            name = f"{channel.group_name}/{channel.name}"
             clock = (step if step > 0.0 else -1.0, begun, delay, self._shortest or len(channel))
-            clocks.setdefault(clock, []).append(Channel(name, STAMP if dated else unit, time=dated))
+            clocks.setdefault(clock, []).append(
+                Channel(
+                    name,
+                    STAMP if dated else unit,
+                    time=dated,
+                    scaling=known.scaling(name, whole=channel.dtype.kind in "iu"),
+                )
+            )
         groups = []
         for at, ((step, begun, delay, _), channels) in enumerate(clocks.items()):
-            name = "" if len(clocks) == 1 else f"clock {at + 1}"
-            rate, source = (1.0 / step, "wf_increment") if step > 0.0 else (math.nan, "")
+            title = "" if len(clocks) == 1 else f"clock {at + 1}"
+            names = [one.name for one in channels]
+            stated_rate = known.rate(names[0])
+            source = stated_rate.source or "wf_increment" if step > 0.0 else ""
+            rate = 1.0 / step if step > 0.0 else math.nan
             groups.append(
                 Group(
-                    name,
+                    title,
                     tuple(channels),
                     rate,
                     begun if begun and begun > 0 else None,
                     stamped=placed and step > 0.0 and len({one[1] is None for one in clocks}) == 1,
                     source=source,
                     delay=delay,
+                    doubt=stated_rate.doubt,
+                    count=known.count(names[0]),
+                    span=known.span(names[0]),
                 )
             )
         self.groups = tuple(groups)

@@ -12,11 +12,14 @@ from spool_core.errors import InputError
 from spool_core.text import printable
 
 from spool_bag.importing.formats.format import Format
+from spool_bag.importing.settings import Settings
 from spool_bag.importing.table import ArrayTable, Channel, Group, check_size
 from spool_bag.importing.units import factor, quantity_of, split_header
 
 #: Abscissa that is time, by the codes of dataset 58, record 8; and what an unevenly spaced one is called.
 _TIME, _ABSCISSA = 17, "abscissa"
+#: Texts of a dataset that nothing is made of.
+_TEXTS = ("id2", "id3", "id4", "id5")
 
 
 def opened(path: Path) -> ArrayTable:
@@ -34,6 +37,7 @@ def opened(path: Path) -> ArrayTable:
     clocks: dict[tuple[float, float, int, bytes], list[tuple[Channel, Any]]] = {}
     times: dict[tuple[float, float, int, bytes], Any] = {}
     other: list[str] = []
+    stated: dict[str, str] = {}
     for number, one in enumerate(sets):
         if np.iscomplexobj(one["data"]):
             continue
@@ -52,6 +56,7 @@ def opened(path: Path) -> ArrayTable:
         held = clocks.setdefault(clock, [])
         taken = {channel.name for channel, _ in held}
         unique = name if name not in taken else f"{name} {number}"
+        stated |= {f"{unique}/{key}": text for key in _TEXTS if (text := _text(one, key))}
         unit = _text(one, "ordinate_axis_units_lab") or split_header(name)[1]
         held.append((Channel(unique, unit), np.asarray(one["data"])))
     if not clocks:
@@ -73,7 +78,7 @@ def opened(path: Path) -> ArrayTable:
         # Abscissas of one file count from one moment.
         groups.append(Group(name, channels, rate, stamped=True, source=source, delay=begin))
         arrays |= {(name, channel.name): values for channel, values in held}
-    return ArrayTable(path, tuple(groups), arrays)
+    return ArrayTable(path, tuple(groups), arrays, settings=Settings(stated))
 
 
 def _text(one: Mapping[str, Any], key: str) -> str:

@@ -8,9 +8,14 @@ from typing import Any, BinaryIO, Literal
 
 import numpy as np
 from spool_core.errors import InputError
+from spool_core.text import printable
 
 from spool_bag.importing.formats.format import Format
+from spool_bag.importing.settings import Settings
 from spool_bag.importing.table import ArrayTable, Channel, Group, check_size
+
+#: Other chunks that are named, and B of one that are shown.
+MOST_CHUNKS, LONGEST_CHUNK = 20, 200
 
 
 class _Scaled:
@@ -41,7 +46,34 @@ def opened(path: Path) -> ArrayTable:
     names = [str(at) for at in range(columns.shape[1])]
     channels = tuple(Channel(name, "FS") for name in names)
     arrays = {("", name): _Scaled(columns[:, at]) for at, name in enumerate(names)}
-    return ArrayTable(path, (Group("", channels, float(rate)),), arrays, warnings=warning)
+    return ArrayTable(
+        path,
+        (Group("", channels, float(rate)),),
+        arrays,
+        warnings=warning,
+        settings=Settings(_other_chunks(path)),
+    )
+
+
+def _other_chunks(path: Path) -> dict[str, str]:
+    """Return what stands beside the samples, such as a logger's scale in a list of texts, by chunk."""
+    found: dict[str, str] = {}
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        order: Literal["big", "little"] = "big" if file.read(4) == b"RIFX" else "little"
+        at = 12
+        while at + 8 <= size and len(found) < MOST_CHUNKS:
+            file.seek(at)
+            name, length = file.read(4), int.from_bytes(file.read(4), order)
+            if name not in (b"fmt ", b"data", b"ds64", b"fact", b"JUNK", b"PAD "):
+                text = "".join(
+                    chr(one) if 32 <= one < 127 else " " for one in file.read(min(length, LONGEST_CHUNK))
+                )
+                found[f"chunk {printable(name.decode('ascii', 'replace').strip(), 4)}"] = " ".join(
+                    text.split()
+                )
+            at += 8 + length + length % 2
+    return found
 
 
 def _whole(path: Path) -> tuple[BinaryIO | None, tuple[str, ...]]:
