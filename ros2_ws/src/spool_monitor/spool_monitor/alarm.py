@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import enum
-import math
 from dataclasses import dataclass, replace
 
 from spool_core.errors import InputError
 
 from spool_monitor.detectors import event_kind
 from spool_monitor.event import Event, EventState, Namur, Severity, condition_name
+
+#: s, the longest time on a shelf, a week: ISA-18.2 (11.7.3) asks for a limit, so that no alarm is forgotten.
+LONGEST_SHELF = 604800.0
 
 
 class AlarmState(enum.IntEnum):
@@ -246,11 +248,14 @@ def shelve(alarm: Alarm, operator: Operator, seconds: float) -> Transition:
     """Put it aside for ``seconds``, or until the condition is over (0); shelving again sets a new end.
 
     Raises:
-        AlarmRefusedError: negative or endless time, or 0 where the condition is not active.
+        AlarmRefusedError: negative or too long a time, or 0 where the condition is not active.
 
     """
-    if not 0.0 <= seconds < math.inf:
-        raise AlarmRefusedError(f"{alarm.name}: {seconds} s is no time to shelve for: use 0 or more")
+    if not 0.0 <= seconds <= LONGEST_SHELF:
+        raise AlarmRefusedError(
+            f"{alarm.name}: {seconds:g} s is no time to shelve for: use 0 to {LONGEST_SHELF:g} s (7 days), or "
+            "suppress the alarm"
+        )
     if seconds == 0.0 and not alarm.active:
         raise AlarmRefusedError(
             f"{alarm.name}: it is not active, so a shelf until it is over has no end: give seconds"

@@ -256,3 +256,9 @@ def test_the_status_after_ne_107_follows_the_condition() -> None:
     letters = [event_kind(kind).namur.letter for kind in ("sensor_fault", "resonance", "spring_change")]
     assert letters == ["F", "S", "M"]
     assert Namur.FAILURE > Namur.FUNCTION_CHECK > Namur.OUT_OF_SPECIFICATION > Namur.MAINTENANCE_REQUIRED
+
+
+@pytest.mark.parametrize("seconds", [-1.0, 604801.0, 1e12, 1e300, float("inf"), float("nan")])
+def test_an_alarm_is_shelved_for_a_week_at_most(seconds: float) -> None:
+    with pytest.raises(AlarmRefusedError, match=r"use 0 to 604800 s \(7 days\), or suppress the alarm"):
+        shelve(alarm(AlarmState.UNACKNOWLEDGED, latching=False, cover=frozenset()), OPERATOR, seconds)

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
-from spool_tools.command import Command, CommentOption, LanguageOption, RunningValve, WhoOption
+from spool_tools.command import Command, CommentOption, LanguageOption, RunningValve, WhoOption, in_range
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -51,7 +51,12 @@ def acknowledge(
 def shelve(
     valve: RunningValve,
     alarm: Name = "",
-    minutes: Annotated[float, typer.Option(help="How long; 0: until the condition is over.")] = 30.0,
+    minutes: Annotated[
+        float,
+        typer.Option(
+            help="How long, a week at most; 0: until the condition is over.", callback=in_range(0.0, 10080.0)
+        ),
+    ] = 30.0,
     back: Back = False,
     who: WhoOption = "",
     comment: CommentOption = "",
