@@ -253,8 +253,8 @@ def shelve(alarm: Alarm, operator: Operator, seconds: float) -> Transition:
     """
     if not 0.0 <= seconds <= LONGEST_SHELF:
         raise AlarmRefusedError(
-            f"{alarm.name}: {seconds:g} s is no time to shelve for: use 0 to {LONGEST_SHELF:g} s (7 days), or "
-            "suppress the alarm"
+            f"{alarm.name}: {seconds:g} s is no time to shelve for: use 0 to {LONGEST_SHELF:g} s (7 days), "
+            "or suppress the alarm"
         )
     if seconds == 0.0 and not alarm.active:
         raise AlarmRefusedError(

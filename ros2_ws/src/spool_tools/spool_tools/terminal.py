@@ -8,9 +8,22 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    Progress,
+    ProgressColumn,
+    Task,
+    TaskProgressColumn,
+    TextColumn,
+    TimeElapsedColumn,
+)
 from rich.text import Text
+from spool_core.kernels.kernel_files import KernelCache
 from spool_core.text import printable
+
+#: Share of the work from which the time left is shown.
+LEAST_DONE = 0.1
+COMPILING = "compiling the numerical kernels, which a first start does"
 
 _silent: ContextVar[bool] = ContextVar("silent", default=False)
 
@@ -44,15 +57,50 @@ def silently() -> Iterator[None]:
 
 
 @contextmanager
-def progress(what: str, total: float | None = None) -> Iterator[Callable[[float], None]]:
-    """Show a bar with the time left on a terminal; yields a function that takes what has been done since.
+def progress(
+    what: str, total: float | None = None, *, steady: bool = True
+) -> Iterator[Callable[[float], None]]:
+    """Show a bar on a terminal; yields a function that takes what has been done since.
 
-    Silent where standard error is no terminal: what reads it expects errors and warnings only.
+    Silent where standard error is no terminal: what reads it expects errors and warnings only. While kernels
+    compile, which a first start does, the bar says so.
+
+    Args:
+        what: work that is done.
+        total: all of it, in the unit of what is done; unknown without.
+        steady: whether equal parts take equal times, so that the time left can be known.
     """
     if _silent.get() or not sys.stderr.isatty():
         yield lambda _done: None
         return
-    columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
+    left = [TimeLeft()] if total is not None and steady else [TimeElapsedColumn()]
+    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), *left)
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(what, total=total)
-        yield lambda done: bar.advance(task, done)
+        compiling = 0
+
+        def watch(change: int) -> None:
+            nonlocal compiling
+            compiling += change
+            bar.update(task, description=f"{what}: {COMPILING}" if compiling > 0 else what)
+            if not compiling:  # the time that it took is none of the work's
+                bar.update(task, begun=bar.tasks[0].completed, since=bar.tasks[0].elapsed)
+
+        before, KernelCache.watch = KernelCache.watch, watch
+        try:
+            yield lambda done: bar.advance(task, done)
+        finally:
+            KernelCache.watch = before
+
+
+class TimeLeft(ProgressColumn):
+    """Time left, from the rate so far; empty while too little is done to know it."""
+
+    def render(self, task: Task) -> Text:
+        """Return the time, e.g. ``about 40 s left``."""
+        done = task.completed - task.fields.get("begun", 0.0)
+        if not task.total or task.elapsed is None or done < LEAST_DONE * task.total:
+            return Text("")
+        seconds = task.elapsed - task.fields.get("since", 0.0)
+        left = seconds * (task.total - task.completed) / done
+        return Text(f"about {left:.0f} s left" if left < 120.0 else f"about {left / 60.0:.0f} min left")

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import io
+import re
 import threading
 
 import pytest
+from spool_core.kernels.kernel_files import KernelCache
 from spool_tools.terminal import progress
 
 
@@ -23,6 +25,58 @@ def test_long_work_shows_what_it_does_on_a_terminal(monkeypatch: pytest.MonkeyPa
     with progress("replaying valve_1", 8.0) as advance:
         advance(2.0)
     assert "replaying valve_1" in terminal.getvalue()
+
+
+def shown(monkeypatch: pytest.MonkeyPatch, *, steady: bool = True, compiled: bool = False) -> str:
+    """What a bar of 8 parts shows, 6 of which are done."""
+    terminal = Terminal()
+    monkeypatch.setattr("sys.stderr", terminal)
+    monkeypatch.setenv("TERM", "xterm")
+    with progress("fitting", 8.0, steady=steady) as advance:
+        if compiled:
+            kernel = KernelCache("no.such.kernel", lambda: "0" * 64)
+            monkeypatch.setattr(kernel, "_file", Nothing)
+            assert kernel.load_overload((), Target()) is None
+        else:
+            advance(6.0)
+    return terminal.getvalue()
+
+
+class Nothing:
+    """File in which no kernel is kept."""
+
+    def load(self, _key: object) -> None:
+        return None
+
+
+class Target:
+    """Target of a compilation, as numba's."""
+
+    def refresh(self) -> None:
+        pass
+
+    def codegen(self) -> Target:
+        return self
+
+    def magic_tuple(self) -> tuple[str]:
+        return ("processor",)
+
+
+def test_the_time_left_is_shown_for_work_of_equal_parts(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert re.search(r"75%.* about \d+ s left", shown(monkeypatch))
+
+
+def test_a_time_left_that_cannot_be_known_is_not_shown(monkeypatch: pytest.MonkeyPatch) -> None:
+    text = shown(monkeypatch, steady=False)
+    assert "75%" in text
+    assert "left" not in text
+
+
+def test_compilation_is_called_that_and_counts_as_no_work(monkeypatch: pytest.MonkeyPatch) -> None:
+    text = shown(monkeypatch, compiled=True)
+    assert "fitting: compiling the numerical kernels, which a first start does" in text
+    assert "left" not in text
+    assert KernelCache.watch is None
 
 
 def test_work_off_a_terminal_is_silent_however_long_it_takes(

@@ -24,7 +24,7 @@ import time
 from collections.abc import Callable, Mapping
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from spool_core.system import (
     FILE_MODE,
@@ -100,6 +100,9 @@ class KernelCache:
     takes from another module, would find the old kernel.
     """
 
+    #: Called with 1 where a kernel begins to compile and with -1 where it is ready, if a program shows that.
+    watch: ClassVar[Callable[[int], None] | None] = None
+
     def __init__(self, name: str, digest: Callable[[], str]) -> None:
         """Take the full name of the kernel, and what returns the hash."""
         self._name = re.sub(r"[<>]", "", name)
@@ -125,11 +128,15 @@ class KernelCache:
         target.refresh()
         kept = self._file().load(_key(signature, target.codegen()))
         if kept is None:
+            if KernelCache.watch is not None:
+                KernelCache.watch(1)
             return None
         return importlib.import_module("numba.core.compiler").CompileResult._rebuild(target, *kept)
 
     def save_overload(self, signature: Any, result: Any) -> None:
         """Keep ``result`` of compiling for ``signature``, unless it holds an address of this process."""
+        if KernelCache.watch is not None:
+            KernelCache.watch(-1)
         if not result.library.has_dynamic_globals and all(one.can_cache for one in result.lifted):
             self._file().save(_key(signature, result.codegen), result._reduce())
 

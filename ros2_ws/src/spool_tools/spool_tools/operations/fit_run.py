@@ -231,7 +231,7 @@ def load_series(
 def fit_all(data: Sequence[FitData], models: Sequence[Model], settings: FitSettings) -> list[FittedSeries]:
     """Return every model fitted to every series."""
     series = []
-    with progress("fitting", len(data) * len(models)) as advance:
+    with progress("fitting", len(data) * len(models), steady=False) as advance:
         for one in data:
             validated = []
             for model in models:

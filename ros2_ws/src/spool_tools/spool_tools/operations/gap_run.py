@@ -83,7 +83,7 @@ def run_gap(
     )
     model = load_model(base)
     described: Valve | None
-    with progress("looking for the gap", 1.0) as advance:
+    with progress("looking for the gap", 1.0, steady=False) as advance:
         tell = Shares(advance).tell
         if kind == "accelerations":
             measured: Measured

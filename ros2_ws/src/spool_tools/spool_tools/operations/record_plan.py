@@ -314,7 +314,7 @@ def plan_record(
     plan = Plan(described, find_excitation(excitation), seconds, sample_rate, noise, seed)
     quiet = plan.record(load_model("fluid"), {}, noisy=False)
     answer, found = Answer(), list[Named]()
-    with progress(f"planning {name}", 1.0) as advance:
+    with progress(f"planning {name}", 1.0, steady=False) as advance:
         if float(np.sqrt(np.mean((quiet.spool - quiet.body) ** 2))) <= noise:
             answer = Answer(reason="this excitation moves the spool by less than the sensors' noise")
         elif ask is not None:
