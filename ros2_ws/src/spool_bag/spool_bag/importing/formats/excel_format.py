@@ -49,6 +49,7 @@ def opened(path: Path) -> ArrayTable:
     if not found:
         raise InputError(f"{path}: no sheet with rows of numbers in it")
     single = len(found) == 1
+    known = Settings(found[0][3].settings if single else None)
     groups: list[Group] = []
     arrays: dict[tuple[str, str], Any] = {}
     for title, channels, columns, layout in found:
@@ -60,12 +61,12 @@ def opened(path: Path) -> ArrayTable:
                 layout.rate,
                 source=printable(layout.rate_from, 80),
                 doubt=printable(layout.rate_doubt, 200),
+                count=known.count(""),
+                span=known.span(""),
             )
         )
         arrays |= {(name, channel.name): column for channel, column in zip(channels, columns, strict=True)}
-    whole = ArrayTable(
-        path, tuple(groups), arrays, settings=Settings(found[0][3].settings if single else None)
-    )
+    whole = ArrayTable(path, tuple(groups), arrays, settings=known)
     for column in arrays.values():
         if isinstance(column, _Column):
             column.table = whole
