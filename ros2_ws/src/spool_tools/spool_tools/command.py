@@ -132,6 +132,16 @@ ExcitationName = Annotated[
 ColumnsOption = Annotated[
     str | None, typer.Option("--columns", help="Names in a file, e.g. time_s=t,body_m_s2=ch1,spool_m_s2=ch2")
 ]
+ExcludeOption = Annotated[
+    list[str] | None, typer.Option("--exclude", help="Columns to leave out, by name or number: NAME,#3")
+]
+UnitOption = Annotated[
+    list[str] | None, typer.Option("--unit", help="Units that the file does not name: body=g,force=N,time=ms")
+]
+RateOption = Annotated[
+    float | None,
+    typer.Option("--rate", help="Sample rate in Hz, for files without a time or with a poor one."),
+]
 BagArgument = Annotated[Path, typer.Argument(help="rosbag2 directory or .mcap file.", metavar="BAG")]
 RecordArgument = Annotated[
     Path, typer.Argument(help="rosbag2 directory, .mcap, or a logger's file.", metavar="RECORD")

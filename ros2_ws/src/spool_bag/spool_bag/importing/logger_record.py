@@ -235,7 +235,8 @@ def _base_of(
     """Return the time base of a group's samples."""
     label = str(table.path)
     if not regular:
-        return time_base.loose_time_base(label, clock.label, clock.time, table.where)
+        base = time_base.loose_time_base(label, clock.label, clock.time, table.where)
+        return time_base.checked_rate(label, clock.label, base, rate)
     try:
         return time_base.time_base(label, clock.label, clock.time, rows, table.where, rate)
     except InputError as error:

@@ -105,6 +105,15 @@ def time_base(
     base.kept = kept
     base.warnings = warnings + base.warnings
     base.repairs = repairs | base.repairs
+    return checked_rate(label, name, base, rate)
+
+
+def checked_rate(label: str, name: str, base: TimeBase, rate: float | None) -> TimeBase:
+    """Return ``base`` once a given rate (Hz) does not contradict it.
+
+    Raises:
+        InputError: it does.
+    """
     if rate is not None and abs(base.period * rate - 1.0) > SAME:
         raise InputError(
             f"{label}: --rate {rate:g}: {name} shows {1.0 / base.period:g} Hz: leave --rate out, or "

@@ -67,6 +67,9 @@ def gap(
     ] = False,
     name: cli.NameOption = None,
     columns: cli.ColumnsOption = None,
+    unit: cli.UnitOption = None,
+    rate: cli.RateOption = None,
+    exclude: cli.ExcludeOption = None,
     start: cli.StartOption = 0.0,
     stop: cli.StopOption = None,
     since: cli.SinceOption = None,
@@ -80,6 +83,8 @@ def gap(
     Example: ./spool gap bags/practice_03 --valve 4weh10_soft --report gap.html --save-model found.yaml
 
     Example: ./spool gap rig.csv --kind imposed --holdout other.csv
+
+    Example: ./spool gap rig.csv --kind imposed --unit time=ms,displacement=mm,force=N
     """
     cli.refuse_missing(*records)
     from spool_tools.operations.record_loading import selection  # noqa: PLC0415
@@ -89,7 +94,9 @@ def gap(
     from spool_tools.operations.gap_run import run_gap  # noqa: PLC0415 - slow to load, as below
 
     code = run_gap(
-        records, valve, base, kind, selection(name, columns, start, stop, (since, until, around)),
+        records, valve, base, kind, selection(
+            name, columns, start, stop, (since, until, around), unit=unit, rate=rate, exclude=exclude
+        ),
         ResultFiles(json, report, save_model), holdout=holdout or (),
         gain_tolerance=gain_tolerance, delay_tolerance=delay_tolerance, mass=mass,
         least_share=least_share, thorough=thorough, profiles=profiles,

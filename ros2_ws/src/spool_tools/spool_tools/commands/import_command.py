@@ -9,7 +9,7 @@ import typer
 from spool_core.errors import InputError
 from spool_core.text import plural
 
-from spool_tools.command import Command, Force, JsonFile, ReportFile
+from spool_tools.command import Command, ExcludeOption, Force, JsonFile, RateOption, ReportFile, UnitOption
 from spool_tools.outputs import making_room
 from spool_tools.terminal import warn
 
@@ -27,19 +27,13 @@ def import_(
         list[str] | None,
         typer.Option(help="Columns by name or by number from 0, e.g. time=t,body=ch1,spool=#5"),
     ] = None,
-    exclude: Annotated[
-        list[str] | None, typer.Option(help="Columns to leave out, by name or number: NAME,#3")
-    ] = None,
-    unit: Annotated[
-        list[str] | None, typer.Option(help="Units that the file does not name: body=g,spool=g")
-    ] = None,
+    exclude: ExcludeOption = None,
+    unit: UnitOption = None,
     scale: Annotated[
         list[str] | None,
         typer.Option(help="Sensitivities: body=100mV/g,spool=50g/FS; raw counts: body=1.25e-6g/count"),
     ] = None,
-    rate: Annotated[
-        float | None, typer.Option(help="Sample rate in Hz, for files without a time or with a poor one.")
-    ] = None,
+    rate: RateOption = None,
     dates: Annotated[
         str, typer.Option(help="Order of dates like 05/04/2026 or 26/05/04: dmy, mdy or ymd.")
     ] = "",

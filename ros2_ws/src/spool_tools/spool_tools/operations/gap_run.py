@@ -198,7 +198,7 @@ def _force_records(
     for path in paths:
         if not is_table(path):
             raise InputError(f"{path}: a record of kind {kind} is a file with displacement_m and force_N")
-        table = record_of_table(path, kind, selection.columns, regular=False)
+        table = record_of_table(path, kind, selection.columns, how=selection.how, regular=False)
         inside = (table.time - table.time[0] >= selection.start) & (
             table.time - table.time[0] < selection.stop
         )

@@ -12,7 +12,7 @@ import numpy as np
 from spool_bag import BODY, OIL_TEMPERATURE, SPOOL
 from spool_bag.blocks import Span
 from spool_bag.importing.bag_import import import_notes, start_of
-from spool_bag.importing.choices import columns_of
+from spool_bag.importing.choices import Choices, choices, columns_of
 from spool_bag.importing.logger_record import LoggerRecord
 from spool_bag.metadata import rate_std
 from spool_bag.reader import BagReader
@@ -92,6 +92,7 @@ class Selection:
         longest: samples of a bag that are held at most, parts of a longer one; ``None``: all.
         described: look for the valve's description in a bag.
         when: since, until and around what, of a bag, as of the options.
+        how: units, rate and columns to leave out of a file, ``None`` where the file decides.
     """
 
     name: str | None = None
@@ -101,6 +102,7 @@ class Selection:
     longest: int | None = None
     described: bool = True
     when: tuple[str | None, str | None, str | None] = (None, None, None)
+    how: Choices | None = None
 
     def __post_init__(self) -> None:
         """Raises InputError where no time is left between ``start`` and ``stop``."""
@@ -117,10 +119,15 @@ def selection(
     start: float,
     stop: float | None,
     when: tuple[str | None, str | None, str | None] = (None, None, None),
+    *,
+    unit: Sequence[str] | None = None,
+    rate: float | None = None,
+    exclude: Sequence[str] | None = None,
 ) -> Selection:
-    """Return what ``--name``, ``--columns``, ``--start``, ``--stop`` and ``--since`` etc. ask for."""
+    """Return what ``--name``, ``--columns``, ``--start``, ``--since``, ``--unit`` and the like ask for."""
     end = math.inf if stop is None else stop
-    return Selection(name, columns_of(columns), start, end, when=when)
+    how = choices(unit=unit, rate=rate, exclude=exclude) if unit or rate is not None or exclude else None
+    return Selection(name, columns_of(columns), start, end, when=when, how=how)
 
 
 def open_source(path: Path, columns: str | None = None, span: Span | None = None) -> Source:
@@ -145,9 +152,13 @@ def load_recording(path: Path, selection: Selection | None = None) -> Recording:
     chosen = selection or Selection()
     described = None
     if is_table(path):
-        table = record_of_table(path, columns=chosen.columns)
+        table = record_of_table(path, columns=chosen.columns, how=chosen.how)
         stretches, notes = stretches_of_table(table, str(path)), table.notes
     else:
+        if chosen.how is not None:
+            raise InputError(
+                f"{path}: a bag states its units and rate: leave --unit, --rate and --exclude out"
+            )
         notes = import_notes(path)
         reader = BagReader(path, span=span_of(path, *chosen.when))
         name = _valve_in(reader, chosen.name)

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from spool_bag.blocks import ALWAYS, Span
 from spool_bag.importing.bag_import import BLOCK_DURATION, start_of, stream_of
+from spool_bag.importing.choices import Choices
 from spool_bag.importing.logger_record import LoggerRecord, read_record
 from spool_bag.information import BagInformation, summarise
 from spool_bag.metadata import is_bag_file, typestore
@@ -48,17 +49,22 @@ def is_table(path: Path) -> bool:
 
 
 def record_of_table(
-    path: Path, kind: str = "accelerations", columns: Mapping[str, str] | None = None, *, regular: bool = True
+    path: Path,
+    kind: str = "accelerations",
+    columns: Mapping[str, str] | None = None,
+    *,
+    how: Choices | None = None,
+    regular: bool = True,
 ) -> LoggerRecord:
-    """Return the record in a file; what only `import` can be told is refused with that.
+    """Return the record in a file; of accelerations, what only `import` takes is refused with that.
 
     Raises:
         InputError: as :func:`spool_bag.importing.logger_record.read_record`.
     """
     try:
-        return read_record(path, kind, columns, regular=regular)
+        return read_record(path, kind, columns, how=how, regular=regular)
     except InputError as error:
-        if re.search(r"--(unit|scale|rate|topic|empty-as-gap)\b", str(error)):
+        if kind == "accelerations" and re.search(r"--(unit|scale|rate|topic|empty-as-gap)\b", str(error)):
             raise InputError(
                 f"{error}; these are options of ./spool import {path} --out record_bag, which makes a bag "
                 f"of it"
