@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import math
 import re
+from calendar import monthrange
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import date, datetime, timezone
@@ -43,7 +44,9 @@ class Naming:
 class Added:
     """What an addition found: numbers of bags, and a line about each that is not as it should be.
 
-    ``redated`` ones are filed under another date than their stamps say.
+    ``redated`` ones are filed under another date than their stamps say, ``left_out`` ones are not filed:
+    their paths do not fit the pattern, and nothing else states their machine. ``nameless`` ones are filed
+    without a machine.
     """
 
     new: int = 0
@@ -51,6 +54,8 @@ class Added:
     damaged: int = 0
     duplicates: int = 0
     redated: int = 0
+    left_out: int = 0
+    nameless: int = 0
     told: list[str] = field(default_factory=list)
 
 
@@ -189,11 +194,15 @@ def scan(path: Path) -> Scan:
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """Identity of one valve's record; empty where nothing is known, ``day`` ``None`` as well."""
+    """Identity of one valve's record; empty where nothing is known, ``day`` ``None`` as well.
+
+    ``days``: length of the period that begins on ``day``, of a month some 30.
+    """
 
     machine: str = ""
     valve: str = ""
     day: date | None = None
+    days: int = 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -218,7 +227,9 @@ class PathPattern:
                         why = "it stands there twice" if name in named else f"known are {', '.join(FIELDS)}"
                         raise InputError(f"--pattern {self.text}: {{{name}}}: {why}")
                     named.append(name)
-                    expression += f"(?P<{name}>.+)"
+                    # Beside other text a date begins with its year, so that it is not cut within.
+                    held = r"\d{4}.*" if name == "date" and part != piece else ".+"
+                    expression += f"(?P<{name}>{held})"
                 else:
                     expression += re.escape(piece)
             expressions.append(re.compile(expression))
@@ -230,19 +241,31 @@ class PathPattern:
 
     def match(self, path: Path) -> Identity | None:
         """Return what the end of ``path`` says, ``None`` where it does not fit the pattern."""
+        found = self._matched(path)
+        return found if isinstance(found, Identity) else None
+
+    def misfit(self, path: Path) -> str:
+        """Return why ``path`` does not fit the pattern, "" where it does."""
+        found = self._matched(path)
+        return "" if isinstance(found, Identity) else found
+
+    def _matched(self, path: Path) -> Identity | str:
         parts = path.absolute().with_suffix("" if path.suffix == ".mcap" else path.suffix).parts
+        wanted = self.text.strip("/").split("/")
         if len(parts) <= len(self._expressions):
-            return None
+            return f"the path has fewer than {plural(len(wanted), 'part')}"
         found: dict[str, str] = {}
-        for part, expression in zip(parts[-len(self._expressions) :], self._expressions, strict=True):
+        own = zip(parts[-len(self._expressions) :], self._expressions, wanted, strict=True)
+        for part, expression, text in own:
             matched = expression.fullmatch(part)
             if matched is None:
-                return None
+                return f"{printable(part, 60)!r} is not like {text}"
             found |= matched.groupdict()
-        day = _day(found["date"]) if "date" in found else None
+        day, days = _period(found["date"]) if "date" in found else (None, 1)
         if "date" in found and day is None:
-            return None
-        return Identity(found.get("machine", ""), found.get("valve", ""), day)
+            shown = printable(found["date"], 60)
+            return f"{shown!r} is no date: it begins neither with YYYY-MM-DD nor with YYYY-MM"
+        return Identity(found.get("machine", ""), found.get("valve", ""), day, days)
 
 
 def read_table(path: Path) -> dict[Path, Identity]:
@@ -263,9 +286,14 @@ def read_table(path: Path) -> dict[Path, Identity]:
             for number, row in enumerate(reader, start=2):
                 if not row["bag"]:
                     raise InputError(f"{path}: line {number}: no bag in it")
-                day = _day(row.get("date") or "")
+                text = row.get("date") or ""
+                day, days = _period(text)
+                if text and day is None:
+                    raise InputError(
+                        f"{path}: line {number}: {printable(text, 40)!r} is no date: write it like 2026-01-31"
+                    )
                 bag = (path.parent / row["bag"]).absolute()
-                found[bag] = Identity(row["machine"] or "", row["valve"] or "", day)
+                found[bag] = Identity(row["machine"] or "", row["valve"] or "", day, days)
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"{path}: cannot be read as a table: {error}") from error
     return found
@@ -278,6 +306,7 @@ def joined(preferred: Identity | None, other: Identity) -> Identity:
         (first.machine or other.machine or UNKNOWN)[:LONGEST],
         (first.valve or other.valve)[:LONGEST],
         first.day or other.day,
+        first.days if first.day else other.days,
     )
 
 
@@ -290,10 +319,12 @@ def start_of(identity: Identity, stamp: int) -> tuple[int, str]:
         return stamp, ""
     filed = datetime(identity.day.year, identity.day.month, identity.day.day, tzinfo=timezone.utc)
     midnight = round(filed.timestamp()) * 1_000_000_000
-    if abs((stamp - midnight) / 86_400e9 - 0.5) <= SAME_DAY:
+    half = 0.5 * identity.days
+    if abs((stamp - midnight) / 86_400e9 - half) <= SAME_DAY + half - 0.5:
         return stamp, ""
     said = datetime.fromtimestamp(stamp / 1e9, timezone.utc).strftime("%Y-%m-%d")
-    return midnight, f"its stamps say {said}, its path {identity.day}: the path's date is taken"
+    shown = f"{identity.day}" if identity.days == 1 else f"{identity.day:%Y-%m}"
+    return midnight, f"its stamps say {said}, its path {shown}: the path's date is taken"
 
 
 def of_table(table: Mapping[Path, Identity], path: Path) -> Identity | None:
@@ -317,13 +348,20 @@ def _named(bag: Path, naming: Naming, machine: str) -> Identity:
 def _take(manifest: Manifest, scan: Scan, naming: Naming, added: Added) -> None:
     path, stamp = str(scan.path), stamp_of(scan.path)
     named = _named(scan.path, naming, scan.machine)
+    misfit = naming.pattern.misfit(scan.path) if naming.pattern is not None else ""
+    if misfit and of_table(naming.table, scan.path) is None:
+        pattern = naming.pattern.text if naming.pattern is not None else ""
+        # Valves of machines that cannot be distinguished would become one.
+        left = "" if scan.machine else ": left out, since nothing else states its machine"
+        added.told.append(f"{path}: does not fit --pattern {pattern}: {misfit}{left}")
+        if left:
+            manifest.put(path, [])
+            added.left_out += 1
+            return
     status, reason = scan.status, printable(scan.reason, 300)
     first = manifest.first_with(scan.content, path) if scan.content and status == OK else None
     if first is not None:
         status, reason = DUPLICATE, f"the same content as {first}"
-    outside = naming.pattern is not None and naming.pattern.match(scan.path) is None
-    if outside and of_table(naming.table, scan.path) is None:
-        added.told.append(f"{path}: does not fit --pattern {naming.pattern.text if naming.pattern else ''}")
     entries = []
     valves = scan.valves or (ScannedValve("", 0, 0.0, math.nan, 0),)
     for valve in valves:
@@ -340,6 +378,7 @@ def _take(manifest: Manifest, scan: Scan, naming: Naming, added: Added) -> None:
         )  # fmt: skip
     manifest.put(path, entries)
     added.new += 1
+    added.nameless += named.machine == UNKNOWN
     if status == DAMAGED:
         added.damaged += 1
     added.duplicates += status == DUPLICATE
@@ -377,12 +416,18 @@ def _valve(path: Path, one: ValveSummary) -> ScannedValve:
     return ScannedValve(one.name, one.first_stamp or 0, one.duration, rate, one.lost_blocks, warm)
 
 
-def _day(text: str) -> date | None:
-    """Return the date that begins ``text`` as YYYY-MM-DD or YYYYMMDD (anything may follow), else ``None``."""
-    digits = re.match(r"(\d{4})-?(\d{2})-?(\d{2})", text)
-    if digits is None:
-        return None
+def _period(text: str) -> tuple[date | None, int]:
+    """Return the date that begins ``text``, anything may follow, and the days of its period.
+
+    Dates are YYYY-MM-DD or YYYYMMDD, months YYYY-MM; ``-`` may be ``_`` or ``.``. ``None`` for all else.
+    """
+    match = re.match(r"(\d{4})([-_.]?)(\d{2})\2(\d{2})|(\d{4})[-_.](\d{2})(?![-_.]?\d)", text)
+    if match is None:
+        return None, 1
     try:
-        return date(*(int(one) for one in digits.groups()))
+        if match[1]:
+            return date(int(match[1]), int(match[3]), int(match[4])), 1
+        year, month = int(match[5]), int(match[6])
+        return date(year, month, 1), monthrange(year, month)[1]
     except ValueError:
-        return None
+        return None, 1

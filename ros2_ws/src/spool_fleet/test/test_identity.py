@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from datetime import date
+from datetime import date, datetime, timezone
 from pathlib import Path
 
 import pytest
@@ -26,6 +26,8 @@ def test_a_pattern_gives_back_what_a_path_was_made_of(machine: str, valve: str, 
     [
         ("{machine}_{date}", "/d/press_2_20260301", Identity("press_2", "", date(2026, 3, 1))),
         ("{machine}/*/{valve}", "/d/m/anything/v.mcap", Identity("m", "v", None)),
+        ("{machine}/{date}/{valve}", "/d/m/2026-02/v", Identity("m", "v", date(2026, 2, 1), 28)),
+        ("{machine}_{date}", "/d/press_2_2026_03", Identity("press_2", "", date(2026, 3, 1), 31)),
         ("{machine}/{date}", "/d/m/yesterday", None),
         ("{machine}/{date}", "/d/m/2026-13-01", None),
         ("{machine}/{date}/{valve}", "/m/v", None),
@@ -33,6 +35,33 @@ def test_a_pattern_gives_back_what_a_path_was_made_of(machine: str, valve: str, 
 )
 def test_paths_that_do_not_fit_say_nothing(pattern: str, path: str, found: Identity | None) -> None:
     assert PathPattern(pattern).match(Path(path)) == found
+
+
+@pytest.mark.parametrize(
+    ("pattern", "path", "why"),
+    [
+        (
+            "{machine}/{date}",
+            "/d/m/yesterday",
+            "'yesterday' is no date: it begins neither with YYYY-MM-DD nor",
+        ),
+        ("{machine}/{date}", "/d/m/2026-13", "'2026-13' is no date"),
+        ("press_{machine}/{valve}", "/d/saw_1/v", "'saw_1' is not like press_{machine}"),
+        ("{machine}/{date}/{valve}", "/m/v", "the path has fewer than 3 parts"),
+        ("{machine}/{date}/{valve}", "/d/m/2026-02/v", ""),
+    ],
+)
+def test_a_path_that_does_not_fit_is_explained(pattern: str, path: str, why: str) -> None:
+    assert PathPattern(pattern).misfit(Path(path)).startswith(why)
+
+
+@pytest.mark.parametrize(("day", "taken"), [(1, True), (31, True), (40, False)])
+def test_stamps_in_the_month_of_a_path_count(day: int, taken: bool) -> None:
+    march = Identity("m", "v", date(2026, 3, 1), 31)
+    first = round(datetime(2026, 3, 1, tzinfo=timezone.utc).timestamp()) * 1_000_000_000
+    start, said = start_of(march, first + (day - 1) * DAY + DAY // 2)
+    assert (start == first) != taken
+    assert bool(said) != taken
 
 
 @pytest.mark.parametrize("pattern", ["{machin}", "{valve}/{valve}", "plain", ""])

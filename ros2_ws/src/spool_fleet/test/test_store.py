@@ -135,6 +135,21 @@ def test_damaged_and_repeated_bags_are_told_and_left_out(recordings: Path, tmp_p
     assert all(row["reason"] for row in rows)
 
 
+def test_machines_that_cannot_be_distinguished_are_not_merged(recordings: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "bags"
+    for machine in ("press_1", "press_2"):
+        shutil.copytree(recordings / machine / "2026-03-02", folder / machine / "2026-03")
+        shutil.copytree(recordings / machine / "2026-04-06", folder / machine / "april")
+    added = add_to_store(tmp_path / "store", [folder], PATTERN, None, "", 1)
+    assert (added.new, added.left_out) == (4, 4)
+    assert all("'april' is no date" in line and "left out" in line for line in added.told)
+    run_over_store(tmp_path / "store", "features", 1, None)
+    rows = answer(tmp_path / "store", "SELECT machine, valve FROM bags ORDER BY ALL", None, "", "", "")
+    assert [(row["machine"], row["valve"]) for row in rows] == [
+        (machine, valve) for machine in ("press_1", "press_2") for valve in ("valve_1", "valve_2")
+    ]
+
+
 @pytest.mark.slow
 def test_nothing_is_done_twice_and_a_changed_bag_is_done_again(recordings: Path, tmp_path: Path) -> None:
     folder, store = tmp_path / "bags", tmp_path / "store"

@@ -55,6 +55,9 @@ def add_bags(
 
     What is damaged or there twice is reported and left out of the analyses.
 
+    Dates are YYYY-MM-DD, YYYYMMDD or a month, YYYY-MM. Bags whose path does not fit are reported with the
+    reason, and left out where nothing else states their machine.
+
     Example: ./spool fleet add recordings --store fleet --pattern {machine}/{date}/{valve}
     """
     from spool_fleet.operations import add_to_store  # noqa: PLC0415 - slow to load, as below
@@ -63,9 +66,15 @@ def add_bags(
     _tell(added.told, "bags", "SELECT bag, reason FROM bags WHERE status <> 'ok'")
     if added.redated:
         warn(f"{added.redated} bags are filed under another date than their stamps say: the path's is taken")
+    if added.nameless > 1:
+        warn(
+            f"{added.nameless} bags state no machine: their valves of one name are taken for one valve; name "
+            "the machines with --pattern or --table"
+        )
     print(
         f"{store}: {added.new} bags added or changed, {added.unchanged} known already; "
         f"{added.damaged} damaged, {added.duplicates} duplicates"
+        + (f", {added.left_out} left out" if added.left_out else "")
     )
 
 
