@@ -187,9 +187,12 @@ def test_slips_of_units_and_masses_look_wrong(
     assert said in json.loads(out.read_text(encoding="utf-8"))["wrong"][0]
 
 
-def test_a_record_shows_another_spring_than_the_file(tmp_path: Path) -> None:
+def test_a_record_shows_another_spring_than_the_file(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     record, out = str(ROOT / "bags" / "practice_03"), tmp_path / "check.json"
     assert main(["valve", "check", "4weh10_soft", "--record", record]) == 0
+    assert "the record shows 15.16 Hz: agrees with the file (15.15 Hz)" in capsys.readouterr().out
     one_spring = changed(tmp_path, "1632.0", "816.0")
     assert main(["valve", "check", one_spring, "--record", record, "--json", str(out)]) == 1
     found = json.loads(out.read_text(encoding="utf-8"))

@@ -122,12 +122,13 @@ def check(
     shown = verdict.shown
     if shown is not None:
         frequency = shown["natural_frequency_Hz"]
-        said = (
-            f"{frequency['value']:.4g} Hz"
-            if frequency
-            else "too little excited to tell its natural frequency"
-        )
-        print(f"the record {record}: {said}")
+        if frequency is None:
+            print(f"{record}: the spool moves too little to show its natural frequency")
+        elif verdict.valve is not None:
+            filed = f"{verdict.valve.natural_frequency:.4g} Hz"
+            differs = any("the record shows" in one for one in verdict.wrong)
+            agreed = "the file differs" if differs else "agrees with the file"
+            print(f"the record shows {frequency['value']:.4g} Hz: {agreed} ({filed})")
     for said in verdict.wrong:
         print(f"looks wrong: {said}")
     if json is not None:
