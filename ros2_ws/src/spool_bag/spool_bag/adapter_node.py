@@ -50,6 +50,9 @@ _COLUMN = re.compile(r"[+-]?column\d{1,4}")
 #: Parts of a second in ``builtin_interfaces/Time``: more is no time.
 NANOSECONDS = 1_000_000_000
 
+#: s for which a publisher that was killed still counts as one: the lease of Fast DDS, its default.
+LEASE = 20.0
+
 Samples = list[tuple[int, float]]
 
 #: Relative departure of the stamps from ``sample_rate`` that is a fault: the one at which
@@ -195,6 +198,9 @@ class AdapterNode(ManagedNode):
             self._setting("sample_rate", changes),
         )
 
+    def _frame(self, channel: Channel) -> str:
+        return str(self.value(f"{channel.value}_frame"))
+
     def _new_aligner(self) -> Aligner:
         names = ("block_rate", "sample_rate", "settle", "longest_wait", "spool_delay")
         return Aligner(
@@ -231,6 +237,10 @@ class AdapterNode(ManagedNode):
         now = time.monotonic()
         self._report.silent = {one: now - self._heard.get(one, self._begin) for one in Channel}
         self._report.listeners = self._publisher.listeners
+        self._report.count_publishers(
+            {one: self.count_publishers(self._report.topics[one]) for one in Channel if not self._frame(one)},
+            LOOK,
+        )
         self._report.advance(self._aligner, LOOK)
         if self._report.unpaired >= SETTLED_LOOKS:
             self._publisher.publish(self._aligner.notice(), self.value("valve_id"))
@@ -336,7 +346,8 @@ class Reading:
 class SensorReport:
     """``silent`` s since a sensor's last message; ``unusable`` messages, the last reason.
 
-    ``unpaired``: looks in a row at which one clock was set against the other.
+    ``unpaired``: looks in a row at which one clock was set against the other. ``publishers`` on a sensor's
+    topic, and for how many s there have been ``several``.
     """
 
     topics: dict[Channel, str]
@@ -347,7 +358,16 @@ class SensorReport:
     listeners: int = 0
     recent: RecentCounts = field(default_factory=RecentCounts)
     unpaired: int = 0
+    publishers: dict[Channel, int] = field(default_factory=dict)
+    several: dict[Channel, float] = field(default_factory=lambda: dict.fromkeys(Channel, 0.0))
     _counted: tuple[int, int] = (0, 0)
+
+    def count_publishers(self, found: Mapping[Channel, int], seconds: float) -> None:
+        """Take the number of publishers on the topics of sensors that no frame selects, ``seconds`` later."""
+        self.publishers = dict(found)
+        for channel in Channel:
+            many = found.get(channel, 0) > 1
+            self.several[channel] = self.several[channel] + seconds if many else 0.0
 
     def advance(self, aligner: Aligner, seconds: float) -> None:
         """Count what was lost and refused in the ``seconds`` since it was asked last."""
@@ -367,7 +387,8 @@ class SensorReport:
 
     def _judgement(self, aligner: Aligner) -> tuple[Level, str]:
         faults = [self._silence(aligner, channel) for channel in Channel]
-        for found in (*faults, self._mismatch(aligner)):
+        mismatch = self._mismatch(aligner)
+        for found in (*faults, self._mixture(mismatch is not None), mismatch):
             if found is not None:
                 return found
         if not aligner.settled or aligner.fault is not None:
@@ -395,6 +416,17 @@ class SensorReport:
                 return Level.ERROR, f"{channel.value}: {self.reason[channel]}"
             return Level.WARNING, f"{channel.value}: nothing came on {self.topics[channel]} so far"
         return Level.STALE, f"{channel.value}: nothing on {self.topics[channel]} for {silent:.1f} s"
+
+    def _mixture(self, mismatch: bool) -> tuple[Level, str] | None:
+        """Return which topic has several publishers: for good, or beside a ``mismatch`` of stamps."""
+        for channel, seconds in self.several.items():
+            if seconds > LEASE or (mismatch and seconds > 0.0):
+                return (
+                    Level.ERROR,
+                    f"{channel.value}: {self.publishers[channel]} publishers on {self.topics[channel]}, "
+                    f"whose samples mix: stop all but one, or set {channel.value}_frame",
+                )
+        return None
 
     def _mismatch(self, aligner: Aligner) -> tuple[Level, str] | None:
         """Return what keeps the two from being one stream, or ``None``."""
@@ -434,6 +466,7 @@ class SensorReport:
                 f"{name}_clock_steps": stream.steps,
                 **{f"{name}_refused_{one.name.lower()}": stream.refused[one] for one in Refusal},
                 f"{name}_unusable": self.unusable[channel],
+                f"{name}_publishers": self.publishers.get(channel, 0),
                 key(f"{name}_silent", "s"): self.silent[channel],
                 key(f"{name}_age", "s"): 1e-9 * (now - stream.newest) if stream.newest else math.nan,
             }

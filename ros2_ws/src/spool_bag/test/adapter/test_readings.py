@@ -8,7 +8,9 @@ import pytest
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import AccelStamped
 from sensor_msgs.msg import Imu
-from spool_bag.adapter_node import ACCEL, ARRAY, IMU, Reading, UnusableError
+from spool_bag.adapter_node import ACCEL, ARRAY, IMU, LEASE, Reading, SensorReport, UnusableError
+from spool_core.aligner import Aligner, AlignerSettings, Channel
+from spool_core.node.diagnostics import Level
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayout
 
 STAMP = 3_000_000_004
@@ -107,3 +109,26 @@ def test_an_axis_that_a_type_does_not_have_is_refused_with_those_it_has(kind: st
     refusal = Reading(kind, axis).refusal()
     assert refusal is not None
     assert refusal.startswith(f"{axis!r} is no axis of {kind}: write ")
+
+
+@pytest.mark.parametrize(
+    ("burst", "seconds", "named"),
+    [(True, 0.25, True), (False, 0.25, False), (False, LEASE + 1.0, True)],
+    ids=["bursts", "restarted driver", "for good"],
+)
+def test_two_publishers_on_one_topic_are_named_as_the_cause(burst: bool, seconds: float, named: bool) -> None:
+    aligner = Aligner(AlignerSettings())
+    report = SensorReport({Channel.BODY: "/body/imu", Channel.SPOOL: "/spool/imu"}, 1.0)
+    for at in range(2000):
+        stamp = 1_000_000_000_000 + at * 5_000_000
+        aligner.update(Channel.BODY, stamp, math.sin(at))
+        if burst:
+            aligner.update(Channel.BODY, stamp + 700_000, math.sin(at))
+        aligner.update(Channel.SPOOL, stamp, math.cos(at))
+    report.silent = dict.fromkeys(Channel, 0.0)
+    report.count_publishers({Channel.BODY: 2, Channel.SPOOL: 1}, seconds)
+    status = report.status(aligner, 1_010_000_000_000)
+    assert ("body: 2 publishers on /body/imu" in status.message) == named
+    assert (status.level is Level.ERROR) == named
+    report.count_publishers({Channel.BODY: 1, Channel.SPOOL: 1}, seconds)
+    assert "publishers on" not in report.status(aligner, 1_010_000_000_000).message
