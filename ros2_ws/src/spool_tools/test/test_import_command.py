@@ -45,19 +45,20 @@ def test_g_millivolts_and_si_give_the_same_fit(
     made = {
         "si": (1.0, "body=m/s^2,spool=m/s^2", None),
         "g": (1.0 / GRAVITY, "body=g,spool=g", None),
-        "mv": (100.0 / GRAVITY, None, "body=100mV/g,spool=100mV/g"),
+        "mv": (100.0 / GRAVITY, "body=mV,spool=mV", "body=100mV/g,spool=100mV/g"),
+        "v": (0.1 / GRAVITY, "body=V,spool=V", "body=100mV/g,spool=100mV/g"),
     }
     results = {}
     for name, (size, unit, scale) in made.items():
         path = table(tmp_path, f"{name}.csv", "time [s],body,spool", practice, size)
         assert main(["import", str(path), "--out", str(tmp_path / "refused")]) == 2
         said = capsys.readouterr().err
-        assert "type --unit body=g,spool=g, or --unit body=m/s^2,spool=m/s^2, or --scale body=100mV/g" in said
+        assert "type --unit body=g,spool=g, or --unit body=m/s^2,spool=m/s^2, or --unit body=V" in said
         assert not (tmp_path / "refused").exists()
         how = (["--unit", unit] if unit else []) + (["--scale", scale] if scale else [])
         assert main(["import", str(path), "--out", str(tmp_path / name), *how]) == 0
         results[name] = fitted(tmp_path / name, capsys)
-    for name in ("g", "mv"):
+    for name in ("g", "mv", "v"):
         for parameter, value in results["si"].items():
             assert results[name][parameter] == pytest.approx(value, rel=1e-6), (name, parameter)
 
