@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import subprocess
 import sys
 import uuid
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
 import pytest
 from hypothesis import settings
+
+with contextlib.suppress(ImportError):  # not beneath every package
+    from spool_core.node.testing import away_from_other_ros_programs, claim_domain, domain_id  # noqa: F401
 
 # A run says the same as the next one; ``--hypothesis-profile=random`` searches for new examples.
 settings.register_profile("repeatable", deadline=None, derandomize=True)
@@ -185,32 +187,3 @@ def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
         return 0
     # One more than the processors: tests of live nodes wait most of their time.
     return len(os.sched_getaffinity(0)) + 1
-
-
-@pytest.fixture(autouse=True, scope="session")
-def _away_from_other_ros_programs() -> Iterator[None]:
-    """Give this worker a free domain: what a test starts without a domain of its own lands there."""
-    try:
-        from spool_core.node.network import claimed_domain  # noqa: PLC0415 - not beneath every package
-    except ImportError:
-        yield
-        return
-    with claimed_domain() as number, pytest.MonkeyPatch.context() as patch:
-        patch.setenv("ROS_DOMAIN_ID", str(number))
-        patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-        yield
-
-
-@pytest.fixture
-def domain_id(claim_domain: Callable[[], AbstractContextManager[int]]) -> Iterator[int]:
-    """A ROS domain of the test's own, which no other program on this machine uses."""
-    with claim_domain() as number:
-        yield number
-
-
-@pytest.fixture(scope="session")
-def claim_domain() -> Callable[[], AbstractContextManager[int]]:
-    """Return what claims a ROS domain, for fixtures that several tests share."""
-    from spool_core.node.network import claimed_domain  # noqa: PLC0415 - not beneath every package
-
-    return claimed_domain

@@ -1,6 +1,8 @@
 """Every package's package.xml: well formed, licensed, and naming what the package imports."""
 
 import ast
+import shutil
+import subprocess
 import sys
 from graphlib import TopologicalSorter
 from pathlib import Path
@@ -179,3 +181,18 @@ def test_what_has_no_rosdep_key_is_documented():
     readme = (SOURCE / "spool_bringup" / "README.md").read_text()
     for name in FROM_PIP:
         assert name in readme
+
+
+@pytest.mark.parametrize("tests", ["spool_core/test/node", "spool_view/test/web", "spool_bringup/test"])
+def test_tests_of_a_copied_package_find_their_fixtures(tests: str, tmp_path: Path) -> None:
+    """As ``colcon test`` runs them in another workspace, without the conftest.py of the checkout."""
+    shutil.copytree(SOURCE / tests, tmp_path / tests, ignore=shutil.ignore_patterns("__pycache__"))
+    words = ["-m", "pytest", "--setup-plan", "-q", "-p", "no:cacheprovider", "--rootdir", str(tmp_path)]
+    done = subprocess.run(
+        [sys.executable, *words, str(tmp_path / tests)],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout[-2000:]

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 import spool_fleet
 from spool_core.errors import InputError
+from spool_fleet import execution
 from spool_fleet.analyses.base import REFERRED, analyses, chosen
 from spool_fleet.execution import Done, ProcessPool, Task, run_task
 from spool_fleet.manifest import Manifest
@@ -210,6 +211,20 @@ def test_tables_that_were_removed_are_made_again(recordings: Path, tmp_path: Pat
     (store / "tables/parameters/2026-03.parquet").unlink()
     assert run_over_store(store, "features", 1, None)[0].bags == 2
     assert tables_of(store) == before
+
+
+@pytest.mark.parametrize(("kind", "ours"), [(TypeError, True), (OSError, False)])
+def test_the_reason_of_a_failed_analysis_says_whose_fault_it_is(
+    kind: type[Exception], ours: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Faulty:
+        def run(self, _subject: object) -> None:
+            raise kind("no such thing")
+
+    monkeypatch.setattr(execution, "analyses", lambda: {"fit": Faulty()})
+    (outcome,) = run_task(Task(str(tmp_path), (("valve_1", ("fit",)),)))
+    assert outcome.status == execution.FAILED
+    assert ("a fault of the suite" in outcome.reason) == ours
 
 
 def test_an_analysis_that_fails_says_why_and_stops_nothing(recordings: Path, tmp_path: Path) -> None:

@@ -13,7 +13,6 @@ from typing import Any
 import pytest
 from spool_bag.importing.formats import format as reading
 from spool_bag.mcap_record import Definitions
-from spool_fleet import execution
 from spool_tools.cli import FAULT, main
 from spool_tools.operations import record_quality
 from spool_tools.report.evidence.exhibit import LeftOut, made
@@ -26,13 +25,6 @@ def faulty(kind: type[Exception]) -> Any:
         raise kind("no such thing")
 
     return work
-
-
-class Faulty:
-    """Analysis that fails."""
-
-    def __init__(self, kind: type[Exception]) -> None:
-        self.run = faulty(kind)
 
 
 @pytest.mark.parametrize("kind", FAULTS)
@@ -90,16 +82,6 @@ def test_a_picture_left_out_by_a_fault_is_not_blamed_on_the_numbers() -> None:
     assert isinstance(left, LeftOut)
     assert "a fault of the suite" in left.reason
     assert "numbers" not in left.reason
-
-
-@pytest.mark.parametrize(("kind", "ours"), [(TypeError, True), (OSError, False)])
-def test_the_reason_of_a_failed_analysis_says_whose_fault_it_is(
-    kind: type[Exception], ours: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(execution, "analyses", lambda: {"fit": Faulty(kind)})
-    outcome = execution._run(execution.Task(str(tmp_path), ()), "valve_1", "fit")
-    assert outcome.status == execution.FAILED
-    assert ("a fault of the suite" in outcome.reason) == ours
 
 
 @pytest.mark.parametrize("kind", [AttributeError, TypeError, KeyError])

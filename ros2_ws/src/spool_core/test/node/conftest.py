@@ -17,9 +17,13 @@ from rcl_interfaces.srv import DescribeParameters, GetParameters, SetParametersA
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from spool_core.node import qos
+from spool_core.node import qos, testing
 from spool_core.node.service_calls import ServiceCalls
 from std_msgs.msg import String
+
+#: Fixtures that every package's tests of nodes have.
+away_from_other_ros_programs = testing.away_from_other_ros_programs
+claim_domain, domain_id = testing.claim_domain, testing.domain_id
 
 PROBE = Path(__file__).with_name("probe_node.py")
 #: s that a test waits at most: machines are busy.

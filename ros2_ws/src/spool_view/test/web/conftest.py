@@ -22,7 +22,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from spool_core.events.event import Event, EventState, Facts, Severity, Urgency
 from spool_core.events.sentences import LANGUAGES
-from spool_core.node import qos
+from spool_core.node import qos, testing
 from spool_core.node.messages import to_event_message
 from spool_core.uncertainty import Quantity as Measured
 from spool_core.uncertainty import Validity
@@ -31,6 +31,10 @@ from spool_view.application import Application, application
 from spool_view.operator import Act, ActLog, Desk, OperatorToken, Outcome
 from spool_view.view import Board, alarms_of
 from starlette.testclient import TestClient
+
+#: Fixtures that every package's tests of nodes have.
+away_from_other_ros_programs = testing.away_from_other_ros_programs
+claim_domain, domain_id = testing.claim_domain, testing.domain_id
 
 #: s; what is waited for comes much sooner on an idle machine.
 PATIENCE = 180.0
