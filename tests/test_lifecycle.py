@@ -57,6 +57,9 @@ def test_the_nodes_are_managed_from_outside(system: System, tmp_path: Path) -> N
 
     for node in nodes.values():
         system.change(node, "deactivate")
+    # Whoever asks from now on hears that nobody judges the valve.
+    system.until(lambda: "inactive" in health.last.summary, "the monitor tells that it is inactive")
+    assert health.last.level == ValveHealth.LEVEL_UNKNOWN
     before = estimates.last
     become_silent(system, *topics)
     for node in nodes.values():

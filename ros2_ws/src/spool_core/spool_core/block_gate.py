@@ -122,6 +122,11 @@ class BlockGate:
     other: str = ""
     _rivals: list[_Rival] = field(default_factory=list)
     _held_back: Place | None = None
+    _resumes: bool = False
+
+    def resume(self) -> None:
+        """Take the next good block as the first after a pause: what nobody asked for is not lost."""
+        self._resumes = self.last is not None
 
     @property
     def confirmed(self) -> bool:
@@ -131,7 +136,7 @@ class BlockGate:
     @property
     def steady(self) -> bool:
         """Whether a block that is due to the nanosecond continues the stream and changes nothing else."""
-        return self.rate.steady and self._held_back is None
+        return self.rate.steady and self._held_back is None and not self._resumes
 
     def judge(self, block: Block) -> Verdict:
         """Return what to do with ``block``; never raises for what a message can hold."""
@@ -143,6 +148,10 @@ class BlockGate:
         if self.source and block.source and block.source != self.source:
             self.other = block.source
             return self._refuse(Fault.FOREIGN)
+        if self._resumes:
+            self._resumes, self._rivals = False, []
+            self.rate.go_on(block)
+            return self._accept(block, Verdict.RESTARTS)
         follows = self.rate.take(block)
         if self.last is None:
             return self._accept(block, Verdict.RESTARTS)
@@ -276,7 +285,8 @@ class SharedGate(BlockGate):
 
         Their samples are not looked at.
         """
-        if self.last is None or not self.confirmed or self._rivals or self._held_back is not None:
+        unsettled = self._rivals or self._held_back is not None or self._resumes
+        if self.last is None or not self.confirmed or unsettled:
             return []
         stamp, end, sequence, period = self.last
         size = blocks[at].body.size

@@ -7,7 +7,6 @@ The node hands over what it hears; this holds the topics ``events`` and ``gap`` 
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Sequence
 from typing import Any, ClassVar
 
@@ -17,7 +16,7 @@ from spool_core.block_gate import SharedGate
 from spool_core.events.english import Language
 from spool_core.events.sentences import language_of
 from spool_core.node import qos
-from spool_core.node.block_hub import Throttle
+from spool_core.node.block_hub import HUB, Silence, Throttle
 from spool_core.node.diagnostics import DiagnosticPublisher, Level, Status, block_faults, block_values, key
 from spool_core.node.managed_node import ManagedNode
 from spool_core.node.messages import nanoseconds, to_event_message, to_quantity, to_time
@@ -44,6 +43,9 @@ _TOLD = (
     ("coulomb_force", "N"),
     ("oil_temperature", "deg C"),
 )
+
+#: s between two looks at what arrives.
+LOOK = 0.25
 
 #: Events that late joiners get.
 KEPT_EVENTS = 100
@@ -105,7 +107,7 @@ class EstimatorNode(ManagedNode):
         self._worker: RefitWorker | None = None
         self._check: ValveCheck | None = None
         self._doubts: list[str] = []
-        self._arrival = time.monotonic()
+        self._silence = Silence(2.0 * LOOK)
         self._reported = (Level.OK, 0)
         self._throttle = Throttle()
 
@@ -145,7 +147,8 @@ class EstimatorNode(ManagedNode):
 
     def activate(self) -> None:
         """Listen; the core goes on from where it was."""
-        self._arrival = time.monotonic()
+        self._silence.end()
+        self._gate.resume()
         self._description.header.stamp = self.get_clock().now().to_msg()
         self._description_publisher.publish(self._description)
         self.subscribe_blocks("acceleration", self._take, self._room)
@@ -153,7 +156,7 @@ class EstimatorNode(ManagedNode):
         if self._worker is not None:
             self.every(0.05, self._collect, steady=True)
         self._gap.open()
-        self.every(0.25, self._watch, steady=True)
+        self.every(LOOK, self._watch, steady=True)
         self.every(1.0, self._report, steady=True)
 
     def cleanup(self) -> None:
@@ -178,7 +181,7 @@ class EstimatorNode(ManagedNode):
             assert self._core is not None
             estimates = self._core.update(block)
             if gate.accepted > accepted:
-                self._arrival = time.monotonic()
+                self._silence.end()
                 self._gap.take(block, estimates)
             for estimate in estimates:
                 self._publisher.publish(to_message(estimate, self._valve_id))
@@ -219,7 +222,10 @@ class EstimatorNode(ManagedNode):
         assert self._core is not None
         self._gap.collect()
         latest = self._core.latest
-        silent = time.monotonic() - self._arrival > self.value("stale_after")
+        self._silence.look()
+        if HUB.waits(self, "acceleration"):
+            self._silence.end()
+        silent = self._silence.seconds > self.value("stale_after")
         if silent and latest is not None and latest.state is not State.STALE:
             stale = self._core.stale()
             assert stale is not None
@@ -230,7 +236,7 @@ class EstimatorNode(ManagedNode):
 
     def _level(self) -> Level:
         assert self._core is not None
-        if time.monotonic() - self._arrival > self.value("stale_after"):
+        if self._silence.seconds > self.value("stale_after"):
             return Level.STALE
         gate = self._core.gate
         return Level.OK if gate.accepted and not block_faults(gate) and not self._doubts else Level.WARNING

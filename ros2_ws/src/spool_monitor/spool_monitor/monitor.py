@@ -46,6 +46,7 @@ class Monitor:
     _stale: StaleWatch = field(default_factory=StaleWatch, init=False)
     _data_faults: DataFaultWatch = field(default_factory=DataFaultWatch, init=False)
     _stamp: int = field(default=0, init=False)
+    _unanswered: float = field(default=0.0, init=False)
 
     def __post_init__(self) -> None:
         check_settings(self.settings)
@@ -72,6 +73,7 @@ class Monitor:
         block = self.outliers.cleaned(block, restarts=verdict is Verdict.RESTARTS)
         events += self._data_faults.judge_outliers(self.outliers, block.stamp)
         self._stamp = block.end
+        self._unanswered += block.body.size * block.sample_period
         events += self._stale.arrived("acceleration", block.stamp)
         if verdict is Verdict.RESTARTS:
             self.detection.restart(block.sample_period, pause)
@@ -81,7 +83,7 @@ class Monitor:
     def update_estimate(self, estimate: Estimate) -> list[Event]:
         """Take one estimate; return what began or ended with it."""
         events = self._stale.arrived("estimate", estimate.stamp)
-        self.estimate = estimate
+        self.estimate, self._unanswered = estimate, 0.0
         self._stamp = max(self._stamp, estimate.stamp)
         return events + self.detection.update_estimate(estimate, self._natural_frequency.value)
 
@@ -99,10 +101,11 @@ class Monitor:
         if without_blocks > patience:
             stamp = self._stamp + round(without_blocks * 1e9)
             return self._stale.silent("acceleration", stamp, without_blocks, patience)
-        # Without blocks there can be no estimates: only silence beyond that is the estimator's.
+        # Without data there can be no estimates: the estimator is silent where it left data unanswered.
         first = FIRST_ESTIMATE if self.estimate is None else 0.0
-        if without_estimates - without_blocks > patience + first:
-            return self._stale.silent("estimate", self._stamp, without_estimates, patience + first)
+        silent = min(without_estimates - without_blocks, self._unanswered)
+        if silent > patience + first:
+            return self._stale.silent("estimate", self._stamp, silent, patience + first)
         return []
 
     @property

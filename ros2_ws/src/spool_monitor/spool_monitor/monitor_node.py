@@ -15,7 +15,7 @@ from spool_core.errors import InputError
 from spool_core.events.english import Language
 from spool_core.events.sentences import headline, language_of
 from spool_core.node import qos
-from spool_core.node.block_hub import waiting_for_disk
+from spool_core.node.block_hub import HUB, Silence, waiting_for_disk
 from spool_core.node.diagnostics import DiagnosticPublisher, Level, Status, block_faults, block_values, key
 from spool_core.node.managed_node import ManagedNode
 from spool_core.node.messages import to_event_message, to_quantity, to_time
@@ -64,6 +64,9 @@ _KEEPING = (
 #: compiled, one after the other. Once it was heard, or without one, silence is reported immediately.
 STARTS = 180.0
 
+#: s between two looks at what arrives.
+LOOK = 0.2
+
 #: Samples that may be judged together while nothing is wrong: as many as come together.
 MOST_TOGETHER = 1 << 30
 
@@ -88,7 +91,8 @@ class MonitorNode(ManagedNode):
         self._trends: TrendWriter | None = None
         self._valve_id = self.get_namespace().strip("/")
         self._described = False
-        self._activated = self._block_arrival = self._estimate_arrival = time.monotonic()
+        self._activated = time.monotonic()
+        self._no_blocks, self._no_estimates = Silence(2.0 * LOOK), Silence(2.0 * LOOK)
         self._level = HealthLevel.UNKNOWN
 
     def configure(self) -> None:
@@ -113,13 +117,25 @@ class MonitorNode(ManagedNode):
 
     def activate(self) -> None:
         """Listen; estimates and the valve's description are latched, so a late start misses neither."""
-        self._activated = self._block_arrival = self._estimate_arrival = time.monotonic()
+        self._activated = time.monotonic()
+        self._no_blocks.end()
+        self._no_estimates.end()
+        self._gate.resume()
         self._alarms.open()
         self.subscribe(ValveDescription, "valve", self._take_description, qos.state())
         self.subscribe_blocks("acceleration", self._take_blocks, self._room)
         self.subscribe(ModelEstimate, "estimate", self._take_estimate, qos.state(depth=10))
-        self.every(0.2, self._watch, steady=True)
+        self.every(LOOK, self._watch, steady=True)
         self.every(1.0, self._report, steady=True)
+
+    def deactivate(self) -> None:
+        """Publish that the valve is not judged: its last level would stay latched."""
+        health = replace(
+            self._core.health, level=HealthLevel.UNKNOWN, namur=Namur.UNKNOWN, active=(), judgements=(),
+            summary="not monitored: the monitor is inactive",
+        )  # fmt: skip
+        self._level = health.level
+        self._health_publisher.publish(to_health_message(health, self._valve_id))
 
     def cleanup(self) -> None:
         """Let go of core and publishers."""
@@ -168,7 +184,8 @@ class MonitorNode(ManagedNode):
     def _take_description(self, message: ValveDescription) -> None:
         self._valve_id = self._diagnostics.hardware_id = message.header.frame_id
         if not self._described:
-            self._described, self._estimate_arrival = (True, time.monotonic())  # the estimator begins now
+            self._described = True
+            self._no_estimates.end()  # the estimator begins now
         self._alarms.identify(message.header.frame_id, message.oil)
         if self.value(NATURAL_FREQUENCY.name) == 0.0:
             self._core.set_natural_frequency(from_description(message).natural_frequency)
@@ -184,16 +201,16 @@ class MonitorNode(ManagedNode):
                 self._valve_id = self._diagnostics.hardware_id = block.source
             events = self._core.update(block)
             if self._gate.accepted > accepted:
-                self._block_arrival = time.monotonic()
+                self._no_blocks.end()
                 if self._trends is not None:
                     self._trends.update(block)
             if accepted == 0:
-                self._estimate_arrival = self._block_arrival
+                self._no_estimates.end()
             self._publish(events)
             accepted = self._gate.accepted
 
     def _take_estimate(self, message: ModelEstimate) -> None:
-        self._estimate_arrival = time.monotonic()
+        self._no_estimates.end()
         estimate = from_message(message)
         self._publish(self._core.update_estimate(estimate))
         self._alarms.take_estimate(estimate)
@@ -201,17 +218,20 @@ class MonitorNode(ManagedNode):
             self._trends.update_estimate(estimate)
 
     def _watch(self) -> None:
-        now = time.monotonic()
+        self._no_blocks.look()
+        self._no_estimates.look()
+        if HUB.waits(self, "acceleration"):
+            self._no_blocks.end()
         if (
             self._core.gate.accepted == 0
             and self.count_publishers("acceleration") == 0
             and self._starts("simulator")
         ):
-            self._block_arrival = now
+            self._no_blocks.end()
         if self._core.estimate is None and not self._described and self._starts("estimator"):
-            self._estimate_arrival = now
+            self._no_estimates.end()
         stamp = self.get_clock().now().nanoseconds
-        self._publish(self._core.idle(now - self._block_arrival, now - self._estimate_arrival, stamp))
+        self._publish(self._core.idle(self._no_blocks.seconds, self._no_estimates.seconds, stamp))
         self._alarms.watch()
 
     def _starts(self, node: str) -> bool:

@@ -533,6 +533,12 @@ def test_idle_raises_silence_of_the_estimator_only_where_data_go_on() -> None:
     one = run(STEADY)
     one.go(5.0)
     monitor = one.monitor
+    for block in one.records(1.4):
+        assert monitor.update(block) == []
+    # Late blocks, a pause or a process that was held up: time went by, but the estimator had no data.
+    assert monitor.idle(0.02, 60.0) == []
+    for block in one.records(0.2):
+        assert monitor.update(block) == []
     assert monitor.idle(0.02, 1.5) == []
     (event,) = monitor.idle(0.02, 1.6)
     assert (event.kind, event.cause) == ("stale", "estimate")
@@ -544,12 +550,24 @@ def test_idle_raises_silence_of_the_estimator_only_where_data_go_on() -> None:
 
 def test_the_first_estimate_may_take_longer() -> None:
     monitor = Monitor()
-    for block in blocks(0.5):
-        monitor.update(block)
     patience = monitor.settings[STALE_AFTER] + FIRST_ESTIMATE
+    for block in blocks(patience + 0.5):
+        monitor.update(block)
     assert monitor.idle(0.0, patience) == []
     (event,) = monitor.idle(0.0, patience + 0.1)
     assert (event.kind, event.cause) == ("stale", "estimate")
+
+
+def test_a_monitor_that_was_paused_missed_nothing_and_goes_on() -> None:
+    one = run(STEADY)
+    one.go(5.0)
+    one.records(20.0)  # while it was inactive
+    one.monitor.gate.resume()
+    events = [event for block in one.records(5.0) for event in one.monitor.update(block)]
+    gate = one.monitor.gate
+    assert kinds(events) == []
+    assert (gate.lost, gate.refused, gate.confirmed) == (0, 0, True)
+    assert one.monitor.health.dominant_frequency.known
 
 
 def test_a_gap_in_the_stamps_says_when_silence_was_due_and_when_it_ended() -> None:

@@ -100,6 +100,11 @@ class BlockHub:
             if topic.owner is not None and topic.period > 0.0
         )
 
+    def waits(self, node: Any, name: str) -> bool:
+        """Whether blocks of the topic ``name`` of ``node`` came whose turn has not come."""
+        topic = self._topics.get(node.resolve_topic_name(name))
+        return topic is not None and bool(topic.heard)
+
     def flush(self, waited: float) -> None:
         """Let blocks have their turn that have waited for others for more than ``waited`` s."""
         before = time.monotonic() - waited
@@ -395,6 +400,30 @@ class Throttle:
             return 0
         self._said[kind], self._kept_back[kind] = now, 0
         return count
+
+
+@dataclass(slots=True)
+class Silence:
+    """Watched time without an arrival: while a process was held up, it could not have heard anything.
+
+    Attributes:
+        longest: s between two looks that count at most.
+        seconds: of silence, at the last look.
+    """
+
+    longest: float
+    seconds: float = 0.0
+    _looked: float = field(default_factory=time.monotonic)
+
+    def end(self) -> None:
+        """Begin again: something arrived, or nothing could."""
+        self.seconds, self._looked = 0.0, time.monotonic()
+
+    def look(self) -> None:
+        """Count the time since the last look."""
+        now = time.monotonic()
+        self.seconds += min(now - self._looked, self.longest)
+        self._looked = now
 
 
 @dataclass(slots=True)
