@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -34,6 +35,41 @@ STARTED = 0.1
 MATCHED, JUMP_SHAPE, POINT_SHAPE = 1.5e-4, 1.5e-3, 1.0e-4
 #: The latter where noise hides which of both the samples are, per second of sample period.
 UNTOLD_SHAPE = 15.0
+
+
+@dataclass(slots=True)
+class RefitBudget:
+    """Processor time that the refits of all trackers of a process may take; starts are not counted.
+
+    Valves that start together ask for their refits together, which would make the blocks of all of them late.
+    A refit that is refused is asked for again with the next chunk. Without a limit, as in a replay, what a
+    tracker does depends on its samples alone.
+
+    Attributes:
+        share: s of refits in a second.
+    """
+
+    share: float = math.inf
+    _saved: float = 1.0
+    _since: float = field(default_factory=time.monotonic)
+
+    def allows(self) -> bool:
+        """Whether a refit may begin now; at most the share of one second is saved up."""
+        if math.isinf(self.share):
+            return True
+        now = time.monotonic()
+        self._saved = min(self.share, self._saved + self.share * (now - self._since))
+        self._since = now
+        return self._saved > 0.0
+
+    def spend(self, seconds: float) -> None:
+        """Count a refit that took so many ``seconds``."""
+        if not math.isinf(self.share):
+            self._saved -= seconds
+
+
+#: Budget of this process.
+BUDGET = RefitBudget()
 
 
 @dataclass(frozen=True, slots=True)
@@ -267,8 +303,12 @@ class Tracker:
                 self._start(math.inf)
             elif asked == chunks.POOR_START:
                 ended = self._start(0.5 * float(self._verdicts[-1, 0]))
-            else:
+            elif BUDGET.allows():
+                begun = time.thread_time()
                 ended = self._refit(asked)
+                BUDGET.spend(time.thread_time() - begun)
+            else:
+                ended = False
             if ended:
                 chunks.end_chunk(self._arrays, self.prediction.arrays)
                 return

@@ -26,6 +26,7 @@ from spool_core.node.parameters import NodeParameter, refuse_other_files, rule
 from spool_core.node.program import STOP, Phase, StopRequested
 from spool_core.node.running import REFUSED, ensure_log_folder, new_executor, one_line
 from spool_estimator.estimator_node import EstimatorNode
+from spool_estimator.tracking import BUDGET
 from spool_monitor.monitor_node import MonitorNode
 
 from spool_bringup.host.arguments import (
@@ -45,7 +46,9 @@ from spool_bringup.host.supervisor import Heartbeat, notify
 TURN, LOOK = 0.1, 0.25
 #: s that the start of a node is held up at most, and at least, for what waits of the nodes that run already,
 #: and a turn of it.
-LONGEST_TURNS, TURNS, IDLE = 1.0, 0.005, 0.001
+LONGEST_TURNS, TURNS, IDLE = 0.05, 0.005, 0.001
+#: Share of a core that refits may take, of which a start of 50 valves asks for more than two.
+REFITS = 0.2
 #: s after which a callback counts as hanging: it takes a millisecond.
 LONGEST_CALL = 1.0
 #: s between two reports of the host, and times within an hour that a node that hung or would not start is
@@ -194,6 +197,7 @@ class HostProcess:
         HUB.worker = Worker()
         ManagedNode.beat = self._beat
         HUB.together = self._node.value("together")
+        BUDGET.share = REFITS
         ticker = ManagedNode.ticker = Ticker()
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._timer = self._node.create_timer(Ticker.STEP, ticker.run, clock=steady)
