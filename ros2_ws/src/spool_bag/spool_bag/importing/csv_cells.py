@@ -46,6 +46,9 @@ _DATES = (
     rf"|\d{{1,2}}[- ](?:{'|'.join(_MONTHS)})[a-z]*\.?[- ]\d{{4}})"
 )
 _DAY_OR_MONTH = re.compile(r"(\d{1,2})[/-](\d{1,2})[/-](\d{4}|\d{2})(?!\d)")
+#: Dates with points begin with the day (DIN 1355), unless loggers of that year are hardly in use any more.
+_DOTTED = re.compile(r"(\d{2})\.\d{2}\.(\d{2})(?!\d)")
+OLDEST = 12
 _DAY_NS, _HOUR_NS = 86_400_000_000_000, 3_600_000_000_000
 
 
@@ -157,6 +160,11 @@ def date_order(label: str, days: Iterable[str], given: str) -> tuple[str, bool]:
     """
     days = list(days)
     found = _date_orders(days)
+    short = [match.groups() for one in days if (match := _DOTTED.match(one.strip()))]
+    if not given and any(int(first) > OLDEST > int(last) for first, last in short):
+        raise InputError(
+            f"{label}: the date {days[0]} could begin with the year: type --dates dmy, or --dates ymd"
+        )
     if not given and len(set(found.values())) > 1:
         ways = ", or ".join(f"--dates {one}" for one in found)
         begins = " or the ".join({"d": "day", "m": "month", "y": "year"}[one[0]] for one in found)
@@ -195,7 +203,13 @@ def moments(text: pa.ChunkedArray, order: str = "dmy") -> NDArray[np.int64]:
 
     call: Any = compute
     plain = call.utf8_trim_whitespace(text)
-    for pattern, written in (*_DATES_AS_WRITTEN, _SLASHED.get(order, _SLASHED["dmy"]), *_TIMES_AS_WRITTEN):
+    year_first = ((r"^(\d{2})\.(\d{1,2})\.(\d{2})([T ,]|$)", r"\1-\2-\3\4"),) if order == "ymd" else ()
+    for pattern, written in (
+        *year_first,
+        *_DATES_AS_WRITTEN,
+        _SLASHED.get(order, _SLASHED["dmy"]),
+        *_TIMES_AS_WRITTEN,
+    ):
         plain = call.replace_substring_regex(plain, pattern, written)
     afternoon = call.match_substring_regex(plain, r"(?i)p\.?m\.?$")
     twelve = call.match_substring_regex(plain, r"(?i)[ap]\.?m\.?$")

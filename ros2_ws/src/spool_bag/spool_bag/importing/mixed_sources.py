@@ -21,6 +21,8 @@ ALIKE, LEFT = 0.9, 0.1
 VARIANCES, MEANS = 2.0, 0.5
 #: Relative difference of short and long steps from which stamps come in pairs.
 PAIRED = 0.2
+#: Samples that are looked at: a quarter of an hour at 1 kHz, and no more memory than that.
+PROBED = 1 << 20
 
 Rows = Sequence[NDArray[np.floating]]
 
@@ -33,6 +35,7 @@ def mixed(time: Array, rows: Rows, others: Callable[[], dict[str, Array]]) -> st
         rows: values of the channels, shape (n,) each.
         others: gives the other numbers of the file by name, one of which may number the sensors.
     """
+    time, rows = time[:PROBED], [row[:PROBED] for row in rows]
     size = _group_size(time)
     if size > 1:
         for name, values in others().items():

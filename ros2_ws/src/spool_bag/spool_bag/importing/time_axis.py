@@ -7,6 +7,7 @@ import re
 import shlex
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 from spool_core.block_gate import SHORTEST_PERIOD
 from spool_core.errors import InputError
 from spool_core.numbers import Array
-from spool_core.stamps import JITTER, number_error, ticks
+from spool_core.stamps import JITTER, first_step, number_error, ticks
 from spool_core.text import printable
 
 from spool_bag import TIME
@@ -282,7 +283,11 @@ def _axis(table: Table, axis: Channel, stamps: Values, asked: Choices) -> TimeAx
         if not axis.dated:
             note = f"{label} has no date: the record begins on 2025-01-01, or when --start states"
             return TimeAxis(time, None, label, (note,))
-        return TimeAxis(time, int(whole[0]) if whole[0] > 0 else None, label)
+        if whole[0] <= 0:
+            return TimeAxis(time, None, label)
+        begin = datetime.fromtimestamp(int(whole[0]) // 1_000_000_000, timezone.utc)
+        note = f"the record begins at {begin:%Y-%m-%d %H:%M:%S} UTC by {label}"
+        return TimeAxis(time, int(whole[0]), label, (note,))
     numbers = finite(table.path, axis.name, np.asarray(stamps, dtype=np.float64), table.where, holes=False)
     return _in_seconds(table.path, axis, numbers, asked)
 
@@ -333,8 +338,10 @@ def _continued(label: str, values: Array) -> tuple[Array, tuple[str, ...]]:
 
     Such a step back is, with the range of the counter added, a step forward by some usual steps.
     """
+    if values.size < 3 or first_step(values, lambda steps: steps < 0.0) is None:
+        return values, ()
     back = np.flatnonzero(np.diff(values) < 0.0)
-    if values.size < 3 or not 0 < back.size <= MOST_WRAPS or np.any(values != np.rint(values)):
+    if not 0 < back.size <= MOST_WRAPS or np.any(values != np.rint(values)):
         return values, ()
     steps, usual = np.diff(values)[back], float(np.median(np.diff(values[: 1 << 16])))
     for bits in COUNTERS:

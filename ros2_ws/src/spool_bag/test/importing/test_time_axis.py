@@ -252,6 +252,7 @@ DATES = {
     "us_am_pm": ("%m/%d/%Y %I:%M:%S.%f %p", {"dates": "mdy"}),
     "uk": ("%d/%m/%Y %H:%M:%S.%f", {"dates": "dmy"}),
     "short_year": ("%d/%m/%y %H:%M:%S.%f", {"dates": "dmy"}),
+    "dotted_year_first": ("%y.%m.%d %H:%M:%S.%f", {"dates": "ymd"}),
     "year_first": ("%y/%m/%d %H:%M:%S.%f", {"dates": "ymd"}),
 }
 
@@ -263,9 +264,7 @@ def test_dates_are_read_as_they_are_written(tmp_path: Path, written: str) -> Non
         tmp_path / "x.csv", "Time,body_m_s2,spool_m_s2", lambda at: moment(at).strftime(form), body, spool
     )
     if given:
-        with pytest.raises(
-            InputError, match=r"could begin with the day or the .*: type --dates dmy, or --dates"
-        ):
+        with pytest.raises(InputError, match=r"could begin with the .*: type --dates dmy, or --dates"):
             read_record(path)
     found = read_record(path, how=choices(**given))
     assert is_whole(found)
