@@ -130,7 +130,7 @@ class Estimator(StreamEstimator):
 class EquationEstimator(StreamEstimator):
     """Equation-error estimator of k, c and F_c from m a = -k z - c v - F_c sgn(v).
 
-    Every signal is conditioned alike (:mod:`.recursion.window`); a chunk without excitation is left out.
+    Every signal is conditioned alike (:mod:`.sliding_window`); a chunk without excitation is left out.
     """
 
     regression: ExponentialForgetting | None = field(default=None, init=False)

@@ -184,7 +184,7 @@ class Fitter:
         mass: kg.
         scale: see :class:`~.prediction.Prediction`.
         low_cut, high_cut: Hz.
-        sliding_velocity: m/s, for the start, see :class:`~.window.Conditioning`.
+        sliding_velocity: m/s, for the start, see :class:`~.sliding_window.Conditioning`.
         chunk: samples in a chunk.
 
     """
