@@ -242,17 +242,17 @@ def quantities(valve: Valve) -> Iterator[str]:
     yield f"viscous coefficient: {valve.viscous_coefficient:.4g} N s/m at {valve.oil_temperature:g} deg C"
     if valve.knows("spool_mass"):
         yield (
-            f"fluid friction coefficient, equation (6): {friction_coefficient(valve):.3g} at {SPEED:g} m/s "
-            "under the spool's weight: Newton's drag over the normal load"
+            f"fluid friction coefficient: {friction_coefficient(valve):.3g} at {SPEED:g} m/s under the "
+            "spool's weight (Newton's drag over the normal load)"
         )
     yield (
-        f"lambda: gap height over combined rms roughness; {valve.radial_clearance / 3.0 * 1e6:.3g} um of "
-        f"roughness is the limit of fluid friction (3), {valve.radial_clearance * 1e6:.3g} um that of mixed "
-        "friction (1)"
+        f"combined rms roughness of both surfaces: oil separates them up to "
+        f"{valve.radial_clearance / 3.0 * 1e6:.3g} um (fluid friction), mixed friction up to "
+        f"{valve.radial_clearance * 1e6:.3g} um"
     )
     yield (
-        "largest error of a measured acceleration, equation (31): "
-        f"{100.0 * PAPER_CHAIN.relative_uncertainty:.3g} % of the reading with the paper's measuring chain"
+        "assumed accuracy of a measured acceleration: "
+        f"{100.0 * PAPER_CHAIN.relative_uncertainty:.3g} % of the reading"
     )
 
 

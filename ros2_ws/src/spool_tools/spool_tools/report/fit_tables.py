@@ -44,8 +44,9 @@ COLUMNS = (
     "fewest parameters comes first.",
     "BIC: Bayesian information criterion on the fitted data (Whittle's likelihood, every sample), behind the "
     "best.",
-    "(33), ratio, held out: the paper's objective and mean amplitude ratio a_est/a_pom, and the nrmse on "
-    "held-out data, every sample counted; means over the series.",
+    "objective: squared error, weighted by the accuracy of the reading. ratio: mean amplitude of the model "
+    "over that measured, 1 at best. held out: the nrmse on held-out data, every sample counted. Means over the "
+    "series.",
 )
 
 #: Characters of a model's name that its file keeps; with what is added it stays below the 100 that are read.
@@ -132,8 +133,8 @@ def quality_rows(validated: ValidatedFit) -> list[dict[str, str]]:
     if fitted is None:
         return []
     rows = {
-        "objective (33)": f"{fitted.objective:.5g}",
-        "a_est/a_pom, mean of 10 to 100 Hz": number(fitted.amplitude_ratio),
+        "objective, weighted squared error": f"{fitted.objective:.5g}",
+        "amplitude, model over measured, mean of 10 to 100 Hz": number(fitted.amplitude_ratio),
         "error on the fitted data, nrmse": number(validated.training_error),
         "error on held-out data, nrmse": number(validated.held_out_error),
         "undamped natural frequency": _with_unit(natural_frequency(found), "Hz"),
@@ -213,8 +214,10 @@ def series_rows(one: FittedSeries) -> list[dict[str, str]]:
     return [
         {
             "model": validated.name.replace("_", " "),
-            "objective (33)": _number(math.nan if agreement is None else agreement.objective, ".4g"),
-            "a_est/a_pom": _number(math.nan if agreement is None else agreement.amplitude_ratio, ".4f"),
+            "objective, weighted squared error": _number(
+                math.nan if agreement is None else agreement.objective, ".4g"
+            ),
+            "amplitude ratio": _number(math.nan if agreement is None else agreement.amplitude_ratio, ".4f"),
             "nrmse": _number(validated.training_error, ".4f"),
             "held out": _number(validated.held_out_error, ".4f"),
         }
@@ -256,7 +259,7 @@ def ranking_rows(ranking: Ranking) -> list[dict[str, str]]:
             if entry.excess < 1.0
             else f"x {1.0 + entry.excess:.3g}",
             "BIC": _number(entry.criterion - ranking.least_criterion, "+.0f"),
-            "(33)": _number(entry.objective, ".3g"),
+            "objective": _number(entry.objective, ".3g"),
             "ratio": _number(entry.amplitude_ratio, ".3f"),
             "held out": _number(entry.held_out_error, ".4f"),
         }

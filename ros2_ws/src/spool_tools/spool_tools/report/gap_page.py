@@ -76,7 +76,7 @@ def gap_page(
     ]
     if math.isfinite(before.amplitude_ratio):
         ratios = {"before": before.amplitude_ratio, "after": after.amplitude_ratio, "noise alone": 1.0}
-        rows.append({"": "amplitude ratio a_est/a_pom", **ratios})
+        rows.append({"": "amplitude, model over measured", **ratios})
     sections = [
         html.verdict(result.sentence),
         *([html.listing([f"Warning: {line}" for line in result.warnings])] if result.warnings else []),
