@@ -163,8 +163,9 @@ class ParameterDrift:
     """Drift test of one parameter: each estimate against its baseline.
 
     Where the estimates carry it, the viscous coefficient is compared as referred to one oil temperature; a
-    start value learned so is never compared with one at any other. Not judged is what is held, what is too
-    uncertain, and what ``update`` must distrust.
+    start value learned so is never compared with one at any other. While that temperature is not known any
+    more, the oil is taken to be as warm as it was last, and the limit grows by what it may have warmed since.
+    Not judged is what is held, what is too uncertain, and what ``update`` must distrust.
 
     The limit follows from ``run_length``, the mean time (s) to a false alarm of any of the valve's tests, and
     from what is uncertain: the estimate and its mean error at another operating point, the start value, the
@@ -182,6 +183,8 @@ class ParameterDrift:
         released: whether the change is small enough to be over.
         since: when the change most likely began, ns; 0 where there is none.
         judged: whether the last estimate was.
+        incomparable: whether the oil's temperature is missing for so long, since a restart perhaps, that it
+            could explain any value.
 
     """
 
@@ -201,12 +204,15 @@ class ParameterDrift:
     level: Severity | None = field(default=None, init=False)
     released: bool = field(default=False, init=False)
     judged: bool = field(default=False, init=False)
+    incomparable: bool = field(default=False, init=False)
     _smoothed: float = field(default=math.nan, init=False)
     _variance: float = field(default=math.nan, init=False)
     _last: int = field(default=0, init=False)
     _usual: float = field(default=0.0, init=False)
     _memory: float = field(default=math.nan, init=False)
     _celsius: float = field(default=math.nan, init=False)
+    _ratio: float = field(default=math.nan, init=False)
+    _referred_at: int = field(default=0, init=False)
     _quantile: tuple[float, float] = field(default=(0.0, 0.0), init=False)
     _rising: int = field(default=0, init=False)
     _side: int = field(default=0, init=False)
@@ -288,7 +294,22 @@ class ParameterDrift:
             self.referred = True
         if not self.referred:
             return quantity
-        return at_reference if at_reference.validity is Validity.VALID else None
+        self.incomparable = False
+        if at_reference.known:
+            if at_reference.validity is not Validity.VALID:
+                return None
+            self._ratio, self._referred_at = quantity.value / at_reference.value, estimate.stamp
+            return at_reference
+        self.incomparable = not (math.isfinite(self._ratio) and self._warmed(estimate.stamp) < 1.0)
+        if self.incomparable:
+            return None
+        value, deviation = quantity.value / self._ratio, abs(quantity.standard_deviation / self._ratio)
+        return replace(at_reference, value=value, standard_deviation=deviation, validity=Validity.VALID)
+
+    def _warmed(self, stamp: int) -> float:
+        """Return by how much the drag may have changed since the oil's temperature was known, relative."""
+        since = 1e-9 * (stamp - self._referred_at)
+        return VISCOSITY_PER_KELVIN * min(WARMS_MOST, WARMS * (since if since >= 0.0 else math.inf))
 
     def _judge(self, estimate: Estimate, quantity: Quantity, size: float, seconds: float) -> None:
         self.judged = True
@@ -357,6 +378,8 @@ class ParameterDrift:
             else:
                 warmer = abs(celsius - self.temperature)
             return 0.0, VISCOSITY_PER_KELVIN * warmer
+        if not estimate.referred_viscous_coefficient.known:
+            return 0.0, self._warmed(estimate.stamp)
         mean = self._celsius if math.isfinite(self._celsius) else celsius
         mean += (celsius - mean) * (1.0 - math.exp(-seconds / FOLLOWED))
         self._celsius = mean

@@ -190,7 +190,7 @@ class Detector(ABC):
 
 def judgement(moment: Moment, parameters: tuple[ParameterDrift, ...]) -> Judgement:
     """Return how far ``parameters`` can be judged now."""
-    if moment.distrust:
+    if moment.distrust or any(one.incomparable for one in parameters):
         return Judgement.NOT_JUDGED
     if not all(one.baseline.frozen for one in parameters):
         return Judgement.LEARNING
