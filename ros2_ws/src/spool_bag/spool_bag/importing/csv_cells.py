@@ -158,7 +158,7 @@ def date_order(label: str, days: Iterable[str], given: str) -> tuple[str, bool]:
     Raises:
         InputError: a date could be several.
     """
-    days = list(days)
+    days = [one.strip().partition(" ")[0] for one in days]
     found = _date_orders(days)
     short = [match.groups() for one in days if (match := _DOTTED.match(one.strip()))]
     if not given and any(int(first) > OLDEST > int(last) for first, last in short):

@@ -23,7 +23,7 @@ _SETTING = re.compile(
 _EITHER = re.compile(r"[-+]?[1-9]\d{0,2}[.,]\d{3}")
 _RATE = re.compile(
     r"(?:actual |effective |nominal )?(?:sampl(?:e|es|ing)|scan|abtast|mess|acquisition|logging|采样)"
-    r"[ _-]*(?:rate|freq(?:uency)?|frequenz|频率|率)|f_?s|odr|output data rate|sample/?s|samples per second"
+    r"[ _-]*(?:rate|freq(?:uency)?|frequenz|频率|率)|f_?s|odr|output data rate|samples?/s|samples per second"
 )
 #: What may be the rate of samples, or of a flow, of a line or of a shaft.
 _MAYBE_RATE = re.compile(r"(?:data[ _-]*)?rate|freq(?:uency)?|frequenz")
@@ -150,8 +150,11 @@ def _rate(key: str, number: float, unit: str) -> float:
 
 def key_and_text(row: Sequence[str], at: int) -> tuple[str, str]:
     """Return the key and the text of a line above the samples."""
-    cells = [cell.strip(' "#%') for cell in row if cell.strip(' "#%')]
-    if len(cells) == 1:
-        match = re.fullmatch(r"(?P<key>[^=:]{1,60}?)\s*[=:]\s*(?P<text>.+)", cells[0])
-        return (match["key"], match["text"]) if match else (f"line {at + 1}", cells[0])
-    return (cells[0].rstrip(" =:"), ", ".join(cells[1:])) if cells else (f"line {at + 1}", "")
+    cells = [text for cell in row if (text := cell.strip(' "#%'))]
+    match = (
+        re.fullmatch(r"(?P<key>[^=:]{1,60}?)\s*[=:]\s*(?P<text>.+)", cells[0]) if len(cells) == 1 else None
+    )
+    key = match["key"] if match else cells[0].rstrip(" =:") if len(cells) > 1 else ""
+    if not key or "/" in key:
+        return f"line {at + 1}", ", ".join(cells)
+    return key, match["text"] if match else ", ".join(cells[1:])

@@ -203,6 +203,7 @@ def _of_group(
         )
     notes.append(_rate_note(path, axis, group, asked, base))
     table.account(group.name, "s", group.span, base.time.size * base.period, off=SPAN_OFF)
+    notes += [f"{printable(one.header, 40)}: {one.scaling}" for one in taken if one.scaling.applied]
     left = table.settings.unused([one.name for one in taken])
     if left:
         notes.append(f"stated in the file and not used: {listed(left)}")

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from spool_core.text import printable
 
-from spool_bag.importing.units import factor, quantity_of
+from spool_bag.importing.units import factor, quantity_of, split_header
 
 #: Names of a number that states a sampling rate (+1) or a period (-1), and of one that may as well be the
 #: speed of a shaft or an excitation's.
@@ -65,10 +65,10 @@ _DURATIONS = ("duration", "total_time", "record_duration", "recording_time", "da
 _SCALES = (
     "scale", "gain", "slope", "multiplier", "factor", "calibration", "calibration_factor", "cal",
     "cal_factor", "calfactor", "conversion", "conversion_factor", "scaling", "coefficient", "lsb",
-    "resolution", "counts_to_units", "skalierung", "faktor",
+    "resolution", "counts_to_units", "skalierung", "faktor", "scale_factor", "scalefactor",
 )  # fmt: skip
 _SHIFTS = ("offset", "bias", "intercept", "zero", "y_offset", "yoffset")
-_MISSING = ("_fillvalue", "missing_value", "fill_value", "nodata")
+_MISSING = ("_fill_value", "_fillvalue", "missing_value", "fill_value", "nodata")
 #: Attributes that belong to the format itself.
 _FORMATS_OWN = re.compile(
     r"class|title|version|name|dimension_list|reference_list|dimension_labels|_netcdf.*|_nc.*|field_\d.*|"
@@ -111,6 +111,18 @@ class Scaling(NamedTuple):
     doubt: str = ""
     size: float = math.nan
 
+    @property
+    def applied(self) -> bool:
+        """Whether numbers are changed."""
+        return (self.factor, self.offset, self.missing) != (1.0, 0.0, ())
+
+    def __str__(self) -> str:
+        """Conversion, for people."""
+        said = f"stored numbers times {self.factor:.7g} plus {self.offset:.7g}, as the file states"
+        return said + (
+            f"; {' and '.join(f'{one:g}' for one in self.missing)} is no value" if self.missing else ""
+        )
+
 
 #: Conversion of numbers that are those of their unit.
 NEUTRAL = Scaling()
@@ -139,9 +151,16 @@ class Settings:
         few = dict(list((held or {}).items())[:MOST])
         self._held = {path: value for path, raw in few.items() if (value := _plain(raw)) is not None}
         self._used: set[str] = set()
+        self._paths = {_placed(path): path for path in self._held}
 
     def unit(self, channel: str) -> str:
         """Return the unit that is stated for a channel, its own or that of all beside it; "" for none."""
+        parent, _, leaf = channel.rpartition("/")
+        for word in _UNIT_NAMES[:2]:  # units of all channels by their names, in a group of its own
+            path = self._paths.get(_placed(f"{parent}/{word}/{leaf}".lstrip("/")), "")
+            if path and isinstance(self._held[path], str):
+                self._used.add(path)
+                return str(self._held[path]).strip()
         near = [one for one in self._near(channel) if one.name in _UNIT_NAMES and isinstance(one.value, str)]
         own = [one for one in near if one.depth >= max(channel.count("/"), 0.5)]
         return str(self._take(max(own, key=lambda one: one.depth)).value).strip() if own else ""
@@ -181,12 +200,11 @@ class Settings:
         own = [one for one in self._near(channel) if one.depth >= channel.count("/") + 0.5]
         numbers = {one.name: (one, number) for one in own if math.isfinite(number := _number(one.value))}
         size, offset, missing = 1.0, 0.0, []
-        if "scale_factor" in numbers or "add_offset" in numbers:
-            for name in ("scale_factor", "add_offset"):
-                if name in numbers:
-                    self._take(numbers[name][0])
-            size = numbers["scale_factor"][1] if "scale_factor" in numbers else 1.0
-            offset = numbers["add_offset"][1] if "add_offset" in numbers else 0.0
+        for name in ("scale_factor", "add_offset"):  # as the conventions spell them
+            if name in numbers and numbers[name][0].path.endswith(name):
+                one, number = numbers.pop(name)
+                self._take(one)
+                size, offset = (number, offset) if name == "scale_factor" else (size, number)
         for name in _MISSING:
             if name in numbers:
                 self._take(numbers[name][0])
@@ -258,7 +276,7 @@ class Settings:
             if path == channel:
                 continue
             at, _, name = path.rpartition("/")
-            plain = re.sub(r"[\s-]+", "_", name.lower().strip())
+            plain = _plain_name(name)
             own = f"{leaf.lower()}_"
             if at == channel:
                 yield Setting(path, plain, channel.count("/") + 1.0, value)
@@ -271,7 +289,7 @@ class Settings:
         near = {one.path for one in self._near(channel)}
         for path, value in self._held.items():
             if path not in near and path != channel:
-                yield Setting(path, re.sub(r"[\s-]+", "_", path.rpartition("/")[2].lower()), -1.0, value)
+                yield Setting(path, _plain_name(path.rpartition("/")[2]), -1.0, value)
 
     def _rate_of(self, one: Setting) -> tuple[float, float | None, float]:
         """Return power (0: no rate), size of the unit (``None``: not known) and number of a setting."""
@@ -298,9 +316,10 @@ class Settings:
 
     def _unit_path(self, one: Setting) -> str:
         """Return the path of the setting that states the unit of ``one``, "" where there is none."""
-        ways = (f"{one.path}{mark}{word}" for mark in ("_", ".", "/", " ") for word in ("unit", "units"))
-        paths = {path.lower(): path for path in self._held}
-        return next((paths[way.lower()] for way in ways if way.lower() in paths), "")
+        parent, _, name = one.path.rpartition("/")
+        ways = [f"{one.path}{mark}{word}" for mark in "_/" for word in _UNIT_NAMES[:2]]
+        ways += [f"{parent}/{word}/{name}".lstrip("/") for word in _UNIT_NAMES[:2]]
+        return next((self._paths[_placed(way)] for way in ways if _placed(way) in self._paths), "")
 
     def _amount(self, channel: str, names: tuple[str, ...], quantity: str) -> float:
         near = sorted(self._near(channel), key=lambda one: -one.depth)
@@ -316,6 +335,21 @@ class Settings:
     def _take(self, one: Setting) -> Setting:
         self._used.add(one.path)
         return one
+
+
+def _plain_name(name: str) -> str:
+    """Return a setting's name in small letters with underscores, e.g. of `SampleRate (kHz)`."""
+    bare, unit = split_header(name)
+    if quantity_of(unit) in ("time", "frequency") and bare != name:
+        name = f"{bare}_{unit}"
+    apart = re.sub(r"(?<=[a-z])(?<!k)(?=[A-Z])|(?<=[a-z])(?=kHz)", "_", name.strip())
+    return re.sub(r"[\s.-]+", "_", apart.lower())
+
+
+def _placed(path: str) -> str:
+    """Return a path whose last name is plain."""
+    parent, mark, name = path.rpartition("/")
+    return f"{parent}{mark}{_plain_name(name)}"
 
 
 def _base(name: str, known: Mapping[str, float]) -> bool:

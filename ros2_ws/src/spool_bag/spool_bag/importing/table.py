@@ -141,7 +141,7 @@ class Table(ABC):
         found = self.read(group, names, single)
         for name in names:
             scaling = group.channel(name).scaling
-            if scaling == NEUTRAL:
+            if not scaling.applied:
                 continue
             row = found[name].astype(np.float64)
             if scaling.missing:
@@ -292,19 +292,22 @@ def array_table(
         InputError: there is no row of numbers.
     """
     rows: dict[str, Any] = {}
-    stated: dict[str, Any] = {}
+    stated: dict[str, Any] = dict(settings or {})
     for name, value in arrays.items():
         parts = _rows(name, np.asarray(value))
         for at, (key, row) in enumerate(parts):
             if row.size >= SHORTEST and row.dtype.kind in "fiubM":
                 rows[key] = row
-                stated |= _of_column(name, key, at, len(parts), settings or {})
+                of_column = _of_column(name, key, at, len(parts), settings or {})
+                for setting in of_column:  # no longer of the whole array
+                    stated.pop(f"{name}/{setting.rpartition('/')[2]}", None)
+                stated |= of_column
     if not rows:
         raise InputError(f"{path}: no row of at least {SHORTEST} numbers in it")
     if len(rows) > MOST_CHANNELS:
         raise InputError(f"{path}: {len(rows)} channels, more than {MOST_CHANNELS}")
     single = {key: value for key, value in arrays.items() if np.size(value) == 1}
-    known = Settings({**(settings or {}), **single, **stated})
+    known = Settings({**stated, **single})
     channels = {name: _channel(name, row, units or {}, known) for name, row in rows.items()}
     times = {name for name, channel in channels.items() if _is_time(channel)}
     timed = {rows[name].size for name in times}

@@ -276,6 +276,7 @@ def test_each_conversion_is_described(tmp_path: Path) -> None:
         ("Rate: 25", "'Rate', line 1 may be a sampling rate or not: if it is, type --rate 25"),
         ("Data rate: 115200", "'Data rate', line 1 may be a sampling rate or not"),
         ("Sample Rate: 51,200 Hz", "type --rate 51200, or --rate 51.2"),
+        ("Samples: 700", "no sampling rate in it"),
         ("Sample interval: 1,250 ms", "type --rate 0.8, or --rate 800"),
     ],
 )

@@ -70,6 +70,9 @@ def is_whole(found: LoggerRecord) -> bool:
         {"dt": 1e3 / made.RATE, "dt_units": "ms"},
         {"body/fs": made.RATE / 1e3, "body/fs_unit": "kS/s"},
         {"isi": 1e3 / made.RATE, "isi_units": "ms"},
+        {"FsUnit": "kHz", "Fs": made.RATE / 1e3},
+        {"sampleRateHz": made.RATE},
+        {"SampleRate_kHz": made.RATE / 1e3},
     ],
 )
 def test_the_unit_of_a_stated_rate_is_applied(tmp_path: Path, make: Maker, beside: Beside) -> None:
@@ -100,7 +103,7 @@ def test_scale_factor_offset_and_fill_value_are_applied(tmp_path: Path, make: Ma
 
 
 @pytest.mark.parametrize("make", ARRAYS)
-@pytest.mark.parametrize("name", ["scale", "gain", "calibration_factor"])
+@pytest.mark.parametrize("name", ["scale", "gain", "calibration_factor", "ScaleFactor"])
 def test_whole_numbers_beside_a_factor_are_refused_and_others_name_it(
     tmp_path: Path, make: Maker, name: str
 ) -> None:
