@@ -91,6 +91,46 @@ def test_friction_opposes_the_motion_and_dissipates(
     assert force * v >= -1e-12 * scale * abs(v)
 
 
+def moved(entry: Term) -> list[tuple[float, float]]:
+    """Return velocity and force of a term with its start values, over motions drawn at random."""
+    draw = np.random.default_rng(7)
+    values = {one.name: one.start or min(1.0, one.high) for one in entry.parameters}
+    return [
+        (v, at(entry, values, draw.uniform(-5e-3, 5e-3), v, draw.uniform(0.0, 600.0)))
+        for v in draw.uniform(-2.0, 2.0, 200).tolist()
+    ]
+
+
+MOVING = [entry for entry in TERMS.values() if not {"memory_law"} & set(entry.laws) and entry.laws]
+
+
+@pytest.mark.parametrize("entry", MOVING, ids=lambda entry: entry.name)
+def test_a_force_that_always_opposes_the_motion_says_that_it_dissipates(entry: Term) -> None:
+    works = [force * v for v, force in moved(entry)]
+    opposes = min(works) >= 0.0 and max(works) > 0.0
+    assert entry.dissipates or not opposes or entry.name.endswith("_printed")
+
+
+@pytest.mark.parametrize("entry", MOVING, ids=lambda entry: entry.name)
+def test_the_law_as_text_names_what_the_force_depends_on(entry: Term) -> None:
+    """z and its derivative z', and the time t; friction at rest is no force of the motion."""
+    values = {one.name: one.start or min(1.0, one.high) for one in entry.parameters}
+    draw = np.random.default_rng(7)
+    changes = {"z": False, "z'": False, "t": False}
+    for z, v, t, other in draw.uniform((-5e-3, -2.0, 0.0, 0.1), (5e-3, 2.0, 600.0, 2.0), (200, 4)).tolist():
+        before = at(entry, values, z, v, t)
+        changes["z"] |= at(entry, values, -other * z, v, t) != before
+        changes["z'"] |= at(entry, values, z, -other * v, t) != before
+        changes["t"] |= at(entry, values, z, v, other * t) != before
+    text = entry.law.partition(":")[0]
+    named = {
+        "z": re.search(r"\bz\b(?!')", text) is not None,
+        "z'": "'" in text,
+        "t": re.search(r"(?<![\^\w])t\b", text) is not None,
+    }
+    assert named == changes
+
+
 @settings(max_examples=300, deadline=None)
 @given(term_and_values(ODD), st.floats(-5e-3, 5e-3), st.floats(-2.0, 2.0), st.floats(0.0, 600.0))
 def test_laws_are_odd_where_they_should_be(
