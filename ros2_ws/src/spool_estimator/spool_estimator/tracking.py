@@ -99,7 +99,7 @@ class Tracker:
         memory: s, time constant of forgetting, or length of the sliding window.
         sliding: forget by a sliding window.
         low_cut, high_cut: Hz, the band.
-        sliding_velocity: m/s, see :class:`~.window.Conditioning`.
+        sliding_velocity: m/s, see :class:`~.sliding_window.Conditioning`.
         minimum_excitation: m/s^2, rms body acceleration below which parameters are held.
 
     Attributes:

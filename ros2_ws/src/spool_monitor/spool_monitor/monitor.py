@@ -232,7 +232,7 @@ class BaselineState(enum.IntEnum):
     """State of the baseline; the numbers are those of ``spool_msgs/msg/ValveHealth``.
 
     FROZEN means that the start values are learned and fixed. Whether somebody confirmed them is the stage of
-    the kept :class:`~.drift.baseline.BaselineRecord`, and the text does not claim it.
+    the kept :class:`~.state_file.BaselineRecord`, and the text does not claim it.
     """
 
     UNKNOWN = 0
