@@ -86,7 +86,9 @@ class Condition:
     """Condition with delays and a deadband: turns a wavering indication into one event on and one event off.
 
     It is raised when the indication held for ``on_delay`` s, cleared when the release held for
-    ``off_delay`` s; between both (the deadband) nothing changes. A higher severity is reported immediately.
+    ``off_delay`` s; between both (the deadband) nothing changes. A higher severity is reported when it held
+    for ``on_delay`` s as well, so that one look makes no alarm of a warning (ISA-18.2: on-delay of each limit).
+    The condition keeps it until it is cleared.
     """
 
     declared: EventKind
@@ -96,6 +98,7 @@ class Condition:
     active: Severity | None = field(default=None, init=False)
     cause: str = field(default="", init=False)
     _since: int | None = field(default=None, init=False)
+    _above: dict[Severity, int] = field(default_factory=dict, init=False)
     _indicated: int | None = field(default=None, init=False)
     _raised: int | None = field(default=None, init=False)
     _last: Facts = field(default=Facts(), init=False)
@@ -103,25 +106,28 @@ class Condition:
     def judge(self, finding: Finding) -> list[Event]:
         """Return the event that follows, if any; where the stamp goes back, the delay starts again."""
         stamp, indicated = finding.stamp, finding.indicated
-        wanted = indicated is not None if self.active is None else finding.released
-        if self.active is not None and indicated is not None:
-            self._since = None
-            if indicated > self.active:
-                return self._raise(finding, indicated)
-            return []
-        if not wanted:
+        held = self._held(stamp, indicated)
+        if held is not None and (self.active is None or held > self.active):
+            self._indicated, self._since = self._indicated or min(self._above.values()), None
+            return self._raise(finding, held)
+        if self.active is None or indicated is not None or not finding.released:
             self._since = None
             return []
         if self._since is None or stamp < self._since:
             self._since = stamp
-        if stamp - self._since < round((self.on_delay if self.active is None else self.off_delay) * 1e9):
+        if stamp - self._since < round(self.off_delay * 1e9):
             return []
-        if self.active is None:
-            assert indicated is not None
-            self._indicated = self._since
-            self._since = None
-            return self._raise(finding, indicated)
         return self.clear(stamp, finding.quantity, finding.facts)
+
+    def _held(self, stamp: int, indicated: Severity | None) -> Severity | None:
+        """Return the highest severity that has been indicated for the on-delay, at least, without a break."""
+        for severity in (Severity.WARNING, Severity.ALARM):
+            if indicated is None or severity > indicated:
+                self._above.pop(severity, None)
+            elif stamp < self._above.setdefault(severity, stamp):
+                self._above[severity] = stamp
+        delay = round(self.on_delay * 1e9)
+        return max((one for one, since in self._above.items() if stamp - since >= delay), default=None)
 
     def clear(self, stamp: int, quantity: Quantity, facts: FactsSource = Facts()) -> list[Event]:  # noqa: B008
         """End the condition where it is active; ``facts`` are those of now.
@@ -154,12 +160,14 @@ class Condition:
         )
         event = self._event(stamp, EventState.CLEARED, quantity, now)
         self.active, self.cause = None, ""
+        self._above.clear()
         self._since = self._indicated = self._raised = None
         return [event]
 
     def pause(self, nanoseconds: int) -> None:
         """Take note that there was nothing to judge for this long: no part of a delay."""
         self._since = None if self._since is None else self._since + nanoseconds
+        self._above = {severity: since + nanoseconds for severity, since in self._above.items()}
 
     def _raise(self, finding: Finding, severity: Severity) -> list[Event]:
         stamp, cause = finding.stamp, finding.cause
@@ -193,6 +201,7 @@ class Condition:
     def restore(self, severity: Severity, cause: str, facts: Facts = Facts()) -> None:  # noqa: B008
         """Go on as active, as it was before a restart; no event follows. ``facts``: of the last event."""
         self.active, self.cause, self._last = severity, cause, facts
+        self._above.clear()
         self._since = self._indicated = self._raised = None
 
     def _event(self, stamp: int, state: EventState, quantity: Quantity, facts: Facts) -> Event:
