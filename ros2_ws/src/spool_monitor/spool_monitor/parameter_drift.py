@@ -183,6 +183,7 @@ class ParameterDrift:
         released: whether the change is small enough to be over.
         since: when the change most likely began, ns; 0 where there is none.
         judged: whether the last estimate was.
+        assumed: whether the oil was taken to be as warm as it was last, as its temperature is missing.
         incomparable: whether the oil's temperature is missing for so long, since a restart perhaps, that it
             could explain any value.
 
@@ -204,6 +205,7 @@ class ParameterDrift:
     level: Severity | None = field(default=None, init=False)
     released: bool = field(default=False, init=False)
     judged: bool = field(default=False, init=False)
+    assumed: bool = field(default=False, init=False)
     incomparable: bool = field(default=False, init=False)
     _smoothed: float = field(default=math.nan, init=False)
     _variance: float = field(default=math.nan, init=False)
@@ -294,6 +296,7 @@ class ParameterDrift:
             self.referred = True
         if not self.referred:
             return quantity
+        self.assumed = not at_reference.known
         self.incomparable = False
         if at_reference.known:
             if at_reference.validity is not Validity.VALID:
@@ -378,7 +381,7 @@ class ParameterDrift:
             else:
                 warmer = abs(celsius - self.temperature)
             return 0.0, VISCOSITY_PER_KELVIN * warmer
-        if not estimate.referred_viscous_coefficient.known:
+        if self.assumed:
             return 0.0, self._warmed(estimate.stamp)
         mean = self._celsius if math.isfinite(self._celsius) else celsius
         mean += (celsius - mean) * (1.0 - math.exp(-seconds / FOLLOWED))

@@ -160,13 +160,30 @@ def test_a_start_value_learned_at_one_temperature_is_compared_at_that_temperatur
     for second in range(3):
         made.update(at(second, 2.0, 3.0))
     assert made.baseline.value == 3.0
-    # The thermometer fails: the drag as it is may not be judged against the referred start value.
+    # The thermometer fails: the drag is judged as if the oil were as warm as it was last.
     for second in range(3, 30):
         made.update(at(second, 2.0, None))
-        assert not made.judged
-    assert math.isnan(made.change.value)
-    made.update(at(30, 1.0, 3.3))
-    assert made.change.value == pytest.approx(0.1)
+        assert made.judged
+        assert made.assumed
+    assert made.change.value == pytest.approx(0.0)
+    # After an hour the oil may have warmed by so much that it explains any drag.
+    made.update(at(3600, 2.0, None))
+    assert made.incomparable
+    assert not made.judged
+    made.update(at(3601, 1.0, 3.3))
+    assert not made.incomparable
+    assert made.latest_change.value == pytest.approx(0.1)
+
+
+def test_a_restart_without_a_thermometer_compares_no_drag_with_a_referred_start_value() -> None:
+    made = detector()
+    for second in range(3):
+        made.update(at(second, 2.0, 3.0))
+    again = detector()
+    again.baseline, again.referred = made.baseline, True
+    again.update(at(3, 2.0, None))
+    assert again.incomparable
+    assert not again.judged
 
 
 def test_a_temperature_that_joins_while_learning_begins_the_start_value_anew() -> None:

@@ -66,8 +66,8 @@ class FrictionDrift(Detector):
                 further.append(Quantity("oil_temperature_change", "K", warmer, validity=Validity.VALID))
             note = ""
             if any(one.parameter == VISCOUS for one in causes):
-                referred = "oil_referred" if viscous.referred else ""
-                note = referred if math.isfinite(warmer) else "oil_temperature_unknown"
+                unknown = "" if math.isfinite(warmer) else "oil_temperature_unknown"
+                note = "oil_referred" if viscous.referred and not viscous.assumed else unknown
             return replace(
                 leading.facts(),
                 causes=tuple(one.name for one in causes),
