@@ -87,7 +87,7 @@ class Condition:
 
     It is raised when the indication held for ``on_delay`` s, cleared when the release held for
     ``off_delay`` s; between both (the deadband) nothing changes. A higher severity is reported when it held
-    for ``on_delay`` s as well, so that one look makes no alarm of a warning (ISA-18.2: on-delay of each limit).
+    for ``on_delay`` s as well, so one look makes no alarm of a warning (ISA-18.2: on-delay of each limit).
     The condition keeps it until it is cleared.
     """
 
