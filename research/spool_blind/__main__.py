@@ -19,7 +19,10 @@ def main() -> None:
     parser.add_argument("--factor", type=float, help="size over what is drawn; default: clear")
     given = parser.parse_args()
     for seed in given.seed:
-        case = make(seed, given.hidden, factor=given.factor)
+        try:
+            case = make(seed, given.hidden, factor=given.factor)
+        except KeyError as error:
+            parser.error(f"--hidden {given.hidden}: {error} is no effect of the blind simulator")
         print(write(case, given.out / f"case_{seed}"), case.hidden, flush=True)
 
 

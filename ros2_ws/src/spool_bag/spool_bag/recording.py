@@ -20,7 +20,8 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Protocol
 
-from spool_core.errors import InputError, unexpected
+from spool_core.errors import InputError
+from spool_core.faults import unexpected
 
 from spool_bag.mcap_file import McapFile
 from spool_bag.metadata import Definition, PartCount, is_unfinished

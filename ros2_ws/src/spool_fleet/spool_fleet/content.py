@@ -573,7 +573,7 @@ def _counts(content: PageContent, newest: datetime) -> list[str]:
     ).to_pylist()
     lines = [
         f"{plural(row['bags'], 'bag')}; {row['damaged']} of them damaged, "
-        f"{plural(row['failed'], 'analysis').replace('analysiss', 'analyses')} failed."
+        f"{row['failed']} {'analysis' if row['failed'] == 1 else 'analyses'} failed."
     ]
     if row["raised"]:
         lines.append(

@@ -15,7 +15,8 @@ from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 
-from spool_core.errors import InputError, how_to_install, unexpected
+from spool_core.errors import InputError, how_to_install
+from spool_core.faults import unexpected
 from spool_core.system import end_with_parent, limit_processors
 from spool_core.text import printable
 from spool_tools.outputs import finite

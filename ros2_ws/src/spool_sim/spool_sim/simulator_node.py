@@ -15,6 +15,7 @@ from spool_core.node.managed_node import ManagedNode
 from spool_core.node.messages import to_time
 from spool_core.node.parameters import NodeParameter, Value
 from spool_core.node.running import run
+from spool_core.text import plural
 
 from spool_sim.excitation import load_excitation
 from spool_sim.sensors import Sensor
@@ -204,7 +205,7 @@ class SimulatorNode(ManagedNode):
                 self._skipped += 1
                 count = self._throttle.take("dropped")
                 if count:
-                    self.get_logger().warning(f"{count} blocks dropped: the machine is too slow")
+                    self.get_logger().warning(f"{plural(count, 'block')} dropped: the machine is too slow")
                 continue
             self._publisher.publish(block, self._simulator.valve.id)
 

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from spool_core.errors import InputError, refused_by_system, show_traceback, unexpected
+from spool_core.errors import InputError, refused_by_system
+from spool_core.faults import show_traceback, unexpected
 from spool_core.files import expanded
 from typer.exceptions import TyperException
 

@@ -17,7 +17,6 @@ from typing import Annotated, Any
 import typer
 from spool_bag import no_such_bag
 from spool_core.errors import InputError
-from spool_core.node.network import check_middleware
 from typer import Typer
 from typer.core import TyperGroup
 from typer.main import get_group
@@ -283,6 +282,8 @@ class CommandGroup(TyperGroup):
         """
         found = super().resolve_command(ctx, args)
         if found[0] in command_modules() and declaration(found[0]).live and "--help" not in args:
+            from spool_core.node.network import check_middleware  # noqa: PLC0415 - of live commands alone
+
             check_middleware()
         return found
 

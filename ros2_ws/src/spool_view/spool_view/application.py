@@ -20,7 +20,7 @@ from urllib.parse import urlsplit
 
 import uvicorn
 from jinja2 import BaseLoader, Environment, StrictUndefined
-from spool_core.errors import unexpected
+from spool_core.faults import unexpected
 from spool_monitor.valve_condition import condition_of
 from starlette.applications import Starlette
 from starlette.datastructures import Headers

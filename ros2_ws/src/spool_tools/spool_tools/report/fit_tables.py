@@ -45,8 +45,8 @@ COLUMNS = (
     "BIC: Bayesian information criterion on the fitted data (Whittle's likelihood, every sample), behind the "
     "best.",
     "objective: squared error, weighted by the accuracy of the reading. ratio: mean amplitude of the model "
-    "over that measured, 1 at best. held out: the nrmse on held-out data, every sample counted. Means over the "
-    "series.",
+    "over that measured, 1 at best. held out: the nrmse on held-out data, every sample counted. Means over "
+    "the series.",
 )
 
 #: Characters of a model's name that its file keeps; with what is added it stays below the 100 that are read.

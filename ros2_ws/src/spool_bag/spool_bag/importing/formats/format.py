@@ -13,7 +13,8 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-from spool_core.errors import InputError, how_to_install, raised_by_library
+from spool_core.errors import InputError, how_to_install
+from spool_core.faults import raised_by_library
 from spool_core.text import printable
 
 from spool_bag.importing.table import Group, Table, Values, numbered

@@ -10,7 +10,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from spool_core.errors import InputError, show_traceback, unexpected
+from spool_core.errors import InputError
+from spool_core.faults import show_traceback, unexpected
 from spool_core.numbers import Array
 
 # Pictures are drawn where there is no screen: every module of the report that draws imports this one.
