@@ -180,23 +180,33 @@ class BaselineKeeper:
     _band: tuple[float, float] = field(default=_NOT_MEASURED, init=False)
 
     def identify(self, valve_id: str, oil: str = "") -> bool:
-        """Say which valve it is and what oil it runs on; return whether a kept baseline was taken up.
+        """Take the newest baseline of this valve with this oil; return whether there is one.
+
+        A description that is wrong for a while costs nothing: what was learned by the one before is kept, and
+        is taken up when that returns.
 
         Raises:
-            InputError: the newest baseline is another valve's or of another oil; both are named. It is not
-                used, learning goes on.
+            InputError: every baseline is another valve's or of another oil; the newest and this valve are
+                named. It is not used, learning goes on.
 
         """
         if self._valve == (valve_id, oil):
             return False
-        if self._valve is not None and self.current is not None:
+        if self._valve is not None:
             self._start_over()
         self._valve = (valve_id, oil)
         if not self.records or self.anew:
             return False
-        self.records[-1].check_valve(valve_id, oil)
-        self._use(self.records[-1])
-        return True
+        refused: list[InputError] = []
+        for record in reversed(self.records):
+            try:
+                record.check_valve(valve_id, oil)
+            except InputError as error:
+                refused.append(error)
+                continue
+            self._use(record)
+            return True
+        raise refused[0]
 
     def update(self, estimate: Estimate) -> bool:
         """Take note of an estimate that the monitor has seen; return whether there is something to keep."""

@@ -143,6 +143,37 @@ def test_another_valve_that_begins_meanwhile_is_not_compared_with_the_one_before
     assert (made.current.version, made.current.valve_id, made.current.oil) == (2, *other)
 
 
+@pytest.mark.parametrize("seconds", [3, 20])
+def test_a_description_that_was_wrong_for_a_while_costs_no_baseline(seconds: int) -> None:
+    """Whether or not the other valve was learned meanwhile, or the monitor was restarted."""
+    made = known()
+    healthy = healthy_values(made.detection)
+    with pytest.raises(InputError, match="4weh10_soft"):
+        made.identify("4weh10_stiff", "HL68")
+    for second in range(100, 100 + seconds):
+        made.detection.update_estimate(estimate(second, 1.5), 15.0)
+        made.update(estimate(second, 1.5))
+    for keeper_then in (restarted(made), made):
+        assert keeper_then.identify("4weh10_soft", "HL68")
+        assert keeper_then.current is not None
+        assert keeper_then.current.version == 1
+        assert [one.value for one in healthy_values(keeper_then.detection)] == [one.value for one in healthy]
+
+
+def test_a_valve_that_is_described_otherwise_while_it_is_learned_is_learned_from_then_on() -> None:
+    made = keeper()
+    made.identify("4weh10_stiff", "HL68")
+    for second in range(1, 10):
+        made.detection.update_estimate(estimate(second, 1.5), 15.0)
+        made.update(estimate(second, 1.5))
+    made.identify("4weh10_soft", "HL68")
+    learned(made, 100)
+    assert made.current is not None
+    force = made.current.value("coulomb_force")
+    assert force is not None
+    assert force.value == pytest.approx(0.1, rel=1e-3)
+
+
 def test_a_valve_that_names_itself_again_stays_compared_with_what_was_learned() -> None:
     made = known()
     assert not made.identify("4weh10_soft", "HL68")
