@@ -7,7 +7,7 @@ import re
 import sys
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
 from geometry_msgs.msg import AccelStamped, Vector3Stamped
@@ -50,6 +50,8 @@ _COLUMN = re.compile(r"[+-]?column\d{1,4}")
 #: Parts of a second in ``builtin_interfaces/Time``: more is no time.
 NANOSECONDS = 1_000_000_000
 
+#: Readings whose mean shows gravity, and how far off it a sensor may be.
+GRAVITY_READINGS, GRAVITY_OFF = 1000, 0.07
 #: s for which a publisher that was killed still counts as one: the lease of Fast DDS, its default.
 LEASE = 20.0
 
@@ -149,10 +151,14 @@ class AdapterNode(ManagedNode):
         self._aligner = self._new_aligner()
         topics = {one: self.resolve_topic_name(self.value(f"{one.value}_topic")) for one in Channel}
         self._report = SensorReport(topics, self.value("stale_after"))
+        self._report.gravity = {one: Gravity(self.value(f"{one.value}_unit")) for one in Channel}
         self._begin = time.monotonic()
         self._heard: dict[Channel, float] = {}
         self._looks, self._level = 0, Level.OK
-        readings = {channel: self._reading(channel.value, {}).samples for channel in Channel}
+        readings = {
+            one: replace(self._reading(one.value, {}), gravity=self._report.gravity[one]).samples
+            for one in Channel
+        }
         wanted = qos.profile(DEPTH, reliable=self.value("reliability") == "reliable")
         for topic in dict.fromkeys(topics.values()):
             channels = {one: readings[one] for one in Channel if topics[one] == topic}
@@ -269,6 +275,7 @@ class Reading:
     ``frame`` is the only ``frame_id`` taken, empty: any. ``by_arrival``: the arrival's time counts, not the
     header's.
     ``time_column``: of an array, in s; -1 for none. ``sample_rate`` (Hz) of arrays with several samples each.
+    ``gravity`` gets the axes of all readings.
     """
 
     kind: str
@@ -279,6 +286,7 @@ class Reading:
     by_arrival: bool = False
     time_column: int = -1
     sample_rate: float = 0.0
+    gravity: Gravity | None = field(default=None, compare=False)
 
     def refusal(self) -> str | None:
         """Return what is wrong with ``axis`` for this type of message, or ``None``."""
@@ -311,6 +319,8 @@ class Reading:
                 vector = message.linear_acceleration
             else:
                 vector = message.vector if self.kind == VECTOR else message.accel.linear
+            if self.gravity is not None:
+                self.gravity.take(vector.x, vector.y, vector.z)
             stamp = arrival if self.by_arrival else nanoseconds(header.stamp)
             if not self.by_arrival and header.stamp.nanosec >= NANOSECONDS:
                 stamp = 0
@@ -343,6 +353,30 @@ class Reading:
 
 
 @dataclass(slots=True)
+class Gravity:
+    """Mean of the three axes of a sensor that is set to ``unit``, which shows gravity in its true unit."""
+
+    unit: str
+    _count: int = 0
+    _sums: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
+
+    def take(self, *axes: float) -> None:
+        """Take a reading."""
+        if all(map(math.isfinite, axes)):
+            self._count += 1
+            self._sums = [before + now for before, now in zip(self._sums, axes, strict=True)]
+
+    @property
+    def other_unit(self) -> str:
+        """Unit in which the mean is gravity, "" where that is the one that is set, or none is."""
+        if self._count < GRAVITY_READINGS:
+            return ""
+        shown = math.hypot(*self._sums) / self._count
+        fitting = [unit for unit, size in UNITS.items() if abs(shown * size / GRAVITY - 1.0) < GRAVITY_OFF]
+        return "" if not fitting or self.unit in fitting else fitting[0]
+
+
+@dataclass(slots=True)
 class SensorReport:
     """``silent`` s since a sensor's last message; ``unusable`` messages, the last reason.
 
@@ -360,6 +394,7 @@ class SensorReport:
     unpaired: int = 0
     publishers: dict[Channel, int] = field(default_factory=dict)
     several: dict[Channel, float] = field(default_factory=lambda: dict.fromkeys(Channel, 0.0))
+    gravity: dict[Channel, Gravity] = field(default_factory=dict)
     _counted: tuple[int, int] = (0, 0)
 
     def count_publishers(self, found: Mapping[Channel, int], seconds: float) -> None:
@@ -391,6 +426,10 @@ class SensorReport:
         for found in (*faults, self._mixture(mismatch is not None), mismatch):
             if found is not None:
                 return found
+        for channel, one in self.gravity.items():
+            if one.other_unit:
+                text = f"{channel.value}: its three axes show gravity in {one.other_unit}"
+                return Level.WARNING, f"{text}: set {channel.value}_unit to it, {one.unit} is set"
         if not aligner.settled or aligner.fault is not None:
             return Level.WARNING, "finding the sensors' rates"
         if self.recent.lost or self.recent.refused:

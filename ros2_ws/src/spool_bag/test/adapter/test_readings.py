@@ -8,7 +8,7 @@ import pytest
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import AccelStamped
 from sensor_msgs.msg import Imu
-from spool_bag.adapter_node import ACCEL, ARRAY, IMU, LEASE, Reading, SensorReport, UnusableError
+from spool_bag.adapter_node import ACCEL, ARRAY, IMU, LEASE, Gravity, Reading, SensorReport, UnusableError
 from spool_core.aligner import Aligner, AlignerSettings, Channel
 from spool_core.node.diagnostics import Level
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayout
@@ -132,3 +132,19 @@ def test_two_publishers_on_one_topic_are_named_as_the_cause(burst: bool, seconds
     assert (status.level is Level.ERROR) == named
     report.count_publishers({Channel.BODY: 1, Channel.SPOOL: 1}, seconds)
     assert "publishers on" not in report.status(aligner, 1_010_000_000_000).message
+
+
+@pytest.mark.parametrize(
+    ("unit", "shown", "other"),
+    [("m/s^2", 1.02, "g"), ("m/s^2", 9.81, ""), ("g", 9.7, "m/s^2"), ("g", 1.0, ""), ("m/s^2", 0.0, "")],
+)
+def test_gravity_shows_a_unit_that_is_not_the_one_set(unit: str, shown: float, other: str) -> None:
+    gravity = Gravity(unit)
+    samples = Reading(IMU, "+x", unit, gravity=gravity).samples
+    for at in range(1000):
+        message = imu()
+        message.linear_acceleration.x = 5.0 * math.sin(at)
+        message.linear_acceleration.y = 0.0
+        message.linear_acceleration.z = shown
+        samples(message, 0)
+    assert gravity.other_unit == other
