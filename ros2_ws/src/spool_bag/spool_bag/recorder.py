@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from rosbags.interfaces import Qos
 from spool_core.errors import InputError
-from spool_core.files import expanded
+from spool_core.system import expanded
 
 from spool_bag.metadata import ACCELERATION_BLOCK, TEMPERATURE
 

@@ -15,12 +15,12 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 from spool_core.cdr import CdrError, block_head, header_stamp
 from spool_core.errors import InputError
-from spool_core.files import expanded
 from spool_core.node import qos
 from spool_core.node.diagnostics import DiagnosticPublisher, Level, Status
 from spool_core.node.managed_node import ManagedNode
 from spool_core.node.parameters import NodeParameter, Value
 from spool_core.node.running import run
+from spool_core.system import expanded
 from spool_core.text import plural, printable
 from spool_msgs.srv import TakeSnapshot
 

@@ -12,8 +12,8 @@ from typing import Any
 from spool_core.block import Block
 from spool_core.block_gate import BlockGate
 from spool_core.errors import InputError
-from spool_core.files import YamlError, expanded
-from spool_core.system import OPEN_FLAGS
+from spool_core.files import YamlError
+from spool_core.system import OPEN_FLAGS, expanded
 from spool_core.text import printable
 
 from spool_bag.mcap_file import Damage, McapFile

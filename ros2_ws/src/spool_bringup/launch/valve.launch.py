@@ -14,8 +14,9 @@ from launch_ros.actions import LifecycleNode, Node
 from launch_ros.parameter_descriptions import ParameterValue
 from spool_bringup.host.arguments import read_valves
 from spool_core.errors import InputError
-from spool_core.files import expanded, names_node, sections_of
+from spool_core.files import names_node, sections_of
 from spool_core.node.parameters import refuse_other_files, rule
+from spool_core.system import expanded
 
 SHARE = Path(get_package_share_directory("spool_bringup"))
 

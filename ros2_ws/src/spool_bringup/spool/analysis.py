@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import cast
 
 from spool_core.errors import InputError
-from spool_core.files import expanded
+from spool_core.system import expanded
 from spool_core.text import did_you_mean
 
 from spool.errors import in_python, one_error

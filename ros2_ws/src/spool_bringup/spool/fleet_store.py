@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from spool_core.files import expanded
+from spool_core.system import expanded
 
 from spool.errors import one_error
 from spool.results import keeping_backend

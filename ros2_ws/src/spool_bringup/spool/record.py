@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
 from spool_core.errors import InputError
-from spool_core.files import expanded
+from spool_core.system import expanded
 
 from spool.arrays import write_table
 from spool.errors import one_error

@@ -5,7 +5,6 @@ A few hundred bytes of YAML can stand for gigabytes, or end the stack.
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -14,6 +13,7 @@ from typing import Any
 import yaml
 
 from spool_core.errors import InputError
+from spool_core.system import expanded
 
 #: Characters; the largest file that users write, a launch file's list of 1000 valves, has some 100 kB.
 LARGEST = 1_000_000
@@ -75,11 +75,6 @@ def load_yaml(text: str, *, largest: int = LARGEST, most_values: int = MOST_VALU
     except (ValueError, TypeError, LookupError, AttributeError, OverflowError) as error:
         # What PyYAML makes of a value that looks like a date or carries a tag, e.g. 2020-99-99.
         raise YamlError(f"not valid YAML: a value can't be read ({_short(error)}); correct it") from None
-
-
-def expanded(path: str | Path) -> Path:
-    """Return ``path`` with ``~`` replaced by the home folder, which no shell does in files and parameters."""
-    return Path(os.path.expanduser(path))
 
 
 def read_yaml(path: str | Path, what: str) -> Any:

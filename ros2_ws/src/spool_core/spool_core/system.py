@@ -89,6 +89,11 @@ def restrict(path: Path, mode: int) -> None:
         return
 
 
+def expanded(path: str | Path) -> Path:
+    """Return ``path`` with ``~`` replaced by the home folder, which no shell does in files and parameters."""
+    return Path(os.path.expanduser(path))
+
+
 def private_temporary_folder(name: str) -> Path:
     """Return a folder below the system's temporary one that only this user can reach; the same at each call.
 

@@ -8,7 +8,8 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from spool_core.errors import InputError
-from spool_core.files import LARGEST, YamlError, expanded, load_yaml, read_yaml
+from spool_core.files import LARGEST, YamlError, load_yaml, read_yaml
+from spool_core.system import expanded
 
 #: Each of 9 lists holds the one before nine times: 3.5e8 values in some 300 bytes.
 BILLION_LAUGHS = 'a0: &a0 [x,x,x,x,x,x,x,x,x]\n' + "".join(

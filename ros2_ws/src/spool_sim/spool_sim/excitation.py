@@ -21,8 +21,8 @@ from pydantic import (
     model_validator,
 )
 from spool_core.errors import InputError
-from spool_core.files import expanded
 from spool_core.numbers import Array
+from spool_core.system import expanded
 from spool_core.text import did_you_mean
 
 from spool_sim.valve import NotNegative, Number, Positive, one_line, read_mapping

@@ -9,7 +9,7 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from spool_core.errors import InputError
-from spool_core.files import expanded
+from spool_core.system import expanded
 from spool_core.text import did_you_mean
 
 from spool_sim.integration.composition import unique_parameters

@@ -22,8 +22,9 @@ from pydantic import (
     model_validator,
 )
 from spool_core.errors import InputError
-from spool_core.files import expanded, read_yaml
+from spool_core.files import read_yaml
 from spool_core.numbers import GRAVITY
+from spool_core.system import expanded
 from spool_core.text import did_you_mean
 
 CELSIUS_ZERO = 273.15

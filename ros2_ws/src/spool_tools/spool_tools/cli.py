@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 from spool_core.errors import InputError, refused_by_system
 from spool_core.faults import show_traceback, unexpected
-from spool_core.files import expanded
+from spool_core.system import expanded
 from typer.exceptions import TyperException
 
 from spool_tools.command import CommandGroup

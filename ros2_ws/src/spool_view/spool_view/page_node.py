@@ -14,12 +14,12 @@ from rcl_interfaces.srv import GetParameters
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from spool_core.errors import InputError
-from spool_core.files import expanded
 from spool_core.node import qos
 from spool_core.node.managed_node import ManagedNode
 from spool_core.node.parameters import NodeParameter, Value, rule
 from spool_core.node.running import run
 from spool_core.node.service_calls import ServiceCalls
+from spool_core.system import expanded
 from spool_monitor.state_file import default_folder
 from spool_monitor.valve_condition import monitored_valves
 from spool_msgs.msg import AccelerationBlock, AlarmList, GapAnalysis, ModelEstimate, ValveHealth

@@ -20,7 +20,8 @@ from pathlib import Path
 
 import yaml
 from spool_core.errors import InputError
-from spool_core.files import LARGEST, YamlError, expanded, load_yaml, read_yaml
+from spool_core.files import LARGEST, YamlError, load_yaml, read_yaml
+from spool_core.system import expanded
 
 #: Name of the node of a host's first process; that of process 1 is ``host_1``, and so on.
 NAME = "host"

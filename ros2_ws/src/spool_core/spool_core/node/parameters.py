@@ -19,7 +19,8 @@ from rclpy.node import Node
 
 from spool_core.errors import InputError
 from spool_core.events.sentences import LANGUAGES, VARIABLE
-from spool_core.files import expanded, load_yaml, names_node, parameters_of, refuse_other_kind, sections_of
+from spool_core.files import load_yaml, names_node, parameters_of, refuse_other_kind, sections_of
+from spool_core.system import expanded
 
 Value = bool | int | float | str | list[str] | list[float]
 

@@ -22,12 +22,11 @@ from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.signals import SignalHandlerOptions
 
 from spool_core.errors import InputError
-from spool_core.files import expanded
 from spool_core.node.managed_node import AUTOSTART, ManagedNode
 from spool_core.node.network import check_middleware, network_warnings
 from spool_core.node.parameters import RULES, refuse_other_files, refuse_other_nodes, rule
 from spool_core.node.program import STOP, Phase, StopRequested
-from spool_core.system import private_temporary_folder
+from spool_core.system import expanded, private_temporary_folder
 from spool_core.text import keep_standard_streams
 
 #: s, how long a quiet node may take to notice SIGINT or SIGTERM.

@@ -15,7 +15,7 @@ from rich.console import Console
 from rich.table import Table
 from spool_bag import check_valve
 from spool_core.errors import InputError
-from spool_core.files import expanded
+from spool_core.system import expanded
 from spool_core.uncertainty import exact, number, unit_text
 from spool_monitor.state_file import default_folder, valve_folder
 from spool_monitor.trend import KEPT, TrendStore, finest, own_file
