@@ -323,9 +323,7 @@ def test_a_section_that_reaches_no_node_of_the_launch_is_refused(
 ) -> None:
     params = tmp_path / "mine.yaml"
     params.write_text(f"{section}:\n  ros__parameters: {{coulomb_change: 0.3}}\n")
-    with pytest.raises(
-        ValueError, match=rf"section /?{section} is for no node of this launch: write"
-    ):
+    with pytest.raises(ValueError, match=rf"section /?{section} is for no node of this launch: write"):
         nodes(description, PACKAGE / "config" / "valves.yaml", params_file=str(params))
 
 
