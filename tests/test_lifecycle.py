@@ -57,7 +57,7 @@ def test_the_nodes_are_managed_from_outside(system: System, tmp_path: Path) -> N
 
     for node in nodes.values():
         system.change(node, "deactivate")
-    # Whoever asks from now on hears that nobody judges the valve.
+    # Its latched level must not stay: nobody judges the valve any more.
     system.until(lambda: "inactive" in health.last.summary, "the monitor tells that it is inactive")
     assert health.last.level == ValveHealth.LEVEL_UNKNOWN
     before = estimates.last

@@ -131,7 +131,7 @@ class MonitorNode(ManagedNode):
     def deactivate(self) -> None:
         """Publish that the valve is not judged: its last level would stay latched."""
         health = replace(
-            self._core.health, level=HealthLevel.UNKNOWN, namur=Namur.UNKNOWN, active=(), judgements=(),
+            self._health(), level=HealthLevel.UNKNOWN, namur=Namur.UNKNOWN, active=(), judgements=(),
             summary="not monitored: the monitor is inactive",
         )  # fmt: skip
         self._level = health.level
@@ -248,10 +248,13 @@ class MonitorNode(ManagedNode):
         if events or self._core.level is not self._level:
             self._report()
 
-    def _report(self) -> None:
+    def _health(self) -> Health:
+        """Return the present judgement, at the node's time before the first block."""
         health = self._core.health
-        if health.stamp == 0:  # before the first block the node's clock is all there is
-            health = replace(health, stamp=self.get_clock().now().nanoseconds)
+        return health if health.stamp else replace(health, stamp=self.get_clock().now().nanoseconds)
+
+    def _report(self) -> None:
+        health = self._health()
         self._level = health.level
         health = replace(health, namur=max(health.namur, self._alarms.namur))
         self._health_publisher.publish(to_health_message(health, self._valve_id))
