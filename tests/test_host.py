@@ -198,7 +198,7 @@ def test_a_host_runs_the_sources_itself_and_others_hear_them_as_well(
     system.until(lambda: len(heard.heard) > 50, "others hear the blocks")
     sequences = [to_block(message).sequence for message in heard.messages]
     assert sequences == sorted(set(sequences))
-    # With data sharing each of the readers, ten a valve, would have a thread of its own.
+    # With data sharing each of the readers, ten a valve, would have a thread.
     threads = [task.read_text() for task in Path(f"/proc/{process.popen.pid}/task").glob("*/comm")]
     assert not [name for name in threads if name.startswith("dds.dsha")]
     for name, topic in told.items():
