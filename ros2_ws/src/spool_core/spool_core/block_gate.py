@@ -10,6 +10,7 @@ import numpy as np
 
 from spool_core.block import Block, BlockRun, RecentCounts, joined, joined_runs
 from spool_core.rate_check import RateCheck, RateState
+from spool_core.sample_rate import LEAST_RATE
 
 #: A block's stamp, end (ns), sequence and sample period (s).
 Place = tuple[int, int, int, float]
@@ -18,9 +19,8 @@ Place = tuple[int, int, int, float]
 #: streams besides the first one that are followed.
 STALE, MOST_RIVALS = 1.5, 4
 
-#: s, sample periods that a source can have; the lower one bounds what consumers set aside per second, the
-#: longer one is 4 Hz, below twice the lowest natural frequency of a spool that its springs hold.
-SHORTEST_PERIOD, LONGEST_PERIOD = 1.0e-6, 0.25
+#: s, sample periods that a source can have; the lower one bounds what consumers set aside per second.
+SHORTEST_PERIOD, LONGEST_PERIOD = 1.0e-6, 1.0 / LEAST_RATE
 
 #: m/s^2, beyond what any accelerometer reads: a broken word, which integrals would carry on.
 LARGEST_SAMPLE = 1.0e6

@@ -11,14 +11,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from spool_core.block_gate import LARGEST_SAMPLE, LONGEST_PERIOD
+from spool_core.block_gate import LARGEST_SAMPLE
 from spool_core.numbers import Array
+from spool_core.sample_rate import LEAST_RATE
 from spool_core.sensor_clock import LEAST_STEP, Change, Line, SampleClock, Step, StepWatch
 from spool_core.stamps import Rhythm, Stamps, judge_stamps, repeated
 
-#: Hz, rates that a sensor may have: the lowest is that of blocks, the highest far above what single messages
-#: can bring.
-LOWEST_RATE, HIGHEST_RATE = 1.0 / LONGEST_PERIOD, 1.0e5
+#: Hz, far above what single messages can bring.
+HIGHEST_RATE = 1.0e5
 
 #: s; a stamp further ahead is taken for a wrong one until CONFIRM follow it. Below, two prove a loss.
 LONGEST_GAP, CONFIRM, PROVE_LOSS = 1.0, 10, 2
@@ -38,8 +38,9 @@ FEWEST, MOST, PATIENCE = 8, 200_000, 4.0
 #: taken from the first stamp after it.
 KEEPS_PHASE = 0.1
 
-#: s within which a sensor that is alive sends: later, its newest stamp says nothing of the present.
-QUIET = 0.02
+#: s within which a sensor that is alive sends: later, its newest stamp says nothing of the present. The
+#: second one holds while its rate is unknown.
+QUIET, QUIET_WITHOUT_CLOCK = 0.02, 0.25
 
 #: s by which the lag behind the other sensor may change over a silence before it counts as a clock that was
 #: set: a driver that starts again delivers as before to within that.
@@ -65,7 +66,7 @@ class Refusal(enum.Enum):
     NOT_FINITE = "the value is NaN, infinite or beyond 1e6 m/s^2"
     DUPLICATE = "stamp and value repeated"
     STRAY = "stamp that the next ones do not confirm"
-    RATE = "sampled slower than 4 Hz or faster than 100 kHz"
+    RATE = f"sampled slower than {LEAST_RATE:g} Hz or faster than {1e-3 * HIGHEST_RATE:g} kHz"
     RHYTHM = "stamps that show no sample rate"
 
 
@@ -149,7 +150,7 @@ class SensorStream:
     @property
     def silence(self) -> float:
         """ns without a message from which on its newest stamp says nothing of the present."""
-        return 1e9 * LONGEST_PERIOD if self.clock is None else max(1e9 * QUIET, 3.0 * self.clock.period)
+        return 1e9 * QUIET_WITHOUT_CLOCK if self.clock is None else max(1e9 * QUIET, 3.0 * self.clock.period)
 
     @property
     def unconfirmed(self) -> bool:
@@ -429,7 +430,7 @@ class SensorStream:
         clock = SampleClock.through(stamps, indices)
         if found.rhythm in (Rhythm.COARSE, Rhythm.BURSTS):
             clock.turn(1e9 / found.rate, indices)
-        if not LOWEST_RATE <= clock.rate <= HIGHEST_RATE:
+        if not LEAST_RATE <= clock.rate <= HIGHEST_RATE:
             self.refused[Refusal.RATE] += len(first)
             self.doubt = f"{clock.rate:.3g} Hz: {Refusal.RATE.value}"
             return

@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from spool_core.errors import InputError
+from spool_core.sample_rate import Analysis, least_rate, slowness
 from spool_core.uncertainty import Z_95, compared
 from spool_sim.valve import FILM, OILS, Valve
 
@@ -35,9 +36,6 @@ TOLERANCE = 0.10
 HOTTEST, WORN = 100.0, 3.0
 #: Law by which the viscosity falls where a file names none: the steeper of those that are shipped.
 COMMON_OIL = "HL68"
-#: Samples in a period of the natural frequency, at least: fewer than two show another frequency (sampling
-#: theorem), and the anti-aliasing filter of a data logger takes the octave above.
-LEAST_SAMPLES = 4.0
 #: Hz, faster than loggers of accelerometers are.
 FASTEST = 1e5
 
@@ -157,16 +155,14 @@ def check_rate(name: str, sample_rate: float, valve: Valve) -> None:
     Raises:
         InputError: it is; where times in milliseconds or microseconds explain that, they are named.
     """
-    needed = LEAST_SAMPLES * valve.natural_frequency
-    if sample_rate >= needed:
+    slow = slowness(Analysis.ESTIMATE, sample_rate, valve.natural_frequency)
+    if not slow:
         return
+    needed = least_rate(Analysis.ESTIMATE, valve.natural_frequency).rate
     units = (("milliseconds", 1e3), ("microseconds", 1e6))
     guess = next((unit for unit, factor in units if sample_rate * factor <= FASTEST), "")
     asked = f"; are its times {guess} instead of seconds?" if guess and sample_rate * 1e3 >= needed else ""
-    raise InputError(
-        f"{name}: {sample_rate:g} Hz is too slow for the natural frequency of '{valve.id}', "
-        f"{valve.natural_frequency:.3g} Hz: sample at {needed:.0f} Hz or more{asked}"
-    )
+    raise InputError(f"{name}: '{valve.id}': {slow}{asked}")
 
 
 def check_records(valve: Valve, records: Sequence[Record]) -> list[str]:

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from spool_core.errors import InputError
 from spool_core.numbers import Array, Complex
+from spool_core.sample_rate import Analysis, least_rate, slowness
 from spool_estimator.identification.fit_result import EXPLAINS_NOTHING
 from spool_estimator.identification.record import Record
 from spool_estimator.identification.spectra import ChannelNoise, cross_spectrum, noise_of
@@ -68,15 +69,6 @@ class Thresholds:
         4.0, "s", "length of a stretch below which it is left out", "a window and its settling"
     )
     excited: float = decided(5.0, "1", "rms over the noise's below which a channel shows only noise", CASES)
-    samples_per_period: float = decided(
-        25.0, "1", "samples per period of the natural frequency below which a record is refused", CASES
-    )
-    samples_per_excited_period: float = decided(
-        3.0,
-        "1",
-        "samples per period of the highest frequency excited below which a record is refused",
-        "above the two of Nyquist, with room for the anti-alias filter",
-    )
     incoherent: float = decided(
         0.3,
         "1",
@@ -267,14 +259,13 @@ def judge(record: Record, valve: Valve) -> tuple[list[str], bool]:
     noise = noise_of(record.body, record.spool, record.sample_rate)
     natural = valve.natural_frequency
     body, spool = float(record.body.std()), float(record.spool.std())
-    needed = THRESHOLDS.samples_per_period * natural
+    still = body < THRESHOLDS.excited * noise.body_rms or noise.high <= noise.low
+    highest = 0.0 if still else min(noise.high, 0.5 * record.sample_rate)
+    slow = slowness(Analysis.GAP, record.sample_rate, natural, highest)
     # First of all: what is sampled too slowly folds back and looks like noise.
-    if record.sample_rate < needed:
-        raise InputError(
-            f"{record.name}: {record.sample_rate:g} Hz is too slow for a natural frequency of "
-            f"{natural:.1f} Hz: sample at {needed:.0f} Hz or more"
-        )
-    if body < THRESHOLDS.excited * noise.body_rms or noise.high <= noise.low:
+    if record.sample_rate < least_rate(Analysis.GAP, natural).rate:
+        raise InputError(f"{record.name}: {slow}")
+    if still:
         if spool > THRESHOLDS.excited * max(noise.spool_rms, noise.body_rms):
             raise InputError(
                 f"{record.name}: body shows only noise ({body:.3g} m/s^2) while spool moves: "
@@ -289,12 +280,8 @@ def judge(record: Record, valve: Valve) -> tuple[list[str], bool]:
             f"{record.name}: spool shows only noise ({spool:.3g} m/s^2) while body moves with {body:.3g}: "
             "is its sensor dead, or not mounted?"
         )
-    if record.sample_rate < THRESHOLDS.samples_per_excited_period * noise.high:
-        raise InputError(
-            f"{record.name}: {record.sample_rate:g} Hz is too slow for a natural frequency of "
-            f"{natural:.1f} Hz driven up to {min(noise.high, 0.5 * record.sample_rate):.0f} Hz: "
-            f"sample at {max(needed, 10.0 * min(noise.high, 200.0)):.0f} Hz or more"
-        )
+    if slow:
+        raise InputError(f"{record.name}: {slow}")
     ratio, coherent, frequency = transfer(record, noise)
     low = frequency < 0.45 * natural
     wrong, doubt = misread(ratio, coherent, frequency, valve)

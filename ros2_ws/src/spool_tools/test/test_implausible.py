@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from pathlib import Path
 
+import numpy as np
 import pytest
+from spool_core.block import Block
+from spool_core.block_gate import malformed
 from spool_sim.valve import shipped_valves
 from spool_tools.cli import main
 
@@ -60,6 +64,29 @@ def test_a_record_that_is_too_slow_for_its_valve_is_refused(
     said = refusal([command, record, "--valve", "4weh10_soft"], capsys)
     assert "40 Hz is too slow for " in said
     assert "sample at " in said
+
+
+def test_check_and_gap_advise_the_same_rate_for_a_slow_record(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    slow = ["--valve", "4weh10_soft", "--excitation", "multisine", "--seconds", "20", "--sample-rate", "300"]
+    assert main(["simulate", *slow, "--out", str(tmp_path / "bag")]) == 0
+    capsys.readouterr()
+    said = refusal(["gap", str(tmp_path / "bag"), "--valve", "4weh10_soft"], capsys)
+    assert main(["check", str(tmp_path / "bag")]) == 1
+    doubts = capsys.readouterr().out
+    advised = re.findall(r"sample at (\d+) Hz", said + doubts.replace("\n", " "))
+    assert len(advised) == 2
+    assert len(set(advised)) == 1
+
+
+@pytest.mark.parametrize("rate", [15.0, 25.0])
+def test_a_rate_is_taken_live_where_it_is_taken_as_a_file(rate: float, tmp_path: Path) -> None:
+    rows = [(number / rate, math.sin(number), math.cos(number)) for number in range(200)]
+    record = written(tmp_path / "record.csv", "time_s,body_m_s2,spool_m_s2", rows)
+    taken = main(["import", record, "--look"]) == 0
+    body, spool = (np.array([row[column] for row in rows], np.float32) for column in (1, 2))
+    assert taken == (malformed(Block(1, 0, 1.0 / rate, body, spool)) is None)
 
 
 @pytest.mark.parametrize("kind", ["driven", "imposed"])

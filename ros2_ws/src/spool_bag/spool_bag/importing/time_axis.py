@@ -17,6 +17,7 @@ from spool_core.block_gate import SHORTEST_PERIOD
 from spool_core.errors import InputError
 from spool_core.numbers import Array
 from spool_core.stamps import JITTER, first_step, number_error, ticks
+from spool_core.sample_rate import LEAST_RATE
 from spool_core.text import printable
 
 from spool_bag import TIME
@@ -28,8 +29,8 @@ from spool_bag.importing.units import WORDS, factor, quantity_of, split_header
 #: Beyond any acceleration, force, displacement or time in ns since 1970.
 LARGEST_NUMBER = 1e19
 
-#: s: at 20 Hz not even 10 Hz can be seen, below any spool valve's natural frequency.
-LONGEST_USUAL_PERIOD = 0.05
+#: s, of accelerations of any valve, live ones too.
+LONGEST_USUAL_PERIOD = 1.0 / LEAST_RATE
 #: s, of a force record, which may be as slow as its machine.
 LONGEST_PERIOD = 10.0
 #: s: 100 kHz is beyond what accelerometers of valves are sampled with.
@@ -236,7 +237,7 @@ def period_check(path: Path, name: str, period: float, kind: str) -> str:
         raise InputError(
             f"{path}: {name} steps by {period:g} s: are these {_usual(period)}? give the unit with "
             "--unit time=ms, "
-            f"and the samples of a valve at more than {1.0 / LONGEST_USUAL_PERIOD:g} Hz"
+            f"and the samples of a valve at {LEAST_RATE:g} Hz or more"
         )
     return (
         f"{name} steps by {period:g} s: are these {_usual(period)}?" if period > LONGEST_USUAL_PERIOD else ""

@@ -22,6 +22,7 @@ from spool_bag.importing.table import Table as Channels
 from spool_bag.importing.units import quantity_of
 from spool_core.errors import InputError
 from spool_core.numbers import Array
+from spool_core.sample_rate import Analysis, slowness
 from spool_core.uncertainty import number
 from spool_estimator.identification.channel_faults import at_rail
 from spool_estimator.identification.record import LARGEST, Record
@@ -41,10 +42,6 @@ PIECE = 2.0
 CLIPPED = 0.005
 #: Signal over noise (rms) below which parameters become uncertain by more than a tenth in a minute.
 QUIET = 3.0
-#: Hz of rate over the highest frequency of the excitation, by which its shape is known (ISO 18431-1 asks for
-#: 2.56 of a spectrum; steps of friction need their harmonics, of which the third still lies below half of
-#: it).
-RATE_OVER_BAND = 8.0
 #: s from which a record tells of friction: 20 periods at 1 Hz.
 SHORT = 20.0
 _BODY, _SPOOL, _LINE = "#0072B2", "#D55E00", "#000000"
@@ -453,11 +450,9 @@ def _doubts(found: RecordQuality) -> list[str]:
             )
     if found.duration < SHORT:
         said.append(f"{found.duration:.1f} s are short: friction needs {SHORT:g} s and more")
-    if found.rate < RATE_OVER_BAND * found.band[1]:
-        said.append(
-            f"{found.rate:g} Hz are few for an excitation up to {found.band[1]:.0f} Hz: sample at "
-            f"{RATE_OVER_BAND * found.band[1]:.0f} Hz or more"
-        )
+    natural = found.resonance[0] if math.isfinite(found.resonance[0]) else 0.0
+    slow = [slowness(one, found.rate, natural, found.band[1]) for one in Analysis]
+    said.extend([one for one in slow if one][:1])
     if found.coherence < COHERENT and all(one.rms > 0.0 for one in found.channels):
         said.append(
             f"coherence of body and spool is {found.coherence:.2f} in the excitation's band: "

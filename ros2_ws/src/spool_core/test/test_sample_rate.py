@@ -1,0 +1,51 @@
+"""Sample rates: what each analysis needs, and one advice for one record."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from spool_core.sample_rate import LEAST_RATE, SLOWEST_VALVE, Analysis, least_rate, slowness
+
+NATURAL = st.floats(SLOWEST_VALVE, 250.0)
+HIGHEST = st.one_of(st.just(0.0), st.floats(1.0, 1000.0))
+
+
+def advised(text: str) -> float:
+    found = re.search(r"sample at (\d+) Hz or more", text)
+    assert found is not None
+    return float(found[1])
+
+
+@given(natural=NATURAL, highest=HIGHEST, share=st.floats(0.0, 1.0))
+def test_every_analysis_gives_the_same_advice_for_a_record_and_takes_the_advised_rate(
+    natural: float, highest: float, share: float
+) -> None:
+    rate = LEAST_RATE + share * (least_rate(Analysis.SHAPE, natural, highest).rate - LEAST_RATE)
+    texts = [slowness(analysis, rate, natural, highest) for analysis in Analysis]
+    advice = {advised(text) for text in texts if text}
+    assert len(advice) <= 1
+    for needed in advice:
+        if rate >= 4.0 * natural:  # below, the excitation that is seen is folded
+            assert not any(slowness(analysis, needed, natural, highest) for analysis in Analysis)
+
+
+@pytest.mark.parametrize(
+    ("analysis", "needed"), [(Analysis.ESTIMATE, 61.0), (Analysis.GAP, 380.0), (Analysis.SHAPE, 808.0)]
+)
+def test_rates_follow_from_the_natural_frequency_and_the_excitation(
+    analysis: Analysis, needed: float
+) -> None:
+    # 4 and 25 samples in a period at 15.2 Hz: 60.8 and 380; 8 at 101 Hz.
+    assert least_rate(analysis, 15.2, 101.0).rate == needed
+
+
+def test_a_text_names_the_analysis_its_need_and_the_reason() -> None:
+    text = slowness(Analysis.GAP, 300.0, 15.2, 101.0)
+    assert "300 Hz is too slow for `gap`, which needs 380 Hz (25 samples in a period" in text
+
+
+def test_no_analysis_of_any_valve_needs_less_than_streams_and_files_must_have() -> None:
+    assert min(least_rate(analysis, SLOWEST_VALVE).rate for analysis in Analysis) == LEAST_RATE
