@@ -192,6 +192,7 @@ class RecorderNode(ManagedNode):
             check_valve(valve)
         self._new_bag()
         self._diagnostics = DiagnosticPublisher(self, "recorder")
+        self.serve(TakeSnapshot, "~/take_snapshot", self._take_snapshot)
 
     def activate(self) -> None:
         """Make the bag and start to listen."""
@@ -223,7 +224,6 @@ class RecorderNode(ManagedNode):
             self.value("snapshot_max_total_size"),
         )
         self.get_logger().info(f"recording to {path}")
-        self.serve(TakeSnapshot, "~/take_snapshot", self._take_snapshot)
         self._discover()
         self.every(DISCOVERY_PERIOD, self._discover, steady=True)
         self.every(ASKED_AGAIN, lambda: self._discover(again=True), steady=True)

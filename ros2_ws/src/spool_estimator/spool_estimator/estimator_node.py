@@ -269,7 +269,7 @@ class GapService:
     def __init__(
         self, node: Any, valve: Valve, base: Model, language: Language, *, window: float, growth: float
     ) -> None:
-        """Make the publishers.
+        """Make publishers and service.
 
         Args:
             node: a managed node.
@@ -285,11 +285,11 @@ class GapService:
         self._worker = GapWorker()
         self._events = node.create_lifecycle_publisher(HealthEvent, "events", qos.state(KEPT_EVENTS))
         self._answers = node.create_lifecycle_publisher(GapAnalysis, "gap", qos.state())
+        node.serve(Trigger, "~/analyse_gap", self._answer)
 
     def open(self) -> None:
-        """Listen to the valve's events, and answer requests."""
+        """Listen to the valve's events."""
         self._node.subscribe(HealthEvent, "events", self._hear, qos.state(KEPT_EVENTS))
-        self._node.serve(Trigger, "~/analyse_gap", self._answer)
 
     def take(self, block: Block, estimates: list[Estimate]) -> None:
         """Keep ``block`` and judge ``estimates``."""

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from spool_core.block import Block
-from spool_core.block_gate import BlockGate, SharedGate
+from spool_core.block_gate import BlockGate, Fault, SharedGate
 from spool_core.errors import InputError
 from spool_core.events.english import Language
 from spool_core.events.sentences import headline, language_of
@@ -20,6 +20,7 @@ from spool_core.node.diagnostics import DiagnosticPublisher, Level, Status, bloc
 from spool_core.node.managed_node import ManagedNode
 from spool_core.node.messages import to_event_message, to_quantity, to_time
 from spool_core.node.parameters import LANGUAGE, NodeParameter, Value
+from spool_core.one_source import Standing
 from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.estimate import Estimate
 from spool_estimator.messages import from_description, from_message
@@ -90,7 +91,8 @@ class MonitorNode(ManagedNode):
         self._alarms: AlarmServices
         self._trends: TrendWriter | None = None
         self._valve_id = self.get_namespace().strip("/")
-        self._described = False
+        self._described: ValveDescription | None = None
+        self._waiting: ValveDescription | None = None
         self._activated = time.monotonic()
         self._no_blocks, self._no_estimates = Silence(2.0 * LOOK), Silence(2.0 * LOOK)
         self._level = HealthLevel.UNKNOWN
@@ -100,7 +102,7 @@ class MonitorNode(ManagedNode):
         self.compile(warm_up_monitor)
         self._gate = SharedGate()
         self._core = Monitor(self._settings({}), self._gate)
-        self._described = False
+        self._described = self._waiting = None
         kinds = tuple(kind for kind in self.value("latched_kinds") if kind)
         warn = self.get_logger().warning
         state = ValveState(self._core, self._folder(), warn, AlarmStore(kinds))
@@ -121,7 +123,8 @@ class MonitorNode(ManagedNode):
         self._no_blocks.end()
         self._no_estimates.end()
         self._gate.resume()
-        self._alarms.open()
+        self._core.estimates.resume()
+        self._alarms.show()
         self.subscribe(ValveDescription, "valve", self._take_description, qos.state())
         self.subscribe_blocks("acceleration", self._take_blocks, self._room)
         self.subscribe(ModelEstimate, "estimate", self._take_estimate, qos.state(depth=10))
@@ -182,10 +185,21 @@ class MonitorNode(ManagedNode):
         return valve_folder(base, self.get_namespace())
 
     def _take_description(self, message: ValveDescription) -> None:
+        """Take the valve's description; while estimates of another one are used it waits for its own."""
+        self._waiting = message
+        if self._described is None or self._core.estimates.last is None:
+            self._describe(message)
+        elif (told := message.header.frame_id) != (known := self._described.header.frame_id):
+            self.get_logger().warning(
+                f"valve: a description of {told} came, the estimates are of {known}: it is used with its own"
+            )
+
+    def _describe(self, message: ValveDescription) -> None:
+        self._waiting = None
         self._valve_id = self._diagnostics.hardware_id = message.header.frame_id
-        if not self._described:
-            self._described = True
+        if self._described is None:
             self._no_estimates.end()  # the estimator begins now
+        self._described = message
         self._alarms.identify(message.header.frame_id, message.oil)
         if self.value(NATURAL_FREQUENCY.name) == 0.0:
             self._core.set_natural_frequency(from_description(message).natural_frequency)
@@ -197,9 +211,11 @@ class MonitorNode(ManagedNode):
     def _take_blocks(self, blocks: Sequence[Block]) -> None:
         accepted = self._gate.accepted
         for block in self._gate.admitted(blocks, self._room):
-            if not self._described and block.source:
+            if self._described is None and block.source:
                 self._valve_id = self._diagnostics.hardware_id = block.source
             events = self._core.update(block)
+            if self._gate.fault is Fault.NEW_SOURCE:
+                self.get_logger().info(f"acceleration: {Fault.NEW_SOURCE.value}")
             if self._gate.accepted > accepted:
                 self._no_blocks.end()
                 if self._trends is not None:
@@ -210,9 +226,18 @@ class MonitorNode(ManagedNode):
             accepted = self._gate.accepted
 
     def _take_estimate(self, message: ModelEstimate) -> None:
-        self._no_estimates.end()
         estimate = from_message(message)
-        self._publish(self._core.update_estimate(estimate))
+        events = self._core.update_estimate(estimate)
+        standing, waiting = self._core.estimates.standing, self._waiting
+        if standing is not Standing.SECOND:
+            self._no_estimates.end()
+        if standing is Standing.RESTARTED:
+            self.get_logger().info("estimate: the estimator was restarted, or another one takes its place")
+            if waiting is not None and waiting.header.frame_id == estimate.source:
+                self._describe(waiting)
+        self._publish(events)
+        if self._core.estimate is not estimate:
+            return
         self._alarms.take_estimate(estimate)
         if self._trends is not None:
             self._trends.update_estimate(estimate)
@@ -228,7 +253,7 @@ class MonitorNode(ManagedNode):
             and self._starts("simulator")
         ):
             self._no_blocks.end()
-        if self._core.estimate is None and not self._described and self._starts("estimator"):
+        if self._core.estimate is None and self._described is None and self._starts("estimator"):
             self._no_estimates.end()
         stamp = self.get_clock().now().nanoseconds
         self._publish(self._core.idle(self._no_blocks.seconds, self._no_estimates.seconds, stamp))
@@ -345,9 +370,6 @@ class AlarmServices:
         self._state = state
         self.valve_id = node.get_namespace().strip("/")
         self._publisher = node.create_lifecycle_publisher(AlarmList, "alarms", qos.state())
-
-    def open(self) -> None:
-        """Offer the services while the node is active, and show what there is."""
         for kind, name, answer in (
             (AcknowledgeAlarm, "acknowledge_alarm", self._acknowledge),
             (ShelveAlarm, "shelve_alarm", self._shelve),
@@ -355,7 +377,10 @@ class AlarmServices:
             (ResetAlarms, "reset_alarms", self._reset),
             (ManageBaseline, "manage_baseline", self._baseline),
         ):
-            self._node.serve(kind, f"~/{name}", answer)
+            node.serve(kind, f"~/{name}", answer)
+
+    def show(self) -> None:
+        """Publish what there is."""
         self._publish()
 
     def close(self) -> None:

@@ -50,8 +50,8 @@ class ManagedNode(LifecycleNode):  # type: ignore[misc]  # rclpy carries no type
 
     A subclass sets ``PARAMETERS`` and overrides :meth:`configure`, :meth:`activate`, :meth:`deactivate`,
     :meth:`cleanup`. What a hook raises is logged (an :class:`InputError` as one line, anything else with
-    its traceback) and the transition returns FAILURE. Subscriptions, timers and services made with
-    :meth:`subscribe`, :meth:`every` and :meth:`serve` live while the node is active.
+    its traceback) and the transition returns FAILURE. Subscriptions and timers made with :meth:`subscribe`
+    and :meth:`every` live while the node is active, services made with :meth:`serve` until its clean-up.
 
     This class alone uses private parts of rclpy (checked with 7.1.6), which has no public access to them:
     ``_parameter_overrides``, ``_state_machine`` and the handler of ``change_state``.
@@ -64,6 +64,7 @@ class ManagedNode(LifecycleNode):  # type: ignore[misc]  # rclpy carries no type
         self._lock = threading.RLock()
         self._left: deque[Callable[[], None]] = deque()
         self._while_active: list[Callable[[], object]] = []
+        self._offered_services: list[Any] = []
         self._table = {parameter.name: parameter for parameter in (AUTOSTART, *self.PARAMETERS)}
         self._configured = False
         overrides = self._parameter_overrides
@@ -88,7 +89,7 @@ class ManagedNode(LifecycleNode):  # type: ignore[misc]  # rclpy carries no type
     # What a subclass overrides.
 
     def configure(self) -> None:
-        """Read the parameters, make publishers and the core."""
+        """Read the parameters, make publishers, services and the core."""
 
     def activate(self) -> None:
         """Make subscriptions and timers."""
@@ -153,16 +154,21 @@ class ManagedNode(LifecycleNode):  # type: ignore[misc]  # rclpy carries no type
         self._while_active.append(lambda: self.destroy_timer(timer))
         return timer
 
-    def serve(self, service_type: Any, name: str, answer: Callable[[Any, Any], Any]) -> Any:
-        """Offer a service while active; ``answer`` gets request and response and returns the response.
+    def serve(self, service_type: Any, name: str, answer: Callable[[Any, Any], Any]) -> None:
+        """Offer a service until the clean-up; ``answer`` gets request and response and returns the response.
 
-        What it raises is logged; an :class:`InputError` is a refusal, said in the response's ``reason``, or
-        ``message`` as standard services have it.
+        Only an active node takes requests, an inactive one refuses them. What ``answer`` raises is logged; an
+        :class:`InputError` is a refusal, said in the response's ``reason``, or ``message`` as standard
+        services have it.
         """
 
         def guarded(request: Any, response: Any) -> Any:
             try:
                 with self._alone_in_it():
+                    if self._life != "active":
+                        raise InputError(
+                            f"{self.get_fully_qualified_name()} is {self._life}: activate it first"
+                        )
                     return answer(request, response)
             except InputError as error:
                 said = str(error)
@@ -173,9 +179,7 @@ class ManagedNode(LifecycleNode):  # type: ignore[misc]  # rclpy carries no type
             setattr(response, "reason" if hasattr(response, "reason") else "message", said)
             return response
 
-        service = self.create_service(service_type, name, guarded)
-        self._while_active.append(lambda: self.destroy_service(service))
-        return service
+        self._offered_services.append(self.create_service(service_type, name, guarded))
 
     def destroy_publisher(self, publisher: Any) -> bool:
         """Destroy a publisher, one of the life cycle as well."""
@@ -185,7 +189,7 @@ class ManagedNode(LifecycleNode):  # type: ignore[misc]  # rclpy carries no type
         """Let go of what an interrupted transition made; what it had not made yet is no fault."""
         self._go_quiet()
         with contextlib.suppress(Exception):
-            self.cleanup()
+            self._let_go()
 
     def compile(self, kernels: Callable[[], object]) -> None:
         """Run ``kernels``, which compiles, one process at a time; it is logged, and a signal breaks it off.
@@ -231,7 +235,7 @@ class ManagedNode(LifecycleNode):  # type: ignore[misc]  # rclpy carries no type
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Run :meth:`configure` with values that fit each other."""
         refused = self._transition("configure", self._check_together)
-        refused = refused or self._transition("configure", self.configure, undo=self.cleanup)
+        refused = refused or self._transition("configure", self.configure, undo=self._let_go)
         self._configured = refused is None
         return refused or super().on_configure(state)
 
@@ -258,7 +262,7 @@ class ManagedNode(LifecycleNode):  # type: ignore[misc]  # rclpy carries no type
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Run :meth:`cleanup`."""
         self._configured = False
-        return self._transition("clean up", self.cleanup) or super().on_cleanup(state)
+        return self._transition("clean up", self._let_go) or super().on_cleanup(state)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Stop from any state."""
@@ -266,12 +270,12 @@ class ManagedNode(LifecycleNode):  # type: ignore[misc]  # rclpy carries no type
         if state.label == "active":
             self._transition("deactivate", self.deactivate)
         if state.label != "unconfigured":
-            self._transition("clean up", self.cleanup)
+            self._transition("clean up", self._let_go)
         return super().on_shutdown(state)
 
     def on_error(self, _state: LifecycleState) -> TransitionCallbackReturn:
         """Return to unconfigured, from where the node can be configured again."""
-        self._go_quiet()
+        self.abandon()
         return TransitionCallbackReturn.SUCCESS
 
     def _check_together(self) -> None:
@@ -298,10 +302,19 @@ class ManagedNode(LifecycleNode):  # type: ignore[misc]  # rclpy carries no type
         while self._while_active:
             self._while_active.pop()()
 
+    def _let_go(self) -> None:
+        while self._offered_services:
+            self.destroy_service(self._offered_services.pop())
+        self.cleanup()
+
+    @property
+    def _life(self) -> str:
+        return str(self._state_machine.current_state[1])
+
     @property
     def is_inactive(self) -> bool:
         """Whether it is configured and not active."""
-        return bool(self._state_machine.current_state[1] == "inactive")
+        return self._life == "inactive"
 
     @property
     def busy(self) -> bool:

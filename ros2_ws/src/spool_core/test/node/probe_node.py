@@ -16,6 +16,7 @@ from spool_core.node.parameters import NodeParameter, Value
 from spool_core.node.program import STOP
 from spool_core.node.running import run
 from std_msgs.msg import String
+from std_srvs.srv import Trigger
 
 
 class Probe(ManagedNode):
@@ -48,6 +49,7 @@ class Probe(ManagedNode):
 
     def configure(self) -> None:
         self._publisher = self.create_lifecycle_publisher(String, "said", qos.state(50))
+        self.serve(Trigger, "~/answer", self._answer)
         self._pass("configure")
 
     def activate(self) -> None:
@@ -71,6 +73,10 @@ class Probe(ManagedNode):
 
     def _tick(self) -> None:
         self._publisher.publish(String(data="tick"))
+
+    def _answer(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.success = True
+        return response
 
     def _hear(self, message: String) -> None:
         if message.data == "raise":

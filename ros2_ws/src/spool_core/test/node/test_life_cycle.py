@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
+from std_srvs.srv import Trigger
 
 from .conftest import PATIENCE
 
@@ -90,6 +91,21 @@ def test_a_deactivate_that_raises_leaves_the_node_alive(probe: Start, observer: 
     observer.becomes_silent()
     assert process.poll() is None
     assert "deactivate broke" in end(process)[1]
+
+
+def test_an_inactive_node_refuses_requests_and_says_what_to_do(probe: Start, observer: Any) -> None:
+    process = probe()
+    observer.until(lambda: "tick" in observer.heard, "a tick")
+    assert observer.call(Trigger, "answer", Trigger.Request()).success
+    assert observer.change("deactivate")
+    answer = observer.call(Trigger, "answer", Trigger.Request())
+    assert (answer.success, answer.message) == (False, "/probe is inactive: activate it first")
+    assert observer.change("activate")
+    assert observer.call(Trigger, "answer", Trigger.Request()).success
+    assert observer.change("deactivate")
+    assert observer.change("cleanup")
+    observer.until(lambda: not observer.node.count_services("/probe/answer"), "the service to go")
+    end(process)
 
 
 @pytest.mark.parametrize("hook", ["configure!", "activate!"])
