@@ -9,15 +9,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from spool_core.block import Block, BlockRun, RecentCounts, joined, joined_runs
+from spool_core.one_source import OneSource, Place, Standing
 from spool_core.rate_check import RateCheck, RateState
 from spool_core.sample_rate import LEAST_RATE
-
-#: A block's stamp, end (ns), sequence and sample period (s).
-Place = tuple[int, int, int, float]
-
-#: s after which the first source is stale where another one sends, as for the nodes' ``stale_after``; and
-#: streams besides the first one that are followed.
-STALE, MOST_RIVALS = 1.5, 4
 
 #: s, sample periods that a source can have; the lower one bounds what consumers set aside per second.
 SHORTEST_PERIOD, LONGEST_PERIOD = 1.0e-6, 1.0 / LEAST_RATE
@@ -48,6 +42,7 @@ class Fault(enum.Enum):
     GAP = "stamp is ahead by more than was lost"
     SEQUENCE_BACK = "sequence goes back"
     SEQUENCE_AHEAD = "sequence is ahead of what the stamps say elapsed"
+    ELSEWHERE = "another stream: the source was restarted, or a second one sends"
     NEW_SOURCE = "stream goes on from another place (source restarted)"
     NEW_TIME = "stream goes on at another time or rate (clock set)"
     NEW_PERIOD = "sample_period changed"
@@ -57,31 +52,22 @@ class Fault(enum.Enum):
 
     @property
     def cause(self) -> str:
-        """The cause of a ``data_fault``: ``rate``, ``source``, ``lost``, ``clock_step`` or ``malformed``."""
+        """The cause of a ``data_fault``: ``rate``, ``source``, ``lost``, ``clock_step`` or ``malformed``.
+
+        It is empty where nothing is wrong: a source that was restarted, or a bag that is played again.
+        """
         return _CAUSES.get(self, "malformed")
 
 
 _CAUSES = {
     Fault.RATE: "rate",
-    Fault.NEW_SOURCE: "source",
+    Fault.NEW_SOURCE: "",
+    Fault.ELSEWHERE: "",
     Fault.SECOND_SOURCE: "source",
     Fault.FOREIGN: "source",
     Fault.LOST: "lost",
     Fault.UNPAIRED: "clock_step",
 }
-
-
-@dataclass(slots=True)
-class _Rival:
-    """A stream that does not continue the first one: its newest block, and its blocks since the first sent.
-
-    ``since`` is the stamp (ns) of the oldest of them; ``direct``: they take the first one's sequence up.
-    """
-
-    place: Place
-    since: int
-    blocks: int
-    direct: bool
 
 
 @dataclass(slots=True)
@@ -91,8 +77,9 @@ class BlockGate:
     The first source keeps its place. A block that neither continues the stream nor explains itself as the
     first after a loss is refused. The stream moves to another place where its sequence goes on there (a clock
     that was set, another sample rate), or where another source sent for STALE s while the first one was
-    silent (a source that restarted, a bag replayed again). A single wrong stamp costs a block, never the
-    stream. Blocks whose ``source`` is another valve's are never used, nor are those of a wrong sample rate.
+    silent (a source that restarted, a bag replayed again), see :class:`OneSource`. A single wrong stamp costs
+    a block, never the stream. Blocks whose ``source`` is another valve's are never used, nor are those of a
+    wrong sample rate.
 
     Attributes:
         accepted: blocks that may be used.
@@ -100,6 +87,8 @@ class BlockGate:
         lost: blocks that never arrived, from jumps in ``sequence``.
         faults: how often each fault was seen.
         fault: what was wrong with the newest block, ``None`` where nothing was.
+        certain: the fault that is certain with the newest block. What a single block that departs from the
+            stream is, wrong or the first one of a restarted source, the next ones tell.
         last: the last accepted block's stamp, end (ns), sequence and period (s), ``None`` before the first.
         before: what ``last`` was when the newest block came.
         source: the valve's id, that of the first block that names one where none is given.
@@ -114,13 +103,14 @@ class BlockGate:
     lost: int = 0
     faults: dict[Fault, int] = field(default_factory=dict)
     fault: Fault | None = None
+    certain: Fault | None = None
     last: Place | None = None
     before: Place | None = None
     source: str = ""
     rate: RateCheck = field(default_factory=RateCheck)
     recent: RecentCounts = field(default_factory=RecentCounts)
     other: str = ""
-    _rivals: list[_Rival] = field(default_factory=list)
+    _sources: OneSource[Fault] = field(default_factory=lambda: OneSource(_departure))
     _held_back: Place | None = None
     _resumes: bool = False
 
@@ -136,12 +126,13 @@ class BlockGate:
     @property
     def steady(self) -> bool:
         """Whether a block that is due to the nanosecond continues the stream and changes nothing else."""
-        return self.rate.steady and self._held_back is None and not self._resumes
+        settled = self._held_back is None and not self._resumes and not self._sources.open
+        return settled and self.rate.steady
 
     def judge(self, block: Block) -> Verdict:
         """Return what to do with ``block``; never raises for what a message can hold."""
         self.before = self.last
-        self.fault = None
+        self.fault = self.certain = None
         fault = malformed(block)
         if fault is not None:
             return self._refuse(fault)
@@ -149,7 +140,8 @@ class BlockGate:
             self.other = block.source
             return self._refuse(Fault.FOREIGN)
         if self._resumes:
-            self._resumes, self._rivals = False, []
+            self._resumes = False
+            self._sources.begin()
             self.rate.go_on(block)
             return self._accept(block, Verdict.RESTARTS)
         follows = self.rate.take(block)
@@ -158,9 +150,9 @@ class BlockGate:
         if follows and self.rate.state is RateState.WRONG:
             return self._hold_back(block)
         if self._held_back is not None:
-            if _departure(self._held_back, block) is None:
+            if _departure(self._held_back, _at(block)) is None:
                 return self._accept(block, Verdict.RESTARTS)
-            if block.sequence == self._held_back[2] + 1 and not self.confirmed:
+            if block.sequence == self._held_back.sequence + 1 and not self.confirmed:
                 return self._hold_back(block)
         lost, verdict = self.lost, self._place(block, self.last)
         if self.lost > lost and not follows:
@@ -169,73 +161,71 @@ class BlockGate:
 
     def _place(self, block: Block, last: Place) -> Verdict:
         """Say which stream ``block`` belongs to, and what follows for it."""
-        fault = _departure(last, block)
-        rival = next((one for one in self._rivals if _departure(one.place, block) is None), None)
-        if rival is not None and (
-            fault is not None or _distance(rival.place, block) < _distance(last, block)
-        ):
-            return self._continue(rival, block)
+        place = _at(block)
+        fault = _departure(last, place)
+        rival = self._sources.rival(last, place, fault)
+        if rival is not None:
+            return self._elsewhere(self._sources.follow(rival, place), block)
         if fault is None:
             return self._accept(block, Verdict.CONTINUES)
         if fault is Fault.LOST:
-            missing = block.sequence - last[2] - 1
+            missing = block.sequence - last.sequence - 1
             self.lost += missing
             self.recent.count(missing, 0)
             self._count(Fault.LOST)
             return self._accept(block, Verdict.RESTARTS)
-        direct = block.sequence == last[2] + 1
+        direct = block.sequence == last.sequence + 1
         if fault is Fault.GAP and direct and self.rate.state is RateState.UNKNOWN:
             return self._hold_back(block)
-        self._rivals = [*self._rivals[1 - MOST_RIVALS :], _Rival(_at(block), block.stamp, 1, direct)]
-        return self._refuse(fault)
+        self._sources.depart(last, place, fault, direct=direct)
+        verdict = self._refuse(fault)
+        self.certain = self._sources.take_settled()
+        return verdict
 
-    def _continue(self, rival: _Rival, block: Block) -> Verdict:
-        """Take the next block of another stream, which takes the first one's place once that is stale."""
-        rival.place = _at(block)
-        rival.blocks += 1
-        if rival.blocks == 1:
-            rival.since = block.stamp
-        if rival.direct and rival.blocks == 2:
+    def _elsewhere(self, standing: Standing, block: Block) -> Verdict:
+        """Judge a block of another stream than the first one."""
+        if standing is Standing.MOVED:
             self._count(Fault.NEW_TIME)
             self.rate.go_on(block)
             return self._accept(block, Verdict.RESTARTS)
-        if block.stamp - rival.since >= STALE * 1e9:
+        if standing is Standing.RESTARTED:
             self._count(Fault.NEW_SOURCE)
             self.rate.begin(block)
             return self._accept(block, Verdict.RESTARTS)
-        return self._refuse(Fault.SECOND_SOURCE)
+        return self._refuse(Fault.SECOND_SOURCE if standing is Standing.SECOND else Fault.ELSEWHERE)
 
     def _hold_back(self, block: Block) -> Verdict:
         self._held_back = _at(block)
-        self._still_there()
+        self._sources.still_there(self._held_back)
         return self._refuse(Fault.RATE)
-
-    def _still_there(self) -> None:
-        """Take note that the first source has sent: the others begin to wait again."""
-        for rival in self._rivals:
-            rival.blocks, rival.direct = 0, False
 
     def _accept(self, block: Block, verdict: Verdict) -> Verdict:
         self.accepted += 1
         self.last = _at(block)
         self._held_back = None
         self.source = self.source or block.source
-        if self._rivals:
-            self._rivals = [] if verdict is Verdict.RESTARTS else self._rivals
-            self._still_there()
+        if self._sources.rivals:
+            second = self._sources.still_there(self.last)
+            if second:  # its blocks until now were taken for those of a restarted source
+                blocks = self.faults.get(Fault.SECOND_SOURCE, 0) + self.faults.pop(Fault.ELSEWHERE, 0)
+                self.faults[Fault.SECOND_SOURCE] = blocks
+            if self.certain is None:
+                self.certain = Fault.SECOND_SOURCE if second else self._sources.take_settled()
+            if verdict is Verdict.RESTARTS and self.fault is not Fault.LOST:
+                self._sources.begin()
         self.recent.advance(block.body.size * block.sample_period)
         return verdict
 
     def _refuse(self, fault: Fault) -> Verdict:
         self.refused += 1
         if self.last is not None:
-            self.recent.advance(1e-9 * (self.last[1] - self.last[0]))
+            self.recent.advance(1e-9 * (self.last.end - self.last.stamp))
         self.recent.count(0, 1)
         self._count(fault)
         return Verdict.REFUSED
 
     def _count(self, fault: Fault) -> None:
-        self.fault = fault
+        self.fault = self.certain = fault
         self.faults[fault] = self.faults.get(fault, 0) + 1
 
 
@@ -275,7 +265,7 @@ class SharedGate(BlockGate):
                 self._accept_together(together, passed[-1], passed[-2] if taken > 1 else None)
                 yield together
             if taken < len(going_on) and self.rate.state is RateState.WRONG:
-                self.before, self.fault = self.last, None
+                self.before, self.fault, self.certain = self.last, None, None
                 self._admitted, self._verdict = blocks[at], self._hold_back(blocks[at])
                 yield blocks[at]
                 at += 1
@@ -285,10 +275,10 @@ class SharedGate(BlockGate):
 
         Their samples are not looked at.
         """
-        unsettled = self._rivals or self._held_back is not None or self._resumes
+        unsettled = self._sources.rivals or self._held_back is not None or self._resumes
         if self.last is None or not self.confirmed or unsettled:
             return []
-        stamp, end, sequence, period = self.last
+        stamp, end, sequence, period, _ = self.last
         size = blocks[at].body.size
         step = 1e9 * period * size
         jitter = _jitter(period, step)
@@ -320,7 +310,7 @@ class SharedGate(BlockGate):
 
     def _accept_together(self, whole: Block, last: Block, ahead: Block | None) -> None:
         """Accept ``whole``, the ``last`` one of its blocks and the one ahead of that, where there is one."""
-        self.fault = None
+        self.fault = self.certain = None
         self.before = self.last if ahead is None else _at(ahead)
         self._accept(last, Verdict.CONTINUES)
         self.recent.advance((whole.body.size - last.body.size) * last.sample_period)
@@ -352,7 +342,7 @@ class SharedGate(BlockGate):
 
 
 def _at(block: Block) -> Place:
-    return block.stamp, block.end, block.sequence, block.sample_period
+    return Place(block.stamp, block.end, block.sequence, block.sample_period)
 
 
 def _as_one(blocks: Sequence[Block]) -> Block:
@@ -364,34 +354,28 @@ def _as_one(blocks: Sequence[Block]) -> Block:
     return replace(whole, stamp=last.stamp - round(ahead * 1e9))
 
 
-def _distance(place: Place, block: Block) -> int:
-    """Return how far from where it was due ``block`` comes, ns."""
-    return abs(block.stamp - place[1])
-
-
 def _jitter(period: float, duration: float) -> float:
     """Return by how much (ns) clocks of sources jitter: half a block is a gap, a few samples are not."""
     return max(2e9 * period, 0.5 * duration)
 
 
-def _departure(last: Place, block: Block) -> Fault | None:
+def _departure(last: Place, block: Place) -> Fault | None:
     """Return how ``block`` departs from what was due after ``last``, or ``None`` where it continues."""
-    stamp, end, sequence, period = last
-    if block.stamp <= stamp:
+    if block.stamp <= last.stamp:
         return Fault.TIME_BACK
-    if block.sequence <= sequence:
+    if block.sequence <= last.sequence:
         return Fault.SEQUENCE_BACK
-    if abs(block.sample_period / period - 1.0) > 1e-6:
+    if abs(block.period / last.period - 1.0) > 1e-6:
         return Fault.NEW_PERIOD
-    duration = block.body.size * period * 1e9
-    jitter = _jitter(period, duration)
-    missing = block.sequence - sequence - 1
+    duration = block.end - block.stamp
+    jitter = _jitter(last.period, duration)
+    ahead, missing = block.stamp - last.end, block.sequence - last.sequence - 1
     if missing > 0:
         # Blocks may differ in length and clocks drift: only a stamp far from the loss is not believed.
-        if block.stamp - end < 0.5 * missing * min(duration, end - stamp) - jitter:
+        if ahead < 0.5 * missing * min(duration, last.end - last.stamp) - jitter:
             return Fault.SEQUENCE_AHEAD
-        return Fault.LOST if block.stamp - end <= 2.0 * missing * duration + 1e9 else Fault.GAP
-    return Fault.GAP if abs(block.stamp - end) > jitter else None
+        return Fault.LOST if ahead <= 2.0 * missing * duration + 1e9 else Fault.GAP
+    return Fault.GAP if abs(ahead) > jitter else None
 
 
 def malformed(block: Block) -> Fault | None:

@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from spool_core.block import Block
-from spool_core.block_gate import STALE, BlockGate, Fault, SharedGate, Verdict, malformed
+from spool_core.block_gate import BlockGate, Fault, SharedGate, Verdict, malformed
+from spool_core.one_source import STALE
 
 SIZE, PERIOD = 40, 5e-4
 LENGTH = 20_000_000  # ns per block
@@ -113,7 +114,8 @@ def test_verdict_and_counts(case: Case) -> None:
         assert gate.last == before
     else:
         given_block = case.given
-        assert gate.last == (
+        assert gate.last is not None
+        assert gate.last[:4] == (
             given_block.stamp,
             given_block.end,
             given_block.sequence,
@@ -161,6 +163,43 @@ def test_a_source_that_counts_anew_is_taken_once_the_first_one_is_stale(first: i
     assert verdicts[waits : waits + 2] == [Verdict.RESTARTS, Verdict.CONTINUES]
     assert gate.faults[Fault.NEW_SOURCE] == 1
     assert gate.lost == 0
+
+
+def certain(gate: BlockGate, blocks: list[Block]) -> list[Fault | None]:
+    """Return the faults that are certain with each of the blocks, as far as one is."""
+    found = []
+    for each in blocks:
+        gate.judge(each)
+        found.append(gate.certain)
+    return [fault for fault in found if fault is not None]
+
+
+@pytest.mark.parametrize("first", ANEW.values(), ids=ANEW.keys())
+def test_a_source_that_was_restarted_is_no_fault(first: int) -> None:
+    faults = certain(running(), [block(number, stamp=first + number * LENGTH) for number in range(200)])
+    assert {fault.cause for fault in faults} == {""}
+    assert faults.count(Fault.NEW_SOURCE) == 1
+
+
+@pytest.mark.parametrize("size", [1, 10, 50])
+def test_a_second_source_is_a_fault_once_the_first_one_sends_again(size: int) -> None:
+    pairs = [(after(n), after(n, stamp=at(n) + MINUTE, sequence=10**6 + n)) for n in range(1, 201)]
+    parts = [pairs[at : at + size] for at in range(0, 200, size)]
+    faults = certain(running(), [pair[which] for part in parts for which in (1, 0) for pair in part])
+    assert {fault.cause for fault in faults} <= {"", "source"}
+    assert Fault.SECOND_SOURCE in faults
+
+
+@pytest.mark.parametrize("fault", [Fault.TIME_BACK, Fault.GAP, Fault.SEQUENCE_AHEAD])
+def test_a_single_wrong_block_is_a_fault_once_no_other_of_its_kind_follows(fault: Fault) -> None:
+    wrong = {
+        Fault.TIME_BACK: after(3, stamp=at(-40)),
+        Fault.GAP: after(3, stamp=at(300)),
+        Fault.SEQUENCE_AHEAD: after(3, sequence=10**9),
+    }[fault]
+    gate = running()
+    assert certain(gate, [after(1), after(2), wrong]) == []
+    assert certain(gate, [after(4), after(5), after(6)]) == [Fault.LOST, fault]
 
 
 def test_single_wrong_stamps_never_move_the_stream() -> None:
@@ -283,7 +322,8 @@ def test_a_refused_block_never_changes_what_the_gate_knows(stream: list[Block]) 
         if verdict is Verdict.REFUSED:
             assert (gate.last, gate.accepted, gate.lost) == (before, accepted, lost)
         else:
-            assert gate.last == (each.stamp, each.end, each.sequence, each.sample_period)
+            assert gate.last is not None
+            assert gate.last[:4] == (each.stamp, each.end, each.sequence, each.sample_period)
             assert np.isfinite(each.body).all()
             assert np.isfinite(each.spool).all()
             assert each.body.size == each.spool.size > 0

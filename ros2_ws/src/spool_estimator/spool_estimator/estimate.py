@@ -41,7 +41,7 @@ class Estimate:
     block in which the newest sample came; ``samples`` counts those used since the start.
     ``referred_viscous_coefficient`` is the viscous one at the reference temperature of the valve's data.
     ``residual_force`` is what the model leaves, rms; ``residual`` is its share of the spool's inertia force.
-    No message has the former.
+    No message has the former. ``source`` is the valve's id, the ``frame_id`` of the message.
     """
 
     stamp: int
@@ -62,6 +62,7 @@ class Estimate:
     referred_viscous_coefficient: Quantity = _NOT_REFERRED
     oil_temperature: Quantity = _NOT_MEASURED
     residual_force: Quantity = _NOT_LEFT
+    source: str = ""
 
     def parameter(self, name: str) -> Quantity:
         """Return a parameter by its name.

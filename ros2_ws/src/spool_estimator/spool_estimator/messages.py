@@ -39,6 +39,7 @@ def from_message(message: ModelEstimate) -> Estimate:
     """Return the message's estimate; an unknown state counts as unknown."""
     return Estimate(
         stamp=nanoseconds(message.header.stamp),
+        source=message.header.frame_id,
         state=State(message.state) if message.state in set(State) else State.UNKNOWN,
         parameters=tuple(from_quantity(quantity) for quantity in message.parameters),
         **{

@@ -337,7 +337,7 @@ class StreamEstimator(ABC):
         return estimate
 
 
-def _derived(learned: Learned, mass: float) -> dict[str, Quantity]:
+def _derived(learned: Learned, mass: float) -> dict[str, Any]:
     """Return what follows from the parameters and what the signals themselves show; ``mass`` in kg."""
     validity, covariance = learned.validity, learned.covariance
     stiffness, viscous, _ = learned.values.tolist()

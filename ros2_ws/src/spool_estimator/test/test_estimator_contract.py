@@ -17,7 +17,8 @@ import spool_estimator
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from spool_core.block import Block
-from spool_core.block_gate import STALE, SharedGate
+from spool_core.block_gate import SharedGate
+from spool_core.one_source import STALE
 from spool_core.uncertainty import Validity
 from spool_estimator.estimate import Estimate, State
 from spool_estimator.estimator import ESTIMATORS

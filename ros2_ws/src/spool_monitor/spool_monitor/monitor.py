@@ -14,8 +14,9 @@ from spool_estimator.estimate import Estimate, State
 from spool_monitor.detection import Detection
 from spool_monitor.detectors import Judgement, check_settings
 from spool_monitor.detectors.base import NATURAL_FREQUENCY, MonitorSettings
-from spool_monitor.detectors.data_fault import DataFaultWatch
+from spool_monitor.detectors.data_fault import ESTIMATE, DataFaultWatch
 from spool_monitor.detectors.stale import STALE_AFTER, StaleWatch
+from spool_monitor.estimate_gate import EstimateGate
 from spool_monitor.event import Condition, Event, Namur, Severity
 from spool_monitor.window import Line
 
@@ -33,6 +34,9 @@ UNCONFIRMED = "the stamps do not confirm the sample rate"
 class Monitor:
     """Monitor of one valve. Live node and replay use the same object with the same calls.
 
+    Attributes:
+        estimate: the last one that is used: one of a second estimator never is.
+
     Raises:
         InputError: a limit of ``settings`` does not exist, or contradicts another.
 
@@ -42,6 +46,7 @@ class Monitor:
     gate: BlockGate = field(default_factory=BlockGate)
     outliers: OutlierFilter = field(default_factory=OutlierFilter, init=False)
     detection: Detection = field(init=False)
+    estimates: EstimateGate = field(default_factory=EstimateGate, init=False)
     estimate: Estimate | None = field(default=None, init=False)
     _stale: StaleWatch = field(default_factory=StaleWatch, init=False)
     _data_faults: DataFaultWatch = field(default_factory=DataFaultWatch, init=False)
@@ -63,6 +68,8 @@ class Monitor:
         events = self._data_faults.judge(self.gate, judged_at)
         if verdict is Verdict.REFUSED:
             return events
+        if verdict is Verdict.RESTARTS and self.gate.fault is not Fault.LOST:
+            self.estimates.resume()
         # Only a loss says how long nothing came: a clock that was set or a restarted source does not.
         if before is not None and self.gate.fault is Fault.LOST:
             silent, patience = ((block.stamp - before[1]) * 1e-9, self.settings[STALE_AFTER])
@@ -82,7 +89,13 @@ class Monitor:
 
     def update_estimate(self, estimate: Estimate) -> list[Event]:
         """Take one estimate; return what began or ended with it."""
-        events = self._stale.arrived("estimate", estimate.stamp)
+        used = self.estimates.admit(estimate, self.gate.last.period if self.gate.last is not None else 0.0)
+        # The time of another estimator may be any.
+        at = estimate.stamp if used else self._stamp or estimate.stamp
+        events = self._data_faults.judge_estimate(self.estimates, at)
+        if not used:
+            return events
+        events += self._stale.arrived("estimate", estimate.stamp)
         self.estimate, self._unanswered = estimate, 0.0
         self._stamp = max(self._stamp, estimate.stamp)
         return events + self.detection.update_estimate(estimate, self._natural_frequency.value)
@@ -111,8 +124,8 @@ class Monitor:
     @property
     def calm(self) -> bool:
         """Whether nothing is wrong with the data, so that a block is judged by its samples alone."""
-        conditions = (*self._data_faults.conditions.values(), *self._stale.conditions.values())
-        return all(condition.active is None for condition in conditions)
+        faults = [one for name, one in self._data_faults.conditions.items() if name != ESTIMATE]
+        return all(one.active is None for one in (*faults, *self._stale.conditions.values()))
 
     def set_natural_frequency(self, frequency: float) -> None:
         """Take the start value (Hz) from a valve's data; estimates replace it."""

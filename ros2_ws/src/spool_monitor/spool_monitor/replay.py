@@ -139,9 +139,8 @@ class Replay:
         assert self._gate is not None
         if last is None or self._lacking <= 0 or not self.monitor.calm or not self._gate.steady:
             return False
-        _, stamp, before, period = last
-        self._due = stamp, before + 1, period
-        nanoseconds = period * 1e9
+        self._due = last.end, last.sequence + 1, last.period
+        nanoseconds = last.period * 1e9
         self._nanoseconds = round(nanoseconds)
         return nanoseconds.is_integer()
 

@@ -543,8 +543,10 @@ def test_idle_raises_silence_of_the_estimator_only_where_data_go_on() -> None:
     (event,) = monitor.idle(0.02, 1.6)
     assert (event.kind, event.cause) == ("stale", "estimate")
     assert monitor.health.summary == "no estimate"
-    assert one.replay.estimator.latest is not None
-    (cleared,) = monitor.update_estimate(one.replay.estimator.latest)
+    latest = one.replay.estimator.latest
+    assert latest is not None
+    later = replace(latest, stamp=latest.stamp + 1_000_000_000, samples=latest.samples + 1)
+    (cleared,) = monitor.update_estimate(later)
     assert (cleared.cause, cleared.state) == ("estimate", EventState.CLEARED)
 
 

@@ -226,6 +226,7 @@ PARAMETERS = {
     "clock_drift": "clock drift",
     "period_departure": "period error",
     "faulty_blocks": "faulty blocks",
+    "second_estimates": "estimates of another estimator",
     "lost_blocks": "lost blocks",
     "refused_blocks": "refused blocks",
     "outliers": "outliers",

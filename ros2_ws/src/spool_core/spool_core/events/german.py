@@ -189,6 +189,7 @@ PARAMETERS = {
     "clock_drift": "Uhrendrift",
     "period_departure": "Fehler der Periode",
     "faulty_blocks": "fehlerhafte Blöcke",
+    "second_estimates": "Schätzungen eines anderen Schätzers",
     "lost_blocks": "verlorene Blöcke",
     "refused_blocks": "abgelehnte Blöcke",
     "outliers": "Ausreißer",
@@ -272,6 +273,11 @@ WORDS = {
     ),
     "sample_period changed": "sample_period hat sich geändert",
     "sample_period contradicts the stamps": "sample_period widerspricht den Zeitstempeln",
+    "another stream: the source was restarted, or a second one sends": (
+        "ein anderer Datenstrom: die Quelle wurde neu gestartet, oder eine zweite sendet"
+    ),
+    "a second estimator sends": "ein zweiter Schätzer sendet",
+    "the estimates are of another valve from now on": "die Schätzungen gelten nun einem anderen Ventil",
     "a second source sends on the same topic": "eine zweite Quelle sendet auf demselben Topic",
 }
 

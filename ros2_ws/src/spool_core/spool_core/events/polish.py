@@ -180,6 +180,7 @@ PARAMETERS = {
     "clock_drift": "dryf zegara",
     "period_departure": "błąd okresu",
     "faulty_blocks": "wadliwe bloki",
+    "second_estimates": "estymaty innego estymatora",
     "lost_blocks": "zgubione bloki",
     "refused_blocks": "odrzucone bloki",
     "outliers": "wartości odstające",
@@ -263,6 +264,11 @@ WORDS = {
     ),
     "sample_period changed": "sample_period zmienił się",
     "sample_period contradicts the stamps": "sample_period przeczy znacznikom czasu",
+    "another stream: the source was restarted, or a second one sends": (
+        "inny strumień: źródło uruchomiono ponownie albo wysyła drugie"
+    ),
+    "a second estimator sends": "drugi estymator wysyła",
+    "the estimates are of another valve from now on": "estymaty dotyczą odtąd innego zaworu",
     "a second source sends on the same topic": "drugie źródło wysyła na ten sam temat",
 }
 

@@ -7,9 +7,11 @@ from dataclasses import replace
 
 from spool_core.block_gate import BlockGate, Fault
 from spool_core.kernels.samples import OutlierFilter
+from spool_core.one_source import Standing
 from spool_core.rate_check import LIMIT as RATE_LIMIT
 from spool_core.uncertainty import Quantity, Validity
 
+from spool_monitor.estimate_gate import EstimateGate
 from spool_monitor.event import Condition, Event, EventCause, EventKind, Facts, Finding, Namur, Severity
 
 KIND = EventKind(
@@ -32,8 +34,8 @@ KIND = EventKind(
 
 #: Causes with a condition of their own, and those that make what is seen worthless.
 SEPARATE, WORTHLESS = ("rate", "source", "clock_step"), ("rate", "clock_step")
-#: Cause that does not come from the gate's judgement of a block.
-OUTLIERS = "outliers"
+#: Conditions that do not come from the gate's judgement of a block.
+OUTLIERS, ESTIMATE = "outliers", "estimate"
 
 #: s without a fault after which it is over; without an outlier, so that one every few seconds is one event.
 OFF_DELAY, OUTLIERS_OFF = 5.0, 30.0
@@ -46,10 +48,11 @@ class DataFaultWatch:
         self.conditions = {source: Condition(KIND, 0.0, OFF_DELAY, source) for source in ("", *SEPARATE)}
         self._gate_conditions = dict(self.conditions)
         self.conditions[OUTLIERS] = Condition(KIND, 0.0, OUTLIERS_OFF, OUTLIERS)
+        self.conditions[ESTIMATE] = Condition(KIND, 0.0, OFF_DELAY, ESTIMATE)
 
     def judge(self, gate: BlockGate, stamp: int) -> list[Event]:
-        """Return what follows from what ``gate`` found wrong with the newest block, at ``stamp`` (ns)."""
-        fault = gate.fault
+        """Return what follows from what is certainly wrong by ``gate``'s newest block, at ``stamp`` (ns)."""
+        fault = gate.certain
         cause = "" if fault is None else fault.cause
         severity = Severity.ALARM if cause in WORTHLESS else Severity.WARNING
         events: list[Event] = []
@@ -75,6 +78,19 @@ class DataFaultWatch:
                     Finding(stamp, severity if new else None, not new, cause if new else "", count, facts)
                 )
         return events
+
+    def judge_estimate(self, gate: EstimateGate, stamp: int) -> list[Event]:
+        """Return what follows from whose the newest estimate is, at ``stamp`` (ns)."""
+        condition, second = self.conditions[ESTIMATE], gate.standing is Standing.SECOND
+        new = second or gate.replaced
+        if not new and (condition.active is None or gate.standing is not None):
+            return []
+        note = "a second estimator sends" if second else "the estimates are of another valve from now on"
+        count = _count("second_estimates", gate.second)
+        own = gate.last is not None and second and gate.other == gate.last.source
+        facts = Facts.of(count, 0.0, "" if own or not new else gate.other, note if new else "")
+        severity = Severity.WARNING if new else None
+        return condition.judge(Finding(stamp, severity, not new, "source", count, facts))
 
     def judge_outliers(self, outliers: OutlierFilter, stamp: int) -> list[Event]:
         """Return what follows from the samples that were left out of the newest block, at ``stamp`` (ns)."""
