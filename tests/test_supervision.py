@@ -15,7 +15,7 @@ from ament_index_python.packages import get_package_share_directory
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.parameter import Parameter
 from spool_bag.reader import BagReader
-from spool_msgs.msg import HealthEvent, ModelEstimate, ValveHealth
+from spool_msgs.msg import AccelerationBlock, HealthEvent, ModelEstimate, ValveHealth
 from spool_msgs.srv import ManageBaseline
 from spool_tools.operations.demo import find_executable
 
@@ -26,11 +26,15 @@ MONITOR = "/valve_1/monitor"
 
 
 def test_sensors_that_never_connect_look_wrong(system: System) -> None:
-    """A mistyped topic must not look like a healthy valve."""
+    """Neither a mistyped topic nor a driver that publishes nothing looks like a healthy valve."""
     events = system.listen(HealthEvent, "/valve_1/events", latched=True)
     health = system.listen(ValveHealth, "/valve_1/health", latched=True)
     _ = system.diagnostics
     system.start("monitor")
+    missing = "nobody publishes on /valve_1/acceleration: start the source or check its topic name"
+    system.until(lambda: health.first(lambda state: state.summary == missing), "the topic is named")
+    assert health.last.level == ValveHealth.LEVEL_UNKNOWN
+    system.node.create_publisher(AccelerationBlock, "/valve_1/acceleration", 10)
     system.until(lambda: events.first(lambda event: event.kind == "stale"), "the silence is reported")
     (event,) = events.messages
     assert (event.cause, event.state) == ("never_seen", HealthEvent.STATE_RAISED)

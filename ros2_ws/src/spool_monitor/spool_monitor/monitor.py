@@ -52,6 +52,7 @@ class Monitor:
     _data_faults: DataFaultWatch = field(default_factory=DataFaultWatch, init=False)
     _stamp: int = field(default=0, init=False)
     _unanswered: float = field(default=0.0, init=False)
+    _nobody: str = field(default="", init=False)
 
     def __post_init__(self) -> None:
         check_settings(self.settings)
@@ -100,14 +101,19 @@ class Monitor:
         self._stamp = max(self._stamp, estimate.stamp)
         return events + self.detection.update_estimate(estimate, self._natural_frequency.value)
 
-    def idle(self, without_blocks: float, without_estimates: float, now: int = 0) -> list[Event]:
+    def idle(
+        self, without_blocks: float, without_estimates: float, now: int = 0, nobody: str = ""
+    ) -> list[Event]:
         """Say how long (s, on a steady clock) nothing has arrived; return what follows from it.
 
-        Before the first block it is the time since the monitor listens, and ``now`` (ns) that of the event.
+        Before the first block it is the time since somebody publishes, and ``now`` (ns) that of the event.
+        ``nobody``: the topic of blocks where nobody publishes on it. That is no fault before the first block,
+        as the source may start later; the valve is unknown and the summary says why.
         """
+        self._nobody = nobody
         patience = self.settings[STALE_AFTER]
         if self.gate.accepted == 0:
-            if without_blocks <= patience + FIRST_BLOCK:
+            if nobody or without_blocks <= patience + FIRST_BLOCK:
                 return []
             refused, limit = self.gate.refused > 0, patience + FIRST_BLOCK
             return self._stale.nothing_ever(self._stamp or now, without_blocks, limit, refused=refused)
@@ -222,7 +228,8 @@ class Monitor:
         if active:
             return ", ".join(one.title for one in active)
         if self.gate.accepted == 0:
-            return "waiting for data"
+            missing = f"nobody publishes on {self._nobody}: start the source or check its topic name"
+            return missing if self._nobody else "waiting for data"
         if self.detection.blind:
             return f"not judged: {self.detection.blind}"
         if self.estimate is None:

@@ -61,8 +61,8 @@ _KEEPING = (
     ),
 )  # fmt: skip
 
-#: s that an estimator or simulator of the same namespace may take to start: kernels of several nodes may be
-#: compiled, one after the other. Once it was heard, or without one, silence is reported immediately.
+#: s that an estimator of the same namespace may take to start: kernels of several nodes may be compiled, one
+#: after the other. Once it was heard, or without one, silence is reported immediately.
 STARTS = 180.0
 
 #: s between two looks at what arrives.
@@ -247,23 +247,21 @@ class MonitorNode(ManagedNode):
         self._no_estimates.look()
         if HUB.waits(self, "acceleration"):
             self._no_blocks.end()
-        if (
-            self._core.gate.accepted == 0
-            and self.count_publishers("acceleration") == 0
-            and self._starts("simulator")
-        ):
+        nobody = ""
+        if self._core.gate.accepted == 0 and self.count_publishers("acceleration") == 0:
+            nobody = self.resolve_topic_name("acceleration")
             self._no_blocks.end()
-        if self._core.estimate is None and self._described is None and self._starts("estimator"):
+        if self._core.estimate is None and self._described is None and self._estimator_starts():
             self._no_estimates.end()
         stamp = self.get_clock().now().nanoseconds
-        self._publish(self._core.idle(self._no_blocks.seconds, self._no_estimates.seconds, stamp))
+        self._publish(self._core.idle(self._no_blocks.seconds, self._no_estimates.seconds, stamp, nobody))
         self._alarms.watch()
 
-    def _starts(self, node: str) -> bool:
-        """Whether ``node`` of this valve may still be starting: it compiles or is unconfigured."""
+    def _estimator_starts(self) -> bool:
+        """Whether the estimator of this valve may still be starting: it compiles or is unconfigured."""
         if time.monotonic() - self._activated > STARTS:
             return False
-        return (node, self.get_namespace()) in self.get_node_names_and_namespaces()
+        return ("estimator", self.get_namespace()) in self.get_node_names_and_namespaces()
 
     def _publish(self, events: list[Event]) -> None:
         if events:
@@ -343,7 +341,7 @@ def data_status(detection: Detection, gate: BlockGate, health: Health) -> Status
     if health.level is HealthLevel.STALE:
         text = health.summary
     elif gate.accepted == 0:
-        level, text = Level.WARNING, "waiting for data"
+        level, text = Level.WARNING, health.summary
     elif level is Level.OK:
         level, text = (Level.WARNING, faults) if faults else (level, "no block lost or refused lately")
     return Status("data", level, text, {**block_values(gate), **sensors.values})

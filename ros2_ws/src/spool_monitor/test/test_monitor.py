@@ -512,6 +512,19 @@ def test_a_valve_that_never_sent_is_stale_after_the_time_to_start() -> None:
     assert math.isnan(health.viscous_drift.value)
 
 
+def test_a_source_that_nobody_has_started_yet_is_no_alarm_and_no_healthy_valve() -> None:
+    monitor = Monitor()
+    assert monitor.idle(0.0, 1e6, now=START, nobody="/valve_1/acceleration") == []
+    health = monitor.health
+    assert (health.level, health.namur.name) == (HealthLevel.UNKNOWN, "UNKNOWN")
+    assert (
+        health.summary
+        == "nobody publishes on /valve_1/acceleration: start the source or check its topic name"
+    )
+    assert monitor.idle(1.0, 1e6, now=START) == []
+    assert monitor.health.summary == "waiting for data"
+
+
 def test_idle_raises_silence_of_the_accelerometers_once_and_data_clear_it() -> None:
     one = run(STEADY)
     one.go(5.0)
