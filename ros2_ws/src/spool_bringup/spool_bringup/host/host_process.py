@@ -200,7 +200,12 @@ class HostProcess:
         BUDGET.share = REFITS
         ticker = ManagedNode.ticker = Ticker()
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._timer = self._node.create_timer(Ticker.STEP, ticker.run, clock=steady)
+
+        def tick() -> None:
+            HUB.collect()
+            ticker.run()
+
+        self._timer = self._node.create_timer(Ticker.STEP, tick, clock=steady)
         self._diagnostics = DiagnosticPublisher(self._node, "host")
         self._reported = self._looked = time.monotonic()
         # Each node costs more than the one before, as the middleware announces all end points: what takes
@@ -271,7 +276,8 @@ class HostProcess:
         while not STOP.requested and (now := time.monotonic()) < begun + LONGEST_TURNS:
             self._turn(IDLE)
             self._guarded(self._look, now)
-            if now - begun >= TURNS and not HUB.worker.waiting and not HUB.behind:
+            HUB.collect()
+            if now - begun >= TURNS and not HUB.worker.waiting:
                 return
 
     def _turn(self, seconds: float) -> None:

@@ -25,9 +25,6 @@ from spool_core.node.messages import from_block
 
 #: Blocks of a topic that may wait in a process that hosts many nodes: five seconds at 50 blocks/s.
 HOSTED_DEPTH = 250
-#: Periods of a topic without a block after which one that came waits to be heard, as this process does other
-#: work; and s after which its source is what is late.
-OVERDUE, SILENT = 2.0, 0.5
 #: s of samples that are taken together at most, where more wait: cores take less than 0.5 s at a time.
 LONGEST_TOGETHER = 0.4
 Take = Callable[[Sequence[Block]], None]
@@ -90,15 +87,16 @@ class BlockHub:
             if topic.takers:
                 self._own(topic, topic.takers[0][0])
 
-    @property
-    def behind(self) -> bool:
-        """Whether blocks came that this process has not heard yet, as far as their periods tell."""
+    def collect(self) -> None:
+        """Hear what came, in a process that hosts many nodes; its host does that every few ms."""
         now = time.monotonic()
-        return any(
-            OVERDUE * topic.period < now - topic.last < SILENT
-            for topic in self._topics.values()
-            if topic.owner is not None and topic.period > 0.0
-        )
+        for topic in self._topics.values():
+            if topic.mailbox is None or now < topic.due:
+                continue
+            for data in topic.mailbox.empty():
+                self._hear(topic, data)
+            # Before that no turn can be due, and an empty look is not for nothing.
+            topic.due = now + (topic.together - len(topic.heard) - 1) * topic.period
 
     def waits(self, node: Any, name: str) -> bool:
         """Whether blocks of the topic ``name`` of ``node`` came whose turn has not come."""
@@ -144,22 +142,25 @@ class BlockHub:
         topic.owner = node
         if topic.local:
             return
-        profile = qos.samples_wanted(HOSTED_DEPTH) if self.worker is not None else qos.samples_wanted()
-        hear = partial(self._hear, topic)
-        topic.subscription = node.create_subscription(AccelerationBlock, topic.name, hear, profile, raw=True)
+        if self.worker is None:
+            topic.subscription = node.create_subscription(
+                AccelerationBlock, topic.name, partial(self._hear, topic), qos.samples_wanted(), raw=True
+            )
+        else:
+            topic.mailbox = node.open_mailbox(AccelerationBlock, topic.name, qos.samples_wanted(HOSTED_DEPTH))
+            topic.subscription, topic.due = topic.mailbox.subscription, 0.0
 
     @staticmethod
     def _unsubscribe(topic: _Topic) -> None:
         if topic.subscription is not None:
             topic.owner.destroy_subscription(topic.subscription)
-            topic.subscription = None
+            topic.subscription = topic.mailbox = None
 
     def _hear(self, topic: _Topic, data: Heard) -> None:
         if self.worker is None:
             self._take(topic, [data])
             return
-        topic.last = time.monotonic()
-        topic.heard.append((data, topic.last))
+        topic.heard.append((data, time.monotonic()))
         if len(topic.heard) >= topic.together and not topic.busy:
             self._ask(topic)
 
@@ -431,13 +432,14 @@ class _Topic:
     """Topic of a valve's blocks: its takers, and the messages whose turn has not come with their times.
 
     ``together``: blocks that are taken together, and ``most`` of them; ``busy``: their turn is asked for;
-    ``period``: s, between two blocks, 0 before any; ``last``: when one was heard, s of the monotonic clock;
-    ``local``: a source in this process hands its blocks over.
+    ``period``: s, between two blocks, 0 before any; ``due``: when to look into the mailbox again, s of the
+    monotonic clock; ``local``: a source in this process hands its blocks over.
     """
 
     name: str
     takers: list[tuple[Any, Take, Room]] = field(default_factory=list)
     subscription: Any = None
+    mailbox: Any = None
     owner: Any = None
     times: TopicTimes = field(default_factory=TopicTimes)
     heard: deque[tuple[Heard, float]] = field(default_factory=partial(deque, maxlen=HOSTED_DEPTH))
@@ -445,7 +447,7 @@ class _Topic:
     most: int = 1
     busy: bool = False
     period: float = 0.0
-    last: float = -math.inf
+    due: float = 0.0
     local: bool = False
     throttle: Throttle = field(default_factory=Throttle)
 

@@ -20,9 +20,12 @@ PATIENCE = 180.0
 
 
 class Node:
-    """Node that subscribes to nothing: messages are handed to ``hear``."""
+    """Node without ROS 2: messages are handed to ``hear``, or wait in ``mailbox`` for ``hub``."""
 
-    hear: Callable[[bytes], None] | None = None
+    def __init__(self, hub: BlockHub) -> None:
+        self.hub = hub
+        self.hear: Callable[[bytes], None] | None = None
+        self.mailbox: list[bytes] = []
 
     def resolve_topic_name(self, name: str) -> str:
         return f"/valve_1/{name}"
@@ -33,10 +36,23 @@ class Node:
         self.hear = hear
         return 1
 
+    def open_mailbox(self, *_: Any) -> Any:
+        def empty() -> Iterator[bytes]:
+            while self.mailbox:
+                yield self.mailbox.pop(0)
+
+        self.hear = self.mailbox.append
+        return SimpleNamespace(empty=empty, subscription=1)
+
     def destroy_subscription(self, _: int) -> None:
         self.hear = None
 
     def send(self, *sequences: int) -> None:
+        self.put(*sequences)
+        while self.mailbox:
+            self.hub.collect()
+
+    def put(self, *sequences: int) -> None:
         for sequence in sequences:
             samples = np.full(SIZE, sequence, np.float32)
             block = Block(10**18 + sequence * 20_000_000, sequence, PERIOD, samples, samples)
@@ -79,14 +95,16 @@ def settle(hub: BlockHub) -> None:
 
 
 def test_a_process_of_one_node_takes_each_block_as_it_comes() -> None:
-    hub, node, taker = BlockHub(), Node(), Taker()
+    hub, taker = BlockHub(), Taker()
+    node = Node(hub)
     hub.subscribe(node, "acceleration", taker.take, lambda: taker.room)
     node.send(0, 1, 2)
     assert taker.taken == [[0], [1], [2]]
 
 
 def test_a_source_of_this_process_hands_its_blocks_over_and_no_other_is_heard() -> None:
-    hub, node, taken = BlockHub(), Node(), []
+    hub, taken = BlockHub(), []
+    node = Node(hub)
     hub.offer("/valve_1/acceleration")
     end = hub.subscribe(node, "acceleration", taken.extend, lambda: 1)
     assert node.hear is None
@@ -106,7 +124,7 @@ def test_a_source_of_this_process_hands_its_blocks_over_and_no_other_is_heard() 
 
 
 def test_a_host_takes_a_tenth_of_a_second_together(hosted: BlockHub) -> None:
-    node, taker = Node(), Taker()
+    node, taker = Node(hosted), Taker()
     hosted.subscribe(node, "acceleration", taker.take, lambda: taker.room)
     node.send(0)
     taker.wait(1)
@@ -120,7 +138,7 @@ def test_a_host_takes_a_tenth_of_a_second_together(hosted: BlockHub) -> None:
 
 
 def test_an_estimate_that_falls_due_does_not_wait(hosted: BlockHub) -> None:
-    node, one, other = Node(), Taker(), Taker(room=2 * SIZE)
+    node, one, other = Node(hosted), Taker(), Taker(room=2 * SIZE)
     hosted.subscribe(node, "acceleration", one.take, lambda: one.room)
     hosted.subscribe(node, "acceleration", other.take, lambda: other.room)
     node.send(0)
@@ -135,13 +153,18 @@ def test_blocks_that_stopped_coming_wait_for_no_others(
     hosted: BlockHub, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """That they waited for each other does not count as late."""
-    node, taker, now = Node(), Taker(), [100.0]
+    node, taker, now = Node(hosted), Taker(), [100.0]
     clock = SimpleNamespace(monotonic=lambda: now[0], time=lambda: 0.0)
     monkeypatch.setattr(block_hub, "time", clock)
     hosted.subscribe(node, "acceleration", taker.take, lambda: taker.room)
     node.send(0)
     settle(hosted)
-    node.send(1, 2)
+    node.send(1)
+    node.put(2)
+    hosted.collect()
+    assert len(node.mailbox) == 1  # no turn can be due yet
+    now[0] += 0.1
+    hosted.collect()
     now[0] += 0.3
     hosted.flush(0.4)
     settle(hosted)
@@ -154,7 +177,7 @@ def test_blocks_that_stopped_coming_wait_for_no_others(
 
 
 def test_who_stays_takes_what_the_one_who_left_had_asked_for(hosted: BlockHub) -> None:
-    first, second, leaves, stays = Node(), Node(), Taker(), Taker()
+    first, second, leaves, stays = Node(hosted), Node(hosted), Taker(), Taker()
     end = hosted.subscribe(first, "acceleration", leaves.take, lambda: leaves.room)
     hosted.subscribe(second, "acceleration", stays.take, lambda: stays.room)
     first.send(0)
@@ -170,11 +193,11 @@ def test_who_stays_takes_what_the_one_who_left_had_asked_for(hosted: BlockHub) -
 
 def test_a_message_that_is_no_block_costs_no_other(hosted: BlockHub) -> None:
     said: list[str] = []
-    node, taker = Node(), Taker()
+    node, taker = Node(hosted), Taker()
     node.get_logger = lambda: type("Log", (), {"warning": staticmethod(said.append)})  # type: ignore[attr-defined]
     hosted.subscribe(node, "acceleration", taker.take, lambda: taker.room)
     assert node.hear is not None
-    node.hear(b"nothing")
+    node.mailbox.append(b"nothing")
     node.send(0)
     taker.wait(1)
     assert taker.taken == [[0]]
@@ -183,7 +206,7 @@ def test_a_message_that_is_no_block_costs_no_other(hosted: BlockHub) -> None:
 
 def test_what_nobody_takes_any_more_does_not_pile_up(hosted: BlockHub) -> None:
     """A job that never returns keeps its topic's turn; the others of the topic have the blocks then."""
-    hanging, node, taker = Node(), Node(), Taker()
+    hanging, node, taker = Node(hosted), Node(hosted), Taker()
     began, release = threading.Event(), threading.Event()
 
     def hang(_: object) -> None:
@@ -198,6 +221,7 @@ def test_what_nobody_takes_any_more_does_not_pile_up(hosted: BlockHub) -> None:
     data = encode_block(Block(10**18, 1, PERIOD, *[np.zeros(SIZE, np.float32)] * 2), "valve_1")
     for _ in range(3 * HOSTED_DEPTH):
         send(data)
+    hosted.collect()
     assert hosted.times["/valve_1/acceleration"].waiting <= HOSTED_DEPTH
     hosted.subscribe(node, "acceleration", taker.take, lambda: taker.room)
     assert hosted.worker is not None
