@@ -6,7 +6,7 @@ import codecs
 import gzip
 import re
 import zlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
@@ -38,6 +38,9 @@ HOLES = (
     "-1.#IND", "1.#IND", "-nan", "-NaN",
 )  # fmt: skip
 _HOLES = frozenset(HOLES)
+#: Counts as they are in a register of a converter, and why they are not read: their sign is not known.
+HEXADECIMAL = re.compile(r"(?:0[xX])?[0-9A-Fa-f]{3,}")
+NOT_DECIMAL = "hexadecimal numbers, whose sign is not known: write them as decimal ones"
 _CLOCK = r"\d{1,2}:\d{2}:\d{2}(?:[.,:]\d{1,9})?(?:\s*[AaPp]\.?[Mm]\.?)?"
 _MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
 _DATES = (
@@ -137,6 +140,19 @@ def kind_of(cell: str, decimal: str) -> Kind:
 def is_grouped(cell: str, decimal: str) -> bool:
     """Return whether a cell is a number with marks between thousands, e.g. `1.025,5` with decimal comma."""
     return bool(_GROUPED[decimal].fullmatch(cell))
+
+
+def may_be_hexadecimal(cells: Sequence[str]) -> bool:
+    """Return whether a column's cells may be hexadecimal: digits of one length, letters or zeros first.
+
+    Numbers that increase throughout are a time or a counter.
+    """
+    if not cells or not all(map(HEXADECIMAL.fullmatch, cells)):
+        return False
+    letters = any(not cell.isdecimal() for cell in cells)
+    return len({len(cell) for cell in cells}) == 1 and (
+        letters or (any(cell[0] == "0" for cell in cells) and list(cells) != sorted(cells))
+    )
 
 
 def shape_of(cell: str, decimal: str) -> tuple[int, int] | None:

@@ -13,7 +13,14 @@ from pathlib import Path
 from spool_core.errors import InputError
 from spool_core.text import printable
 
-from spool_bag.importing.csv_cells import LONGEST_LINE, Kind, is_grouped, kind_of
+from spool_bag.importing.csv_cells import (
+    LONGEST_LINE,
+    NOT_DECIMAL,
+    Kind,
+    is_grouped,
+    kind_of,
+    may_be_hexadecimal,
+)
 from spool_bag.importing.csv_settings import key_and_text, stated_above
 from spool_bag.importing.table import MOST_CHANNELS, unique
 from spool_bag.importing.units import NO_UNIT, WORDS, is_unit, quantity_of, split_header
@@ -132,7 +139,8 @@ class Dialect:
     ``layout``: where the samples begin, names and units by column, and a rate stated above them. ``grouped``:
     there
     are marks between thousands. ``unproven``: columns of which a point or comma could be a mark between
-    thousands or the decimal one, as far as the first lines show.
+    thousands or the decimal one, as far as the first lines show. ``hexadecimal``: columns whose first cells
+    may be that.
     """
 
     delimiter: str
@@ -141,6 +149,7 @@ class Dialect:
     kinds: tuple[Kind, ...]
     grouped: bool = False
     unproven: frozenset[str] = frozenset()
+    hexadecimal: frozenset[str] = frozenset()
 
     @property
     def skipped(self) -> int:
@@ -201,10 +210,10 @@ def dialect(path: Path, text: str) -> Dialect:
     if not readings and sum(bool(line.strip()) for line in lines) < 2:
         raise InputError(f"{path}: 0 samples are too few for a record")
     if not readings:
+        hint = f"; it holds {NOT_DECIMAL}" if re.search(r"\b0[xX][0-9A-Fa-f]", text) else ""
         raise InputError(
             f"{path}: no rows of numbers in its first {len(lines)} lines: one line each sample, one "
-            "column each "
-            "channel"
+            f"column each channel{hint}"
         )
     return max(readings, key=lambda found: found[0])[1]
 
@@ -499,7 +508,9 @@ def _reading(lines: Sequence[str], delimiter: str, decimal: str) -> tuple[tuple[
         float(len(kinds)),
         float(decimal == "."),
     )
-    return score, Dialect(delimiter, decimal, layout, kinds, grouped, doubtful)
+    by_name = zip(layout.names, columns, strict=True)
+    hexadecimal = frozenset(name for name, cells in by_name if may_be_hexadecimal([*filter(None, cells)]))
+    return score, Dialect(delimiter, decimal, layout, kinds, grouped, doubtful, hexadecimal)
 
 
 def is_data(marks: Sequence[Kind]) -> bool:

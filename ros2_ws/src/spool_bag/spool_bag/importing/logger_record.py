@@ -131,7 +131,7 @@ def read_record(
     record.notes = (*notes, *record.notes, *map(str, record.uses))
     record.warnings = (*(text for table in tables for text in table.warnings), *record.warnings)
     if kind == "accelerations":
-        record.warnings = (*record.warnings, *_doubts(record.columns))
+        record.warnings = (*record.warnings, *_filtered_apart(sources), *_doubts(record.columns))
     if record.start is not None and record.start < EARLIEST and any(table.clocks for table in tables):
         text = (
             f"stamps begin at {1e-9 * record.start:.3f} s, as after a start of the machine: they have no date"
@@ -312,9 +312,32 @@ def _without_holes(values: dict[str, Values], required: Sequence[str], what: str
     missing = int(np.count_nonzero(~whole))
     if not missing:
         return []
+    every = round(whole.size / max(whole.size - missing, 1))
+    if every > 1 and set(np.diff(np.flatnonzero(whole)).tolist()) == {every}:
+        what += f", all but every {every}th: what was sampled faster is decimated without a filter, and folds"
     for name, row in values.items():
         values[name] = row[whole]
     return [f"{plural(missing, 'row')} with values {what} {'is' if missing == 1 else 'are'} left out"]
+
+
+def _filtered_apart(sources: Mapping[str, roles.Source]) -> list[str]:
+    """Return a line where another filter or decimation is stated of one acceleration than of the other."""
+    stated = {
+        short(role): one.table.settings.filters(one.channel.name)
+        for role, one in sources.items()
+        if role in (BODY, SPOOL)
+    }
+    names = sorted({name for own in stated.values() for name in own})
+    apart = [name for name in names if len({own.get(name) for own in stated.values()}) > 1]
+    if not apart:
+        return []
+    shown = ", ".join(
+        f"{role}: {name} = {own.get(name, 'not stated')}" for name in apart for role, own in stated.items()
+    )
+    return [
+        f"body and spool were filtered or decimated differently ({shown}): the delay between them looks like "
+        "friction and drag; record both alike"
+    ]
 
 
 def _rate_note(

@@ -438,7 +438,7 @@ def _words(name: str) -> list[str]:
 
 
 def _held(tables: Sequence[Table]) -> str:
-    return listed(
+    held = listed(
         [
             f"{group.name}/{channel.header}" if group.name else channel.header
             for table in tables
@@ -446,6 +446,10 @@ def _held(tables: Sequence[Table]) -> str:
             for channel in group.channels
         ]
     )
+    unread = [
+        f"{printable(name, 40)} ({why})" for table in tables for name, why in list(table.unread.items())[:4]
+    ]
+    return f"{held}; not read: {'; '.join(unread)}" if unread else held
 
 
 class _RefusalError(Exception):

@@ -69,6 +69,13 @@ _SCALES = (
 )  # fmt: skip
 _SHIFTS = ("offset", "bias", "intercept", "zero", "y_offset", "yoffset")
 _MISSING = ("_fill_value", "_fillvalue", "missing_value", "fill_value", "nodata")
+#: What a logger did to the samples of one channel, which moves it against the other one.
+_FILTERS = (
+    "decimation", "decimation_factor", "downsampling", "downsampling_factor", "bandwidth", "cutoff",
+    "cutoff_frequency", "cut_off", "cut_off_frequency", "corner_frequency", "lowpass", "low_pass", "filter",
+    "lowpass_frequency", "filter_frequency", "filter_cutoff", "anti_alias", "anti_alias_filter", "averaging",
+    "averages", "smoothing", "tiefpass", "grenzfrequenz", "bandbreite",
+)  # fmt: skip
 #: Attributes that belong to the format itself.
 _FORMATS_OWN = re.compile(
     r"class|title|version|name|dimension_list|reference_list|dimension_labels|_netcdf.*|_nc.*|field_\d.*|"
@@ -247,6 +254,16 @@ class Settings:
             self._take(one)
         return Start(moment, delay)
 
+    def filters(self, channel: str) -> dict[str, str]:
+        """Return by name what is stated of the filter and the decimation of one channel alone."""
+        own = [one for one in self._near(channel) if one.depth >= channel.count("/") + 0.5]
+        return {
+            base: printable(_shown(one.value), 40)
+            for one in own
+            for base in [one.name if one.name in _FILTERS else _with_unit(one.name)[0]]
+            if base in _FILTERS
+        }
+
     def count(self, channel: str) -> float:
         """Return how many samples of a channel are stated, NaN for none."""
         return self._amount(channel, _COUNTS, "")
@@ -271,13 +288,13 @@ class Settings:
 
     def _near(self, channel: str) -> Iterator[Setting]:
         """Yield the settings of a channel and of what it lies in, the nearest the deepest."""
-        parent, _, leaf = channel.rpartition("/")
+        parent, _, leaf = split_header(channel)[0].rpartition("/")
         for path, value in self._held.items():
             if path == channel:
                 continue
             at, _, name = path.rpartition("/")
             plain = _plain_name(name)
-            own = f"{leaf.lower()}_"
+            own = f"{_plain_name(leaf)}_"
             if at == channel:
                 yield Setting(path, plain, channel.count("/") + 1.0, value)
             elif at == parent and plain.startswith(own) and len(plain) > len(own):

@@ -103,7 +103,7 @@ class Table(ABC):
     shape (n,)) of each group that was read. ``holes_are_gaps``: rows without a value are missing samples by
     the format. ``dates``: order of day, month and year, where the user states it. ``gravity``:
     length of the mean vector of three axes, in the unit that the format prescribes, by group, once read.
-    ``settings``: what the file states beside its channels.
+    ``settings``: what the file states beside its channels. ``unread``: why a column is no channel, by name.
     """
 
     path: Path
@@ -115,6 +115,7 @@ class Table(ABC):
     dates: str = ""
     gravity: Mapping[str, float] = MappingProxyType({})
     settings: Settings = Settings()
+    unread: Mapping[str, str] = MappingProxyType({})
 
     def account(self, title: str, what: str, stated: float, read: float, off: float = COUNTED_ALIKE) -> None:
         """Warn where the file states another amount of something than was read, e.g. of messages.
@@ -165,6 +166,7 @@ class ArrayTable(Table):
     notes: tuple[str, ...] = field(default=())
     warnings: tuple[str, ...] = field(default=())
     settings: Settings = field(default_factory=Settings)
+    unread: Mapping[str, str] = field(default_factory=dict)
 
     def read(self, group: Group, names: Sequence[str], _single: Sequence[str] = ()) -> dict[str, Values]:
         """Return the values of channels by name."""

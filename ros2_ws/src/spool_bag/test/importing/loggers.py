@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import gzip
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from datetime import datetime, timedelta, timezone
 from decimal import Decimal
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
+import openpyxl
 import pyarrow as pa
 import pyarrow.csv as pa_csv
 import pyarrow.feather as pa_feather
@@ -71,8 +73,6 @@ def epoch(size: float, decimals: int) -> Callable[[float], str]:
 
 
 def excel(path: Path) -> None:
-    import openpyxl  # noqa: PLC0415 - slow to load
-
     book = openpyxl.Workbook()
     sheet = book.active
     sheet.append(["Measured on the press"])
@@ -83,9 +83,22 @@ def excel(path: Path) -> None:
     book.save(path)
 
 
-def excel_dates(path: Path) -> None:
-    import openpyxl  # noqa: PLC0415 - slow to load
+def formulas(path: Path) -> None:
+    """Write a workbook that no program has calculated."""
+    book = openpyxl.Workbook()
+    book.active.append(["t [s]", "raw", "body [m/s^2]", "spool [m/s^2]"])
+    for at, (t, raw, value) in enumerate(zip(TIME, BODY, SPOOL, strict=True), start=2):
+        book.active.append([t, raw, f"=B{at}*1", value])
+    book.save(path)
 
+
+def lists(path: Path) -> None:
+    """Write a table with a block of samples in each row."""
+    blocks = {name: [*row.reshape(-1, 10)] for name, row in (("body", BODY), ("spool", SPOOL))}
+    pa_parquet.write_table(pa.table({"t0": TIME[::10], **blocks}), path)
+
+
+def excel_dates(path: Path) -> None:
     book = openpyxl.Workbook()
     book.active.append(["time", "body (m/s²)", "spool (m/s²)"])
     for at, (b, s) in enumerate(zip(BODY[::2], SPOOL[::2], strict=True)):
@@ -122,13 +135,54 @@ def mat5_matrix(path: Path) -> None:
     savemat(path, {"data": np.column_stack([TIME, BODY, SPOOL]), "operator": "Eva"})
 
 
-def mat73(path: Path) -> None:
+def _mat73(path: Path, fill: Callable[[h5py.File], None]) -> None:
     with h5py.File(path, "w", userblock_size=512) as file:
-        for name, row in (("t", TIME), ("body_m_s2", BODY), ("spool_m_s2", SPOOL)):
-            entry = file.create_dataset(name, data=row.reshape(1, -1))
-            entry.attrs["MATLAB_class"] = np.bytes_("double")
+        fill(file)
     with path.open("r+b") as raw:
         raw.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124))
+
+
+def _of_class(entry: Any, name: str) -> Any:
+    entry.attrs["MATLAB_class"] = np.bytes_(name)
+    return entry
+
+
+def _references(file: h5py.File, rows: Sequence[Any], name: str) -> np.ndarray:
+    """Return references to arrays of MATLAB, as structure and cell arrays of version 7.3 hold them."""
+    held = [
+        _of_class(file.create_dataset(f"#refs#/{name}{at}", data=np.atleast_2d(row)), "double").ref
+        for at, row in enumerate(rows)
+    ]
+    return np.array(held, dtype=h5py.ref_dtype).reshape(-1, 1)
+
+
+def mat73(path: Path) -> None:
+    def fill(file: h5py.File) -> None:
+        for name, row in (("t", TIME), ("body_m_s2", BODY), ("spool_m_s2", SPOOL)):
+            _of_class(file.create_dataset(name, data=row.reshape(1, -1)), "double")
+
+    _mat73(path, fill)
+
+
+def mat73_structs(path: Path) -> None:
+    def fill(file: h5py.File) -> None:
+        group = _of_class(file.create_group("rec"), "struct")
+        group["data"] = _references(file, (BODY, SPOOL), "d")
+        group["fs"] = _references(file, (RATE, RATE), "f")
+        group["unit"] = np.array(
+            [_of_class(file.create_dataset(f"#refs#/u{at}", data=unit), "char").ref for at in (0, 1)],
+            dtype=h5py.ref_dtype,
+        ).reshape(-1, 1)
+
+    unit = np.array([[ord(letter)] for letter in "m/s^2"], np.uint16)
+    _mat73(path, fill)
+
+
+def mat73_cells(path: Path) -> None:
+    def fill(file: h5py.File) -> None:
+        _of_class(file.create_dataset("x", data=_references(file, (TIME, BODY, SPOOL), "d")), "cell")
+
+    _mat73(path, fill)
 
 
 def hdf5(path: Path) -> None:

@@ -293,6 +293,39 @@ def test_lines_above_the_samples_that_nothing_used_are_named(tmp_path: Path) -> 
     assert "stated in the file and not used: Decimation = 10, Operator = Eva" in found.notes
 
 
+@pytest.mark.parametrize("count", ["{:04X}", "0x{:04X}"])
+def test_hexadecimal_counts_are_refused_as_that(tmp_path: Path, count: str) -> None:
+    rows = [f"{at},{count.format(0x400 + 7 * at)},{count.format(0xC00 - 5 * at)}" for at in range(200)]
+    with pytest.raises(InputError, match="hexadecimal numbers, whose sign is not known"):
+        read_record(save(tmp_path, ["sample,body [g],spool [g]", *rows]), how=choices(rate=2000.0))
+
+
+def test_counts_that_may_be_hexadecimal_by_their_zeros_are_named(tmp_path: Path) -> None:
+    rows = [f"{at},{300 + at % 10:04d},{300 + at % 7:04d}" for at in range(200)]
+    found = read_record(save(tmp_path, ["sample,body [g],spool [g]", *rows]), how=choices(rate=2000.0))
+    assert any(
+        "body [g] is read as decimal numbers, and may hold hexadecimal" in one for one in found.warnings
+    )
+
+
+def test_a_filter_of_the_spool_alone_is_named(tmp_path: Path) -> None:
+    above = ["Spool bandwidth: 50 Hz", "Body bandwidth: 500 Hz"]
+    header = "t [s],body [m/s^2],spool [m/s^2]"
+    found = read_record(save(tmp_path, [*above, header, *ROWS]))
+    assert any(
+        "filtered or decimated differently (body: bandwidth = 500 Hz, spool: bandwidth = 50 Hz)" in one
+        for one in found.warnings
+    )
+    alike = read_record(save(tmp_path, [above[1], above[1].replace("Body", "Spool"), header, *ROWS]))
+    assert not any("differently" in one for one in alike.warnings)
+
+
+def test_rows_of_a_slower_channel_are_said_to_decimate_the_faster_one(tmp_path: Path) -> None:
+    rows = [row if at % 10 == 0 else f"{row.rpartition(',')[0]}," for at, row in enumerate(ROWS)]
+    found = read_record(save(tmp_path, [CONTRACT, *rows]), how=choices(empty_as_gap=True))
+    assert any("all but every 10th: what was sampled faster is decimated" in one for one in found.warnings)
+
+
 @pytest.mark.parametrize("end", ["\r", "\r\n"])
 @pytest.mark.parametrize("name", ["record.log", "record.ascii", "record"])
 def test_a_text_is_read_whatever_its_name_and_ends_of_lines(tmp_path: Path, name: str, end: str) -> None:

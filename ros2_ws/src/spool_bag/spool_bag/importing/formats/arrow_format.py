@@ -25,6 +25,7 @@ VALVE = "valve"
 #: Rows of a batch: a page or two of a column at a time.
 _BATCH = 1 << 16
 _NUMERIC = (pa.types.is_floating, pa.types.is_integer, pa.types.is_decimal, pa.types.is_duration)
+_IN_LISTS = "several values in a row: write one sample a row, e.g. with DataFrame.explode of pandas"
 #: s of a unit of a duration.
 _TICKS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
@@ -48,6 +49,11 @@ class ArrowTable(Table):
             for dated in [pa.types.is_timestamp(field.type) or pa.types.is_time(field.type)]
             if dated or any(is_one(field.type) for is_one in _NUMERIC)
         )
+        self.unread = {
+            field.name: _IN_LISTS if pa.types.is_nested(field.type) else "text"
+            for field in schema
+            if field.name not in {one.name for one in channels} | {VALVE}
+        }
         valves = self._valves() if VALVE in schema.names else [""]
         rates = {rate.rate: rate for one in channels if (rate := known.rate(one.name)).source or rate.doubt}
         rate = next(iter(rates.values())) if len(rates) == 1 else StatedRate()

@@ -15,11 +15,13 @@ from spool_core.text import printable
 from spool_bag.importing.csv_cells import (
     GROUP_MARKS,
     HOLES,
+    NOT_DECIMAL,
     Kind,
     TextPiece,
     clocks,
     date_order,
     is_grouped,
+    may_be_hexadecimal,
     moments,
     pieces,
     shape_of,
@@ -80,6 +82,11 @@ class CsvTable(Table):
             )
             if kind in (Kind.NUMBER, *_TIMES)
         ]
+        self.unread = {
+            name: NOT_DECIMAL if name in self.dialect.hexadecimal else "text"
+            for name, kind in zip(layout.names, self.dialect.kinds, strict=True)
+            if kind is Kind.TEXT
+        }
         self.settings = Settings(layout.settings)
         self.groups = (
             Group(
@@ -99,6 +106,8 @@ class CsvTable(Table):
 
     def read(self, _group: Group, names: Sequence[str], single: Sequence[str] = ()) -> dict[str, Values]:
         """Return the values of columns by name."""
+        for name in filter(self.dialect.hexadecimal.__contains__, names):
+            self._warn(f"{printable(name, 40)} is read as decimal numbers, and may hold {NOT_DECIMAL}")
         columns = GrowingColumns(self.path, names, single)
         for piece, last in self._samples():
             table = self._parse(piece, names, last=last)
@@ -305,7 +314,9 @@ def _badness(line: str, number: int, found: Dialect, wanted: Sequence[str]) -> s
                 float(cell.replace(found.decimal, "."))
             except ValueError:
                 if not (found.grouped and is_grouped(cell, found.decimal)):
-                    return f"line {number}: {printable(name, 40)} is {printable(cell, 40)!r}, not a number"
+                    hint = f": {NOT_DECIMAL}" if may_be_hexadecimal([cell]) else ""
+                    shown = printable(cell, 40)
+                    return f"line {number}: {printable(name, 40)} is {shown!r}, not a number{hint}"
     if len(cells) > len(found.names) and any(cells[len(found.names) :]):
         return f"line {number} has {len(cells)} cells, the header has {len(found.names)}"
     return None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -24,6 +25,8 @@ PROBED = 200
 #: Rows of a sheet by the file format (ECMA-376): 2^20.
 MOST_ROWS = 1 << 20
 _TIMES = (Kind.MOMENT, Kind.CLOCK, Kind.DATE)
+#: Formula in a sheet's XML.
+_FORMULA = re.compile(rb"<f[ />]")
 
 
 def opened(path: Path) -> ArrayTable:
@@ -36,12 +39,16 @@ def opened(path: Path) -> ArrayTable:
 
     with zipfile.ZipFile(path) as packed:
         check_size(path, sum(entry.file_size for entry in packed.infolist()))
+        sheets = [name for name in packed.namelist() if name.startswith("xl/worksheets/")]
+        formulas = any(_FORMULA.search(packed.read(name)) for name in sheets)
     book = openpyxl.load_workbook(path, read_only=True, data_only=True, keep_links=False)
     found = []
     for sheet in book.worksheets:
         rows = [tuple(row[:MOST_CHANNELS]) for row in sheet.iter_rows(values_only=True)]
         if len(rows) > MOST_ROWS:
             raise too_long(path)
+        if formulas and any(None in row for row in rows):
+            rows = _with_formulas(path, sheet.title, rows)
         table = _table(path, sheet.title, rows)
         if table is not None:
             found.append((sheet.title, *table))
@@ -150,12 +157,35 @@ def _kind(cell: Any) -> Kind:
         return Kind.TEXT
     if isinstance(cell, (int, float)):
         return Kind.NUMBER
-    if isinstance(cell, timedelta):
+    if isinstance(cell, (timedelta, _Formula)):
         return Kind.NUMBER
     if isinstance(cell, (datetime, date, time)):
         return Kind.MOMENT
     kinds = [kind_of(str(cell).strip(), mark) for mark in ".,"]
     return Kind.NUMBER if Kind.NUMBER in kinds else kinds[0]
+
+
+class _Formula(str):
+    """Formula whose value is not in the workbook."""
+
+    __slots__ = ()
+
+
+def _with_formulas(path: Path, title: str, rows: list[tuple[Any, ...]]) -> list[tuple[Any, ...]]:
+    """Return rows with the formulas that no program has calculated in place of empty cells."""
+    import openpyxl  # noqa: PLC0415
+
+    book = openpyxl.load_workbook(path, read_only=True, keep_links=False)
+    found = []
+    for values, cells in zip(rows, book[title].iter_rows(values_only=True), strict=False):
+        found.append(
+            tuple(
+                _Formula(cell) if value is None and isinstance(cell, str) and cell.startswith("=") else value
+                for value, cell in zip(values, cells, strict=False)
+            )
+        )
+    book.close()
+    return found
 
 
 @dataclass(slots=True)
@@ -191,7 +221,10 @@ class _Column:
         except (TypeError, ValueError, OverflowError):
             bad = next(row for row, cell in enumerate(self.cells) if not _is_number(cell))
             shown = printable(self.cells[bad], 40)
-            raise InputError(f"{self.where % (self.row + bad)} is {shown!r}, not a number") from None
+            why = f"{shown!r}, not a number"
+            if isinstance(self.cells[bad], _Formula):
+                why = f"the formula {shown} without a value: open the workbook in a spreadsheet, save it"
+            raise InputError(f"{self.where % (self.row + bad)} is {why}") from None
         return column.astype("datetime64[ns]") if stamped else column
 
     def _of_text(self) -> Any:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from spool_bag.importing.formats.format import Format
-from spool_bag.importing.formats.matlab_format import tables_of
+from spool_bag.importing.formats.matlab_format import DEEPEST, MOST_ELEMENTS, tables_of
 from spool_bag.importing.table import MOST_CHANNELS, ArrayTable, array_table, check_size
 
 #: Characters of a text that is a setting.
@@ -23,12 +23,30 @@ def opened(path: Path) -> ArrayTable:
     settings: dict[str, Any] = {}
     size, tables = 0, False
 
+    def elements(name: str, entry: Any, matlab: str) -> None:
+        """Visit what the references of a cell array, or of a field of an array of structures, lead to."""
+        parent, _, field = name.rpartition("/")
+        if matlab != "cell" and _text(entry.parent.attrs.get("MATLAB_class", "")) != "struct":
+            return  # other formats number dimensions so
+        for at, reference in enumerate(np.ravel(entry[()])[:MOST_ELEMENTS], start=1):
+            if not reference or name.count("(") >= DEEPEST:
+                continue
+            element = f"{name}({at})" if matlab == "cell" else f"{parent}({at})/{field}"
+            held = entry.file[reference]
+            visit(element, held)
+            if isinstance(held, h5py.Group):
+                for key, part in held.items():
+                    visit(f"{element}/{key}", part)
+
     def visit(name: str, entry: Any) -> None:
         nonlocal size, tables
         settings.update({f"{name}/{key}": value for key, value in entry.attrs.items()})
         matlab = _text(entry.attrs.get("MATLAB_class", ""))
         tables = tables or matlab in ("table", "timetable")
-        if not isinstance(entry, h5py.Dataset) or matlab in ("cell", "table", "timetable"):
+        if not isinstance(entry, h5py.Dataset) or matlab in ("table", "timetable"):
+            return
+        if h5py.check_ref_dtype(entry.dtype) is h5py.Reference and not name.startswith("#"):
+            elements(name, entry, matlab)
             return
         if entry.size <= LONGEST_TEXT and (matlab == "char" or h5py.check_string_dtype(entry.dtype)):
             held = entry[()]
