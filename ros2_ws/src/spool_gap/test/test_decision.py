@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from types import SimpleNamespace
@@ -12,11 +13,12 @@ import numpy as np
 import pytest
 from spool_estimator.identification.record import Record
 from spool_gap.evidence import decision as decision_module
-from spool_gap.evidence.decision import BEYOND, EXACT, OUTSIDE, RUNS, Decision, decide, numbers_of
+from spool_gap.evidence.decision import BEYOND, EXACT, OUTSIDE, RUNS, Decision, Numbers, decide, numbers_of
 from spool_gap.evidence.held_out import HeldOut, Judged
 from spool_gap.evidence.look import Look, look_at
 from spool_gap.likelihood.kernel import motions_for
 from spool_gap.likelihood.prediction import Prediction, Predictions
+from spool_gap.likelihood.remainder import BODY, Pattern
 from spool_gap.likelihood.rest import Rest
 from spool_gap.likelihood.search import DECISIVE, Search
 from spool_gap.likelihood.structure import DELAY, GAIN, structure_of
@@ -124,9 +126,54 @@ def test_a_remainder_is_unexplained_where_it_is_certain_large_and_seen_in_a_free
     monkeypatch.setattr(HeldOut, "judged", leaving)
     monkeypatch.setattr(decision_module, "rest_of", lambda *_: Rest(gain, share, "speed"))
     monkeypatch.setattr(decision_module, "foreseen", lambda *_: confirmed * gain)
+    monkeypatch.setattr(decision_module, "patterns_of", lambda *_: [])
     found = drag().decided()
     assert found.unexplained is unexplained
     assert (next(iter(found.probabilities)) == "unexplained") is unexplained
+
+
+@pytest.mark.parametrize(
+    ("gain", "share", "noise", "unexplained"),
+    [
+        (1e3, 0.02, 0.03, False),
+        (1e3, 0.02, 0.019, True),
+        (1e3, 0.0024, 0.001, False),
+        (0.9 * DECISIVE, 0.5, 0.01, False),
+        (1e3, 0.03, math.inf, True),
+    ],
+    ids=["quieter than the noise", "louder", "too small", "by chance", "louder than the floor"],
+)
+def test_a_pattern_is_unexplained_where_chance_is_ruled_out_and_noise_does_not_cover_it(
+    monkeypatch: pytest.MonkeyPatch, gain: float, share: float, noise: float, unexplained: bool
+) -> None:
+    judged = HeldOut.judged
+    monkeypatch.setattr(HeldOut, "judged", lambda *given: replace(judged(*given), floor=0.025))
+    monkeypatch.setattr(decision_module, "rest_of", lambda *_: Rest(0.0, 0.0, "nothing"))
+    monkeypatch.setattr(decision_module, "patterns_of", lambda *_: [Pattern(gain, share, BODY, noise)])
+    found = chain().decided()
+    assert (found.unexplained, found.rest.follows == BODY) == (unexplained, unexplained)
+
+
+@pytest.mark.parametrize(("widened", "named"), [(1.0, ("quadratic_damping",)), (1e3, ())])
+def test_a_name_whose_numbers_may_all_be_zero_is_no_name(
+    monkeypatch: pytest.MonkeyPatch, widened: float, named: tuple[str, ...]
+) -> None:
+    def wide(predictions: Predictions, fit: StructureFit) -> Numbers:
+        found = numbers_of(predictions, fit)
+        rows = [replace(one, standard_deviation=widened * one.standard_deviation) for one in found.quantities]
+        return replace(found, quantities=tuple(rows))
+
+    known = drag()
+    start = known.search.base.structure.having(("quadratic_damping",), (), {"quadratic_coefficient": 20.0})
+    fit = fit_structure(known.predictions, start)
+    search = copy(known.search)
+    search.fits = {**known.search.fits, start.key: fit}
+    monkeypatch.setattr(decision_module, "numbers_of", wide)
+    found = replace(known, search=search).decided()
+    assert found.effects == named
+    assert ("quadratic_damping" in found.refused) is (not named)
+    # What the name explained is there all the same.
+    assert found.unexplained is (not named)
 
 
 def test_no_verdict_is_surer_than_the_share_of_records_that_some_structure_fits() -> None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Mapping, Sequence
-from contextlib import nullcontext
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field, replace
 
 from spool_core.errors import InputError
@@ -33,8 +33,8 @@ from spool_gap.likelihood.structure import CHAIN_PARTS, Structure, structure_of
 from spool_gap.likelihood.structure_fit import LOOSENESS, StructureFit, fit_structure
 from spool_gap.report import (
     CHECK_COLOURED,
-    LOOKS_LIKE,
     UNEXPLAINED,
+    looks_like,
     named,
     nothing_missing,
     still_missing,
@@ -85,14 +85,85 @@ def analyse(
     Raises:
         InputError: the records cannot be analysed; what is wrong is named.
     """
-    begun = time.monotonic()
     tell = progress or (lambda _what, _share: None)
+    begun = time.monotonic()
+    run = searched(records, valve, base, holdout=holdout, settings=settings, progress=tell)
+    return replace(run.concluded(tell), elapsed=time.monotonic() - begun)
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """Search over records with everything that was fitted, before anything is decided."""
+
+    records: Sequence[Record]
+    base: Model
+    look: Look
+    predictions: Predictions
+    held: HeldOut
+    search: Search
+    settings: GapSettings
+
+    def apart(self) -> AbstractContextManager[None]:
+        """Leave records that are held out as a whole out of fits while this lasts.
+
+        Windows that are held out take part in the search, since a sweep shows each motion once.
+        """
+        return self.held.apart() if self.look.held else nullcontext()
+
+    def decided(self) -> Decision:
+        """Return what the fits say."""
+        motions = self.predictions.parts[0].motions
+        return decide(self.predictions, self.search, self.look, self.settings, motions, self.held)
+
+    def concluded(self, progress: Progress = lambda _what, _share: None) -> GapResult:
+        """Return the result: what the fits say, judged on data held out, in words."""
+        late = self.search.late
+        with self.apart():
+            progress("deciding", 0.85)
+            decision = self.decided()
+            progress("judging on data held out", 0.92)
+            judged = self.judged(decision)
+            words = self.words(decision, judged)
+            parts = self.predictions, self.search, decision, self.held
+            result = _assembled(self.records, self.base, *parts, judged, words)
+            if self.settings.profiles:
+                progress("profiling the numbers", 0.95)
+                names = [quantity.name for effect in result.effects for quantity in effect.parameters]
+                own = profiles_of(self.predictions, decision.fit, decision.numbers, names)
+                result = replace(result, profiles=own)
+        hurried = "the search ended before everything was tried: this is the best so far, --thorough goes on"
+        told = (hurried,) if late else ()
+        result = replace(result, warnings=(*self.look.warnings, *told, *result.warnings))
+        return as_stuck(result) if self.look.stuck else result
+
+    def judged(self, decision: Decision) -> tuple[Judged, Judged]:
+        """Return what the base and the choice of ``decision`` leave of data held out."""
+        return self.held.judged(decision.base), self.held.judged(decision.fit)
+
+    def words(self, decision: Decision, judged: tuple[Judged, Judged]) -> Words:
+        """Return ``decision`` in words."""
+        # Forces that jump, and hits, leave what looks like jitter.
+        best = decision.fit.structure
+        sharp = best.jumps or any(EFFECTS[name].localised for name in best.effects)
+        jitter = None if sharp or self.look.stuck else jitter_of(self.predictions.parts, judged[1].rows)
+        return words_of(decision, self.look, self.base, *judged, jitter)
+
+
+def searched(
+    records: Sequence[Record],
+    valve: Valve,
+    base: Model,
+    *,
+    holdout: Sequence[Record] = (),
+    settings: GapSettings | None = None,
+    progress: Progress = lambda _what, _share: None,
+) -> Run:
+    """Return the search over ``records``; see :func:`analyse`."""
     chosen = settings or GapSettings()
-    tell("checking the record", 0.0)
+    progress("checking the record", 0.0)
     look = look_at(records, holdout, valve)
-    tell("preparing", 0.05)
+    progress("preparing", 0.05)
     motions = motions_for(base)
-    names = tried_effects(base)
     # Laws count the time from the first sample that is analysed, wherever that lies in its recording.
     begin = min(one.time for one in look.readings)
     counted = [replace(one, time=one.time - begin) for one in look.readings]
@@ -109,34 +180,12 @@ def analyse(
             f"missing or clipped (channel that clips: {clipped}); choose a larger range of the sensor, or "
             "excite less"
         )
-    # Records that are held out take no part in the search; windows do, since a sweep shows each motion once.
     with held.apart() if look.held else nullcontext():
-        tried = [] if look.stuck else names
+        tried = [] if look.stuck else tried_effects(base)
         allowed = math.inf if chosen.thorough else ALLOWED
-        search = Search(predictions, structure_of(base, valve), tried, tell, allowed)
+        search = Search(predictions, structure_of(base, valve), tried, progress, allowed)
         search.run()
-        late = search.late
-        tell("deciding", 0.85)
-        decision = decide(predictions, search, look, chosen, motions, held)
-        tell("judging on data held out", 0.92)
-        before, after = held.judged(decision.base), held.judged(decision.fit)
-        # Forces that jump, and hits, leave what looks like jitter.
-        best = decision.fit.structure
-        sharp = best.jumps or any(EFFECTS[name].localised for name in best.effects)
-        jitter = None if sharp or look.stuck else jitter_of(predictions.parts, after.rows)
-        words = words_of(decision, look, base, before, after, jitter)
-        result = _assembled(records, base, predictions, search, decision, held, (before, after), words)
-        if chosen.profiles:
-            tell("profiling the numbers", 0.95)
-            names = [quantity.name for effect in result.effects for quantity in effect.parameters]
-            own = profiles_of(predictions, decision.fit, decision.numbers, names)
-            result = replace(result, profiles=own)
-    hurried = "the search ended before everything was tried: this is the best so far, --thorough goes on"
-    told = (hurried,) if late else ()
-    result = replace(
-        result, warnings=(*look.warnings, *told, *result.warnings), elapsed=time.monotonic() - begun
-    )
-    return as_stuck(result) if look.stuck else result
+    return Run(records, base, look, predictions, held, search, chosen)
 
 
 def tried_effects(base: Model) -> list[str]:
@@ -371,4 +420,4 @@ def _remainder(decision: Decision, power: float, before: Judged, after: Judged) 
     gap = max(before.agreement.nrmse**2 - after.floor**2, 1e-12)
     share = max(after.agreement.nrmse**2 - after.floor**2, 0.0) / gap
     follows = decision.rest.follows
-    return Remainder(min(share, 1.0), power, follows, LOOKS_LIKE.get(follows, LOOKS_LIKE["nothing"]))
+    return Remainder(min(share, 1.0), power, follows, looks_like(follows))

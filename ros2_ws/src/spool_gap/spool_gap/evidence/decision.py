@@ -29,10 +29,11 @@ from spool_core.numbers import Array
 from spool_core.uncertainty import Quantity, Validity
 
 from spool_gap.catalogue import EFFECTS
-from spool_gap.evidence.held_out import HeldOut
+from spool_gap.evidence.held_out import HeldOut, Judged
 from spool_gap.evidence.look import Look
 from spool_gap.likelihood.kernel import SwitchableMotion
 from spool_gap.likelihood.prediction import Predictions
+from spool_gap.likelihood.remainder import patterns_of
 from spool_gap.likelihood.rest import (
     Rest,
     TwoForces,
@@ -55,7 +56,7 @@ TEMPERATURE = 10.0
 #: Share of records of which every structure is wrong, so that no evidence among them tells: nine of about a
 #: hundred field cases of development had another verdict than the truth, most at a probability of 1.
 OUTSIDE = 0.1
-#: Standard deviations by which gain or delay must exceed its tolerance (95 %).
+#: Standard deviations by which gain or delay must exceed its tolerance, and a size zero (95 %).
 BEYOND = 2.0
 #: Evidence of a remainder in a free run over that in prediction errors, at least. In cases of development it
 #: was 0.008 for vibration across the axis, and 0.3 to 4 for laws.
@@ -134,9 +135,9 @@ def decide(
     """Return what the fits of ``search`` say."""
     fit, refused = _plainest(predictions, search, settings, held)
     fit = _predicting(search, held, fit, refused)
-    valve = predictions.parts[0].valve
-    forces = two_forces(look.readings, valve, motions, fit)
-    fit, numbers = _refined(predictions, fit)
+    fit, refined, numbers = _different_from_zero(predictions, search, fit, refused)
+    forces = two_forces(look.readings, predictions.parts[0].valve, motions, fit)
+    fit = refined
     if forces is not None:
         fit, numbers = _by_direction(predictions, fit, numbers, forces)
     own = fit.structure
@@ -149,15 +150,8 @@ def decide(
         told_apart = name == DELAY or "body" not in look.limits
         if one is not None and told_apart and abs(one.value) - tolerance > BEYOND * one.standard_deviation:
             named.append(name)
-    rest = rest_of(predictions, fit)
-    gain = rest.gain / numbers.dispersion
-    judged = held.judged(fit)
-    # A free run that leaves no more than noise explains the record, whatever its prediction errors follow.
-    matters = rest.share >= settings.least_share and judged.agreement.nrmse > judged.floor
-    # Nor does a sensor's own error, which is in the measured motion, too, and not in that of a free run.
-    if matters and gain > DECISIVE:
-        matters = foreseen(predictions, fit, rest.follows) > RUNS * rest.gain
-    unexplained = gain > DECISIVE and matters
+    rest, matters = _left(predictions, fit, numbers.dispersion, held.judged(fit), settings.least_share)
+    unexplained = matters and rest.gain > DECISIVE
     if unexplained:
         # A name stands beside a remainder only where that is small against what the name explains: a law
         # that is none of the catalogue's looks like the nearest one of them, and leaves the rest.
@@ -165,16 +159,35 @@ def decide(
         for name in [one for one in named if shares.get(one, 0.0) < least]:
             named.remove(name)
             refused[name] = "the remainder beside it is too large for its law to be the right one"
-    probabilities = _probabilities(search, fit, refused, gain - DECISIVE if matters else -math.inf)
+    probabilities = _probabilities(search, fit, refused, rest.gain - DECISIVE if matters else -math.inf)
     parts = tuple(key for key in own.parts if share_of_part(predictions, fit, key) >= settings.least_share)
     singles = [one for one in search.fits.values() if len(one.structure.effects) == 1]
     nearest = max(singles, key=lambda one: one.evidence, default=None)
     return Decision(
         fit, numbers, tuple(named), small, shares, rest, unexplained, probabilities, search.base, parts,
         nearest.structure.effects if nearest else (), refused,
-        {"rest": gain, "rest_share": rest.share, "dispersion": numbers.dispersion,
+        {"rest": rest.gain, "rest_share": rest.share, "dispersion": numbers.dispersion,
          "least_share": min((shares[name] for name in shares if name not in small), default=1.0)},
     )  # fmt: skip
+
+
+def _left(
+    predictions: Predictions, fit: StructureFit, dispersion: float, judged: Judged, least_share: float
+) -> tuple[Rest, bool]:
+    """Return what ``fit`` leaves, with its evidence, and whether a free run holds it and it is not small."""
+    smooth = rest_of(predictions, fit)
+    rest = replace(smooth, gain=smooth.gain / dispersion)
+    # A free run that leaves no more than noise explains the record, whatever its prediction errors follow.
+    matters = rest.share >= least_share and judged.agreement.nrmse > judged.floor
+    # Nor does a sensor's own error, which is in the measured motion, too, and not in that of a free run.
+    if matters and rest.gain > DECISIVE:
+        matters = foreseen(predictions, fit, rest.follows) > RUNS * smooth.gain
+    known = rest.share if matters and rest.gain > DECISIVE else 0.0
+    for one in patterns_of(predictions, fit):
+        loud = one.share >= max(known, least_share, min(judged.floor, one.noise))
+        if loud and one.gain > DECISIVE:
+            return Rest(one.gain, one.share, one.follows), True
+    return rest, matters
 
 
 @dataclass(frozen=True, slots=True)
@@ -265,6 +278,29 @@ def _refined(predictions: Predictions, fit: StructureFit) -> tuple[StructureFit,
         moved = max(abs(other.values[one.name] - one.value) for other in others)
         quantities.append(replace(one, standard_deviation=math.hypot(one.standard_deviation, moved)))
     return again, replace(numbers, quantities=tuple(quantities))
+
+
+def _different_from_zero(
+    predictions: Predictions, search: Search, fit: StructureFit, refused: dict[str, str]
+) -> tuple[StructureFit, StructureFit, Numbers]:
+    """Return ``fit`` without effects all of whose sizes may be zero, the same to its end, and its numbers."""
+    refined, numbers = _refined(predictions, fit)
+    zero = {name for name in fit.structure.effects if _may_be_zero(name, numbers)}
+    if not zero:
+        return fit, refined, numbers
+    refused.update(dict.fromkeys(zero, "none of its numbers differs from zero"))
+    fits = search.of_each_set
+    left = fits.get(frozenset(fit.structure.effects) - zero, fits[frozenset()])
+    return _different_from_zero(predictions, search, left, refused)
+
+
+def _may_be_zero(name: str, numbers: Numbers) -> bool:
+    """Whether the 95 % intervals of all sizes of the effect ``name`` hold zero."""
+    entry = EFFECTS[name]
+    # What acts in few samples may be of any stiffness; its place shows that it is there.
+    sizes = entry.fitted if entry.localised or not entry.amplitudes else entry.amplitudes
+    found = [one for one in map(numbers.of, sizes) if one is not None]
+    return all(abs(one.value) <= BEYOND * one.standard_deviation for one in found)
 
 
 def _plainest(

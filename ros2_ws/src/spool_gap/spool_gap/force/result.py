@@ -15,10 +15,10 @@ from spool_gap.catalogue import FRICTIONS
 from spool_gap.force.balance import BASE_NAMES, ForceBalance, ForceFit, ForceRecord
 from spool_gap.force.position import Chosen, free_run_error, model_of, parameters_of
 from spool_gap.report import (
-    LOOKS_LIKE,
     UNEXPLAINED,
     Residual,
     locate,
+    looks_like,
     named,
     nothing_missing,
     still_missing,
@@ -125,7 +125,7 @@ def _remainder(before: float, after: float, floor: float) -> Remainder | None:
         return None
     gap = max(before**2 - floor**2, 1e-30)
     share = max(0.0, after**2 - floor**2) / gap
-    return Remainder(share, (after / max(floor, 1e-12)) ** 2, "nothing", LOOKS_LIKE["nothing"])
+    return Remainder(share, (after / max(floor, 1e-12)) ** 2, "nothing", looks_like("nothing"))
 
 
 def quantities_of(balance: ForceBalance, fit: ForceFit, chosen: Chosen) -> tuple[Quantity, ...]:

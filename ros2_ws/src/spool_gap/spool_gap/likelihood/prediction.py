@@ -341,6 +341,11 @@ class Prediction:
         moved = self._through(self.body, changed * passed * share)
         return np.asarray(self.counted_lines(moved) * volume)
 
+    @property
+    def bands(self) -> list[int]:
+        """Places among ``lines`` where bands begin, and their number."""
+        return [int(edge) for edge in self._edges]
+
     def windows_of(self, row: Array) -> Array:
         """Return ``row`` (n,) cut into windows, shape (windows, samples)."""
         return row[: self.windows * self._window].reshape(self.windows, self._window)

@@ -82,7 +82,7 @@ def rest_of(predictions: Predictions, fit: StructureFit) -> Rest:
     What a clipped body did is restored by a curve, whose errors look like a force.
     """
     best = Rest(0.0, 0.0, "nothing")
-    with _settled(predictions, fit) as enough:
+    with settled(predictions, fit) as enough:
         if not enough:
             return best
         score = Score(predictions, fit)
@@ -100,7 +100,7 @@ def foreseen(predictions: Predictions, fit: StructureFit, follows: str) -> float
     What is no function of the motion, as vibration that a sensor picks up from across its axis, is in the
     measured motion, too, and looks like a force along that. A free run does not hold it.
     """
-    with _settled(predictions, fit):
+    with settled(predictions, fit):
         score = Score(predictions, fit_structure(predictions, fit.structure, (FREE,), steps=0))
         return _evidence(*score.left_with(_columns(score.motion)[follows]))[0]
 
@@ -229,7 +229,7 @@ def split_by_direction(structure: Structure, ratio: float) -> Structure:
 
 
 @contextmanager
-def _settled(predictions: Predictions, fit: StructureFit) -> Iterator[bool]:
+def settled(predictions: Predictions, fit: StructureFit) -> Iterator[bool]:
     """Count no window in which the body is not known while this lasts; yield whether enough are left.
 
     Nor does a sample at a hit on a stop count: what a contact of few samples leaves looks like a force there.

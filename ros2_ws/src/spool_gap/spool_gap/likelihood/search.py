@@ -160,6 +160,16 @@ class Search:
             if self.simplest.structure.key == before.structure.key:
                 break
 
+    def tried(self, one: Structure) -> StructureFit:
+        """Return the likeliest fit of ``one`` from its numbers, by strong and by weak corrections.
+
+        It is kept for the decision, where it is likelier than what is known.
+        """
+        for looseness in (COMPARED, LOOSE):
+            found = self._tighten(one.bounded(self._predictions.seconds), looseness)
+        self._settle(found.structure, found.looseness)
+        return self.fits[one.key]
+
     def _polish(self) -> None:
         """Fit on what may turn out to be the best."""
         least = self.best.evidence - 5.0 * self._enough

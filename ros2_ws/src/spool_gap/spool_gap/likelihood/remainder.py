@@ -1,0 +1,273 @@
+"""What repeats in the remainder of a free run; noise has no pattern.
+
+A likelihood with a noise level for each tile never punishes a loud remainder. Here a remainder counts as
+noise only where no pattern is found in it:
+
+- within a window it is coherent with what the body did, through any smooth transfer, which may change from
+  window to window and from band to band: a lag, a resonance, drag that changes;
+- powers of displacement, velocity and reading, with coefficients from all other windows, predict it;
+- a line in it keeps frequency and phase over the windows.
+
+The run is free, and its numbers are fitted to it: neither the spool's noise nor an error of the numbers is in
+its motion. Of the power of normal noise in a tile, m of K regressors explain a share that has a Beta
+distribution, whatever the noise's level, so mean and variance of the sum over all tiles are known. So is the
+distribution of the ratio of a line's mean to its scatter over the windows.
+
+Sources: Bendat and Piersol, Random Data, 4th ed., 2010, ch. 6 and 9 (coherence); Ljung, System
+Identification, 2nd ed., 1999, ch. 16 (residuals must not depend on the input); Dawid, 1984 (prequential
+likelihood); Fisher, Tests of significance in harmonic analysis, 1929.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from scipy import fft, special
+from spool_core.numbers import Array
+
+from spool_gap.catalogue import EFFECTS
+from spool_gap.likelihood.prediction import FREE, Prediction, Predictions
+from spool_gap.likelihood.rest import settled
+from spool_gap.likelihood.structure import Spectrum, Structure
+from spool_gap.likelihood.structure_fit import StructureFit, fit_structure
+
+BODY, MOTION, LINE = "what the body did", "the motion", "a line"
+#: Steps of the fit of the free run.
+STEPS = 8
+#: Lines of a tile at least: three for each regressor.
+LEAST_LINES = 12
+#: Power of a line of the body's reading over that of a quiet line from which it shows the valve, and not what
+#: else shakes both sensors; share of all lines that is quiet at least.
+LOUD, QUIET = 30.0, 0.2
+#: Zero-padding of the spectrum in which a line is looked for, candidates, and windows at least.
+PADDING, CANDIDATES, FEWEST = 4, 3, 3
+#: Lines around each whose median is the level there.
+AROUND = 21
+#: Keeps quotients finite.
+TINY = 1e-300
+
+
+@dataclass(frozen=True, slots=True)
+class Pattern:
+    """What a remainder follows.
+
+    Attributes:
+        gain: minus the logarithm of the probability that noise does so, or rise of the log likelihood of
+            windows that are predicted by the others; 0 at least.
+        share: of the spool's acceleration, rms, that follows it.
+        follows: in words.
+        noise: share of the spool's acceleration, rms, left in the same tiles; unknown (inf) of a line.
+    """
+
+    gain: float
+    share: float
+    follows: str
+    noise: float
+
+
+def patterns_of(predictions: Predictions, fit: StructureFit) -> list[Pattern]:
+    """Return what may be a pattern in the remainder of ``fit``, the largest share first."""
+    with settled(predictions, fit) as enough:
+        if not enough:
+            return []
+        free = fit_structure(predictions, fit.structure, (FREE,), steps=STEPS).structure
+        found = _patterns(predictions, free, FREE)
+        if any(EFFECTS[name].local_minima or EFFECTS[name].localised for name in fit.structure.effects):
+            # A free run with play or stops parts from the measured motion at chance, a corrected one not.
+            close = {one.follows: one for one in _patterns(predictions, fit.structure, fit.looseness)}
+            found = [min(one, close[one.follows], key=_size) for one in found if one.follows in close]
+    return sorted(found, key=_size, reverse=True)
+
+
+def _size(one: Pattern) -> float:
+    return one.share
+
+
+def _patterns(predictions: Predictions, own: Structure, looseness: float) -> list[Pattern]:
+    looks = [_Remainder(part, own, looseness) for part in predictions.parts if part.inside.any()]
+    reading = sum(one.reading for one in looks)
+    if reading <= 0.0:
+        return []
+    lines = [line for one in looks for line in one.lines(reading)]
+    return [
+        _by_chance((tile for one in looks for tile in one.of_body()), reading),
+        _predicted((tile for one in looks for tile in one.of_motion()), reading),
+        *lines,
+    ]
+
+
+@dataclass(frozen=True, slots=True)
+class _Tile:
+    """Power before and after a regression, and the expected rise of its logarithm but for chance.
+
+    Attributes:
+        before, left: power.
+        lines, regressors: complex numbers.
+        common: rise that what else both sensors read may make.
+    """
+
+    before: float
+    left: float
+    lines: int
+    regressors: int
+    common: float = 0.0
+
+    @property
+    def rise(self) -> float:
+        return math.log(self.before / self.left)
+
+
+def _by_chance(tiles: Iterable[_Tile], reading: float) -> Pattern:
+    """Return the pattern by regressions whose coefficients were fitted in each tile."""
+    rise = variance = explained = noise = 0.0
+    for one in tiles:
+        free = one.lines - one.regressors
+        # The power left over that before has the Beta distribution with K - m and m.
+        rise += one.rise - one.common - float(special.digamma(one.lines) - special.digamma(free))
+        variance += float(special.polygamma(1, free) - special.polygamma(1, one.lines))
+        explained += one.before - one.left * one.lines / free
+        noise += one.left * one.lines / free
+    score = rise / math.sqrt(variance) if variance > 0.0 else 0.0
+    gain = -float(special.log_ndtr(-score))
+    return Pattern(gain, math.sqrt(max(explained, 0.0) / reading), BODY, math.sqrt(noise / reading))
+
+
+def _predicted(tiles: Iterable[_Tile], reading: float) -> Pattern:
+    """Return the pattern by predictions with coefficients from elsewhere."""
+    gain = explained = noise = 0.0
+    for one in tiles:
+        gain += one.lines * one.rise
+        explained += one.before - one.left
+        noise += one.left
+    return Pattern(
+        max(gain, 0.0), math.sqrt(max(explained, 0.0) / reading), MOTION, math.sqrt(noise / reading)
+    )
+
+
+class _Remainder:
+    """Remainder of one stretch; ``reading`` is the power of the spool's reading in the lines that count."""
+
+    def __init__(self, part: Prediction, own: Structure, looseness: float) -> None:
+        self._part, self._own, self._looseness = part, own, looseness
+        self._predicted, motion = part.free_run(own, looseness)
+        self._error: Array = part.spool - self._predicted
+        self._motion: Array = np.array([motion.displacement, motion.velocity])
+        self._windows = np.flatnonzero(part.inside)
+        self._lines: Spectrum = part.counted_lines(self._error)[self._windows]
+        self._bands = _cuts(part.bands)
+        self.reading = _power(part.counted_lines(part.spool)[self._windows])
+
+    def of_body(self) -> Iterator[_Tile]:
+        """Yield regressions on what the body did, through a smooth transfer in each tile."""
+        part = self._part
+        body = np.abs(part.counted_lines(part.body)[self._windows]) ** 2
+        quiet = float(np.quantile(body, QUIET))
+        through = part.counted_lines(self._predicted)[self._windows]
+        # What other numbers of spring and drag would change.
+        moved = part.lines_of_forces(self._motion, self._own, self._looseness)[:, self._windows]
+        for cut in self._bands:
+            slope = np.linspace(-1.0, 1.0, cut.stop - cut.start)
+            for place in range(self._windows.size):
+                loud = body[place, cut] > LOUD * quiet
+                if int(loud.sum()) < LEAST_LINES:
+                    continue
+                own = through[place, cut]
+                columns = np.array([own, slope * own, *moved[:, place, cut]])[:, loud]
+                common = float(np.sum(quiet / body[place, cut][loud]))
+                yield _regressed(self._lines[place, cut][loud], columns, common)
+
+    def of_motion(self) -> Iterator[_Tile]:
+        """Yield predictions by powers of the motion with the coefficients of all other windows."""
+        part = self._part
+        z, v = (row / (np.std(row) + TINY) for row in self._motion)
+        side, seen = np.sign(v), self._predicted / (np.std(self._predicted) + TINY)
+        forces = np.array([z, v, z * z, z * v, v * v, z**3, v**3, z * z * v, v * np.abs(v), side, side * z])
+        rows = np.concatenate([
+            part.lines_of_forces(forces, self._own, self._looseness),
+            part.counted_lines(np.array([seen, seen**2, seen**3])),
+        ])[:, self._windows]  # fmt: skip
+        power = np.mean(np.abs(self._lines) ** 2, axis=0)
+        level = np.concatenate(
+            [np.full(cut.stop - cut.start, power[cut].mean() + TINY) for cut in self._bands]
+        )
+        columns, error = (_real(one / np.sqrt(level)) for one in (rows, self._lines))
+        columns = columns / (np.sqrt(np.mean(columns**2, axis=(1, 2), keepdims=True)) + TINY)
+        products = np.einsum("qwn,pwn->wqp", columns, columns)
+        seen_there = np.einsum("qwn,wn->wq", columns, error)
+        for place in range(self._windows.size):
+            others = products.sum(axis=0) - products[place], seen_there.sum(axis=0) - seen_there[place]
+            found = np.linalg.lstsq(others[0], others[1], rcond=1e-6)[0]
+            before = np.sum(error[place].reshape(2, -1) ** 2, axis=0)
+            left = np.sum((error[place] - found @ columns[:, place]).reshape(2, -1) ** 2, axis=0)
+            for cut in self._bands:
+                sums = [float(np.sum((one * level)[cut])) + TINY for one in (before, left)]
+                yield _Tile(sums[0], sums[1], cut.stop - cut.start, 0)
+
+    def lines(self, reading: float) -> Iterator[Pattern]:
+        """Yield what stands out of the spectrum most, with how surely its phase stays."""
+        part, count = self._part, self._windows.size
+        if count < FEWEST:
+            return
+        inside = np.zeros(part.windows, dtype=np.bool_)
+        inside[self._windows] = True
+        row = self._error * part.samples_of(inside)
+        cut = part.windows_of(row)
+        frequency = fft.rfftfreq(PADDING * row.size, part.period)
+        near = np.searchsorted(part.lines, frequency).clip(0, part.lines.size - 1)
+        level = _median_around(np.mean(np.abs(self._lines) ** 2, axis=0))[near] + TINY
+        compared = np.abs(part.lines[near] - frequency) < 1.0
+        power = np.where(compared, np.abs(fft.rfft(row, PADDING * row.size)) ** 2 / level, 0.0)
+        taper = np.hanning(cut.shape[1])
+        time = np.arange(cut.size).reshape(cut.shape) * part.period
+        for _ in range(CANDIDATES):
+            line = float(frequency[np.argmax(power)])
+            turn = 2.0 * np.pi * line
+            sizes = 2.0 * np.sum(cut * np.exp(-1j * turn * time) * taper, axis=1)[self._windows] / taper.sum()
+            mean = complex(sizes.mean())
+            ratio = count * abs(mean) ** 2 / (float(np.sum(np.abs(sizes - mean) ** 2)) + TINY)
+            # As many independent frequencies were looked at as the record has lines.
+            gain = (count - 1) * math.log1p(ratio) - math.log(count * part.lines.size)
+            wave = np.zeros(part.size)
+            wave[: cut.size] = (mean * np.exp(1j * turn * time)).real.ravel()
+            share = math.sqrt(_power(part.counted_lines(wave)[self._windows]) / reading)
+            yield Pattern(max(gain, 0.0), share, f"{LINE} at {line:.4g} Hz", math.inf)
+            power[np.abs(frequency - line) < 2.0] = 0.0
+
+
+def _cuts(bands: Sequence[int]) -> list[slice]:
+    """Return ``bands`` (places where they begin, and their end) of ``LEAST_LINES`` lines at least."""
+    edges = [0]
+    for edge in bands[1:-1]:
+        if min(edge - edges[-1], bands[-1] - edge) >= LEAST_LINES:
+            edges.append(edge)
+    return [slice(begin, end) for begin, end in pairwise([*edges, bands[-1]])]
+
+
+def _regressed(lines: Spectrum, columns: Spectrum, common: float) -> _Tile:
+    """Return the regression of ``lines`` (K,) on ``columns`` (m, K) with complex coefficients."""
+    scaled = (columns / (np.linalg.norm(columns, axis=1, keepdims=True) + TINY)).T
+    basis, sizes, _ = np.linalg.svd(scaled, full_matrices=False)
+    basis = basis[:, sizes > 1e-6 * sizes[0]]
+    before = _power(lines) + TINY
+    left = max(before - _power(basis.conj().T @ lines), 1e-9 * before)
+    return _Tile(before, left, lines.size, basis.shape[1], common)
+
+
+def _power(lines: Spectrum) -> float:
+    return float(np.sum(np.abs(lines) ** 2))
+
+
+def _real(lines: Spectrum) -> Array:
+    """Return ``lines`` (..., lines) as real numbers, shape (..., 2 lines)."""
+    return np.concatenate([lines.real, lines.imag], axis=-1)
+
+
+def _median_around(level: Array) -> Array:
+    """Return the medians of ``level`` (lines,) over the lines around each."""
+    half = min(AROUND, level.size - 1) // 2
+    padded = np.pad(level, half, mode="reflect")
+    return np.asarray(np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1), axis=-1))
