@@ -43,6 +43,7 @@ EXPLAINING = {
     "alarms.md": [
         ("kind", "number"),
         ("number", "title"),
+        ("event", "on-delay"),
         ("where", "how to choose"),
         ("where", "what it shows"),
         ("file", "holds"),

@@ -34,7 +34,7 @@ def test_each_begins_without_a_judgement_and_knows_its_kind(name: str) -> None:
     assert made.name == name
     assert made.judgement is Judgement.UNKNOWN
     assert made.suspicious == ""
-    assert made.on_delay >= 0.0 < made.off_delay
+    assert made.delay >= 0.0 < made.off_delay
 
 
 # Every moment shows whether the others can judge, which is what this one looks at.

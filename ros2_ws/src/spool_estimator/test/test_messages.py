@@ -35,7 +35,9 @@ def test_an_estimate_survives_the_wire(seconds: float) -> None:
     assert estimator.latest is not None
     message = deserialize_message(serialize_message(to_message(estimator.latest, "valve_1")), ModelEstimate)
     assert message.header.frame_id == "valve_1"
-    sent = replace(estimator.latest, residual_force=Quantity("residual_force", "N"))  # no message has it
+    sent = replace(
+        estimator.latest, residual_force=Quantity("residual_force", "N"), source="valve_1"
+    )  # no message has the former
     assert repr(from_message(message)) == repr(sent)
 
 

@@ -164,8 +164,8 @@ class Transition:
 def follow(alarm: Alarm, event: Event) -> Transition:
     """Take the beginning, growth or end of the alarm's condition in.
 
-    A warning that grows to an alarm wants a new acknowledgement. What comes and goes while hidden wants none,
-    but a latch holds.
+    A warning that grows to an alarm wants a new acknowledgement; an alarm that eases to a warning wants none.
+    What comes and goes while hidden wants none, but a latch holds.
     """
     if event.state is EventState.CLEARED:
         if not alarm.active:
@@ -186,9 +186,10 @@ def follow(alarm: Alarm, event: Event) -> Transition:
     after = replace(
         alarm,
         active=True,
-        severity=event.severity if grown else alarm.severity,
+        severity=event.severity,
         cause=event.cause,
         event=event,
+        changed_at=event.stamp if event.severity != alarm.severity else alarm.changed_at,
     )
     if not grown:
         return Transition(alarm, Input.RAISE, after)

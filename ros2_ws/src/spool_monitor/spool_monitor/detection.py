@@ -93,7 +93,7 @@ class Detection:
         self.detectors = detectors(settings)
         self.conditions = {
             one.name: Condition(
-                one.kind, one.on_delay, one.off_delay, "" if one.name == one.kind.name else one.name
+                one.kind, one.delay, one.off_delay, "" if one.name == one.kind.name else one.name
             )
             for one in self.detectors
         }
@@ -130,6 +130,7 @@ class Detection:
         self.settings = settings
         for one in self.detectors:
             one.settings = settings
+            self.conditions[one.name].on_delay = one.delay
             for test in one.drifts:
                 drift, matters = self.parameters[test.parameter], settings[test.limit]
                 drift.run_length = settings[FALSE_ALARM_INTERVAL] * 86400.0

@@ -69,7 +69,8 @@ class Finding(NamedTuple):
     """Finding of a detector at ``stamp`` (ns); the condition's delays come on top.
 
     ``indicated`` is ``None`` where nothing is wrong; between ``indicated`` and ``released`` nothing changes.
-    ``hurries``: the limit of an alarm is reached before a planned stop.
+    ``hurries``: the limit of an alarm is reached before a planned stop. ``eased``: it is below the deadband
+    of an alarm's limit, as ``released`` is for a warning's.
     """
 
     stamp: int
@@ -79,6 +80,7 @@ class Finding(NamedTuple):
     quantity: Quantity
     facts: FactsSource = Facts()
     hurries: bool = False
+    eased: bool = False
 
 
 @dataclass(slots=True)
@@ -87,8 +89,9 @@ class Condition:
 
     It is raised when the indication held for ``on_delay`` s, cleared when the release held for
     ``off_delay`` s; between both (the deadband) nothing changes. A higher severity is reported when it held
-    for ``on_delay`` s as well, so one look makes no alarm of a warning (ISA-18.2: on-delay of each limit).
-    The condition keeps it until it is cleared.
+    for ``on_delay`` s as well, so one look makes no alarm of a warning (ISA-18.2: on-delay of each limit). An
+    alarm that has eased for ``off_delay`` s is a warning again, which is reported as well.
+    What is indicated again within ``off_delay`` s is the same event, with its first time.
     """
 
     declared: EventKind
@@ -98,6 +101,7 @@ class Condition:
     active: Severity | None = field(default=None, init=False)
     cause: str = field(default="", init=False)
     _since: int | None = field(default=None, init=False)
+    _eased: int | None = field(default=None, init=False)
     _above: dict[Severity, int] = field(default_factory=dict, init=False)
     _indicated: int | None = field(default=None, init=False)
     _raised: int | None = field(default=None, init=False)
@@ -110,14 +114,26 @@ class Condition:
         if held is not None and (self.active is None or held > self.active):
             self._indicated, self._since = self._indicated or min(self._above.values()), None
             return self._raise(finding, held)
+        if self.active is not Severity.ALARM or indicated is Severity.ALARM or not finding.eased:
+            self._eased = None
+        elif self._eased is None or stamp < self._eased:
+            self._eased = stamp
         if self.active is None or indicated is not None or not finding.released:
             self._since = None
-            return []
-        if self._since is None or stamp < self._since:
+        elif self._since is None or stamp < self._since:
             self._since = stamp
-        if stamp - self._since < round(self.off_delay * 1e9):
-            return []
-        return self.clear(stamp, finding.quantity, finding.facts)
+        delay = round(self.off_delay * 1e9)
+        if self._since is not None and stamp - self._since >= delay:
+            return self.clear(stamp, finding.quantity, finding.facts)
+        if self._eased is not None and stamp - self._eased >= delay:
+            self._eased = None
+            return self._raise(finding._replace(cause=finding.cause or self.cause), Severity.WARNING)
+        return []
+
+    @property
+    def ends(self) -> int | None:
+        """When it is over if nothing is indicated any more, ns; ``None`` while it is not released."""
+        return None if self._since is None else self._since + round(self.off_delay * 1e9)
 
     def _held(self, stamp: int, indicated: Severity | None) -> Severity | None:
         """Return the highest severity that has been indicated for the on-delay, at least, without a break."""
@@ -161,12 +177,13 @@ class Condition:
         event = self._event(stamp, EventState.CLEARED, quantity, now)
         self.active, self.cause = None, ""
         self._above.clear()
-        self._since = self._indicated = self._raised = None
+        self._since = self._eased = self._indicated = self._raised = None
         return [event]
 
     def pause(self, nanoseconds: int) -> None:
         """Take note that there was nothing to judge for this long: no part of a delay."""
         self._since = None if self._since is None else self._since + nanoseconds
+        self._eased = None if self._eased is None else self._eased + nanoseconds
         self._above = {severity: since + nanoseconds for severity, since in self._above.items()}
 
     def _raise(self, finding: Finding, severity: Severity) -> list[Event]:
@@ -202,7 +219,7 @@ class Condition:
         """Go on as active, as it was before a restart; no event follows. ``facts``: of the last event."""
         self.active, self.cause, self._last = severity, cause, facts
         self._above.clear()
-        self._since = self._indicated = self._raised = None
+        self._since = self._eased = self._indicated = self._raised = None
 
     def _event(self, stamp: int, state: EventState, quantity: Quantity, facts: Facts) -> Event:
         assert self.active is not None

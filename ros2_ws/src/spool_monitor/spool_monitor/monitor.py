@@ -26,6 +26,9 @@ FIRST_ESTIMATE = 2.0
 #: s beyond ``stale_after`` that a source may take to start: four nodes of a valve start within half of it.
 FIRST_BLOCK = 10.0
 
+#: Samples that may be judged together while nothing is wrong: as many as come together.
+MOST_TOGETHER = 1 << 30
+
 #: What the detectors get where the stamps do not confirm the sample rate.
 UNCONFIRMED = "the stamps do not confirm the sample rate"
 
@@ -127,11 +130,17 @@ class Monitor:
             return self._stale.silent("estimate", self._stamp, silent, patience + first)
         return []
 
-    @property
-    def calm(self) -> bool:
-        """Whether nothing is wrong with the data, so that a block is judged by its samples alone."""
+    def room(self, period: float) -> int:
+        """Return the samples, ``period`` s apart, that may be judged together.
+
+        Faults of the data begin and end with a block: while one lasts each block is taken by itself, and none
+        beyond the end of one that is over.
+        """
         faults = [one for name, one in self._data_faults.conditions.items() if name != ESTIMATE]
-        return all(one.active is None for one in (*faults, *self._stale.conditions.values()))
+        active = [one.ends for one in (*faults, *self._stale.conditions.values()) if one.active is not None]
+        if not active or not period > 0.0:
+            return 0 if active else MOST_TOGETHER
+        return max(0, int(1e-9 * (min(one or 0 for one in active) - self._stamp) / period))
 
     def set_natural_frequency(self, frequency: float) -> None:
         """Take the start value (Hz) from a valve's data; estimates replace it."""

@@ -68,9 +68,6 @@ STARTS = 180.0
 #: s between two looks at what arrives.
 LOOK = 0.2
 
-#: Samples that may be judged together while nothing is wrong: as many as come together.
-MOST_TOGETHER = 1 << 30
-
 _QUANTITIES = ("dominant_frequency", "amplification", "natural_frequency", "viscous_drift", "coulomb_drift")
 
 _ALARM_FIELDS = ("name", "kind", "cause", "code", "occurrence", "acknowledged_by", "comment")
@@ -205,8 +202,8 @@ class MonitorNode(ManagedNode):
             self._core.set_natural_frequency(from_description(message).natural_frequency)
 
     def _room(self) -> int:
-        """Return the samples that may be judged together: faults of data begin and end with a block."""
-        return MOST_TOGETHER if self._core.calm else 0
+        """Return the samples that may be judged together."""
+        return self._core.room(self._gate.last.period if self._gate.last is not None else 0.0)
 
     def _take_blocks(self, blocks: Sequence[Block]) -> None:
         accepted = self._gate.accepted

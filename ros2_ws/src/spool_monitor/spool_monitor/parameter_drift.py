@@ -48,8 +48,9 @@ OPERATING_POINT = 600.0
 #: Parameters of a valve that are tested; together they raise one false alarm in a false-alarm interval.
 TESTS = 3
 
-#: Times the change that matters, from which a reported change is an alarm.
-ALARMS = 2.0
+#: Times the change that matters, from which a reported change is an alarm, and below which it is a warning
+#: again.
+ALARMS, EASES = 2.0, 1.6
 
 #: s of a shift: what reaches its limit sooner is not to be planned but done.
 SHIFT = 8.0 * 3600.0
@@ -236,6 +237,11 @@ class ParameterDrift:
     def share(self) -> float:
         """The smoothed change in units of the one that matters; 0 while unknown."""
         return 0.0 if math.isnan(self._smoothed) else self._smoothed
+
+    @property
+    def eased(self) -> bool:
+        """Whether the smoothed change is below the deadband of an alarm."""
+        return abs(self._smoothed) < EASES
 
     def reset(self) -> None:
         """Forget the sum: what went before may not be believed."""

@@ -134,10 +134,12 @@ class Replay:
 
         They are due to the nanosecond: stamps must not change by rounding, nor faults by waiting.
         """
-        self._lacking = self.estimator.lacking
         last = self.estimator.gate.last
         assert self._gate is not None
-        if last is None or self._lacking <= 0 or not self.monitor.calm or not self._gate.steady:
+        if last is None or not self._gate.steady:
+            return False
+        self._lacking = min(self.estimator.lacking, self.monitor.room(last.period))
+        if self._lacking <= 0:
             return False
         self._due = last.end, last.sequence + 1, last.period
         nanoseconds = last.period * 1e9

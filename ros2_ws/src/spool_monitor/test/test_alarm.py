@@ -245,7 +245,14 @@ def test_an_event_brings_severity_cause_value_and_times() -> None:
     grown = follow(first, late).after
     assert (grown.severity, grown.cause, grown.event) == (Severity.ALARM, "wear", late)
     assert (grown.raised_at, grown.changed_at) == (NOW, NOW + SECOND)
-    assert INPUTS[WARN](grown).after.severity is Severity.ALARM
+
+
+def test_an_alarm_that_eases_to_a_warning_waits_for_no_operator_again() -> None:
+    late = replace(event(EventState.RAISED, Severity.WARNING), stamp=NOW + SECOND)
+    seen = acknowledge(INPUTS[GROW](alarm(N)).after, OPERATOR).after
+    eased = follow(seen, late)
+    assert (eased.after.severity, eased.after.acknowledged, eased.actions) == (Severity.WARNING, True, ())
+    assert (eased.after.raised_at, eased.after.changed_at) == (seen.raised_at, NOW + SECOND)
 
 
 def test_the_status_after_ne_107_follows_the_condition() -> None:

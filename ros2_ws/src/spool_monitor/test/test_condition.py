@@ -19,16 +19,18 @@ WARNING, ALARM = Severity.WARNING, Severity.ALARM
 
 #: What is indicated: quiet, between both thresholds, warning, alarm; with whether it counts as released.
 QUIET, BETWEEN, WARN, ALARMING = (None, True), (None, False), (WARNING, False), (ALARM, False)
+#: The same below the deadband of an alarm.
+EASED, OVER = (WARNING, False, True), (None, True, True)
+What = tuple[Severity | None, bool] | tuple[Severity | None, bool, bool]
 
 
-def judge(
-    condition: Condition, seconds: float, what: tuple[Severity | None, bool], cause: str = ""
-) -> list[Event]:
-    indicated, released = what
-    return condition.judge(Finding(round(seconds * SECOND), indicated, released, cause, NOTHING))
+def judge(condition: Condition, seconds: float, what: What, cause: str = "") -> list[Event]:
+    indicated, released, *eased = what
+    finding = Finding(round(seconds * SECOND), indicated, released, cause, NOTHING, eased=any(eased))
+    return condition.judge(finding)
 
 
-def course(*steps: tuple[float, tuple[Severity | None, bool]]) -> list[tuple[float, EventState, Severity]]:
+def course(*steps: tuple[float, What]) -> list[tuple[float, EventState, Severity]]:
     condition = Condition(event_kind("resonance"), on_delay=0.5, off_delay=1.0)
     events = [event for seconds, what in steps for event in judge(condition, seconds, what)]
     return [(event.stamp / SECOND, event.state, event.severity) for event in events]
@@ -96,7 +98,39 @@ def course(*steps: tuple[float, tuple[Severity | None, bool]]) -> list[tuple[flo
         pytest.param(
             [(0.0, ALARMING), (0.5, ALARMING), (1.0, WARN), (2.0, QUIET), (3.0, QUIET)],
             [(0.5, RAISED, ALARM), (3.0, CLEARED, ALARM)],
-            id="an alarm that weakens stays one",
+            id="an alarm that weakens stays one above its deadband",
+        ),
+        pytest.param(
+            [
+                (0.0, ALARMING),
+                (0.5, ALARMING),
+                (1.0, EASED),
+                (1.9, ALARMING),
+                (2.0, EASED),
+                (2.9, EASED),
+                (3.0, EASED),
+                (9.0, EASED),
+            ],
+            [(0.5, RAISED, ALARM), (3.0, RAISED, WARNING)],
+            id="an alarm below its deadband is a warning after the off delay and once",
+        ),
+        pytest.param(
+            [
+                (0.0, ALARMING),
+                (0.5, ALARMING),
+                (1.0, EASED),
+                (2.0, EASED),
+                (2.1, ALARMING),
+                (2.5, ALARMING),
+                (2.6, ALARMING),
+            ],
+            [(0.5, RAISED, ALARM), (2.0, RAISED, WARNING), (2.6, RAISED, ALARM)],
+            id="and an alarm again after the on delay",
+        ),
+        pytest.param(
+            [(0.0, ALARMING), (0.5, ALARMING), (1.0, OVER), (2.0, OVER)],
+            [(0.5, RAISED, ALARM), (2.0, CLEARED, ALARM)],
+            id="what is over needs no step to a warning",
         ),
         pytest.param(
             [(9.0, WARN), (1.0, WARN), (1.4, WARN), (1.5, WARN)],
@@ -110,10 +144,7 @@ def course(*steps: tuple[float, tuple[Severity | None, bool]]) -> list[tuple[flo
         ),
     ],
 )
-def test_course(
-    steps: list[tuple[float, tuple[Severity | None, bool]]],
-    expected: list[tuple[float, EventState, Severity]],
-) -> None:
+def test_course(steps: list[tuple[float, What]], expected: list[tuple[float, EventState, Severity]]) -> None:
     assert course(*steps) == expected
 
 
@@ -211,11 +242,12 @@ def test_an_alarm_that_grew_tells_since_when_it_began(grows_after: int) -> None:
     on_delay=st.floats(0.0, 3.0),
     off_delay=st.floats(0.0, 3.0),
     steps=st.lists(
-        st.tuples(st.floats(0.01, 2.0), st.sampled_from([QUIET, BETWEEN, WARN, ALARMING])), max_size=80
+        st.tuples(st.floats(0.01, 2.0), st.sampled_from([QUIET, BETWEEN, WARN, ALARMING, EASED, OVER])),
+        max_size=80,
     ),
 )
-def test_raised_and_cleared_alternate_whatever_is_indicated(
-    on_delay: float, off_delay: float, steps: list[tuple[float, tuple[Severity | None, bool]]]
+def test_each_event_changes_the_severity_whatever_is_indicated(
+    on_delay: float, off_delay: float, steps: list[tuple[float, What]]
 ) -> None:
     condition = Condition(event_kind("resonance"), on_delay, off_delay)
     now, active, last_stamp = 0.0, None, -1
@@ -235,7 +267,8 @@ def test_raised_and_cleared_alternate_whatever_is_indicated(
                 assert active is event.severity
                 active = None
             else:
-                assert active is None or event.severity > active
+                assert event.severity is not active
+                assert active is not ALARM or what == EASED
                 if active is None:
                     assert indicated_since is not None
                     assert now - indicated_since >= on_delay - 2e-9

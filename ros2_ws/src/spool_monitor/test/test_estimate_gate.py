@@ -118,6 +118,7 @@ def test_an_estimator_that_was_restarted_is_used_within_seconds(dies: int, pause
 
 def test_a_second_estimator_that_ends_is_over_and_the_first_one_goes_on() -> None:
     watched, own, theirs = Watched(), estimates(), estimates(20)
+    watched.monitor._data_faults.conditions["estimate"].off_delay = 5.0
     for number in range(10 * SECONDS):
         watched.hear(number, own.get(number), theirs.get(number) if 60 < number < 120 else None)
     assert watched.faults == [

@@ -79,6 +79,13 @@ BASELINE_TIME = MonitorLimit(
     "baseline_time", 15.0, "Time of valid estimates for the start values.", "s", 3.0, 1e5, structural=True
 )
 
+
+def on_delay(kind: str, seconds: float) -> MonitorLimit:
+    """Return the parameter of the on-delay of the events of ``kind``."""
+    text = "How long it must last until it is raised, and an alarm's limit be passed until it is an alarm."
+    return MonitorLimit(f"{kind}_on_delay", seconds, text, "s", 0.0, 3600.0)
+
+
 #: s without any judgement after which the level is unknown, and after which the event is raised.
 BLIND, REPORTED = 10.0, 60.0
 
@@ -145,8 +152,9 @@ class Detector(ABC):
     ``rank`` orders the detectors of one moment: what is judged first is doubted by nothing that comes later.
     ``needs_valve``: it is shown nothing until the valve's natural frequency is known. ``drifts`` are the
     tests of parameters that it needs; ``learns`` names what of the channels needs a start value, with units.
-    ``on_delay`` and ``off_delay`` are in s. ``suspicious`` says why detectors of a higher rank can't believe
-    this moment, already before the event is raised; ``refuted`` that what it suspected was not so.
+    ``on_delay`` and ``off_delay`` are in s, the former a number or the parameter that has it. ``suspicious``
+    says why detectors of a higher rank can't believe this moment, already before the event is raised;
+    ``refuted`` that what it suspected was not so.
     """
 
     name: ClassVar[str]
@@ -156,7 +164,7 @@ class Detector(ABC):
     needs_valve: ClassVar[bool] = False
     drifts: ClassVar[tuple[DriftTest, ...]] = ()
     learns: ClassVar[Mapping[str, str]] = MappingProxyType({})
-    on_delay: ClassVar[float] = 0.0
+    on_delay: ClassVar[float | MonitorLimit] = 0.0
     off_delay: ClassVar[float] = 3.0
 
     def __init__(self, settings: MonitorSettings) -> None:
@@ -164,6 +172,11 @@ class Detector(ABC):
         self.judgement = Judgement.UNKNOWN
         self.suspicious = ""
         self.refuted = False
+
+    @property
+    def delay(self) -> float:
+        """The on-delay, s."""
+        return self.settings[self.on_delay] if isinstance(self.on_delay, MonitorLimit) else self.on_delay
 
     @abstractmethod
     def update(self, moment: Moment) -> Finding | None:

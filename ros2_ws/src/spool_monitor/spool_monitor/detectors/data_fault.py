@@ -37,18 +37,22 @@ SEPARATE, WORTHLESS = ("rate", "source", "clock_step"), ("rate", "clock_step")
 #: Conditions that do not come from the gate's judgement of a block.
 OUTLIERS, ESTIMATE = "outliers", "estimate"
 
-#: s without a fault after which it is over; without an outlier, so that one every few seconds is one event.
-OFF_DELAY, OUTLIERS_OFF = 5.0, 30.0
+#: s without a fault after which it is over: of what makes the data worthless; of what comes and goes, so that
+#: a block lost every half minute is one event; of outliers.
+OFF_DELAY, COMES_AND_GOES, OUTLIERS_OFF = 5.0, 60.0, 30.0
 
 
 class DataFaultWatch:
     """Data faults of one valve: a condition for each cause that stands for itself, and one for the others."""
 
     def __init__(self) -> None:
-        self.conditions = {source: Condition(KIND, 0.0, OFF_DELAY, source) for source in ("", *SEPARATE)}
+        self.conditions = {
+            source: Condition(KIND, 0.0, OFF_DELAY if source in WORTHLESS else COMES_AND_GOES, source)
+            for source in ("", *SEPARATE)
+        }
         self._gate_conditions = dict(self.conditions)
         self.conditions[OUTLIERS] = Condition(KIND, 0.0, OUTLIERS_OFF, OUTLIERS)
-        self.conditions[ESTIMATE] = Condition(KIND, 0.0, OFF_DELAY, ESTIMATE)
+        self.conditions[ESTIMATE] = Condition(KIND, 0.0, COMES_AND_GOES, ESTIMATE)
 
     def judge(self, gate: BlockGate, stamp: int) -> list[Event]:
         """Return what follows from what is certainly wrong by ``gate``'s newest block, at ``stamp`` (ns)."""

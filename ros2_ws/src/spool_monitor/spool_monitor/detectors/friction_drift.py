@@ -8,7 +8,15 @@ from typing import ClassVar
 
 from spool_core.uncertainty import Quantity, Validity
 
-from spool_monitor.detectors.base import ESTIMATE, Detector, DriftTest, Moment, MonitorLimit, judgement
+from spool_monitor.detectors.base import (
+    ESTIMATE,
+    Detector,
+    DriftTest,
+    Moment,
+    MonitorLimit,
+    judgement,
+    on_delay,
+)
 from spool_monitor.event import EventCause, EventKind, Facts, Finding, Namur, Severity
 from spool_monitor.parameter_drift import VISCOUS, ParameterDrift
 
@@ -33,6 +41,9 @@ COULOMB = "coulomb_force"
 #: Relative change of a viscosity per K of an ISO VG oil, lowest and highest (ASTM D341 over 20 to 80 deg C).
 VISCOSITY_SLOPE = (0.02, 0.09)
 
+#: A sensor that changes looks like a drift at first.
+ON_DELAY = on_delay("friction_drift", 2.0)
+
 
 class FrictionDrift(Detector):
     """What the sequential tests of the viscous coefficient and of the Coulomb force find."""
@@ -44,7 +55,7 @@ class FrictionDrift(Detector):
         DriftTest("viscous_coefficient", "N s/m", VISCOUS_CHANGE),
         DriftTest("coulomb_force", "N", COULOMB_CHANGE),
     )
-    on_delay: ClassVar[float] = 2.0  # a sensor that changes looks like a drift at first
+    on_delay = ON_DELAY
     off_delay: ClassVar[float] = 5.0
 
     def update(self, moment: Moment) -> Finding | None:
@@ -78,7 +89,14 @@ class FrictionDrift(Detector):
 
         released = viscous.released and coulomb.released
         return Finding(
-            moment.stamp, indicated, released, causes[0].name, leading.latest_change, facts, leading.hurries
+            moment.stamp,
+            indicated,
+            released,
+            causes[0].name,
+            leading.latest_change,
+            facts,
+            leading.hurries,
+            viscous.eased and coulomb.eased,
         )
 
 

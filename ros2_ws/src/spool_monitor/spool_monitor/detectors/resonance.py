@@ -17,6 +17,7 @@ from spool_monitor.detectors.base import (
     Moment,
     MonitorLimit,
     MonitorSettings,
+    on_delay,
 )
 from spool_monitor.event import EventKind, Facts, Finding, Namur, Severity
 from spool_monitor.window import Line
@@ -40,9 +41,13 @@ LEAVES = 1.25
 #: Change of the stiffness, over the one that matters, that may bring a line near.
 SOFTENED = 0.65
 
+ON_DELAY = on_delay("resonance", 0.5)
+
 
 class Resonance(Detector):
     """The dominant line near the natural frequency; at twice ``AMPLIFICATION_ON`` it is an alarm.
+
+    Below twice ``AMPLIFICATION_OFF`` it is a warning again.
 
     Lines of the body that are weaker than ``MINIMUM_BODY`` are not judged.
     """
@@ -51,7 +56,7 @@ class Resonance(Detector):
     kind = KIND
     needs_valve = True
     looks_at = (LINE,)
-    on_delay: ClassVar[float] = 0.5
+    on_delay = ON_DELAY
     off_delay: ClassVar[float] = 1.0
 
     def __init__(self, settings: MonitorSettings) -> None:
@@ -97,6 +102,8 @@ class Resonance(Detector):
         if not released:
             self.dwell = (line.stamp - self._since) * 1e-9
         began = line.stamp - round(self.dwell * 1e9)
+        eased = released or distance > LEAVES * band
+        eased = eased or line.amplification < 2.0 * settings[AMPLIFICATION_OFF]
         amplification = Quantity("amplification", "1", line.amplification, math.nan, Validity.VALID)
         frequency = Quantity("dominant_frequency", "Hz", line.frequency, math.nan, Validity.VALID)
         compared, limit = amplification, 2.0 * raises if indicated is Severity.ALARM else raises
@@ -116,7 +123,7 @@ class Resonance(Detector):
 
         if released:
             self._since, self.dwell = None, 0.0
-        return Finding(line.stamp, indicated, released, "", amplification, facts)
+        return Finding(line.stamp, indicated, released, "", amplification, facts, eased=eased)
 
     def _softened(self, moment: Moment, line: Line) -> bool:
         """Whether the line is near only because the spring has changed: that is the event, and says so."""

@@ -5,7 +5,15 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import ClassVar
 
-from spool_monitor.detectors.base import ESTIMATE, Detector, DriftTest, Moment, MonitorLimit, judgement
+from spool_monitor.detectors.base import (
+    ESTIMATE,
+    Detector,
+    DriftTest,
+    Moment,
+    MonitorLimit,
+    judgement,
+    on_delay,
+)
 from spool_monitor.event import EventCause, EventKind, Facts, Finding, Namur
 
 KIND = EventKind(
@@ -17,6 +25,9 @@ KIND = EventKind(
 
 STIFFNESS_CHANGE = MonitorLimit("stiffness_change", 0.1, "Relative change to act on.", "1", 0.001, 10.0)
 
+#: A sensor that changes looks like a drift at first.
+ON_DELAY = on_delay("spring_change", 2.0)
+
 
 class SpringChange(Detector):
     """What the sequential test of the stiffness finds."""
@@ -25,7 +36,7 @@ class SpringChange(Detector):
     kind = KIND
     looks_at = (ESTIMATE,)
     drifts = (DriftTest("spring_stiffness", "N/m", STIFFNESS_CHANGE),)
-    on_delay: ClassVar[float] = 2.0  # a sensor that changes looks like a drift at first
+    on_delay = ON_DELAY
     off_delay: ClassVar[float] = 5.0
 
     def update(self, moment: Moment) -> Finding | None:
@@ -42,5 +53,5 @@ class SpringChange(Detector):
 
         return Finding(
             moment.stamp, stiffness.level, stiffness.released, cause, stiffness.latest_change, facts,
-            stiffness.hurries,
+            stiffness.hurries, stiffness.eased,
         )  # fmt: skip

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import ClassVar
 
 from spool_core.uncertainty import Quantity, Validity
 
@@ -17,6 +16,7 @@ from spool_monitor.detectors.base import (
     Judgement,
     Moment,
     MonitorSettings,
+    on_delay,
 )
 from spool_monitor.event import EventKind, Facts, Finding, Namur, Severity
 
@@ -28,6 +28,8 @@ STUCK, MOVES = 0.2, 0.4
 #: Inertia force over dry friction (rms over amplitude) from which a healthy spool surely slides.
 SLIDES = 1.5
 
+ON_DELAY = on_delay("stuck_spool", 2.0)
+
 
 class StuckSpool(Detector):
     """The relative acceleration against what the reference response makes of the body's."""
@@ -37,7 +39,7 @@ class StuckSpool(Detector):
     needs_valve = True
     looks_at = (SIGNALS, ESTIMATE)
     rank = 5
-    on_delay: ClassVar[float] = 2.0
+    on_delay = ON_DELAY
 
     def __init__(self, settings: MonitorSettings) -> None:
         super().__init__(settings)
