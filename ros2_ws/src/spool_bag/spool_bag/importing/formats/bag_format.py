@@ -14,6 +14,7 @@ from spool_core.text import plural, printable
 from spool_bag import NOT_MEASURED
 from spool_bag.importing.foreign_bag import Held, interleaved, opened
 from spool_bag.importing.formats.format import Format
+from spool_bag.importing.settings import Settings
 from spool_bag.importing.table import LOG_TIME, MOST_SAMPLES, STAMP, Channel, Group, Table, Values, too_long
 from spool_bag.metadata import ACCELERATION_BLOCK
 
@@ -77,7 +78,10 @@ class BagTable(Table):
             )
         if held.type == _NO_TIME:
             first = next((one.content for one in self._bag.messages(name) if one.content is not None), None)
-            size = 0 if first is None else np.size(first.data)
+            size = 0 if first is None else np.size(_data(first))
+            labels = [] if first is None else [one.label for one in first.layout.dim if one.label]
+            if labels:
+                self.settings = Settings({"labels of dimensions": ", ".join(labels)})
             return (stamp, *(Channel(str(at)) for at in range(size)))
         return (stamp, *(Channel(axis, "m/s^2") for axis in _AXES), log)
 
@@ -197,7 +201,7 @@ class BagTable(Table):
     def _cells(kind: str, received: int, message: Any) -> dict[str, Any] | None:
         """Return the readings of a message by channel, ``None`` where it says that it holds none."""
         if kind == _NO_TIME:
-            return {_STAMP: received, **{str(at): value for at, value in enumerate(message.data.tolist())}}
+            return {_STAMP: received, **{str(at): value for at, value in enumerate(_data(message).tolist())}}
         stamp = message.header.stamp
         taken = stamp.sec * 1_000_000_000 + stamp.nanosec
         if kind == ACCELERATION_BLOCK:
@@ -208,6 +212,12 @@ class BagTable(Table):
             return None
         vector = _READINGS[kind](message)
         return {_STAMP: taken, LOG_TIME: received, "x": vector.x, "y": vector.y, "z": vector.z}
+
+
+def _data(message: Any) -> NDArray[np.float64]:
+    """Return the values of an array, without the padding in front of them."""
+    values: NDArray[np.float64] = message.data[message.layout.data_offset :]
+    return values
 
 
 FORMAT = Format(

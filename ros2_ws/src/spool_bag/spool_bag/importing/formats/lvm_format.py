@@ -69,6 +69,12 @@ def opened(path: Path) -> ArrayTable:
     segments = _segments(lines, top, separator)
     if not whole and segments and segments[-1].rows:
         warnings += _without_cut_row(segments[-1], decimal)
+    over = {cell for one in segments for cell in one.header.get("X_Dimension", []) if cell} - {"Time"}
+    if over:
+        raise InputError(
+            f"{path}: its samples are over {printable(' and '.join(sorted(over)), 60)}, not over time: "
+            "export signals over time"
+        )
     ways = {"one": "one", "multi": "multi"}.get(_setting(lines, "X_Columns", separator).lower(), "no")
     signals: dict[int, _Signal] = {}
     for segment in segments:
@@ -171,10 +177,10 @@ def _take(path: Path, segment: _Segment, ways: str, decimal: str, signals: dict[
         signal.values += values
         signal.times += own
         stated = counts[at]
-        if stated.isdigit() and int(stated) > len(values):
-            warnings.append(
-                f"{printable(name, 40)} holds {len(values)} of {stated} samples: is the file cut off?"
-            )
+        if stated.isdigit() and int(stated) != len(values):
+            few = "of" if int(stated) > len(values) else "samples, and the header states"
+            text = f"{printable(name, 40)} holds {len(values)} {few} {stated} samples"
+            warnings.append(f"{text}: is the file cut off?" if few == "of" else text)
     return warnings
 
 
@@ -201,10 +207,11 @@ def _table(
 ) -> ArrayTable:
     """Return groups of signals that have the same times."""
     names = unique([signal.name for signal in signals.values()])
-    clocks: dict[tuple[float, ...], list[tuple[int, str, _Signal]]] = {}
+    clocks: dict[tuple[float | None, ...], list[tuple[int, str, _Signal]]] = {}
     for (place, signal), name in zip(signals.items(), names, strict=True):
         first, last = (signal.times[0], signal.times[-1]) if signal.times else (math.nan, math.nan)
-        clocks.setdefault((len(signal.values), first, last), []).append((place, name, signal))
+        clock = (len(signal.values), first, last, signal.start)
+        clocks.setdefault(clock, []).append((place, name, signal))
     groups: list[Group] = []
     arrays: dict[tuple[str, str], Any] = {}
     for at, held in enumerate(clocks.values()):

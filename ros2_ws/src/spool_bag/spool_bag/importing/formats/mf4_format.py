@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 from spool_core.errors import InputError
+from spool_core.text import printable
 
 from spool_bag.importing.formats.format import Format
 from spool_bag.importing.settings import Settings
@@ -17,6 +18,8 @@ from spool_bag.importing.table import Channel, Group, Table, Values, as_numbers,
 from spool_bag.importing.units import split_header
 
 _TIME = "time of the group"
+#: What a group's values may be over instead of time, by the code of its master (MDF 4.1, cn_sync_type).
+_OVER = {2: "an angle", 3: "a distance", 4: "an index"}
 
 
 class Mf4Table(Table):
@@ -34,6 +37,12 @@ class Mf4Table(Table):
             held_groups: Any = file.groups
             for at, group in enumerate(held_groups):
                 master = file.masters_db.get(at)
+                axis: Any = None if master is None else group.channels[master]
+                over = _OVER.get(int(getattr(axis, "sync_type", 0) or 0), "")
+                if over:
+                    why = f"over {over} ({printable(axis.name, 40)}), not over time"
+                    self.unread = {**self.unread, **{one.name: why for one in group.channels}}
+                    continue
                 channels = [
                     Channel(
                         one.name,
@@ -44,11 +53,16 @@ class Mf4Table(Table):
                     if number != master
                 ]
                 stated |= {f"{one.name}/comment": str(one.comment or "") for one in group.channels}
+                of_group = str(getattr(group.channel_group, "comment", "") or "")
+                stated |= {f"comment of {channels[0].name}": of_group} if channels else {}
                 name = "" if len(file.groups) == 1 else str(at)
                 held = (Channel(_TIME, "s", time=True), *channels) if master is not None else tuple(channels)
                 groups.append(Group(name, held, start=begun, stamped=True))
         self.settings = Settings({key: text for key, text in stated.items() if text.strip()})
         self.groups = tuple(group for group in groups if len(group.channels) > 1)
+        if not self.groups and self.unread:
+            name, why = next(iter(self.unread.items()))
+            raise InputError(f"{path}: {printable(name, 40)} is {why}: export signals over time")
         self._index = {group.name: int(group.name or 0) for group in self.groups}
 
     def read(self, group: Group, names: Sequence[str], _single: Sequence[str] = ()) -> dict[str, Values]:

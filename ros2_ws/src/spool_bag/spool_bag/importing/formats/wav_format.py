@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import warnings
 from io import BytesIO
 from pathlib import Path
 from typing import Any, BinaryIO, Literal
@@ -38,25 +40,27 @@ def opened(path: Path) -> ArrayTable:
     from scipy.io import wavfile  # noqa: PLC0415 - 30 MB that others do not need
 
     whole, warning = _whole(path)
-    try:
-        rate, samples = wavfile.read(whole or path, mmap=whole is None)
-    except ValueError:  # 24 bit cannot be mapped
-        rate, samples = wavfile.read(path)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", wavfile.WavFileWarning)  # other chunks are named below
+        try:
+            rate, samples = wavfile.read(whole or path, mmap=whole is None)
+        except ValueError:  # 24 bit cannot be mapped
+            rate, samples = wavfile.read(path)
     columns = samples.reshape(samples.shape[0], -1)
     names = [str(at) for at in range(columns.shape[1])]
     channels = tuple(Channel(name, "FS") for name in names)
     arrays = {("", name): _Scaled(columns[:, at]) for at, name in enumerate(names)}
-    return ArrayTable(
-        path,
-        (Group("", channels, float(rate)),),
-        arrays,
-        warnings=warning,
-        settings=Settings(_other_chunks(path)),
-    )
+    others = _other_chunks(path)
+    count = others.pop("fact", "")
+    group = Group("", channels, float(rate), count=float(count) if count else math.nan)
+    return ArrayTable(path, (group,), arrays, warnings=warning, settings=Settings(others))
 
 
 def _other_chunks(path: Path) -> dict[str, str]:
-    """Return what stands beside the samples, such as a logger's scale in a list of texts, by chunk."""
+    """Return what is beside the samples, such as a logger's scale in a list of texts, by chunk.
+
+    ``fact``: number of samples by the chunk of that name.
+    """
     found: dict[str, str] = {}
     size = path.stat().st_size
     with path.open("rb") as file:
@@ -65,7 +69,10 @@ def _other_chunks(path: Path) -> dict[str, str]:
         while at + 8 <= size and len(found) < MOST_CHUNKS:
             file.seek(at)
             name, length = file.read(4), int.from_bytes(file.read(4), order)
-            if name not in (b"fmt ", b"data", b"ds64", b"fact", b"JUNK", b"PAD "):
+            if name == b"fact":
+                number = int.from_bytes(file.read(4), order)
+                found |= {"fact": str(number)} if 0 < number < 0xFFFFFFFF else {}
+            elif name not in (b"fmt ", b"data", b"ds64", b"JUNK", b"PAD "):
                 text = "".join(
                     chr(one) if 32 <= one < 127 else " " for one in file.read(min(length, LONGEST_CHUNK))
                 )
