@@ -7,11 +7,13 @@ import tempfile
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from statistics import median
 from typing import Any
 
 from spool_blind.field.case import FieldCase, make_field, write_field
+from spool_gap.evidence.analyse import Run
 from spool_sim.model import MODELS
 
 from spool_evaluation.results.page import (
@@ -25,7 +27,7 @@ from spool_evaluation.results.page import (
     target_rows,
     write_page,
 )
-from spool_evaluation.studies.field.diagnosis import diagnose, stretches_as_told
+from spool_evaluation.studies.field.instrument import diagnosed, diagnosis_page, stretches_as_told
 from spool_evaluation.studies.field.verdicts import (
     ENOUGH,
     OUTCOMES,
@@ -46,7 +48,7 @@ from spool_evaluation.studies.field.verdicts import (
 from spool_evaluation.studies.gap import BASE, answered, by_parameter, condition_text
 from spool_evaluation.studies.workers import resumed
 
-ROWS, RESULT = "field_cases.jsonl", "field_study.json"
+ROWS, DIAGNOSED, RESULT = "field_cases.jsonl", "field_cases_diagnosed.jsonl", "field_study.json"
 #: s of computing after which a case counts as one without a word: five times what the workflow may take.
 LONGEST = 600.0
 
@@ -74,13 +76,13 @@ def run(
     """Analyse ``cases`` field cases from ``seed`` on; write rows, page and diagram into ``out``.
 
     What the rows in ``out`` hold already is not analysed again. With ``diagnosing`` a second page states why
-    each wrong verdict is wrong.
+    each wrong verdict is wrong, and the rows are kept in a file of their own.
     """
     out.mkdir(parents=True, exist_ok=True)
     seeds = range(seed, seed + cases)
-    done = resumed(
-        out / ROWS, FieldVerdict, lambda row: row.seed, judge_field_seed, seeds, "field cases", workers
-    )
+    work = judge_and_diagnose_seed if diagnosing else judge_field_seed
+    path = out / (DIAGNOSED if diagnosing else ROWS)
+    done = resumed(path, FieldVerdict, lambda row: row.seed, work, seeds, "field cases", workers)
     rows = sorted(done, key=lambda row: row.seed)
     renew_json(out / RESULT, field_result(rows))
     command = study_command("field", cases, seed)
@@ -88,7 +90,7 @@ def run(
     show_targets(field_targets(rows))
     print(f"{page}: every number, what went wrong and how to make it again")
     if diagnosing:
-        diagnose(rows, out, f"{command} --diagnose", workers)
+        diagnosis_page(rows, out, f"{command} --diagnose")
     return rows
 
 
@@ -106,36 +108,48 @@ def judge_field_seed(seed: int) -> FieldVerdict:
     return judge_field(make_field(seed))
 
 
-def judge_field(case: FieldCase) -> FieldVerdict:
+def judge_and_diagnose_seed(seed: int) -> FieldVerdict:
+    """Make the field case of ``seed``; return what the workflow says to it, and why where that is wrong."""
+    return judge_field(make_field(seed), diagnosing=True)
+
+
+def judge_field(case: FieldCase, *, diagnosing: bool = False) -> FieldVerdict:
     """Return what the workflow says to the files of ``case``, as `./spool gap` reads them.
 
     A crash is a row too, and so is a case that takes longer than ``LONGEST``.
     """
+    runs: list[Run] = []
     with tempfile.TemporaryDirectory() as folder:
         record, valve = write_field(case, Path(folder))
 
         def analysed_in_time() -> dict[str, Any]:
             with _at_most(LONGEST):
-                return analysed(record, valve)
+                return analysed(record, valve, runs)
 
         result, seconds, message = answered(analysed_in_time)
-    return field_row(case, result, seconds, message.replace(f"{record}: ", ""))
+    row = field_row(case, result, seconds, message.replace(f"{record}: ", ""))
+    if not diagnosing:
+        return row
+    return replace(row, diagnosis=diagnosed(case, row, runs[0] if runs else None))
 
 
-def analysed(record: Path, valve: Path) -> dict[str, Any]:
+def analysed(record: Path, valve: Path, runs: list[Run]) -> dict[str, Any]:
     """Return the result of the gap workflow on a record and a valve file, types of JSON.
+
+    Its run, with everything that was fitted, is added to ``runs``.
 
     Raises:
         InputError: the record is refused.
     """
     from spool_estimator.plausibility import check_records  # noqa: PLC0415 - counting needs none of its kernels
-    from spool_gap.evidence.analyse import analyse  # noqa: PLC0415
+    from spool_gap.evidence.analyse import searched  # noqa: PLC0415
     from spool_gap.report import result_to_dict  # noqa: PLC0415
     from spool_tools.operations.gap_run import doubted  # noqa: PLC0415
 
     stretches, described = stretches_as_told(record, valve)
-    result = analyse(stretches, described, MODELS[BASE])
-    return result_to_dict(doubted(result, check_records(described, stretches)))
+    run = searched(stretches, described, MODELS[BASE])
+    runs.append(run)
+    return result_to_dict(doubted(run.concluded(), check_records(described, stretches)))
 
 
 def field_row(

@@ -53,6 +53,21 @@ class HiddenShare:
 
 
 @dataclass(frozen=True, slots=True)
+class Diagnosis:
+    """Why a verdict is wrong.
+
+    Attributes:
+        reason: see :mod:`spool_evaluation.studies.field.instrument`.
+        advantage: evidence of the truth less that of the answer; ``None`` where no truth was fitted.
+        again: verdict with both among the fits, empty where no truth was fitted.
+    """
+
+    reason: str
+    advantage: float | None = None
+    again: str = ""
+
+
+@dataclass(frozen=True, slots=True)
 class FieldVerdict:
     """Verdict of the workflow on one field case, with its truth.
 
@@ -70,6 +85,7 @@ class FieldVerdict:
         condition: excitation, spring, rate and so on, for looking up.
         message: why it was refused.
         signs: what the confidence went by.
+        diagnosis: why it is wrong, where that was asked for.
     """
 
     seed: int
@@ -93,6 +109,7 @@ class FieldVerdict:
     condition: str = ""
     message: str = ""
     signs: dict[str, float | None] = field(default_factory=dict)
+    diagnosis: Diagnosis | None = None
 
     @property
     def said(self) -> frozenset[str]:

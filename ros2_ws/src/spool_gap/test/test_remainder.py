@@ -33,6 +33,7 @@ EXCITATIONS: dict[str, Excitation] = {
     "sweep": SweptSine(start_frequency=6.0, stop_frequency=80.0, duration=4.0, amplitude=9.0),
 }
 Rows = tuple[Array, Array]
+both = pytest.mark.parametrize("excitation", ["multisine", pytest.param("sweep", marks=pytest.mark.slow)])
 
 
 @lru_cache
@@ -109,7 +110,7 @@ def bent(excitation: str) -> Rows:
     return body, spool + 0.01 * spool**2 / spool.std()
 
 
-@pytest.mark.parametrize("excitation", EXCITATIONS)
+@both
 @pytest.mark.parametrize(
     ("made", "follows"),
     [
@@ -157,7 +158,7 @@ def across(rows: Rows) -> Rows:
     return rows[0] + 0.3 * shaped, rows[1] + 0.24 * shaped
 
 
-@pytest.mark.parametrize("excitation", EXCITATIONS)
+@both
 @pytest.mark.parametrize("noisy", [white, pink, low_passed, narrow, across])
 def test_noise_of_any_colour_and_loudness_is_no_remainder(
     noisy: Callable[[Rows], Rows], excitation: str
