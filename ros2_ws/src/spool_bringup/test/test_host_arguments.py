@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,11 @@ import pytest
 import rclpy
 from rclpy.context import Context
 from rclpy.node import Node
+from spool_bringup.host import program
 from spool_bringup.host.arguments import arguments_of_nodes, arguments_of_process, names_for_all, node_name
+from spool_core.errors import InputError
+from spool_core.kernels.kernel_files import KernelCache
+from spool_core.node.parameters import refuse_other_nodes
 
 Reader = Callable[[Sequence[str], int], dict[str, Any]]
 
@@ -104,3 +109,46 @@ def test_hosted_nodes_get_the_files_and_nothing_else(tmp_path: Path) -> None:
     arguments = ["--ros-args", "-r", "__node:=x", "-p", "together:=0.2", "--params-file", str(file)]
     assert arguments_of_nodes(arguments) == ["--params-file", str(file)]
     assert names_for_all(arguments) == {"together", "state_folder"}
+
+
+NODES = ("/valve_1/estimator", "/valve_1/monitor", "/valve_2/estimator", "/valve_2/monitor")
+
+
+@pytest.mark.parametrize("section", ["monitor", "/valve_9/monitor", "/**/recorder", "/valve_1/host"])
+def test_a_file_for_none_of_the_hosts_nodes_is_refused(tmp_path: Path, section: str) -> None:
+    file = tmp_path / "my.yaml"
+    file.write_text(f"{section}: {SECTION}")
+    with pytest.raises(InputError, match=f"only for /?{re.escape(section)}: write a section /../estimator or"):
+        refuse_other_nodes(["--params-file", str(file)], "/host", NODES)
+
+
+@pytest.mark.parametrize("section", ["/host", "/**", "/**/monitor", "/valve_2/estimator", "/*/monitor"])
+def test_a_section_for_another_valves_node_is_named_beside_those_that_are_right(
+    tmp_path: Path, section: str
+) -> None:
+    file = tmp_path / "my.yaml"
+    file.write_text(f"{section}: {SECTION}\n/valve_9/monitor: {SECTION}\n/**/recorder: {SECTION}")
+    doubts = refuse_other_nodes(["--params-file", str(file)], "/host", NODES)
+    assert doubts == [f"{file}: section /valve_9/monitor is for none of the nodes here"]
+
+
+def test_a_rule_for_a_hosted_node_is_refused_with_what_to_write() -> None:
+    with pytest.raises(InputError, match=r"write a parameter file with a section /\*\*/monitor"):
+        refuse_other_nodes(["-p", "monitor:coulomb_change:=0.3"], "/host", NODES)
+
+
+def test_a_host_of_several_processes_says_that_it_compiles(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def compiles() -> None:
+        assert KernelCache.watch is not None
+        KernelCache.watch(1)
+        KernelCache.watch(-1)
+
+    monkeypatch.setattr("spool_estimator.warm_up.warm_up_estimator", compiles)
+    monkeypatch.setattr("spool_monitor.warm_up.warm_up_monitor", lambda: None)
+    program._load([], program.FirstList())
+    assert "compiling the numerical kernels" in capsys.readouterr().err
+    monkeypatch.setattr("spool_estimator.warm_up.warm_up_estimator", lambda: None)
+    program._load([], program.FirstList())
+    assert not capsys.readouterr().err

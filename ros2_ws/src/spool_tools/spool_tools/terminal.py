@@ -18,12 +18,11 @@ from rich.progress import (
     TimeElapsedColumn,
 )
 from rich.text import Text
-from spool_core.kernels.kernel_files import KernelCache
+from spool_core.kernels.kernel_files import COMPILING, KernelCache
 from spool_core.text import printable
 
 #: Share of the work from which the time left is shown.
 LEAST_DONE = 0.1
-COMPILING = "compiling the numerical kernels, which a first start does"
 
 _silent: ContextVar[bool] = ContextVar("silent", default=False)
 

@@ -22,7 +22,7 @@ from spool_core.errors import InputError
 from spool_core.node.block_hub import HUB, Throttle, TopicTimes, Worker
 from spool_core.node.diagnostics import DiagnosticPublisher, Level, Status
 from spool_core.node.managed_node import ManagedNode, Ticker
-from spool_core.node.parameters import NodeParameter, refuse_other_files, rule
+from spool_core.node.parameters import NodeParameter, refuse_other_files, refuse_other_nodes, rule
 from spool_core.node.program import STOP, Phase, StopRequested
 from spool_core.node.running import REFUSED, ensure_log_folder, new_executor, one_line
 from spool_estimator.estimator_node import EstimatorNode
@@ -223,6 +223,8 @@ class HostProcess:
             for kind in kinds:
                 self._add(kind, valve)
                 self._turns()
+            if valve is mine[0]:
+                self._check_names(valves)
         gc.collect()
         gc.freeze()
         for one in self.hosted:
@@ -237,6 +239,20 @@ class HostProcess:
         gc.enable()
         notify("READY=1")
         self._node.get_logger().info(f"{len(self.hosted)} nodes of {len(mine)} valves")
+
+    def _check_names(self, valves: Sequence[ListedValve]) -> None:
+        """Check that what was given is for nodes of the host, in whichever process.
+
+        Raises:
+            InputError: it is not.
+        """
+        kinds = [one.node.get_name() for one in self.hosted]
+        own = self._node.get_fully_qualified_name()
+        nodes = [f"/{valve.namespace}/{kind}" for valve in valves for kind in kinds]
+        processes = range(1, self._node.value("processes"))
+        nodes += [f"{own.removesuffix(f'_{self.number}')}_{number}" for number in processes]
+        for doubt in refuse_other_nodes(self.arguments, own, nodes):
+            self._node.get_logger().warning(doubt)
 
     def _add(self, kind: type[ManagedNode], valve: ListedValve) -> None:
         arguments = ["--ros-args", *arguments_of_nodes(self.arguments)]

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import argparse
 import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import partial
 
 from spool_core.errors import InputError, libraries_reported
+from spool_core.kernels.kernel_files import COMPILING, KernelCache
 from spool_core.node.network import check_middleware
 from spool_core.system import run_before_others, use_processors
 from spool_core.text import keep_standard_streams
@@ -64,9 +68,30 @@ def _load(arguments: list[str], valves: FirstList) -> Run:
 
         from spool_bringup.host.host_process import HostProcess  # noqa: PLC0415
 
-    warm_up_estimator()
-    warm_up_monitor()
+    with _compiling_said():
+        warm_up_estimator()
+        warm_up_monitor()
     return lambda number, heartbeat: HostProcess(arguments, number, heartbeat, valves).run()
+
+
+@contextmanager
+def _compiling_said() -> Iterator[None]:
+    """Say that kernels compile where they do: nothing is monitored meanwhile."""
+    begun = 0.0
+
+    def watch(_change: int) -> None:
+        nonlocal begun
+        if not begun:
+            begun = time.monotonic()
+            print(f"host: {COMPILING}: it may take a minute", file=sys.stderr, flush=True)
+
+    before, KernelCache.watch = KernelCache.watch, watch
+    try:
+        yield
+    finally:
+        KernelCache.watch = before
+    if begun:
+        print(f"host: kernels ready after {time.monotonic() - begun:.0f} s", file=sys.stderr, flush=True)
 
 
 if __name__ == "__main__":

@@ -36,6 +36,8 @@ from spool_core.system import (
 )
 
 INDEX, DATA = ".nbi", ".nbc"
+#: What takes long on a first start, for people.
+COMPILING = "compiling the numerical kernels, which a first start does"
 #: First bytes of each file. Another layout of the files needs another number here.
 MAGIC = b"spool kernel 1\n"
 #: First byte of the files that earlier releases kept without a checksum, where nothing looks for them now.

@@ -26,6 +26,7 @@ from rclpy.subscription import Subscription
 from spool_core.block import Block
 from spool_core.errors import InputError
 from spool_core.kernels.compiled import alone as one_at_a_time
+from spool_core.kernels.kernel_files import COMPILING
 from spool_core.node.block_hub import HUB
 from spool_core.node.parameters import NodeParameter, Value, declare
 from spool_core.node.program import STOP, Phase
@@ -238,9 +239,7 @@ class ManagedNode(LifecycleNode):  # type: ignore[misc]  # rclpy carries no type
             if ManagedNode.beat is not None:
                 ManagedNode.beat()
             if not told and time.monotonic() - begin > COMPILES:
-                self.get_logger().info(
-                    "compiling the numerical kernels, which a first start does: it may take a minute"
-                )
+                self.get_logger().info(f"{COMPILING}: it may take a minute")
                 told = True
         STOP.phase = phase if STOP.phase is Phase.STARTING else STOP.phase
         self.compiling = False

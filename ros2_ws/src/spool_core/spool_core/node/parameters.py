@@ -227,26 +227,43 @@ def refuse_other_files(arguments: Sequence[str]) -> None:
         refuse_other_kind(file, content, "parameters")
 
 
-def refuse_other_nodes(arguments: Sequence[str], node: str) -> None:
+def refuse_other_nodes(arguments: Sequence[str], node: str, hosted: Sequence[str] = ()) -> list[str]:
     """Refuse what ``arguments`` set for other nodes alone: ``node``, a full name, would run on defaults.
 
+    Args:
+        arguments: of the process.
+        node: its own node, for which rules are.
+        hosted: nodes for which parameter files may be as well.
+
+    Returns:
+        Lines about sections that are for none of them, beside others that are.
+
     Raises:
-        InputError: a parameter file has sections, and none for the node; or a rule names another node.
+        InputError: a parameter file has sections, and none for these nodes; or a rule names another node.
 
     """
-    name = node.rpartition("/")[2]
+    doubts: list[str] = []
+    nodes, name = (node, *hosted), node.rpartition("/")[2]
+    kinds = dict.fromkeys(one.rpartition("/")[2] for one in hosted or nodes)
     for flag, word in pairwise(arguments):
         sections = sections_of(word) if flag == "--params-file" else []
-        if sections and not any(names_node(section, node) for section in sections):
+        other = [one for one in sections if not any(names_node(one, each) for each in nodes)]
+        if other and len(other) == len(sections):
+            who = f"{node} and the nodes that it hosts" if hosted else node
+            ways = " or ".join(f"/**/{one}" for one in kinds) + ("" if hosted else f" (or {node})")
             raise InputError(
-                f"{word}: no parameters for {node} in it, only for {', '.join(sections[:MOST_NAMED])}: "
-                f"write a section /**/{name} (or {node}), or start the node without this file"
+                f"{word}: no parameters for {who} in it, only for {', '.join(other[:MOST_NAMED])}: "
+                f"write a section {ways}, or start the node without this file"
             )
+        meant = [one for one in other if hosted and one.rpartition("/")[2] in kinds]
+        doubts += [f"{word}: section {one} is for none of the nodes here" for one in meant]
         rule = _FOR_A_NODE.match(word) if flag in RULES else None
         if rule and rule[1] != name and not names_node(rule[1], node):
-            raise InputError(
-                f"{flag} {word}: it is for a node {rule[1]}, and this is {node}: type {flag} {rule[2]}"
-            )
+            way = f"type {flag} {rule[2]}"
+            if rule[1].rpartition("/")[2] in kinds and hosted:
+                way = f"write a parameter file with a section /**/{rule[1].rpartition('/')[2]}"
+            raise InputError(f"{flag} {word}: it is for a node {rule[1]}, and this is {node}: {way}")
+    return doubts
 
 
 def read_parameters(file: str | Path, node: str, table: Sequence[NodeParameter]) -> dict[str, Value]:
