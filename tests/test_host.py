@@ -28,6 +28,7 @@ VALVES = [f"valve_{number}" for number in range(4)]
 FAULTS = {
     "raises": "raise RuntimeError('broken on purpose')",
     "hangs": "\n            while True: pass",
+    "deadlocks": "__import__('threading').Event().wait()",
     "never returns from a kernel": "forever()",
 }
 PROGRAM = """

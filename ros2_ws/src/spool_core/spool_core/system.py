@@ -22,6 +22,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import NamedTuple
 
 from spool_core.errors import InputError
 
@@ -287,6 +288,25 @@ def run_before_others(priority: int) -> None:
             f"priority: SCHED_FIFO {priority} is not granted ({error.strerror}): it needs CAP_SYS_NICE or a "
             f"limit of at least {priority} (LimitRTPRIO= of the service, rtprio in /etc/security/limits.conf)"
         ) from None
+
+
+class ThreadTimes(NamedTuple):
+    """What a thread has ``used`` of a processor and ``waited`` for one, s; ``ready``: it has or wants one."""
+
+    used: float
+    waited: float
+    ready: bool
+
+
+def thread_times(number: int) -> ThreadTimes | None:
+    """Return the times of the thread of this process with this number; ``None`` where no system tells."""
+    folder = Path("/proc/self/task") / str(number)
+    try:
+        used, waited, _ = (folder / "schedstat").read_text(encoding="ascii").split()
+        state = (folder / "stat").read_text(encoding="utf-8").rpartition(")")[2].split()[0]
+    except (OSError, ValueError, IndexError):
+        return None
+    return ThreadTimes(1e-9 * int(used), 1e-9 * int(waited), state == "R")
 
 
 def processors() -> int:

@@ -324,9 +324,10 @@ class HostProcess:
         worker = HUB.worker
         assert worker is not None
         HUB.flush(2.0 * HUB.together)
+        # A callback of this thread that took long, or a pause of the whole process, holds up the others.
+        worker.look(2.0 * LOOK)
         owner = worker.hanging(LONGEST_CALL)
-        # After a callback of this thread that took long, or a pause of the whole process, it waits its turn.
-        if owner is not None and since < LONGEST_CALL and worker.give_up(owner):
+        if owner is not None and worker.give_up(owner):
             valve = next((one.valve for one in self.hosted if one.node is owner), None)
             for one in self.hosted:
                 # Those that take the blocks of its valve stop together: they share them.

@@ -22,6 +22,7 @@ from spool_core.block import Block
 from spool_core.cdr import CdrError, decode_block
 from spool_core.node import qos
 from spool_core.node.messages import from_block
+from spool_core.system import ThreadTimes, thread_times
 
 #: Blocks of a topic that may wait in a process that hosts many nodes: five seconds at 50 blocks/s.
 HOSTED_DEPTH = 250
@@ -283,20 +284,45 @@ class HangError(BaseException):
     """What runs for so long is broken off; no handler of exceptions may keep it."""
 
 
+@dataclass(slots=True)
+class _Job:
+    """Job that runs: its owner, when it began, and for how long it had a processor or slept, s."""
+
+    owner: object
+    begun: float
+    served: float = 0.0
+
+
+def _spent(before: ThreadTimes | None, now: ThreadTimes | None) -> ThreadTimes | None:
+    """Return what a thread has spent since ``before``, ``None`` where that is not known."""
+    if before is None or now is None:
+        return None
+    return ThreadTimes(now.used - before.used, now.waited - before.waited, now.ready)
+
+
 class Worker:
     """Worker that runs jobs in order, each for an owner.
 
     A job that does not return is given up with its thread: another thread goes on with the jobs of all other
-    owners, and nothing of theirs is lost.
+    owners, and nothing of theirs is lost. What hangs is told from what other programs keep from a processor by
+    the time in which a job had one, or slept although it could have had one.
 
     Attributes:
         done: jobs that returned.
     """
 
-    def __init__(self) -> None:
+    def __init__(
+        self,
+        clock: Callable[[], float] = time.monotonic,
+        times: Callable[[int], ThreadTimes | None] = thread_times,
+    ) -> None:
+        """Begin; ``clock`` and ``times`` say how late it is, s, and what a thread has used."""
         self.done = 0
+        self._clock, self._times = clock, times
+        self._looked = clock()
+        self._before: dict[int | None, ThreadTimes | None] = {}
         self._jobs: queue.SimpleQueue[tuple[object, Callable[[Any], None], Any]] = queue.SimpleQueue()
-        self._current: tuple[object, float] | None = None
+        self._current: _Job | None = None
         self._refused: set[int] = set()
         self._turn = threading.Lock()
         self._thread = self._begun()
@@ -310,17 +336,36 @@ class Worker:
         """Let ``job(argument)`` run when its turn comes; those of an owner that hangs are dropped."""
         self._jobs.put((owner, job, argument))
 
+    def look(self, most: float) -> None:
+        """Count the time since the last look for the job that runs, ``most`` s at most.
+
+        The time in which its thread waited for a processor, or the one that looks had one or waited for it,
+        does not count.
+        """
+        now, looked, job = self._clock(), self._looked, self._current
+        numbers = self._thread.native_id, threading.get_native_id()
+        before, times = self._before, tuple(self._times(one) if one is not None else None for one in numbers)
+        self._looked, self._before = now, dict(zip(numbers, times, strict=True))
+        if job is None:
+            return
+        span = min(now - max(looked, job.begun), most)
+        own, mine = (_spent(before.get(one), later) for one, later in zip(numbers, times, strict=True))
+        if own is not None and mine is not None:
+            # The wait of a thread that has no processor yet is counted when it gets one. One that sleeps may
+            # wait for the interpreter, which the thread that looks holds meanwhile.
+            waited = max(own.waited, mine.waited) + mine.used
+            span = min(span, own.used) if own.ready else span - waited
+        job.served += max(0.0, span)
+
     def hanging(self, longest: float) -> object | None:
-        """Return the owner whose job runs for more than ``longest`` s, ``None`` where there is none."""
-        current = self._current
-        if current is None or time.monotonic() - current[1] <= longest:
-            return None
-        return current[0]
+        """Return the owner whose job was served for more than ``longest`` s, ``None`` where there is none."""
+        job = self._current
+        return job.owner if job is not None and job.served > longest else None
 
     def excuse(self, seconds: float) -> None:
         """Count the job that runs as hanging only in so many s."""
         if self._current is not None:
-            self._current = self._current[0], time.monotonic() + seconds
+            self._current.served = -seconds
 
     def give_up(self, owner: object) -> bool:
         """Leave the job of ``owner`` that hangs, and go on with those of others.
@@ -328,7 +373,7 @@ class Worker:
         Return whether that was done: it may have returned just now.
         """
         with self._turn:
-            if self._current is None or self._current[0] is not owner:
+            if self._current is None or self._current.owner is not owner:
                 return False
             self._refused.add(id(owner))
             left, self._current = self._thread, None
@@ -366,7 +411,7 @@ class Worker:
                 if id(owner) in self._refused:
                     continue
                 with self._turn:
-                    self._current = owner, time.monotonic()
+                    self._current = _Job(owner, self._clock())
                 try:
                     job(argument)
                 except Exception:  # of what does not guard itself: the jobs of others go on

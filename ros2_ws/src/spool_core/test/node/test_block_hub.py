@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
 
@@ -13,6 +14,7 @@ from spool_core.block import Block
 from spool_core.cdr import encode_block
 from spool_core.node import block_hub
 from spool_core.node.block_hub import HOSTED_DEPTH, BlockHub, Worker
+from spool_core.system import ThreadTimes, thread_times
 
 SIZE, PERIOD = 40, 5e-4
 #: s that a test waits at most: machines are busy.
@@ -233,3 +235,81 @@ def test_what_nobody_takes_any_more_does_not_pile_up(hosted: BlockHub) -> None:
     taker.wait(waiting)
     assert taker.taken[-1][-1] == 2000
     release.set()
+
+
+@dataclass
+class Machine:
+    """A machine on which a worker's thread is served so many s of each second, or sleeps."""
+
+    share: float = 1.0
+    sleeps: bool = False
+    now: float = 0.0
+    used: float = 0.0
+    busy: float = 0.0
+
+    def times(self, number: int) -> ThreadTimes:
+        if number == threading.get_native_id():
+            return ThreadTimes(self.busy * self.now, 0.0, True)
+        waited = 0.0 if self.sleeps else self.now - self.used
+        return ThreadTimes(self.used, waited, not self.sleeps)
+
+    def found(self, worker: Worker) -> float:
+        """Return after how many s a job counts as hanging, at most 100."""
+        while worker.hanging(1.0) is None and self.now < 100.0:
+            self.now += 0.25
+            self.used += 0.0 if self.sleeps else 0.25 * self.share
+            worker.look(0.5)
+        return self.now
+
+
+@pytest.mark.parametrize(
+    ("machine", "seconds"),
+    [
+        pytest.param(Machine(sleeps=True), 1.25, id="a deadlock"),
+        pytest.param(Machine(sleeps=True, busy=0.5), 2.25, id="a deadlock beside a busy thread"),
+        pytest.param(Machine(), 1.25, id="an endless loop"),
+        pytest.param(Machine(share=0.1), 10.25, id="an endless loop on a busy machine"),
+        pytest.param(Machine(share=0.0), 100.0, id="a job that other programs keep from a processor"),
+        pytest.param(Machine(sleeps=True, busy=1.0), 100.0, id="a job that waits for the thread that looks"),
+    ],
+)
+def test_a_job_hangs_that_does_not_return_though_it_is_served(machine: Machine, seconds: float) -> None:
+    worker, began, release = Worker(lambda: machine.now, machine.times), threading.Event(), threading.Event()
+
+    def job(_: object) -> None:
+        began.set()
+        release.wait(PATIENCE)
+
+    worker.put("owner", job, None)
+    assert began.wait(PATIENCE)
+    worker.look(0.5)
+    assert machine.found(worker) == pytest.approx(seconds, abs=0.26)
+    release.set()
+    worker.close()
+
+
+def test_the_time_of_a_pause_of_the_whole_process_makes_no_job_hang() -> None:
+    machine = Machine(sleeps=True)
+    worker, began, release = Worker(lambda: machine.now, machine.times), threading.Event(), threading.Event()
+    worker.put("owner", lambda _: (began.set(), release.wait(PATIENCE)), None)
+    assert began.wait(PATIENCE)
+    machine.now = 3600.0
+    worker.look(0.5)
+    assert worker.hanging(1.0) is None
+    release.set()
+    worker.close()
+
+
+def test_the_system_tells_what_a_thread_used_and_that_it_waits() -> None:
+    own = thread_times(threading.get_native_id())
+    assert own is not None
+    assert (own.used > 0.0, own.ready) == (True, True)
+    release = threading.Event()
+    sleeper = threading.Thread(target=release.wait)
+    sleeper.start()
+    assert sleeper.native_id is not None
+    states = {found.ready for _ in range(10_000) if (found := thread_times(sleeper.native_id))}
+    release.set()
+    sleeper.join()
+    assert False in states
+    assert thread_times(0) is None
