@@ -17,6 +17,7 @@ from spool_gap.likelihood.prediction import Prediction, Predictions
 from spool_gap.likelihood.remainder import BODY, MOTION
 from spool_gap.likelihood.search import Search
 from spool_gap.likelihood.structure import structure_of
+from spool_gap.likelihood.structure_fit import fit_structure
 from spool_gap.result import GapSettings
 from spool_sim.excitation import Excitation, Multisine, SweptSine
 from spool_sim.model import MODELS, Model
@@ -64,15 +65,21 @@ def filtered(row: Array, response: Callable[[Array], Array]) -> Array:
     return np.asarray(np.fft.irfft(np.fft.rfft(row) * response(frequency), row.size))
 
 
-def decided(body: Array, spool: Array) -> Decision:
-    """Return the decision where nothing but the base was fitted."""
+def decided(body: Array, spool: Array, line: float = 0.0) -> Decision:
+    """Return the decision where the base was fitted, and unless ``line`` (Hz) is 0 a periodic force there."""
     noises = (NOISE * drawn(seed, body.size) for seed in (1, 2))
-    rows = [row + noise for row, noise in zip((body, spool), noises, strict=True)]
-    look = look_at([Record("remainder", 0, 1.0 / RATE, *rows)], (), VALVE)
+    record = Record("remainder", 0, 1.0 / RATE, body + next(noises), spool + next(noises))
+    look = look_at([record], (), VALVE)
     motions = motions_for(BASE)
     predictions = Predictions([Prediction(look.readings[0], VALVE, motions)])
     search = Search(predictions, structure_of(BASE, VALVE), [])
     search.fits = {search.base.structure.key: search.base}
+    if line:
+        wider = search.base.structure.having(["periodic_force"], (), {"force_frequency": line})
+        phases = [wider.moved({"force_phase": phase, "force_amplitude": 0.03}) for phase in (-2.0, 0.0, 2.0)]
+        fits = [fit_structure(predictions, one) for one in phases]
+        search.fits[wider.key] = max(fits, key=lambda one: one.evidence)
+        assert search.simplest.structure.effects == ("periodic_force",)
     return decide(predictions, search, look, GapSettings(), motions, HeldOut(predictions, [False]))
 
 
@@ -87,6 +94,13 @@ def cycling(excitation: str) -> Rows:
 def toned(excitation: str) -> Rows:
     body, spool = moved(excitation)
     return body, spool + 0.9 * np.sin(2.0 * np.pi * 225.0 * np.arange(body.size) / RATE)
+
+
+def wandering(excitation: str) -> Rows:
+    """Return a record with a tone whose frequency wanders by 0.8 Hz."""
+    body, spool = moved(excitation)
+    time = np.arange(body.size) / RATE
+    return body, spool + 0.9 * np.sin(2.0 * np.pi * 225.0 * time + 4.0 * np.sin(2.0 * np.pi * time / 5.0))
 
 
 def coupled(excitation: str) -> Rows:
@@ -131,6 +145,12 @@ def test_a_remainder_with_a_pattern_is_unexplained_and_says_what_it_follows(
     assert next(iter(found.probabilities)) == "unexplained"
 
 
+def test_a_tone_whose_frequency_wanders_is_unexplained() -> None:
+    found = decided(*wandering("multisine"))
+    assert found.unexplained
+    assert found.rest.follows.startswith("a line at 22")
+
+
 def white(rows: Rows) -> Rows:
     return rows
 
@@ -166,3 +186,13 @@ def test_noise_of_any_colour_and_loudness_is_no_remainder(
     found = decided(*noisy(moved(excitation)))
     assert not found.unexplained
     assert found.effects == ()
+
+
+@pytest.mark.parametrize(("line", "named"), [(225.0, True), (97.0, False)])
+def test_a_periodic_force_keeps_its_phase_and_noise_in_a_narrow_band_does_not(
+    line: float, named: bool
+) -> None:
+    rows = toned("multisine") if named else narrow(moved("multisine"))
+    found = decided(*rows, line)
+    assert found.effects == (("periodic_force",) if named else ())
+    assert ("periodic_force" in found.refused) is (not named)

@@ -33,7 +33,7 @@ from spool_gap.evidence.held_out import HeldOut, Judged
 from spool_gap.evidence.look import Look
 from spool_gap.likelihood.kernel import SwitchableMotion
 from spool_gap.likelihood.prediction import Predictions
-from spool_gap.likelihood.remainder import patterns_of
+from spool_gap.likelihood.remainder import patterns_of, phase_kept
 from spool_gap.likelihood.rest import (
     Rest,
     TwoForces,
@@ -68,6 +68,8 @@ MOST_LEFT = 0.1
 #: Standard deviations by which a richer law must predict better than a plainer one that predicts well.
 CERTAIN = 3.0
 
+#: Minus the logarithm of the probability that noise makes a line at any frequency that was looked at: 1 %.
+PERIODIC, PAID = "periodic_force", math.log(100.0)
 UNEXPLAINED = "unexplained"
 
 
@@ -135,7 +137,7 @@ def decide(
     """Return what the fits of ``search`` say."""
     fit, refused = _plainest(predictions, search, settings, held)
     fit = _predicting(search, held, fit, refused)
-    fit, refined, numbers = _different_from_zero(predictions, search, fit, refused)
+    fit, refined, numbers = _beyond_chance(predictions, search, fit, refused)
     forces = two_forces(look.readings, predictions.parts[0].valve, motions, fit)
     fit = refined
     if forces is not None:
@@ -280,18 +282,21 @@ def _refined(predictions: Predictions, fit: StructureFit) -> tuple[StructureFit,
     return again, replace(numbers, quantities=tuple(quantities))
 
 
-def _different_from_zero(
+def _beyond_chance(
     predictions: Predictions, search: Search, fit: StructureFit, refused: dict[str, str]
 ) -> tuple[StructureFit, StructureFit, Numbers]:
-    """Return ``fit`` without effects all of whose sizes may be zero, the same to its end, and its numbers."""
+    """Return ``fit`` without effects that chance may make, the same fitted to its end, and its numbers."""
     refined, numbers = _refined(predictions, fit)
-    zero = {name for name in fit.structure.effects if _may_be_zero(name, numbers)}
-    if not zero:
+    own = fit.structure.effects
+    chance = {name: "none of its numbers differs from zero" for name in own if _may_be_zero(name, numbers)}
+    if PERIODIC in own and phase_kept(predictions, refined) < PAID:
+        chance[PERIODIC] = "it keeps no phase, as noise in a narrow band"
+    if not chance:
         return fit, refined, numbers
-    refused.update(dict.fromkeys(zero, "none of its numbers differs from zero"))
+    refused.update(chance)
     fits = search.of_each_set
-    left = fits.get(frozenset(fit.structure.effects) - zero, fits[frozenset()])
-    return _different_from_zero(predictions, search, left, refused)
+    left = fits.get(frozenset(own) - set(chance), fits[frozenset()])
+    return _beyond_chance(predictions, search, left, refused)
 
 
 def _may_be_zero(name: str, numbers: Numbers) -> bool:

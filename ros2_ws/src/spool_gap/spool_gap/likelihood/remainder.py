@@ -6,12 +6,12 @@ noise only where no pattern is found in it:
 - within a window it is coherent with what the body did, through any smooth transfer, which may change from
   window to window and from band to band: a lag, a resonance, drag that changes;
 - powers of displacement, velocity and reading, with coefficients from all other windows, predict it;
-- a line in it keeps frequency and phase over the windows.
+- a line in it keeps its phase over the windows, or its size where its frequency wanders.
 
 The run is free, and its numbers are fitted to it: neither the spool's noise nor an error of the numbers is in
 its motion. Of the power of normal noise in a tile, m of K regressors explain a share that has a Beta
-distribution, whatever the noise's level, so mean and variance of the sum over all tiles are known. So is the
-distribution of the ratio of a line's mean to its scatter over the windows.
+distribution, whatever the noise's level, so mean and variance of the sum over all tiles are known. So are the
+distributions of the ratio of a line's mean to its scatter over the windows, and of the scatter of its power.
 
 Sources: Bendat and Piersol, Random Data, 4th ed., 2010, ch. 6 and 9 (coherence); Ljung, System
 Identification, 2nd ed., 1999, ch. 16 (residuals must not depend on the input); Dawid, 1984 (prequential
@@ -36,6 +36,8 @@ from spool_gap.likelihood.structure import Spectrum, Structure
 from spool_gap.likelihood.structure_fit import StructureFit, fit_structure
 
 BODY, MOTION, LINE = "what the body did", "the motion", "a line"
+#: Numbers of a periodic force.
+FORCE, FREQUENCY = "force_amplitude", "force_frequency"
 #: Steps of the fit of the free run.
 STEPS = 8
 #: Lines of a tile at least: three for each regressor.
@@ -45,6 +47,8 @@ LEAST_LINES = 12
 LOUD, QUIET = 30.0, 0.2
 #: Zero-padding of the spectrum in which a line is looked for, candidates, and windows at least.
 PADDING, CANDIDATES, FEWEST = 4, 3, 3
+#: Lines by which a line may wander; share of the power in four times as many that it holds in each window.
+WANDERS, NARROW = 4, 0.8
 #: Lines around each whose median is the level there.
 AROUND = 21
 #: Keeps quotients finite.
@@ -81,6 +85,16 @@ def patterns_of(predictions: Predictions, fit: StructureFit) -> list[Pattern]:
             close = {one.follows: one for one in _patterns(predictions, fit.structure, fit.looseness)}
             found = [min(one, close[one.follows], key=_size) for one in found if one.follows in close]
     return sorted(found, key=_size, reverse=True)
+
+
+def phase_kept(predictions: Predictions, fit: StructureFit) -> float:
+    """Return how surely the periodic force of ``fit`` is a line that keeps its phase, as ``Pattern.gain``.
+
+    Noise in a narrow band, as of a mount that resonates, has a line in each window, with another phase.
+    """
+    own = fit.structure.moved({FORCE: 0.0})
+    looks = [_Remainder(part, own, fit.looseness) for part in predictions.parts if part.inside.any()]
+    return max((one.kept(fit.structure.values[FREQUENCY])[0] for one in looks), default=0.0)
 
 
 def _size(one: Pattern) -> float:
@@ -221,21 +235,58 @@ class _Remainder:
         level = _median_around(np.mean(np.abs(self._lines) ** 2, axis=0))[near] + TINY
         compared = np.abs(part.lines[near] - frequency) < 1.0
         power = np.where(compared, np.abs(fft.rfft(row, PADDING * row.size)) ** 2 / level, 0.0)
-        taper = np.hanning(cut.shape[1])
-        time = np.arange(cut.size).reshape(cut.shape) * part.period
         for _ in range(CANDIDATES):
             line = float(frequency[np.argmax(power)])
-            turn = 2.0 * np.pi * line
-            sizes = 2.0 * np.sum(cut * np.exp(-1j * turn * time) * taper, axis=1)[self._windows] / taper.sum()
-            mean = complex(sizes.mean())
-            ratio = count * abs(mean) ** 2 / (float(np.sum(np.abs(sizes - mean) ** 2)) + TINY)
-            # As many independent frequencies were looked at as the record has lines.
-            gain = (count - 1) * math.log1p(ratio) - math.log(count * part.lines.size)
+            gain, size = self.kept(line)
             wave = np.zeros(part.size)
-            wave[: cut.size] = (mean * np.exp(1j * turn * time)).real.ravel()
+            wave[: cut.size] = (size * np.exp(2j * np.pi * line * self._time)).real.ravel()
             share = math.sqrt(_power(part.counted_lines(wave)[self._windows]) / reading)
-            yield Pattern(max(gain, 0.0), share, f"{LINE} at {line:.4g} Hz", math.inf)
+            if gain < (steady := self._steady(line, reading)).gain:
+                gain, share = steady.gain, steady.share
+            yield Pattern(gain, share, f"{LINE} at {line:.4g} Hz", math.inf)
             power[np.abs(frequency - line) < 2.0] = 0.0
+
+    def kept(self, line: float) -> tuple[float, complex]:
+        """Return how surely a line (Hz) keeps its phase over the windows, and its complex size, m/s^2."""
+        part, count = self._part, self._windows.size
+        rows = part.windows_of(self._error * part.counted)[self._windows]
+        taper = np.hanning(rows.shape[1])
+        turned = rows * np.exp(-2j * np.pi * line * self._time[self._windows]) * taper
+        sizes = 2.0 * np.sum(turned, axis=1) / taper.sum()
+        mean = complex(sizes.mean())
+        ratio = count * abs(mean) ** 2 / (float(np.sum(np.abs(sizes - mean) ** 2)) + TINY)
+        # As many independent frequencies are looked at as the record has lines.
+        tries = count * part.lines.size
+        return max(0.0, (count - 1) * math.log1p(ratio) - math.log(tries)), mean
+
+    def _steady(self, line: float, reading: float) -> Pattern:
+        """Return how surely a line near ``line`` (Hz), whose frequency may wander, keeps its size.
+
+        The power of noise in a band as narrow as a line has an exponential distribution over the windows.
+        Source: Bartlett's test of equal variances, 1937.
+        """
+        nearest = int(np.argmin(np.abs(self._part.lines - line)))
+        power, beside = [], []
+        for row in np.abs(self._lines) ** 2:
+            peak = nearest + int(np.argmax(row[max(0, nearest - WANDERS) : nearest + WANDERS + 1]))
+            peak -= min(nearest, WANDERS)
+            power.append(float(row[max(0, peak - 2) : peak + 3].sum()) + TINY)
+            beside.append(float(row[max(0, peak - 4 * WANDERS) : peak + 4 * WANDERS + 1].sum()) + TINY)
+        share = math.sqrt(sum(power) / reading)
+        if min(one / other for one, other in zip(power, beside, strict=True)) < NARROW:
+            return Pattern(0.0, share, LINE, math.inf)
+        count = len(power)
+        spread = 2.0 * count * (math.log(sum(power) / count) - sum(map(math.log, power)) / count)
+        degrees = 0.5 * (count - 1)
+        chance = special.gammainc(degrees, max(0.5 * spread / (1.0 + (count + 1) / (6.0 * count)), 1e-12))
+        tries = math.log(self._part.lines.size)
+        return Pattern(max(0.0, -math.log(max(chance, TINY)) - tries), share, LINE, math.inf)
+
+    @property
+    def _time(self) -> Array:
+        """Time of each sample of all windows, s, shape (windows, samples)."""
+        shape = self._part.windows_of(self._error).shape
+        return np.arange(shape[0] * shape[1], dtype=np.float64).reshape(shape) * self._part.period
 
 
 def _cuts(bands: Sequence[int]) -> list[slice]:
