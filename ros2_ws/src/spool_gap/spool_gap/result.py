@@ -266,7 +266,7 @@ class GapResult:
         surface, surface_after: restoring-force surface of the gap before and after.
         curves: waveforms and spectra before and after.
         before, after: held-out agreement.
-        noise_floor: nrmse that noise alone would leave with the final model.
+        noise_floor: nrmse that noise alone would leave with the final model, NaN where only a bound is known.
         model: with everything that was found, to simulate with.
         warnings: what a reader should know, one line each.
         seconds: of data used; ``elapsed``: s of computing.

@@ -234,5 +234,5 @@ def test_hits_on_a_stop_are_no_noise_that_hides_what_is_missing() -> None:
     rows = [(block.body, block.spool) for block in simulator.records(24.0)]
     body, spool = (np.concatenate(row).astype(np.float64) for row in zip(*rows, strict=True))
     found = analyse([Record("stops", 0, 1e-3, body, spool)], VALVE, MODELS["fluid"])
-    assert found.noise_floor <= 0.2
+    assert not found.noise_floor > 0.2  # NaN where only a bound is known
     assert set(found.verdict.split("+")) <= {"end_stop", "unexplained"}

@@ -247,7 +247,7 @@ def words_of(
         squares = sum(float((rows[0] ** 2).sum()) for rows in after.rows)
         size = after.agreement.nrmse * math.sqrt(squares / sum(rows.shape[1] for rows in after.rows))
         nuisances.append(Nuisance("coloured_noise", "spool", size, "m/s^2", CHECK_COLOURED))
-    errors = before.agreement.nrmse, after.agreement.nrmse, after.floor, COMPARED_SENTENCE
+    errors = before.agreement.nrmse, after.agreement.nrmse, after.known_floor, COMPARED_SENTENCE
     if verdict == "none":
         text = nothing_missing(base.name, *errors[1:])
     elif verdict == UNEXPLAINED:
@@ -314,7 +314,7 @@ def _assembled(
         curves=held.curves(before, after),
         before=before.agreement,
         after=after.agreement,
-        noise_floor=after.floor,
+        noise_floor=after.known_floor,
         model=_model(base, decision.fit),
         warnings=words.warnings,
         seconds=sum(part.seconds for part in predictions.parts),

@@ -38,6 +38,7 @@ class Judged:
         agreement: with the measured acceleration.
         rows: measured, predicted, displacement and velocity of each part, shape (4, n); of all samples.
         floor: rms of what noise alone leaves over that of the measured acceleration.
+        bound: whether the noise is only known to be less, as motion covers it at all frequencies.
         windows: power of the error of each held-out window, shape (windows,).
     """
 
@@ -46,6 +47,12 @@ class Judged:
     rows: list[Array]
     floor: float
     windows: Array
+    bound: bool = False
+
+    @property
+    def known_floor(self) -> float:
+        """``floor``, NaN where it is a bound."""
+        return math.nan if self.bound else self.floor
 
     def lead(self, other: Judged) -> float:
         """Return by how many standard deviations this leaves less than ``other``, window by window.
@@ -119,7 +126,8 @@ class HeldOut:
         size = max(measured, 1e-300)
         left = np.concatenate(windows)
         agreement = HeldOutAgreement(math.sqrt(left.sum() / size), _amplitude_ratio(ratios))
-        return Judged(one, agreement, rows, min(math.sqrt(noise / size), LOUDEST), left)
+        bound = any(part.readings.noise.spool_is_bound for part in self._predictions.parts)
+        return Judged(one, agreement, rows, min(math.sqrt(noise / size), LOUDEST), left, bound)
 
     def located(self, judged: Judged) -> tuple[Where, Surface]:
         """Return where the gap of ``judged`` sits: the force that is missing along the measured motion."""

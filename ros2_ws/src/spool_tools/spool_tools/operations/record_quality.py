@@ -40,6 +40,8 @@ PIECE = 2.0
 #: Share of samples at a rail from which fits lose what they need: half a per cent of a sine's time are the
 #: outer 0.01 % of its height.
 CLIPPED = 0.005
+#: Noise that cannot be seen.
+COVERED = "covered by motion"
 #: Signal over noise (rms) below which parameters become uncertain by more than a tenth in a minute.
 QUIET = 3.0
 #: s from which a record tells of friction: 20 periods at 1 Hz.
@@ -209,7 +211,7 @@ def channel_rows(quality: RecordQuality) -> list[dict[str, object]]:
             "mean (m/s²)": number(one.mean),
             "rms (m/s²)": number(one.rms),
             "peak (m/s²)": number(one.peak),
-            "noise, rms (m/s²)": f"at most {number(one.noise)}" if one.at_most else number(one.noise),
+            "noise, rms (m/s²)": number(one.noise) if math.isfinite(one.noise) else COVERED,
             "clipped": f"{100.0 * one.clipped:.2g} %",
         }
         for one in quality.channels
@@ -287,7 +289,7 @@ def signals_figure(quality: RecordQuality) -> Figure:
 class ChannelQuality:
     """Quality of a channel: ``mean``, ``rms`` about it, ``peak``, ``noise`` in m/s^2, ``clipped`` share.
 
-    ``at_most``: the noise is an upper bound, since motion reaches up to the frequencies it is seen at.
+    ``noise`` is NaN where motion reaches up to half the sample rate, as the jumps of dry friction do.
     """
 
     name: str
@@ -296,7 +298,6 @@ class ChannelQuality:
     peak: float
     noise: float
     clipped: float
-    at_most: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -345,8 +346,7 @@ class RecordQuality:
                     "mean": one.mean,
                     "rms": one.rms,
                     "peak": one.peak,
-                    "noise_rms": one.noise,
-                    "noise_is_upper_bound": one.at_most,
+                    "noise_rms": one.noise if math.isfinite(one.noise) else None,
                     "clipped": one.clipped,
                     "unit": "m/s^2",
                 }
@@ -376,8 +376,8 @@ def quality_of(
     noise = noise_of(longest.body, longest.spool, rate)
     channels = (
         _channel("body", [one.body for one in stretches], noise.body_rms),
-        replace(
-            _channel("spool", [one.spool for one in stretches], noise.spool_rms), at_most=noise.spool_is_bound
+        _channel(
+            "spool", [one.spool for one in stretches], math.nan if noise.spool_is_bound else noise.spool_rms
         ),
     )
     piece = int(min(longest.body.size, max(64, round(PIECE * longest.sample_rate))))
@@ -443,7 +443,7 @@ def _doubts(found: RecordQuality) -> list[str]:
             said.append(f"{one.name}: {100.0 * one.clipped:.2g} % of the samples are clipped, {grave}")
         if one.rms < QUIET * one.noise:
             said.append(
-                f"{one.name}: its noise of {'at most ' if one.at_most else ''}{one.noise:.2g} m/s^2 (rms) "
+                f"{one.name}: its noise of {one.noise:.2g} m/s^2 (rms) "
                 f"drowns the motion of "
                 f"{one.rms:.2g} m/s^2: "
                 "shake harder, or use a finer sensor"
