@@ -18,8 +18,9 @@ from spool_monitor.detectors.base import (
     NATURAL_FREQUENCY,
     MonitorSettings,
     NotJudged,
+    judgement,
 )
-from spool_monitor.event import Condition, Event
+from spool_monitor.event import Condition, Event, condition_name
 from spool_monitor.parameter_drift import VISCOSITY_PER_KELVIN, VISCOUS, ParameterDrift
 from spool_monitor.state_file import Baseline
 from spool_monitor.window import Line, WindowTracker, find_line
@@ -116,8 +117,14 @@ class Detection:
 
     @property
     def judgements(self) -> dict[str, Judgement]:
-        """How far each detector can judge now, by its name."""
-        return {one.name: one.judgement for one in self.detectors}
+        """How far each detector can judge now, by its name; each parameter, as ``detector/parameter``."""
+        found = {one.name: one.judgement for one in self.detectors}
+        for one in self.detectors:
+            for test in one.drifts:
+                seen = one.judgement is not Judgement.UNKNOWN
+                own = judgement(self.distrust, [self.parameters[test.parameter]]) if seen else one.judgement
+                found[condition_name(one.name, test.parameter)] = own
+        return found
 
     def configure(self, settings: MonitorSettings) -> None:
         """Take new settings, of which only the configured natural frequency differs."""

@@ -64,7 +64,7 @@ class EstimateGate:
         if self._resumes and same:
             return self._accept(place, estimate)
         fault = _departure(last, place)
-        if fault is None and self._tracks and estimate.state is State.TRACKING:
+        if fault is None and self._tracks and estimate.state is State.TRACKING and last.sequence > 0:
             fault = None if estimate.samples > last.sequence else "it tracks without a further sample"
         rival = self._sources.rival(last, place, fault)
         if rival is not None:

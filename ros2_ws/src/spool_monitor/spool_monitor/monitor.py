@@ -18,6 +18,7 @@ from spool_monitor.detectors.data_fault import ESTIMATE, DataFaultWatch
 from spool_monitor.detectors.stale import STALE_AFTER, StaleWatch
 from spool_monitor.estimate_gate import EstimateGate
 from spool_monitor.event import Condition, Event, Namur, Severity
+from spool_monitor.parameter_drift import VISCOUS
 from spool_monitor.window import Line
 
 #: s, an estimator that starts with the data needs this long for its first estimate.
@@ -244,7 +245,15 @@ class Monitor:
         if self.estimate is None:
             return "waiting for estimates"
         state = self.estimate.state.name.lower().replace("_", " ")
-        return f"{state}, baseline {baseline.text}"
+        return f"{state}, baseline {baseline.text}{self._of_the_oil}"
+
+    @property
+    def _of_the_oil(self) -> str:
+        """What a missing temperature of the oil means for the drag, empty where it means nothing."""
+        viscous = self.detection.parameters[VISCOUS]
+        if viscous.incomparable:
+            return "; drag not judged: the oil temperature is unknown"
+        return "; drag judged with a wider limit: the oil temperature is unknown" if viscous.assumed else ""
 
 
 class HealthLevel(enum.IntEnum):

@@ -569,6 +569,7 @@ class AlarmServices:
 def _detector_status(task: str, detection: Detection, health: Health, shown: Iterable[Quantity]) -> Status:
     """Return what the detectors of ``task`` say; what they can't judge is said as well."""
     ours = [one for one in detection.detectors if one.kind.task == task]
+    names = {one.name for one in ours}
     conditions = [detection.conditions[one.name] for one in ours]
     active = [condition for condition in conditions if condition.active is not None]
     worst = max((condition.active for condition in active if condition.active is not None), default=None)
@@ -587,6 +588,10 @@ def _detector_status(task: str, detection: Detection, health: Health, shown: Ite
         text,
         {
             **{key(value.name, value.unit): value.value for value in shown},
-            **{f"{one.name}_judgement": JUDGEMENT_TEXTS[one.judgement] for one in ours},
+            **{
+                f"{name.rpartition('/')[2]}_judgement": JUDGEMENT_TEXTS[judgement]
+                for name, judgement in detection.judgements.items()
+                if name.partition("/")[0] in names
+            },
         },
     )

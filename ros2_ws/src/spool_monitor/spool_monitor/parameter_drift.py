@@ -73,6 +73,10 @@ REPEATS, LAGS, FOLLOWED = 0.3, 30.0, 60.0
 #: since the start value was learned, and K at most.
 VISCOSITY_PER_KELVIN, WARMS, WARMS_MOST = 0.05, 0.5 / 60.0, 25.0
 
+#: s for which a thermometer shows the same, bit for bit, from which it may stand still, where the drag
+#: changes meanwhile by this share or more: as by 6 K.
+STANDS, CHANGES = 30.0, 0.3
+
 #: Points that are kept; where there are more, every other one goes.
 MOST = 128
 #: Points, and memories of the estimator, from which a trend can be seen: what forgets shows a step as a rise.
@@ -187,6 +191,7 @@ class ParameterDrift:
         assumed: whether the oil was taken to be as warm as it was last, as its temperature is missing.
         incomparable: whether the oil's temperature is missing for so long, since a restart perhaps, that it
             could explain any value.
+        frozen: whether the thermometer has shown the same, bit for bit, since before the change began.
 
     """
 
@@ -208,6 +213,7 @@ class ParameterDrift:
     judged: bool = field(default=False, init=False)
     assumed: bool = field(default=False, init=False)
     incomparable: bool = field(default=False, init=False)
+    frozen: bool = field(default=False, init=False)
     _smoothed: float = field(default=math.nan, init=False)
     _variance: float = field(default=math.nan, init=False)
     _last: int = field(default=0, init=False)
@@ -216,6 +222,7 @@ class ParameterDrift:
     _celsius: float = field(default=math.nan, init=False)
     _ratio: float = field(default=math.nan, init=False)
     _referred_at: int = field(default=0, init=False)
+    _shown: tuple[float, int] = field(default=(math.nan, 0), init=False)
     _quantile: tuple[float, float] = field(default=(0.0, 0.0), init=False)
     _rising: int = field(default=0, init=False)
     _side: int = field(default=0, init=False)
@@ -301,6 +308,7 @@ class ParameterDrift:
             self.baseline.restart()
             self.referred = True
         if not self.referred:
+            self.incomparable = self.baseline.frozen and not self._may_have_changed(estimate) < 1.0
             return quantity
         self.assumed = not at_reference.known
         self.incomparable = False
@@ -319,6 +327,26 @@ class ParameterDrift:
         """Return by how much the drag may have changed since the oil's temperature was known, relative."""
         since = 1e-9 * (stamp - self._referred_at)
         return VISCOSITY_PER_KELVIN * min(WARMS_MOST, WARMS * (since if since >= 0.0 else math.inf))
+
+    def _may_have_changed(self, estimate: Estimate) -> float:
+        """Return by how much the oil may have changed the drag, relative, where nothing is referred to it."""
+        celsius, stamp = estimate.oil_temperature.value, estimate.stamp
+        warmer = abs(celsius - self.temperature)
+        if math.isnan(warmer):
+            # A start value from a former run, or a clock that was set back: any temperature is possible.
+            learned = self.learned_at
+            since = math.inf if learned is None or stamp < learned else 1e-9 * (stamp - learned)
+            warmer = min(WARMS_MOST, WARMS * since)
+        return VISCOSITY_PER_KELVIN * warmer
+
+    def _thermometer_stands(self, estimate: Estimate) -> bool:
+        """Return whether the temperature has been the same since before a large change of the drag began."""
+        celsius, (shown, since) = estimate.oil_temperature.value, self._shown
+        if celsius != shown or estimate.stamp < since:
+            self._shown = celsius, estimate.stamp
+            return False
+        long = estimate.stamp - since >= STANDS * 1e9 and since <= (self.since or estimate.stamp)
+        return long and abs(self.share) * self.matters >= CHANGES
 
     def _judge(self, estimate: Estimate, quantity: Quantity, size: float, seconds: float) -> None:
         self.judged = True
@@ -344,6 +372,7 @@ class ParameterDrift:
         self._side = side
         self._outlook.take(self._rising, estimate.stamp, change)
         self._memory = estimate.memory
+        self.frozen = self._thermometer_stands(estimate)
         unit = "1" if self.relative else quantity.unit
         shown, uncertain = self._smoothed * self.matters, deviation * self.matters
         self.change = Quantity(f"{self.parameter}_change", unit, shown, uncertain, Validity.VALID)
@@ -379,14 +408,7 @@ class ParameterDrift:
         """Return what the oil may change, relative: standard deviation, and a bound where it is unknown."""
         celsius = estimate.oil_temperature.value
         if not self.referred:
-            if math.isnan(celsius) or math.isnan(self.temperature):
-                # A start value from a former run, or a clock that was set back: any temperature is possible.
-                learned, stamp = self.learned_at, estimate.stamp
-                since = math.inf if learned is None or stamp < learned else 1e-9 * (stamp - learned)
-                warmer = min(WARMS_MOST, WARMS * since)
-            else:
-                warmer = abs(celsius - self.temperature)
-            return 0.0, VISCOSITY_PER_KELVIN * warmer
+            return 0.0, self._may_have_changed(estimate)
         if self.assumed:
             return 0.0, self._warmed(estimate.stamp)
         mean = self._celsius if math.isfinite(self._celsius) else celsius

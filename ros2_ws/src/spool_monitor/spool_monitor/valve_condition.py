@@ -31,8 +31,9 @@ _HEALTH = re.compile(r"/(?P<valve>[A-Za-z0-9_/]+)/health")
 def condition_of(health: ValveHealth | None, age: float) -> str:
     """Return the condition, one of ``CONDITIONS``, by the monitor's last word, which came ``age`` s ago.
 
-    It is good only where the monitor spoke lately, has a baseline and judges drift against it; a level or a
-    judgement that nobody knows is unknown.
+    It is good only where the monitor spoke lately, has a baseline and judges drift against it, of one
+    parameter of each detector at least: the summary names those that it cannot judge. A level or a judgement
+    that nobody knows is unknown.
     """
     if health is None or age > SILENT:
         return NO_WORD
@@ -41,7 +42,13 @@ def condition_of(health: ValveHealth | None, age: float) -> str:
     if health.baseline != ValveHealth.BASELINE_FROZEN:
         return LEARNING
     said = dict(judgement.partition(": ")[::2] for judgement in health.judgements)
-    return min((_JUDGEMENTS.get(said.get(name, ""), UNKNOWN) for name in DRIFT), key=CONDITIONS.index)
+    return min((_drift(name, said) for name in DRIFT), key=CONDITIONS.index)
+
+
+def _drift(name: str, said: dict[str, str]) -> str:
+    """Return the condition by what was ``said`` of the detector ``name`` and its parameters."""
+    partly = [judgement for one, judgement in said.items() if one.startswith(f"{name}/")]
+    return GOOD if "judged" in partly else _JUDGEMENTS.get(said.get(name, ""), UNKNOWN)
 
 
 def monitored_valves(node: Node) -> list[str]:

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ from spool_core.events.event import Urgency
 from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.estimate import Estimate, State
 from spool_estimator.estimator import Estimator, settings_for
-from spool_monitor.detectors import MonitorSettings
+from spool_monitor.detectors import Judgement, MonitorSettings
 from spool_monitor.event import Event, Severity
 from spool_monitor.monitor import Monitor
 from spool_monitor.parameter_drift import ParameterDrift
@@ -201,3 +202,33 @@ def test_a_start_value_without_temperature_goes_on_without_it() -> None:
         made.update(at(second, 2.0, None))
     made.update(at(3, 2.2, 3.0))
     assert made.change.value == pytest.approx(0.1)
+
+
+def test_without_a_thermometer_the_drag_is_judged_until_the_oil_could_explain_all_of_it() -> None:
+    """Dry friction is judged all the time: what is judged is said of each parameter."""
+    monitor = Monitor(MonitorSettings(natural_frequency=15.15, baseline_time=3.0))
+    monitor.gate.accepted, seen = 1, {}
+    for second in (*range(1, 10), *range(600, 610), *range(3600, 3610)):
+        monitor.update_estimate(at(second, 2.0, None))
+        seen[second] = dict(monitor.health.judgements), monitor.health.summary
+    for second in (9, 609):
+        assert seen[second][0]["friction_drift/viscous_coefficient"] is Judgement.JUDGED
+    judgements, summary = seen[3609]
+    assert judgements["friction_drift/viscous_coefficient"] is Judgement.NOT_JUDGED
+    assert judgements["friction_drift/coulomb_force"] is Judgement.JUDGED
+    assert judgements["spring_change/spring_stiffness"] is Judgement.JUDGED
+    assert summary == "tracking, baseline learned; drag not judged: the oil temperature is unknown"
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.1])
+def test_a_thermometer_that_stands_still_while_the_drag_falls_by_half_is_named(noise: float) -> None:
+    monitor, draw, events = Monitor(MonitorSettings(natural_frequency=15.15)), np.random.default_rng(1), []
+    for second in range(1, 200):
+        drag = 4.0 if second < 100 else 2.0
+        shown = 20.0 + noise * draw.standard_normal()
+        celsius = Quantity("oil_temperature", "deg C", shown, 0.3, Validity.VALID)
+        events += monitor.update_estimate(replace(at(second, drag, drag), oil_temperature=celsius))
+    facts = events[-1].facts
+    shares = dict(zip(facts.causes, facts.probabilities, strict=True))
+    assert facts.note == ("oil_referred" if noise else "oil_temperature_frozen")
+    assert shares["wear"] == pytest.approx(0.75 if noise else 0.5)

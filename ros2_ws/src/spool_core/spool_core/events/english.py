@@ -275,6 +275,9 @@ WORDS = {
     "not_seen_any_more": "the fault is not seen any more",
     "changes_again": "both accelerometers change from sample to sample",
     "oil_referred": "compared at the same oil temperature",
+    "oil_temperature_frozen": (
+        "the thermometer shows the same as before the change: if it is frozen, warm oil looks like wear"
+    ),
     "oil_temperature_unknown": "the oil temperature is unknown, so thinner oil may look like wear",
     "seconds": "s",
     "minutes": "min",

@@ -238,6 +238,9 @@ WORDS = {
     "not_seen_any_more": "der Fehler ist nicht mehr zu sehen",
     "changes_again": "beide Beschleunigungssensoren ändern sich von Wert zu Wert",
     "oil_referred": "bei gleicher Öltemperatur verglichen",
+    "oil_temperature_frozen": (
+        "das Thermometer zeigt seit vor der Änderung dasselbe: steht es, sieht warmes Öl wie Verschleiß aus"
+    ),
     "oil_temperature_unknown": "die Öltemperatur ist unbekannt: dünneres Öl kann wie Verschleiß aussehen",
     "seconds": "s",
     "minutes": "min",

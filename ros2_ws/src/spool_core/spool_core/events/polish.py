@@ -229,6 +229,9 @@ WORDS = {
     "not_seen_any_more": "usterki już nie widać",
     "changes_again": "oba akcelerometry zmieniają się z próbki na próbkę",
     "oil_referred": "porównano w tej samej temperaturze oleju",
+    "oil_temperature_frozen": (
+        "termometr pokazuje to samo od chwili przed zmianą: jeśli stoi, ciepły olej wygląda jak zużycie"
+    ),
     "oil_temperature_unknown": "temperatura oleju jest nieznana: rzadszy olej może wyglądać jak zużycie",
     "seconds": "s",
     "minutes": "min",

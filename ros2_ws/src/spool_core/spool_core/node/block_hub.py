@@ -304,8 +304,8 @@ class Worker:
     """Worker that runs jobs in order, each for an owner.
 
     A job that does not return is given up with its thread: another thread goes on with the jobs of all other
-    owners, and nothing of theirs is lost. What hangs is told from what other programs keep from a processor by
-    the time in which a job had one, or slept although it could have had one.
+    owners, and nothing of theirs is lost. A job hangs that was served for too long: it had a processor,
+    or slept although it could have had one. What other programs keep from a processor does not.
 
     Attributes:
         done: jobs that returned.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import enum
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import ClassVar, NamedTuple
@@ -201,9 +201,10 @@ class Detector(ABC):
         del settings
 
 
-def judgement(moment: Moment, parameters: tuple[ParameterDrift, ...]) -> Judgement:
-    """Return how far ``parameters`` can be judged now."""
-    if moment.distrust or any(one.incomparable for one in parameters):
+def judgement(distrust: str, parameters: Iterable[ParameterDrift]) -> Judgement:
+    """Return how far all of ``parameters`` can be judged now; ``distrust`` says why none can, if it does."""
+    parameters = tuple(parameters)
+    if distrust or any(one.incomparable for one in parameters):
         return Judgement.NOT_JUDGED
     if not all(one.baseline.frozen for one in parameters):
         return Judgement.LEARNING

@@ -63,7 +63,7 @@ class FrictionDrift(Detector):
         if moment.estimate is None:
             return None
         viscous, coulomb = (moment.parameters["viscous_coefficient"], moment.parameters["coulomb_force"])
-        self.judgement = judgement(moment, (viscous, coulomb))
+        self.judgement = judgement(moment.distrust, (viscous, coulomb))
         levels = [one.level for one in (viscous, coulomb) if one.level is not None]
         indicated: Severity | None = max(levels, default=None)
         warmer = moment.estimate.oil_temperature.value - viscous.temperature
@@ -79,6 +79,7 @@ class FrictionDrift(Detector):
             if any(one.parameter == VISCOUS for one in causes):
                 unknown = "" if math.isfinite(warmer) else "oil_temperature_unknown"
                 note = "oil_referred" if viscous.referred and not viscous.assumed else unknown
+                note = "oil_temperature_frozen" if viscous.frozen else note
             return replace(
                 leading.facts(),
                 causes=tuple(one.name for one in causes),
@@ -147,6 +148,8 @@ def rank_friction(
     if drag < 0.0:
         explained = not viscous.referred and _explains(warmer, drag * viscous.matters)
         shares = (0.3, 0.7) if explained else (0.75, 0.25)
+        if viscous.frozen:  # a thermometer that stands still says nothing of the oil
+            shares = (0.5, 0.5)
         scores["wear"] = (-shares[0] * drag * drag_weight, VISCOUS)
         scores["oil_viscosity"] = (-shares[1] * drag * drag_weight, VISCOUS)
     total = sum(score for score, _ in scores.values())

@@ -44,7 +44,7 @@ class SpringChange(Detector):
         if moment.estimate is None:
             return None
         stiffness = moment.parameters["spring_stiffness"]
-        self.judgement = judgement(moment, (stiffness,))
+        self.judgement = judgement(moment.distrust, (stiffness,))
         cause = "softer" if stiffness.share < 0.0 else "stiffer"
         natural = moment.estimate.natural_frequency
 
