@@ -37,6 +37,7 @@ from spool_monitor.event import Event, Namur, Severity
 from spool_monitor.monitor import Health, HealthLevel, Monitor
 from spool_monitor.state_file import default_folder, valve_folder
 from spool_monitor.trend_writer import TrendWriter
+from spool_monitor.valve_condition import ENDS
 from spool_monitor.valve_state import TRENDS, ValveState
 from spool_monitor.warm_up import warm_up_monitor
 
@@ -345,12 +346,18 @@ def data_status(detection: Detection, gate: BlockGate, health: Health) -> Status
 
 
 def condition_status(detection: Detection, health: Health) -> Status:
-    """Return what is wrong with the valve and how it moves."""
+    """Return what is wrong with the valve, how it moves, and between which values no drift is reported."""
     shown = (
         health.dominant_frequency, health.amplification, health.natural_frequency, health.viscous_drift,
         health.coulomb_drift,
     )  # fmt: skip
-    return _detector_status("condition", detection, health, shown)
+    status = _detector_status("condition", detection, health, shown)
+    warns = {
+        key(f"{name}_{end}", detection.units[name]): value
+        for name, drift in detection.parameters.items()
+        for end, value in zip(ENDS, drift.bounds, strict=True)
+    }
+    return replace(status, values={**status.values, **warns})
 
 
 class AlarmServices:

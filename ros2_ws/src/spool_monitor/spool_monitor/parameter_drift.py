@@ -454,6 +454,15 @@ class ParameterDrift:
         return base + math.copysign(passed * size, self.share)
 
     @property
+    def bounds(self) -> tuple[float, float]:
+        """Values of the parameter, lowest and highest, beyond which it warns; NaN where nothing is judged."""
+        base = self.baseline.value
+        if not self.baseline.frozen or math.isnan(self._variance) or self.incomparable:
+            return math.nan, math.nan
+        width = self.sum.allowance * self.matters * (abs(base) if self.relative else 1.0)
+        return base - width, base + width
+
+    @property
     def time_to_alarm(self) -> float:
         """Time, s, until the change reaches the size of an alarm; NaN where it has, or no trend tells it."""
         seconds = self._outlook.seconds_to(ALARMS, self._memory)

@@ -23,6 +23,8 @@ _LEVELS = {
 }
 #: Detectors that compare the valve with its baseline: it is good only where all of them judge.
 DRIFT = ("friction_drift", "spring_change")
+#: Ends of a parameter's name in ``/diagnostics``, as ``coulomb_force_low_N``: beyond these values it warns.
+ENDS = ("low", "high")
 #: What the monitor says of a detector (`ValveHealth.msg`, judgements), and what that makes of the valve.
 _JUDGEMENTS = {"judged": GOOD, "learning": LEARNING, "not enough excitation": AT_REST}
 _HEALTH = re.compile(r"/(?P<valve>[A-Za-z0-9_/]+)/health")

@@ -283,6 +283,17 @@ def test_the_limit_follows_from_the_interval_between_false_alarms(days: float) -
     assert 3.0 * exceeds * days * 144.0 == pytest.approx(1.0, rel=0.1)
 
 
+@pytest.mark.parametrize("relative", [True, False])
+def test_a_change_is_reported_beyond_the_bounds_that_are_shown(relative: bool) -> None:
+    made = learned(relative=relative)
+    assert all(math.isnan(one) for one in made.bounds)
+    made.update(estimate(5.0, 2.0))
+    low, high = made.bounds
+    for bound, further in ((low, -0.06), (high, 0.06)):  # the limit grows with the drag
+        assert math.isfinite(found_after(learned(relative=relative), [bound + further] * 60))
+        assert not math.isfinite(found_after(learned(relative=relative), [bound - further] * 60))
+
+
 def test_it_tells_since_when() -> None:
     made = learned()
     after = found_after(made, [2.0] * 100 + [1.4] * 20)

@@ -10,6 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
+from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.srv import GetParameters
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
@@ -29,7 +30,7 @@ from std_srvs.srv import Trigger
 from spool_view import operator as operating
 from spool_view.application import ServerThread, application
 from spool_view.operator import Act, Desk, Outcome
-from spool_view.view import NAMES, Board, HeardValve, alarms_of, spectrum_of
+from spool_view.view import BAND, Board, HeardValve, alarms_of, bounds_of, spectrum_of
 
 #: Folder of token and log below the state folder.
 FOLDER = "web_page"
@@ -308,6 +309,8 @@ class Listening:
         ):
             made = subscribe(kind, f"/{name}/{topic}", take, quality, raw=raw)
             self._opened[name].append(made)
+        made = subscribe(DiagnosticArray, "/diagnostics", partial(_take_bounds, valve), qos.diagnostics())
+        self._opened[name].append(made)
 
     def _close(self, name: str) -> None:
         for one in self._opened.pop(name):
@@ -315,6 +318,7 @@ class Listening:
         valve = self._board.valves[name]
         valve.blocks.clear()
         valve.gap = valve.estimate = None
+        valve.bounds = {}
         self._asked.pop(name, None)
 
     def _ask(self, valve: HeardValve) -> None:
@@ -324,13 +328,11 @@ class Listening:
 
         def take_limits(answer: Future[Any]) -> None:
             got = answer.result()
-            values = [] if got is None else got.values
-            named = zip(NAMES, values, strict=False)
-            _keep(valve, "limits", {name: float(value.double_value) for name, value in named})
+            _keep(valve, "limits", {BAND: float(got.values[0].double_value)} if got and got.values else {})
 
         show = ManageBaseline.Request(action=ManageBaseline.Request.SHOW)
         _ask(self._calls, valve.name, "manage_baseline", show).add_done_callback(take_baseline)
-        limits = GetParameters.Request(names=list(NAMES))
+        limits = GetParameters.Request(names=[BAND])
         _ask(self._calls, valve.name, "get_parameters", limits).add_done_callback(take_limits)
 
 
@@ -389,8 +391,16 @@ def _outcome(act: Act, answer: Any) -> Outcome:
     return Outcome(True, ", ".join(getattr(answer, "changed", ())) or str(getattr(answer, "stage", "")))
 
 
+def _take_bounds(valve: HeardValve, message: DiagnosticArray) -> None:
+    bounds = bounds_of(message.status, valve.name)
+    if bounds is not None and repr(bounds) != repr(valve.bounds):  # NaN is another one each time
+        _keep(valve, "bounds", bounds)
+
+
 def _keep(
-    valve: HeardValve, what: Literal["estimate", "alarms", "gap", "baseline", "limits"], value: object
+    valve: HeardValve,
+    what: Literal["estimate", "alarms", "gap", "baseline", "limits", "bounds"],
+    value: object,
 ) -> None:
     setattr(valve, what, value)
     valve.changes += 1

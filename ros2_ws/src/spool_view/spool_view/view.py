@@ -17,7 +17,7 @@ from spool_core.node.messages import from_event_message
 from spool_core.uncertainty import Z_95, interval, number
 from spool_monitor.state_file import valve_folder
 from spool_monitor.trend import KEPT, TrendStore, finest, own_file
-from spool_monitor.valve_condition import NO_WORD, condition_of
+from spool_monitor.valve_condition import ENDS, NO_WORD, condition_of
 from spool_msgs.msg import Alarm, GapAnalysis, HealthEvent, Quantity
 
 #: Valves that are held at most; the first ones heard stay.
@@ -31,16 +31,8 @@ WAITING = ("unacknowledged", "returned_unacknowledged", "latched_unacknowledged"
 #: What the monitor says where the strongest line is too weak to be one of the machine's.
 AT_REST = "resonance: not enough excitation"
 
-#: The monitor's limit of each parameter, and whether it is relative to the baseline.
-LIMITS = {
-    "spring_stiffness": ("stiffness_change", True),
-    "viscous_coefficient": ("viscous_change", True),
-    "coulomb_force": ("coulomb_change", False),
-}
 #: The monitor's limit of the distance to the natural frequency.
 BAND = "resonance_band"
-#: All of the monitor's limits that are shown.
-NAMES = (*(name for name, _ in LIMITS.values()), BAND)
 _STATES = ("unknown", "learning", "tracking", "not_excited", "stale", "settling")
 _OTHERS = (
     "natural_frequency", "damping_ratio", "oil_temperature", "residual", "excitation",
@@ -90,8 +82,9 @@ _VALIDITIES = {
 class HeardValve:
     """Its last messages and when the monitor's last word arrived (s, monotonic).
 
-    ``estimate``, ``gap``, ``baseline`` and ``limits`` are looked at only while the valve's page is open.
-    ``changes`` counts what came.
+    ``estimate``, ``gap``, ``baseline``, ``limits`` and ``bounds`` are heard only while the valve's page is
+    open. ``bounds``: values beyond which the monitor warns, by their keys in ``/diagnostics``. ``changes``
+    counts what came.
     """
 
     name: str
@@ -102,6 +95,7 @@ class HeardValve:
     gap: Any = None
     baseline: Any = None
     limits: dict[str, float] = field(default_factory=dict)
+    bounds: dict[str, float] = field(default_factory=dict)
     blocks: deque[bytes] = field(default_factory=lambda: deque(maxlen=MOST_BLOCKS))
     changes: int = 0
 
@@ -356,6 +350,19 @@ def hertz(quantity: Any) -> str | None:
     return f"{quantity.value:.1f}" if known(quantity) else None
 
 
+def bounds_of(statuses: Sequence[Any], name: str) -> dict[str, float] | None:
+    """Return the values beyond which the monitor of the valve ``name`` warns, ``None`` where it says nothing.
+
+    Args:
+        statuses: of a message of ``/diagnostics``.
+        name: namespace of the valve.
+    """
+    said = next((one.values for one in statuses if one.name == f"{name}/monitor: condition"), None)
+    if said is None:
+        return None
+    return {one.key: float(one.value) for one in said if any(f"_{end}" in one.key for end in ENDS)}
+
+
 def _parameter(valve: HeardValve, quantity: Any) -> dict[str, Any]:
     """Return an estimate with its baseline and the limits that the monitor warns at."""
     compared = quantity
@@ -370,11 +377,10 @@ def _parameter(valve: HeardValve, quantity: Any) -> dict[str, Any]:
     if baseline is None or not math.isfinite(baseline.value):
         return found
     found["baseline"] = shown(baseline)
-    limit, relative = LIMITS.get(quantity.name, ("", False))
-    change = valve.limits.get(limit)
-    if change is not None:
-        change = abs(baseline.value) * change if relative else change
-        found["low"], found["high"] = rounded(baseline.value - change), rounded(baseline.value + change)
+    for end in ENDS:
+        told = (value for name, value in valve.bounds.items() if name.startswith(f"{quantity.name}_{end}"))
+        bound = next(told, math.nan)
+        found[end] = rounded(bound) if math.isfinite(bound) else None
     if known(compared) and baseline.value:
         found["change"] = rounded(100.0 * (compared.value / baseline.value - 1.0), 3)
     return found

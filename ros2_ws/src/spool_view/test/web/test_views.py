@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from spool_monitor import valve_state
 from spool_monitor.detectors import DETECTORS, JUDGEMENT_TEXTS
 from spool_monitor.state_file import valve_folder
@@ -25,6 +26,7 @@ from spool_view.view import (
     Board,
     HeardValve,
     alarms_of,
+    bounds_of,
     detail_of,
     row_of,
     shown,
@@ -99,12 +101,18 @@ def test_estimates_stand_against_baseline_and_limits() -> None:
         quantity("viscous_coefficient", "N s/m", 8.0, 0.05),
         quantity("coulomb_force", "N", 0.09, 0.005),
     ]
-    one.limits = {"viscous_change": 0.2, "coulomb_change": 0.1, "resonance_band": 0.15}
+    one.limits = {"resonance_band": 0.15}
+    one.bounds = {
+        "viscous_coefficient_low_N_s_per_m": 7.2, "viscous_coefficient_high_N_s_per_m": 8.8,
+        "coulomb_force_low_N": 0.07, "coulomb_force_high_N": 0.11,
+        "spring_stiffness_low_N_per_m": math.nan, "spring_stiffness_high_N_per_m": math.nan,
+    }  # fmt: skip
     detail = detail_of(one, 100.0)
     stiffness, viscous, coulomb = detail["estimate"]["parameters"]
     assert stiffness["baseline"] is None
-    assert (viscous["low"], viscous["high"], viscous["change"]) == (6.4, 9.6, 2.5)
-    assert (coulomb["low"], coulomb["high"]) == (-0.01, 0.19)
+    assert (viscous["low"], viscous["high"], viscous["change"]) == (7.2, 8.8, 2.5)
+    assert (coulomb["low"], coulomb["high"]) == (0.07, 0.11)
+    assert (stiffness["low"], stiffness["high"]) == (None, None)
     assert (viscous["text"], viscous["half"]) == ("8.20", "0.20")
     assert detail["resonance"]["band"] == 15.0
     assert detail_of(one, 200.0)["estimate"]["state"] == "stale"
@@ -237,3 +245,21 @@ def test_a_rate_is_limited_after_a_burst_and_recovers() -> None:
 def test_health_of_a_message_that_nobody_filled_claims_nothing() -> None:
     empty = HeardValve("v", ValveHealth(), 100.0)
     assert row_of(empty, 100.0)["condition"] == "unknown"
+
+
+def test_the_limits_are_those_that_the_monitor_itself_tells() -> None:
+    values = {
+        "coulomb_force_low_N": "0.09",
+        "coulomb_force_high_N": "nan",
+        "friction_drift_judgement": "judged",
+    }
+    pairs = [KeyValue(key=key, value=value) for key, value in values.items()]
+    statuses = [
+        DiagnosticStatus(name="valve_2/monitor: condition", values=[KeyValue(key="x_low", value="1")]),
+        DiagnosticStatus(name="valve_1/monitor: data"),
+        DiagnosticStatus(name="valve_1/monitor: condition", values=pairs),
+    ]
+    assert (
+        repr(bounds_of(statuses, "valve_1")) == "{'coulomb_force_low_N': 0.09, 'coulomb_force_high_N': nan}"
+    )
+    assert bounds_of(statuses[:2], "valve_1") is None
