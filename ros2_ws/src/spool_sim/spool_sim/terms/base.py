@@ -91,7 +91,7 @@ class Term(ABC):
     Attributes:
         name: as in model files and reports.
         parameters: what the force depends on apart from the motion.
-        law: the force as text.
+        law: the force as text, an equation of z, z' and t with one symbol for each parameter.
         source: equation in the paper, and what was decided about the print.
         meaning: what it stands for on the machine.
         check: what to look at on the machine when a fit finds it.

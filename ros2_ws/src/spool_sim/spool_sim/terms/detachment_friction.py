@@ -46,7 +46,7 @@ class DetachmentFrictionTerm(Term):
         Parameter("detachment_drag", "N s/m", 0.0, 1e5, 2.0, "b: viscous part"),
         Parameter("detachment_dry_force", "N", 0.0, 1e4, 0.4, "F_Ts: dry friction"),
     )
-    law = "F = b z' + [F_od (1 - abs(z')/v_p)^4 + F_Ts] Sgn(z'), bracket 0 above v_p"
+    law = "F = b z' + [F_od max(0, 1 - abs(z')/v_p)^4 + F_Ts] Sgn(z')"
     source = (
         "equation (9); printed with b abs(v) and F_od without sign, which would push for v < 0, and "
         "without the limit at v_p: see detachment_friction_printed"

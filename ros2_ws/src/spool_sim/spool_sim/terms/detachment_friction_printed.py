@@ -42,7 +42,7 @@ class DetachmentFrictionPrintedTerm(Term):
 
     name = "detachment_friction_printed"
     parameters = DetachmentFrictionTerm.parameters
-    law = "F = F_od (1 - abs(z')/v_p)^4 + b abs(z') + F_Ts Sgn(z')"
+    law = "F = F_od max(0, 1 - abs(z')/v_p)^4 + b abs(z') + F_Ts Sgn(z')"
     source = "equation (9) as printed, for comparison only"
     meaning = "none: drag that does not know the direction of motion"
     check = "use detachment_friction"
