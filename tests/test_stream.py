@@ -78,14 +78,13 @@ def _run_10_khz(
         assert simulator.end(signal.SIGINT) == 0
         stale = time.monotonic()
         tasks = ("valve_1/estimator: estimate", "valve_1/monitor: data")
-        system.until(
-            lambda: all(
-                system.statuses(task, after=stale)
-                and system.statuses(task, after=stale)[-1][1].level == DiagnosticStatus.STALE
-                for task in tasks
-            ),
-            "the nodes have had everything",
-        )
+
+        def had_everything(task: str) -> bool:
+            told = system.statuses(task, after=stale)
+            last = told and told[-1][1].level == DiagnosticStatus.STALE
+            return bool(last) and system.numbers(task)["blocks_used"] == str(blocks.last.sequence + 1)
+
+        system.until(lambda: all(map(had_everything, tasks)), "the nodes have had everything")
         told = [system.numbers(task) for task in (*tasks, "recorder: recording")]
         assert recorder.end(signal.SIGINT) == 0
         reader = BagReader(folder / "bag")
