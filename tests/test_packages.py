@@ -183,6 +183,22 @@ def test_what_has_no_rosdep_key_is_documented():
         assert name in readme
 
 
+@pytest.mark.parametrize("package", PACKAGES, ids=lambda path: path.name)
+def test_tests_of_a_copied_package_can_be_imported(package: Path):
+    """As ``colcon test`` imports them: by their folder, or from the topmost one with an ``__init__.py``."""
+    files = [path for path in (package / "test").rglob("*.py") if path.name != "__init__.py"]
+    alone = [path for path in files if not (path.parent / "__init__.py").exists()]
+    names = [path.name for path in alone if path.name != "conftest.py"]
+    assert len(set(names)) == len(names)
+    for path in files:
+        relative = [
+            node.level
+            for node in ast.parse(path.read_text()).body
+            if isinstance(node, ast.ImportFrom) and node.level
+        ]
+        assert not relative or (path not in alone and max(relative) == 1), path
+
+
 @pytest.mark.parametrize("tests", ["spool_core/test/node", "spool_view/test/web", "spool_bringup/test"])
 def test_tests_of_a_copied_package_find_their_fixtures(tests: str, tmp_path: Path) -> None:
     """As ``colcon test`` runs them in another workspace, without the conftest.py of the checkout."""

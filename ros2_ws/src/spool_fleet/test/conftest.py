@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from spool_tools.operations.simulation import simulate
+
+
+@pytest.fixture
+def make_bag() -> Callable[..., Path]:
+    """Return what simulates a bag."""
+    return simulated_bag
 
 
 def simulated_bag(path: Path, seed: int, *, celsius: float = 40.0, seconds: float = 8.0) -> Path:

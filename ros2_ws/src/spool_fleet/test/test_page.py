@@ -20,8 +20,6 @@ from spool_fleet.fleet_page import fleet_page
 from spool_fleet.judgement import write_trends
 from spool_fleet.manifest import Entry, Manifest, Service, StoredResult
 
-from .conftest import simulated_bag
-
 AXE = Path(__file__).parents[2] / "spool_view" / "test" / "web" / "vendor" / "axe.min.js.gz"
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 #: Nothing that the browser asks for by itself may be found.
@@ -448,12 +446,15 @@ def test_print_opens_the_valves_that_changed_and_no_others(
 
 @pytest.mark.slow
 def test_reports_are_made_of_bags_that_are_there_and_linked(
-    tmp_path: Path, open_page: Callable[..., Any], capsys: pytest.CaptureFixture[str]
+    tmp_path: Path,
+    open_page: Callable[..., Any],
+    capsys: pytest.CaptureFixture[str],
+    make_bag: Callable[..., Path],
 ) -> None:
     store = Fabricated(tmp_path / "store")
     for valve in ("valve_1", "valve_2", "valve_3", "valve_4"):
         store.valve("press_1", valve, wears=0.05 if valve == "valve_2" else 0.0, since=14.0)
-    bag = str(simulated_bag(tmp_path / "bag of <press>", 1))
+    bag = str(make_bag(tmp_path / "bag of <press>", 1))
     store.bag("press_1", "valve_2", WEEKS, path=bag, drag=0.75)
     content = store.written()
     out = tmp_path / "fleet.html"

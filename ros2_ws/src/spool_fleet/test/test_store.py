@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -17,8 +18,6 @@ from spool_fleet.manifest import Manifest
 from spool_fleet.operations import add_service, add_to_store, answer, run_over_store
 from spool_fleet.parquet import RECORD_TABLES
 from spool_tools.outputs import write_json
-
-from .conftest import simulated_bag
 
 PATTERN = "{machine}/{date}/{valve}"
 
@@ -152,7 +151,9 @@ def test_machines_that_cannot_be_distinguished_are_not_merged(recordings: Path, 
 
 
 @pytest.mark.slow
-def test_nothing_is_done_twice_and_a_changed_bag_is_done_again(recordings: Path, tmp_path: Path) -> None:
+def test_nothing_is_done_twice_and_a_changed_bag_is_done_again(
+    recordings: Path, tmp_path: Path, make_bag: Callable[..., Path]
+) -> None:
     folder, store = tmp_path / "bags", tmp_path / "store"
     shutil.copytree(recordings / "press_1", folder / "press_1")
     add_to_store(store, [folder], PATTERN, None, "", 1)
@@ -163,7 +164,7 @@ def test_nothing_is_done_twice_and_a_changed_bag_is_done_again(recordings: Path,
     assert tables_of(store) == before
     bag = folder / "press_1/2026-03-02/valve_1"
     shutil.rmtree(bag)
-    simulated_bag(bag, 77)
+    make_bag(bag, 77)
     assert add_to_store(store, [folder], PATTERN, None, "", 1).new == 1
     assert run_over_store(store, "features", 1, None)[0].bags == 1
     assert tables_of(store) != before
@@ -227,10 +228,12 @@ def test_the_reason_of_a_failed_analysis_says_whose_fault_it_is(
     assert ("a fault of the suite" in outcome.reason) == ours
 
 
-def test_an_analysis_that_fails_says_why_and_stops_nothing(recordings: Path, tmp_path: Path) -> None:
+def test_an_analysis_that_fails_says_why_and_stops_nothing(
+    recordings: Path, tmp_path: Path, make_bag: Callable[..., Path]
+) -> None:
     folder = tmp_path / "bags"
     shutil.copytree(recordings / "press_1/2026-03-02", folder / "press_1/2026-03-02")
-    simulated_bag(folder / "press_1/2026-03-02/short", 5, seconds=1.0)
+    make_bag(folder / "press_1/2026-03-02/short", 5, seconds=1.0)
     store = tmp_path / "store"
     add_to_store(store, [folder], PATTERN, None, "", 1)
     result, _ = run_over_store(store, "fit", 1, None)

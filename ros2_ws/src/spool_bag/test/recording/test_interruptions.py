@@ -17,6 +17,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import NamedTuple
 
+import numpy as np
 import pytest
 from hypothesis import Phase, example, given, settings
 from hypothesis import strategies as st
@@ -36,8 +37,7 @@ from spool_bag.writer import PartLimits
 from spool_core.block import Block
 from spool_core.cdr import encode_block
 
-from .conftest import PERIOD, START, make_block
-from .test_parts import KIND, Quiet, wait_for
+from .test_parts import KIND, START, Quiet, wait_for
 from .test_snapshot import block as stamped_block
 from .test_snapshot import event
 
@@ -78,8 +78,8 @@ class Publishers:
     def block(self, source: int) -> Recorded:
         number = self.sent[f"source {source}"]
         self.sent[f"source {source}"] += 1
-        made = make_block(number + 1_000_000 * source, size=4)
-        made = Block(self.now, number, PERIOD, made.body, made.spool)
+        rows = np.random.default_rng(number + 1_000_000 * source).standard_normal((2, 4)).astype(np.float32)
+        made = Block(self.now, number, 0.0005, *rows)
         return Recorded(ACCELERATION, ACCELERATION_BLOCK, self.now, self.now, encode_block(made, "valve_1"))
 
     def stretch(self, count: int) -> list[Recorded]:
