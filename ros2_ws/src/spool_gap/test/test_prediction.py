@@ -17,7 +17,7 @@ from spool_gap.catalogue import EFFECTS
 from spool_gap.likelihood.kernel import motions_for
 from spool_gap.likelihood.prediction import FREE, Prediction, Predictions, _step_of
 from spool_gap.likelihood.readings import bridged, readings_of
-from spool_gap.likelihood.structure import CHAIN_PARTS, Structure, inverse, mode, mode_of_other, structure_of
+from spool_gap.likelihood.structure import CHAIN_PARTS, Limits, Structure, inverse, structure_of
 from spool_gap.likelihood.structure_fit import StructureFit, fit_structure
 from spool_sim.excitation import SteppedSine, SweptSine
 from spool_sim.model import MODELS, Model, model_from_mapping
@@ -350,19 +350,24 @@ def test_a_bridge_ends_at_the_measured_samples_whatever_the_zero_of_the_guess() 
 
 
 @pytest.mark.parametrize("channel", ["body", "spool"])
-@settings(max_examples=30)
-@given(share=st.floats(-2.0, 0.8), natural=st.floats(20.0, 500.0), damping=st.floats(0.01, 0.3))
-def test_a_mode_of_one_channel_acts_like_one_of_the_other(
-    channel: str, share: float, natural: float, damping: float
+def test_a_mode_has_a_share_of_the_reading_and_the_damping_of_a_mounting(channel: str) -> None:
+    key = f"{channel}_extra_mode"
+    bounds = {one.name: (one.low, one.high) for one in structure_of(BASE, VALVE, (), (key,)).unknowns(10.0)}
+    assert bounds[f"{channel}_mode_share"] == (0.0, 1.0)
+    assert bounds[f"{channel}_mode_damping"] == (2e-3, 0.2)
+
+
+@given(slowest=st.floats(1e-4, 0.1), reach=st.floats(1e-5, 1e-2), force=st.floats(1e-3, 10.0))
+def test_laws_of_friction_keep_to_what_the_record_resolves(
+    slowest: float, reach: float, force: float
 ) -> None:
-    own = {
-        f"{channel}_mode_share": share,
-        f"{channel}_mode_frequency": natural,
-        f"{channel}_mode_damping": damping,
-    }
-    frequency = np.linspace(1.0, 800.0, 100)
-    product = mode(frequency, *own.values()) * mode(frequency, *mode_of_other(own, channel).values())
-    assert np.abs(product - 1.0).max() < 1e-9
+    start = structure_of(BASE, VALVE, ("stribeck_friction",), (), {"stribeck_velocity": 1e-5})
+    fitted = replace(start, limits=Limits(slowest, reach)).bounded(10.0)
+    assert fitted.values["stribeck_velocity"] == slowest
+    values = {"dahl_force": force, "dahl_stiffness": 1.0}
+    start = structure_of(BASE, VALVE, ("presliding_friction",), (), values)
+    fitted = replace(start, limits=Limits(slowest, reach)).bounded(10.0)
+    assert fitted.values["dahl_force"] / fitted.values["dahl_stiffness"] <= reach * (1.0 + 1e-9)
 
 
 @pytest.mark.parametrize(

@@ -25,7 +25,7 @@ from spool_gap.likelihood.search import COMPARED, DECISIVE, Search
 from spool_gap.likelihood.structure import mode, structure_of
 from spool_gap.likelihood.structure_fit import fit_structure
 from spool_gap.result import GapResult, GapSettings
-from spool_sim.excitation import SweptSine
+from spool_sim.excitation import Excitation, Multisine, SweptSine
 from spool_sim.model import MODELS, Model
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
@@ -48,10 +48,10 @@ HIDDEN = {
 
 
 @lru_cache
-def record(effect: str = "", **given: float) -> Record:
+def record(effect: str = "", excitation: Excitation = SWEEP, **given: float) -> Record:
     terms = [term(one) for one in effect.split("+") if one]
     simulator = Simulator(
-        VALVE, SWEEP, model=Model("hidden", (*BASE.terms, *terms), {}), parameters=given,
+        VALVE, excitation, model=Model("hidden", (*BASE.terms, *terms), {}), parameters=given,
         sample_rate=RATE, block_size=50, seed=5,
         body_sensor=Sensor(noise=NOISE), spool_sensor=Sensor(noise=NOISE),
     )  # fmt: skip
@@ -146,6 +146,22 @@ def test_the_fitted_motion_shows_a_small_effect_beside_a_mode_better_than_the_me
     )
     assert by_fitted > 1.5 * by_measured
     assert by_fitted > DECISIVE
+
+
+@pytest.mark.parametrize("channel", ["body", "spool"])
+def test_a_strong_mode_of_a_mounting_is_found_in_its_own_channel(channel: str) -> None:
+    excitation = Multisine(low_frequency=8.0, high_frequency=90.0, rms=7.0, seed=2)
+    healthy = record("damping_drift", excitation=excitation, damping_drift_rate=-0.001)
+    row = getattr(healthy, channel)
+    lines = np.maximum(np.fft.rfftfreq(row.size, healthy.sample_period), 0.1)
+    through = np.fft.irfft(np.fft.rfft(row) * mode(lines, 1.0, 70.0, 0.05), row.size)
+    moved = replace(healthy, **{channel: np.asarray(through)})
+    search = Search(predictions(moved), structure_of(BASE, VALVE), [])
+    search.run()
+    found = search.simplest.structure
+    assert found.parts == (f"{channel}_extra_mode",)
+    assert found.values[f"{channel}_mode_frequency"] == pytest.approx(70.0, rel=0.02)
+    assert found.values[f"{channel}_mode_share"] == pytest.approx(1.0, abs=0.05)
 
 
 def test_a_plainer_law_is_tried_in_place_of_the_best_one_however_late_it_is() -> None:
@@ -349,4 +365,4 @@ def test_a_record_that_is_held_out_takes_no_part_in_the_numbers() -> None:
     (number,) = effect.parameters
     # The other record has half as much again of it.
     assert number.value == pytest.approx(20.0, rel=0.02)
-    assert found.after.nrmse > 2.0 * found.noise_floor
+    assert found.after.nrmse > 0.05

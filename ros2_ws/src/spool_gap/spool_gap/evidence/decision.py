@@ -65,6 +65,10 @@ RUNS = 0.1
 #: leave more.
 MOST_LEFT = 0.1
 
+#: Share of what a named effect changes that its law may be off by, as ideal jumps and kinks are: less than
+#: this is no pattern beside it.
+IDEAL = 0.03
+
 #: Standard deviations by which a richer law must predict better than a plainer one that predicts well.
 CERTAIN = 3.0
 
@@ -152,7 +156,10 @@ def decide(
         told_apart = name == DELAY or "body" not in look.limits
         if one is not None and told_apart and abs(one.value) - tolerance > BEYOND * one.standard_deviation:
             named.append(name)
-    rest, matters = _left(predictions, fit, numbers.dispersion, held.judged(fit), settings.least_share)
+    least = max(settings.least_share, IDEAL * max(shares.values(), default=0.0))
+    rest, matters = _left(
+        predictions, fit, numbers.dispersion, held.judged(fit), (settings.least_share, least)
+    )
     unexplained = matters and rest.gain > DECISIVE
     if unexplained:
         # A name stands beside a remainder only where that is small against what the name explains: a law
@@ -174,19 +181,22 @@ def decide(
 
 
 def _left(
-    predictions: Predictions, fit: StructureFit, dispersion: float, judged: Judged, least_share: float
+    predictions: Predictions, fit: StructureFit, dispersion: float, judged: Judged, least: tuple[float, float]
 ) -> tuple[Rest, bool]:
-    """Return what ``fit`` leaves, with its evidence, and whether a free run holds it and it is not small."""
+    """Return what ``fit`` leaves, with its evidence, and whether a free run holds it and it is not small.
+
+    ``least``: share that a smooth force has to make, and a pattern.
+    """
     smooth = rest_of(predictions, fit)
     rest = replace(smooth, gain=smooth.gain / dispersion)
     # A free run that leaves no more than noise explains the record, whatever its prediction errors follow.
-    matters = rest.share >= least_share and judged.agreement.nrmse > judged.floor
+    matters = rest.share >= least[0] and judged.agreement.nrmse > judged.floor
     # Nor does a sensor's own error, which is in the measured motion, too, and not in that of a free run.
     if matters and rest.gain > DECISIVE:
         matters = foreseen(predictions, fit, rest.follows) > RUNS * smooth.gain
     known = rest.share if matters and rest.gain > DECISIVE else 0.0
     for one in patterns_of(predictions, fit):
-        loud = one.share >= max(known, least_share, min(judged.floor, one.noise))
+        loud = one.share >= max(known, least[1], min(judged.floor, one.noise))
         if loud and one.gain > DECISIVE:
             return Rest(one.gain, one.share, one.follows), True
     return rest, matters

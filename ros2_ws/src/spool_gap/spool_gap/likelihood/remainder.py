@@ -78,6 +78,7 @@ def patterns_of(predictions: Predictions, fit: StructureFit) -> list[Pattern]:
     with settled(predictions, fit) as enough:
         if not enough:
             return []
+        _without_hits(predictions, fit)
         free = fit_structure(predictions, fit.structure, (FREE,), steps=STEPS).structure
         found = _patterns(predictions, free, FREE)
         if any(EFFECTS[name].local_minima or EFFECTS[name].localised for name in fit.structure.effects):
@@ -85,6 +86,14 @@ def patterns_of(predictions: Predictions, fit: StructureFit) -> list[Pattern]:
             close = {one.follows: one for one in _patterns(predictions, fit.structure, fit.looseness)}
             found = [min(one, close[one.follows], key=_size) for one in found if one.follows in close]
     return sorted(found, key=_size, reverse=True)
+
+
+def _without_hits(predictions: Predictions, fit: StructureFit) -> None:
+    """Count no window with a hit, whose time within a sample is not known: the motion is off after it."""
+    hits = [term for name in fit.structure.effects if EFFECTS[name].localised for term in EFFECTS[name].terms]
+    for part in predictions.parts if hits else ():
+        touched = part.force_of(fit.structure, hits, fit.looseness) != 0.0
+        part.inside = part.inside & ~part.windows_of(touched.astype(np.float64)).any(axis=1)
 
 
 def phase_kept(predictions: Predictions, fit: StructureFit) -> float:

@@ -25,7 +25,7 @@ from spool_estimator.identification.spectra import ZeroPhase
 from spool_gap.catalogue import EFFECTS
 from spool_gap.effect import Effect, Motion, Trial
 from spool_gap.likelihood.prediction import Prediction, Predictions
-from spool_gap.likelihood.structure import CHAIN_PARTS
+from spool_gap.likelihood.structure import CHAIN_PARTS, Limits
 from spool_gap.likelihood.structure_fit import LOOSENESS, StructureFit, curvature_of, fit_structure
 
 #: Hz, natural frequencies of a mounting that are tried: a fifth apart, as wide as a mode damped by 5 to 10 %.
@@ -35,6 +35,8 @@ MOST_LINES = 4
 
 #: Speed over its 80 % quantile from which the spool slips.
 SLIPS = 0.1
+#: Share of the reversals that count as the slowest: laws of low speeds show at these.
+SLOWEST = 0.1
 #: Share of the samples within the stroke that the motion uses; beyond, the integrals are in error.
 REACH = 0.995
 #: Force over that of springs and drag at the ends of the stroke from which it may be a hit, and how often.
@@ -394,6 +396,17 @@ class Balance:
         solved = np.linalg.lstsq(self._products[np.ix_(places, places)], seen, rcond=1e-10)[0]
         left = max(0.0, 1.0 - float(solved @ seen)) / self._size
         return float(np.sqrt(left) * self._scales[0]), solved * self._scales[0] / self._scales[places]
+
+
+def resolved_by(predictions: Predictions) -> Limits:
+    """Return what the longest stretch resolves of laws of friction, by the measured motion."""
+    part = max(predictions.parts, key=lambda one: one.seconds)
+    relative: Array = part.spool - part.body
+    band = ZeroPhase(part.period, part.readings.low_cut)
+    velocity, displacement = band.apply(relative, 1), band.apply(relative, 2)
+    turns = np.abs(relative[:-1][np.diff(np.sign(velocity)) != 0.0])
+    slowest = part.period * float(np.quantile(turns, SLOWEST)) if turns.size else 0.0
+    return Limits(slowest, float(np.abs(displacement).max()))
 
 
 def _measured(part: Prediction, band: ZeroPhase, mass: float, stiffness: float, damping: float) -> Motion:

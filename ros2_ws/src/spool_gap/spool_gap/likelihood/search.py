@@ -15,8 +15,16 @@ import numpy as np
 
 from spool_gap.catalogue import EFFECTS, FRICTIONS
 from spool_gap.likelihood.prediction import Predictions
-from spool_gap.likelihood.score import Balance, Proposal, best_of, close_proposals, proposals
-from spool_gap.likelihood.structure import CHAIN_PARTS, DELAY, GAIN, Structure, Values, mode_of_other
+from spool_gap.likelihood.score import (
+    MODES,
+    Balance,
+    Proposal,
+    best_of,
+    close_proposals,
+    proposals,
+    resolved_by,
+)
+from spool_gap.likelihood.structure import CHAIN_PARTS, DELAY, GAIN, Structure, Values
 from spool_gap.likelihood.structure_fit import ENOUGH, LOOSENESS, STEPS, StructureFit, fit_structure, judged
 
 Key = tuple[frozenset[str], frozenset[str]]
@@ -32,6 +40,9 @@ STARTS, MOST_STARTS, QUICK = 2, 5, 4
 CONTACTS = (LOOSENESS[0], LOOSENESS[2])
 #: Starts by the balance of forces, and share of what the base leaves of that from which an effect is fitted.
 BALANCED, SPEAKS = 3, 0.95
+#: Parts that are modes, and shares of them that are tried, of elastic mountings and of a body that bends.
+MOUNTINGS = tuple(key for key, part in CHAIN_PARTS.items() if part.id == "extra_mode")
+SHARES = (0.15, 0.6)
 #: Levels of friction, and shares of the drag, that are tried of what the balance of forces gives.
 LEVELS, DRAGS = (0.6, 1.0, 1.5, 2.2, 3.3), (1.0, 0.4)
 #: Starts of a law of friction that acts like another one.
@@ -90,6 +101,7 @@ class Search:
         self._numbers: dict[str, dict[str, float]] = {}
         self._exchanges: set[Key] = set()
         self._shaken: set[Key] = set()
+        base = replace(base, limits=resolved_by(predictions))
         tell("fitting the base", 0.1)
         rough = fit_structure(predictions, base)
         self._brief = predictions.excerpt(predictions.parts[0].motions)
@@ -272,8 +284,10 @@ class Search:
         hit = self._balance.hit or not own.effects
         local = {name for name in allowed if hit and EFFECTS[name].localised}
         nothing = {name: Proposal(name, own.values, 0.0, 0) for name in local} | close
+        nothing |= {key: Proposal(key, own.values, 0.0, 0) for key in MOUNTINGS if key not in own.parts}
         missed = set(nothing) - {rows[0].name for rows in found}
         found += [[replace(nothing[name], gain=0.0)] for name in sorted(missed)]
+        always = local | set(MOUNTINGS)
         for rows in self._with_balanced(found, own, allowed):
             if self.late:
                 break
@@ -284,7 +298,7 @@ class Search:
             near = close.get(best.name)
             if near is not None and near.gain < DECISIVE + near.count * penalty:
                 near = None
-            if best.gain > best.count * penalty or near is not None or hidden or best.name in local:
+            if best.gain > best.count * penalty or near is not None or hidden or best.name in always:
                 for tried in self._quick(fit, rows, near):
                     jumps = tried.structure.jumps
                     if jumps not in before:
@@ -350,7 +364,6 @@ class Search:
                 starts = list(self._acting_like(name, other, best.structure.values))
                 if starts and (known is None or known.evidence < best.evidence or other == name):
                     self._exchange(bare, other, best, starts)
-        self._exchange_mode(best.structure, best.looseness)
         return self.best.structure.key != best.structure.key
 
     def _exchange(
@@ -369,17 +382,6 @@ class Search:
         for one in found:
             if one.log_likelihood > least:
                 self._tighten(one.structure, best.looseness)
-
-    def _exchange_mode(self, own: Structure, looseness: float) -> None:
-        """Fit ``own`` with its mode moved to the other channel."""
-        modes = [part for part in own.chain if part.id == "extra_mode"]
-        if len(modes) != 1 or self.late:
-            return
-        other = "spool_extra_mode" if modes[0].channel == "body" else "body_extra_mode"
-        parts = (*(key for key in own.parts if key != modes[0].key), other)
-        start = own.having(own.effects, parts).moved(mode_of_other(own.values, modes[0].channel))
-        self._tell("a mode of the other channel", 0.7)
-        self._tighten(start.bounded(self._predictions.seconds), looseness)
 
     def _like(self, name: str) -> list[str]:
         """Return the effects that act like ``name``."""
@@ -453,6 +455,12 @@ class Search:
             trials += [wider.moved(one).bounded(seconds) for one in more]
             for share in CONTACTS:
                 quick += [self._fit(one, (share,), brief=True) for one in self._likeliest(trials, share)]
+            trials = []
+        elif name in MOUNTINGS:
+            # A strong mode is far from the small one that a score test sees.
+            trials += [wider.moved(one).bounded(seconds) for one in _mountings(name)]
+            likeliest = self._likeliest(trials, COMPARED)
+            quick += [self._fit(one, LOOSENESS[1:3], brief=True) for one in likeliest]
             trials = []
         elif effect and _several(name) and not own.effects:
             places = np.linspace(0, len(trials) - 1, min(MOST_STARTS, len(trials))).round().astype(int)
@@ -574,6 +582,13 @@ def senseless(fit: StructureFit) -> str:
 def _named(fit: StructureFit) -> str:
     names = [*fit.structure.effects, *fit.structure.parts]
     return " and ".join(names).replace("_", " ") or "the base"
+
+
+def _mountings(key: str) -> Iterator[dict[str, float]]:
+    """Yield modes to try of the part ``key``."""
+    share, natural, _ = CHAIN_PARTS[key].parameters
+    for frequency in MODES[::2]:
+        yield from ({natural.name: frequency, share.name: one} for one in SHARES)
 
 
 def _several(name: str) -> bool:

@@ -8,6 +8,7 @@ corrected by.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -62,10 +63,10 @@ def _filter(channel: str) -> ChainPart:
 
 def _mode(channel: str) -> ChainPart:
     share = Parameter(
-        f"{channel}_mode_share", "1", -2.0, 3.0, 0.1, "motion of the mode over that of its base"
+        f"{channel}_mode_share", "1", 0.0, 1.0, 0.1, "share of the reading that passes the mode"
     )
     natural = Parameter(f"{channel}_mode_frequency", "Hz", 20.0, 2e3, 150.0, "natural frequency")
-    damping = Parameter(f"{channel}_mode_damping", "1", 2e-3, 0.6, 0.05, "damping ratio")
+    damping = Parameter(f"{channel}_mode_damping", "1", 2e-3, 0.2, 0.05, "damping ratio")
     return ChainPart(
         "extra_mode",
         channel,
@@ -184,6 +185,19 @@ SPOOL_GAIN, SPOOL_DELAY = _spool_gain(), _delay()
 
 
 @dataclass(frozen=True, slots=True)
+class Limits:
+    """What a record resolves of a law of friction.
+
+    Attributes:
+        slowest: m/s, by which the speed changes within a sample at the slowest reversals.
+        reach: m, largest displacement: friction that never slid would be a spring.
+    """
+
+    slowest: float = 0.0
+    reach: float = math.inf
+
+
+@dataclass(frozen=True, slots=True)
 class Structure:
     """What is thought to act, with its numbers.
 
@@ -193,6 +207,7 @@ class Structure:
         effects: ids of the catalogue.
         parts: keys of ``CHAIN_PARTS``.
         values: every number by name, SI.
+        limits: of what the record resolves.
     """
 
     base: tuple[str, ...]
@@ -200,6 +215,7 @@ class Structure:
     effects: tuple[str, ...]
     parts: tuple[str, ...]
     values: Values
+    limits: Limits = Limits()
 
     @property
     def key(self) -> tuple[frozenset[str], frozenset[str]]:
@@ -227,7 +243,8 @@ class Structure:
         found = list(self.base_unknowns)
         for effect in self.effects:
             found += [
-                _with_travel(one, self.values) for one in EFFECTS[effect].unknowns(self.values, seconds)
+                _resolved(one, self.values, self.limits)
+                for one in EFFECTS[effect].unknowns(self.values, seconds)
             ]
         for part in self.chain:
             found += [Unknown(p.name, p.unit, p.low, p.high, p.start, absolute=True) for p in part.parameters]
@@ -293,32 +310,22 @@ def structure_of(
     return bare.having(effects, parts, values)
 
 
-def mode_of_other(values: Values, channel: str) -> dict[str, float]:
-    """Return the numbers of a mode of the other channel that acts like ``channel``'s mode of ``values``.
-
-    A mode with its share below 1 has an inverse that is a mode, too: poles and zeros change places.
-    """
-    share, natural, damping = (values[f"{channel}_mode_{name}"] for name in ("share", "frequency", "damping"))
-    left = 1.0 - min(share, 0.9)
-    other = "spool" if channel == "body" else "body"
-    return {
-        f"{other}_mode_share": 1.0 - 1.0 / left,
-        f"{other}_mode_frequency": natural / np.sqrt(left),
-        f"{other}_mode_damping": damping / np.sqrt(left),
-    }
-
-
 def inverse(response: Spectrum) -> Spectrum:
     """Return 1 over ``response``, at most 1 over ``SMALLEST`` in size."""
     size = np.abs(response)
     return np.asarray(np.conj(response) / np.maximum(size, SMALLEST) ** 2)
 
 
-def _with_travel(unknown: Unknown, values: Values) -> Unknown:
-    """Return ``unknown``; the stiffness of friction before it slides leaves it some travel."""
+def _resolved(unknown: Unknown, values: Values, limits: Limits) -> Unknown:
+    """Return ``unknown`` within what the record resolves."""
+    if unknown.name == "stribeck_velocity":
+        return replace(unknown, low=min(max(unknown.low, limits.slowest), unknown.high))
     if unknown.name != "dahl_stiffness":
         return unknown
-    return replace(unknown, high=min(unknown.high, max(values.get("dahl_force", 0.0), 1e-6) / SHORTEST))
+    # Of friction before it slides: the travel is the force over the stiffness.
+    force = max(values.get("dahl_force", 0.0), 1e-6)
+    high = min(unknown.high, force / SHORTEST)
+    return replace(unknown, low=min(max(unknown.low, force / limits.reach), high), high=high)
 
 
 def _started(structure: Structure, values: Values) -> Structure:
