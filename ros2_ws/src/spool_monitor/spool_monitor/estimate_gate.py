@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import Generic, TypeVar
 
 from spool_core.one_source import OneSource, Place, Standing
 from spool_estimator.estimate import Estimate, State
@@ -16,6 +17,10 @@ SHORTEST, LONGEST = 0.1, 60.0
 #: s of samples that an estimate may have used beyond the time since the one before, as stamps jitter by half
 #: a block, and the share of that time, as sample rates are not exact.
 AHEAD, RATE_ERROR = 0.3, 0.02
+#: Valves whose descriptions wait for their estimates at most.
+MOST_DESCRIBED = 4
+
+Description = TypeVar("Description")
 
 
 @dataclass(slots=True)
@@ -103,3 +108,39 @@ def _departure(last: Place, place: Place) -> str | None:
         return "it has used fewer samples"
     used = (place.sequence - last.sequence) * place.period
     return None if used <= seconds * (1.0 + RATE_ERROR) + AHEAD else "it has used more samples"
+
+
+@dataclass(slots=True)
+class Descriptions(Generic[Description]):
+    """Which description of the valve is used: that of the estimator whose estimates are.
+
+    Another one waits for its own estimates; a new one of the same valve, until its estimator was restarted.
+
+    Attributes:
+        used: the valve that is described, empty before any is.
+
+    """
+
+    used: str = ""
+    _waiting: dict[str, Description] = field(default_factory=dict)
+
+    def take(self, name: str, description: Description, last: Place | None) -> Description | None:
+        """Take the description of the valve ``name``; return it where it is used from now on.
+
+        ``last``: place of the last estimate that was used.
+        """
+        self._waiting.pop(name, None)
+        self._waiting = {**dict(list(self._waiting.items())[1 - MOST_DESCRIBED :]), name: description}
+        at_once = not self.used or last is None or (last.source == name != self.used)
+        return self._use(name) if at_once else None
+
+    def follow(self, gate: EstimateGate) -> Description | None:
+        """Return the description that is used from the newest estimate of ``gate`` on, if another one is."""
+        source = "" if gate.last is None else gate.last.source
+        if source not in self._waiting or (source == self.used and gate.standing is not Standing.RESTARTED):
+            return None
+        return self._use(source)
+
+    def _use(self, name: str) -> Description:
+        self.used = name
+        return self._waiting.pop(name)

@@ -18,7 +18,7 @@ from spool_monitor.detectors.data_fault import ESTIMATE, DataFaultWatch
 from spool_monitor.detectors.stale import STALE_AFTER, StaleWatch
 from spool_monitor.estimate_gate import EstimateGate
 from spool_monitor.event import Condition, Event, Namur, Severity
-from spool_monitor.parameter_drift import VISCOUS
+from spool_monitor.parameter_drift import ALARMS, VISCOUS
 from spool_monitor.window import Line
 
 #: s, an estimator that starts with the data needs this long for its first estimate.
@@ -26,6 +26,9 @@ FIRST_ESTIMATE = 2.0
 
 #: s beyond ``stale_after`` that a source may take to start: four nodes of a valve start within half of it.
 FIRST_BLOCK = 10.0
+
+#: What people call the parameters.
+SHOWN = {"spring_stiffness": "stiffness", "viscous_coefficient": "drag", "coulomb_force": "dry friction"}
 
 #: Samples that may be judged together while nothing is wrong: as many as come together.
 MOST_TOGETHER = 1 << 30
@@ -245,15 +248,30 @@ class Monitor:
         if self.estimate is None:
             return "waiting for estimates"
         state = self.estimate.state.name.lower().replace("_", " ")
-        return f"{state}, baseline {baseline.text}{self._of_the_oil}"
+        return f"{state}, baseline {baseline.text}{self._unjudged()}"
 
-    @property
-    def _of_the_oil(self) -> str:
-        """What a missing temperature of the oil means for the drag, empty where it means nothing."""
-        viscous = self.detection.parameters[VISCOUS]
-        if viscous.incomparable:
-            return "; drag not judged: the oil temperature is unknown"
-        return "; drag judged with a wider limit: the oil temperature is unknown" if viscous.assumed else ""
+    def _unjudged(self) -> str:
+        """Which parameters are not judged although there are estimates, or with a wider limit, and why."""
+        if self.estimate is None or self.estimate.state is not State.TRACKING:
+            return ""
+        oil = "unknown" if not self.estimate.oil_temperature.known else "uncertain: it changed by much"
+        told = []
+        for test, judgement in self.detection.judgements.items():
+            name = test.partition("/")[2]
+            drift = self.detection.parameters.get(name)
+            if drift is None or judgement is Judgement.LEARNING:
+                continue
+            reason = self.detection.distrust or "it is too uncertain"
+            wide = name == VISCOUS and (drift.assumed or drift.sum.allowance > ALARMS)
+            if drift.incomparable or wide:
+                reason = (
+                    f"the oil temperature is {oil}" if name == VISCOUS else "its limit is beyond its value"
+                )
+            if judgement is not Judgement.JUDGED:
+                told.append(f"; {SHOWN[name]} not judged: {reason}")
+            elif wide:
+                told.append(f"; {SHOWN[name]} judged with a wider limit: {reason}")
+        return "".join(told)
 
 
 class HealthLevel(enum.IntEnum):

@@ -33,6 +33,7 @@ from spool_monitor.alarm_store import AlarmStore
 from spool_monitor.detection import Detection
 from spool_monitor.detectors import JUDGEMENT_TEXTS, KINDS, LIMITS, check_settings, latching_kinds
 from spool_monitor.detectors.base import NATURAL_FREQUENCY, Judgement, MonitorSettings
+from spool_monitor.estimate_gate import Descriptions
 from spool_monitor.event import Event, Namur, Severity
 from spool_monitor.monitor import Health, HealthLevel, Monitor
 from spool_monitor.state_file import default_folder, valve_folder
@@ -89,8 +90,8 @@ class MonitorNode(ManagedNode):
         self._alarms: AlarmServices
         self._trends: TrendWriter | None = None
         self._valve_id = self.get_namespace().strip("/")
-        self._described: ValveDescription | None = None
-        self._waiting: ValveDescription | None = None
+        self._described = False
+        self._descriptions = Descriptions[ValveDescription]()
         self._activated = time.monotonic()
         self._no_blocks, self._no_estimates = Silence(2.0 * LOOK), Silence(2.0 * LOOK)
         self._level = HealthLevel.UNKNOWN
@@ -100,7 +101,7 @@ class MonitorNode(ManagedNode):
         self.compile(warm_up_monitor)
         self._gate = SharedGate()
         self._core = Monitor(self._settings({}), self._gate)
-        self._described = self._waiting = None
+        self._described, self._descriptions = False, Descriptions()
         kinds = tuple(kind for kind in self.value("latched_kinds") if kind)
         warn = self.get_logger().warning
         state = ValveState(self._core, self._folder(), warn, AlarmStore(kinds))
@@ -184,20 +185,19 @@ class MonitorNode(ManagedNode):
 
     def _take_description(self, message: ValveDescription) -> None:
         """Take the valve's description; while estimates of another one are used it waits for its own."""
-        self._waiting = message
-        if self._described is None or self._core.estimates.last is None:
+        name, before = message.header.frame_id, self._descriptions.used
+        if self._descriptions.take(name, message, self._core.estimates.last) is not None:
             self._describe(message)
-        elif (told := message.header.frame_id) != (known := self._described.header.frame_id):
+        elif name != before:
             self.get_logger().warning(
-                f"valve: a description of {told} came, the estimates are of {known}: it is used with its own"
+                f"valve: a description of {name} came, the estimates are of {before}: it is used with its own"
             )
 
     def _describe(self, message: ValveDescription) -> None:
-        self._waiting = None
         self._valve_id = self._diagnostics.hardware_id = message.header.frame_id
-        if self._described is None:
+        if not self._described:
+            self._described = True
             self._no_estimates.end()  # the estimator begins now
-        self._described = message
         self._alarms.identify(message.header.frame_id, message.oil)
         if self.value(NATURAL_FREQUENCY.name) == 0.0:
             self._core.set_natural_frequency(from_description(message).natural_frequency)
@@ -209,7 +209,7 @@ class MonitorNode(ManagedNode):
     def _take_blocks(self, blocks: Sequence[Block]) -> None:
         accepted = self._gate.accepted
         for block in self._gate.admitted(blocks, self._room):
-            if self._described is None and block.source:
+            if not self._described and block.source:
                 self._valve_id = self._diagnostics.hardware_id = block.source
             events = self._core.update(block)
             if self._gate.fault is Fault.NEW_SOURCE:
@@ -226,15 +226,16 @@ class MonitorNode(ManagedNode):
     def _take_estimate(self, message: ModelEstimate) -> None:
         estimate = from_message(message)
         events = self._core.update_estimate(estimate)
-        standing, waiting = self._core.estimates.standing, self._waiting
+        standing, used = self._core.estimates.standing, self._core.estimate is estimate
         if standing is not Standing.SECOND:
             self._no_estimates.end()
         if standing is Standing.RESTARTED:
             self.get_logger().info("estimate: the estimator was restarted, or another one takes its place")
-            if waiting is not None and waiting.header.frame_id == estimate.source:
-                self._describe(waiting)
+        described = self._descriptions.follow(self._core.estimates) if used else None
+        if described is not None:
+            self._describe(described)
         self._publish(events)
-        if self._core.estimate is not estimate:
+        if not used:
             return
         self._alarms.take_estimate(estimate)
         if self._trends is not None:
@@ -249,7 +250,7 @@ class MonitorNode(ManagedNode):
         if self._core.gate.accepted == 0 and self.count_publishers("acceleration") == 0:
             nobody = self.resolve_topic_name("acceleration")
             self._no_blocks.end()
-        if self._core.estimate is None and self._described is None and self._estimator_starts():
+        if self._core.estimate is None and not self._described and self._estimator_starts():
             self._no_estimates.end()
         stamp = self.get_clock().now().nanoseconds
         self._publish(self._core.idle(self._no_blocks.seconds, self._no_estimates.seconds, stamp, nobody))

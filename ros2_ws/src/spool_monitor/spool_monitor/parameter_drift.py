@@ -37,6 +37,8 @@ VISCOUS = "viscous_coefficient"
 #: Of the change that matters: what a single value counts for at most, and above what uncertainty nothing is
 #: judged.
 CAP, UNCERTAIN = 2.5, 0.35
+#: Standard deviations from the baseline from which any value is judged.
+SURELY = 8.0
 
 #: Shares of the limit below which a change is over, and from which it is followed as one that rises.
 RELEASE, RISES = 0.6, 0.4
@@ -189,8 +191,8 @@ class ParameterDrift:
         since: when the change most likely began, ns; 0 where there is none.
         judged: whether the last estimate was.
         assumed: whether the oil was taken to be as warm as it was last, as its temperature is missing.
-        incomparable: whether the oil's temperature is missing for so long, since a restart perhaps, that it
-            could explain any value.
+        incomparable: whether what is not known could explain any fall of it, as the oil's temperature where
+            that is missing for long, since a restart perhaps, or has just jumped.
         frozen: whether the thermometer has shown the same, bit for bit, since before the change began.
 
     """
@@ -266,7 +268,7 @@ class ParameterDrift:
 
     def update(self, estimate: Estimate, *, distrust: bool = False) -> None:
         """Take ``estimate``; parameters that are held are not judged."""
-        self.judged = False
+        self.judged = self.incomparable = False
         quantity = self._comparable(estimate)
         if distrust:
             self.reset()
@@ -277,7 +279,9 @@ class ParameterDrift:
         size = self.matters * (abs(reference) if self.relative and self.baseline.frozen else 1.0)
         if self.relative and not self.baseline.frozen:
             size = self.matters * abs(quantity.value)
-        if not quantity.standard_deviation <= UNCERTAIN * size:
+        # What is far off is certain although it is too uncertain for a change of this size.
+        off = abs(quantity.value - reference) if self.baseline.frozen else 0.0
+        if not quantity.standard_deviation <= max(UNCERTAIN * size, off / SURELY):
             return
         celsius = estimate.oil_temperature.value
         if not self.baseline.frozen:
@@ -311,7 +315,6 @@ class ParameterDrift:
             self.incomparable = self.baseline.frozen and not self._may_have_changed(estimate) < 1.0
             return quantity
         self.assumed = not at_reference.known
-        self.incomparable = False
         if at_reference.known:
             if at_reference.validity is not Validity.VALID:
                 return None
@@ -361,6 +364,8 @@ class ParameterDrift:
             self._smoothed = change
         self._smoothed += (1.0 - math.exp(-seconds / SMOOTHING)) * (change - self._smoothed)
         self.sum.allowance = self._chance(estimate, quantity, size, seconds) + self.tolerance
+        # No fall is ever found whose limit is beyond zero.
+        self.incomparable = self.incomparable or (self.relative and self.sum.allowance * self.matters >= 1.0)
         self.sum.update(estimate.stamp, change, seconds)
         # Since when the change has been rising to one side: long before it is certain.
         rises = abs(self._smoothed) > RISES * self.sum.allowance

@@ -13,6 +13,7 @@ from spool_core.one_source import Standing
 from spool_estimator.estimate import Estimate
 from spool_estimator.estimator import ESTIMATORS, make_estimator, settings_for
 from spool_monitor.detectors import MonitorSettings
+from spool_monitor.estimate_gate import Descriptions
 from spool_monitor.event import Event, EventState
 from spool_monitor.monitor import Monitor
 from spool_sim.excitation import PRESETS
@@ -149,3 +150,29 @@ def test_an_estimate_that_came_before_a_pause_is_not_taken_for_a_second_estimato
     assert watched.faults == []
     assert watched.monitor.estimates.standing is not Standing.OPEN
     assert watched.used[-1] == list(own.values())[-1]
+
+
+def test_the_description_of_an_estimator_whose_estimates_are_not_used_waits() -> None:
+    watched, used = Watched(), Descriptions[str]()
+    assert used.take(VALVE.id, "the valve", None) == "the valve"
+    for number in range(100):
+        watched.hear(number, estimates().get(number))
+    gate = watched.monitor.estimates
+    assert used.take("4weh10_stiff", "another one", gate.last) is None
+    assert used.take(VALVE.id, "the valve with other oil", gate.last) is None
+    assert used.follow(gate) is None
+    later = estimates(100)
+    found = []
+    for number in range(100, 200):
+        watched.hear(number, later.get(number))
+        if later.get(number) is watched.monitor.estimate:
+            found.append(used.follow(gate))
+    assert [one for one in found if one] == ["the valve with other oil"]
+    assert used.used == VALVE.id
+
+
+def test_a_description_that_comes_after_the_first_estimate_of_its_estimator_is_used() -> None:
+    watched, used = Watched(), Descriptions[str]("4weh10_stiff")
+    for number in range(100):
+        watched.hear(number, estimates().get(number))
+    assert used.take(VALVE.id, "the valve", watched.monitor.estimates.last) == "the valve"
