@@ -36,8 +36,18 @@ from spool_blind.condition import (
     ExperimentCondition,
     draw_field_condition,
 )
+from spool_blind.field.foreign import KINDS, foreign_names
 from spool_blind.field.hiding import HiddenPhysics, draw_hidden, field_hidden_by
-from spool_blind.field.nuisances import BODY, CHANNELS, SPOOL, FieldNuisance, Seen, draw_nuisances, names_by
+from spool_blind.field.nuisances import (
+    BODY,
+    CHANNELS,
+    NUISANCES,
+    SPOOL,
+    FieldNuisance,
+    Seen,
+    draw_nuisances,
+    names_by,
+)
 from spool_blind.hidden import EFFECTS, Hidden
 from spool_blind.simulator import Plant, SpoolMotion, dry, transmissibility
 from spool_blind.visibility import threshold
@@ -141,8 +151,9 @@ def make_field(seed: int, hidden: str | None = None, nuisances: Sequence[str] | 
     time = sample_times(condition)
     time = time[: time.size - round(LOOK_AHEAD * condition.sample_rate)]
     if nuisances is None:
-        nuisances = names_by(_stream(seed, NUISANCE_NAMES), names)
-    drawn = draw_nuisances(_stream(seed, NUISANCE_SIZES), nuisances, _seen(condition, motion))
+        nuisances = foreign_names(seed) or names_by(_stream(seed, NUISANCE_NAMES), names)
+    kinds = NUISANCES | KINDS
+    drawn = draw_nuisances(_stream(seed, NUISANCE_SIZES), nuisances, _seen(condition, motion), kinds)
     chain = _chain(seed, condition, physics, motion, drawn)
     judge = ImportanceJudge(condition, chain, physics.parts, time)
     importance = {name: judge.importance(name) for name in physics.parts}

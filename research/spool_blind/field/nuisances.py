@@ -636,11 +636,16 @@ def names_by(generator: Generator, hidden: Sequence[str]) -> tuple[str, ...]:
     return tuple(str(name) for name in chosen) if carries else ()
 
 
-def draw_nuisances(generator: Generator, names: Sequence[str], seen: Seen) -> tuple[FieldNuisance, ...]:
-    """Draw each of ``names``; in the order of the measuring chain.
+def draw_nuisances(
+    generator: Generator,
+    names: Sequence[str],
+    seen: Seen,
+    kinds: Mapping[str, type[FieldNuisance]] = NUISANCES,
+) -> tuple[FieldNuisance, ...]:
+    """Draw each of ``names`` among ``kinds``; in the order of the measuring chain.
 
     Raises:
         KeyError: there is no such nuisance.
     """
-    drawn = [NUISANCES[name].draw(generator, seen) for name in names]
+    drawn = [kinds[name].draw(generator, seen) for name in names]
     return tuple(sorted(drawn, key=lambda one: one.stage))
