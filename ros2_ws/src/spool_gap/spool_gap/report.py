@@ -41,10 +41,10 @@ LOOKS_LIKE = {
     "position and speed": "flow forces, or friction that depends on the place",
     "the way since the last reversal": "hysteresis, as of friction before it slides",
     "time": "something that changes over the record: oil that warms, a sensor that drifts",
-    "what the body did": "dynamics that the catalogue does not describe: a lag, a resonance, drag or a "
+    "the motion of the body": "dynamics that the catalogue does not describe: a lag, a resonance, drag or a "
     "spring that changes within the record",
-    "the motion": "a force of another law, or a sensor that is not linear",
-    "a line": "a periodic force, or a vibration or hum that one of the sensors picks up",
+    "the motion of the spool": "a force of another law, or a sensor that is not linear",
+    "a wave": "a periodic force, or a vibration or hum that one of the sensors picks up",
     "nothing": "noise that is louder than what the record shows above its excitation, or motion that "
     "parts from the model's at chance",
 }
@@ -52,7 +52,7 @@ LOOKS_LIKE = {
 
 def looks_like(follows: str) -> str:
     """Return what a remainder may be that ``follows`` something."""
-    known = next((one for one in LOOKS_LIKE if follows == one or follows.startswith(f"{one} at ")), "nothing")
+    known = next((one for one in LOOKS_LIKE if follows == one or follows.startswith(f"{one} of ")), "nothing")
     return LOOKS_LIKE[known]
 
 

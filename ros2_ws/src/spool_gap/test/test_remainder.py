@@ -18,6 +18,7 @@ from spool_gap.likelihood.remainder import BODY, MOTION, patterns_of
 from spool_gap.likelihood.search import DECISIVE, Search
 from spool_gap.likelihood.structure import Values, structure_of
 from spool_gap.likelihood.structure_fit import fit_structure
+from spool_gap.report import looks_like
 from spool_gap.result import GapSettings
 from spool_sim.excitation import Excitation, Multisine, SweptSine
 from spool_sim.model import MODELS, Model
@@ -135,7 +136,7 @@ def bent(excitation: str) -> Rows:
     ("made", "follows"),
     [
         (cycling, {BODY, "time"}),
-        (toned, {"a line at 225 Hz"}),
+        (toned, {"a wave of 225 Hz"}),
         (coupled, {BODY}),
         (resonant, {BODY, MOTION}),
         (dragged, {BODY, MOTION, "speed", "position and speed"}),
@@ -154,7 +155,7 @@ def test_a_remainder_with_a_pattern_is_unexplained_and_says_what_it_follows(
 def test_a_tone_whose_frequency_wanders_is_unexplained() -> None:
     found = decided(*wandering("multisine"))
     assert found.unexplained
-    assert found.rest.follows.startswith("a line at 22")
+    assert found.rest.follows.startswith("a wave of 22")
 
 
 def white(rows: Rows) -> Rows:
@@ -212,3 +213,8 @@ def test_windows_with_hits_on_a_stop_hold_no_pattern() -> None:
     # The sweep passes the resonance in each window but a few.
     assert not any(one.gain > DECISIVE for one in patterns_of(predictions, search.simplest))
     assert any(one.gain > DECISIVE for one in patterns_of(predictions, search.base))
+
+
+@pytest.mark.parametrize("follows", [BODY, MOTION, "a wave of 225 Hz", "time"])
+def test_every_pattern_has_words_for_what_it_may_be(follows: str) -> None:
+    assert looks_like(follows) != looks_like("nothing")

@@ -35,7 +35,7 @@ from spool_gap.likelihood.rest import settled
 from spool_gap.likelihood.structure import Spectrum, Structure
 from spool_gap.likelihood.structure_fit import StructureFit, fit_structure
 
-BODY, MOTION, LINE = "what the body did", "the motion", "a line"
+BODY, MOTION, LINE = "the motion of the body", "the motion of the spool", "a wave"
 #: Numbers of a periodic force.
 FORCE, FREQUENCY = "force_amplitude", "force_frequency"
 #: Steps of the fit of the free run.
@@ -112,6 +112,7 @@ def _size(one: Pattern) -> float:
 
 def _patterns(predictions: Predictions, own: Structure, looseness: float) -> list[Pattern]:
     looks = [_Remainder(part, own, looseness) for part in predictions.parts if part.inside.any()]
+    looks = [one for one in looks if one.finite]
     reading = sum(one.reading for one in looks)
     if reading <= 0.0:
         return []
@@ -172,13 +173,19 @@ def _predicted(tiles: Iterable[_Tile], reading: float) -> Pattern:
 
 
 class _Remainder:
-    """Remainder of one stretch; ``reading`` is the power of the spool's reading in the lines that count."""
+    """Remainder of one stretch.
+
+    Attributes:
+        reading: power of the spool's reading in the lines that count.
+        finite: whether the simulation did not diverge.
+    """
 
     def __init__(self, part: Prediction, own: Structure, looseness: float) -> None:
         self._part, self._own, self._looseness = part, own, looseness
         self._predicted, motion = part.free_run(own, looseness)
         self._error: Array = part.spool - self._predicted
         self._motion: Array = np.array([motion.displacement, motion.velocity])
+        self.finite = bool(np.isfinite(self._error).all() and np.isfinite(self._motion).all())
         self._windows = np.flatnonzero(part.inside)
         self._lines: Spectrum = part.counted_lines(self._error)[self._windows]
         self._bands = _cuts(part.bands)
@@ -252,7 +259,7 @@ class _Remainder:
             share = math.sqrt(_power(part.counted_lines(wave)[self._windows]) / reading)
             if gain < (steady := self._steady(line, reading)).gain:
                 gain, share = steady.gain, steady.share
-            yield Pattern(gain, share, f"{LINE} at {line:.4g} Hz", math.inf)
+            yield Pattern(gain, share, f"{LINE} of {line:.4g} Hz", math.inf)
             power[np.abs(frequency - line) < 2.0] = 0.0
 
     def kept(self, line: float) -> tuple[float, complex]:
