@@ -17,7 +17,7 @@ SHORTEST, LONGEST = 0.1, 60.0
 #: s of samples that an estimate may have used beyond the time since the one before, as stamps jitter by half
 #: a block, and the share of that time, as sample rates are not exact.
 AHEAD, RATE_ERROR = 0.3, 0.02
-#: Valves whose descriptions wait for their estimates at most.
+#: Valves whose descriptions are kept at most.
 MOST_DESCRIBED = 4
 
 Description = TypeVar("Description")
@@ -122,25 +122,27 @@ class Descriptions(Generic[Description]):
     """
 
     used: str = ""
-    _waiting: dict[str, Description] = field(default_factory=dict)
+    _known: dict[str, Description] = field(default_factory=dict)
+    _new: set[str] = field(default_factory=set)
 
     def take(self, name: str, description: Description, last: Place | None) -> Description | None:
         """Take the description of the valve ``name``; return it where it is used from now on.
 
         ``last``: place of the last estimate that was used.
         """
-        self._waiting.pop(name, None)
-        self._waiting = {**dict(list(self._waiting.items())[1 - MOST_DESCRIBED :]), name: description}
+        self._known.pop(name, None)
+        self._known = {**dict(list(self._known.items())[1 - MOST_DESCRIBED :]), name: description}
+        self._new.add(name)
         at_once = not self.used or last is None or (last.source == name != self.used)
         return self._use(name) if at_once else None
 
     def follow(self, gate: EstimateGate) -> Description | None:
         """Return the description that is used from the newest estimate of ``gate`` on, if another one is."""
         source = "" if gate.last is None else gate.last.source
-        if source not in self._waiting or (source == self.used and gate.standing is not Standing.RESTARTED):
-            return None
-        return self._use(source)
+        again = gate.standing is Standing.RESTARTED and source in self._new
+        return self._use(source) if source in self._known and (source != self.used or again) else None
 
     def _use(self, name: str) -> Description:
         self.used = name
-        return self._waiting.pop(name)
+        self._new.discard(name)
+        return self._known[name]

@@ -176,3 +176,18 @@ def test_a_description_that_comes_after_the_first_estimate_of_its_estimator_is_u
     for number in range(100):
         watched.hear(number, estimates().get(number))
     assert used.take(VALVE.id, "the valve", watched.monitor.estimates.last) == "the valve"
+
+
+def test_the_description_of_an_estimator_that_was_silent_for_a_while_is_used_again() -> None:
+    watched, used, found = Watched(), Descriptions[str](), []
+    other = {number: replace(one, source="4weh10_stiff") for number, one in estimates(10).items()}
+    found.append(used.take(VALVE.id, "the valve", None))
+    for number in range(200):
+        first = estimates().get(number) if number < 60 or number > 120 else None
+        second = other.get(number) if 60 <= number <= 120 else None
+        if number == 60:
+            found.append(used.take("4weh10_stiff", "another one", watched.monitor.estimates.last))
+        watched.hear(number, first, second)
+        if watched.monitor.estimate in (first, second):
+            found.append(used.follow(watched.monitor.estimates))
+    assert [one for one in found if one] == ["the valve", "another one", "the valve"]

@@ -562,7 +562,8 @@ class Plant:
         self.silent = self.inactive = self.rival = False
         self.named, self.second_named = VALVE, VALVE
         self.lag = 0
-        self.descriptions = Descriptions[Valve](VALVE.id)
+        self.descriptions = Descriptions[Valve]()
+        self.describe(VALVE)
 
     def take(self, block: Block) -> None:
         chain = self.chain
