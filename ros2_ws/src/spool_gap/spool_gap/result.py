@@ -124,7 +124,7 @@ class HeldOutAgreement:
 
     Attributes:
         nrmse: rms(model - measured) / rms(measured).
-        amplitude_ratio: the paper's a_est/a_pom.
+        amplitude_ratio: amplitude of the model over that of the measured signal.
         position_rmse: of a free run of position from the force alone, m; of a driven mass.
     """
 

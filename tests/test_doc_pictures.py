@@ -1,0 +1,30 @@
+"""Pictures of the documentation: each has its labels beside it, and what makes the page still has them.
+
+Those of the operator's page are made and compared by ``spool_view/test/web/test_pictures.py``. That of the gap
+report is the top, 1100 px wide, of the page of ``./spool gap first_record --report gap.html``. The record is made
+by ``./spool simulate --coulomb-force 0.5 --excitation sweep --seconds 40 --out first_record``.
+"""
+
+import hashlib
+import json
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+PICTURES = ROOT / "docs" / "pictures"
+STATED = json.loads((PICTURES / "labels.json").read_text())
+
+
+@pytest.mark.parametrize("name", sorted(STATED))
+def test_a_picture_is_the_one_whose_labels_are_stated(name: str) -> None:
+    assert hashlib.sha256((PICTURES / name).read_bytes()).hexdigest() == STATED[name]["sha256"]
+
+
+def test_the_gap_report_still_has_the_labels_of_its_picture() -> None:
+    source = "".join(
+        path.read_text()
+        for path in sorted((ROOT / "ros2_ws/src/spool_tools/spool_tools/report").rglob("*.py"))
+    )
+    missing = [label for label in STATED["gap_report.png"]["labels"] if label not in source]
+    assert not missing, "make the picture again, as above"
