@@ -1,8 +1,8 @@
 """Pictures of the documentation: each has its labels beside it, and what makes the page still has them.
 
-Those of the operator's page are made and compared by ``spool_view/test/web/test_pictures.py``. That of the gap
-report is the top, 1100 px wide, of the page of ``./spool gap first_record --report gap.html``. The record is made
-by ``./spool simulate --coulomb-force 0.5 --excitation sweep --seconds 40 --out first_record``.
+Those of the operator's page are made and compared by ``spool_view/test/web/test_pictures.py``. That of the
+gap report is the top, 1100 px wide, of the page of ``./spool gap first_record --report gap.html``; the record
+is made by ``./spool simulate --coulomb-force 0.5 --excitation sweep --seconds 40 --out first_record``.
 """
 
 import hashlib
