@@ -80,6 +80,15 @@ def test_check_and_gap_advise_the_same_rate_for_a_slow_record(
     assert len(set(advised)) == 1
 
 
+def test_noise_alone_is_called_too_slow_by_no_command(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    noise = np.random.default_rng(3).normal(0.0, 0.05, (4000, 2))
+    rows = [(number / RATE, body, spool) for number, (body, spool) in enumerate(noise.tolist())]
+    main(["check", written(tmp_path / "record.csv", "time_s,body_m_s2,spool_m_s2", rows)])
+    assert "too slow" not in capsys.readouterr().out
+
+
 @pytest.mark.parametrize("rate", [15.0, 25.0])
 def test_a_rate_is_taken_live_where_it_is_taken_as_a_file(rate: float, tmp_path: Path) -> None:
     rows = [(number / rate, math.sin(number), math.cos(number)) for number in range(200)]
