@@ -157,7 +157,7 @@ EVENTS = {
     ),
     702: EventText(
         "Second source",
-        "Two sources send on the same topic, or blocks name another valve; only the first one is used.",
+        "Two sources or estimators send, or blocks or estimates name another valve; one is used.",
         "end the second source or give it the namespace of its valve",
     ),
     703: EventText(

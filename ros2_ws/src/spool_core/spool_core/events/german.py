@@ -116,8 +116,7 @@ EVENTS = {
     ),
     702: EventText(
         "Zweite Quelle",
-        "Zwei Quellen senden auf demselben Topic, oder Blöcke nennen ein anderes Ventil; nur die erste "
-        "Quelle "
+        "Zwei Quellen oder Schätzer senden, oder Blöcke oder Schätzungen nennen ein anderes Ventil; eine(r) "
         "wird verwendet.",
         "die zweite Quelle beenden oder ihr den Namensraum ihres eigenen Ventils geben",
     ),

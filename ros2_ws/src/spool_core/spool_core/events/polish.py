@@ -110,7 +110,7 @@ EVENTS = {
     ),
     702: EventText(
         "Drugie źródło",
-        "Dwa źródła wysyłają na ten sam temat albo bloki podają inny zawór; używane jest tylko pierwsze.",
+        "Wysyłają dwa źródła lub estymatory albo bloki lub estymaty podają inny zawór; używane jest jedno.",
         "zakończyć drugie źródło albo dać mu przestrzeń nazw jego własnego zaworu",
     ),
     703: EventText(
