@@ -450,10 +450,11 @@ def _doubts(found: RecordQuality) -> list[str]:
             )
     if found.duration < SHORT:
         said.append(f"{found.duration:.1f} s are short: friction needs {SHORT:g} s and more")
-    natural = found.resonance[0] if math.isfinite(found.resonance[0]) else 0.0
-    moves = found.band != (0.0, 0.5 * found.rate)  # what noise alone leaves
-    slow = [slowness(one, found.rate, natural, found.band[1] * moves) for one in Analysis]
-    said.extend([one for one in slow if one][:1])
+    body = found.channels[0]
+    if body.rms > QUIET * body.noise:  # band and peaks of noise alone are any
+        natural = found.resonance[0] if math.isfinite(found.resonance[0]) else 0.0
+        slow = [slowness(one, found.rate, natural, found.band[1]) for one in Analysis]
+        said.extend([one for one in slow if one][:1])
     if found.coherence < COHERENT and all(one.rms > 0.0 for one in found.channels):
         said.append(
             f"coherence of body and spool is {found.coherence:.2f} in the excitation's band: "
