@@ -8,6 +8,8 @@ import pytest
 from spool_blind.field.case import make_field
 from spool_evaluation.studies import workers
 from spool_evaluation.studies.field import study
+from spool_evaluation.studies.field.instrument import NEVER
+from spool_evaluation.studies.field.instrument import PAGE as DIAGNOSES
 from spool_evaluation.studies.field.study import PAGE, PICTURE, field_parts, write_field_page
 from spool_evaluation.studies.field.verdicts import (
     FALSE,
@@ -21,6 +23,7 @@ from spool_evaluation.studies.field.verdicts import (
     TWO,
     UNIMPORTANT,
     ChainFault,
+    Diagnosis,
     FieldVerdict,
     HiddenShare,
     brier_scores,
@@ -164,6 +167,18 @@ def test_a_study_goes_on_where_it_was_ended(tmp_path: Path, monkeypatch):
         assert study.run(2, 5, tmp_path, 1) == rows
     assert looked == [5, 6]
     assert "2 cases" in (tmp_path / PAGE).read_text()
+
+
+def test_rows_with_a_diagnosis_are_kept_apart_and_have_a_page(tmp_path: Path, monkeypatch):
+    wrong = row("a", "none", seed=5, diagnosis=Diagnosis(NEVER, 812.3, "a"))
+    monkeypatch.setattr(workers, "suite_version", lambda: "1.0 (commit ab)")
+    monkeypatch.setattr(study, "judge_and_diagnose_seed", lambda seed: looked.append(seed) or wrong)
+    looked: list[int] = []
+    for _ in range(2):
+        assert study.run(1, 5, tmp_path, 1, diagnosing=True) == [wrong]
+    assert looked == [5]
+    assert not (tmp_path / study.ROWS).exists()
+    assert "1 of 1 verdicts are wrong" in (tmp_path / DIAGNOSES).read_text()
 
 
 @pytest.mark.parametrize("version", ["1.1 (commit cd)", "1.0 (commit ab+)"])
