@@ -125,6 +125,7 @@ class DayRun:
         self.events: list[tuple[float, Event]] = []
         self.blocks = 0.0
         self._latest = 0.0
+        self._samples = 0
         self.origin = DEFAULT_START_STAMP + SINCE * SECOND
         self.surrogate = SurrogateEstimates(day, load_surrogate())
         self._start()
@@ -203,7 +204,10 @@ class DayRun:
         return self.origin + round((float(self.day.clock[at]) + second - at) * 1e9)
 
     def _show(self, estimate: Estimate, second: float) -> None:
-        """Show the monitor an estimate, as the nodes do."""
+        """Show the monitor an estimate, as the nodes do: all are of one estimator, however they are made."""
+        self._samples += 1
+        estimate = replace(estimate, samples=self._samples)
+        self.monitor.estimates.resume()
         change = self.gap.update(estimate)
         if change is not None:
             self.events.append((second, change))
