@@ -69,7 +69,7 @@ class Rank:
         error: what is left over away from jumps, rms, m/s^2: on held-out data where there are any.
         excess: ``error`` over the least of all models, less 1.
         objective: the paper's (33), mean over the series.
-        amplitude_ratio: a_est/a_pom, mean over the series.
+        amplitude_ratio: amplitude of the model over the measured one, mean over the series.
         training_error, held_out_error: nrmse with every sample, mean over the series; NaN where not known.
         reason: why there is no result, ``None`` where there is one in every series.
     """
