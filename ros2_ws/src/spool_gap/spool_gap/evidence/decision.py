@@ -65,9 +65,9 @@ RUNS = 0.1
 #: leave more.
 MOST_LEFT = 0.1
 
-#: Share of what a named effect changes that its law may be off by, as ideal jumps and kinks are: less than
-#: this is no pattern beside it.
-IDEAL = 0.03
+#: Share of what play or preload changes by which a record differs from its law: real seats give, and the
+#: instants at which a spool comes to them are not known exactly. Less than this is no pattern beside it.
+SEATS = 0.05
 
 #: Standard deviations by which a richer law must predict better than a plainer one that predicts well.
 CERTAIN = 3.0
@@ -156,10 +156,9 @@ def decide(
         told_apart = name == DELAY or "body" not in look.limits
         if one is not None and told_apart and abs(one.value) - tolerance > BEYOND * one.standard_deviation:
             named.append(name)
-    least = max(settings.least_share, IDEAL * max(shares.values(), default=0.0))
-    rest, matters = _left(
-        predictions, fit, numbers.dispersion, held.judged(fit), (settings.least_share, least)
-    )
+    seats = [share for name, share in shares.items() if EFFECTS[name].local_minima]
+    limits = settings.least_share, max(settings.least_share, SEATS * max(seats, default=0.0))
+    rest, matters = _left(predictions, fit, numbers.dispersion, held.judged(fit), limits)
     unexplained = matters and rest.gain > DECISIVE
     if unexplained:
         # A name stands beside a remainder only where that is small against what the name explains: a law
