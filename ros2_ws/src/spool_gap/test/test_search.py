@@ -236,7 +236,7 @@ def test_two_laws_give_way_to_one_plainer_law_that_predicts_held_out_windows_bet
     search = Search(every, structure_of(BASE, VALVE), [])
     bare = search.base.structure
     right = fit_structure(every, bare.having(("coulomb_friction",), ()).moved({"coulomb_force": 0.4}))
-    richer = fit_structure(every, bare.having(("mixed_friction", "quadratic_damping"), ()))
+    richer = fit_structure(every, bare.having(("mixed_friction", "quadratic_damping"), ()), (1.0,))
     better = replace(richer, log_likelihood=right.log_likelihood + 1000.0)
     search.fits = {one.structure.key: one for one in (search.base, right, better)}
     decision = decide(every, search, look, GapSettings(), MOTIONS, HeldOut(every, [False]))

@@ -58,6 +58,8 @@ FAR = 1e3
 SLOW = 0.06
 #: Excerpts in which structures are fitted briefly, and s of each.
 EXCERPTS, EXCERPT = 3, 7.0
+#: Runs that all slopes of a structure cost together.
+SLOPES_COST = 2.0
 #: Looseness of a free run, which is not corrected at all.
 FREE = -1.0
 
@@ -213,9 +215,7 @@ class Prediction:
             looseness: share of the excitation's rms that the correction takes for input noise, or ``FREE``.
         """
         first = structures[0]
-        motion = next(entry for entry in self.motions if entry.has(first.terms))
-        fastest = min(self.readings.noise.high, 0.4 / self.period)
-        substeps = self._substeps(first, fastest)
+        motion, substeps = self._run_by(first)
         self.work += float(len(structures) * substeps * self.size)
         body_rows, bodies = _distinct([self._input(one, substeps) for one in structures])
         spool_rows, spools = _distinct([self._corrected_spool(one) for one in structures])
@@ -238,18 +238,66 @@ class Prediction:
                 seen[number] = self._as_read(seen[number], one)
         lines = self.counted_lines(seen)
         for number, one in enumerate(structures):
-            gains = self._gains(one, self.windows)[:, np.newaxis]
-            lines[number] *= (1.0 + one.values[GAIN]) * self._volume(one, looseness) * gains
+            lines[number] *= self._scale(one, looseness)
             if far[number]:
                 lines[number] = FAR
         return Errors(lines, displacement[0], velocity[0], errors[0])
+
+    def errors_near(
+        self, one: Structure, lines: Spectrum, near: Sequence[Structure], looseness: float
+    ) -> Spectrum:
+        """Return the error lines of ``near``, which differ a little from ``one`` in their numbers.
+
+        They are taken from slopes, which come with one run, where the terms of ``one`` allow that. ``lines``
+        are those of ``one``, shape (windows, lines).
+        """
+        motion, substeps = self._run_by(one)
+        if not motion.has_slopes(one.terms):
+            return self.errors(near, looseness).lines
+        self.work += float(SLOPES_COST * substeps * self.size)
+        everyone = (one, *near)
+        errors, _, _, slopes = motion.predict_with_slopes(
+            self._input(one, substeps),
+            self._corrected_spool(one),
+            self._heard,
+            np.array([motion.row(other.terms, other.values) for other in everyone]),
+            forced=_changes([self._input(other, substeps) for other in everyone]),
+            shifted=_changes([self._corrected_spool(other) for other in everyone]),
+            correction=self._correction(looseness),
+            sample_period=self.period,
+            substeps=substeps,
+            means=self._every > 1,
+            begin=self.readings.time,
+        )
+        if one.parts:
+            response, *changed = (self._flat_response(other) for other in everyone)
+            slopes = self._through(slopes, response)
+            for number, other in enumerate(changed):
+                if not np.array_equal(other, response):
+                    slopes[number] += self._through(np.clip(errors, -FAR, FAR), other - response)
+        here, *others = (self._scale(other, looseness) for other in everyone)
+        return (lines / here + self.counted_lines(slopes)) * np.array(others)
+
+    def _flat_response(self, one: Structure) -> Array:
+        """Return the size of the response of the spool's channel at every frequency, but for its gain."""
+        return np.asarray(np.abs(one.response("spool", self._every_line)) / (1.0 + one.values[GAIN]))
+
+    def _scale(self, one: Structure, looseness: float) -> Array:
+        """Return the factor on the errors of ``one`` in each window and line, shape (windows, lines)."""
+        gains = self._gains(one, self.windows)[:, np.newaxis]
+        return np.asarray((1.0 + one.values[GAIN]) * self._volume(one, looseness) * gains)
+
+    def _run_by(self, one: Structure) -> tuple[SwitchableMotion, int]:
+        """Return the kernel that runs ``one``, and its steps a sample."""
+        motion = next(entry for entry in self.motions if entry.has(one.terms))
+        return motion, self._substeps(one, min(self.readings.noise.high, 0.4 / self.period))
 
     def _as_read(self, row: Array, one: Structure) -> Array:
         """Return errors ``row`` (n,) as the spool's channel shows them, but for its gain.
 
         What the inverse of its response leaves out is not predicted.
         """
-        response = np.abs(one.response("spool", self._every_line)) / (1.0 + one.values[GAIN])
+        response = self._flat_response(one)
         if np.allclose(response, 1.0):
             return row
         left_out = 1.0 - np.minimum(1.0, response / SMALLEST) ** 2
@@ -293,8 +341,8 @@ class Prediction:
         cut = self._cut(rows * self.counted)
         if self._broken.size:
             own = cut[..., self._broken, :]
-            shares = np.einsum("...wn,wnk->...wk", own, self._trends)
-            cut[..., self._broken, :] = own - np.einsum("...wk,wnk->...wn", shares, self._trends)
+            shares = np.matmul(own[..., np.newaxis, :], self._trends)
+            cut[..., self._broken, :] = own - np.matmul(shares, self._trends.swapaxes(-1, -2))[..., 0, :]
         return self._spectra(cut)
 
     def lines_of(self, rows: Array) -> Spectrum:
@@ -623,6 +671,14 @@ class Predictions:
         found = [part.errors(structures, looseness).lines for part in self.parts]
         return [[lines[number] for lines in found] for number in range(len(structures))]
 
+    def errors_near(
+        self, one: Structure, lines: Sequence[Spectrum], near: Sequence[Structure], looseness: float
+    ) -> list[list[Spectrum]]:
+        """Return the error lines of each of ``near``, little different from ``one``, in each part."""
+        rows = zip(self.parts, lines, strict=True)
+        found = [part.errors_near(one, own, near, looseness) for part, own in rows]
+        return [[lines[number] for lines in found] for number in range(len(near))]
+
     def log_likelihood(self, lines: Sequence[Spectrum]) -> float:
         """Return the log likelihood of ``lines``, a spectrum a part."""
         return sum(part.log_likelihood(one) for part, one in zip(self.parts, lines, strict=True))
@@ -674,6 +730,15 @@ def _edges(lines: Array) -> NDArray[np.int64]:
         if place - edges[-1] >= LINES and lines.size - place >= LINES:
             edges.append(place)
     return np.array([*edges, lines.size], dtype=np.int64)
+
+
+def _changes(rows: Sequence[Array]) -> tuple[Array, NDArray[np.int64]]:
+    """Return how the rows after the first differ from it where they are other objects, and where each is.
+
+    The place is -1 for those that are the same.
+    """
+    places, distinct = _distinct(rows)
+    return distinct[1:] - distinct[0] if len(distinct) > 1 else distinct[:1], places[1:] - 1
 
 
 def _distinct(rows: Sequence[Array]) -> tuple[NDArray[np.int64], Array]:

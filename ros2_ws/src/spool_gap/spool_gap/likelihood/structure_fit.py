@@ -225,7 +225,7 @@ def _slopes(
         structure.moved({one.name: structure.values[one.name] + step})
         for one, step in zip(unknowns, steps, strict=True)
     ]
-    moved = predictions.errors(points, looseness)
+    moved = predictions.errors_near(structure, lines, points, looseness)
     here = predictions.weighed(lines, weights)
     return np.array(
         [(predictions.weighed(row, weights) - here) / step for row, step in zip(moved, steps, strict=True)]
