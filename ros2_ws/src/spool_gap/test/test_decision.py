@@ -133,23 +133,28 @@ def test_a_remainder_is_unexplained_where_it_is_certain_large_and_seen_in_a_free
 
 
 @pytest.mark.parametrize(
-    ("gain", "share", "noise", "unexplained"),
+    ("gain", "share", "left", "unexplained"),
     [
         (1e3, 0.02, 0.03, False),
-        (1e3, 0.02, 0.019, True),
-        (1e3, 0.0024, 0.001, False),
-        (0.9 * DECISIVE, 0.5, 0.01, False),
-        (1e3, 0.03, math.inf, True),
+        (1e3, 0.02, 0.025, True),
+        (1e3, 0.0024, 0.003, False),
+        (0.9 * DECISIVE, 0.5, 0.5, False),
+        (1e3, 0.03, 0.1, True),
     ],
     ids=["quieter than the noise", "louder", "too small", "by chance", "louder than the floor"],
 )
 def test_a_pattern_is_unexplained_where_chance_is_ruled_out_and_noise_does_not_cover_it(
-    monkeypatch: pytest.MonkeyPatch, gain: float, share: float, noise: float, unexplained: bool
+    monkeypatch: pytest.MonkeyPatch, gain: float, share: float, left: float, unexplained: bool
 ) -> None:
     judged = HeldOut.judged
-    monkeypatch.setattr(HeldOut, "judged", lambda *given: replace(judged(*given), floor=0.025))
+
+    def leaving(held: HeldOut, fit: StructureFit) -> Judged:
+        found = judged(held, fit)
+        return replace(found, floor=0.025, agreement=replace(found.agreement, nrmse=left))
+
+    monkeypatch.setattr(HeldOut, "judged", leaving)
     monkeypatch.setattr(decision_module, "rest_of", lambda *_: Rest(0.0, 0.0, "nothing"))
-    monkeypatch.setattr(decision_module, "patterns_of", lambda *_: [Pattern(gain, share, BODY, noise)])
+    monkeypatch.setattr(decision_module, "patterns_of", lambda *_: [Pattern(gain, share, BODY)])
     found = chain().decided()
     assert (found.unexplained, found.rest.follows == BODY) == (unexplained, unexplained)
 

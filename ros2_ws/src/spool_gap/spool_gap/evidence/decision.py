@@ -195,7 +195,9 @@ def _left(
         matters = foreseen(predictions, fit, rest.follows) > RUNS * smooth.gain
     known = rest.share if matters and rest.gain > DECISIVE else 0.0
     for one in patterns_of(predictions, fit):
-        loud = one.share >= max(known, least[1], min(judged.floor, one.noise))
+        # A pattern beside which noise leaves more is none that a user would look for.
+        noise = math.sqrt(max(0.0, judged.agreement.nrmse**2 - one.share**2))
+        loud = one.share >= max(known, least[1], min(judged.floor, noise))
         if loud and one.gain > DECISIVE:
             return Rest(one.gain, one.share, one.follows), True
     return rest, matters
@@ -304,7 +306,9 @@ def _beyond_chance(
         return fit, refined, numbers
     refused.update(chance)
     fits = search.of_each_set
-    left = fits.get(frozenset(own) - set(chance), fits[frozenset()])
+    # What was fitted without them: the rest of the same set, else the most likely of the smaller ones.
+    smaller = [one for kept, one in fits.items() if len(kept) < len(own) and not kept & refused.keys()]
+    left = fits.get(frozenset(own) - set(chance)) or max(smaller, key=lambda one: one.evidence)
     return _beyond_chance(predictions, search, left, refused)
 
 

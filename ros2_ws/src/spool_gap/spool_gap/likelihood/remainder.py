@@ -64,13 +64,11 @@ class Pattern:
             windows that are predicted by the others; 0 at least.
         share: of the spool's acceleration, rms, that follows it.
         follows: in words.
-        noise: share of the spool's acceleration, rms, left in the same tiles; unknown (inf) of a line.
     """
 
     gain: float
     share: float
     follows: str
-    noise: float
 
 
 def patterns_of(predictions: Predictions, fit: StructureFit) -> list[Pattern]:
@@ -147,29 +145,25 @@ class _Tile:
 
 def _by_chance(tiles: Iterable[_Tile], reading: float) -> Pattern:
     """Return the pattern by regressions whose coefficients were fitted in each tile."""
-    rise = variance = explained = noise = 0.0
+    rise = variance = explained = 0.0
     for one in tiles:
         free = one.lines - one.regressors
         # The power left over that before has the Beta distribution with K - m and m.
         rise += one.rise - one.common - float(special.digamma(one.lines) - special.digamma(free))
         variance += float(special.polygamma(1, free) - special.polygamma(1, one.lines))
         explained += one.before - one.left * one.lines / free
-        noise += one.left * one.lines / free
     score = rise / math.sqrt(variance) if variance > 0.0 else 0.0
     gain = -float(special.log_ndtr(-score))
-    return Pattern(gain, math.sqrt(max(explained, 0.0) / reading), BODY, math.sqrt(noise / reading))
+    return Pattern(gain, math.sqrt(max(explained, 0.0) / reading), BODY)
 
 
 def _predicted(tiles: Iterable[_Tile], reading: float) -> Pattern:
     """Return the pattern by predictions with coefficients from elsewhere."""
-    gain = explained = noise = 0.0
+    gain = explained = 0.0
     for one in tiles:
         gain += one.lines * one.rise
         explained += one.before - one.left
-        noise += one.left
-    return Pattern(
-        max(gain, 0.0), math.sqrt(max(explained, 0.0) / reading), MOTION, math.sqrt(noise / reading)
-    )
+    return Pattern(max(gain, 0.0), math.sqrt(max(explained, 0.0) / reading), MOTION)
 
 
 class _Remainder:
@@ -259,7 +253,7 @@ class _Remainder:
             share = math.sqrt(_power(part.counted_lines(wave)[self._windows]) / reading)
             if gain < (steady := self._steady(line, reading)).gain:
                 gain, share = steady.gain, steady.share
-            yield Pattern(gain, share, f"{LINE} of {line:.4g} Hz", math.inf)
+            yield Pattern(gain, share, f"{LINE} of {line:.4g} Hz")
             power[np.abs(frequency - line) < 2.0] = 0.0
 
     def kept(self, line: float) -> tuple[float, complex]:
@@ -290,13 +284,13 @@ class _Remainder:
             beside.append(float(row[max(0, peak - 4 * WANDERS) : peak + 4 * WANDERS + 1].sum()) + TINY)
         share = math.sqrt(sum(power) / reading)
         if min(one / other for one, other in zip(power, beside, strict=True)) < NARROW:
-            return Pattern(0.0, share, LINE, math.inf)
+            return Pattern(0.0, share, LINE)
         count = len(power)
         spread = 2.0 * count * (math.log(sum(power) / count) - sum(map(math.log, power)) / count)
         degrees = 0.5 * (count - 1)
         chance = special.gammainc(degrees, max(0.5 * spread / (1.0 + (count + 1) / (6.0 * count)), 1e-12))
         tries = math.log(self._part.lines.size)
-        return Pattern(max(0.0, -math.log(max(chance, TINY)) - tries), share, LINE, math.inf)
+        return Pattern(max(0.0, -math.log(max(chance, TINY)) - tries), share, LINE)
 
     @property
     def _time(self) -> Array:
