@@ -118,7 +118,9 @@ NODES = ("/valve_1/estimator", "/valve_1/monitor", "/valve_2/estimator", "/valve
 def test_a_file_for_none_of_the_hosts_nodes_is_refused(tmp_path: Path, section: str) -> None:
     file = tmp_path / "my.yaml"
     file.write_text(f"{section}: {SECTION}")
-    with pytest.raises(InputError, match=f"only for /?{re.escape(section)}: write a section /../estimator or"):
+    with pytest.raises(
+        InputError, match=f"only for /?{re.escape(section)}: write a section /../estimator or"
+    ):
         refuse_other_nodes(["--params-file", str(file)], "/host", NODES)
 
 
