@@ -96,7 +96,7 @@ class BlockHub:
                 continue
             for data in topic.mailbox.empty():
                 self._hear(topic, data)
-            # Before that no turn can be due, and an empty look is not for nothing.
+            # No turn can be due before, and each look costs a few us.
             topic.due = now + (topic.together - len(topic.heard) - 1) * topic.period
 
     def waits(self, node: Any, name: str) -> bool:
