@@ -139,8 +139,10 @@ def decide(
     held: HeldOut,
 ) -> Decision:
     """Return what the fits of ``search`` say."""
-    fit, refused = _plainest(predictions, search, settings, held)
-    fit = _predicting(search, held, fit, refused)
+    refused: dict[str, str] = {}
+    fit = _plainest(predictions, search, search.simplest, refused, settings, held)
+    fit = _predicting(search, held, fit, refused, settings.least_share)
+    fit = _plainest(predictions, search, fit, refused, settings, held)
     fit, refined, numbers = _beyond_chance(predictions, search, fit, refused)
     forces = two_forces(look.readings, predictions.parts[0].valve, motions, fit)
     fit = refined
@@ -322,14 +324,19 @@ def _may_be_zero(name: str, numbers: Numbers) -> bool:
 
 
 def _plainest(
-    predictions: Predictions, search: Search, settings: GapSettings, held: HeldOut
-) -> tuple[StructureFit, dict[str, str]]:
-    """Return the simplest fit with richer laws only where plainer ones do not do.
+    predictions: Predictions,
+    search: Search,
+    fit: StructureFit,
+    refused: dict[str, str],
+    settings: GapSettings,
+    held: HeldOut,
+) -> StructureFit:
+    """Return ``fit`` with richer laws only where plainer ones do not do, and say in ``refused`` why.
 
     They do if they differ by less than the least share, or leave no more than noise of a free run and hardly
-    more than the richer one, which no window by window comparison tells from chance.
+    more than the richer one: by less than the least share, or so little that no window by window comparison
+    tells it from chance.
     """
-    fit, refused = search.simplest, {}
     for name in fit.structure.effects:
         for plain in EFFECTS[name].replaces:
             effects = frozenset(plain if one == name else one for one in fit.structure.effects)
@@ -339,8 +346,8 @@ def _plainest(
             shown = share_between(predictions, fit, EFFECTS[name].terms, other, EFFECTS[plain].terms)
             judged, richer = held.judged(other), held.judged(fit)
             enough = min(judged.floor, (1.0 + MOST_LEFT) * richer.agreement.nrmse)
-            as_good = judged.agreement.nrmse <= enough and richer.lead(judged) < CERTAIN
-            if shown < settings.least_share or as_good:
+            chance = richer.lead(judged) < CERTAIN or _gain(judged, richer) < settings.least_share
+            if shown < settings.least_share or (judged.agreement.nrmse <= enough and chance):
                 refused[name] = (
                     f"it differs from {plain.replace('_', ' ')} by {100.0 * shown:.2g} % only"
                     if shown < settings.least_share
@@ -348,27 +355,42 @@ def _plainest(
                 )
                 fit = other
                 break
-    return fit, refused
+    return fit
 
 
-def _predicting(search: Search, held: HeldOut, fit: StructureFit, refused: dict[str, str]) -> StructureFit:
+def _gain(plainer: Judged, richer: Judged) -> float:
+    """Return what the free run of ``richer`` explains beyond ``plainer``, share of the acceleration, rms."""
+    return math.sqrt(max(0.0, plainer.agreement.nrmse**2 - richer.agreement.nrmse**2))
+
+
+def _predicting(
+    search: Search, held: HeldOut, fit: StructureFit, refused: dict[str, str], least_share: float
+) -> StructureFit:
     """Return ``fit`` without effects that make the free run over held-out windows no better.
 
-    Those that stay may have plainer laws: a richer one may have made up for what the others did wrong.
+    Where the fewer leave no more than noise, it has to be better by the least share. Those that stay may have
+    plainer laws: a richer one may have made up for what the others did wrong.
     """
     own = frozenset(fit.structure.effects)
     known = own.union(*(EFFECTS[name].replaces for name in own))
     fits = search.of_each_set
-    fewer = [effects for effects in fits if effects <= known and len(effects) < len(own)]
-    errors = {effects: held.judged(fits[effects]).agreement.nrmse for effects in fewer}
-    error = held.judged(fit).agreement.nrmse
-    least = min(fewer, key=lambda effects: errors[effects], default=own)
-    if errors.get(least, math.inf) > error:
+    fewer = {
+        effects: held.judged(fits[effects])
+        for effects in fits
+        if effects <= known and len(effects) < len(own)
+    }
+    richer = held.judged(fit)
+    least = min(fewer, key=lambda effects: fewer[effects].agreement.nrmse, default=own)
+    if least == own:
+        return fit
+    error = fewer[least].agreement.nrmse
+    needed = least_share if error <= fewer[least].floor else 0.0
+    if _gain(fewer[least], richer) > needed:
         return fit
     for name in sorted(own - least):
-        shown = f"{100.0 * error:.2g} %, without it {100.0 * errors[least]:.2g} %"
+        shown = f"{100.0 * richer.agreement.nrmse:.2g} %, without it {100.0 * error:.2g} %"
         refused[name] = f"with it a free run leaves {shown}"
-    return _predicting(search, held, fits[least], refused)
+    return _predicting(search, held, fits[least], refused, least_share)
 
 
 def _by_direction(
