@@ -58,8 +58,6 @@ FAR = 1e3
 SLOW = 0.06
 #: Excerpts in which structures are fitted briefly, and s of each.
 EXCERPTS, EXCERPT = 3, 7.0
-#: Runs that all slopes of a structure cost together.
-SLOPES_COST = 2.0
 #: Looseness of a free run, which is not corrected at all.
 FREE = -1.0
 
@@ -254,7 +252,8 @@ class Prediction:
         motion, substeps = self._run_by(one)
         if not motion.has_slopes(one.terms):
             return self.errors(near, looseness).lines
-        self.work += float(SLOPES_COST * substeps * self.size)
+        # The allowance of a search counts what is learned, not what it costs.
+        self.work += float(len(near) * substeps * self.size)
         everyone = (one, *near)
         errors, _, _, slopes = motion.predict_with_slopes(
             self._input(one, substeps),
