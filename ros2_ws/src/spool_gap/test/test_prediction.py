@@ -208,6 +208,34 @@ STIFF = find_valve("4weh10_stiff").model_copy(update={"dynamic_viscosity": 0.015
 PLAY, STIFF_NOISE = 2.5e-4, 0.02
 
 
+def near(one: Structure, step: float = 1e-4) -> list[Structure]:
+    """Return structures that differ from ``one`` by a small step of each number."""
+    unknowns = one.unknowns(12.0)
+    return [
+        one.moved({u.name: one.values[u.name] + step * (u.scale if u.absolute else one.values[u.name])})
+        for u in unknowns
+    ]
+
+
+@pytest.mark.parametrize("parts", [(), ("spool_extra_mode",), ("body_extra_mode", "spool_gain_drift")])
+def test_errors_near_a_structure_are_those_of_runs_of_their_own(parts: tuple[str, ...]) -> None:
+    made = prediction(record("quadratic_damping", quadratic_coefficient=20.0))
+    one = structure_of(BASE, VALVE).having(("quadratic_damping",), parts)
+    lines = made.errors([one], 0.1).lines[0]
+    taken = made.errors_near(one, lines, near(one), 0.1) - lines
+    run = made.errors(near(one), 0.1).lines - lines
+    for slope, difference in zip(taken, run, strict=True):
+        assert np.linalg.norm(slope - difference) < 0.05 * np.linalg.norm(difference)
+
+
+def test_errors_near_a_structure_that_is_corrected_too_much_are_finite() -> None:
+    """The correction is that of the valve as described: with a far stiffer spring it may be no stable one."""
+    made = prediction(record())
+    one = structure_of(BASE, VALVE).moved({"spring_stiffness": 40.0 * VALVE.spring_stiffness})
+    lines = made.errors([one], 1.0).lines[0]
+    assert np.isfinite(made.errors_near(one, lines, near(one), 1.0)).all()
+
+
 @lru_cache
 def stepped() -> Prediction:
     """A spool with play, at steps of frequency through its resonance: it can swing in several ways."""

@@ -268,6 +268,9 @@ class Prediction:
             means=self._every > 1,
             begin=self.readings.time,
         )
+        if not np.abs(slopes).max(initial=0.0) < np.abs(self.spool).max():
+            # A small step changes more than there is: the motion is so sensitive, or the correction unstable.
+            return self.errors(near, looseness).lines
         if one.parts:
             response, *changed = (self._flat_response(other) for other in everyone)
             slopes = self._through(slopes, response)
