@@ -19,7 +19,7 @@ RESEARCH = {path.parent.name for path in (ROOT / "research").glob("*/__init__.py
 #: What was measured, and may only become less: put the new figure here with the change that improves it.
 #: Lines and files may grow only in a change that adds a feature; its commit message says what that costs.
 RATCHETS = {
-    "lines": 72_710,
+    "lines": 72_726,
     "files": 329,
     "lines of research": 14_474,
     "lines up to the last import, %": 8.19,
