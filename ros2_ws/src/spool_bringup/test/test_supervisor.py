@@ -183,3 +183,16 @@ def test_a_killed_supervisor_takes_its_processes_along(start: Start, tmp_path: P
     _until(lambda: all(_seen(tmp_path, number) for number in range(3)))
     process.kill()
     _until(lambda: all(_gone(_seen(tmp_path, number)[0][0]) for number in range(3)))
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_host_of_one_process_ends_quietly_while_it_loads(number: int) -> None:
+    """Each line of ``-X importtime`` says what has just been imported."""
+    words = [sys.executable, "-X", "importtime", "-m", "spool_bringup.host.program"]
+    process = subprocess.Popen(words, stderr=subprocess.PIPE, text=True)
+    assert process.stderr is not None
+    said = next(line for line in process.stderr if "numpy" in line)
+    process.send_signal(number)
+    said += process.communicate(timeout=60)[1]
+    assert process.returncode == 0
+    assert "Traceback" not in said

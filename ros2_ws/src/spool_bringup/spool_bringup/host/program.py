@@ -12,6 +12,7 @@ from functools import partial
 from spool_core.errors import InputError, libraries_reported
 from spool_core.kernels.kernel_files import COMPILING, KernelCache
 from spool_core.node.network import check_middleware
+from spool_core.node.program import STOP
 from spool_core.system import run_before_others, use_processors
 from spool_core.text import keep_standard_streams
 
@@ -54,6 +55,7 @@ def main() -> int:
     economise()
     if options.processes > 1:
         return Supervisor(options.processes, partial(_load, arguments, FirstList())).run()
+    STOP.install()
     with libraries_reported("host"):
         from spool_bringup.host.host_process import HostProcess  # noqa: PLC0415 - slow to load
 
