@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import re
@@ -14,6 +15,7 @@ import pyarrow.parquet
 import pytest
 from spool_bag.information import describe
 from spool_bag.writer import BagWriter
+from spool_evaluation.benchmarks.load.valve_source import family
 from spool_msgs.msg import AccelerationBlock
 from spool_tools.cli import app, main
 from spool_tools.operations.demo import find_executable
@@ -294,3 +296,38 @@ def test_run_starts_a_node_that_ends_by_a_signal(system: System, tmp_path: Path,
         process.kill()
         process.wait()
     assert "Traceback" not in (tmp_path / "log").read_text()
+
+
+def _named(process: int, *words: str) -> list[int]:
+    """Return those that ``process`` started whose command lines hold one of ``words``."""
+    found = []
+    with contextlib.suppress(OSError):  # others come and go meanwhile
+        found = family(process)
+    return [one for one in found if any(word in _command_line(one) for word in words)]
+
+
+def _command_line(process: int) -> str:
+    with contextlib.suppress(OSError):
+        return Path(f"/proc/{process}/cmdline").read_text(encoding="utf-8")
+    return ""
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_benchmark_that_is_ended_early_leaves_no_process_behind(number: int) -> None:
+    process = subprocess.Popen(
+        [ROOT / "spool", "bench", "host", "--valves", "1", "--seconds", "10"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+    try:
+        while len(begun := _named(process.pid, "valve_source", "spool_bringup/host")) < 2:
+            assert process.poll() is None
+        process.send_signal(number)
+        said, _ = process.communicate(timeout=180)
+    finally:
+        process.kill()
+        process.wait()
+    assert process.returncode == 130
+    assert "Traceback" not in said
+    assert not [one for one in begun if Path(f"/proc/{one}").exists()]

@@ -245,6 +245,7 @@ def sending(
         yield saw
     finally:
         source.kill()
+        source.wait()
 
 
 def last_words(log: Path) -> str:

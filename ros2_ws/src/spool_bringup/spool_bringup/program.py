@@ -1,4 +1,4 @@
-"""Program ``spool``: Ctrl-C is looked after before the libraries are loaded, which takes a second or two."""
+"""Program ``spool``: requests to end are heard before the libraries are loaded, which takes a second or two."""
 
 from __future__ import annotations
 
@@ -16,14 +16,19 @@ INTERRUPTED, NOBODY_READS = 130, 141  # what a shell says of SIGINT and SIGPIPE
 #: Exit code where standard output takes no more.
 UNWRITTEN = 2
 
+#: Ctrl-C and what a time limit or a service manager sends: either way a command ends what it began.
+ASKING = (signal.SIGINT, signal.SIGTERM)
+
 
 def main() -> int:
     """Run the command line; return the exit code."""
     keep_standard_streams()
-    signal.signal(signal.SIGINT, _leave)
+    for asking in ASKING:
+        signal.signal(asking, _leave)
     with libraries_reported("spool"):
         run = importlib.import_module("spool_tools.cli").main
-    signal.signal(signal.SIGINT, signal.default_int_handler)
+    for asking in ASKING:
+        signal.signal(asking, signal.default_int_handler)
     code = 0
     try:
         with libraries_reported("spool"):  # commands load what they need themselves

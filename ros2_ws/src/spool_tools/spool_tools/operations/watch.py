@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 import sys
 import time
 from collections.abc import Callable
@@ -286,7 +285,6 @@ def _chosen_key(table: DataTable[object]) -> str | None:
 
 def _lines(listener: heard.Listener, seconds: float | None, language: Language) -> None:
     """Print each event at once, and a line for each valve now and then."""
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     begun, last = time.monotonic(), -LINES
     print(f"estimates {LEGEND}", flush=True)
     try:
@@ -301,5 +299,3 @@ def _lines(listener: heard.Listener, seconds: float | None, language: Language) 
             time.sleep(LOOK)
     except KeyboardInterrupt:
         return
-    finally:
-        signal.signal(signal.SIGTERM, before)
