@@ -1,4 +1,4 @@
-"""Program ``spool``: requests to end are heard before the libraries are loaded, which takes a second or two."""
+"""Program ``spool``: requests to end are heard before the libraries are loaded, which takes seconds."""
 
 from __future__ import annotations
 
