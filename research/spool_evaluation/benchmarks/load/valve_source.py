@@ -233,9 +233,7 @@ def sending(
         try:
             source.wait(timeout=seconds + LONGEST_BEHIND + 2.0 * PATIENCE)
         except subprocess.TimeoutExpired:
-            raise InputError(
-                "bench: this machine is too busy to send the blocks; try fewer --valves"
-            ) from None
+            raise InputError("bench: this machine is too busy for the blocks; try fewer --valves") from None
         if not report.exists():
             raise InputError(f"bench: the source of blocks failed: {last_words(folder / 'source.log')}")
         seen: dict[str, Any] = json.loads(report.read_text(encoding="utf-8"))

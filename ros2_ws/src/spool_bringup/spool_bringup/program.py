@@ -15,7 +15,6 @@ INTERRUPTED, NOBODY_READS = 130, 141  # what a shell says of SIGINT and SIGPIPE
 
 #: Exit code where standard output takes no more.
 UNWRITTEN = 2
-
 #: Ctrl-C and what a time limit or a service manager sends: either way a command ends what it began.
 ASKING = (signal.SIGINT, signal.SIGTERM)
 
