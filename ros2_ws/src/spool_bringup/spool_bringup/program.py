@@ -15,18 +15,16 @@ INTERRUPTED, NOBODY_READS = 130, 141  # what a shell says of SIGINT and SIGPIPE
 
 #: Exit code where standard output takes no more.
 UNWRITTEN = 2
-#: Ctrl-C and what a time limit or a service manager sends: either way a command ends what it began.
-ASKING = (signal.SIGINT, signal.SIGTERM)
 
 
 def main() -> int:
     """Run the command line; return the exit code."""
     keep_standard_streams()
-    for asking in ASKING:
+    for asking in (signal.SIGINT, signal.SIGTERM):
         signal.signal(asking, _leave)
     with libraries_reported("spool"):
         run = importlib.import_module("spool_tools.cli").main
-    for asking in ASKING:
+    for asking in (signal.SIGINT, signal.SIGTERM):
         signal.signal(asking, signal.default_int_handler)
     code = 0
     try:
