@@ -122,7 +122,7 @@ def test_a_publisher_that_is_killed_is_stale_and_an_operator_acts_by_mouse_and_k
     _, address = domain.page(operator=True)
     page = open_page(f"{address}valve/valve_1")
     becomes(page, "good")
-    page.wait_for_function("document.getElementById('spectrum_text').textContent.includes('Hz')")
+    page.wait_for_selector("#spectrum_text:has-text('Hz')", state="attached")
     page.wait_for_selector("tr[data-parameter=coulomb_force] svg circle")
     simulator.kill()
     page.wait_for_selector("[data-condition=stale]:not(dl *), [data-condition=alarm]:not(dl *)")

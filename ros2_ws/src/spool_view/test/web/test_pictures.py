@@ -65,7 +65,7 @@ def test_pictures_of_the_page_show_its_labels_of_today(
         page.wait_for_selector("[data-alarm=resonance] [data-state=unacknowledged]")
         if view == "valve":
             page.wait_for_selector("tr[data-parameter=relative_displacement]")
-            page.wait_for_function("document.getElementById('resonance').querySelectorAll('dt').length > 1")
+            page.wait_for_selector("#resonance dl + dl")
     for name, page in pages.items():
         if out:
             page.wait_for_timeout(SETTLES if page is next(iter(pages.values())) else 0)
