@@ -299,15 +299,15 @@ def test_run_starts_a_node_that_ends_by_a_signal(system: System, tmp_path: Path,
 
 
 def _named(process: int, *words: str) -> list[int]:
-    """Return those that ``process`` started that hold one of ``words``, once they work."""
+    """Return the processes that ``process`` started with one of ``words``, once they run."""
     found = []
     with contextlib.suppress(OSError):  # others come and go meanwhile
         found = family(process)
-    return [one for one in found if any(word in _command_line(one) for word in words) and _works(one)]
+    return [one for one in found if any(word in _command_line(one) for word in words) and _runs(one)]
 
 
-def _works(process: int) -> bool:
-    """Whether a node's middleware runs: it has threads of its own."""
+def _runs(process: int) -> bool:
+    """Whether the middleware of a node runs: it starts about ten threads."""
     with contextlib.suppress(OSError):
         return len(list(Path(f"/proc/{process}/task").iterdir())) > 8
     return False
