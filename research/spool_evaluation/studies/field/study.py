@@ -188,6 +188,11 @@ def field_row(
         seconds=seconds[0],
         processor_seconds=seconds[1],
         condition=f"{condition_text(case)}, size {case.factor:.2g}",
+        explained=tuple(
+            tuple(one["effects"])
+            for one in result.get("explanations", [])
+            if "unexplained" not in one["effects"]
+        ),
         message=message,
         signs=result.get("confidence_from", {}),
     )

@@ -389,6 +389,7 @@ def as_stuck(result: GapResult) -> GapResult:
         verdict="unexplained",
         confidence=CONFIDENCE,
         effects=(),
+        alternatives=(),
         candidates=(),
         nuisances=(),
         remainder=None,

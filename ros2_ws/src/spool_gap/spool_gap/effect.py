@@ -98,9 +98,11 @@ class Effect(ABC):
         load_cell_zero: force records cannot tell it from the zero of their load cell.
         scanned: numbers in which the force is not linear that are taken from a list, not refined.
         picture: what its signature is drawn over: ``velocity``, ``displacement``, ``time`` or ``samples``.
+        group: what on the machine it belongs to; a maintenance engineer acts by this.
     """
 
     id: ClassVar[str]
+    group: ClassVar[str]
     kinds: ClassVar[tuple[str, ...]] = ("accelerations", "driven", "imposed")
     terms: ClassVar[tuple[str, ...]] = ()
     replaces: ClassVar[tuple[str, ...]] = ()
@@ -216,6 +218,7 @@ class SensorEffect(Effect):
         equation: the reading as text.
     """
 
+    group = "sensor"
     kinds = ("accelerations",)
     picture = "samples"
     searched = False

@@ -14,6 +14,7 @@ from spool_estimator.identification.nuisances import Nuisance
 
 from spool_gap.catalogue import EFFECTS
 from spool_gap.result import (
+    Explanation,
     GapResult,
     HeldOutAgreement,
     ProfileLikelihood,
@@ -26,8 +27,6 @@ from spool_gap.result import (
 
 #: Cells of the restoring-force surface.
 CELLS = 24
-
-UNEXPLAINED = "unexplained"
 #: What to look at.
 CHECK_CLIPPING = "measuring range against the largest acceleration, amplifier setting"
 CHECK_COLOURED = (
@@ -142,6 +141,16 @@ def named(
     )
 
 
+def not_told_apart(effects: Sequence[str], others: Sequence[Explanation]) -> str:
+    """Return the sentence on ``others`` that a record does not tell from ``effects``."""
+    names = [" and ".join(one.effects).replace("_", " ") or "nothing" for one in others]
+    told = "; ".join(dict.fromkeys(one.told_apart_by for one in others if one.told_apart_by))
+    own = " and ".join(effects).replace("_", " ") or "nothing missing"
+    return (
+        f"The record does not tell {own} from {' or '.join(names)}{f'; what would: {told}' if told else ''}."
+    )
+
+
 def unnamed(
     base: str,
     candidates: Sequence[str],
@@ -189,8 +198,18 @@ def result_to_dict(result: GapResult) -> dict[str, Any]:
         "where_after": _where(result.where_after),
         "effects": [_fields(one, parameters=_quantities(one.parameters)) for one in result.effects],
         "verdict": result.verdict,
+        "explanations": [
+            _fields(
+                one,
+                parameters=_quantities(one.parameters),
+                nuisances=[_nuisance(entry) for entry in one.nuisances],
+            )
+            | {"group": one.group}
+            for one in result.explanations
+        ],
         "remainder": None if result.remainder is None else _fields(result.remainder),
         "nuisances": [_nuisance(entry) for entry in result.nuisances],
+        "linear_anomaly": None if result.linear_anomaly is None else _anomaly(result.linear_anomaly),
         "small_effects": [
             _fields(one, parameters=_quantities(one.parameters)) for one in result.small_effects
         ],
@@ -214,6 +233,22 @@ def result_to_dict(result: GapResult) -> dict[str, Any]:
         "advice": result.advice or None,
         "seconds_of_data": json_number(result.seconds),
         "elapsed_s": json_number(result.elapsed),
+    }
+
+
+def anomaly_sentence(frequency: float) -> str:
+    """Return the sentence on a resonance at ``frequency`` (Hz) that the description lacks."""
+    return (
+        f"There is a resonance near {number(frequency, 3)} Hz that the valve's description lacks: bracket of "
+        "a sensor, surge of a spring or oil column; a tap test tells them apart."
+    )
+
+
+def _anomaly(frequency: float) -> dict[str, Any]:
+    return {
+        "frequency_Hz": frequency,
+        "group": "linear anomaly",
+        "told_apart_by": "a tap test of the sensors' brackets; the record repeated with a sensor moved",
     }
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import TypeAlias
 
@@ -15,10 +15,13 @@ from spool_core.uncertainty import Quantity
 from spool_estimator.identification.nuisances import Nuisance
 from spool_sim.model import Model
 
+from spool_gap.catalogue import EFFECTS, group_of
+
 Progress = Callable[[str, float], None]
 
 #: Twice the fall of the log likelihood at the ends of a 95 % interval of one number (Wilks, 1938).
 RISE_95 = float(chdtri(1, 0.05))
+UNEXPLAINED = "unexplained"
 IDENTIFIABLE, ONE_SIDED, TOGETHER, NOT = "identifiable", "one-sided", "only together", "not identifiable"
 
 
@@ -213,8 +216,32 @@ class RankedHypothesis:
     measuring_chain: tuple[str, ...] = ()
 
 
+@dataclass(frozen=True, slots=True)
+class Explanation:
+    """One of the answers that the record does not tell apart.
+
+    Attributes:
+        effects: ids of the catalogue; none where nothing is missing, ``unexplained`` for what has no name.
+        probability: of all explanations, which sum to 1.
+        parameters: numbers of the effects, each with its standard deviation.
+        nuisances: of the measuring chain that belong to it.
+        told_apart_by: what would separate it from the others, empty where there is no other.
+    """
+
+    effects: tuple[str, ...]
+    probability: float
+    parameters: tuple[Quantity, ...] = ()
+    nuisances: tuple[Nuisance, ...] = ()
+    told_apart_by: str = ""
+
+    @property
+    def group(self) -> str:
+        """What the effects belong to on the machine, joined by ``+`` where they are of several groups."""
+        return group_of(self.effects)
+
+
 #: Records of a result that JSON takes field by field.
-ResultEntry: TypeAlias = NamedEffect | SmallEffect | RankedHypothesis | Remainder
+ResultEntry: TypeAlias = NamedEffect | SmallEffect | RankedHypothesis | Remainder | Explanation
 
 
 @dataclass(frozen=True, slots=True)
@@ -253,7 +280,8 @@ class GapResult:
         kind: ``accelerations``, ``driven`` or ``imposed``.
         base_model: name.
         verdict: effect ids joined by ``+``, ``none`` or ``unexplained``; the last one after names where
-            those were found, and something else is left.
+            those were found, and something else is left. Where the record does not tell effects of one group
+            apart, the group (``dry_friction``) stands for them.
         confidence: that the verdict is right, 0 to 1.
         sentence: the verdict in words: what is missing, how big, what it means, what to check.
         effects: what was found, in order of the gap that each closed.
@@ -280,6 +308,8 @@ class GapResult:
         profiles: of the numbers of what is named, where they were asked for.
         correlation: of the numbers ``correlated``, shape (p, p); empty where it is not known.
         correlated: names of its rows.
+        alternatives: to the effects, that the record does not tell from them; ``probability`` is their
+            share of what is not told apart.
     """
 
     record: str
@@ -316,6 +346,37 @@ class GapResult:
     profiles: tuple[ProfileLikelihood, ...] = ()
     correlation: Array = field(default_factory=lambda: np.empty((0, 0)))
     correlated: tuple[str, ...] = ()
+    alternatives: tuple[Explanation, ...] = ()
+
+    @property
+    def explanations(self) -> tuple[Explanation, ...]:
+        """Answers that the record does not tell apart, the most probable first, with that of no name."""
+        names = tuple(one.id for one in self.effects)
+        numbers = tuple(number for one in self.effects for number in one.parameters)
+        share = 1.0 - sum(one.probability for one in self.alternatives)
+        told = "; ".join(dict.fromkeys(_apart(name) for name in names))
+        first = Explanation(names, share, numbers, self.nuisances, told if self.alternatives else "")
+        if self.alternatives or UNEXPLAINED not in self.verdict.split("+"):
+            found = [
+                replace(one, probability=self.confidence * one.probability)
+                for one in (first, *self.alternatives)
+            ]
+            found.append(Explanation((UNEXPLAINED,), 1.0 - self.confidence))
+        else:
+            found = [
+                replace(first, effects=(*names, UNEXPLAINED), probability=self.confidence),
+                replace(first, probability=1.0 - self.confidence),
+            ]
+        return tuple(sorted(found, key=lambda one: -one.probability))
+
+    @property
+    def linear_anomaly(self) -> float | None:
+        """Frequency (Hz) of a resonance that the valve's description lacks, ``None`` where there is none.
+
+        Two accelerometers do not tell the bracket of a sensor from the surge of a spring or an oil column.
+        """
+        modes = [one for one in self.nuisances if one.id == "extra_mode"]
+        return modes[0].size if modes else None
 
     @property
     def known_floor(self) -> float:
@@ -331,6 +392,10 @@ class GapResult:
             for one in self.ranking
         )
         return "another one is better" if better else ""
+
+
+def _apart(name: str) -> str:
+    return EFFECTS[name].distinguished_by
 
 
 def verdict_of(

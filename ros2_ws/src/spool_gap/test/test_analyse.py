@@ -13,7 +13,7 @@ from spool_estimator.identification.record import Record
 from spool_gap.evidence.analyse import analyse
 from spool_gap.likelihood.structure import structure_of
 from spool_gap.report import nothing_missing, result_to_dict
-from spool_gap.result import GapResult
+from spool_gap.result import Explanation, GapResult
 from spool_sim.excitation import Multisine, SweptSine
 from spool_sim.model import MODELS, model_from_mapping
 from spool_sim.sensors import Sensor
@@ -77,6 +77,30 @@ def test_the_structure_that_won_leads_the_ranking_and_others_have_a_reason(
     assert first["nrmse_after"] == pytest.approx(result.after.nrmse)
     assert not any(row["accepted"] for row in others)
     assert all(row["reason"] for row in others)
+
+
+def test_explanations_are_the_effects_and_what_has_no_name() -> None:
+    """Their probabilities sum to 1, however sure the verdict is said to be."""
+    for result in (with_cubic(), replace(with_cubic(), confidence=0.3)):
+        first, last = sorted(result_to_dict(result)["explanations"], key=lambda row: -len(row["parameters"]))
+        assert (first["effects"], first["group"]) == (["cubic_stiffness"], "spring and play")
+        assert first["parameters"]["cubic_coefficient"]["value"] == pytest.approx(4e7, rel=0.03)
+        assert first["probability"] == pytest.approx(result.confidence)
+        assert (last["effects"], last["probability"]) == (
+            ["unexplained"],
+            pytest.approx(1.0 - result.confidence),
+        )
+
+
+def test_effects_that_a_record_does_not_tell_apart_share_the_confidence() -> None:
+    other = Explanation(("spring_preload",), 0.25, told_apart_by="amplitudes")
+    result = replace(with_cubic(), alternatives=(other,), confidence=0.8)
+    shares = {one.effects: one.probability for one in result.explanations}
+    assert shares == pytest.approx(
+        {("cubic_stiffness",): 0.6, ("spring_preload",): 0.2, ("unexplained",): 0.2}
+    )
+    assert result.explanations[0].effects == ("cubic_stiffness",)
+    assert result.explanations[0].told_apart_by
 
 
 def test_noise_of_which_only_a_bound_is_known_is_left_out() -> None:

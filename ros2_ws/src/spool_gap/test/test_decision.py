@@ -13,8 +13,10 @@ import numpy as np
 import pytest
 from spool_estimator.identification.record import Record
 from spool_gap.evidence import decision as decision_module
-from spool_gap.evidence.decision import BEYOND, EXACT, OUTSIDE, RUNS, Decision, Numbers, decide, numbers_of
+from spool_gap.evidence import intervals
+from spool_gap.evidence.decision import BEYOND, OUTSIDE, RUNS, Decision, decide
 from spool_gap.evidence.held_out import HeldOut, Judged
+from spool_gap.evidence.intervals import EXACT, Numbers, numbers_of, refined
 from spool_gap.evidence.look import Look, look_at
 from spool_gap.likelihood.kernel import motions_for
 from spool_gap.likelihood.prediction import Prediction, Predictions
@@ -119,8 +121,8 @@ def test_a_remainder_is_unexplained_where_it_is_certain_large_and_seen_in_a_free
 ) -> None:
     judged = HeldOut.judged
 
-    def leaving(held: HeldOut, fit: StructureFit) -> Judged:
-        found = judged(held, fit)
+    def leaving(held: HeldOut, fit: StructureFit, *, refitted: bool = True) -> Judged:
+        found = judged(held, fit, refitted=refitted)
         return replace(found, floor=found.agreement.nrmse / left)
 
     monkeypatch.setattr(HeldOut, "judged", leaving)
@@ -148,8 +150,8 @@ def test_a_pattern_is_unexplained_where_chance_is_ruled_out_and_noise_does_not_c
 ) -> None:
     judged = HeldOut.judged
 
-    def leaving(held: HeldOut, fit: StructureFit) -> Judged:
-        found = judged(held, fit)
+    def leaving(held: HeldOut, fit: StructureFit, *, refitted: bool = True) -> Judged:
+        found = judged(held, fit, refitted=refitted)
         return replace(found, floor=0.025, agreement=replace(found.agreement, nrmse=left))
 
     monkeypatch.setattr(HeldOut, "judged", leaving)
@@ -173,7 +175,7 @@ def test_a_name_whose_numbers_may_all_be_zero_is_no_name(
     fit = fit_structure(known.predictions, start)
     search = copy(known.search)
     search.fits = {**known.search.fits, start.key: fit}
-    monkeypatch.setattr(decision_module, "numbers_of", wide)
+    monkeypatch.setattr(intervals, "numbers_of", wide)
     found = replace(known, search=search).decided()
     assert found.effects == named
     assert ("quadratic_damping" in found.refused) is (not named)
@@ -196,7 +198,7 @@ def test_an_interval_reaches_to_what_the_next_corrections_make_of_its_number(
 ) -> None:
     """But not to what one makes that lets the motion follow the measured one, 0.3 or more."""
     predictions = drag().predictions
-    fit, numbers = decision_module._refined(predictions, replace(drag().search.base, looseness=own))
+    fit, numbers = refined(predictions, replace(drag().search.base, looseness=own))
     others = [fit_structure(predictions, fit.structure, (one,), enough=EXACT).structure for one in nearest]
     alone = numbers_of(predictions, fit).deviations
     for one in numbers.quantities:
@@ -212,7 +214,7 @@ def test_the_pulls_of_a_few_windows_scatter_as_a_sample_of_them_does() -> None:
     residual[0, 0, 0, 0], residual[0, 1, 1, 2] = 1.0, -1.0
     residual[1, :, 0, 1] = 1.0
     slopes = np.ones((1, residual.size))
-    bread, sandwich = decision_module._covariances(
+    bread, sandwich = intervals._covariances(
         predictions, Curvature(slopes, np.array([[0.5]])), residual.ravel()
     )
     # 0.5 * (1 + 1 + 4) * 4 / (4 - 1) * 0.5

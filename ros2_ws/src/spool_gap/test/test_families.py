@@ -88,8 +88,8 @@ def base_fit(effect: str = "") -> tuple[Predictions, StructureFit]:
 
 def gain(name: str, hidden: str) -> float:
     """Return what the effect ``name`` promises in the record with the effect ``hidden``."""
-    return max((best_of(rows).gain for rows in proposals(*base_fit(hidden), [name])
-                if best_of(rows).name == name), default=0.0)  # fmt: skip
+    rows = proposals(*base_fit(hidden), [name])[name]
+    return best_of(rows).gain if rows else 0.0
 
 
 def test_every_effect_that_accelerometers_show_has_a_record() -> None:

@@ -217,4 +217,4 @@ def test_page_json_and_terminal_show_what_was_taken_where_nothing_is_missing(
     for shown in (text, printed):
         assert "another one is better" not in shown
         assert "noise alone up to" not in shown
-    assert re.search(r"^none +the base .* accepted$", printed, re.MULTILINE)
+    assert re.search(r"^none +the base .* accepted *$", printed, re.MULTILINE)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from spool_core.discovery import classes_in
 from spool_core.errors import InputError
 from spool_estimator.identification.nuisances import BiasDrift, Hum, RecordNuisance, Spikes
@@ -17,6 +19,11 @@ EFFECTS: dict[str, Effect] = {
 
 #: Ids of the laws of dry friction: of these a machine has one.
 FRICTIONS = frozenset(name for name, entry in EFFECTS.items() if entry.is_friction)
+
+
+def group_of(effects: Iterable[str]) -> str:
+    """Return the groups on the machine of ``effects``, joined by ``+``; empty where these have none."""
+    return "+".join(sorted({EFFECTS[name].group for name in effects if name in EFFECTS}))
 
 
 def effect(name: str) -> Effect:

@@ -26,6 +26,7 @@ class QuadraticDamping(Effect):
     """A force that grows with v abs(v)."""
 
     id = "quadratic_damping"
+    group = "drag and oil"
     terms = ("quadratic_damping",)
     fitted = ("quadratic_coefficient",)
     amplitudes = ("quadratic_coefficient",)
@@ -42,6 +43,7 @@ class DampingDrift(Effect):
     """Drag that changes by a line over time, or by the exponential course of oil that warms."""
 
     id = "damping_drift"
+    group = "drag and oil"
     terms = ("damping_drift",)
     fitted = ("damping_drift_rate", "damping_drift_time")
     amplitudes = ("damping_drift_rate",)
@@ -94,6 +96,7 @@ class PeriodicForce(Effect):
     """A line in the residual's spectrum that the excitation does not have."""
 
     id = "periodic_force"
+    group = "excitation"
     terms = ("periodic_force",)
     fitted = ("force_frequency", "force_amplitude", "force_phase")
     amplitudes = ("force_amplitude",)
@@ -138,6 +141,7 @@ class ConstantForce(Effect):
     """A force that is always there; two accelerometers cannot see it."""
 
     id = "constant_force"
+    group = "spring and play"
     kinds = ("driven", "imposed")
     terms = ("constant_force",)
     fitted = ("push",)

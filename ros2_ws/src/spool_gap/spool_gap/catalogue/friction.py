@@ -26,6 +26,7 @@ class CoulombFriction(Effect):
     """A jump of the force wherever the velocity changes its sign."""
 
     id = "coulomb_friction"
+    group = "dry friction"
     terms = ("coulomb_friction",)
     fitted = ("coulomb_force",)
     amplitudes = ("coulomb_force",)
@@ -48,6 +49,7 @@ class AsymmetricFriction(Effect):
     """Two jumps of different height: to a moving spool their difference is a constant push."""
 
     id = "asymmetric_friction"
+    group = "dry friction"
     terms = ("asymmetric_friction",)
     replaces = ("coulomb_friction",)
     fitted = ("forward_force", "backward_force")
@@ -93,6 +95,7 @@ class StribeckFriction(Effect):
     """A jump at reversals that is larger at low speed."""
 
     id = "stribeck_friction"
+    group = "dry friction"
     terms = ("stribeck_friction",)
     replaces = ("coulomb_friction",)
     fitted = ("coulomb_force", "static_force", "stribeck_velocity", "stribeck_exponent")
@@ -152,6 +155,7 @@ class MixedFriction(Effect):
     """The paper's model 2: sqrt(abs(v)) and 1/(abs(v) + gamma_m), each with the sign of v."""
 
     id = "mixed_friction"
+    group = "dry friction"
     terms = ("mixed_friction",)
     replaces = ("coulomb_friction",)
     fitted = ("mixed_root_coefficient", "mixed_inverse_coefficient", "mixed_velocity")
@@ -207,6 +211,7 @@ class PreslidingFriction(Effect):
     """Dahl's hysteresis: the jump at a reversal is spread over some travel."""
 
     id = "presliding_friction"
+    group = "dry friction"
     terms = ("presliding_friction",)
     replaces = ("coulomb_friction",)
     fitted = ("dahl_force", "dahl_stiffness")

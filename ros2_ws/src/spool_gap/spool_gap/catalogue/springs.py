@@ -17,6 +17,7 @@ class CubicStiffness(Effect):
     """A force that grows with the cube of the displacement."""
 
     id = "cubic_stiffness"
+    group = "spring and play"
     terms = ("cubic_stiffness",)
     fitted = ("cubic_coefficient",)
     amplitudes = ("cubic_coefficient",)
@@ -33,6 +34,7 @@ class SpringBacklash(Effect):
     """The spring force is missing within a dead zone."""
 
     id = "spring_backlash"
+    group = "spring and play"
     terms = ("spring_backlash",)
     fitted = ("backlash",)
     amplitudes = ("backlash",)
@@ -64,6 +66,7 @@ class SpringPreload(Effect):
     """A force towards the centre that is there as soon as the spool leaves it."""
 
     id = "spring_preload"
+    group = "spring and play"
     terms = ("spring_preload",)
     fitted = ("preload_force", "preload_travel")
     amplitudes = ("preload_force",)
@@ -87,6 +90,7 @@ class EndStop(Effect):
     """A stiff force beyond a clearance, near the largest displacement only."""
 
     id = "end_stop"
+    group = "stop"
     terms = ("end_stop",)
     fitted = ("stop_gap", "stop_stiffness", "stop_dissipation", "stop_damping")
     amplitudes = ("stop_stiffness",)

@@ -23,8 +23,10 @@ from spool_sim.valve import Valve
 
 from spool_gap.catalogue import EFFECTS
 from spool_gap.checks import as_stuck
-from spool_gap.evidence.decision import Decision, Numbers, decide, numbers_of, profiles_of
+from spool_gap.evidence.decision import Decision, decide
+from spool_gap.evidence.explanations import said_by
 from spool_gap.evidence.held_out import HeldOut, Judged
+from spool_gap.evidence.intervals import Numbers, numbers_of, profiles_of
 from spool_gap.evidence.look import Look, jitter_of, look_at, sentence
 from spool_gap.likelihood.kernel import motions_for
 from spool_gap.likelihood.prediction import Prediction, Predictions
@@ -33,14 +35,16 @@ from spool_gap.likelihood.structure import CHAIN_PARTS, Structure, structure_of
 from spool_gap.likelihood.structure_fit import LOOSENESS, StructureFit, fit_structure
 from spool_gap.report import (
     CHECK_COLOURED,
-    UNEXPLAINED,
     looks_like,
     named,
+    not_told_apart,
     nothing_missing,
     still_missing,
     unnamed,
 )
 from spool_gap.result import (
+    UNEXPLAINED,
+    Explanation,
     GapResult,
     GapSettings,
     NamedEffect,
@@ -183,7 +187,7 @@ def searched(
     with held.apart() if look.held else nullcontext():
         tried = [] if look.stuck else tried_effects(base)
         allowed = math.inf if chosen.thorough else ALLOWED
-        search = Search(predictions, structure_of(base, valve), tried, progress, allowed)
+        search = Search(predictions, structure_of(base, valve), tried, progress, allowed, chosen.least_share)
         search.run()
     return Run(records, base, look, predictions, held, search, chosen)
 
@@ -212,6 +216,7 @@ class Words:
     advice: str
     warnings: tuple[str, ...] = ()
     confidence_note: str = ""
+    alternatives: tuple[Explanation, ...] = ()
     extra: Mapping[str, tuple[Quantity, ...]] = field(default_factory=dict)
 
 
@@ -220,6 +225,8 @@ def words_of(
 ) -> Words:
     """Return the words for ``decision`` on records with ``look``, whose sampling instants may scatter."""
     names = [*decision.effects]
+    members = list(dict.fromkeys((decision.effects, *(one.effects for one in decision.others))))
+    said = said_by(members)
     extra: dict[str, tuple[Quantity, ...]] = {}
     if "spool" in look.limits:
         limit = look.limits["spool"]
@@ -233,10 +240,10 @@ def words_of(
     if doubtful or (open_ and not names):
         candidates = tuple(decision.effects) or decision.nearest
         verdict, names = UNEXPLAINED, []
-    elif names:
-        verdict = "+".join([*names, UNEXPLAINED] if open_ else names)
     else:
-        verdict = "none"
+        parts = [*said, *(name for name in names if name not in decision.effects)]
+        verdict = "+".join([*parts, UNEXPLAINED] if open_ else parts) or "none"
+        candidates = tuple(dict.fromkeys(name for one in members for name in one if name not in said))
     power = (after.agreement.nrmse / max(after.floor, 1e-12)) ** 2
     remainder = _remainder(decision, power, before, after) if open_ else None
     values, deviations = decision.fit.structure.values, decision.numbers.deviations
@@ -258,6 +265,9 @@ def words_of(
         text = named([(name, extra.get(name) or numbers[name]) for name in names], *errors)
         if remainder is not None:
             text = f"{text} {still_missing(remainder)}"
+    alternatives = [] if verdict == UNEXPLAINED and not names else _alternatives(decision, members)
+    if alternatives:
+        text = f"{text} {not_told_apart(decision.effects, alternatives)}"
     warnings = [*([] if jitter is None else [sentence(jitter)]), *warnings]
     # A name beside a remainder may be the nearest law's; a model that explains nothing is no evidence.
     capped = doubtful or (open_ and (bool(names) or not decision.unexplained))
@@ -266,7 +276,22 @@ def words_of(
     return Words(
         verdict, confidence, text, tuple(names), candidates, remainder, tuple(nuisances),
         "; ".join(dict.fromkeys(one for one in told if one)), tuple(warnings), extra=extra,
+        alternatives=tuple(alternatives),
     )  # fmt: skip
+
+
+def _alternatives(decision: Decision, members: Sequence[tuple[str, ...]]) -> list[Explanation]:
+    """Return what else ``members`` say than the effects of ``decision``, with their numbers."""
+    found = []
+    for names in members[1:]:
+        one = next(other for other in decision.others if other.effects == names)
+        share = sum(other.share for other in decision.others if other.effects == names)
+        numbers = tuple(quantity for name in names for quantity in _own(one.numbers, name))
+        chain = one.fit.structure
+        parts = [CHAIN_PARTS[key].told(chain.values, one.numbers.deviations) for key in chain.parts]
+        apart = "; ".join(dict.fromkeys(EFFECTS[name].distinguished_by for name in names))
+        found.append(Explanation(names, share, numbers, tuple(parts), apart))
+    return found
 
 
 def _bridging(predictions: Predictions, base: Structure) -> Predictions:
@@ -329,6 +354,7 @@ def _assembled(
         signs=decision.signs,
         correlation=numbers.correlation,
         correlated=tuple(one.name for one in numbers.quantities),
+        alternatives=words.alternatives,
     )
 
 

@@ -5,31 +5,21 @@ alone and count by the best of them. A smooth force of any law competes with all
 the best structure leaves, something is unexplained. What is named must be decided by the evidence and must
 change the motion by more than the stated share.
 
-Intervals: where errors are independent noise of the estimated level, the curvature of the likelihood at its
-maximum gives the covariance of the numbers. Errors that go with the motion, as those of a noisy input or of a
-law that is a little wrong, repeat from line to line; each window of a second then pulls the numbers another
-way than chance allows. The sandwich of curvature and of the scatter of the windows' pulls counts that. Where
-a force jumps, its instants scatter, and slopes over short steps seem to tell more than they do: the wider
-interval of two lengths of step counts. Under the right model, two corrections of different strength give the
-same numbers but for chance; the largest difference to those of the next corrections is added to the interval.
-
-Sources: Kass and Raftery, Bayes factors, 1995; Huber, 1967; White, 1982 (sandwich); Murphy and van der Vaart,
-JASA 95, 2000 (profile likelihood); Raue and others, Bioinformatics 25, 2009 (what a profile
-shows); Hausman, Specification tests in econometrics, 1978 (two estimators).
+Source: Kass and Raftery, Bayes factors, 1995.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from spool_core.numbers import Array
-from spool_core.uncertainty import Quantity, Validity
 
 from spool_gap.catalogue import EFFECTS
+from spool_gap.evidence.explanations import credible
 from spool_gap.evidence.held_out import HeldOut, Judged
+from spool_gap.evidence.intervals import Numbers, numbers_of, refined
 from spool_gap.evidence.look import Look
 from spool_gap.likelihood.kernel import SwitchableMotion
 from spool_gap.likelihood.prediction import Predictions
@@ -45,10 +35,10 @@ from spool_gap.likelihood.rest import (
     split_by_direction,
     two_forces,
 )
-from spool_gap.likelihood.search import COMPARED, DECISIVE, Search, senseless
+from spool_gap.likelihood.search import CLOSE, DECISIVE, Search, senseless
 from spool_gap.likelihood.structure import DELAY, GAIN
-from spool_gap.likelihood.structure_fit import LOOSENESS, Curvature, StructureFit, curvature_of, fit_structure
-from spool_gap.result import RISE_95, GapSettings, ProfileLikelihood, verdict_of
+from spool_gap.likelihood.structure_fit import StructureFit, fit_structure
+from spool_gap.result import UNEXPLAINED, GapSettings
 
 #: Temperature of the probabilities: evidence counts windows as independent and laws as exact, which no
 #: record and no simulation is. Of 3 to 300 that with the least Brier score in 50 field cases of development.
@@ -74,19 +64,21 @@ CERTAIN = 3.0
 
 #: Minus the logarithm of the probability that noise makes a line at any frequency that was looked at: 1 %.
 PERIODIC, PAID = "periodic_force", math.log(100.0)
-UNEXPLAINED = "unexplained"
 
 
-#: Lengths of the steps that slopes of intervals are taken over, in those of a fit.
-WIDENED = (1.0, 10.0)
-#: Rise of the log likelihood that ends the last fit: far below what moves a number by a standard deviation.
-EXACT = 0.05
+@dataclass(frozen=True, slots=True)
+class Other:
+    """Structure that a record does not tell from the one that was taken.
 
-#: Standard deviations at which a number is held, until the likelihood has fallen enough: the first four show
-#: a parabola where there is one, the last a number that is hardly bounded.
-STEPS = (1.0, 2.0, 3.0, 5.0, 10.0, 30.0, 100.0)
-#: Fall of twice the log likelihood at which a side ends.
-FAR_ENOUGH = 1.5 * RISE_95
+    Attributes:
+        fit: its fit; ``numbers``: with their intervals; ``effects``: that it names.
+        share: its probability over that of all that are not told apart.
+    """
+
+    fit: StructureFit
+    numbers: Numbers
+    effects: tuple[str, ...]
+    share: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,6 +99,7 @@ class Decision:
         nearest: the effect that comes nearest where none is named.
         refused: why an effect is not named, by its id.
         signs: what the confidence goes by.
+        others: that the record does not tell from it.
     """
 
     fit: StructureFit
@@ -122,12 +115,17 @@ class Decision:
     nearest: tuple[str, ...]
     refused: Mapping[str, str]
     signs: Mapping[str, float]
+    others: tuple[Other, ...] = ()
 
     @property
     def confidence(self) -> float:
         """Probability of the verdict: that among what was fitted, unless the truth is outside of all that."""
-        said = UNEXPLAINED if self.unexplained else _joined(self.fit)
-        return (1.0 - OUTSIDE) * self.probabilities.get(said, 0.0)
+        said = (
+            [UNEXPLAINED]
+            if self.unexplained
+            else [_joined(self.fit), *(_joined(one.fit) for one in self.others)]
+        )
+        return (1.0 - OUTSIDE) * sum(self.probabilities.get(one, 0.0) for one in said)
 
 
 def decide(
@@ -140,24 +138,23 @@ def decide(
 ) -> Decision:
     """Return what the fits of ``search`` say."""
     refused: dict[str, str] = {}
-    fit = _plainest(predictions, search, search.simplest, refused, settings, held)
+    standing = _standing(search, held, settings.least_share)
+    richer: list[StructureFit] = []
+    fit = _plainest(predictions, search, _simplest(standing), refused, settings, held, richer)
     fit = _predicting(search, held, fit, refused, settings.least_share)
-    fit = _plainest(predictions, search, fit, refused, settings, held)
-    fit, refined, numbers = _beyond_chance(predictions, search, fit, refused)
+    fit = _plainest(predictions, search, fit, refused, settings, held, richer)
+    fit, refined_fit, numbers = _beyond_chance(predictions, search, fit, refused)
+    chosen = fit
+    _refuse_leader(search, held, fit, refused)
     forces = two_forces(look.readings, predictions.parts[0].valve, motions, fit)
-    fit = refined
+    fit = refined_fit
     if forces is not None:
         fit, numbers = _by_direction(predictions, fit, numbers, forces)
     own = fit.structure
     shares = {name: share_of_effect(predictions, fit, EFFECTS[name].terms) for name in own.effects}
     small = {name: share for name, share in shares.items() if share < settings.least_share}
     named = [name for name in own.effects if name not in small]
-    for name, tolerance in ((GAIN, settings.gain_tolerance), (DELAY, settings.delay_tolerance)):
-        one = numbers.of(name)
-        # What the body did while its channel clipped is restored by a curve, which says nothing about a gain.
-        told_apart = name == DELAY or "body" not in look.limits
-        if one is not None and told_apart and abs(one.value) - tolerance > BEYOND * one.standard_deviation:
-            named.append(name)
+    named += _of_the_channel(numbers, look, settings)
     seats = [share for name, share in shares.items() if EFFECTS[name].local_minima]
     limits = settings.least_share, max(settings.least_share, SEATS * max(seats, default=0.0))
     rest, matters = _left(predictions, fit, numbers.dispersion, held.judged(fit), limits)
@@ -169,7 +166,14 @@ def decide(
         for name in [one for one in named if shares.get(one, 0.0) < least]:
             named.remove(name)
             refused[name] = "the remainder beside it is too large for its law to be the right one"
-    probabilities = _probabilities(search, fit, refused, rest.gain - DECISIVE if matters else -math.inf)
+    odds = _evidence_of_sets(standing, fit, chosen, refused)
+    # Where the evidence decides for a richer law and a free run sees no difference, neither is chosen.
+    undecided = [one for one in richer if one.evidence > chosen.evidence + CLOSE]
+    odds |= {_joined(one): max(odds.values()) + DECISIVE for one in undecided}
+    standing += undecided
+    if forces is not None:
+        odds[_joined(chosen)] = max(odds.values()) + DECISIVE - forces.evidence
+    probabilities = probabilities_of(odds, _joined(fit), rest.gain - DECISIVE if matters else -math.inf)
     parts = tuple(key for key in own.parts if share_of_part(predictions, fit, key) >= settings.least_share)
     singles = [one for one in search.fits.values() if len(one.structure.effects) == 1]
     nearest = max(singles, key=lambda one: one.evidence, default=None)
@@ -178,7 +182,104 @@ def decide(
         nearest.structure.effects if nearest else (), refused,
         {"rest": rest.gain, "rest_share": rest.share, "dispersion": numbers.dispersion,
          "least_share": min((shares[name] for name in shares if name not in small), default=1.0)},
+        () if unexplained else _others(predictions, standing, fit, probabilities, look, settings),
     )  # fmt: skip
+
+
+def _standing(search: Search, held: HeldOut, least_share: float) -> list[StructureFit]:
+    """Return the fits that make sense and that no other one surely predicts better in a free run.
+
+    Nor does one stand with parts of the measuring chain without which a free run is not surely worse.
+    """
+    best = search.best.evidence - search.base.evidence
+    runs = {
+        one: held.judged(one, refitted=False)
+        for one in search.fits.values()
+        if not senseless(one) and one.evidence - search.base.evidence >= min(0.0, best) - DECISIVE
+    }
+
+    def better(one: Judged, other: Judged) -> bool:
+        return _gain(other, one) >= least_share and one.lead(other, of_logarithms=True) >= BEYOND
+
+    def beaten(one: StructureFit) -> bool:
+        own = runs[one]
+        for other, run in runs.items():
+            effects, parts = other.structure.key
+            plainer = effects == one.structure.key[0] and parts < one.structure.key[1]
+            if better(run, own) or (plainer and not better(own, run)):
+                return True
+        return False
+
+    return [one for one in runs if not beaten(one)] or [search.best]
+
+
+def _refuse_leader(search: Search, held: HeldOut, fit: StructureFit, refused: dict[str, str]) -> None:
+    """Say in ``refused`` why effects of the structure with the most evidence are not in ``fit``."""
+    leader = search.best
+    errors = [100.0 * held.judged(one, refitted=False).agreement.nrmse for one in (leader, fit)]
+    for name in sorted(set(leader.structure.effects) - set(fit.structure.effects)):
+        reason = f"with it a free run leaves {errors[0]:.2g} %, {_joined(fit)} {errors[1]:.2g} %"
+        refused.setdefault(name, reason)
+
+
+def _simplest(fits: Sequence[StructureFit]) -> StructureFit:
+    """Return the one with the fewest numbers of those whose evidence does not decide against it."""
+    least = max(one.evidence for one in fits) - DECISIVE
+    near = [one for one in fits if one.evidence >= least]
+    return min(near, key=lambda one: (one.count, -one.evidence))
+
+
+def _of_the_channel(numbers: Numbers, look: Look, settings: GapSettings) -> list[str]:
+    """Return gain or delay of the spool's channel where they exceed their tolerances."""
+    found = []
+    for name, tolerance in ((GAIN, settings.gain_tolerance), (DELAY, settings.delay_tolerance)):
+        one = numbers.of(name)
+        # What the body did while its channel clipped is restored by a curve, which says nothing about a gain.
+        told_apart = name == DELAY or "body" not in look.limits
+        if one is not None and told_apart and abs(one.value) - tolerance > BEYOND * one.standard_deviation:
+            found.append(name)
+    return found
+
+
+def _evidence_of_sets(
+    standing: Sequence[StructureFit], fit: StructureFit, chosen: StructureFit, refused: Mapping[str, str]
+) -> dict[str, float]:
+    """Return the evidence of each set of effects that stands and has nothing that was refused."""
+    found = {_joined(fit): chosen.evidence}
+    for one in standing:
+        if not set(one.structure.effects) & (set(refused) - set(fit.structure.effects)):
+            name = _joined(one)
+            found[name] = max(found.get(name, -math.inf), one.evidence)
+    return found
+
+
+def _others(
+    predictions: Predictions,
+    standing: Sequence[StructureFit],
+    fit: StructureFit,
+    probabilities: Mapping[str, float],
+    look: Look,
+    settings: GapSettings,
+) -> tuple[Other, ...]:
+    """Return the likeliest fit of each other set of effects that is as credible as that of ``fit``."""
+    rising = sorted(standing, key=lambda one: one.evidence)
+    of_set = {frozenset(one.structure.effects): one for one in rising}
+    taken = frozenset(fit.structure.effects)
+    of_set[taken] = fit
+    known = {own: probabilities.get(_joined(one), 0.0) for own, one in of_set.items()}
+    members = credible(known)
+    total = sum(known[own] for own in members) or 1.0
+    found = []
+    for own in members:
+        if own == taken:
+            continue
+        one = of_set[own]
+        numbers = numbers_of(predictions, one)
+        shares = {name: share_of_effect(predictions, one, EFFECTS[name].terms) for name in own}
+        named = [name for name in one.structure.effects if shares[name] >= settings.least_share]
+        names = (*named, *_of_the_channel(numbers, look, settings))
+        found.append(Other(one, numbers, names, known[own] / total))
+    return tuple(found)
 
 
 def _left(
@@ -205,107 +306,17 @@ def _left(
     return rest, matters
 
 
-@dataclass(frozen=True, slots=True)
-class Numbers:
-    """Fitted numbers with their intervals.
-
-    Attributes:
-        quantities: each with its standard deviation, in the order of the fit.
-        correlation: shape (p, p).
-        dispersion: how many times the windows' pulls scatter more than chance allows, in power, 1 at least.
-    """
-
-    quantities: tuple[Quantity, ...]
-    correlation: Array
-    dispersion: float
-
-    def of(self, name: str) -> Quantity | None:
-        """Return the number called ``name``, ``None`` where it was not fitted."""
-        return next((one for one in self.quantities if one.name == name), None)
-
-    @property
-    def deviations(self) -> dict[str, float]:
-        """Standard deviation by name."""
-        return {one.name: one.standard_deviation for one in self.quantities}
-
-
-def numbers_of(predictions: Predictions, fit: StructureFit) -> Numbers:
-    """Return the numbers of ``fit`` with their intervals."""
-    residual = predictions.weighed(fit.lines, predictions.weights(fit.lines))
-    found = [_covariances(predictions, curvature_of(predictions, fit, one), residual) for one in WIDENED]
-    bread, sandwich = found[0]
-    # Never narrower than noise alone makes them.
-    spread = np.sqrt(np.max([np.diag(one) for pair in found for one in pair], axis=0).clip(0.0))
-    wider = np.diag(sandwich) > np.diag(bread)
-    correlation = np.where(wider[:, np.newaxis] & wider, _correlation(sandwich), _correlation(bread))
-    np.fill_diagonal(correlation, 1.0)
-    dispersion = max(1.0, float(np.trace(np.linalg.pinv(bread) @ sandwich)) / len(fit.names))
-    quantities = tuple(
-        Quantity(one.name, one.unit, fit.structure.values[one.name], float(deviation), Validity.VALID)
-        for one, deviation in zip(fit.unknowns, spread, strict=True)
-    )
-    return Numbers(quantities, np.clip(correlation, -1.0, 1.0), dispersion)
-
-
-def _covariances(predictions: Predictions, curvature: Curvature, residual: Array) -> tuple[Array, Array]:
-    """Return the covariance by the curvature, and its sandwich with the scatter of the windows' pulls."""
-    bread = curvature.covariance
-    pulls = _by_window(predictions, curvature.slopes * residual)
-    count = pulls.shape[1]
-    meat = pulls @ pulls.T * (count / max(count - bread.shape[0], 1))
-    return bread, bread @ meat @ bread
-
-
-def _correlation(covariance: Array) -> Array:
-    size = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
-    return np.asarray(covariance / np.outer(size, size))
-
-
-def profiles_of(
-    predictions: Predictions,
-    fit: StructureFit,
-    numbers: Numbers,
-    names: Sequence[str],
-    progress: Callable[[float], None] = lambda _share: None,
-) -> tuple[ProfileLikelihood, ...]:
-    """Return the profile likelihoods of the fitted numbers ``names`` of ``fit``.
-
-    Rises are divided by the dispersion, so that a profile agrees with the interval near its lowest point.
-    """
-    found = []
-    for count, name in enumerate(names):
-        progress(count / len(names))
-        if numbers.deviations.get(name, 0.0) > 0.0:
-            found.append(_profile(predictions, fit, numbers, name))
-    return tuple(found)
-
-
-def _refined(predictions: Predictions, fit: StructureFit) -> tuple[StructureFit, Numbers]:
-    """Return ``fit`` fitted to its end, and its numbers with what other corrections make of them."""
-    again = fit_structure(predictions, fit.structure, (fit.looseness,), enough=EXACT)
-    numbers = numbers_of(predictions, again)
-    place = LOOSENESS.index(again.looseness)
-    around = (*LOOSENESS[max(0, place - 1) : place], *LOOSENESS[place + 1 : place + 2])
-    nearest = [one for one in around if one <= COMPARED]
-    others = [fit_structure(predictions, again.structure, (one,), enough=EXACT).structure for one in nearest]
-    quantities = []
-    for one in numbers.quantities:
-        moved = max(abs(other.values[one.name] - one.value) for other in others)
-        quantities.append(replace(one, standard_deviation=math.hypot(one.standard_deviation, moved)))
-    return again, replace(numbers, quantities=tuple(quantities))
-
-
 def _beyond_chance(
     predictions: Predictions, search: Search, fit: StructureFit, refused: dict[str, str]
 ) -> tuple[StructureFit, StructureFit, Numbers]:
     """Return ``fit`` without effects that chance may make, the same fitted to its end, and its numbers."""
-    refined, numbers = _refined(predictions, fit)
+    exact, numbers = refined(predictions, fit)
     own = fit.structure.effects
     chance = {name: "none of its numbers differs from zero" for name in own if _may_be_zero(name, numbers)}
-    if PERIODIC in own and phase_kept(predictions, refined) < PAID:
+    if PERIODIC in own and phase_kept(predictions, exact) < PAID:
         chance[PERIODIC] = "it keeps no phase, as noise in a narrow band"
     if not chance:
-        return fit, refined, numbers
+        return fit, exact, numbers
     refused.update(chance)
     fits = search.of_each_set
     # What was fitted without them: the rest of the same set, else the most likely of the smaller ones.
@@ -330,8 +341,11 @@ def _plainest(
     refused: dict[str, str],
     settings: GapSettings,
     held: HeldOut,
+    left: list[StructureFit],
 ) -> StructureFit:
     """Return ``fit`` with richer laws only where plainer ones do not do, and say in ``refused`` why.
+
+    Those that were richer are added to ``left``.
 
     They do if they differ by less than the least share, or leave no more than noise of a free run and hardly
     more than the richer one: by less than the least share, or so little that no window by window comparison
@@ -353,6 +367,7 @@ def _plainest(
                     if shown < settings.least_share
                     else f"with {plain.replace('_', ' ')} a free run leaves no more than noise, too"
                 )
+                left.append(fit)
                 fit = other
                 break
     return fit
@@ -419,20 +434,6 @@ def _by_direction(
     return again, Numbers(tuple(quantities), correlation, numbers.dispersion)
 
 
-def _probabilities(
-    search: Search, fit: StructureFit, refused: Mapping[str, str], rest: float
-) -> dict[str, float]:
-    best: dict[str, float] = {}
-    for one in search.fits.values():
-        if set(one.structure.effects) & (set(refused) - set(fit.structure.effects)):
-            continue
-        if senseless(one):
-            continue
-        name = _joined(one)
-        best[name] = max(best.get(name, -math.inf), one.evidence)
-    return probabilities_of(best, _joined(fit), rest)
-
-
 def probabilities_of(evidence: Mapping[str, float], chosen: str, rest: float = -math.inf) -> dict[str, float]:
     """Return the probability of each set of effects by its ``evidence``, the most probable first.
 
@@ -452,55 +453,3 @@ def probabilities_of(evidence: Mapping[str, float], chosen: str, rest: float = -
 
 def _joined(fit: StructureFit) -> str:
     return "+".join(sorted(fit.structure.effects)) or "none"
-
-
-def _by_window(predictions: Predictions, rows: Array) -> Array:
-    """Return the sums of ``rows`` (p, numbers) over each window that counts, shape (p, windows)."""
-    sums, begin = [], 0
-    for part in predictions.parts:
-        windows, lines = int(part.inside.sum()), part.lines.size
-        block = rows[:, begin : begin + 2 * windows * lines].reshape(rows.shape[0], 2, windows, lines)
-        sums.append(block.sum(axis=(1, 3)))
-        begin += 2 * windows * lines
-    return np.concatenate(sums, axis=1)
-
-
-def _profile(predictions: Predictions, fit: StructureFit, numbers: Numbers, name: str) -> ProfileLikelihood:
-    unknown = next(one for one in fit.unknowns if one.name == name)
-    best = fit.structure.values[name]
-    rows = [(best, 0.0)]
-    partners: dict[str, float] = {}
-    for side in (-1.0, 1.0):
-        for value, rise, held in _side(predictions, fit, numbers, name, side):
-            rows.append((value, rise))
-            for other in numbers.quantities:
-                if other.name != name and other.standard_deviation > 0.0:
-                    moved = abs(held.structure.values[other.name] - fit.structure.values[other.name])
-                    size = moved / other.standard_deviation
-                    partners[other.name] = max(partners.get(other.name, 0.0), size)
-    rows.sort()
-    partner = max(partners, key=lambda one: partners[one], default="")
-    values, rises = zip(*rows, strict=True)
-    return verdict_of(name, unknown.unit, tuple(values), tuple(rises), best, partner)
-
-
-def _side(
-    predictions: Predictions, fit: StructureFit, numbers: Numbers, name: str, side: float
-) -> Iterator[tuple[float, float, StructureFit]]:
-    unknown = next(one for one in fit.unknowns if one.name == name)
-    place = [one.name for one in numbers.quantities].index(name)
-    spread, best = numbers.deviations[name], fit.structure.values[name]
-    # The likelihood's own width near its maximum, to which the interval is compared.
-    own = math.sqrt(max(curvature_of(predictions, fit).covariance[place, place], 1e-300))
-    widened = max(1.0, (spread / own) ** 2)
-    start = fit.structure
-    for step in STEPS:
-        value = min(max(best + side * step * spread, unknown.low), unknown.high)
-        held = fit_structure(
-            predictions, start.moved({name: value}), (fit.looseness,), held=frozenset({name}), steps=6
-        )
-        rise = max(0.0, 2.0 * (fit.log_likelihood - held.log_likelihood) / widened)
-        yield value, rise, held
-        start = held.structure
-        if rise > FAR_ENOUGH or value in (unknown.low, unknown.high):
-            return

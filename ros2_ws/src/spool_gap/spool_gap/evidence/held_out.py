@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,12 +54,17 @@ class Judged:
         """``floor``, NaN where it is a bound."""
         return math.nan if self.bound else self.floor
 
-    def lead(self, other: Judged) -> float:
+    def lead(self, other: Judged, *, of_logarithms: bool = False) -> float:
         """Return by how many standard deviations this leaves less than ``other``, window by window.
+
+        Of the windows' powers, or of their logarithms, in which no single loud window decides.
 
         Source: Diebold and Mariano, Comparing predictive accuracy, 1995.
         """
         gained = other.windows - self.windows
+        if of_logarithms:
+            there = (self.windows > 0.0) & (other.windows > 0.0)
+            gained = np.log(other.windows[there] / self.windows[there])
         if gained.size < FEWEST or not gained.any():
             return 0.0
         return float(gained.mean() / (gained.std(ddof=1) / math.sqrt(gained.size)))
@@ -79,6 +84,7 @@ class HeldOut:
     def __init__(self, predictions: Predictions, wholly: Sequence[bool]) -> None:
         """Choose the windows; ``wholly``: which parts are held out as a whole, or none of them."""
         self._predictions = predictions
+        self._known: dict[tuple[StructureFit, bool], Judged] = {}
         parts = predictions.parts
         self.windows: list[Mask]
         if any(wholly):
@@ -102,11 +108,20 @@ class HeldOut:
         finally:
             self._predictions.hold_out(before)
 
-    def judged(self, fit: StructureFit) -> Judged:
-        """Return what ``fit``, refitted without them, leaves of the windows."""
-        with self.apart():
-            again = fit_structure(self._predictions, fit.structure, (fit.looseness,), steps=STEPS).structure
-            return self._judged(again, fit.looseness)
+    def judged(self, fit: StructureFit, *, refitted: bool = True) -> Judged:
+        """Return what ``fit``, refitted without them, leaves of the windows.
+
+        Fits that are compared with each other need not be ``refitted``: all of them saw the windows. Those
+        have no ``rows``.
+        """
+        key = fit, refitted
+        if key not in self._known:
+            steps = STEPS if refitted else 0
+            with self.apart():
+                again = fit_structure(self._predictions, fit.structure, (fit.looseness,), steps=steps)
+                found = self._judged(again.structure, fit.looseness)
+            self._known[key] = found if refitted else replace(found, rows=[])
+        return self._known[key]
 
     def _judged(self, one: Structure, looseness: float) -> Judged:
         measured = noise = 0.0

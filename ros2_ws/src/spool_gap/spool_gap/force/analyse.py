@@ -26,7 +26,7 @@ from spool_gap.force.balance import (
 )
 from spool_gap.force.position import CONSTANT, Chosen, cross_validated, fitted_by_position, free_run_error
 from spool_gap.force.result import quantities_of, result_of
-from spool_gap.likelihood.search import BEAM, DECISIVE
+from spool_gap.likelihood.search import DECISIVE
 from spool_gap.result import (
     GapResult,
     GapSettings,
@@ -49,6 +49,8 @@ ALIKE = 0.97
 #: Ratio of the 95 to the 5 % quantile of the speed below which the speed hardly varies, and standard
 #: deviations from which viscous and Coulomb friction are two numbers all the same (one in 370 by chance).
 VARIED, TWO_NUMBERS = 6.0, 3.0
+#: Sets of effects that are extended side by side.
+BEAM = 2
 #: Why a hypothesis of the ranking is not part of the verdict.
 GROWS = "the error on held-out data rises with it"
 INSIGNIFICANT = "it does not close the gap significantly"

@@ -15,7 +15,6 @@ from spool_gap.catalogue import FRICTIONS
 from spool_gap.force.balance import BASE_NAMES, ForceBalance, ForceFit, ForceRecord
 from spool_gap.force.position import Chosen, free_run_error, model_of, parameters_of
 from spool_gap.report import (
-    UNEXPLAINED,
     Residual,
     locate,
     looks_like,
@@ -25,7 +24,15 @@ from spool_gap.report import (
     surface,
     unnamed,
 )
-from spool_gap.result import Curves, GapResult, HeldOutAgreement, NamedEffect, RankedHypothesis, Remainder
+from spool_gap.result import (
+    UNEXPLAINED,
+    Curves,
+    GapResult,
+    HeldOutAgreement,
+    NamedEffect,
+    RankedHypothesis,
+    Remainder,
+)
 
 #: Error from which what is left has no name; below, derivatives of the displacement may be the reason.
 LEFT = 0.03

@@ -32,6 +32,8 @@ from spool_gap.likelihood.structure_fit import LOOSENESS, StructureFit, curvatur
 MODES = tuple(float(f) for f in np.geomspace(25.0, 800.0, 20))
 #: Lines of the residual that are tried as a periodic force.
 MOST_LINES = 4
+#: Hz around a line of the mains in which none is tried: a hum that comes and goes is wider than a line.
+BESIDE_HUM = 2.0
 
 #: Speed over its 80 % quantile from which the spool slips.
 SLIPS = 0.1
@@ -228,6 +230,8 @@ class Score:
         level = np.median(power[: count * width].reshape(count, width), axis=1)
         centres = (np.arange(count) + 0.5) * width
         stands_out = power / np.interp(np.arange(power.size), centres, np.maximum(level, 1e-300))
+        for line in part.readings.hum:
+            stands_out[np.abs(frequency - line) < BESIDE_HUM] = 0.0
         found: list[float] = []
         for place in np.argsort(stands_out)[::-1].tolist():
             if len(found) == MOST_LINES:
@@ -237,17 +241,15 @@ class Score:
         return tuple(found)
 
 
-def proposals(predictions: Predictions, fit: StructureFit, names: Sequence[str]) -> list[list[Proposal]]:
-    """Return what may be added to ``fit`` for each of the effects ``names`` and each part, best first.
+def proposals(predictions: Predictions, fit: StructureFit, names: Sequence[str]) -> dict[str, list[Proposal]]:
+    """Return what may be added to ``fit`` for each of the effects ``names``: a proposal of each trial.
 
     By a motion that follows the measured one, which hardly misleads.
     """
     # Reversals of a rough motion are not those of the true one: all samples count.
     with predictions.reversals(counted=True, heard=True):
         score = Score(predictions, fit_structure(predictions, fit.structure, LOOSENESS[:1]))
-        found = [score.of_effect(EFFECTS[name]) for name in names]
-        found += [[one] for one in score.of_parts()]
-    return sorted((one for one in found if one), key=lambda rows: -best_of(rows).gain)
+        return {name: score.of_effect(EFFECTS[name]) for name in names}
 
 
 def close_proposals(predictions: Predictions, fit: StructureFit, names: Sequence[str]) -> dict[str, Proposal]:
@@ -258,6 +260,11 @@ def close_proposals(predictions: Predictions, fit: StructureFit, names: Sequence
     score = Score(predictions, fit)
     found = {name: score.of_effect(EFFECTS[name]) for name in names}
     return {name: best_of(rows) for name, rows in found.items() if rows}
+
+
+def parts_of(predictions: Predictions, fit: StructureFit) -> list[Proposal]:
+    """Return the best proposal of each part of the chain that ``fit`` does not have, best first."""
+    return sorted(Score(predictions, fit).of_parts(), key=lambda one: -one.gain)
 
 
 def best_of(rows: Sequence[Proposal]) -> Proposal:

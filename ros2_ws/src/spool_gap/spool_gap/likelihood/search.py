@@ -1,81 +1,71 @@
-"""Search for the most likely structures: what is added to the base, exchanged, and left out again.
+"""Search for the most likely structures: every set of effects by simulation, the best ones to their end.
 
-Every addition that a score test finds promising is fitted, from the base and from each of the best
-structures in turn, so that no step is final. Then each effect is exchanged for those that act alike, and
-each component is left out to see what it is worth. Everything that was fitted stays, for the decision.
+Three steps. In excerpts of the record every effect alone, every part of the measuring chain, and every pair
+is simulated from many starts and fitted briefly from the likeliest. The best of these are fitted to the whole
+record, with each part that may help and with the numbers of those that act alike, so that finished fits only
+are compared. Last, each component is left out to see what it is worth. All that was fitted to the whole
+record stays, for the decision.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from spool_gap.catalogue import EFFECTS, FRICTIONS
-from spool_gap.likelihood.prediction import Predictions
-from spool_gap.likelihood.score import (
-    MODES,
-    Balance,
-    Proposal,
-    best_of,
-    close_proposals,
-    proposals,
-    resolved_by,
-)
-from spool_gap.likelihood.structure import CHAIN_PARTS, DELAY, GAIN, Structure, Values
+from spool_gap.likelihood.prediction import FREE, Predictions
+from spool_gap.likelihood.score import Balance, close_proposals, parts_of, proposals, resolved_by
+from spool_gap.likelihood.starts import Starts, numbers_of_part, several
+from spool_gap.likelihood.structure import CHAIN_PARTS, DELAY, GAIN, Structure
 from spool_gap.likelihood.structure_fit import ENOUGH, LOOSENESS, STEPS, StructureFit, fit_structure, judged
 
 Key = tuple[frozenset[str], frozenset[str]]
 
-#: Looseness at which starts are compared and fitted first, where fits have few minima, and of those starts
-#: that a regression finds near the minimum.
+#: Looseness at which fits have few minima, and of those starts that are near the minimum.
 LOOSE, TIGHT = LOOSENESS[0], 0.03
 #: Looseness up to which structures are compared: a looser one follows the measured motion, whatever acts.
 COMPARED = LOOSENESS[2]
-#: Starts that are fitted of a stop, and of other effects whose fits have local minima; steps of such a fit.
-STARTS, MOST_STARTS, QUICK = 2, 5, 4
-#: Looseness at which starts of a contact are compared: a motion bound too closely hides its few samples.
-CONTACTS = (LOOSENESS[0], LOOSENESS[2])
-#: Starts by the balance of forces, and share of what the base leaves of that from which an effect is fitted.
-BALANCED, SPEAKS = 3, 0.95
-#: Parts that are modes, and shares of them that are tried, of elastic mountings and of a body that bends.
-MOUNTINGS = tuple(key for key, part in CHAIN_PARTS.items() if part.id == "extra_mode")
-SHARES = (0.15, 0.6)
-#: Levels of friction, and shares of the drag, that are tried of what the balance of forces gives.
-LEVELS, DRAGS = (0.6, 1.0, 1.5, 2.2, 3.3), (1.0, 0.4)
-#: Starts of a law of friction that acts like another one.
-ALIKE = 4
+#: Starts that are looked at in all excerpts, that are fitted of each structure, and steps of such a fit.
+GLANCED, STARTS, QUICK = 8, 2, 4
 #: Steps of a fit while structures are only compared.
 BRIEF = 15
 #: Draws around the best structure's numbers, and their standard deviations (ln): a factor of 3 either way,
 #: and 5 %, by which a gain within the tolerance of a data sheet makes them wrong.
 DRAWS, SHAKEN, GENTLY = 24, 1.1, 0.05
+#: Parts of the chain that score tests speak for most, which are fitted.
+SHOWN = 4
+#: Parts of the chain that are modes.
+MODES_OF_CHAIN = tuple(key for key, part in CHAIN_PARTS.items() if part.id == "extra_mode")
 #: Rise of the log likelihood that ends a fit while structures are only compared: at least, and as a share of
 #: what the best one gains over the base.
 ROUGH, ROUGHLY = 3.0, 1e-3
-#: Structures that are extended side by side, and additions to each that are fitted at most.
-BEAM, MOST_ADDED = 2, 5
-#: Share of the best structure's gain over the base from which the next one is extended, too.
-NEAR_BEST = 0.95
+#: Structures beside which parts of the chain and further effects are looked for, and that are fitted whole.
+BESIDE, FINALISTS = 3, 5
+#: Share of the best one's gain over the base in excerpts that a structure must have to be fitted whole.
+HOPEFUL = 0.7
+#: Share of what the likeliest effect gains in excerpts from which a part may hide another effect.
+HIDING = 0.1
 #: Components of a structure at most: effects, and parts of the chain.
 MOST_EFFECTS, MOST_PARTS = 3, 5
-#: Share of the best proposal's gain from which another one is fitted.
-HOPEFUL = 0.1
 #: Evidence (log likelihood less its penalty) from which a component stays: twice what counts as decisive
 #: (Kass and Raftery, 1995), since many are tried.
 DECISIVE = 10.0
-#: Evidence by which a structure without a component must be behind not to be fitted to its end, and share of
-#: what an effect explains that one in its place must explain in a brief fit.
-CLOSE, NEARLY = 100.0, 0.8
+#: Evidence by which a structure without a component must be behind not to be fitted to its end.
+CLOSE = 100.0
+#: Share of the steps that are left which pairs may take, and pairs after which is looked whether one does.
+PAIRED, IN_TURN = 0.5, 8
 
 
 class Search:
     """Search over structures of one valve and record.
 
     Attributes:
-        fits: the most likely fit of each structure that was tried.
+        fits: the most likely fit of each structure that was fitted to the whole record.
+        base: nothing but the base.
     """
 
     def __init__(
@@ -85,6 +75,7 @@ class Search:
         names: Sequence[str],
         tell: Callable[[str, float], None] = lambda _what, _share: None,
         allowed: float = math.inf,
+        least_share: float = 0.0,
     ) -> None:
         """Fit the base.
 
@@ -94,17 +85,20 @@ class Search:
             names: of the effects that may be missing.
             tell: takes what is done and the share of the work.
             allowed: steps of integration, after which nothing further is tried.
+            least_share: of the spool's acceleration, rms, that a second effect must change to be looked for.
         """
+        self._least_share = least_share
         self._predictions, self._names, self._tell = predictions, tuple(names), tell
         self._allowed = allowed
         self.fits: dict[Key, StructureFit] = {}
-        self._numbers: dict[str, dict[str, float]] = {}
-        self._exchanges: set[Key] = set()
-        self._shaken: set[Key] = set()
+        self._rough: dict[Key, StructureFit] = {}
         base = replace(base, limits=resolved_by(predictions))
         tell("fitting the base", 0.1)
         rough = fit_structure(predictions, base)
         self._brief = predictions.excerpt(predictions.parts[0].motions)
+        strongest = max(self._brief.parts, key=lambda one: float(np.mean(one.spool**2)) * (one.numbers > 0.0))
+        self._glance = Predictions([strongest])
+        self._glance.seconds = predictions.seconds
         for part in {*predictions.parts, *self._brief.parts}:
             part.leave_out_reversals()
         self.base = judged(predictions, rough)
@@ -112,7 +106,9 @@ class Search:
             self.base = self._tighten(one, looseness)
         values = self.base.structure.values
         damping = values.get("viscous_coefficient", 0.0)
-        self._balance = Balance(predictions, values["spring_stiffness"], damping, names)
+        balance = Balance(predictions, values["spring_stiffness"], damping, names)
+        self._starts = Starts(balance, names)
+        self._scan(self.base.structure, [values])
 
     @property
     def late(self) -> bool:
@@ -156,22 +152,6 @@ class Search:
         """Return the fit of ``fit`` without the effect ``name``, if there is one."""
         return self.fits.get(fit.structure.without(name).key)
 
-    def run(self) -> None:
-        """Extend, exchange and leave out until nothing is more likely."""
-        self._extend([self.base])
-        while not self.late and self._exchanged():
-            self._extend([self.best])
-        self._polish()
-        self._shake()
-        # Numbers that make no sense on a machine say in most cases that a plainer law is enough.
-        self._plainer(max(self.fits.values(), key=lambda one: one.evidence))
-        for _ in range(3):
-            before = self.simplest
-            self.leave_out(before)
-            self._plainer(before)
-            if self.simplest.structure.key == before.structure.key:
-                break
-
     def tried(self, one: Structure) -> StructureFit:
         """Return the likeliest fit of ``one`` from its numbers, by strong and by weak corrections.
 
@@ -182,6 +162,278 @@ class Search:
         self._settle(found.structure, found.looseness)
         return self.fits[one.key]
 
+    def run(self) -> None:
+        """Try every effect alone, every pair where one does not do, and finish what is best."""
+        self._tell("every effect alone", 0.15)
+        bare = self.base.structure
+        for name, rows in proposals(self._predictions, self.base, self._names).items():
+            for one in rows:
+                self._starts.note((name,), one.values)
+        for name in self._names:
+            self._scan_set(bare, (name,))
+        self._scan_alike(1)
+        self._tell("the measuring chain", 0.3)
+        self._scan_parts()
+        self._tell("the likeliest on the whole record", 0.35)
+        self._fit_whole(BESIDE)
+        self._add_parts(1)
+        if self._open() and self._scan_pairs():
+            self._scan_alike(2)
+            self._tell("the likeliest on the whole record", 0.6)
+            self._fit_whole(FINALISTS)
+            self._share_chain()
+            self._add_parts()
+            self._add_third()
+        self._shake()
+        self._without_chain()
+        self._polish()
+        # Numbers that make no sense on a machine say in most cases that a plainer law is enough.
+        self._plainer(max(self.fits.values(), key=lambda one: one.evidence))
+        for _ in range(3):
+            before = self.simplest
+            self.leave_out(before)
+            self._plainer(before)
+            if self.simplest.structure.key == before.structure.key:
+                break
+
+    # In excerpts ----------------------------------------------------------------------------------------
+
+    def _scan(self, wider: Structure, starts: Iterable[Mapping[str, float]]) -> StructureFit:
+        """Return the best brief fit of ``wider`` in the excerpts from the likeliest of ``starts``."""
+        seconds = self._predictions.seconds
+        trials = [wider.moved(one).bounded(seconds) for one in starts]
+        fitted = STARTS if any(several(name) for name in wider.effects) else 1
+        begun: list[tuple[Structure, tuple[float, ...]]] = [
+            (one, (COMPARED,)) for one in self._likeliest(trials, COMPARED, fitted)
+        ]
+        if len(wider.effects) == 1 and not wider.parts:
+            # A motion bound to the measured one has few minima.
+            begun += [(one, LOOSENESS[:3]) for one in self._likeliest(trials, LOOSE, 1)]
+        fits = [self._fit(one, looseness, brief=True) for one, looseness in begun]
+        found = max((judged(self._brief, one) for one in fits), key=lambda one: one.evidence)
+        known = self._rough.get(wider.key)
+        if known is None or found.evidence > known.evidence:
+            self._rough[wider.key] = found
+        return self._rough[wider.key]
+
+    def _scan_set(self, own: Structure, names: tuple[str, ...]) -> None:
+        """Scan ``own`` with the effects ``names``, from the numbers of each alone and from the balance."""
+        wider = own.having((*own.effects, *names), own.parts)
+        singles = [one for name in wider.effects if (one := self._single(name)) is not None]
+        self._scan(wider, self._starts.of(wider, own, singles))
+
+    def _single(self, name: str) -> StructureFit | None:
+        """Return the likeliest brief fit with the effect ``name`` alone, whatever the chain."""
+        found = [one for (effects, _), one in self._rough.items() if effects == {name}]
+        return max(found, key=lambda one: one.evidence, default=None)
+
+    def _ranked(self, effects: int | None = None) -> list[StructureFit]:
+        """Return the brief fits with so many ``effects``, the likeliest of each set, best first."""
+        rising = sorted(self._rough.values(), key=lambda one: one.evidence)
+        of_set = {frozenset(one.structure.effects): one for one in rising}
+        found = [one for own, one in of_set.items() if effects is None or len(own) == effects]
+        return sorted(found, key=lambda one: -one.evidence)
+
+    def _scan_alike(self, effects: int) -> None:
+        """Scan what acts like the likeliest with so many ``effects``, from its numbers."""
+        for fit in self._ranked(effects)[:1]:
+            for wider, starts in self._alike(fit):
+                if not self.late:
+                    self._scan(wider, starts)
+
+    def _alike(self, fit: StructureFit) -> Iterator[tuple[Structure, list[dict[str, float]]]]:
+        """Yield ``fit`` with an effect exchanged for one that acts like it, and numbers to start from."""
+        for name in fit.structure.effects:
+            bare = fit.structure.without(name)
+            for other in self._starts.like(name):
+                if other in bare.effects or not self._may_add(bare, other):
+                    continue
+                starts = [
+                    {**fit.structure.values, **one}
+                    for one in self._starts.acting_like(name, other, fit.structure.values)
+                ]
+                if starts:
+                    yield bare.having((*bare.effects, other), bare.parts), starts
+
+    def _scan_parts(self) -> None:
+        """Scan parts of the chain beside the base and the likeliest effect, then every effect beside these.
+
+        A strong mode hides the effect, and the effect the mode: neither may be taken first for good.
+        """
+        bare = self.base.structure
+        beside = [self._rough[bare.key], *self._ranked(1)[:1]]
+        chains: dict[tuple[str, ...], tuple[float, Structure]] = {}
+        least = max(DECISIVE, HIDING * (max(one.evidence for one in beside) - beside[0].evidence))
+        for fit in beside:
+            for key in CHAIN_PARTS:
+                if self.late:
+                    return
+                found = self._scan_part(fit.structure, key)
+                gain = found.evidence - fit.evidence
+                if gain > max(least, chains.get((key,), (0.0, bare))[0]):
+                    chains[(key,)] = gain, found.structure
+        for _, one in sorted(chains.values(), key=lambda row: -row[0])[:STARTS]:
+            chain = {p.name: one.values[p.name] for part in one.chain for p in part.parameters}
+            own = bare.having((), one.parts, chain)
+            self._scan(own, [own.values])
+            for name in self._names:
+                if not self.late:
+                    self._scan_set(own, (name,))
+
+    def _scan_part(self, own: Structure, key: str) -> StructureFit:
+        """Return the best brief fit of ``own`` with the part ``key``."""
+        wider = own.having(own.effects, (*own.parts, key))
+        return self._scan(wider, [{**own.values, **one} for one in numbers_of_part(key)])
+
+    def _open(self) -> bool:
+        """Whether a score test finds something that matters in what the best structure leaves."""
+        best = self.best
+        if self._starts.balance.hit and not any(EFFECTS[name].localised for name in best.structure.effects):
+            return True
+        numbers = self._predictions.numbers
+        penalty = 0.5 * math.log(numbers)
+        allowed = [name for name in self._names if self._may_add(best.structure, name)]
+        found = close_proposals(self._predictions, best, allowed).values()
+        # A rise of the log likelihood by this much takes this share of the errors' power away.
+        gains = [one.gain for one in found if one.gain > DECISIVE + one.count * penalty]
+        explained = 1.0 - math.exp(-2.0 * max(gains, default=0.0) / numbers)
+        return self._left_by(best) * math.sqrt(explained) >= self._least_share
+
+    def _left_by(self, fit: StructureFit) -> float:
+        """Return what a free run of ``fit`` leaves of the spool's acceleration, rms over rms."""
+        left = read = 0.0
+        for part in self._predictions.parts:
+            error = part.spool - part.free_run(fit.structure, FREE)[0]
+            lines = part.counted_lines(np.array([error, part.spool]))[:, part.inside]
+            left, read = np.array([left, read]) + np.sum(np.abs(lines) ** 2, axis=(1, 2))
+        return math.sqrt(left / max(read, 1e-300))
+
+    def _scan_pairs(self) -> bool:
+        """Scan every pair of effects, the most promising first, with the chain of the best and without.
+
+        It ends early where a pair leaves nothing that a score test finds; returns whether there is any pair.
+        """
+        until = self._work + PAIRED * (self._allowed - self._work)
+        pairs = [
+            pair
+            for pair in itertools.combinations(self._names, 2)
+            if self._may_add(self._with(pair[0]), pair[1])
+        ]
+        promise = self._promised()
+        pairs.sort(key=lambda pair: -max(promise.get(pair, -math.inf), promise.get(pair[::-1], -math.inf)))
+        best = self.best.structure
+        chain = {p.name: best.values[p.name] for part in best.chain for p in part.parameters}
+        bare = self.base.structure
+        chains = {one.parts: one for one in (bare.having((), best.parts, chain), bare)}
+        for number, pair in enumerate(pairs):
+            self._tell(" and ".join(pair).replace("_", " "), 0.4 + 0.2 * number / len(pairs))
+            for own in chains.values():
+                if self._work > until:
+                    return True
+                self._scan_set(own, pair)
+            if number % IN_TURN == IN_TURN - 1:
+                self._fit_whole(1)
+                if not self._open():
+                    break
+        return bool(pairs)
+
+    def _with(self, name: str) -> Structure:
+        return self.base.structure.having((name,), ())
+
+    def _promised(self) -> dict[tuple[str, str], float]:
+        """Return the evidence that each pair promises: that of one, and what a score test of it finds."""
+        found: dict[tuple[str, str], float] = {}
+        singles = self._ranked(1)
+        for fit in singles:
+            name = fit.structure.effects[0]
+            allowed = [one for one in self._names if self._may_add(fit.structure, one)]
+            near = close_proposals(self._brief, fit, allowed) if fit in singles[: 2 * BESIDE] else {}
+            for other in allowed:
+                found[name, other] = fit.evidence + (near[other].gain if other in near else 0.0)
+                if other in near:
+                    self._starts.note((name, other), near[other].values)
+        return found
+
+    # On the whole record --------------------------------------------------------------------------------
+
+    def _fit_whole(self, most: int) -> None:
+        """Fit the likeliest of what was scanned, ``most`` sets of effects, to the whole record."""
+        ranked = [one for one in self._ranked() if not senseless(one)]
+        floor = self._rough[self.base.structure.key].evidence
+        least = floor + HOPEFUL * (ranked[0].evidence - floor)
+        for one in ranked[:most]:
+            if one.evidence < least or (self.late and len(self.fits) > 1):
+                break
+            known = self.fits.get(one.structure.key)
+            if known is None:
+                self._tighten(one.structure, COMPARED)
+
+    def _share_chain(self) -> None:
+        """Fit the likeliest other sets of effects with the chain of the best."""
+        best = self.best
+        chain = {
+            p.name: best.structure.values[p.name] for part in best.structure.chain for p in part.parameters
+        }
+        others = [one for one in self.of_each_set.values() if one.structure.effects != best.structure.effects]
+        others.sort(key=lambda one: -one.evidence)
+        for one in others[:BESIDE]:
+            wider = one.structure.having(one.structure.effects, best.structure.parts, chain)
+            if wider.key not in self.fits and not self.late:
+                self._tighten(wider, COMPARED)
+
+    def _add_parts(self, most: int = MOST_PARTS) -> None:
+        """Add at most so many parts of the chain to the best structure, as long as they are decisive.
+
+        By score tests on the whole record, since a drift, or a corner below the motion, hardly shows in
+        excerpts; a strong mode is far from the small one that a score test sees, so modes are scanned, too.
+        """
+        for number in range(most):
+            best = self.best
+            own = best.structure
+            if len(own.parts) >= MOST_PARTS or (number > 1 and self.late):
+                return
+            penalty = 0.5 * math.log(self._predictions.numbers)
+            shown = [one for one in parts_of(self._predictions, best) if one.gain > one.count * penalty]
+            begun = [
+                own.having(own.effects, (*own.parts, one.name)).moved(one.values) for one in shown[:SHOWN]
+            ]
+            modes = (key for key in MODES_OF_CHAIN if key not in own.parts)
+            begun += [self._scan_part(own, key).structure for key in modes]
+            fits = [
+                self._fit(one.bounded(self._predictions.seconds), (best.looseness,), steps=QUICK)
+                for one in begun
+            ]
+            fits = [judged(self._predictions, one) for one in fits]
+            for one in sorted(fits, key=lambda one: -one.evidence)[:STARTS]:
+                if one.evidence > best.evidence + DECISIVE:
+                    self._tighten(one.structure, COMPARED)
+            if self.best.evidence < best.evidence + DECISIVE:
+                return
+
+    def _add_third(self) -> None:
+        """Add a third effect to the best pair where a score test speaks for it."""
+        best = self.best
+        if not 1 < len(best.structure.effects) < MOST_EFFECTS:
+            return
+        penalty = 0.5 * math.log(self._predictions.numbers)
+        allowed = [name for name in self._names if self._may_add(best.structure, name)]
+        found = close_proposals(self._predictions, best, allowed)
+        ranked = sorted(found.values(), key=lambda one: -one.gain)
+        for one in ranked[:STARTS]:
+            if one.gain > DECISIVE + one.count * penalty and not self.late:
+                wider = best.structure.having((*best.structure.effects, one.name), best.structure.parts)
+                self._tighten(wider.moved(one.values).bounded(self._predictions.seconds), best.looseness)
+
+    def _without_chain(self) -> None:
+        """Fit the likeliest sets of effects without any part of the chain, however late it is."""
+        ranked = sorted(self.of_each_set.values(), key=lambda one: -one.evidence)
+        for one in ranked[:BESIDE]:
+            bare = one.structure.having(one.structure.effects, ())
+            if bare.key not in self.fits:
+                scanned = self._rough.get(bare.key)
+                starts = [bare.values] if scanned is None else [bare.values, scanned.structure.values]
+                self._tighten(self._scan(bare, starts).structure, COMPARED)
+
     def _polish(self) -> None:
         """Fit on what may turn out to be the best."""
         least = self.best.evidence - 5.0 * self._enough
@@ -191,16 +443,13 @@ class Search:
     def _shake(self) -> None:
         """Look for a better minimum of the best structure: from its numbers, each several times off."""
         best = self.best
-        if self.late or best.structure.key in self._shaken:
-            return
-        self._shaken.add(best.structure.key)
-        names = [own for name in best.structure.effects if _several(name) for own in EFFECTS[name].fitted]
-        if not names:
+        names = [own for name in best.structure.effects if several(name) for own in EFFECTS[name].fitted]
+        if self.late or not names:
             return
         own = best.structure
         generator = np.random.default_rng(0)
         far = np.exp(generator.normal(0.0, SHAKEN, (DRAWS, len(names)))).tolist()
-        for one in self._likeliest(self._scaled(own, names, far), LOOSENESS[1]):
+        for one in self._likeliest(self._scaled(own, names, far), LOOSENESS[1], STARTS):
             begun = self._fit(one, (LOOSENESS[1],)).structure
             self._keep(self._fit(begun, (best.looseness,)))
         if any(EFFECTS[name].localised for name in own.effects):
@@ -208,7 +457,7 @@ class Search:
             nominal = own.moved({GAIN: 0.0, DELAY: 0.0})
             everything = [*names, *(one.name for one in own.base_unknowns)]
             near = np.exp(generator.normal(0.0, GENTLY, (DRAWS, len(everything)))).tolist()
-            starts = [nominal, *self._likeliest(self._scaled(nominal, everything, near), TIGHT)]
+            starts = [nominal, *self._likeliest(self._scaled(nominal, everything, near), TIGHT, STARTS)]
             for one, share in zip(starts, (COMPARED, *[TIGHT] * STARTS), strict=True):
                 begun = self._fit(one, (share,)).structure
                 tighter = [at for at in LOOSENESS if min(best.looseness, share) <= at <= share]
@@ -225,109 +474,49 @@ class Search:
             for row in factors
         ]
 
+    def _plainer(self, fit: StructureFit) -> None:
+        """Fit ``fit`` with the plainer laws that its laws contain, however late it is."""
+        for wider, starts in self._alike(fit):
+            plain = set(wider.effects) - set(fit.structure.effects)
+            replaced = {one for name in fit.structure.effects for one in EFFECTS[name].replaces}
+            if plain <= replaced and wider.key not in self.fits:
+                self._tighten(self._scan(wider, starts).structure, fit.looseness)
+
+    def leave_out(self, fit: StructureFit) -> None:
+        """Fit ``fit`` without each of its components."""
+        for name in (*fit.structure.effects, *fit.structure.parts):
+            bare = fit.structure.without(name)
+            known = self.fits.get(bare.key)
+            self._tell(f"without {name.replace('_', ' ')}", 0.8)
+            for one in [bare] if known is None else [bare.moved(known.structure.values), bare]:
+                found = self._keep(self._fit(one, (fit.looseness,)))
+                if found.evidence > fit.evidence - CLOSE:
+                    self._settle(found.structure, fit.looseness)
+
     def _settle(self, one: Structure, looseness: float) -> None:
         """Fit ``one`` to its end; with forces that jump at last by all that corrects the motion."""
         found = self._keep(self._fit(one, (looseness,), enough=ENOUGH, steps=STEPS))
         if one.jumps:
             self._keep(fit_structure(self._predictions, found.structure, (looseness,)))
 
-    # Steps ----------------------------------------------------------------------------------------------
-
-    def _extend(self, frontier: Sequence[StructureFit]) -> None:
-        """Add what is promising to the structures of ``frontier`` and to what comes of them."""
-        expanded: set[Key] = set()
-        queue = list(frontier)
-        while queue and not self.late:
-            for fit in queue:
-                expanded.add(fit.structure.key)
-                self._tell(f"adding to {_named(fit)}", 0.2 + 0.05 * min(len(expanded), 10))
-                self._add_to(fit)
-            # What is added next shows beside the best minimum only.
-            self._shake()
-            # One of a pair may stand for a law like it: that is seen before a third effect is tried.
-            if len(self.best.structure.effects) > 1:
-                self._exchanged()
-            queue = self._next(expanded)
-
-    def _next(self, expanded: set[Key]) -> list[StructureFit]:
-        """Return which structures are extended next: what is decisively better than those that were.
-
-        Next to the best single component the second best is extended, if that is nearly as likely.
-        """
-        done = [one.evidence for one in self._sensible() if one.structure.key in expanded]
-        known = max(done, default=-math.inf)
-        ranked = sorted(self._sensible(), key=lambda one: -one.evidence)
-        gain = ranked[0].evidence - self.base.evidence
-        found = [ranked[0]] if ranked[0].evidence > known + DECISIVE else []
-        singles = [one for one in ranked if len(one.structure.effects) + len(one.structure.parts) == 1]
-        least = self.base.evidence + max(DECISIVE, NEAR_BEST * gain)
-        found += [one for one in singles[:BEAM] if one.evidence > least]
-        return [one for one in dict.fromkeys(found) if one.structure.key not in expanded]
-
-    def _add_to(self, fit: StructureFit) -> None:
-        """Fit ``fit`` with one component more: first briefly, then those that are promising.
-
-        The most promising one is fitted even when the search is late. The others may take half of the steps
-        that are left, so that a pair is looked for, too, where single effects take long.
-        """
-        until = 0.5 * (self._work + self._allowed)
-        own, penalty = fit.structure, 0.5 * math.log(self._predictions.numbers)
-        allowed = [name for name in self._names if self._may_add(own, name)]
-        # Once something is found, the motion of the fit shows what is small.
-        known = bool(own.effects or own.parts)
-        shares = dict.fromkeys((LOOSE, TIGHT, COMPARED, *((fit.looseness,) if known else ())))
-        close = close_proposals(self._predictions, fit, allowed) if known else {}
-        quick: list[tuple[float, StructureFit]] = []
-        before: dict[bool, float] = {}
-        found = proposals(self._predictions, fit, allowed)
-        # What the measured motion does not show at all has no gain there; hits are where reversals hide them.
-        hit = self._balance.hit or not own.effects
-        local = {name for name in allowed if hit and EFFECTS[name].localised}
-        nothing = {name: Proposal(name, own.values, 0.0, 0) for name in local} | close
-        nothing |= {key: Proposal(key, own.values, 0.0, 0) for key in MOUNTINGS if key not in own.parts}
-        missed = set(nothing) - {rows[0].name for rows in found}
-        found += [[replace(nothing[name], gain=0.0)] for name in sorted(missed)]
-        always = local | set(MOUNTINGS)
-        for rows in self._with_balanced(found, own, allowed):
-            if self.late:
-                break
-            best = best_of(rows)
-            if best.name in CHAIN_PARTS and len(own.parts) >= MOST_PARTS:
-                continue
-            hidden = best.name in EFFECTS and EFFECTS[best.name].local_minima and not own.effects
-            near = close.get(best.name)
-            if near is not None and near.gain < DECISIVE + near.count * penalty:
-                near = None
-            if best.gain > best.count * penalty or near is not None or hidden or best.name in always:
-                for tried in self._quick(fit, rows, near):
-                    jumps = tried.structure.jumps
-                    if jumps not in before:
-                        rough = [self._fit(own, (one,), jumps=jumps, brief=True) for one in shares]
-                        before[jumps] = max(one.log_likelihood for one in rough)
-                    quick.append((tried.log_likelihood - before[jumps], tried))
-        quick.sort(key=lambda row: -row[0])
-        for gain, one in quick[:MOST_ADDED]:
-            hopeful = gain >= max(1.0, HOPEFUL * quick[0][0])
-            if hopeful and (self._work < until or one is quick[0][1]):
-                self._tighten(one.structure, one.looseness)
+    # Fits -----------------------------------------------------------------------------------------------
 
     def _fit(
         self,
         one: Structure,
         looseness: Sequence[float],
         *,
-        jumps: bool | None = None,
         steps: int = BRIEF,
         enough: float | None = None,
         brief: bool = False,
     ) -> StructureFit:
-        """Return the fit of ``one``, without samples at reversals where its force ``jumps`` there.
+        """Return the fit of ``one``, without samples at reversals where its force jumps there.
 
         A ``brief`` one is of few steps and of excerpts of the record.
         """
         # A force that jumps is fitted without what depends on the instants of its jumps; they are not heard
         # either, as errors would be moved there.
-        apart = one.jumps if jumps is None else jumps
+        apart = one.jumps
         predictions = self._brief if brief else self._predictions
         with predictions.reversals(counted=not apart, heard=not apart):
             return fit_structure(
@@ -343,206 +532,14 @@ class Search:
             return False
         return not (name in FRICTIONS and any(one in FRICTIONS for one in own.effects))
 
-    def _exchanged(self) -> bool:
-        """Whether the best structure with one effect exchanged is more likely than it."""
-        best = self.best
-        if best.structure.key in self._exchanges:
-            return False
-        self._exchanges.add(best.structure.key)
-        for name in best.structure.effects:
-            for other in self._like(name):
-                if self.late:
-                    break
-                if other in best.structure.effects and other != name:
-                    continue
-                bare = best.structure.without(name)
-                if not self._may_add(bare, other):
-                    continue
-                self._tell(f"{other.replace('_', ' ')} in place of {name.replace('_', ' ')}", 0.7)
-                start = bare.having((*bare.effects, other), bare.parts)
-                known = self.fits.get(start.key)
-                starts = list(self._acting_like(name, other, best.structure.values))
-                if starts and (known is None or known.evidence < best.evidence or other == name):
-                    self._exchange(bare, other, best, starts)
-        return self.best.structure.key != best.structure.key
-
-    def _exchange(
-        self, bare: Structure, other: str, best: StructureFit, starts: Sequence[dict[str, float]]
-    ) -> None:
-        """Fit ``bare`` with ``other`` from ``starts``, if that explains nearly what ``best`` does."""
-        wider = bare.having((*bare.effects, other), bare.parts)
-        trials = [wider.moved({**best.structure.values, **one}) for one in starts]
-        trials = [one.bounded(self._predictions.seconds) for one in trials]
-        near = self._likeliest(trials, best.looseness)
-        known, without, *found = [
-            self._fit(one, (best.looseness,), jumps=wider.jumps, brief=True)
-            for one in (best.structure, bare, *near)
-        ]
-        least = without.log_likelihood + NEARLY * (known.log_likelihood - without.log_likelihood)
-        for one in found:
-            if one.log_likelihood > least:
-                self._tighten(one.structure, best.looseness)
-
-    def _like(self, name: str) -> list[str]:
-        """Return the effects that act like ``name``."""
-        containing = [one for one in self._names if name in EFFECTS[one].replaces]
-        frictions = [one for one in self._names if one in FRICTIONS] if name in FRICTIONS else []
-        near = [one for one in EFFECTS[name].confusable_with if one in self._names]
-        own = [name] if name not in FRICTIONS and len(EFFECTS[name].speeds_to_try(1.0)) > 1 else []
-        others = dict.fromkeys([*containing, *frictions, *near])
-        return [*own, *(one for one in others if one != name)]
-
-    def _acting_like(self, name: str, other: str, values: Values) -> Iterator[dict[str, float]]:
-        """Yield starts of ``other`` in place of ``name``."""
-        entry = EFFECTS[other]
-        if name in FRICTIONS and other in FRICTIONS:
-            force = self._balance.force_of(EFFECTS[name].terms, values)
-            for one in self._balance.like(other, force)[:ALIKE]:
-                drag = values.get("viscous_coefficient", 0.0) + one.values["viscous_coefficient"]
-                yield {**one.values, "viscous_coefficient": max(drag, 0.0)}
-        elif name in entry.replaces or name == other:
-            yield from (
-                {**entry.acting_like(values), **speeds} for speeds in entry.speeds_to_try(self._fastest)
-            )
-        known = self.fits.get((frozenset([other]), frozenset()))
-        if known is not None:
-            yield {one: known.structure.values[one] for one in entry.fitted if one in known.structure.values}
-
-    def _plainer(self, fit: StructureFit) -> None:
-        """Fit ``fit`` with the plainer laws that its laws contain, however late it is."""
-        for name in fit.structure.effects:
-            bare = fit.structure.without(name)
-            for plain in EFFECTS[name].replaces:
-                starts = list(self._acting_like(name, plain, fit.structure.values))
-                key = frozenset([*bare.effects, plain]), frozenset(bare.parts)
-                if plain in self._names and starts and key not in self.fits:
-                    self._exchange(bare, plain, fit, starts)
-
-    def leave_out(self, fit: StructureFit) -> None:
-        """Fit ``fit`` without each of its components."""
-        for name in (*fit.structure.effects, *fit.structure.parts):
-            bare = fit.structure.without(name)
-            known = self.fits.get(bare.key)
-            self._tell(f"without {name.replace('_', ' ')}", 0.8)
-            for one in [bare] if known is None else [bare.moved(known.structure.values), bare]:
-                found = self._keep(self._fit(one, (fit.looseness,)))
-                if found.evidence > fit.evidence - CLOSE:
-                    self._settle(found.structure, fit.looseness)
-
-    # Fits -----------------------------------------------------------------------------------------------
-
-    def _quick(
-        self, fit: StructureFit, starts: Sequence[Proposal], near: Proposal | None
-    ) -> list[StructureFit]:
-        """Return brief fits of ``fit`` with what ``starts`` propose: the most likely of each of its forms.
-
-        ``near``, by the motion of ``fit`` itself, is fitted with its correction.
-        """
-        own, name, seconds = fit.structure, starts[0].name, self._predictions.seconds
-        effect = name in EFFECTS
-        wider = own.having(
-            (*own.effects, name) if effect else own.effects, own.parts if effect else (*own.parts, name)
-        )
-        best = wider.moved(best_of(starts).values).bounded(seconds)
-        trials = [wider.moved(one.values).bounded(seconds) for one in starts]
-        quick: list[StructureFit] = []
-        if name in self._numbers:
-            trials = [best.moved(self._numbers[name]), best]
-        elif effect and EFFECTS[name].localised:
-            # Where hits are rare, they lie beyond all but a few samples.
-            ends = self._balance.reach, float(np.abs(self._balance.motion.displacement).max())
-            more = [one for end in ends for one in EFFECTS[name].starts(best.values, end)]
-            trials += [wider.moved(one).bounded(seconds) for one in more]
-            for share in CONTACTS:
-                quick += [self._fit(one, (share,), brief=True) for one in self._likeliest(trials, share)]
-            trials = []
-        elif name in MOUNTINGS:
-            # A strong mode is far from the small one that a score test sees.
-            trials += [wider.moved(one).bounded(seconds) for one in _mountings(name)]
-            likeliest = self._likeliest(trials, COMPARED)
-            quick += [self._fit(one, LOOSENESS[1:3], brief=True) for one in likeliest]
-            trials = []
-        elif effect and _several(name) and not own.effects:
-            places = np.linspace(0, len(trials) - 1, min(MOST_STARTS, len(trials))).round().astype(int)
-            trials = [trials[place] for place in places.tolist()]
-        else:
-            # Of each form of the effect, as a line or a bend over time, the best.
-            forms = {len(wider.moved(one.values).unknowns(seconds)): one for one in reversed(starts)}
-            forms |= {len(best.unknowns(seconds)): best_of(starts)}
-            trials = [wider.moved(one.values).bounded(seconds) for one in forms.values()]
-        quick += [self._fit(one, (LOOSE,), brief=True) for one in trials]
-        if near is not None:
-            begun = wider.moved(near.values).bounded(seconds)
-            quick.append(self._fit(begun, (fit.looseness,), brief=True))
-        if own.effects:
-            # What is fitted already need not be found again by a loose correction.
-            kept = best.moved({one: own.values[one] for one in fit.names})
-            quick.append(self._fit(kept, (fit.looseness,), brief=True))
-        if effect:
-            balanced = self._by_balance(wider)
-            quick += [self._fit(one, (TIGHT,), brief=True) for one in balanced]
-            if name in FRICTIONS and balanced:
-                levels = self._levels(name, balanced, own)
-                quick += [
-                    self._fit(one, (COMPARED,), brief=True) for one in self._likeliest(levels, COMPARED)
-                ]
-        else:
-            # Compared with what the structure without it leaves at either looseness.
-            loose = max(quick, key=lambda one: one.evidence)
-            quick.append(self._fit(loose.structure, (TIGHT,), brief=True))
-        found: dict[int, StructureFit] = {}
-        for one in sorted(quick, key=lambda one: one.evidence):
-            found[len(one.unknowns)] = one
-        return list(found.values())
-
-    def _with_balanced(
-        self, found: list[list[Proposal]], own: Structure, allowed: Sequence[str]
-    ) -> list[list[Proposal]]:
-        """Return ``found`` with the effects that the balance of forces speaks for."""
-        rows = {one[0].name: one for one in found}
-        before = min((one.left for one in self._balance.starts(own.effects)), default=self._balance.left)
-        for name in allowed:
-            left = min((one.left for one in self._balance.starts((*own.effects, name))), default=math.inf)
-            if left < SPEAKS * before:
-                given = rows.get(name, [Proposal(name, own.values, 0.0, 0)])
-                rows[name] = [replace(one, gain=math.inf) for one in given]
-        return list(rows.values())
-
-    def _by_balance(self, wider: Structure) -> list[Structure]:
-        """Return ``wider`` with the numbers that the balance of forces gives it."""
-        found = sorted(self._balance.starts(wider.effects), key=lambda one: one.left)[:BALANCED]
-        # What the base makes of gain and delay belongs to a model without the effect.
-        nominal = {GAIN: 0.0, DELAY: 0.0} if len(wider.effects) == 1 else {}
-        return [wider.moved({**one.values, **nominal}).bounded(self._predictions.seconds) for one in found]
-
-    def _levels(self, name: str, balanced: Sequence[Structure], own: Structure) -> list[Structure]:
-        """Return ``balanced`` with the law of friction ``name`` at other levels of its force.
-
-        A spool that sticks much shows the balance of forces half of its friction; no fit gets from there to
-        all of it, as the reversals of another motion are elsewhere.
-        """
-        entry = EFFECTS[name]
-        scaled = [one for one in entry.fitted if one not in entry.shapes(self._balance.motion)[0]]
-        return [
-            one.moved(
-                {
-                    **{number: level * one.values[number] for number in scaled},
-                    "viscous_coefficient": share * one.values["viscous_coefficient"],
-                    "spring_stiffness": math.sqrt(
-                        one.values["spring_stiffness"] * own.values["spring_stiffness"]
-                    ),
-                }
-            ).bounded(self._predictions.seconds)
-            for one in balanced
-            for level in LEVELS
-            for share in DRAGS
-        ]
-
-    def _likeliest(self, trials: Sequence[Structure], looseness: float) -> list[Structure]:
-        """Return the few of ``trials`` that are likeliest in the excerpts, as they stand."""
-        rows = self._brief.errors(trials, looseness)
-        likely = [self._brief.log_likelihood(lines) for lines in rows]
-        return [trials[place] for place in np.argsort(likely)[::-1][:STARTS].tolist()]
+    def _likeliest(self, trials: Sequence[Structure], looseness: float, most: int) -> list[Structure]:
+        """Return the ``most`` of ``trials`` that are likeliest in the excerpts, as they stand."""
+        for of, kept in ((self._glance, max(most, GLANCED)), (self._brief, most)):
+            if len(trials) > kept:
+                rows = of.errors(trials, looseness)
+                likely = [of.log_likelihood(lines) for lines in rows]
+                trials = [trials[place] for place in np.argsort(likely)[::-1][:kept].tolist()]
+        return list(trials)
 
     def _tighten(self, begun: Structure, looseness: float = LOOSE) -> StructureFit:
         """Fit on from ``begun``, with the correction ``looseness`` and with tighter ones."""
@@ -553,9 +550,6 @@ class Search:
             last = fit.structure
             if share <= COMPARED:
                 found = self._keep(fit)
-        for name in found.structure.effects:
-            if found.evidence > self.base.evidence:
-                self._numbers[name] = {one: found.structure.values[one] for one in EFFECTS[name].fitted}
         return found
 
     def _keep(self, fit: StructureFit) -> StructureFit:
@@ -567,31 +561,9 @@ class Search:
             return fit
         return known
 
-    @property
-    def _fastest(self) -> float:
-        return float(np.quantile(np.abs(self._balance.motion.velocity), 0.99))
-
 
 def senseless(fit: StructureFit) -> str:
     """Return which numbers of the effects make no sense on a machine and why, "" where all do."""
     values = fit.structure.values
     reasons = (EFFECTS[name].sensible(values, {}) for name in fit.structure.effects)
     return next((one for one in reasons if one), "")
-
-
-def _named(fit: StructureFit) -> str:
-    names = [*fit.structure.effects, *fit.structure.parts]
-    return " and ".join(names).replace("_", " ") or "the base"
-
-
-def _mountings(key: str) -> Iterator[dict[str, float]]:
-    """Yield modes to try of the part ``key``."""
-    share, natural, _ = CHAIN_PARTS[key].parameters
-    for frequency in MODES[::2]:
-        yield from ({natural.name: frequency, share.name: one} for one in SHARES)
-
-
-def _several(name: str) -> bool:
-    """Whether fits of the effect ``name`` have local minima."""
-    entry = EFFECTS[name]
-    return entry.local_minima or entry.localised or name in FRICTIONS

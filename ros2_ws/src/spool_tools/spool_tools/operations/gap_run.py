@@ -20,7 +20,7 @@ from spool_estimator.plausibility import check_records
 from spool_gap.evidence.analyse import analyse
 from spool_gap.force.analyse import analyse_forces
 from spool_gap.force.balance import ForceRecord
-from spool_gap.report import result_to_dict
+from spool_gap.report import anomaly_sentence, result_to_dict
 from spool_gap.result import GapResult, GapSettings
 from spool_sim.model import Model, load_model
 from spool_sim.valve import Valve, find_valve
@@ -226,9 +226,13 @@ def show(result: GapResult, console: Console) -> None:
     note = f"; {result.confidence_note}" if result.confidence_note else ""
     console.print(f"{result.verdict}  (confidence {result.confidence:.2f}{note})", style="bold")
     console.print(result.sentence, markup=False, soft_wrap=True)
+    if result.linear_anomaly is not None:
+        console.print(anomaly_sentence(result.linear_anomaly), markup=False, soft_wrap=True)
     console.print(f"Where it sat: {result.where.sentence}.", markup=False, soft_wrap=True)
     if result.advice:
         console.print(f"What would tell more: {result.advice}.", markup=False, soft_wrap=True)
+    if result.alternatives:
+        console.print(_explanations(result))
     numbers = Table("parameter", "value", PLUS_MINUS, "unit", box=None, pad_edge=False)
     for quantity in result.parameters:
         shown = interval(quantity.value, quantity.standard_deviation)
@@ -270,3 +274,13 @@ def show(result: GapResult, console: Console) -> None:
         )
     if result.ranking:
         console.print(table)
+
+
+def _explanations(result: GapResult) -> Table:
+    """Return the answers that the record does not tell apart."""
+    table = Table("explanation", "group", "probability", box=None, pad_edge=False)
+    table.add_column("told apart by", overflow="fold")
+    for one in result.explanations:
+        name = " + ".join(one.effects) or "none"
+        table.add_row(name, one.group, f"{one.probability:.2f}", one.told_apart_by)
+    return table

@@ -11,6 +11,7 @@ from markupsafe import Markup
 from matplotlib.figure import Figure
 from spool_core.uncertainty import LEGEND, interval, number, with_interval
 from spool_gap.catalogue import EFFECTS
+from spool_gap.report import anomaly_sentence
 from spool_gap.result import RISE_95, Curves, GapResult, ProfileLikelihood, RankedHypothesis, Surface, Where
 
 from spool_tools.report import page as html
@@ -86,6 +87,7 @@ def gap_page(
             f"Where it sat: {result.where.sentence}. "
             f"What is left: {result.where_after.sentence}."
         ),
+        *([html.paragraph(anomaly_sentence(anomaly))] if (anomaly := result.linear_anomaly) else []),
         *([html.paragraph(f"What would tell more: {result.advice}.")] if result.advice else []),
         *_what_was_found(result),
         *_where_it_sits(result),
@@ -111,6 +113,21 @@ def _what_was_found(result: GapResult) -> list[Markup]:
             for effect in result.effects
         ]
         sections += [html.heading("What is missing"), html.table(list(effects[0]), effects)]
+    if result.alternatives:
+        rows: list[dict[str, object]] = [
+            {
+                "explanation": " and ".join(_said(name) for name in one.effects) or "nothing is missing",
+                "group": one.group,
+                "probability": f"{one.probability:.2f}",
+                "numbers": "; ".join(
+                    f"{_said(own.name)} {with_interval(own.value, own.standard_deviation, own.unit)}"
+                    for own in one.parameters
+                ),
+                "told apart by": one.told_apart_by,
+            }
+            for one in result.explanations
+        ]
+        sections += [html.heading("What the record does not tell apart"), html.table(list(rows[0]), rows)]
     if result.profiles:
         sentences = [f"{profile.sentence}." for profile in result.profiles]
         sections += [

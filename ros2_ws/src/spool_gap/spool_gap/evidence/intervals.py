@@ -1,0 +1,182 @@
+"""Intervals of a fit's numbers, and the profile likelihoods that show what bounds them.
+
+Where errors are independent noise of the estimated level, the curvature of the likelihood at its
+maximum gives the covariance of the numbers. Errors that go with the motion, as those of a noisy input or of a
+law that is a little wrong, repeat from line to line; each window of a second then pulls the numbers another
+way than chance allows. The sandwich of curvature and of the scatter of the windows' pulls counts that. Where
+a force jumps, its instants scatter, and slopes over short steps seem to tell more than they do: the wider
+interval of two lengths of step counts. Under the right model, two corrections of different strength give the
+same numbers but for chance; the largest difference to those of the next corrections is added to the interval.
+
+Sources: Huber, 1967; White, 1982 (sandwich); Murphy and van der Vaart, JASA 95, 2000 (profile likelihood);
+Raue and others, Bioinformatics 25, 2009 (what a profile shows); Hausman, Specification tests in
+econometrics, 1978 (two estimators).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from spool_core.numbers import Array
+from spool_core.uncertainty import Quantity, Validity
+
+from spool_gap.likelihood.prediction import Predictions
+from spool_gap.likelihood.search import COMPARED
+from spool_gap.likelihood.structure_fit import LOOSENESS, Curvature, StructureFit, curvature_of, fit_structure
+from spool_gap.result import RISE_95, ProfileLikelihood, verdict_of
+
+#: Lengths of the steps that slopes of intervals are taken over, in those of a fit.
+WIDENED = (1.0, 10.0)
+#: Rise of the log likelihood that ends the last fit: far below what moves a number by a standard deviation.
+EXACT = 0.05
+
+#: Standard deviations at which a number is held, until the likelihood has fallen enough: the first four show
+#: a parabola where there is one, the last a number that is hardly bounded.
+STEPS = (1.0, 2.0, 3.0, 5.0, 10.0, 30.0, 100.0)
+#: Fall of twice the log likelihood at which a side ends.
+FAR_ENOUGH = 1.5 * RISE_95
+
+
+@dataclass(frozen=True, slots=True)
+class Numbers:
+    """Fitted numbers with their intervals.
+
+    Attributes:
+        quantities: each with its standard deviation, in the order of the fit.
+        correlation: shape (p, p).
+        dispersion: how many times the windows' pulls scatter more than chance allows, in power, 1 at least.
+    """
+
+    quantities: tuple[Quantity, ...]
+    correlation: Array
+    dispersion: float
+
+    def of(self, name: str) -> Quantity | None:
+        """Return the number called ``name``, ``None`` where it was not fitted."""
+        return next((one for one in self.quantities if one.name == name), None)
+
+    @property
+    def deviations(self) -> dict[str, float]:
+        """Standard deviation by name."""
+        return {one.name: one.standard_deviation for one in self.quantities}
+
+
+def numbers_of(predictions: Predictions, fit: StructureFit) -> Numbers:
+    """Return the numbers of ``fit`` with their intervals."""
+    residual = predictions.weighed(fit.lines, predictions.weights(fit.lines))
+    found = [_covariances(predictions, curvature_of(predictions, fit, one), residual) for one in WIDENED]
+    bread, sandwich = found[0]
+    # Never narrower than noise alone makes them.
+    spread = np.sqrt(np.max([np.diag(one) for pair in found for one in pair], axis=0).clip(0.0))
+    wider = np.diag(sandwich) > np.diag(bread)
+    correlation = np.where(wider[:, np.newaxis] & wider, _correlation(sandwich), _correlation(bread))
+    np.fill_diagonal(correlation, 1.0)
+    dispersion = max(1.0, float(np.trace(np.linalg.pinv(bread) @ sandwich)) / len(fit.names))
+    quantities = tuple(
+        Quantity(one.name, one.unit, fit.structure.values[one.name], float(deviation), Validity.VALID)
+        for one, deviation in zip(fit.unknowns, spread, strict=True)
+    )
+    return Numbers(quantities, np.clip(correlation, -1.0, 1.0), dispersion)
+
+
+def _covariances(predictions: Predictions, curvature: Curvature, residual: Array) -> tuple[Array, Array]:
+    """Return the covariance by the curvature, and its sandwich with the scatter of the windows' pulls."""
+    bread = curvature.covariance
+    pulls = _by_window(predictions, curvature.slopes * residual)
+    count = pulls.shape[1]
+    meat = pulls @ pulls.T * (count / max(count - bread.shape[0], 1))
+    return bread, bread @ meat @ bread
+
+
+def _correlation(covariance: Array) -> Array:
+    size = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    return np.asarray(covariance / np.outer(size, size))
+
+
+def profiles_of(
+    predictions: Predictions,
+    fit: StructureFit,
+    numbers: Numbers,
+    names: Sequence[str],
+    progress: Callable[[float], None] = lambda _share: None,
+) -> tuple[ProfileLikelihood, ...]:
+    """Return the profile likelihoods of the fitted numbers ``names`` of ``fit``.
+
+    Rises are divided by the dispersion, so that a profile agrees with the interval near its lowest point.
+    """
+    found = []
+    for count, name in enumerate(names):
+        progress(count / len(names))
+        if numbers.deviations.get(name, 0.0) > 0.0:
+            found.append(_profile(predictions, fit, numbers, name))
+    return tuple(found)
+
+
+def refined(predictions: Predictions, fit: StructureFit) -> tuple[StructureFit, Numbers]:
+    """Return ``fit`` fitted to its end, and its numbers with what other corrections make of them."""
+    again = fit_structure(predictions, fit.structure, (fit.looseness,), enough=EXACT)
+    numbers = numbers_of(predictions, again)
+    place = LOOSENESS.index(again.looseness)
+    around = (*LOOSENESS[max(0, place - 1) : place], *LOOSENESS[place + 1 : place + 2])
+    nearest = [one for one in around if one <= COMPARED]
+    others = [fit_structure(predictions, again.structure, (one,), enough=EXACT).structure for one in nearest]
+    quantities = []
+    for one in numbers.quantities:
+        moved = max(abs(other.values[one.name] - one.value) for other in others)
+        quantities.append(replace(one, standard_deviation=math.hypot(one.standard_deviation, moved)))
+    return again, replace(numbers, quantities=tuple(quantities))
+
+
+def _by_window(predictions: Predictions, rows: Array) -> Array:
+    """Return the sums of ``rows`` (p, numbers) over each window that counts, shape (p, windows)."""
+    sums, begin = [], 0
+    for part in predictions.parts:
+        windows, lines = int(part.inside.sum()), part.lines.size
+        block = rows[:, begin : begin + 2 * windows * lines].reshape(rows.shape[0], 2, windows, lines)
+        sums.append(block.sum(axis=(1, 3)))
+        begin += 2 * windows * lines
+    return np.concatenate(sums, axis=1)
+
+
+def _profile(predictions: Predictions, fit: StructureFit, numbers: Numbers, name: str) -> ProfileLikelihood:
+    unknown = next(one for one in fit.unknowns if one.name == name)
+    best = fit.structure.values[name]
+    rows = [(best, 0.0)]
+    partners: dict[str, float] = {}
+    for side in (-1.0, 1.0):
+        for value, rise, held in _side(predictions, fit, numbers, name, side):
+            rows.append((value, rise))
+            for other in numbers.quantities:
+                if other.name != name and other.standard_deviation > 0.0:
+                    moved = abs(held.structure.values[other.name] - fit.structure.values[other.name])
+                    size = moved / other.standard_deviation
+                    partners[other.name] = max(partners.get(other.name, 0.0), size)
+    rows.sort()
+    partner = max(partners, key=lambda one: partners[one], default="")
+    values, rises = zip(*rows, strict=True)
+    return verdict_of(name, unknown.unit, tuple(values), tuple(rises), best, partner)
+
+
+def _side(
+    predictions: Predictions, fit: StructureFit, numbers: Numbers, name: str, side: float
+) -> Iterator[tuple[float, float, StructureFit]]:
+    unknown = next(one for one in fit.unknowns if one.name == name)
+    place = [one.name for one in numbers.quantities].index(name)
+    spread, best = numbers.deviations[name], fit.structure.values[name]
+    # The likelihood's own width near its maximum, to which the interval is compared.
+    own = math.sqrt(max(curvature_of(predictions, fit).covariance[place, place], 1e-300))
+    widened = max(1.0, (spread / own) ** 2)
+    start = fit.structure
+    for step in STEPS:
+        value = min(max(best + side * step * spread, unknown.low), unknown.high)
+        held = fit_structure(
+            predictions, start.moved({name: value}), (fit.looseness,), held=frozenset({name}), steps=6
+        )
+        rise = max(0.0, 2.0 * (fit.log_likelihood - held.log_likelihood) / widened)
+        yield value, rise, held
+        start = held.structure
+        if rise > FAR_ENOUGH or value in (unknown.low, unknown.high):
+            return
