@@ -43,6 +43,7 @@ LOOKS_LIKE = {
     "the motion of the body": "dynamics that the catalogue does not describe: a lag, a resonance, drag or a "
     "spring that changes within the record",
     "the motion of the spool": "a force of another law, or a sensor that is not linear",
+    "blows at the ends of the stroke": "a stop, or something loose that the spool hits",
     "a wave": "a periodic force, or a vibration or hum that one of the sensors picks up",
     "nothing": "noise that is louder than what the record shows above its excitation, or motion that "
     "parts from the model's at chance",

@@ -219,3 +219,51 @@ def test_the_pulls_of_a_few_windows_scatter_as_a_sample_of_them_does() -> None:
     )
     # 0.5 * (1 + 1 + 4) * 4 / (4 - 1) * 0.5
     assert (bread.item(), sandwich.item()) == (0.5, pytest.approx(2.0))
+
+
+def test_an_interval_reaches_to_what_the_record_does_not_tell_apart() -> None:
+    known = drag()
+    numbers = numbers_of(known.predictions, known.search.base)
+    value = known.search.base.structure.values["spring_stiffness"]
+    other = replace(
+        known.search.base, structure=known.search.base.structure.moved({"spring_stiffness": value + 30.0})
+    )
+    wider = numbers.united([known.search.base, other]).deviations
+    own = numbers.deviations
+    assert wider["spring_stiffness"] == pytest.approx(math.hypot(own["spring_stiffness"], 30.0))
+    assert wider["viscous_coefficient"] == pytest.approx(own["viscous_coefficient"])
+    assert numbers.united([]).deviations == pytest.approx(own)
+
+
+@pytest.mark.parametrize(("corner", "named"), [(0.0, True), (4.4e-3, False)])
+def test_a_delay_that_makes_up_for_a_low_pass_is_no_delay(corner: float, named: bool) -> None:
+    """By a Butterworth's slope of phase a low-pass whose corner is 1 over 4.4 ms delays by about 1 ms."""
+    known = chain()
+    numbers = numbers_of(known.predictions, known.search.base)
+    delay = numbers.of(DELAY)
+    assert delay is not None
+    assert delay.value == pytest.approx(1e-3, rel=0.1)
+    own = known.search.base.structure.having((), ("body_anti_alias",), {"body_filter_time": corner})
+    found = decision_module._of_the_channel(own, numbers, known.look, GapSettings())
+    assert (DELAY in found) is named
+
+
+@pytest.mark.parametrize(
+    ("hit", "left", "unexplained"), [(True, 3.0, True), (False, 3.0, False), (True, 1.1, False)]
+)
+def test_where_the_spool_hits_something_what_is_left_is_no_noise(
+    monkeypatch: pytest.MonkeyPatch, hit: bool, left: float, unexplained: bool
+) -> None:
+    judged = HeldOut.judged
+
+    def leaving(held: HeldOut, fit: StructureFit, *, refitted: bool = True) -> Judged:
+        found = judged(held, fit, refitted=refitted)
+        return replace(found, floor=found.agreement.nrmse / left)
+
+    monkeypatch.setattr(HeldOut, "judged", leaving)
+    monkeypatch.setattr(Search, "hit", hit)
+    monkeypatch.setattr(decision_module, "patterns_of", lambda *_: [])
+    monkeypatch.setattr(decision_module, "rest_of", lambda *_: Rest(0.0, 0.0, "nothing"))
+    found = drag().decided()
+    assert found.unexplained is unexplained
+    assert (found.rest.follows == decision_module.BLOWS) is unexplained

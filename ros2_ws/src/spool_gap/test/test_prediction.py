@@ -457,3 +457,18 @@ def test_the_force_of_an_effect_is_its_own_without_that_of_the_base(effect: str)
     found = one.errors([structure], 1.0)
     force = one.force_of(structure, EFFECTS[effect].terms, 1.0)
     assert force == pytest.approx(size * law(found.displacement, found.velocity), rel=1e-9, abs=1e-12)
+
+
+@pytest.mark.parametrize("hit", [14.7, 20.2, 27.9])
+def test_excerpts_count_the_window_in_which_something_is_hit(hit: float) -> None:
+    """An excerpt of 7 s counts 5 windows: the first and the last hold what came before and after."""
+    quiet = record(seconds=33.0)
+    spool = quiet.spool.copy()
+    place = round(hit / quiet.sample_period)
+    spool[place : place + 3] += 20.0 * quiet.spool.std()
+    every = Predictions([prediction(replace(quiet, spool=spool))])
+    excerpts = every.excerpt(MOTIONS).parts
+    assert [int(one.inside.sum()) for one in excerpts] == [5, 5, 5]
+    inside = [one.samples_of(one.inside) for one in excerpts]
+    largest = max(float(np.abs(one.spool[own]).max()) for one, own in zip(excerpts, inside, strict=True))
+    assert largest > 0.9 * float(np.abs(spool).max())

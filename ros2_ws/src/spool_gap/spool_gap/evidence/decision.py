@@ -36,7 +36,7 @@ from spool_gap.likelihood.rest import (
     two_forces,
 )
 from spool_gap.likelihood.search import CLOSE, DECISIVE, Search, senseless
-from spool_gap.likelihood.structure import DELAY, GAIN
+from spool_gap.likelihood.structure import DELAY, GAIN, Structure
 from spool_gap.likelihood.structure_fit import StructureFit, fit_structure
 from spool_gap.result import UNEXPLAINED, GapSettings
 
@@ -48,6 +48,8 @@ TEMPERATURE = 10.0
 OUTSIDE = 0.1
 #: Standard deviations by which gain or delay must exceed its tolerance, and a size zero (95 %).
 BEYOND = 2.0
+#: Delay of a low-pass far below its corner over 1 over the corner in Hz (Butterworth, second order).
+FILTERED = math.sqrt(2.0) / (2.0 * math.pi)
 #: Evidence of a remainder in a free run over that in prediction errors, at least. In cases of development it
 #: was 0.008 for vibration across the axis, and 0.3 to 4 for laws.
 RUNS = 0.1
@@ -64,6 +66,7 @@ CERTAIN = 3.0
 
 #: Minus the logarithm of the probability that noise makes a line at any frequency that was looked at: 1 %.
 PERIODIC, PAID = "periodic_force", math.log(100.0)
+BLOWS = "blows at the ends of the stroke"
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,6 +148,10 @@ def decide(
     fit = _plainest(predictions, search, fit, refused, settings, held, richer)
     fit, refined_fit, numbers = _beyond_chance(predictions, search, fit, refused)
     chosen = fit
+    # Where a free run does not tell a chain from a plainer one, that with more evidence moves the numbers.
+    likeliest = search.of_each_set[frozenset(chosen.structure.effects)]
+    if likeliest.structure.parts != chosen.structure.parts:
+        numbers = numbers.united([likeliest])
     _refuse_leader(search, held, fit, refused)
     forces = two_forces(look.readings, predictions.parts[0].valve, motions, fit)
     fit = refined_fit
@@ -154,11 +161,14 @@ def decide(
     shares = {name: share_of_effect(predictions, fit, EFFECTS[name].terms) for name in own.effects}
     small = {name: share for name, share in shares.items() if share < settings.least_share}
     named = [name for name in own.effects if name not in small]
-    named += _of_the_channel(numbers, look, settings)
+    named += _of_the_channel(own, numbers, look, settings)
     seats = [share for name, share in shares.items() if EFFECTS[name].local_minima]
     limits = settings.least_share, max(settings.least_share, SEATS * max(seats, default=0.0))
     rest, matters = _left(predictions, fit, numbers.dispersion, held.judged(fit), limits)
     unexplained = matters and rest.gain > DECISIVE
+    if not unexplained and search.hit and not any(EFFECTS[name].localised for name in own.effects):
+        rest, unexplained = _blows(predictions, held.judged(fit), settings.least_share, rest)
+        matters |= unexplained
     if unexplained:
         # A name stands beside a remainder only where that is small against what the name explains: a law
         # that is none of the catalogue's looks like the nearest one of them, and leaves the rest.
@@ -177,12 +187,14 @@ def decide(
     parts = tuple(key for key in own.parts if share_of_part(predictions, fit, key) >= settings.least_share)
     singles = [one for one in search.fits.values() if len(one.structure.effects) == 1]
     nearest = max(singles, key=lambda one: one.evidence, default=None)
+    others = () if unexplained else _others(predictions, standing, fit, probabilities, look, settings)
+    numbers = numbers.united([one.fit for one in others])
     return Decision(
         fit, numbers, tuple(named), small, shares, rest, unexplained, probabilities, search.base, parts,
         nearest.structure.effects if nearest else (), refused,
         {"rest": rest.gain, "rest_share": rest.share, "dispersion": numbers.dispersion,
          "least_share": min((shares[name] for name in shares if name not in small), default=1.0)},
-        () if unexplained else _others(predictions, standing, fit, probabilities, look, settings),
+        others,
     )  # fmt: skip
 
 
@@ -229,14 +241,23 @@ def _simplest(fits: Sequence[StructureFit]) -> StructureFit:
     return min(near, key=lambda one: (one.count, -one.evidence))
 
 
-def _of_the_channel(numbers: Numbers, look: Look, settings: GapSettings) -> list[str]:
-    """Return gain or delay of the spool's channel where they exceed their tolerances."""
+def _of_the_channel(own: Structure, numbers: Numbers, look: Look, settings: GapSettings) -> list[str]:
+    """Return gain or delay of the spool's channel where they exceed their tolerances.
+
+    Low-passes of the channels delay, too: what makes up for one of them is no delay.
+    """
+    times = {"spool_anti_alias": "spool_filter_time", "body_anti_alias": "body_filter_time"}
+    seconds = [own.values[name] if key in own.parts else 0.0 for key, name in times.items()]
+    filtered = FILTERED * (seconds[0] - seconds[1])
     found = []
     for name, tolerance in ((GAIN, settings.gain_tolerance), (DELAY, settings.delay_tolerance)):
         one = numbers.of(name)
         # What the body did while its channel clipped is restored by a curve, which says nothing about a gain.
         told_apart = name == DELAY or "body" not in look.limits
-        if one is not None and told_apart and abs(one.value) - tolerance > BEYOND * one.standard_deviation:
+        if one is None or not told_apart:
+            continue
+        sizes = [abs(one.value), abs(one.value + filtered)] if name == DELAY else [abs(one.value)]
+        if min(sizes) - tolerance > BEYOND * one.standard_deviation:
             found.append(name)
     return found
 
@@ -277,7 +298,7 @@ def _others(
         numbers = numbers_of(predictions, one)
         shares = {name: share_of_effect(predictions, one, EFFECTS[name].terms) for name in own}
         named = [name for name in one.structure.effects if shares[name] >= settings.least_share]
-        names = (*named, *_of_the_channel(numbers, look, settings))
+        names = (*named, *_of_the_channel(one.structure, numbers, look, settings))
         found.append(Other(one, numbers, names, known[own] / total))
     return tuple(found)
 
@@ -304,6 +325,18 @@ def _left(
         if loud and one.gain > DECISIVE:
             return Rest(one.gain, one.share, one.follows), True
     return rest, matters
+
+
+def _blows(predictions: Predictions, judged: Judged, least: float, rest: Rest) -> tuple[Rest, bool]:
+    """Return what is left where the spool hits something that no effect is, and whether it matters.
+
+    Blows are in few samples: no smooth force follows them, and no pattern repeats.
+    """
+    error, floor = judged.agreement.nrmse, judged.floor
+    share = math.sqrt(max(0.0, error**2 - floor**2))
+    if share < max(least, floor):
+        return rest, False
+    return Rest(predictions.numbers * math.log(error / max(floor, 1e-9)), share, BLOWS), True
 
 
 def _beyond_chance(

@@ -58,6 +58,18 @@ class Numbers:
         """Return the number called ``name``, ``None`` where it was not fitted."""
         return next((one for one in self.quantities if one.name == name), None)
 
+    def united(self, fits: Sequence[StructureFit]) -> Numbers:
+        """Return these with intervals that reach to what other ``fits`` say of the same numbers.
+
+        The largest difference is added in squares, as that of other corrections is.
+        """
+        found = []
+        for one in self.quantities:
+            others = [fit.structure.values[one.name] for fit in fits if one.name in fit.names]
+            moved = max((abs(other - one.value) for other in others), default=0.0)
+            found.append(replace(one, standard_deviation=math.hypot(one.standard_deviation, moved)))
+        return replace(self, quantities=tuple(found))
+
     @property
     def deviations(self) -> dict[str, float]:
         """Standard deviation by name."""

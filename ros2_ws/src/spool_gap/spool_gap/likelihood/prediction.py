@@ -56,8 +56,8 @@ LEAST_POWER = 0.0125
 FAR = 1e3
 #: Speed over its 80 % quantile below which the side of a reversal is not certain.
 SLOW = 0.06
-#: Excerpts in which structures are fitted briefly, and s of each.
-EXCERPTS, EXCERPT = 3, 7.0
+#: Excerpts in which structures are fitted briefly, and s of each: whole windows, and what averages round off.
+EXCERPTS, EXCERPT = 3, 7.01
 #: Looseness of a free run, which is not corrected at all.
 FREE = -1.0
 
@@ -635,7 +635,10 @@ class Predictions:
                 if end - begin < 3.0 * WINDOW / part.readings.period:
                     continue
                 starts = range(begin, max(begin + 1, end - length), max(1, length // 4))
-                power = [float(np.mean(part.readings.spool[one : one + length] ** 2)) for one in starts]
+                # Fourth powers: what is hit now and then is in few samples. The outer windows do not count.
+                edge = round(WINDOW / part.readings.period)
+                squares = part.readings.spool**2
+                power = [float(np.mean(squares[one + edge : one + length - edge] ** 2)) for one in starts]
                 first = starts[int(np.argmax(power))]
                 found.append(part.readings.part(first, min(first + length, end)))
         brief = Predictions([Prediction(one, self.parts[0].valve, motions) for one in found])

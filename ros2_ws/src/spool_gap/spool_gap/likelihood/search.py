@@ -20,7 +20,7 @@ from spool_gap.catalogue import EFFECTS, FRICTIONS
 from spool_gap.likelihood.prediction import FREE, Predictions
 from spool_gap.likelihood.score import Balance, close_proposals, parts_of, proposals, resolved_by
 from spool_gap.likelihood.starts import Starts, numbers_of_part, several
-from spool_gap.likelihood.structure import CHAIN_PARTS, DELAY, GAIN, Structure
+from spool_gap.likelihood.structure import CHAIN_PARTS, DELAY, GAIN, Structure, Values
 from spool_gap.likelihood.structure_fit import ENOUGH, LOOSENESS, STEPS, StructureFit, fit_structure, judged
 
 Key = tuple[frozenset[str], frozenset[str]]
@@ -36,8 +36,8 @@ BRIEF = 15
 #: Draws around the best structure's numbers, and their standard deviations (ln): a factor of 3 either way,
 #: and 5 %, by which a gain within the tolerance of a data sheet makes them wrong.
 DRAWS, SHAKEN, GENTLY = 24, 1.1, 0.05
-#: Parts of the chain that score tests speak for most, which are fitted.
-SHOWN = 4
+#: Parts of the chain, but for modes, that are fitted beside the best structure.
+SHOWN = 3
 #: Parts of the chain that are modes.
 MODES_OF_CHAIN = tuple(key for key, part in CHAIN_PARTS.items() if part.id == "extra_mode")
 #: Rise of the log likelihood that ends a fit while structures are only compared: at least, and as a share of
@@ -96,7 +96,7 @@ class Search:
         tell("fitting the base", 0.1)
         rough = fit_structure(predictions, base)
         self._brief = predictions.excerpt(predictions.parts[0].motions)
-        strongest = max(self._brief.parts, key=lambda one: float(np.mean(one.spool**2)) * (one.numbers > 0.0))
+        strongest = max(self._brief.parts, key=lambda one: float(np.mean(one.spool**4)) * (one.numbers > 0.0))
         self._glance = Predictions([strongest])
         self._glance.seconds = predictions.seconds
         for part in {*predictions.parts, *self._brief.parts}:
@@ -114,6 +114,11 @@ class Search:
     def late(self) -> bool:
         """Whether no further structure is tried."""
         return self._work > self._allowed
+
+    @property
+    def hit(self) -> bool:
+        """Whether the spool may hit something: springs and drag do not make the largest of its forces."""
+        return self._starts.balance.hit
 
     @property
     def _work(self) -> float:
@@ -177,12 +182,14 @@ class Search:
         self._tell("the likeliest on the whole record", 0.35)
         self._fit_whole(BESIDE)
         self._add_parts(1)
+        self._fit_alike()
         if self._open() and self._scan_pairs():
             self._scan_alike(2)
             self._tell("the likeliest on the whole record", 0.6)
             self._fit_whole(FINALISTS)
             self._share_chain()
             self._add_parts()
+            self._fit_alike()
             self._add_third()
         self._shake()
         self._without_chain()
@@ -288,7 +295,7 @@ class Search:
     def _open(self) -> bool:
         """Whether a score test finds something that matters in what the best structure leaves."""
         best = self.best
-        if self._starts.balance.hit and not any(EFFECTS[name].localised for name in best.structure.effects):
+        if self.hit and not any(EFFECTS[name].localised for name in best.structure.effects):
             return True
         numbers = self._predictions.numbers
         penalty = 0.5 * math.log(numbers)
@@ -361,8 +368,9 @@ class Search:
         ranked = [one for one in self._ranked() if not senseless(one)]
         floor = self._rough[self.base.structure.key].evidence
         least = floor + HOPEFUL * (ranked[0].evidence - floor)
-        for one in ranked[:most]:
-            if one.evidence < least or (self.late and len(self.fits) > 1):
+        for number, one in enumerate(ranked[:most]):
+            # Excerpts may mislead: some are fitted whatever they gain there.
+            if (number >= BESIDE and one.evidence < least) or (self.late and len(self.fits) > 1):
                 break
             known = self.fits.get(one.structure.key)
             if known is None:
@@ -392,23 +400,45 @@ class Search:
             own = best.structure
             if len(own.parts) >= MOST_PARTS or (number > 1 and self.late):
                 return
-            penalty = 0.5 * math.log(self._predictions.numbers)
-            shown = [one for one in parts_of(self._predictions, best) if one.gain > one.count * penalty]
-            begun = [
-                own.having(own.effects, (*own.parts, one.name)).moved(one.values) for one in shown[:SHOWN]
-            ]
-            modes = (key for key in MODES_OF_CHAIN if key not in own.parts)
-            begun += [self._scan_part(own, key).structure for key in modes]
             fits = [
-                self._fit(one.bounded(self._predictions.seconds), (best.looseness,), steps=QUICK)
-                for one in begun
+                judged(self._predictions, self._fit(one, (best.looseness,), steps=QUICK))
+                for one in self._with_parts(best)
             ]
-            fits = [judged(self._predictions, one) for one in fits]
             for one in sorted(fits, key=lambda one: -one.evidence)[:STARTS]:
                 if one.evidence > best.evidence + DECISIVE:
                     self._tighten(one.structure, COMPARED)
             if self.best.evidence < best.evidence + DECISIVE:
                 return
+
+    def _with_parts(self, fit: StructureFit) -> Iterator[Structure]:
+        """Yield ``fit`` with each mode that it lacks, and with the other parts that are likeliest."""
+        own, seconds = fit.structure, self._predictions.seconds
+        begun: dict[str, list[Values]] = {one.name: [one.values] for one in parts_of(self._predictions, fit)}
+        tried: list[tuple[float, Structure]] = []
+        for key in (key for key in CHAIN_PARTS if key not in own.parts):
+            if key in MODES_OF_CHAIN:
+                yield self._scan_part(own, key).structure
+                continue
+            wider = own.having(own.effects, (*own.parts, key))
+            starts = [
+                wider.moved(one).bounded(seconds) for one in (*begun.get(key, ()), *numbers_of_part(key))
+            ]
+            for one, lines in zip(starts, self._predictions.errors(starts, fit.looseness), strict=True):
+                tried.append((self._predictions.log_likelihood(lines), one))
+        tried.sort(key=lambda row: -row[0])
+        of_part: dict[str, Structure] = {}
+        for _, one in tried:
+            of_part.setdefault(one.parts[-1], one)
+        yield from list(of_part.values())[:SHOWN]
+
+    def _fit_alike(self) -> None:
+        """Fit what acts like an effect of the best structure beside its chain, from its numbers."""
+        best = self.best
+        if not best.structure.parts:
+            return
+        scanned = [self._scan(wider, starts) for wider, starts in self._alike(best) if not self.late]
+        for one in sorted(scanned, key=lambda one: -one.evidence)[:STARTS]:
+            self._tighten(one.structure, COMPARED)
 
     def _add_third(self) -> None:
         """Add a third effect to the best pair where a score test speaks for it."""
