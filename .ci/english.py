@@ -38,14 +38,15 @@ LEFT_OUT = re.compile(
 )
 SUFFIXES = {".py", ".md", ".yaml", ".html", ".js", ".json", ""}
 PATTERN = re.compile(
-    r"(?<![\w.])(" + "|".join(idiom.replace(" ", r"[ \n]+(?:#: |# )?") for idiom in IDIOMS) + r")(?!\w)"
+    r"(?<![\w.])(" + "|".join(idiom.replace(" ", r"[ \n]+(?:#: |# )?") for idiom in IDIOMS) + r")(?!\w)",
+    re.IGNORECASE,
 )
 
 
 def idioms(path: str, text: str) -> Iterator[str]:
     """Yield a line for each idiom in ``text``."""
     for found in PATTERN.finditer(text):
-        idiom = re.sub(r"[\s#:]+", " ", found[1])
+        idiom = re.sub(r"[\s#:]+", " ", found[1]).lower()
         yield f"{path}:{text.count(chr(10), 0, found.start()) + 1}: '{idiom}': write {IDIOMS[idiom]}"
 
 

@@ -197,7 +197,7 @@ def _exposure(layout: Layout, environment: Mapping[str, str]) -> Iterator[CheckR
     try:
         folder = kernels.wanted_kernel_folder(environment)
     except RuntimeError:
-        yield CheckResult("warning", "there is no home folder: set NUMBA_CACHE_DIR for compiled kernels")
+        yield CheckResult("warning", "no home directory: set NUMBA_CACHE_DIR for compiled kernels")
         return
     reason = kernels.refusal(folder)
     if reason is None:

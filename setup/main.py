@@ -39,7 +39,7 @@ venv, a C++ compiler and make. Where a ROS 2 is sourced, it builds on that one.
 ./spool --version says which version this is; after ./spool --install-completion Tab completes in new shells.
 Example: ./spool demo --seconds 60 --out demo_output
 """
-#: What is asked for without a command, once the project is set up.
+#: Options without a command, once the project is set up.
 OPTIONS = ("--version", "--install-completion", "--show-completion")
 #: The tests of a file stay together, in the order of conftest.py.
 SPREAD = ("-n", "auto", "--dist", "loadfile", "--no-loadscope-reorder")

@@ -225,7 +225,7 @@ class System:
         while (left := end - time.monotonic()) > 0.0:
             self.executor.spin_once(timeout_sec=min(0.05, left))
 
-    # What is asked for.
+    # Requests to the nodes.
 
     def call(self, kind: Any, service: str, request: Any) -> Any:
         """Call a service of a managed node and return its response."""

@@ -89,7 +89,7 @@ def test_estimates_from_two_imus_are_those_of_the_record_itself(system: System) 
             body.publish(imu(int(stamps[place]), float(whole.body[place])))
             spool.publish(imu(int(stamps[place]), float(whole.spool[place])))
         sent = min(sent + 100, stamps.size)
-        # Whoever publishes a record faster than it was measured has to wait for who listens.
+        # A program that publishes a record faster than it was measured has to wait for who listens.
         wanted = sent // 20 if sent >= 1200 else 0
         system.until(lambda wanted=wanted: len(aligned.heard) >= wanted, f"{wanted} blocks")
     assert len(aligned.heard) == len(blocks)

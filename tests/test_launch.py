@@ -352,8 +352,8 @@ def test_the_shipped_list_is_taken(description: LaunchDescription) -> None:
     [
         ([{"namespace": "a", "colour": "red"}], "entry 1: unknown key colour"),
         ([{"namespace": "a"}, {"valve_file": "4weh10_soft"}], "entry 2 has no namespace"),
-        ([{"namespace": "a"}, {"namespace": "a"}], "a namespace stands twice"),
-        ([{"namespace": "a"}, {"namespace": "/a"}], "a namespace stands twice"),
+        ([{"namespace": "a"}, {"namespace": "a"}], "duplicate namespace"),
+        ([{"namespace": "a"}, {"namespace": "/a"}], "duplicate namespace"),
         (["a"], "entry 1 has no namespace"),
         ([], "give a list of valves"),
         ({"namespace": "a"}, "give a list of valves"),

@@ -167,7 +167,7 @@ class AdapterNode(ManagedNode):
         self.every(LOOK, self._look, steady=True)
 
     def cleanup(self) -> None:
-        """Let go of the publishers."""
+        """Destroy the publishers."""
         self._publisher.destroy()
         self._diagnostics.destroy()
 

@@ -243,7 +243,7 @@ class RecorderNode(ManagedNode):
             if done:
                 self.get_logger().info(text)
             else:
-                self.get_logger().error(f"{text}; the disk does not answer: the last part is not finished")
+                self.get_logger().error(f"{text}; disk not responding: the last file was not finalised")
 
     def apply_change(self, changes: dict[str, Value]) -> None:
         """Keep as many snapshots as are wanted from now on."""
@@ -358,7 +358,7 @@ class RecorderNode(ManagedNode):
         valve, limit = request.valve.strip("/"), self.value("snapshot_limit")
         check_valve(valve)
         if not request.who.strip():
-            raise InputError("who: say who does this")
+            raise InputError("who is required: name the operator")
         if self._snapshots is None or limit == 0:
             raise InputError("snapshot_limit is 0: no snapshots are made")
         now = self._received()
@@ -412,7 +412,7 @@ class RecorderNode(ManagedNode):
         missed = {valve for valve, state in states.items() if state is recorder.Monitored.NO}
         for valve in sorted(missed - self._missed):
             self.get_logger().error(
-                f"{valve} is not monitored: its monitor tells of no health, start it again"
+                f"{valve} is not monitored: no health message from its monitor; restart it"
             )
         for valve in sorted(self._missed - missed):
             self.get_logger().info(f"{valve} is monitored again")

@@ -151,10 +151,10 @@ def test_another_sample_rate_costs_one_block_and_has_to_be_confirmed() -> None:
 
 
 #: First stamp of a source that begins to count again: where it was restarted, or a bag is played again.
-ANEW = {"source restarted": at(1) + MINUTE, "bag replayed again": START}
+AGAIN = {"source restarted": at(1) + MINUTE, "bag replayed again": START}
 
 
-@pytest.mark.parametrize("first", ANEW.values(), ids=ANEW.keys())
+@pytest.mark.parametrize("first", AGAIN.values(), ids=AGAIN.keys())
 def test_a_source_that_counts_anew_is_taken_once_the_first_one_is_stale(first: int) -> None:
     gate = running()
     verdicts = [gate.judge(block(number, stamp=first + number * LENGTH)) for number in range(100)]
@@ -174,7 +174,7 @@ def certain(gate: BlockGate, blocks: list[Block]) -> list[Fault | None]:
     return [fault for fault in found if fault is not None]
 
 
-@pytest.mark.parametrize("first", ANEW.values(), ids=ANEW.keys())
+@pytest.mark.parametrize("first", AGAIN.values(), ids=AGAIN.keys())
 def test_a_source_that_was_restarted_is_no_fault(first: int) -> None:
     faults = certain(running(), [block(number, stamp=first + number * LENGTH) for number in range(200)])
     assert {fault.cause for fault in faults} == {""}

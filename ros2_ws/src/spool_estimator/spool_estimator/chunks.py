@@ -281,7 +281,7 @@ def regress(
 
 @compiled
 def end_chunk(tracker: TrackerArrays, run: PredictionArrays) -> None:
-    """End a chunk from which was learned: its sums are begun again, where the motion is is remembered."""
+    """End a chunk that was learned from: reset its sums and keep the state of the motion."""
     numbers, earlier = tracker.numbers, tracker.earlier
     clear_sums(run)
     earlier[int(numbers[EARLIER]) % earlier.shape[0]] = run.state

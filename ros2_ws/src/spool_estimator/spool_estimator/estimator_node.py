@@ -160,7 +160,7 @@ class EstimatorNode(ManagedNode):
         self.every(1.0, self._report, steady=True)
 
     def cleanup(self) -> None:
-        """Let go of core and publishers."""
+        """Release core and publishers."""
         self.destroy_publisher(self._publisher)
         self.destroy_publisher(self._description_publisher)
         self._diagnostics.destroy()

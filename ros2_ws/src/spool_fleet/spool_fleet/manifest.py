@@ -121,7 +121,7 @@ class Manifest:
     """Manifest in the folder ``store``; ``make`` makes it where it is missing.
 
     Raises:
-        InputError: there is none, or it is none.
+        InputError: the store is missing, or is not a fleet store.
     """
 
     def __init__(self, store: Path, *, make: bool = False) -> None:

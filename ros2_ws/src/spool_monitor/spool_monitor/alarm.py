@@ -143,7 +143,7 @@ class Operator:
 
     def __post_init__(self) -> None:
         if not self.who.strip():
-            raise AlarmRefusedError("who: say who does this")
+            raise AlarmRefusedError("who is required: name the operator")
 
 
 @dataclass(frozen=True, slots=True)
@@ -230,7 +230,7 @@ def acknowledge(alarm: Alarm, operator: Operator, occurrence: int = 0) -> Transi
 
 
 def reset(alarm: Alarm, operator: Operator) -> Transition:
-    """Let go of a latched alarm.
+    """Reset a latched alarm.
 
     Raises:
         AlarmRefusedError: not latched, still active, or not acknowledged (as OPC UA Part 9 has it).
@@ -246,7 +246,7 @@ def reset(alarm: Alarm, operator: Operator) -> Transition:
 
 
 def shelve(alarm: Alarm, operator: Operator, seconds: float) -> Transition:
-    """Put it aside for ``seconds``, or until the condition is over (0); shelving again sets a new end.
+    """Shelve the alarm for ``seconds``, or until the condition is over (0); shelving again sets a new end.
 
     Raises:
         AlarmRefusedError: negative or too long a time, or 0 where the condition is not active.
@@ -291,7 +291,7 @@ def expire(alarm: Alarm, stamp: int) -> Transition:
 
 
 def suppress(alarm: Alarm, operator: Operator, *, on: bool) -> Transition:
-    """Put it aside because the plant's state makes it meaningless, or take it back.
+    """Suppress the alarm because the plant's state makes it meaningless, or undo that.
 
     Raises:
         AlarmRefusedError: it is so already.
@@ -304,7 +304,7 @@ def suppress(alarm: Alarm, operator: Operator, *, on: bool) -> Transition:
 
 
 def maintain(alarm: Alarm, operator: Operator, *, on: bool) -> Transition:
-    """Put it aside for maintenance, or take it back.
+    """Take the alarm out of service for maintenance, or undo that.
 
     Raises:
         AlarmRefusedError: it is so already.

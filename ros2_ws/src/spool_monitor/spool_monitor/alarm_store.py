@@ -64,7 +64,7 @@ class AlarmStore:
         return self.operate(which, lambda alarm: acknowledge(alarm, operator, occurrence))
 
     def reset(self, which: str, operator: Operator) -> list[Transition]:
-        """Let go of latched alarms."""
+        """Reset latched alarms."""
         return self.operate(which, lambda alarm: reset(alarm, operator))
 
     def shelve(self, which: str, operator: Operator, seconds: float) -> list[Transition]:

@@ -140,7 +140,7 @@ class MonitorNode(ManagedNode):
         self._health_publisher.publish(to_health_message(health, self._valve_id))
 
     def cleanup(self) -> None:
-        """Let go of core and publishers."""
+        """Release core and publishers."""
         self.destroy_publisher(self._health_publisher)
         self.destroy_publisher(self._event_publisher)
         self._diagnostics.destroy()
@@ -179,7 +179,9 @@ class MonitorNode(ManagedNode):
         try:
             base = Path(given).expanduser() if given else default_folder()
         except RuntimeError:
-            self.get_logger().warning("state_folder: there is no home folder: nothing is kept, name a folder")
+            self.get_logger().warning(
+                "no home directory: alarms and baseline are not saved; set state_folder"
+            )
             return None
         return valve_folder(base, self.get_namespace())
 

@@ -24,7 +24,7 @@ VALVE = find_valve("4weh10_soft")
 RATE, SIZE = 500.0, 50
 STEP = 100_000_000  # ns, a block
 SECONDS = 24
-ANEW = 40 * 86_400 * 1_000_000_000
+LATER = 40 * 86_400 * 1_000_000_000
 
 
 @cache
@@ -82,7 +82,7 @@ def test_every_estimate_of_one_estimator_is_used(method: str, period: float) -> 
     start=st.integers(0, 80),
     joins=st.integers(30, 150),
     phase=st.integers(0, 9),
-    ahead=st.sampled_from([0, -ANEW, ANEW]),
+    ahead=st.sampled_from([0, -LATER, LATER]),
     first=st.booleans(),
     other=st.booleans(),
 )

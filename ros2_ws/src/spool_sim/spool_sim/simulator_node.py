@@ -116,7 +116,7 @@ class SimulatorNode(ManagedNode):
         self.every(1.0, self._report, steady=True)
 
     def cleanup(self) -> None:
-        """Let go of publisher and valve."""
+        """Release publisher and valve."""
         self._publisher.destroy()
         self.destroy_publisher(self._thermometer)
         self._diagnostics.destroy()

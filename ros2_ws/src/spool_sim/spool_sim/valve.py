@@ -162,8 +162,8 @@ NotNegative = Annotated[Number, Field(ge=0.0)]
 class Valve(BaseModel):
     """A spool with its centring springs, its land and its oil. Frozen; SI units.
 
-    ``id``, ``moving_mass`` and ``spring_stiffness`` are always there. Whoever reads one of the others where
-    it was not given raises an :class:`InputError` that names it; ``knows`` tells beforehand.
+    ``id``, ``moving_mass`` and ``spring_stiffness`` are always there. Reading one of the others that was
+    not given raises an :class:`InputError` that names it; ``knows`` tells beforehand.
 
     Attributes:
         id: name of the valve, the ``frame_id`` of its blocks.

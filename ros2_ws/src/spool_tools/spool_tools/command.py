@@ -161,7 +161,7 @@ FittedValve = Annotated[
 ]  # fmt: skip
 RunningValve = Annotated[str, typer.Argument(metavar="VALVE", help="Namespace of the valve, e.g. valve_1.")]
 WhoOption = Annotated[str, typer.Option("--who", help="Who does it; default: the user's name.")]
-CommentOption = Annotated[str, typer.Option("--comment", help="What is to be said about it.")]
+CommentOption = Annotated[str, typer.Option("--comment", help="Comment.")]
 LanguageOption = Annotated[
     str,
     typer.Option(

@@ -93,7 +93,7 @@ def act_of(given: Any, alarms: Mapping[str, frozenset[str]]) -> Act:
         raise ActRefusedError("no such valve is heard")
     who = _text(given, "who", MOST_WHO)
     if not who:
-        raise ActRefusedError("who: say who does this")
+        raise ActRefusedError("who is required: name the operator")
     comment = _text(given, "comment", MOST_COMMENT)
     if act in ON_VALVE:
         return Act(act, valve, who, comment)
@@ -189,7 +189,7 @@ class ActLog:
             os.fsync(self._descriptor)
 
     def close(self) -> None:
-        """Let go of the file."""
+        """Close the file."""
         os.close(self._descriptor)
 
 

@@ -157,7 +157,7 @@ class PageNode(ManagedNode):
         self._server = self._listening = self._calls = self._token = self._log = None
 
     def cleanup(self) -> None:
-        """Let go of the port."""
+        """Release the port."""
         if self._server is not None:  # activating failed half-way
             self.deactivate()
         if self._socket is not None:
@@ -180,7 +180,7 @@ class PageNode(ManagedNode):
         try:
             return expanded(given) if given else default_folder()
         except RuntimeError as error:
-            raise InputError("state_folder: there is no home folder: name a folder") from error
+            raise InputError("no home directory: set state_folder") from error
 
     def _work(self) -> None:
         """Bring forward what browsers asked for."""
@@ -268,7 +268,7 @@ class Listening:
         self._asked.pop(name, None)
 
     def close(self) -> None:
-        """Let go of every subscription."""
+        """Destroy every subscription."""
         for name in list(self._opened):
             self._close(name)
         for one in self._heard.values():

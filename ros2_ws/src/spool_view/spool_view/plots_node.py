@@ -64,7 +64,7 @@ class PlotsNode(ManagedNode):
             self.subscribe(AccelerationBlock, "acceleration", self._take_block, qos.samples_wanted())
 
     def cleanup(self) -> None:
-        """Let go of the publishers."""
+        """Destroy the publishers."""
         for publisher in self._values.values():
             self.destroy_publisher(publisher)
         self._values.clear()

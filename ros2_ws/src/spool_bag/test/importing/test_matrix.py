@@ -151,7 +151,7 @@ REFUSED: list[tuple[str, Maker, dict[str, object], str]] = [
     ("cut.npz", lambda path: path.write_bytes(b"PK\x03\x04 cut") and None, {}, "cannot be read as NumPy"),
     ("pickled.npy", lambda path: np.save(path, np.array([{}], dtype=object)), {}, "cannot be read as NumPy"),
     ("cut.parquet", lambda path: path.write_bytes(b"PAR1" + bytes(80)) and None, {}, "cannot be read as Parquet"),
-    ("picture.png", lambda path: path.write_bytes(b"\x89PNG\r\n" + bytes(80)) and None, {}, "of no known format; read are"),
+    ("picture.png", lambda path: path.write_bytes(b"\x89PNG\r\n" + bytes(80)) and None, {}, "unknown file format; supported:"),
     ("topics", made.imu_bag(StoragePlugin.MCAP), {}, "--topic body=/imu_1:z,spool=/imu_2:z"),
     ("axis", made.imu_bag(StoragePlugin.MCAP), {"topic": "body=/imu_1:w,spool=/imu_2:z"}, "has no axis 'w': name one of x, y, z"),
     ("unitless", made.array_bag, {"topic": "body=/daq:0,spool=/daq:1"}, "have no unit and could be in g"),

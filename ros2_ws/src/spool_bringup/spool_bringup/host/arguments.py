@@ -126,7 +126,7 @@ def read_valves(path: str) -> list[ListedValve]:
         valves.append(ListedValve(namespace, str(entry.get("valve_file", ""))))
     names = [valve.namespace for valve in valves]
     if len(set(names)) < len(names):
-        raise InputError(f"{path}: a namespace stands twice, valves must not mix")
+        raise InputError(f"{path}: duplicate namespace: each valve needs its own")
     return valves
 
 

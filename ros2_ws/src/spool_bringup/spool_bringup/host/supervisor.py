@@ -152,7 +152,7 @@ class Supervisor:
             signal.pthread_sigmask(signal.SIG_UNBLOCK, ASKING)
             _die_with(supervisor)
             run = self._load()
-            # What lives now stays: no collector looks through it, so that its pages stay shared.
+            # Freeze live objects for the collector, so that their pages stay shared.
             gc.collect()
             gc.freeze()
             for number in others:

@@ -69,7 +69,7 @@ def alone() -> Iterator[None]:
         folder = kernel_folder()
         folder.mkdir(parents=True, exist_ok=True)
         lock = (folder / "compiling.lock").open("a")
-    except (OSError, RuntimeError):  # RuntimeError: there is no home folder
+    except (OSError, RuntimeError):  # RuntimeError: no home directory
         yield
         return
     with lock:

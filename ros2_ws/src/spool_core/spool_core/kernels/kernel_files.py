@@ -250,7 +250,7 @@ def wanted_kernel_folder(environment: Mapping[str, str]) -> Path:
     """Return ``$NUMBA_CACHE_DIR/spool_kernels``, else the place in the user's cache folder.
 
     Raises:
-        RuntimeError: there is no home folder.
+        RuntimeError: no home directory.
     """
     chosen = environment.get("NUMBA_CACHE_DIR")
     if chosen:
@@ -278,7 +278,7 @@ def refusal(folder: Path) -> str | None:
 @lru_cache(maxsize=8)
 def usable_kernel_folder(wanted: Path | None) -> Path:
     """Return ``wanted`` where kernels may be kept there, else a private temporary folder, said once."""
-    reason = "there is no home folder" if wanted is None else refusal(wanted)
+    reason = "no home directory" if wanted is None else refusal(wanted)
     if wanted is not None and reason is None:
         return wanted
     other = private_temporary_folder("kernels")

@@ -549,7 +549,7 @@ class BlockPublisher:
             self._publisher.publish(from_block(block, valve_id))
 
     def destroy(self) -> None:
-        """Send no more; nodes of this process listen to other publishers again. Once more does nothing."""
+        """Send no more; nodes of this process listen to other publishers again. Again does nothing."""
         if not self._there:
             return
         self._there = False

@@ -102,7 +102,7 @@ class ManagedNode(LifecycleNode):  # type: ignore[misc]  # rclpy carries no type
         """Finish what is under way; subscriptions and timers are gone already."""
 
     def cleanup(self) -> None:
-        """Let go of what configure made."""
+        """Release what configure made."""
 
     def refuse_change(self, _changes: dict[str, Value]) -> str | None:
         """Return why these parameters can't be taken together, or ``None``; no side effects.
@@ -207,7 +207,7 @@ class ManagedNode(LifecycleNode):  # type: ignore[misc]  # rclpy carries no type
         return bool(self.destroy_lifecycle_publisher(publisher))
 
     def abandon(self) -> None:
-        """Let go of what an interrupted transition made; what it had not made yet is no fault."""
+        """Release what an interrupted transition made; what it had not made yet is no fault."""
         self._go_quiet()
         with contextlib.suppress(Exception):
             self._let_go()
@@ -387,7 +387,7 @@ class ManagedNode(LifecycleNode):  # type: ignore[misc]  # rclpy carries no type
         """
         if self.given_up or not self._lock.acquire(timeout=LONGEST_WAIT):
             name = self.get_fully_qualified_name()
-            raise InputError(f"{name}: a callback does not return: try again later")
+            raise InputError(f"{name}: node is busy (a callback is still running); try again later")
         try:
             yield
         finally:

@@ -227,7 +227,7 @@ def ensure_log_folder() -> str | None:
 
     Its own is ``ROS_LOG_DIR``, else ``$ROS_HOME/log``, else ``~/.ros/log``.
     """
-    folder, reason = _own(), "there is no home folder"
+    folder, reason = _own(), "no home directory"
     if folder is not None:
         try:
             folder.mkdir(parents=True, exist_ok=True)

@@ -144,9 +144,9 @@ def tell_event(
     ] = None,
     spring_change: Annotated[str | None, typer.Option(metavar="DATE", help="Springs were changed.")] = None,
     repair: Annotated[str | None, typer.Option(metavar="DATE", help="Spool or sleeve was changed.")] = None,
-    comment: Annotated[str, typer.Option(help="What is to be said about it.")] = "",
+    comment: Annotated[str, typer.Option(help="Comment.")] = "",
 ) -> None:
-    """Tell of a service: from then on what it changes is compared with a new baseline.
+    """Record a service; parameters that it affects get a new baseline from that date.
 
     Example: ./spool fleet event --store fleet --machine press_1 --oil-change 2026-05-04
     """

@@ -14,8 +14,13 @@ app = typer.Typer(
     "Example: ./spool alarm list valve_1",
 )
 
-Name = Annotated[str, typer.Argument(metavar="[ALARM]", help="Its name or kind; default: all that can.")]
-Back = Annotated[bool, typer.Option("--back", help="Take it back.")]
+Name = Annotated[
+    str,
+    typer.Argument(
+        metavar="[ALARM]", help="Alarm name or kind; default: every alarm that the action applies to."
+    ),
+]
+Back = Annotated[bool, typer.Option("--back", help="Undo.")]
 
 
 @app.command("list")
@@ -40,7 +45,7 @@ def list_(
 def acknowledge(
     valve: RunningValve, alarm: Name = "", who: WhoOption = "", comment: CommentOption = ""
 ) -> None:
-    """Say that somebody has seen it.
+    """Acknowledge an alarm.
 
     Example: ./spool alarm acknowledge valve_1 resonance --comment "speed reduced"
     """
@@ -61,7 +66,7 @@ def shelve(
     who: WhoOption = "",
     comment: CommentOption = "",
 ) -> None:
-    """Put it aside for a time.
+    """Shelve an alarm for a limited time.
 
     Example: ./spool alarm shelve valve_1 resonance --minutes 30
     """
@@ -78,7 +83,7 @@ def suppress(
     who: WhoOption = "",
     comment: CommentOption = "",
 ) -> None:
-    """Put it aside because the plant's state makes it meaningless, or for maintenance.
+    """Suppress an alarm that the plant's state makes meaningless, or for maintenance.
 
     Example: ./spool alarm suppress valve_1 --maintenance --comment "pump is changed"
     """
@@ -90,7 +95,7 @@ def suppress(
 
 @app.command()
 def reset(valve: RunningValve, alarm: Name = "", who: WhoOption = "", comment: CommentOption = "") -> None:
-    """Let go of latched alarms that are over and acknowledged.
+    """Reset latched alarms that have cleared and are acknowledged.
 
     Example: ./spool alarm reset valve_1 stuck_spool
     """

@@ -10,8 +10,7 @@ from spool_tools.command import Command, CommentOption, RunningValve, WhoOption
 
 app = typer.Typer(
     no_args_is_help=True,
-    help="Show what the monitor holds the healthy valve to be; confirm it, learn it again, take an older one "
-    "back.\n\nExample: ./spool baseline show valve_1",
+    help="Show, confirm, relearn or restore a valve's baseline.\n\nExample: ./spool baseline show valve_1",
 )
 
 

@@ -16,7 +16,9 @@ def compare(
     valve: Annotated[
         list[str] | None,
         typer.Option(
-            "--valve", help="As of fit; once for all records, or once for each.", autocompletion=valve_names
+            "--valve",
+            help="Valve file, as for fit; one for all records, or one per record.",
+            autocompletion=valve_names,
         ),
     ] = None,
     models: Annotated[

@@ -13,10 +13,12 @@ from spool_tools.command import Command, Force, JsonFile, RunningValve
 def trend(
     valve: RunningValve,
     state_folder: Annotated[
-        Path | None, typer.Option(help="The monitors' state_folder; default: where they keep it by default.")
+        Path | None,
+        typer.Option(help="The monitors' state_folder; default: the one that they use by default."),
     ] = None,
     parameter: Annotated[
-        list[str] | None, typer.Option(help="Once for each, e.g. coulomb_force; default: all.")
+        list[str] | None,
+        typer.Option(help="Parameter to plot, e.g. coulomb_force; repeatable; default: all."),
     ] = None,
     since: Annotated[
         str | None, typer.Option(help="How long ago, e.g. 6h, 7d, or a time (UTC); default: all.")

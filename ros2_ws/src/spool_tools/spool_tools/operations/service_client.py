@@ -122,7 +122,7 @@ def who_asks(given: str) -> str:
     try:
         return given or getpass.getuser()
     except (OSError, KeyError) as error:
-        raise InputError("--who: say who does this") from error
+        raise InputError("--who is required: name the operator") from error
 
 
 def list_parameters(valve: str, name: str, only: str | None = None) -> None:

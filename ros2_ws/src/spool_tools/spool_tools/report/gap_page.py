@@ -84,11 +84,11 @@ def gap_page(
         html.table(["", "before", "after", "noise alone"], rows),
         html.paragraph(
             f"Confidence {result.confidence:.2f}{f' ({note})' if (note := result.confidence_note) else ''}. "
-            f"Where it sat: {result.where.sentence}. "
+            f"Gap location: {result.where.sentence}. "
             f"What is left: {result.where_after.sentence}."
         ),
         *([html.paragraph(anomaly_sentence(anomaly))] if (anomaly := result.linear_anomaly) else []),
-        *([html.paragraph(f"What would tell more: {result.advice}.")] if result.advice else []),
+        *([html.paragraph(f"To narrow it down: {result.advice}.")] if result.advice else []),
         *_what_was_found(result),
         *_where_it_sits(result),
         *_before_and_after(result, evidence),

@@ -74,7 +74,7 @@ def open_table(path: Path) -> Table:
     """Return the table that the file at ``path`` holds.
 
     Raises:
-        InputError: no such file, of no known format, damaged, or its library is missing.
+        InputError: no such file, unknown format, damaged, or its library is missing.
     """
     form = format_of(path)
     if form.library is not None:
@@ -132,7 +132,7 @@ def format_of(path: Path) -> Format:
     """Return the format of a file or folder, by its first bytes or its name.
 
     Raises:
-        InputError: no such file, or of no known format.
+        InputError: no such file, or unknown format.
     """
     head = b""
     if not path.is_dir():
@@ -147,4 +147,4 @@ def format_of(path: Path) -> Format:
         if form.fits(path, head):
             return form
     known = ", ".join(f"{form.name} ({' '.join(form.suffixes)})" for form in formats() if form.suffixes)
-    raise InputError(f"{path}: of no known format; read are {known}")
+    raise InputError(f"{path}: unknown file format; supported: {known}")
