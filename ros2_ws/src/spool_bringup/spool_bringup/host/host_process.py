@@ -23,8 +23,8 @@ from spool_core.node.block_hub import HUB, Throttle, TopicTimes, Worker
 from spool_core.node.diagnostics import DiagnosticPublisher, Level, Status
 from spool_core.node.managed_node import ManagedNode, Ticker
 from spool_core.node.parameters import NodeParameter, refuse_other_files, refuse_other_nodes, rule
-from spool_core.node.program import STOP, Phase, StopRequested
 from spool_core.node.running import REFUSED, ensure_log_folder, new_executor, one_line
+from spool_core.node.stop import STOP, Phase, StopRequested
 from spool_estimator.estimator_node import EstimatorNode
 from spool_estimator.tracking import BUDGET
 from spool_monitor.monitor_node import MonitorNode

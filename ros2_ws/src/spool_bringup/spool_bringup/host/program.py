@@ -12,7 +12,7 @@ from functools import partial
 from spool_core.errors import InputError, libraries_reported
 from spool_core.kernels.kernel_files import COMPILING, KernelCache
 from spool_core.node.network import check_middleware
-from spool_core.node.program import STOP
+from spool_core.node.stop import STOP
 from spool_core.system import run_before_others, use_processors
 from spool_core.text import keep_standard_streams
 

@@ -29,7 +29,7 @@ from spool_core.kernels.compiled import alone as one_at_a_time
 from spool_core.kernels.kernel_files import COMPILING
 from spool_core.node.block_hub import HUB
 from spool_core.node.parameters import NodeParameter, Value, declare
-from spool_core.node.program import STOP, Phase
+from spool_core.node.stop import STOP, Phase
 
 #: s of compiling after which it is said: kernels that are cached are loaded in less.
 COMPILES = 3.0

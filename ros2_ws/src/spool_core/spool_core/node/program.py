@@ -2,82 +2,14 @@
 
 from __future__ import annotations
 
-import enum
 import importlib
-import os
-import signal
 import sys
-import time
 from pathlib import Path
-from types import FrameType
 
 from spool_core.errors import InputError, libraries_reported
 from spool_core.node.network import check_middleware
+from spool_core.node.stop import STOP
 from spool_core.text import keep_standard_streams
-
-NUMBERS = (signal.SIGINT, signal.SIGTERM)
-
-#: s from the first signal on in which further ones can't break the end off: a terminal's Ctrl-C and a launch
-#: file's own signal reach a node together, and closing a recording takes a second.
-PATIENCE = 3.0
-
-
-class Stop:
-    """The one request of this process to stop.
-
-    Attributes:
-        count: signals that came.
-        phase: set by the program.
-    """
-
-    def __init__(self) -> None:
-        self.count = 0
-        self.phase = Phase.LOADING
-        self._first = 0.0
-
-    @property
-    def requested(self) -> bool:
-        """Whether a signal came."""
-        return self.count > 0
-
-    def install(self) -> None:
-        """Take over both signals; has to be called in the main thread."""
-        for number in NUMBERS:
-            signal.signal(number, self._take)
-
-    def finish(self) -> None:
-        """Let no further signal reach the interpreter while it takes itself down."""
-        for number in NUMBERS:
-            signal.signal(number, signal.SIG_IGN)
-
-    def _take(self, number: int, _frame: FrameType | None) -> None:
-        now = time.monotonic()
-        self._first = self._first if self.requested else now
-        self.count += 1
-        if self.phase is Phase.LOADING:
-            os._exit(0)
-        if self.count > 2 and now - self._first > PATIENCE:
-            signal.signal(number, signal.SIG_DFL)
-            os.kill(os.getpid(), number)
-        if self.phase is Phase.STARTING:
-            self.phase = Phase.ENDING
-            raise StopRequested
-
-
-class StopRequested(BaseException):
-    """Stop request, raised in the main thread by a signal while the node starts."""
-
-
-class Phase(enum.Enum):
-    """Phase of a process: what a signal does."""
-
-    LOADING = "loading"  # nothing is open yet: the process ends immediately
-    STARTING = "starting"  # what is under way, perhaps a minute of compiling, is broken off
-    RUNNING = "running"  # it is noted, and the node ends in order
-    ENDING = "ending"  # nothing more is begun, however often it is asked
-
-
-STOP = Stop()
 
 
 def start(module: str, node: str) -> int:

@@ -25,7 +25,7 @@ from spool_core.errors import InputError
 from spool_core.node.managed_node import AUTOSTART, ManagedNode
 from spool_core.node.network import check_middleware, network_warnings
 from spool_core.node.parameters import RULES, refuse_other_files, refuse_other_nodes, rule
-from spool_core.node.program import STOP, Phase, StopRequested
+from spool_core.node.stop import STOP, Phase, StopRequested
 from spool_core.system import expanded, private_temporary_folder
 from spool_core.text import keep_standard_streams
 

@@ -13,8 +13,8 @@ from spool_core.errors import InputError
 from spool_core.node import qos
 from spool_core.node.managed_node import ManagedNode
 from spool_core.node.parameters import NodeParameter, Value
-from spool_core.node.program import STOP
 from spool_core.node.running import run
+from spool_core.node.stop import STOP
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
