@@ -289,10 +289,11 @@ def _state_of_its_own(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None
 
 @pytest.fixture(scope="session")
 def modules() -> dict[str, Module]:
-    """All modules of the workspace by name, with what they import."""
+    """All modules of the workspace and of research by name, with what they import."""
     from spool_evaluation.pictures.structure import read_modules  # noqa: PLC0415 - slow to load
 
-    return read_modules(Path(__file__).resolve().parent.parent / "ros2_ws" / "src")
+    root = Path(__file__).resolve().parent.parent
+    return read_modules(root / "ros2_ws" / "src", root / "research")
 
 
 @pytest.fixture(scope="session")

@@ -13,20 +13,11 @@ from rich.table import Table
 from spool_core.errors import InputError, how_to_install
 from spool_tools.outputs import check_output, write_json
 
+from spool_evaluation.benchmarks import BENCHMARKS
 from spool_evaluation.results.dearer import dearer, reference_line
 from spool_evaluation.results.page import markdown_table, write_page
 from spool_evaluation.results.timing import Row
 
-#: Each is a module of ``benchmarks`` with ``run() -> Iterator[Row]``, and the options that its ``run`` takes.
-BENCHMARKS: dict[str, tuple[str, ...]] = {
-    "sim": (),
-    "bag": (),
-    "estimate": (),
-    "gap": ("seed", "cases"),
-    "monitor": ("seed", "cases"),
-    "host": ("seconds", "valves"),
-    "record": ("seconds", "valves"),
-}
 ABOUT = (
     'Their time over ours is "times as fast", both measured in one run; times of another run or machine '
     "differ by a factor of two. What is compared and what follows: [benchmarks](../methods/benchmarks.md)."

@@ -249,8 +249,6 @@ def _median(delays: Array) -> float:
 
 
 def _cell(delays: Array) -> str:
-    from spool_operation.study import span  # noqa: PLC0415 - it imports this module
-
     found = np.sort(delays[np.isfinite(delays)])
     missed = delays.size - found.size
     if not found.size:
@@ -263,3 +261,12 @@ def _cell(delays: Array) -> str:
     )
     text = f"{span(float(np.median(found)))} ({span(found[low])} to {span(found[high])})"
     return text + (f", {missed} missed" if missed else "")
+
+
+def span(seconds: float) -> str:
+    """Return a time with its sign in the unit that suits its size."""
+    size = abs(seconds)
+    for limit, unit, length in ((120.0, "s", 1.0), (7200.0, "min", 60.0), (172_800.0, "h", 3600.0)):
+        if size < limit:
+            return f"{seconds / length:.1f} {unit}"
+    return f"{seconds / 86_400.0:.1f} d"

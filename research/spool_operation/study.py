@@ -18,7 +18,7 @@ from spool_evaluation.results.page import interval, markdown_table, poisson_inte
 from spool_evaluation.studies.workers import resumed
 from spool_tools.outputs import suite_version
 
-from spool_operation.comparison import Comparison, compare
+from spool_operation.comparison import Comparison, compare, span
 from spool_operation.faults import SPEEDS
 from spool_operation.run_day import DayOutcome, DayRun, RaisedEvent, run_day
 from spool_operation.surrogate import load_surrogate
@@ -280,15 +280,6 @@ def _delays(delays: Sequence[float]) -> str:
         return "-"
     low, middle, high = np.quantile(kept, [0.25, 0.5, 0.75])
     return f"{span(middle)} ({span(low)} to {span(high)})"
-
-
-def span(seconds: float) -> str:
-    """Return a time with its sign in the unit that suits its size."""
-    size = abs(seconds)
-    for limit, unit, length in ((120.0, "s", 1.0), (7200.0, "min", 60.0), (172_800.0, "h", 3600.0)):
-        if size < limit:
-            return f"{seconds / length:.1f} {unit}"
-    return f"{seconds / 86_400.0:.1f} d"
 
 
 #: Days of the year, s of production that are simulated of each.

@@ -1,1 +1,14 @@
 """Benchmarks against peers, on the same work in one run. Each is a module with ``run``."""
+
+from __future__ import annotations
+
+#: Each is a module of this package with ``run() -> Iterator[Row]``, and the options that its ``run`` takes.
+BENCHMARKS: dict[str, tuple[str, ...]] = {
+    "sim": (),
+    "bag": (),
+    "estimate": (),
+    "gap": ("seed", "cases"),
+    "monitor": ("seed", "cases"),
+    "host": ("seconds", "valves"),
+    "record": ("seconds", "valves"),
+}

@@ -10,22 +10,7 @@ import typer
 from spool_core.errors import InputError
 from spool_tools.command import Command
 
-#: Module and function of each; the function takes (cases, seed, out, workers).
-STUDIES = {
-    "gap": ("studies.gap", "run"),
-    "field": ("studies.field.study", "run"),
-    "gap-limit": ("studies.gap_limit", "run"),
-    "estimation": ("studies.estimation", "run"),
-    "records": ("studies.records", "run"),
-    "steps": ("studies.steps", "run"),
-    "monitor": ("studies.monitor", "run"),
-    "operation": ("spool_operation.study", "run"),
-    "operation-fit": ("spool_operation.surrogate", "run"),
-    "operation-agreement": ("spool_operation.agreement", "run"),
-    "operation-gap": ("spool_operation.gap_peer", "run"),
-    "fleet": ("studies.fleet", "run"),
-    "fleet-cost": ("studies.fleet", "run_cost"),
-}
+from spool_evaluation.studies import STUDIES
 
 
 def study(

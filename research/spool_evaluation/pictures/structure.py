@@ -15,7 +15,7 @@ from pathlib import Path
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyArrowPatch, Rectangle
 
-PREFIX = "spool_"
+PREFIX = "spool"
 #: Not a Python package, so imported without a source here.
 MESSAGES = "spool_msgs"
 
@@ -35,12 +35,19 @@ class Module:
         return self.name.partition(".")[0]
 
 
-def read_modules(source: Path) -> dict[str, Module]:
-    """Return every module below ``source`` (a workspace's ``src``) by name, imports of any kind included."""
+def read_modules(*sources: Path) -> dict[str, Module]:
+    """Return every module below ``sources`` by name, imports of any kind included.
+
+    Args:
+        sources: folders that hold packages, or, as a workspace's ``src``, folders of packages.
+    """
     files = {}
-    for path in sorted(source.glob(f"{PREFIX}*/{PREFIX}*/**/*.py")):
-        parts = path.relative_to(source).with_suffix("").parts[1:]
-        files[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+    for source in sources:
+        inits = [*source.glob(f"{PREFIX}*/__init__.py"), *source.glob(f"{PREFIX}*/{PREFIX}*/__init__.py")]
+        tops = {init.parent for init in inits if not (init.parent.parent / "__init__.py").exists()}
+        for top, path in sorted((folder, path) for folder in tops for path in folder.rglob("*.py")):
+            parts = path.relative_to(top.parent).with_suffix("").parts
+            files[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
     modules = {}
     for name, path in files.items():
         folder = name if path.name == "__init__.py" else name.rpartition(".")[0]
@@ -59,6 +66,11 @@ def _imports(tree: ast.Module, folder: str, known: Iterable[str]) -> set[str]:
             above = folder.split(".")[: len(folder.split(".")) - node.level + 1] if node.level else []
             base = ".".join([*above, *([node.module] if node.module else [])])
             found |= {full if (full := f"{base}.{alias.name}") in known else base for alias in node.names}
+        elif isinstance(node, ast.Call) and ast.unparse(node.func).endswith("import_module"):
+            given = node.args[0]
+            found |= (
+                {given.value} if isinstance(given, ast.Constant) and isinstance(given.value, str) else set()
+            )
     return {name for name in found if name.startswith(PREFIX)}
 
 

@@ -8,7 +8,9 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
+from spool_evaluation.benchmarks import BENCHMARKS
 from spool_evaluation.changed_tests import Repository
+from spool_evaluation.studies import STUDIES
 
 ROOT = Path(__file__).resolve().parents[3]
 _MADE = re.compile(r"^Made on (\S+) by `([^`]+)`, version .*commit ([0-9a-f]{7,})", re.MULTILINE)
@@ -55,9 +57,6 @@ def depends_on(command: str) -> tuple[str, ...]:
 
 def _modules(command: str) -> list[str]:
     """Return the modules whose functions a command runs; some may not exist."""
-    from spool_evaluation.bench import BENCHMARKS  # noqa: PLC0415 - its pages state what is found here
-    from spool_evaluation.commands.study_command import STUDIES  # noqa: PLC0415
-
     words = command.split()
     if words[1] == "bench":
         names = [words[2]] if words[2] in BENCHMARKS else list(BENCHMARKS)

@@ -1,1 +1,20 @@
 """Studies over many records: how often the suite is right. Each is a module with ``run``."""
+
+from __future__ import annotations
+
+#: Module and function of each; the function takes (cases, seed, out, workers).
+STUDIES = {
+    "gap": ("studies.gap", "run"),
+    "field": ("studies.field.study", "run"),
+    "gap-limit": ("studies.gap_limit", "run"),
+    "estimation": ("studies.estimation", "run"),
+    "records": ("studies.records", "run"),
+    "steps": ("studies.steps", "run"),
+    "monitor": ("studies.monitor", "run"),
+    "operation": ("spool_operation.study", "run"),
+    "operation-fit": ("spool_operation.surrogate", "run"),
+    "operation-agreement": ("spool_operation.agreement", "run"),
+    "operation-gap": ("spool_operation.gap_peer", "run"),
+    "fleet": ("studies.fleet", "run"),
+    "fleet-cost": ("studies.fleet", "run_cost"),
+}
