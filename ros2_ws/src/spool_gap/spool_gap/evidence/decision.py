@@ -166,7 +166,9 @@ def decide(
     limits = settings.least_share, max(settings.least_share, SEATS * max(seats, default=0.0))
     rest, matters = _left(predictions, fit, numbers.dispersion, held.judged(fit), limits)
     unexplained = matters and rest.gain > DECISIVE
-    if not unexplained and search.hit and not any(EFFECTS[name].localised for name in own.effects):
+    # Free runs with play or preload part from the motion at chance, however right they are.
+    chance = any(EFFECTS[name].localised or EFFECTS[name].local_minima for name in own.effects)
+    if not unexplained and search.hit and not chance:
         rest, unexplained = _blows(predictions, held.judged(fit), settings.least_share, rest)
         matters |= unexplained
     if unexplained:
