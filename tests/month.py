@@ -19,8 +19,8 @@ from spool_bag.snapshot import HEALTH_EVENT, SnapshotKeeper, SnapshotWriter
 from spool_bag.writer import PartLimits
 from spool_core.block import Block
 from spool_core.cdr import encode_block
-from spool_core.events.english import ENGLISH
 from spool_core.events.event import Event, EventState, Severity
+from spool_core.events.language import ENGLISH
 from spool_core.node.messages import to_event_message
 from spool_core.uncertainty import Quantity, Validity
 

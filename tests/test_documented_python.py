@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import json
 import os
 import re
 import shlex
@@ -170,8 +171,8 @@ def test_a_name_in_an_api_table_can_be_imported(package: str, name: str, before:
 
 # The recipes of CONTRIBUTING, each applied to a copy as it stands on the page.
 
-FILE = re.compile(r"`(\S+\.py)`:\n\n```python\n(.*?)^```$", re.M | re.S)
-ROW = re.compile(r"`([A-Z]+)` of\s+`(\S+\.py)`$")
+FILE = re.compile(r"`(\S+\.(?:py|json))`:\n\n```(?:python|json)\n(.*?)^```$", re.M | re.S)
+ROW = re.compile(r"`(\w+)` of\s+`(\S+\.(?:py|json))`$")
 
 
 def recipes() -> list[str]:
@@ -190,6 +191,11 @@ def apply(recipe: str, copy: Path) -> None:
             file.write_text(text, encoding="utf-8")
             continue
         own = file.read_text(encoding="utf-8")
+        if file.suffix == ".json":
+            entries = json.loads(own)
+            entries[table.group(1)] |= json.loads(text)
+            file.write_text(json.dumps(entries), encoding="utf-8")
+            continue
         head = re.search(rf"^{table.group(1)}\b.* = [(\[{{]\n", own, flags=re.M)
         assert head, f"{file}: no table {table.group(1)}"
         file.write_text(f"{own[: head.end()]}{text.rstrip()},\n{own[head.end() :]}", encoding="utf-8")

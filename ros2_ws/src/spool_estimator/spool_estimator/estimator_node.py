@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 from sensor_msgs.msg import Temperature
 from spool_core.block import Block
 from spool_core.block_gate import SharedGate
-from spool_core.events.english import Language
+from spool_core.events.language import Language
 from spool_core.events.sentences import language_of
 from spool_core.node import qos
 from spool_core.node.block_hub import HUB, Silence, Throttle

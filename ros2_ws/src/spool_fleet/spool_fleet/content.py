@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from spool_core.errors import InputError
-from spool_core.events.english import ENGLISH, EventText
+from spool_core.events.language import ENGLISH, EventText
 from spool_core.text import plural
 from spool_core.uncertainty import interval, number
 from spool_monitor.detectors import friction_drift, spring_change

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Iterable
 from pathlib import Path
 
-from spool_core.events.english import ENGLISH
+from spool_core.events.language import ENGLISH
 
 from spool_monitor.detectors import KINDS
 

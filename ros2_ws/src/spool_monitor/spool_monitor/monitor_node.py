@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 from spool_core.block import Block
 from spool_core.block_gate import BlockGate, Fault, SharedGate
 from spool_core.errors import InputError
-from spool_core.events.english import Language
+from spool_core.events.language import Language
 from spool_core.events.sentences import headline, language_of
 from spool_core.node import qos
 from spool_core.node.block_hub import HUB, Silence, waiting_for_disk

@@ -4,7 +4,8 @@ from enum import IntEnum
 
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
-from spool_core.events.sentences import LANGUAGES, headline
+from spool_core.events.language import LANGUAGES
+from spool_core.events.sentences import headline
 from spool_core.node.messages import from_event_message
 from spool_core.uncertainty import Quantity
 from spool_monitor.alarm import AlarmState, Operator

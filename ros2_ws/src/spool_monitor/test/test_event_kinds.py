@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from spool_core.events.sentences import LANGUAGES
+from spool_core.events.language import LANGUAGES
 from spool_monitor.detectors import DETECTORS, KINDS, LIMITS, MonitorLimit, event_kind, latching_kinds
 from spool_monitor.event import EventKind, Namur
 from spool_monitor.event_tables import meaning_table, number_table

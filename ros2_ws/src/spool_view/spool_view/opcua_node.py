@@ -22,7 +22,7 @@ from asyncua import Server, ua
 from asyncua.crypto.permission_rules import PermissionRuleset, User, UserRole
 from asyncua.server.user_managers import UserManager
 from spool_core.errors import InputError
-from spool_core.events.english import ENGLISH, Language
+from spool_core.events.language import ENGLISH, Language
 from spool_core.events.sentences import details, headline, language_of
 from spool_core.node import qos
 from spool_core.node.managed_node import ManagedNode

@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 from spool_core.errors import InputError
-from spool_core.events.sentences import LANGUAGES, details, headline
+from spool_core.events.language import LANGUAGES
+from spool_core.events.sentences import details, headline
 from spool_core.node.messages import from_event_message
 from spool_core.uncertainty import Z_95, interval, number
 from spool_monitor.state_file import valve_folder

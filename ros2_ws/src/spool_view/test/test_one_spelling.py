@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 from spool_bag.information import Timeline
-from spool_core.events.english import Language
 from spool_core.events.event import Event, EventState, Facts
-from spool_core.events.sentences import LANGUAGES, details, headline
+from spool_core.events.language import LANGUAGES, Language
+from spool_core.events.sentences import details, headline
 from spool_core.uncertainty import Quantity, Validity
 from spool_monitor.alarm_store import AlarmStore
 from spool_monitor.detectors import KINDS

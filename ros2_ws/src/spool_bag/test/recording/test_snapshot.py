@@ -23,8 +23,8 @@ from spool_bag.snapshot import (
 from spool_bag.writer import BagWriter, PartLimits
 from spool_core.block import Block
 from spool_core.cdr import encode_block
-from spool_core.events.english import ENGLISH
 from spool_core.events.event import Event, EventState, Severity
+from spool_core.events.language import ENGLISH
 from spool_core.node.messages import to_event_message
 from spool_core.uncertainty import Quantity, Validity
 

@@ -8,13 +8,9 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from spool_core.errors import InputError
-from spool_core.events.english import ENGLISH, Language
 from spool_core.events.event import Event, EventState, Facts, Severity
-from spool_core.events.german import GERMAN
-from spool_core.events.polish import POLISH
+from spool_core.events.language import ENGLISH, LANGUAGES, Language
 from spool_core.uncertainty import Quantity, compared, exact, number
-
-LANGUAGES: dict[str, Language] = {one.code: one for one in (ENGLISH, GERMAN, POLISH)}
 
 #: Environment variable that chooses the language of nodes and commands; English without it.
 VARIABLE = "SPOOL_LANGUAGE"

@@ -12,8 +12,8 @@ from spool_msgs.msg import AccelerationBlock, HealthEvent
 from spool_msgs.msg import Quantity as QuantityMessage
 
 from spool_core.block import Block
-from spool_core.events.english import Language
 from spool_core.events.event import Event, EventState, Facts, Severity, Urgency
+from spool_core.events.language import Language
 from spool_core.events.sentences import headline
 from spool_core.uncertainty import Quantity, Validity
 

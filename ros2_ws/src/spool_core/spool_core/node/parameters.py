@@ -18,7 +18,8 @@ from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValu
 from rclpy.node import Node
 
 from spool_core.errors import InputError
-from spool_core.events.sentences import LANGUAGES, VARIABLE
+from spool_core.events.language import LANGUAGES
+from spool_core.events.sentences import VARIABLE
 from spool_core.files import load_yaml, names_node, parameters_of, refuse_other_kind, sections_of
 from spool_core.system import expanded
 

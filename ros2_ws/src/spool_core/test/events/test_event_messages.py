@@ -8,7 +8,8 @@ from types import SimpleNamespace
 
 from rclpy.serialization import deserialize_message, serialize_message
 from spool_core.events.event import EventState, Facts, Urgency
-from spool_core.events.sentences import LANGUAGES, headline
+from spool_core.events.language import LANGUAGES
+from spool_core.events.sentences import headline
 from spool_core.node.messages import from_event_message, to_event_message, to_time
 from spool_msgs.msg import HealthEvent
 

@@ -10,17 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from spool_core.errors import InputError
-from spool_core.events.english import ENGLISH, Language
 from spool_core.events.event import Event, EventState, Facts, Namur, Severity, Urgency, urgency_of
-from spool_core.events.sentences import (
-    LANGUAGES,
-    VARIABLE,
-    described,
-    details,
-    duration,
-    headline,
-    language_of,
-)
+from spool_core.events.language import ENGLISH, LANGUAGES, Language
+from spool_core.events.sentences import VARIABLE, described, details, duration, headline, language_of
 from spool_core.uncertainty import Quantity, Validity
 
 SECOND = 1_000_000_000
@@ -211,5 +203,5 @@ def test_the_language_is_that_given_then_that_of_the_environment(monkeypatch: py
     assert language_of().code == "pl"
     assert language_of("de").code == "de"
     monkeypatch.setenv(VARIABLE, "xx")
-    with pytest.raises(InputError, match="SPOOL_LANGUAGE: 'xx' is not one of en, de, pl"):
+    with pytest.raises(InputError, match="SPOOL_LANGUAGE: 'xx' is not one of de, en, pl"):
         language_of()

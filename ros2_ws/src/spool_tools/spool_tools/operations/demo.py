@@ -25,7 +25,7 @@ from rich.text import Text
 from spool_bag.information import describe
 from spool_bag.reader import BagReader
 from spool_core.errors import InputError
-from spool_core.events.english import Language
+from spool_core.events.language import Language
 from spool_core.events.sentences import language_of
 from spool_core.node import qos
 from spool_core.node.network import isolate

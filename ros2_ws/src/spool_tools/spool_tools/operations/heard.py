@@ -16,7 +16,7 @@ import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rich.text import Text
-from spool_core.events.english import Language
+from spool_core.events.language import Language
 from spool_core.events.sentences import details, headline
 from spool_core.node import qos
 from spool_core.node.messages import from_event_message

@@ -15,7 +15,7 @@ from spool_bag.metadata import rate_std
 from spool_core.block import BlockRun
 from spool_core.cdr import OilTemperature
 from spool_core.errors import InputError
-from spool_core.events.english import ENGLISH, Language
+from spool_core.events.language import ENGLISH, Language
 from spool_core.events.sentences import details, headline, language_of
 from spool_core.text import plural
 from spool_core.uncertainty import LEGEND, at_uncertain_rate, with_interval

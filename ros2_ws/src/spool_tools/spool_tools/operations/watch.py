@@ -8,7 +8,7 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from typing import ClassVar
 
-from spool_core.events.english import ENGLISH, Language
+from spool_core.events.language import ENGLISH, Language
 from spool_core.events.sentences import language_of
 from spool_core.uncertainty import LEGEND
 from spool_msgs.msg import Alarm

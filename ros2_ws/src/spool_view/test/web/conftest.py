@@ -21,7 +21,7 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from spool_core.events.event import Event, EventState, Facts, Severity, Urgency
-from spool_core.events.sentences import LANGUAGES
+from spool_core.events.language import LANGUAGES
 from spool_core.node import qos, testing
 from spool_core.node.messages import to_event_message
 from spool_core.uncertainty import Quantity as Measured
