@@ -1,4 +1,8 @@
-"""Discovery of what the modules of a package define: adding one takes a new file and nothing else."""
+"""Discovery of what the modules of a package define: adding one takes a new file and nothing else.
+
+Another distribution adds modules by entry points whose group is the name of the package, e.g.
+``entry_points={"spool_sim.terms": ["my_law = my_package.my_law"]}``.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +11,8 @@ import inspect
 import pkgutil
 from types import ModuleType
 from typing import Any, TypeVar
+
+from spool_core.errors import InputError
 
 Found = TypeVar("Found")
 
@@ -18,7 +24,7 @@ def classes_in(package: str, base: type[Any]) -> list[type[Any]]:
     """
     return [
         entry
-        for module in _modules(package)
+        for module in modules_of(package)
         for entry in vars(module).values()
         if isinstance(entry, type)
         and issubclass(entry, base)
@@ -33,12 +39,33 @@ def objects_in(package: str, kind: type[Found]) -> list[Found]:
     One that several modules import comes once.
     """
     found = [
-        entry for module in _modules(package) for entry in vars(module).values() if isinstance(entry, kind)
+        entry for module in modules_of(package) for entry in vars(module).values() if isinstance(entry, kind)
     ]
     return list({id(entry): entry for entry in found}.values())
 
 
-def _modules(package: str) -> list[ModuleType]:
-    folder = importlib.import_module(package).__path__
-    names = {module.name for module in pkgutil.iter_modules(folder)} - {"base"}
-    return [importlib.import_module(f"{package}.{name}") for name in sorted(names)]
+def modules_of(package: str, suffix: str = "") -> list[ModuleType]:
+    """Return the modules of ``package`` whose names end with ``suffix``, then those that others add.
+
+    Raises:
+        InputError: a module of another distribution cannot be loaded; both are named.
+    """
+    from importlib.metadata import entry_points  # noqa: PLC0415 - loads email and zipfile
+
+    names = {module.name for module in pkgutil.iter_modules(importlib.import_module(package).__path__)}
+    own = sorted(name for name in names - {"base"} if name.endswith(suffix))
+    found = [importlib.import_module(f"{package}.{name}") for name in own]
+    for entry in sorted(entry_points(group=package), key=lambda one: one.name):
+        name = entry.dist.name if entry.dist is not None else "a distribution without a name"
+        found.append(_loaded(package, entry.value, name))
+    return found
+
+
+def _loaded(package: str, module: str, distribution: str) -> ModuleType:
+    try:
+        return importlib.import_module(module)
+    except Exception as error:
+        raise InputError(
+            f"{distribution} adds {module} to {package}, which cannot be loaded "
+            f"({type(error).__name__}: {error}): mend or uninstall {distribution}"
+        ) from error

@@ -8,7 +8,7 @@ from abc import ABC, abstractmethod
 from pathlib import Path
 
 import pytest
-from spool_core.discovery import classes_in
+from spool_core.discovery import classes_in, modules_of
 
 BASE = """
 from abc import ABC, abstractmethod
@@ -48,3 +48,9 @@ def test_a_package_without_such_classes_has_none() -> None:
         def nothing(self) -> None: ...
 
     assert classes_in("spool_core", Unknown) == []
+
+
+def test_modules_come_in_the_order_of_their_names_without_what_all_share() -> None:
+    found = [module.__name__.rpartition(".")[2] for module in modules_of("spool_core.node")]
+    assert found == sorted(found)
+    assert "base" not in found

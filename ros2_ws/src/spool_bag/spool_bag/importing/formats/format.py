@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import importlib
-import pkgutil
 import struct
 import zlib
 from collections.abc import Callable, Iterator, Sequence
@@ -13,6 +12,7 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
+from spool_core.discovery import modules_of
 from spool_core.errors import InputError, how_to_install
 from spool_core.faults import raised_by_library
 from spool_core.text import printable
@@ -61,12 +61,7 @@ class Format:
 @cache
 def formats() -> tuple[Format, ...]:
     """Return all formats in the order in which they are asked."""
-    package = importlib.import_module(__package__ or "")
-    found = [
-        importlib.import_module(f"{package.__name__}.{module.name}").FORMAT
-        for module in pkgutil.iter_modules(package.__path__)
-        if module.name.endswith("_format")
-    ]
+    found = [module.FORMAT for module in modules_of(__package__ or "", "_format")]
     return tuple(sorted(found, key=lambda one: (one.place, one.name)))
 
 
