@@ -44,6 +44,8 @@ REACH = 0.995
 #: Force over that of springs and drag at the ends of the stroke from which it may be a hit, and how often.
 #: In 13 cases of development it is 1.2 at most without a stop. Score tests see stops that are softer.
 HARD, FEWEST_HARD = 1.4, 2
+#: Share of the stroke beyond which its ends begin.
+OUTSIDE = 0.7
 
 
 @dataclass(frozen=True, slots=True)
@@ -312,7 +314,9 @@ class Balance:
         speed = np.abs(self.motion.velocity)
         largest = stiffness * self.reach + damping * float(np.quantile(speed, REACH))
         strong = part.valve.moving_mass * np.abs(part.spool) * part.counted > HARD * largest
-        self.hit = int(strong.sum()) >= FEWEST_HARD
+        # A spike of a sensor is as strong, and anywhere in the stroke.
+        outside = np.abs(self.motion.displacement) > OUTSIDE * self.reach
+        self.hit = int((strong & outside).sum()) >= max(FEWEST_HARD, int((strong & ~outside).sum()))
         slips = speed > SLIPS * float(np.quantile(speed, 0.8))
         edge = min(speed.size // 4, round(2.0 / part.period))
         slips[:edge] = slips[-edge:] = False

@@ -107,7 +107,9 @@ class Search:
         values = self.base.structure.values
         damping = values.get("viscous_coefficient", 0.0)
         balance = Balance(predictions, values["spring_stiffness"], damping, names)
-        self._starts = Starts(balance, names)
+        motions = (part.errors([self.base.structure], COMPARED).displacement for part in predictions.parts)
+        furthest = max(float(np.abs(motion).max()) for motion in motions)
+        self._starts = Starts(balance, names, furthest)
         self._scan(self.base.structure, [values])
 
     @property
@@ -182,6 +184,7 @@ class Search:
         self._tell("the likeliest on the whole record", 0.35)
         self._fit_whole(BESIDE)
         self._add_parts(1)
+        self._add_effect()
         self._fit_alike()
         if self._open() and self._scan_pairs():
             self._scan_alike(2)
@@ -190,7 +193,7 @@ class Search:
             self._share_chain()
             self._add_parts()
             self._fit_alike()
-            self._add_third()
+            self._add_effect()
         self._shake()
         self._without_chain()
         self._polish()
@@ -440,10 +443,11 @@ class Search:
         for one in sorted(scanned, key=lambda one: -one.evidence)[:STARTS]:
             self._tighten(one.structure, COMPARED)
 
-    def _add_third(self) -> None:
-        """Add a third effect to the best pair where a score test speaks for it."""
+    def _add_effect(self) -> None:
+        """Add an effect to the best structure by score tests, where no scan did so beside its parts."""
         best = self.best
-        if not 1 < len(best.structure.effects) < MOST_EFFECTS:
+        scanned = len(best.structure.effects) < MOST_EFFECTS - 1 and not best.structure.parts
+        if scanned or len(best.structure.effects) >= MOST_EFFECTS:
             return
         penalty = 0.5 * math.log(self._predictions.numbers)
         allowed = [name for name in self._names if self._may_add(best.structure, name)]

@@ -37,12 +37,18 @@ class Starts:
         balance: of forces along the measured motion.
     """
 
-    def __init__(self, balance: Balance, names: Sequence[str]) -> None:
-        """Keep what all starts share; ``names``: of the effects that may be missing."""
+    def __init__(self, balance: Balance, names: Sequence[str], furthest: float) -> None:
+        """Keep what all starts share.
+
+        Args:
+            balance: of forces along the measured motion.
+            names: of the effects that may be missing.
+            furthest: displacement of the base's motion, m.
+        """
         self.balance, self._names = balance, tuple(names)
         self._noted: dict[frozenset[str], list[dict[str, float]]] = {}
         # Where hits are rare, they lie beyond all but a few samples.
-        self._ends = balance.reach, float(np.abs(balance.motion.displacement).max())
+        self._ends = balance.reach, float(np.abs(balance.motion.displacement).max()), furthest
         self._fastest = float(np.quantile(np.abs(balance.motion.velocity), 0.99))
 
     def note(self, names: Sequence[str], values: Mapping[str, float]) -> None:
