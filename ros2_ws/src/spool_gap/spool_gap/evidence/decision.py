@@ -142,10 +142,12 @@ def decide(
     """Return what the fits of ``search`` say."""
     refused: dict[str, str] = {}
     standing = _standing(search, held, settings.least_share)
+    # Of each set of effects the likeliest that stands, where there is one.
+    fits = search.of_each_set | _of_sets(standing)
     richer: list[StructureFit] = []
-    fit = _plainest(predictions, search, _simplest(standing), refused, settings, held, richer)
-    fit = _predicting(search, held, fit, refused, settings.least_share)
-    fit = _plainest(predictions, search, fit, refused, settings, held, richer)
+    fit = _plainest(predictions, fits, _simplest(standing), refused, settings, held, richer)
+    fit = _predicting(fits, held, fit, refused, settings.least_share)
+    fit = _plainest(predictions, fits, fit, refused, settings, held, richer)
     fit, refined_fit, numbers = _beyond_chance(predictions, search, fit, refused)
     chosen = fit
     # Where a free run does not tell a chain from a plainer one, that with more evidence moves the numbers.
@@ -180,7 +182,12 @@ def decide(
             refused[name] = "the remainder beside it is too large for its law to be the right one"
     odds = _evidence_of_sets(standing, fit, chosen, refused)
     # Where the evidence decides for a richer law and a free run sees no difference, neither is chosen.
-    undecided = [one for one in richer if one.evidence > chosen.evidence + CLOSE]
+    count = len(chosen.structure.effects)
+    undecided = [
+        one
+        for one in richer
+        if len(one.structure.effects) == count and one.evidence > chosen.evidence + CLOSE
+    ]
     odds |= {_joined(one): max(odds.values()) + DECISIVE for one in undecided}
     standing += undecided
     if forces is not None:
@@ -189,7 +196,11 @@ def decide(
     parts = tuple(key for key in own.parts if share_of_part(predictions, fit, key) >= settings.least_share)
     singles = [one for one in search.fits.values() if len(one.structure.effects) == 1]
     nearest = max(singles, key=lambda one: one.evidence, default=None)
-    others = () if unexplained else _others(predictions, standing, fit, probabilities, look, settings)
+    others = (
+        ()
+        if unexplained
+        else _others(predictions, standing, chosen, _joined(fit), probabilities, look, settings)
+    )
     numbers = numbers.united([one.fit for one in others])
     return Decision(
         fit, numbers, tuple(named), small, shares, rest, unexplained, probabilities, search.base, parts,
@@ -236,6 +247,12 @@ def _refuse_leader(search: Search, held: HeldOut, fit: StructureFit, refused: di
         refused.setdefault(name, reason)
 
 
+def _of_sets(fits: Sequence[StructureFit]) -> dict[frozenset[str], StructureFit]:
+    """Return the likeliest of ``fits`` with each set of effects."""
+    rising = sorted(fits, key=lambda one: one.evidence)
+    return {frozenset(one.structure.effects): one for one in rising}
+
+
 def _simplest(fits: Sequence[StructureFit]) -> StructureFit:
     """Return the one with the fewest numbers of those whose evidence does not decide against it."""
     least = max(one.evidence for one in fits) - DECISIVE
@@ -279,17 +296,21 @@ def _evidence_of_sets(
 def _others(
     predictions: Predictions,
     standing: Sequence[StructureFit],
-    fit: StructureFit,
+    chosen: StructureFit,
+    said: str,
     probabilities: Mapping[str, float],
     look: Look,
     settings: GapSettings,
 ) -> tuple[Other, ...]:
-    """Return the likeliest fit of each other set of effects that is as credible as that of ``fit``."""
-    rising = sorted(standing, key=lambda one: one.evidence)
-    of_set = {frozenset(one.structure.effects): one for one in rising}
-    taken = frozenset(fit.structure.effects)
-    of_set[taken] = fit
+    """Return the likeliest fit of each other set of effects that is as credible as that of ``chosen``.
+
+    ``said``: what is named of ``chosen``, joined; with a force for each direction another law than its own.
+    """
+    of_set = _of_sets(standing)
+    taken = frozenset(chosen.structure.effects)
+    of_set[taken] = chosen
     known = {own: probabilities.get(_joined(one), 0.0) for own, one in of_set.items()}
+    known[taken] = probabilities[said]
     members = credible(known)
     total = sum(known[own] for own in members) or 1.0
     found = []
@@ -371,7 +392,7 @@ def _may_be_zero(name: str, numbers: Numbers) -> bool:
 
 def _plainest(
     predictions: Predictions,
-    search: Search,
+    fits: Mapping[frozenset[str], StructureFit],
     fit: StructureFit,
     refused: dict[str, str],
     settings: GapSettings,
@@ -389,7 +410,7 @@ def _plainest(
     for name in fit.structure.effects:
         for plain in EFFECTS[name].replaces:
             effects = frozenset(plain if one == name else one for one in fit.structure.effects)
-            other = search.of_each_set.get(effects)
+            other = fits.get(effects)
             if other is None:
                 continue
             shown = share_between(predictions, fit, EFFECTS[name].terms, other, EFFECTS[plain].terms)
@@ -414,7 +435,11 @@ def _gain(plainer: Judged, richer: Judged) -> float:
 
 
 def _predicting(
-    search: Search, held: HeldOut, fit: StructureFit, refused: dict[str, str], least_share: float
+    fits: Mapping[frozenset[str], StructureFit],
+    held: HeldOut,
+    fit: StructureFit,
+    refused: dict[str, str],
+    least_share: float,
 ) -> StructureFit:
     """Return ``fit`` without effects that make the free run over held-out windows no better.
 
@@ -423,7 +448,6 @@ def _predicting(
     """
     own = frozenset(fit.structure.effects)
     known = own.union(*(EFFECTS[name].replaces for name in own))
-    fits = search.of_each_set
     fewer = {
         effects: held.judged(fits[effects])
         for effects in fits
@@ -440,7 +464,7 @@ def _predicting(
     for name in sorted(own - least):
         shown = f"{100.0 * richer.agreement.nrmse:.2g} %, without it {100.0 * error:.2g} %"
         refused[name] = f"with it a free run leaves {shown}"
-    return _predicting(search, held, fits[least], refused, least_share)
+    return _predicting(fits, held, fits[least], refused, least_share)
 
 
 def _by_direction(

@@ -462,11 +462,8 @@ class Search:
         """Fit the likeliest sets of effects without any part of the chain, however late it is."""
         ranked = sorted(self.of_each_set.values(), key=lambda one: -one.evidence)
         for one in ranked[:BESIDE]:
-            bare = one.structure.having(one.structure.effects, ())
-            if bare.key not in self.fits:
-                scanned = self._rough.get(bare.key)
-                starts = [bare.values] if scanned is None else [bare.values, scanned.structure.values]
-                self._tighten(self._scan(bare, starts).structure, COMPARED)
+            if one.structure.parts:
+                self._tighten(one.structure.having(one.structure.effects, ()), COMPARED)
 
     def _polish(self) -> None:
         """Fit on what may turn out to be the best."""
