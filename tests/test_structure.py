@@ -19,8 +19,8 @@ RESEARCH = {path.parent.name for path in (ROOT / "research").glob("*/__init__.py
 #: What was measured, and may only become less: put the new figure here with the change that improves it.
 #: Lines and files may grow only in a change that adds a feature; its commit message says what that costs.
 RATCHETS = {
-    "lines": 76_634,
-    "lines of code": 49_186,
+    "lines": 76_642,
+    "lines of code": 49_192,
     "files": 363,
     "lines of research": 14_552,
     "lines up to the last import, %": 8.29,

@@ -14,7 +14,7 @@ import pytest
 from spool_estimator.identification.record import Record
 from spool_gap.evidence import decision as decision_module
 from spool_gap.evidence import intervals
-from spool_gap.evidence.decision import BEYOND, OUTSIDE, RUNS, Decision, decide
+from spool_gap.evidence.decision import BEYOND, OUTSIDE, RUNS, Decision, decide, probabilities_of
 from spool_gap.evidence.held_out import HeldOut, Judged
 from spool_gap.evidence.intervals import EXACT, Numbers, numbers_of, refined
 from spool_gap.evidence.look import Look, look_at
@@ -267,3 +267,14 @@ def test_where_the_spool_hits_something_what_is_left_is_no_noise(
     found = drag().decided()
     assert found.unexplained is unexplained
     assert (found.rest.follows == decision_module.BLOWS) is unexplained
+
+
+def test_what_an_effect_adds_by_chance_takes_no_probability_from_the_set_without_it() -> None:
+    """Another law as likely does: evidence between laws that are both a little wrong tells little."""
+    evidence = {"a": 0.0, "a+b": -1.0, "c": -1.0}
+    held = probabilities_of(evidence, "a", held=frozenset({"a"}))
+    assert held["a+b"] < 1e-4
+    assert held["c"] > 0.1
+    assert held["a"] == pytest.approx(1.0 - held["c"], abs=1e-4)
+    without = probabilities_of(evidence, "a")
+    assert without["a+b"] == pytest.approx(without["c"])

@@ -192,7 +192,8 @@ def decide(
     standing += undecided
     if forces is not None:
         odds[_joined(chosen)] = max(odds.values()) + DECISIVE - forces.evidence
-    probabilities = probabilities_of(odds, _joined(fit), rest.gain - DECISIVE if matters else -math.inf)
+    left = rest.gain - DECISIVE if matters else -math.inf
+    probabilities = probabilities_of(odds, _joined(fit), left, frozenset(chosen.structure.effects))
     parts = tuple(key for key in own.parts if share_of_part(predictions, fit, key) >= settings.least_share)
     singles = [one for one in search.fits.values() if len(one.structure.effects) == 1]
     nearest = max(singles, key=lambda one: one.evidence, default=None)
@@ -493,17 +494,24 @@ def _by_direction(
     return again, Numbers(tuple(quantities), correlation, numbers.dispersion)
 
 
-def probabilities_of(evidence: Mapping[str, float], chosen: str, rest: float = -math.inf) -> dict[str, float]:
+def probabilities_of(
+    evidence: Mapping[str, float], chosen: str, rest: float = -math.inf, held: frozenset[str] | None = None
+) -> dict[str, float]:
     """Return the probability of each set of effects by its ``evidence``, the most probable first.
 
     Args:
         evidence: by the names of the effects, joined.
         chosen: the simplest of those that the evidence does not decide between.
         rest: evidence of something that no effect is, over that of ``chosen``.
+        held: effects of ``chosen``. Of a set that adds to them no more than noise is known to do, the
+            evidence counts as it stands: both are of one model, which other laws are not.
     """
     # The chosen one counts as the likeliest: others must be ahead by more than what decides.
     top = max(evidence.values()) + DECISIVE
     best = {**evidence, chosen: top, UNEXPLAINED: top + rest}
+    for name, value in evidence.items():
+        if held is not None and held < set(name.split("+")) - {"none"} and name != chosen:
+            best[name] = top - TEMPERATURE * (top - value)
     scaled = {name: (value - max(best.values())) / TEMPERATURE for name, value in best.items()}
     total = sum(math.exp(value) for value in scaled.values())
     found = {name: math.exp(value) / total for name, value in scaled.items()}
