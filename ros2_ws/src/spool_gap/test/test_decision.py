@@ -100,6 +100,17 @@ def test_no_gain_error_is_named_where_the_body_s_channel_clips(clips: str, named
     assert chain().decided(replace(chain().look, limits={clips: 16.0})).effects == named
 
 
+def leave(monkeypatch: pytest.MonkeyPatch, left: float) -> None:
+    """Let free runs leave ``left`` times what noise does."""
+    judged = HeldOut.judged
+
+    def leaving(held: HeldOut, fit: StructureFit, *, refitted: bool = True) -> Judged:
+        found = judged(held, fit, refitted=refitted)
+        return replace(found, floor=found.agreement.nrmse / left)
+
+    monkeypatch.setattr(HeldOut, "judged", leaving)
+
+
 @pytest.mark.parametrize(
     ("gain", "share", "confirmed", "left", "unexplained"),
     [
@@ -119,13 +130,7 @@ def test_a_remainder_is_unexplained_where_it_is_certain_large_and_seen_in_a_free
     left: float,
     unexplained: bool,
 ) -> None:
-    judged = HeldOut.judged
-
-    def leaving(held: HeldOut, fit: StructureFit, *, refitted: bool = True) -> Judged:
-        found = judged(held, fit, refitted=refitted)
-        return replace(found, floor=found.agreement.nrmse / left)
-
-    monkeypatch.setattr(HeldOut, "judged", leaving)
+    leave(monkeypatch, left)
     monkeypatch.setattr(decision_module, "rest_of", lambda *_: Rest(gain, share, "speed"))
     monkeypatch.setattr(decision_module, "foreseen", lambda *_: confirmed * gain)
     monkeypatch.setattr(decision_module, "patterns_of", lambda *_: [])
@@ -254,13 +259,7 @@ def test_a_delay_that_makes_up_for_a_low_pass_is_no_delay(corner: float, named: 
 def test_where_the_spool_hits_something_what_is_left_is_no_noise(
     monkeypatch: pytest.MonkeyPatch, hit: bool, left: float, unexplained: bool
 ) -> None:
-    judged = HeldOut.judged
-
-    def leaving(held: HeldOut, fit: StructureFit, *, refitted: bool = True) -> Judged:
-        found = judged(held, fit, refitted=refitted)
-        return replace(found, floor=found.agreement.nrmse / left)
-
-    monkeypatch.setattr(HeldOut, "judged", leaving)
+    leave(monkeypatch, left)
     monkeypatch.setattr(Search, "hit", hit)
     monkeypatch.setattr(decision_module, "patterns_of", lambda *_: [])
     monkeypatch.setattr(decision_module, "rest_of", lambda *_: Rest(0.0, 0.0, "nothing"))

@@ -45,7 +45,7 @@ REACH = 0.995
 #: In 13 cases of development it is 1.2 at most without a stop. Score tests see stops that are softer.
 HARD, FEWEST_HARD = 1.4, 2
 #: Share of the stroke beyond which its ends begin.
-OUTSIDE = 0.7
+ENDS = 0.7
 
 
 @dataclass(frozen=True, slots=True)
@@ -315,7 +315,7 @@ class Balance:
         largest = stiffness * self.reach + damping * float(np.quantile(speed, REACH))
         strong = part.valve.moving_mass * np.abs(part.spool) * part.counted > HARD * largest
         # A spike of a sensor is as strong, and anywhere in the stroke.
-        outside = np.abs(self.motion.displacement) > OUTSIDE * self.reach
+        outside = np.abs(self.motion.displacement) > ENDS * self.reach
         self.hit = int((strong & outside).sum()) >= max(FEWEST_HARD, int((strong & ~outside).sum()))
         slips = speed > SLIPS * float(np.quantile(speed, 0.8))
         edge = min(speed.size // 4, round(2.0 / part.period))

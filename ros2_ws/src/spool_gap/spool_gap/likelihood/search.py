@@ -43,7 +43,7 @@ MODES_OF_CHAIN = tuple(key for key, part in CHAIN_PARTS.items() if part.id == "e
 #: Rise of the log likelihood that ends a fit while structures are only compared: at least, and as a share of
 #: what the best one gains over the base.
 ROUGH, ROUGHLY = 3.0, 1e-3
-#: Structures beside which parts of the chain and further effects are looked for, and that are fitted whole.
+#: Structures that are fitted whole whatever they gain in excerpts, and at most.
 BESIDE, FINALISTS = 3, 5
 #: Share of the best one's gain over the base in excerpts that a structure must have to be fitted whole.
 HOPEFUL = 0.7
@@ -272,7 +272,7 @@ class Search:
         """
         bare = self.base.structure
         beside = [self._rough[bare.key], *self._ranked(1)[:1]]
-        chains: dict[tuple[str, ...], tuple[float, Structure]] = {}
+        chains: dict[str, tuple[float, Structure]] = {}
         least = max(DECISIVE, HIDING * (max(one.evidence for one in beside) - beside[0].evidence))
         for fit in beside:
             for key in CHAIN_PARTS:
@@ -280,8 +280,8 @@ class Search:
                     return
                 found = self._scan_part(fit.structure, key)
                 gain = found.evidence - fit.evidence
-                if gain > max(least, chains.get((key,), (0.0, bare))[0]):
-                    chains[(key,)] = gain, found.structure
+                if gain > max(least, chains.get(key, (0.0, bare))[0]):
+                    chains[key] = gain, found.structure
         for _, one in sorted(chains.values(), key=lambda row: -row[0])[:STARTS]:
             chain = {p.name: one.values[p.name] for part in one.chain for p in part.parameters}
             own = bare.having((), one.parts, chain)
