@@ -131,7 +131,12 @@ def test_operators_acknowledge_shelve_suppress_and_are_refused_with_a_reason(sys
     back = ask(system, SuppressAlarm, "suppress_alarm", alarm=SILENCE, way=out, suppressed=False, who="E")
     assert back.success
     wrong = ask(system, SuppressAlarm, "suppress_alarm", alarm=SILENCE, way=9, suppressed=True, who="E")
-    assert wrong.reason == "way: 9 is not one of [0, 1]"
+    assert wrong.reason == "way: 9 is not 0 (by design) or 1 (out of service)"
+    timed = ask(system, SuppressAlarm, "suppress_alarm", alarm=SILENCE, way=out, duration=1.0, who="E")
+    assert timed.success
+    system.until(lambda: state(alarms) == Alarm.STATE_OUT_OF_SERVICE, "it is out of service for a time")
+    assert alarm(alarms).shelved_until.sec
+    system.until(lambda: state(alarms) == Alarm.STATE_UNACKNOWLEDGED, "it returns by itself")
     assert ask(system, AcknowledgeAlarm, "acknowledge_alarm", alarm="", who="Eva").success
     system.until(lambda: state(alarms) == Alarm.STATE_ACKNOWLEDGED, "it is acknowledged")
 
@@ -193,6 +198,11 @@ def test_an_operator_works_from_a_terminal_and_the_alarm_keeps_its_surroundings(
     assert again.returncode == 2
     assert again.stderr.strip().endswith("no acknowledgement is due, Eva has done it")
     assert "Traceback" not in again.stderr
+    kept = ("--state-folder", str(system.folder / "state" / "spool"))
+    history = system.spool("alarm", "history", "--search", "eva acknowledge", *kept)
+    assert re.search(rf"valve_1 +acknowledge +801 {SILENCE} +Eva +No acceleration", history.stdout)
+    counted = system.spool("alarm", "statistics", *kept)
+    assert counted.stdout.startswith("1 alarm of 1 valve from "), counted.stdout + counted.stderr
     # The recorder's own words say that the bag is complete.
     system.until(lambda: "snapshot " in recorder.said, "the alarm's surroundings are kept")
     (bag,) = folder.iterdir()

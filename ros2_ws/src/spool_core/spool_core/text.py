@@ -6,6 +6,7 @@ import contextlib
 import difflib
 import io
 import os
+import re
 import sys
 from collections.abc import Iterable
 from pathlib import PurePath
@@ -13,6 +14,7 @@ from typing import Any
 
 #: Least similarity of a name that is suggested: difflib's own default.
 SIMILAR = 0.6
+_UNITS = {"s": 1.0, "m": 60.0, "min": 60.0, "h": 3600.0, "d": 86400.0, "w": 604800.0}
 
 
 class _NamedOutput(io.FileIO):
@@ -37,6 +39,15 @@ class _NamedOutput(io.FileIO):
 def plural(count: int, thing: str) -> str:
     """Return e.g. ``1 valve`` or ``20 valves``."""
     return f"{count} {thing}" + ("" if count == 1 else "s")
+
+
+def seconds_of(text: str) -> float | None:
+    """Return the seconds of a length of time like ``30s``, ``10m``, ``6h``, ``7d`` or ``2w``.
+
+    ``None`` where ``text`` is something else.
+    """
+    match = re.fullmatch(r"(\d+(?:\.\d+)?)\s*(s|min|m|h|d|w)", text.strip())
+    return float(match[1]) * _UNITS[match[2]] if match else None
 
 
 def did_you_mean(given: str, known: Iterable[str]) -> str:

@@ -13,6 +13,9 @@ from spool_monitor.event import Event, EventState, Namur, Severity, condition_na
 #: s, the longest time on a shelf, a week: ISA-18.2 (11.7.3) asks for a limit, so that no alarm is forgotten.
 LONGEST_SHELF = 604800.0
 
+#: s, the longest time out of service that has an end: a year.
+LONGEST_SERVICE = 366 * 86400.0
+
 
 class AlarmState(enum.IntEnum):
     """State of an alarm (IEC 62682, figure 6); the numbers are those of ``spool_msgs/msg/Alarm``.
@@ -69,7 +72,7 @@ class Alarm:
     ``active`` and ``severity`` follow the condition; ``event`` is its last one, ``None`` before the first.
     ``occurrence`` counts how often it was announced.
     ``acknowledged_by`` and ``comment`` are the last operator's. ``shelved_until`` is 0 for a shelf that lasts
-    until the condition is over.
+    until the condition is over, ``serviced_until`` for maintenance without an end.
     """
 
     kind: str
@@ -92,6 +95,8 @@ class Alarm:
     comment: str = ""
     shelved_at: int = 0
     shelved_until: int = 0
+    serviced_at: int = 0
+    serviced_until: int = 0
 
     @property
     def name(self) -> str:
@@ -104,9 +109,21 @@ class Alarm:
         return event_kind(self.kind).cause(self.cause).code
 
     @property
+    def kind_namur(self) -> Namur:
+        """Status after NE 107 that kind and cause give a valve while active."""
+        return event_kind(self.kind).cause(self.cause).namur
+
+    @property
     def namur(self) -> Namur:
         """Status after NE 107 that it gives the valve now."""
-        return event_kind(self.kind).cause(self.cause).namur if self.active else Namur.NORMAL
+        return self.kind_namur if self.active else Namur.NORMAL
+
+    @property
+    def hidden_until(self) -> int:
+        """When the cover that shows ends, ns; 0: it has no time, or there is none."""
+        if self.out_of_service:
+            return self.serviced_until
+        return 0 if self.suppressed else self.shelved_until
 
     @property
     def hidden(self) -> bool:
@@ -279,15 +296,20 @@ def unshelve(alarm: Alarm, operator: Operator) -> Transition:
 
 
 def expire(alarm: Alarm, stamp: int) -> Transition:
-    """End a shelf whose time is over at ``stamp`` (ns); one from a time still to come ends too.
+    """End a shelf or a time out of service that is over at ``stamp`` (ns).
 
-    A clock set back would lengthen the shelf otherwise.
+    One from a time still to come ends too: a clock set back would lengthen it otherwise.
     """
-    timed = alarm.shelved and alarm.shelved_until > 0
-    if not timed or alarm.shelved_at <= stamp < alarm.shelved_until:
-        return Transition(alarm, Input.EXPIRE, alarm)
-    after = replace(_unshelved(alarm), changed_at=stamp)
-    return Transition(alarm, Input.EXPIRE, after, _cover_actions(alarm, after))
+    after, what = alarm, Input.EXPIRE
+    if alarm.serviced_until and not alarm.serviced_at <= stamp < alarm.serviced_until:
+        after = replace(after, out_of_service=False, serviced_at=0, serviced_until=0)
+        what = Input.RETURN_TO_SERVICE
+    if alarm.shelved_until and not alarm.shelved_at <= stamp < alarm.shelved_until:
+        after = _unshelved(after)
+    if after == alarm:
+        return Transition(alarm, what, alarm)
+    after = replace(after, changed_at=stamp)
+    return Transition(alarm, what, after, _cover_actions(alarm, after))
 
 
 def suppress(alarm: Alarm, operator: Operator, *, on: bool) -> Transition:
@@ -303,17 +325,35 @@ def suppress(alarm: Alarm, operator: Operator, *, on: bool) -> Transition:
     return _covered(alarm, what, operator, replace(alarm, suppressed=on))
 
 
-def maintain(alarm: Alarm, operator: Operator, *, on: bool) -> Transition:
+def maintain(alarm: Alarm, operator: Operator, *, on: bool, seconds: float = 0.0) -> Transition:
     """Take the alarm out of service for maintenance, or undo that.
 
+    Args:
+        alarm: the alarm.
+        operator: who does it, and when.
+        on: out of service, or back into it.
+        seconds: when it returns by itself; a later call sets a new end; 0: somebody has to return it.
+
     Raises:
-        AlarmRefusedError: it is so already.
+        AlarmRefusedError: it is so already, or the time is negative or longer than a year.
 
     """
-    if alarm.out_of_service is on:
+    if not 0.0 <= seconds <= LONGEST_SERVICE:
+        raise AlarmRefusedError(
+            f"{alarm.name}: {seconds:g} s is no time out of service: use 0 (no end) to "
+            f"{LONGEST_SERVICE:g} s (a year)"
+        )
+    if alarm.out_of_service is on and not (on and seconds):
         raise AlarmRefusedError(f"{alarm.name}: it is {'out of service already' if on else 'in service'}")
     what = Input.REMOVE_FROM_SERVICE if on else Input.RETURN_TO_SERVICE
-    return _covered(alarm, what, operator, replace(alarm, out_of_service=on))
+    timed = on and seconds > 0.0
+    after = replace(
+        alarm,
+        out_of_service=on,
+        serviced_at=operator.stamp if timed else 0,
+        serviced_until=operator.stamp + round(seconds * 1e9) if timed else 0,
+    )
+    return _covered(alarm, what, operator, after)
 
 
 def _unshelved(alarm: Alarm) -> Alarm:

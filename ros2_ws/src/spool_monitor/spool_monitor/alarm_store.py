@@ -54,9 +54,9 @@ class AlarmStore:
         return self._keep(follow(self._of(event.kind, event.source), event))
 
     def advance(self, stamp: int) -> list[Transition]:
-        """Say what time it is (ns); return the shelves that ended."""
-        shelved = [alarm for alarm in self.alarms.values() if alarm.shelved]
-        transitions = [expire(alarm, stamp) for alarm in shelved]
+        """End the shelves and times out of service that are over at ``stamp`` (ns); return them."""
+        timed = [alarm for alarm in self.alarms.values() if alarm.shelved_until or alarm.serviced_until]
+        transitions = [expire(alarm, stamp) for alarm in timed]
         return [self._keep(transition) for transition in transitions if transition.changed]
 
     def acknowledge(self, which: str, operator: Operator, occurrence: int = 0) -> list[Transition]:
@@ -79,9 +79,9 @@ class AlarmStore:
         """Begin or end suppression."""
         return self.operate(which, lambda alarm: suppress(alarm, operator, on=on))
 
-    def maintain(self, which: str, operator: Operator, *, on: bool) -> list[Transition]:
-        """Take out of service for maintenance, or put back into it."""
-        return self.operate(which, lambda alarm: maintain(alarm, operator, on=on))
+    def maintain(self, which: str, operator: Operator, *, on: bool, seconds: float = 0.0) -> list[Transition]:
+        """Take out of service for maintenance, for a time or without an end (0), or put back into it."""
+        return self.operate(which, lambda alarm: maintain(alarm, operator, on=on, seconds=seconds))
 
     def operate(self, which: str, change: Callable[[Alarm], Transition]) -> list[Transition]:
         """Change the alarm named ``which``, all of that kind, or all (empty) that can be changed so.

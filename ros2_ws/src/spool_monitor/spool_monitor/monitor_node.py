@@ -35,11 +35,13 @@ from spool_monitor.detectors import JUDGEMENT_TEXTS, KINDS, LIMITS, check_settin
 from spool_monitor.detectors.base import NATURAL_FREQUENCY, Judgement, MonitorSettings
 from spool_monitor.estimate_gate import Descriptions
 from spool_monitor.event import Event, Namur, Severity
+from spool_monitor.journal import DAYS, JournalEntry
 from spool_monitor.monitor import Health, HealthLevel, Monitor
+from spool_monitor.state_database import FILE
 from spool_monitor.state_file import default_folder, valve_folder
 from spool_monitor.trend_writer import TrendWriter
 from spool_monitor.valve_condition import ENDS
-from spool_monitor.valve_state import TRENDS, ValveState
+from spool_monitor.valve_state import ValveState, entries_of
 from spool_monitor.warm_up import warm_up_monitor
 
 _SETTINGS = tuple(
@@ -56,6 +58,10 @@ _KEEPING = (
         "Where alarms, baseline and trends are kept, each valve in a folder of its own; empty: "
         "$XDG_STATE_HOME/spool, else ~/.local/state/spool; none: nowhere.",
         structural=True,
+    ),
+    NodeParameter(
+        "journal_days", DAYS, "How long the journal of alarms and of operators' acts is kept.", "d",
+        1.0, 3660.0, structural=True,
     ),
     NodeParameter(
         "latched_kinds", list(latching_kinds()), "Kinds of events whose alarms stay until they are reset.",
@@ -104,12 +110,13 @@ class MonitorNode(ManagedNode):
         self._described, self._descriptions = False, Descriptions()
         kinds = tuple(kind for kind in self.value("latched_kinds") if kind)
         warn = self.get_logger().warning
-        state = ValveState(self._core, self._folder(), warn, AlarmStore(kinds))
+        days = float(self.value("journal_days"))
+        state = ValveState(self._core, self._folder(), warn, AlarmStore(kinds), days)
         state.open()
         self._language = language_of(self.value(LANGUAGE.name))
         self._alarms = AlarmServices(self, state, self._language)
         if state.folder is not None:
-            self._trends = TrendWriter(state.folder / TRENDS, warn, lambda: state.owned)
+            self._trends = TrendWriter(state.folder / FILE, warn, lambda: state.owned)
         self._health_publisher = self.create_lifecycle_publisher(ValveHealth, "health", qos.state())
         self._event_publisher = self.create_lifecycle_publisher(HealthEvent, "events", qos.state(depth=100))
         self._diagnostics = DiagnosticPublisher(self, self._valve_id)
@@ -314,7 +321,9 @@ def to_alarm_message(alarm: Alarm, valve_id: str, language: Language) -> AlarmMe
         underlying=int(alarm.underlying),
         severity=int(alarm.severity),
         **{name: getattr(alarm, name) for name in _ALARM_FIELDS},
-        **{name: to_time(getattr(alarm, name)) for name in ("raised_at", "acknowledged_at", "shelved_until")},
+        raised_at=to_time(alarm.raised_at),
+        acknowledged_at=to_time(alarm.acknowledged_at),
+        shelved_until=to_time(alarm.hidden_until),
     )
     message.value = math.nan
     if alarm.event is not None:
@@ -465,14 +474,18 @@ class AlarmServices:
         return Status("alarms", level, text, values)
 
     def watch(self) -> None:
-        """End the shelves that are due, and bring to the disk what could not be written."""
-        self._settle(self._state.alarms.advance(self._now()))
+        """End the shelves and times out of service that are due; write what could not be written."""
+        ended = self._state.alarms.advance(self._now())
+        self._settle(ended)
+        for one in ended:
+            self._node.get_logger().info(f"{one.after.name}: {one.input.value}, its time is over")
         self._state.retry(self._now())
 
-    def _settle(self, transitions: Sequence[Transition]) -> None:
+    def _settle(self, transitions: Sequence[Transition], operator: Operator | None = None) -> None:
         if not any(transition.changed for transition in transitions):
             return
         with waiting_for_disk():
+            self._state.note(entries_of(transitions, operator))
             self._state.keep_alarms()
         self._publish()
         for transition in transitions:
@@ -503,7 +516,7 @@ class AlarmServices:
         return Operator(request.who, self._now(), request.comment)
 
     def _answer(self, response: Any, transitions: Sequence[Transition], operator: Operator) -> Any:
-        self._settle(transitions)
+        self._settle(transitions, operator)
         response.success = True
         response.changed = [transition.after.name for transition in transitions]
         done = f"{transitions[0].input.value}: {', '.join(response.changed)}, by {operator.who}"
@@ -525,13 +538,15 @@ class AlarmServices:
 
     def _suppress(self, request: Any, response: Any) -> Any:
         operator, alarms = self._operator(request), self._state.alarms
-        ways: dict[int, Callable[..., list[Transition]]] = {
-            SuppressAlarm.Request.BY_DESIGN: alarms.suppress,
-            SuppressAlarm.Request.OUT_OF_SERVICE: alarms.maintain,
-        }
-        if request.way not in ways:
-            raise AlarmRefusedError(f"way: {request.way} is not one of {sorted(ways)}")
-        changed = ways[request.way](request.alarm, operator, on=request.suppressed)
+        on, seconds = request.suppressed, request.duration
+        if request.way == SuppressAlarm.Request.OUT_OF_SERVICE:
+            changed = alarms.maintain(request.alarm, operator, on=on, seconds=seconds)
+        elif request.way != SuppressAlarm.Request.BY_DESIGN:
+            raise AlarmRefusedError(f"way: {request.way} is not 0 (by design) or 1 (out of service)")
+        elif seconds:
+            raise AlarmRefusedError("duration: only a time out of service has an end; shelve the alarm")
+        else:
+            changed = alarms.suppress(request.alarm, operator, on=on)
         return self._answer(response, changed, operator)
 
     def _reset(self, request: Any, response: Any) -> Any:
@@ -554,6 +569,10 @@ class AlarmServices:
                 request.FREEZE: "frozen",
                 request.RESTORE: f"version {request.version} restored",
             }[request.action]
+            act = JournalEntry(
+                operator.stamp, "baseline", who=operator.who, comment=operator.comment, text=done
+            )
+            self._state.note([act])
             comment = f" ({request.comment.strip()})" if request.comment.strip() else ""
             self._node.get_logger().info(f"baseline changed by {operator.who}: {done}{comment}")
         elif request.action != request.SHOW:

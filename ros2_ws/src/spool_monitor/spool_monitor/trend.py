@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import math
-import sqlite3
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
 
-from spool_core.errors import InputError
-from spool_core.system import FILE_MODE, private_file, restrict
 from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.estimate import QUANTITIES, Estimate
+
+from spool_monitor.state_database import PATIENCE, StateDatabase, named
 
 MINUTE, HOUR, DAY = 60, 3600, 86400
 
@@ -23,12 +20,6 @@ KEPT: MappingProxyType[int, int] = MappingProxyType({MINUTE: 7 * 1440, HOUR: 2 *
 
 #: Writings between two looks for what is older.
 FORGET_EVERY = 100
-
-#: SQLite's user_version of the files that this version writes; those without one (0) are of the same form.
-VERSION = 1
-
-#: s that a writing waits for the process that holds the file, e.g. a copy that is being made of it.
-PATIENCE = 5.0
 
 #: Spans that are held at most while the file can't be written: a day of minutes of 20 parameters.
 MOST_HELD = 20 * 1440
@@ -120,57 +111,15 @@ class Sums:
         return surplus
 
 
-class LaterVersionError(InputError):
-    """One of the suite wrote the file; this one must not change it."""
+class TrendStore(StateDatabase):
+    """Trends and counters in one valve's file; errors as of :class:`StateDatabase`."""
 
-
-class TrendStore:
-    """One valve's file; a kill or a power loss costs what was not written yet, never the file.
-
-    Only its owner may read a file that is written. ``patience`` is how long a writing waits for another
-    program's lock, s.
-
-    Raises:
-        LaterVersionError: a later version of the suite wrote it.
-        InputError: the file is none of ours or damaged; it is named.
-        OSError: it can't be opened or made, or another program holds it.
-
-    """
+    SCHEMA = _SCHEMA
+    PROBES = ("SELECT count FROM span LIMIT 1", "SELECT value FROM counter LIMIT 1")
 
     def __init__(self, path: Path, *, read_only: bool = False, patience: float = PATIENCE) -> None:
-        self.path = path
+        super().__init__(path, read_only=read_only, patience=patience)
         self._writes = 0
-        if read_only and not path.is_file():
-            raise InputError(f"{path}: there is no such file")
-        mode = "ro" if read_only else "rwc"
-        if not read_only:
-            private_file(path)  # SQLite gives the files next to it the same permissions
-            for ending in ("-wal", "-shm"):
-                restrict(path.with_name(path.name + ending), FILE_MODE)
-        with _named(path):
-            # Written by one worker thread, opened and closed by the node's.
-            self._base = sqlite3.connect(
-                f"{path.absolute().as_uri()}?mode={mode}", patience, uri=True, check_same_thread=False
-            )
-        try:
-            with _named(path):
-                (version,) = self._base.execute("PRAGMA user_version").fetchone()
-                if version > VERSION:
-                    raise LaterVersionError(
-                        f"{path}: a later version of the suite wrote it (format {version}, not {VERSION})"
-                    )
-                if not read_only:
-                    self._base.execute("PRAGMA journal_mode=WAL")
-                    self._base.execute("PRAGMA synchronous=FULL")
-                    self._base.executescript(_SCHEMA)
-                    if version < VERSION:
-                        self._base.execute(f"PRAGMA user_version={VERSION}")
-                self._base.execute("SELECT count FROM span LIMIT 1")
-                self._base.execute("SELECT value FROM counter LIMIT 1")
-        except BaseException:
-            self._base.close()
-            raise
-        self._file = _identity(path)
 
     def write(self, sums: Sums, stamp: int = 0) -> None:
         """Add ``sums`` to what there is, all or nothing; counters show at ``stamp`` (ns).
@@ -180,17 +129,16 @@ class TrendStore:
             OSError: it could not be written; ``sums`` is as before.
 
         """
-        if _identity(self.path) != self._file:
-            raise OSError(f"{self.path}: it was removed or replaced while it was in use")
-        with _named(self.path), self._base:
-            self._base.executemany(
+        self.check_file()
+        with named(self.path), self.base:
+            self.base.executemany(
                 "INSERT INTO series (name, unit) VALUES (?, ?) "
                 "ON CONFLICT DO UPDATE SET unit = excluded.unit",
                 sums.units.items(),
             )
             shown = Sums()
             for name, amount in sums.counts.items():
-                self._base.execute(
+                self.base.execute(
                     "INSERT INTO counter VALUES ((SELECT id FROM series WHERE name = ?), ?) "
                     "ON CONFLICT DO UPDATE SET value = value + excluded.value",
                     (name, amount),
@@ -198,20 +146,20 @@ class TrendStore:
                 if stamp:
                     shown.add(stamp, name, sums.units[name], self.counters()[name])
             for spans in (sums.spans, shown.spans):
-                self._base.executemany(_ADD, ((*key, *values) for key, values in spans.items()))
+                self.base.executemany(_ADD, ((*key, *values) for key, values in spans.items()))
             if self._writes % FORGET_EVERY == 0:
-                for (series,) in self._base.execute("SELECT id FROM series").fetchall():
+                for (series,) in self.base.execute("SELECT id FROM series").fetchall():
                     kept = [{"series": series, "seconds": one, "kept": most} for one, most in KEPT.items()]
-                    self._base.executemany(_FORGET, kept)
+                    self.base.executemany(_FORGET, kept)
         self._writes += 1
 
     def units(self) -> dict[str, str]:
         """Return the unit of every parameter by its name; errors as of :meth:`spans`."""
-        return dict(self._ask(_UNITS, (str, str)))
+        return dict(self.ask(_UNITS, (str, str)))
 
     def counters(self) -> dict[str, float]:
         """Return the counters by name, in the units of :meth:`units`; errors as of :meth:`spans`."""
-        return {name: float(value) for name, value in self._ask(_COUNTERS, (str, (int, float)))}
+        return {name: float(value) for name, value in self.ask(_COUNTERS, (str, (int, float)))}
 
     def spans(self, name: str, seconds: int, since: int = 0) -> list[Span]:
         """Return the spans of ``seconds`` that began at ``since`` (s since 1970) or later, oldest first.
@@ -222,61 +170,11 @@ class TrendStore:
 
         """
         number = (int, float)
-        rows = self._ask(_SPANS, (int, int, number, number, number), (name, seconds, since))
+        rows = self.ask(_SPANS, (int, int, number, number, number), (name, seconds, since))
         return [Span(*row) for row in rows]
-
-    def _ask(self, question: str, kinds: tuple[Any, ...], values: tuple[object, ...] = ()) -> list[Any]:
-        """Return the rows that SQLite, which keeps anything in any column, gives; of these ``kinds``."""
-        with _named(self.path):
-            rows = self._base.execute(question, values).fetchall()
-        if not all(isinstance(value, kind) for row in rows for value, kind in zip(row, kinds, strict=True)):
-            raise InputError(f"{self.path}: it is damaged (a value is of the wrong kind)")
-        return rows
-
-    def close(self) -> None:
-        """Close the file."""
-        self._base.close()
-
-
-def own_file(path: Path, patience: float = PATIENCE) -> Path:
-    """Return the file that this version keeps trends in.
-
-    That is ``path``, or, where a later version wrote that one, ``NAME.format1.sqlite`` next to it.
-    """
-    try:
-        TrendStore(path, read_only=True, patience=patience).close()
-    except LaterVersionError:
-        return path.with_name(f"{path.stem}.format{VERSION}{path.suffix}")
-    except (InputError, OSError):
-        pass  # said by the one who opens it
-    return path
 
 
 def finest(lengths: Iterable[int], duration: float, most: int = 1500) -> int:
     """Return the shortest of ``lengths`` (s) that cuts ``duration`` s into ``most`` spans or fewer."""
     ordered = sorted(lengths)
     return next((seconds for seconds in ordered if duration / seconds <= most), ordered[-1])
-
-
-def _identity(path: Path) -> tuple[int, int] | None:
-    """Return what the file at ``path`` is distinguished from another one by, ``None`` where there is none."""
-    try:
-        status = path.stat()
-    except OSError:
-        return None
-    return status.st_dev, status.st_ino
-
-
-@contextmanager
-def _named(path: Path) -> Iterator[None]:
-    """Raise what SQLite raises as InputError (the file is damaged or none of ours) or OSError."""
-    try:
-        yield
-    except sqlite3.OperationalError as error:
-        if "no such" in str(error):
-            raise InputError(f"{path}: it holds no trends of a valve") from error
-        raise OSError(f"{path}: {error}") from error
-    except (sqlite3.IntegrityError, sqlite3.ProgrammingError) as error:
-        raise OSError(f"{path}: {error}") from error
-    except sqlite3.DatabaseError as error:
-        raise InputError(f"{path}: it is damaged ({error})") from error

@@ -16,7 +16,8 @@ from spool_core.errors import InputError
 from spool_core.kernels.compiled import compiled
 from spool_estimator.estimate import Estimate
 
-from spool_monitor.trend import PATIENCE, LaterVersionError, Sums, TrendStore, own_file
+from spool_monitor.state_database import PATIENCE, LaterVersionError, own_file
+from spool_monitor.trend import Sums, TrendStore
 
 #: s of data between two writings: what a power loss costs.
 INTERVAL = 10.0

@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+import json
 import math
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 from spool_core.errors import InputError
+from spool_core.events.sentences import headline
 from spool_estimator.estimate import Estimate, State
 
-from spool_monitor.alarm import AlarmRefusedError, Operator
+from spool_monitor.alarm import Alarm, AlarmRefusedError, Input, Operator, Transition
 from spool_monitor.alarm_store import AlarmStore, serialised
 from spool_monitor.detection import Detection
+from spool_monitor.journal import DAYS, Journal, JournalEntry
 from spool_monitor.monitor import Monitor
+from spool_monitor.state_database import FILE, own_file
 from spool_monitor.state_file import (
     Baseline,
     BaselineRecord,
@@ -25,7 +30,13 @@ from spool_monitor.state_file import (
     StateFile,
 )
 
-ALARMS, BASELINE, TRENDS = "alarms.json", "baseline.json", "trends.sqlite"
+ALARMS, BASELINE, JOURNAL = "alarms.json", "baseline.json", "the journal"
+
+#: Entries of the journal that are held at most while they can't be written.
+MOST_HELD = 10_000
+
+#: s that an alarm waits for another program that holds the journal's file; then the entry is held.
+PATIENCE = 1.0
 
 #: ns between two attempts to write what could not be written; a full disk is not emptied within seconds.
 RETRY = 10_000_000_000
@@ -49,10 +60,13 @@ class ValveState:
     folder: Path | None
     warn: Callable[[str], None]
     alarms: AlarmStore = field(default_factory=AlarmStore)
+    journal_days: float = DAYS
     baseline: BaselineKeeper = field(init=False)
     _files: dict[str, StateFile] = field(default_factory=dict, init=False)
     _lock: FolderLock | None = field(default=None, init=False)
     _due: set[str] = field(default_factory=set, init=False)
+    _held: deque[JournalEntry] = field(default_factory=lambda: deque(maxlen=MOST_HELD), init=False)
+    _journal: Journal | None = field(default=None, init=False)
     _trouble: str = field(default="", init=False)
     _tried: int | None = field(default=None, init=False)
 
@@ -83,6 +97,14 @@ class ValveState:
         """Bring the alarms to the disk; they are there when this returns, or due."""
         self._write(ALARMS)
 
+    def note(self, entries: Iterable[JournalEntry]) -> None:
+        """Bring ``entries`` to the journal; they are on the disk when this returns, or due."""
+        if self.folder is None:
+            return
+        self._held.extend(entries)
+        if self._held:
+            self._write(JOURNAL)
+
     def keep_baseline(self) -> None:
         """Bring the baselines to the disk, or leave them due."""
         self._write(BASELINE)
@@ -106,6 +128,7 @@ class ValveState:
 
     def close(self) -> None:
         """Let others write in the folder."""
+        self._close_journal()
         if self._lock is not None:
             self._lock.release()
             self._lock = None
@@ -134,22 +157,51 @@ class ValveState:
     def _write(self, name: str) -> None:
         if not self.owned:
             return
-        content = self.alarms.dump() if name == ALARMS else self.baseline.dump()
         try:
-            self._files[name].save(content)
-        except OSError as error:
+            if name == JOURNAL:
+                self._write_journal()
+            else:
+                self._files[name].save(self.alarms.dump() if name == ALARMS else self.baseline.dump())
+        except (InputError, OSError) as error:
             self._due.add(name)
             self._say_unwritable(error)
             return
         self._due.discard(name)
         if self._trouble and not self._due:
-            self.warn(f"state_folder: {self.folder} can be written again: alarms and baseline are kept")
+            self.warn(
+                f"state_folder: {self.folder} can be written again: alarms, baseline and journal are kept"
+            )
             self._trouble = ""
 
-    def _say_unwritable(self, error: OSError) -> None:
+    def _write_journal(self) -> None:
+        """Write the entries that are held.
+
+        Raises:
+            InputError: the file is damaged; the writer of trends puts it aside.
+            OSError: it can't be written.
+
+        """
+        assert self.folder is not None
+        try:
+            if self._journal is None:
+                path = own_file(self.folder / FILE, PATIENCE)
+                self._journal = Journal(path, self.journal_days, patience=PATIENCE)
+            self._journal.write(self._held)
+        except (InputError, OSError):
+            self._close_journal()
+            raise
+        self._held.clear()
+
+    def _close_journal(self) -> None:
+        if self._journal is not None:
+            self._journal.close()
+            self._journal = None
+
+    def _say_unwritable(self, error: InputError | OSError) -> None:
+        reason = getattr(error, "strerror", None) or error
         self._warn_once(
-            f"state_folder: {self.folder} can't be written ({error.strerror}): "
-            "alarms, baseline and trends are lost at a restart; it is tried again every 10 s"
+            f"state_folder: {self.folder} can't be written ({reason}): "
+            "alarms, baseline, trends and journal are lost at a restart; it is tried again every 10 s"
         )
 
     def _warn_once(self, text: str) -> None:
@@ -311,6 +363,15 @@ class BaselineKeeper:
         self.detection.relearn()
 
 
+def entries_of(transitions: Iterable[Transition], operator: Operator | None = None) -> list[JournalEntry]:
+    """Return what the journal keeps of ``transitions``: all but that an event's numbers moved."""
+    return [
+        _entry(one.after, one.input, operator)
+        for one in transitions
+        if one.changed and (one.input is not Input.RAISE or one.after.occurrence != one.before.occurrence)
+    ]
+
+
 def healthy_values(detection: Detection) -> tuple[HealthyValue, ...]:
     """Return what was learned so far, nothing before every parameter of the model is."""
     if not all(one.baseline.frozen for one in detection.parameters.values()):
@@ -346,3 +407,24 @@ def _healthy_value(detection: Detection, name: str, start: Baseline) -> HealthyV
         name, detection.units[name], start.value, start.spread, start.mean, start.deviation, start.count,
         start.correlation,
     )  # fmt: skip
+
+
+def _entry(alarm: Alarm, action: Input, operator: Operator | None) -> JournalEntry:
+    event = alarm.event
+    value = event.quantity.value if event is not None else math.nan
+    return JournalEntry(
+        stamp=alarm.changed_at if operator is None else operator.stamp,
+        action=action.value,
+        alarm=alarm.name,
+        code=alarm.code,
+        namur=alarm.kind_namur.letter,
+        severity=alarm.severity.name.lower(),
+        state=alarm.state.name.lower(),
+        occurrence=alarm.occurrence,
+        who="" if operator is None else operator.who,
+        comment="" if operator is None else operator.comment,
+        text="" if event is None else event.text or headline(event),
+        value=value if math.isfinite(value) else None,
+        unit="" if event is None else event.quantity.unit,
+        event="" if event is None else json.dumps(serialised(asdict(event))),
+    )

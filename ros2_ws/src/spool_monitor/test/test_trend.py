@@ -14,7 +14,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from spool_core.errors import InputError
-from spool_monitor.trend import DAY, HOUR, KEPT, MINUTE, Sums, TrendStore, finest, own_file
+from spool_monitor.state_database import own_file
+from spool_monitor.trend import DAY, HOUR, KEPT, MINUTE, Sums, TrendStore, finest
 from spool_monitor.trend_writer import TrendWriter
 
 SECOND = 1_000_000_000

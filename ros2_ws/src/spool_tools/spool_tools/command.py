@@ -161,6 +161,12 @@ FittedValve = Annotated[
 ]  # fmt: skip
 RunningValve = Annotated[str, typer.Argument(metavar="VALVE", help="Namespace of the valve, e.g. valve_1.")]
 WhoOption = Annotated[str, typer.Option("--who", help="Who does it; default: the user's name.")]
+StateFolder = Annotated[
+    Path | None,
+    typer.Option(
+        "--state-folder", help="The monitors' state_folder; default: the one that they use by default."
+    ),
+]
 CommentOption = Annotated[str, typer.Option("--comment", help="Comment.")]
 LanguageOption = Annotated[
     str,

@@ -16,8 +16,9 @@ from spool_core.events.language import LANGUAGES
 from spool_core.events.sentences import details, headline
 from spool_core.node.messages import from_event_message
 from spool_core.uncertainty import Z_95, interval, number
+from spool_monitor.state_database import FILE, own_file
 from spool_monitor.state_file import valve_folder
-from spool_monitor.trend import KEPT, TrendStore, finest, own_file
+from spool_monitor.trend import KEPT, TrendStore, finest
 from spool_monitor.valve_condition import ENDS, NO_WORD, condition_of
 from spool_msgs.msg import Alarm, GapAnalysis, HealthEvent, Quantity
 
@@ -61,8 +62,6 @@ HIGHEST, MOST_LINES = 200.0, 400
 #: Samples of a block, and per second, that are taken at most.
 MOST_SAMPLES = 100_000
 
-#: Name of the file: `valve_state` has it too, and takes 130 MB of libraries along.
-TRENDS = "trends.sqlite"
 #: Lengths that can be asked for, s; 0: all there is.
 RANGES = {"hour": 3600, "day": 86400, "week": 7 * 86400, "year": 366 * 86400, "all": 0}
 #: Points that are sent at most.
@@ -288,7 +287,7 @@ def trend_of(base: Path, valve: str, parameter: str, length: str) -> dict[str, A
         InputError: there is none, or the file is damaged.
         OSError: it can't be read.
     """
-    path = own_file(valve_folder(base, valve) / TRENDS, PATIENCE)
+    path = own_file(valve_folder(base, valve) / FILE, PATIENCE)
     store = TrendStore(path, read_only=True, patience=PATIENCE)
     try:
         units = store.units()

@@ -2,15 +2,28 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from spool_core.errors import InputError
+from spool_core.text import seconds_of
 
-from spool_tools.command import Command, CommentOption, LanguageOption, RunningValve, WhoOption, in_range
+from spool_tools.command import (
+    Command,
+    CommentOption,
+    Force,
+    JsonFile,
+    LanguageOption,
+    RunningValve,
+    StateFolder,
+    WhoOption,
+    in_range,
+)
 
 app = typer.Typer(
     no_args_is_help=True,
-    help="Show the alarms of a running valve, and say what is done about them.\n\n"
+    help="Show the alarms of a valve and their history, and act on them.\n\n"
     "Example: ./spool alarm list valve_1",
 )
 
@@ -19,6 +32,12 @@ Name = Annotated[
     typer.Argument(
         metavar="[ALARM]", help="Alarm name or kind; default: every alarm that the action applies to."
     ),
+]
+SomeValve = Annotated[
+    str | None, typer.Argument(metavar="[VALVE]", help="Namespace of the valve; default: all valves.")
+]
+SinceAgo = Annotated[
+    str | None, typer.Option("--since", help="How long ago, e.g. 6h, 7d, or a time (UTC); default: all.")
 ]
 Back = Annotated[bool, typer.Option("--back", help="Undo.")]
 
@@ -79,18 +98,29 @@ def suppress(
     valve: RunningValve,
     alarm: Name = "",
     maintenance: Annotated[bool, typer.Option("--maintenance", help="Take it out of service.")] = False,
+    for_: Annotated[
+        str | None,
+        typer.Option("--for", help="Take it out of service for a time, e.g. 2h; then it returns by itself."),
+    ] = None,
     back: Back = False,
     who: WhoOption = "",
     comment: CommentOption = "",
 ) -> None:
     """Suppress an alarm that the plant's state makes meaningless, or for maintenance.
 
-    Example: ./spool alarm suppress valve_1 --maintenance --comment "pump is changed"
+    Example: ./spool alarm suppress valve_1 --for 2h --comment "pump is changed"
+
+    Example: ./spool alarm suppress valve_1 --maintenance --back
     """
     from spool_msgs.srv import SuppressAlarm  # noqa: PLC0415 - slow to load
 
-    way = SuppressAlarm.Request.OUT_OF_SERVICE if maintenance else SuppressAlarm.Request.BY_DESIGN
-    _ask(valve, "suppress_alarm", alarm=alarm, who=who, comment=comment, suppressed=not back, way=way)
+    duration = 0.0 if for_ is None else seconds_of(for_)
+    if duration is None or (for_ is not None and (back or duration <= 0.0)):
+        raise InputError(f"--for {for_}: write a time like 30m, 2h or 7d, and leave --back out")
+    out = maintenance or for_ is not None
+    way = SuppressAlarm.Request.OUT_OF_SERVICE if out else SuppressAlarm.Request.BY_DESIGN
+    fields = {"suppressed": not back, "way": way, "duration": duration}
+    _ask(valve, "suppress_alarm", alarm=alarm, who=who, comment=comment, **fields)
 
 
 @app.command()
@@ -100,6 +130,48 @@ def reset(valve: RunningValve, alarm: Name = "", who: WhoOption = "", comment: C
     Example: ./spool alarm reset valve_1 stuck_spool
     """
     _ask(valve, "reset_alarms", alarm=alarm, who=who, comment=comment)
+
+
+@app.command()
+def history(
+    valve: SomeValve = None,
+    since: SinceAgo = None,
+    search: Annotated[
+        str, typer.Option(help="Words that an entry must hold: text, number, person, alarm.")
+    ] = "",
+    csv: Annotated[Path | None, typer.Option(help="Write CSV; - for standard output.")] = None,
+    state_folder: StateFolder = None,
+    language: LanguageOption = "",
+    _force: Force = False,
+) -> None:
+    """Show the journal: alarms that came and went, and who did what.
+
+    Example: ./spool alarm history valve_1 --since 7d --search "resonance"
+    """
+    from spool_tools.operations.alarm_journal import show_history  # noqa: PLC0415 - slow to load
+
+    show_history(valve, state_folder, since, search, csv, language)
+
+
+@app.command()
+def statistics(
+    valve: SomeValve = None,
+    since: SinceAgo = None,
+    limit: Annotated[
+        list[str] | None,
+        typer.Option(help="Limit of the site, e.g. per_day=300; repeatable; default: ISA-18.2."),
+    ] = None,
+    state_folder: StateFolder = None,
+    json: JsonFile = None,
+    _force: Force = False,
+) -> None:
+    """Show the figures of the alarm system by ISA-18.2; exit 1 where one is beyond its limit.
+
+    Example: ./spool alarm statistics --since 30d
+    """
+    from spool_tools.operations.alarm_journal import show_statistics  # noqa: PLC0415 - slow to load
+
+    raise typer.Exit(show_statistics(valve, state_folder, since, limit or [], json))
 
 
 def _ask(valve: str, service: str, **fields: Any) -> None:

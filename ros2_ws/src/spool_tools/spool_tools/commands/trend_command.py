@@ -7,15 +7,12 @@ from typing import Annotated
 
 import typer
 
-from spool_tools.command import Command, Force, JsonFile, RunningValve
+from spool_tools.command import Command, Force, JsonFile, RunningValve, StateFolder
 
 
 def trend(
     valve: RunningValve,
-    state_folder: Annotated[
-        Path | None,
-        typer.Option(help="The monitors' state_folder; default: the one that they use by default."),
-    ] = None,
+    state_folder: StateFolder = None,
     parameter: Annotated[
         list[str] | None,
         typer.Option(help="Parameter to plot, e.g. coulomb_force; repeatable; default: all."),

@@ -20,12 +20,11 @@ from spool_bag.reader import BagReader
 from spool_core.block import Block, BlockRun
 from spool_core.cdr import OilTemperature
 from spool_core.errors import InputError
-from spool_core.text import printable
+from spool_core.text import printable, seconds_of
 from spool_sim.valve import Valve, valve_from_mapping
 
 #: s before and after an alarm, as a snapshot of it keeps.
 AROUND = 60.0
-_UNITS = {"s": 1.0, "m": 60.0, "min": 60.0, "h": 3600.0, "d": 86400.0, "w": 604800.0}
 _RAISED = 1
 
 VALVE_DESCRIPTION = "spool_msgs/msg/ValveDescription"
@@ -215,9 +214,9 @@ def iso_time(text: str) -> datetime:
 
 def _moment(option: str, text: str, end: int) -> int:
     """Return the time (ns since 1970) that is meant: ISO 8601, or how long before the record's ``end``."""
-    match = re.fullmatch(r"-?(\d+(?:\.\d+)?)\s*(s|min|m|h|d|w)", text.strip())
-    if match:
-        return end - round(float(match[1]) * _UNITS[match[2]] * 1e9)
+    before = seconds_of(text.strip().removeprefix("-"))
+    if before is not None:
+        return end - round(before * 1e9)
     try:
         return round(iso_time(text).timestamp() * 1e6) * 1000
     except (ValueError, OverflowError):

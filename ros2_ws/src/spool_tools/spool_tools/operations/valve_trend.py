@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import replace
-from datetime import datetime, timedelta, timezone
+from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
@@ -16,16 +15,15 @@ from rich.table import Table
 from spool_bag import check_valve
 from spool_core.errors import InputError
 from spool_core.system import expanded
+from spool_core.text import seconds_of
 from spool_core.uncertainty import exact, number, unit_text
-from spool_monitor.state_file import default_folder, valve_folder
-from spool_monitor.trend import KEPT, TrendStore, finest, own_file
-from spool_monitor.valve_state import TRENDS
+from spool_monitor.state_database import valves_in
+from spool_monitor.state_file import default_folder
+from spool_monitor.trend import KEPT, TrendStore, finest
 
 from spool_tools.operations.record_sources import iso_time
 from spool_tools.outputs import check_output, write_file, write_json
 from spool_tools.report import page as html
-
-_UNITS = {"m": 60, "h": 3600, "d": 86400, "w": 7 * 86400}
 
 _LINE, _BAND = "#0072B2", "#56B4E9"
 
@@ -48,16 +46,8 @@ def show_trend(
     if out is not None and out.suffix not in (".png", ".html"):
         raise InputError(f"--out {out}: name a file that ends in .png or .html")
     check_output(out, "--out")
-    begin = _since(since)
-    base = expanded(state_folder or default_folder())
-    path = own_file(valve_folder(base, valve) / TRENDS)
-    if not path.is_file():
-        there = sorted(str(one.parent.parent.relative_to(base)) for one in base.glob(f"**/{TRENDS}"))
-        raise InputError(
-            f"{valve}: no trends in {base}; there are trends of: {', '.join(there) or 'no valve'}. "
-            "A monitor keeps them while it runs; name its state_folder with --state-folder"
-        )
-    store = TrendStore(path, read_only=True)
+    begin = moment(since)
+    store = TrendStore(kept_files(state_folder, valve, "trends")[valve], read_only=True)
     try:
         result = _read(store, valve, parameters, begin)
     finally:
@@ -193,17 +183,38 @@ def _read(store: TrendStore, valve: str, wanted: Sequence[str], since: int) -> d
     }
 
 
-def _since(text: str | None) -> int:
-    """Return s since 1970 of ``text``: a time, or how long ago, like 6h; 0 for all."""
+def kept_files(state_folder: Path | None, valve: str | None, what: str) -> dict[str, Path]:
+    """Return the state file of ``valve``, or of every valve (``None``), by namespace.
+
+    Raises:
+        InputError: there is none; those that there are, are named.
+
+    """
+    base = expanded(state_folder or default_folder())
+    files = valves_in(base)
+    if valve is None and files:
+        return files
+    if valve is None or valve not in files:
+        raise InputError(
+            f"{valve or 'no valve'}: no {what} in {base}; there are {what} of: "
+            f"{', '.join(files) or 'no valve'}. "
+            "A monitor keeps them while it runs; name its state_folder with --state-folder"
+        )
+    return {valve: files[valve]}
+
+
+def moment(text: str | None) -> int:
+    """Return s since 1970 of ``text``: a time, or how long ago, like 6h; 0 for ``None``.
+
+    Raises:
+        InputError: it is neither.
+
+    """
     if text is None:
         return 0
-    ago = re.fullmatch(r"(\d+(?:\.\d+)?)([mhdw])", text)
-    if ago:
-        length = timedelta(seconds=float(ago[1]) * _UNITS[ago[2]])
-        try:
-            return max(0, round((datetime.now(timezone.utc) - length).timestamp()))
-        except OverflowError:
-            return 0
+    ago = seconds_of(text)
+    if ago is not None:
+        return max(0, round(datetime.now(timezone.utc).timestamp() - ago))
     try:
         return max(0, round(iso_time(text).timestamp()))
     except ValueError as error:

@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
-from spool_monitor import valve_state
 from spool_monitor.detectors import DETECTORS, JUDGEMENT_TEXTS
 from spool_monitor.state_file import valve_folder
 from spool_monitor.trend import Sums, TrendStore
@@ -22,7 +21,6 @@ from spool_view.view import (
     AT_REST,
     MOST,
     MOST_VALVES,
-    TRENDS,
     Board,
     HeardValve,
     alarms_of,
@@ -80,7 +78,6 @@ def test_a_valve_whose_drift_nobody_judges_is_not_good() -> None:
 def test_the_words_of_the_monitor_are_those_that_are_understood() -> None:
     assert set(DRIFT) <= set(DETECTORS)
     assert {"judged", "learning", "not enough excitation"} <= set(JUDGEMENT_TEXTS.values())
-    assert TRENDS == valve_state.TRENDS
 
 
 def test_the_margin_to_resonance_says_which_side() -> None:

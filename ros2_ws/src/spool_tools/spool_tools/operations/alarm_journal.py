@@ -1,0 +1,190 @@
+"""`./spool alarm history` and `statistics`: journals of the monitors, figures of the alarm system."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
+from datetime import datetime, timezone
+from pathlib import Path
+
+from rich.table import Table
+from spool_core.errors import InputError
+from spool_core.events.language import Language
+from spool_core.events.sentences import language_of
+from spool_core.text import plural
+from spool_core.uncertainty import number
+from spool_monitor.alarm_statistics import FLOOD_BEGINS, FLOOD_ENDS, AlarmLimits, AlarmStatistics, statistics
+from spool_monitor.journal import JournalEntry, entries_in
+
+from spool_tools.operations.valve_trend import kept_files, moment
+from spool_tools.outputs import STANDARD_OUTPUT, check_output, write_file, write_json
+from spool_tools.terminal import wide_console
+
+#: Columns of the CSV; times are UTC in ISO 8601.
+COLUMNS = (
+    "time", "valve", "action", "alarm", "code", "namur", "severity", "state", "occurrence", "who", "comment",
+    "value", "unit", "text",
+)  # fmt: skip
+
+#: Figures of the alarm system: field, title, unit, factor and decimals for people.
+_FIGURES = (
+    ("per_day", "alarms a day", "", 1.0, 1),
+    ("per_hour", "alarms an hour, on average", "", 1.0, 2),
+    ("peak", "most alarms in 10 min", "", 1.0, 0),
+    ("flood_share", "time in flood", " %", 100.0, 2),
+    ("frequent_share", "share of the ten most frequent", " %", 100.0, 1),
+    ("chattering", "chattering alarms", "", 1.0, 0),
+    ("stale", "alarms active for a day or longer", "", 1.0, 0),
+)
+
+
+def show_history(
+    valve: str | None, state_folder: Path | None, since: str | None, search: str, out: Path | None, code: str
+) -> None:
+    """Show the journal of ``valve``, or of all valves, oldest first; write it as CSV to ``out``.
+
+    Args:
+        valve: namespace; ``None``: all.
+        state_folder: of the monitors; ``None``: the default one.
+        since: how long ago, or a time; ``None``: all.
+        search: words that an entry must hold, in any column.
+        out: CSV file; ``-``: standard output.
+        code: language of the headlines.
+
+    Raises:
+        InputError: there is no journal, or an option is wrong.
+
+    """
+    language = language_of(code)
+    begin = moment(since) * 1_000_000_000
+    words = search.casefold().split()
+    rows = [
+        row
+        for name, one in _merged(kept_files(state_folder, valve, "journals"), begin)
+        for row in [_row(name, one, language)]
+        if all(word in " ".join(map(str, row)).casefold() for word in words)
+    ]
+    if out is not None:
+        content = io.StringIO()
+        csv.writer(content, lineterminator="\n").writerows([COLUMNS, *rows])
+        write_file(out, content.getvalue(), "--csv")
+        if out == STANDARD_OUTPUT:
+            return
+    if not rows:
+        print("no entry" + (f" with {search!r}" if search else "") + (f" since {since}" if since else ""))
+        return
+    table = Table("time (UTC)", "valve", "action", "alarm", "who", "text", box=None, pad_edge=False)
+    for row in rows:
+        cells = dict(zip(COLUMNS, row, strict=True))
+        text = " ".join(
+            filter(None, (str(cells["text"]), f"({cells['comment']})" if cells["comment"] else ""))
+        )
+        table.add_row(
+            str(cells["time"]).replace("T", " ").removesuffix("Z"), str(cells["valve"]), str(cells["action"]),
+            " ".join(filter(None, (str(cells["code"] or ""), str(cells["alarm"])))), str(cells["who"]), text,
+        )  # fmt: skip
+    wide_console(160, markup=False).print(table)
+
+
+def show_statistics(
+    valve: str | None, state_folder: Path | None, since: str | None, limits: Sequence[str], json: Path | None
+) -> int:
+    """Show the figures of the alarm system; return 1 where one is beyond the site's limits.
+
+    Args:
+        valve: namespace; ``None``: all valves, as one operator has them.
+        state_folder: of the monitors; ``None``: the default one.
+        since: how long ago, or a time; ``None``: since the first entry.
+        limits: of the site, each ``NAME=VALUE``.
+        json: file for the figures.
+
+    Raises:
+        InputError: there is no journal, it is empty, or an option is wrong.
+
+    """
+    allowed = AlarmLimits().changed(limits)
+    check_output(json, "--json")
+    journals = {name: entries_in(path) for name, path in kept_files(state_folder, valve, "journals").items()}
+    stamps = [one.stamp for entries in journals.values() for one in entries]
+    if not stamps:
+        raise InputError("statistics: the journals are empty: no alarm was raised yet")
+    until = round(datetime.now(timezone.utc).timestamp() * 1e9)
+    begin = moment(since) * 1_000_000_000 or min(stamps)
+    if begin >= until:
+        raise InputError(f"--since {since}: it lies in the future")
+    found = statistics(journals, begin, until)
+    beyond = found.beyond(allowed)
+    if json is not None:
+        write_json(
+            json,
+            {
+                **asdict(found),
+                "chattering": [{"valve": valve, "alarm": alarm} for valve, alarm in found.chattering],
+                "stale": [{"valve": valve, "alarm": alarm} for valve, alarm in found.stale],
+                "limits": asdict(allowed),
+                "beyond": list(beyond),
+            },
+        )
+    _print(found, allowed, len(journals))
+    return 1 if beyond else 0
+
+
+def figures(found: AlarmStatistics, limits: AlarmLimits) -> Iterator[tuple[str, str, str, bool]]:
+    """Yield title, value, limit and whether it is kept of each figure, for people."""
+    beyond = found.beyond(limits)
+    for name, title, unit, factor, decimals in _FIGURES:
+        value = getattr(found, name)
+        plain = len(value) if isinstance(value, tuple) else value
+        limit = getattr(limits, name)
+        yield (
+            title,
+            f"{factor * plain:.{decimals}f}{unit}",
+            f"{number(factor * limit)}{unit}" if limit else f"0{unit}",
+            name not in beyond,
+        )
+
+
+def _print(found: AlarmStatistics, limits: AlarmLimits, valves: int) -> None:
+    console = wide_console(120, markup=False)
+    begin, end = (f"{_time(stamp)[:16].replace('T', ' ')}" for stamp in (found.since, found.until))
+    of = f"{plural(found.count, 'alarm')} of {plural(valves, 'valve')}"
+    console.print(f"{of} from {begin} to {end} UTC", soft_wrap=True)
+    table = Table("figure (ISA-18.2)", "value", "limit", "", box=None, pad_edge=False)
+    for title, value, limit, kept in figures(found, limits):
+        table.add_row(title, value, limit, "" if kept else "beyond the limit")
+    console.print(table)
+    console.print(
+        f"Flood: from {FLOOD_BEGINS} alarms in 10 min to fewer than {FLOOD_ENDS}. "
+        f"Limits: ISA-18.2 for one operator; --limit NAME=VALUE sets the site's.",
+        soft_wrap=True,
+    )
+    if found.frequent:
+        table = Table("most frequent", "valve", "number", "count", "share", box=None, pad_edge=False)
+        for one in found.frequent:
+            table.add_row(one.alarm, one.valve, str(one.code), str(one.count), f"{100 * one.share:.0f} %")
+        console.print(table)
+    for title, pairs in (("chattering", found.chattering), ("stale", found.stale)):
+        if pairs:
+            console.print(
+                f"{title}: {', '.join(f'{valve} {alarm}' for valve, alarm in pairs)}", soft_wrap=True
+            )
+
+
+def _merged(files: dict[str, Path], since: int) -> list[tuple[str, JournalEntry]]:
+    """Return the entries of all valves with their namespaces, by time."""
+    entries = [(valve, one) for valve, path in files.items() for one in entries_in(path, since)]
+    return sorted(entries, key=lambda pair: pair[1].stamp)
+
+
+def _row(valve: str, one: JournalEntry, language: Language) -> tuple[object, ...]:
+    return (
+        _time(one.stamp), valve, one.action, one.alarm, one.code or "", one.namur, one.severity, one.state,
+        one.occurrence or "", one.who, one.comment, "" if one.value is None else one.value, one.unit,
+        one.headline(language),
+    )  # fmt: skip
+
+
+def _time(stamp: int) -> str:
+    return datetime.fromtimestamp(stamp / 1e9, timezone.utc).strftime("%Y-%m-%dT%H:%M:%SZ")
