@@ -110,7 +110,7 @@ def test_operators_acknowledge_shelve_suppress_and_are_refused_with_a_reason(sys
     system.until(lambda: health.last.namur == ValveHealth.NAMUR_FAILURE, "health says failure")
 
     nobody = ask(system, AcknowledgeAlarm, "acknowledge_alarm", alarm=SILENCE)
-    assert (nobody.success, nobody.reason) == (False, "who is required: name the operator")
+    assert (nobody.success, nobody.reason) == (False, "'who' is required: name the operator")
     unknown = ask(system, AcknowledgeAlarm, "acknowledge_alarm", alarm="smoke", who="Eva")
     assert not unknown.success
     assert unknown.reason.startswith("no alarm 'smoke'; there are: ")

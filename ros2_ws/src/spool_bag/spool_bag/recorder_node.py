@@ -14,7 +14,7 @@ from typing import Any, ClassVar, NamedTuple
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 from spool_core.cdr import CdrError, block_head, header_stamp
-from spool_core.errors import InputError
+from spool_core.errors import InputError, operator_missing
 from spool_core.node import qos
 from spool_core.node.diagnostics import DiagnosticPublisher, Level, Status
 from spool_core.node.managed_node import ManagedNode
@@ -358,7 +358,7 @@ class RecorderNode(ManagedNode):
         valve, limit = request.valve.strip("/"), self.value("snapshot_limit")
         check_valve(valve)
         if not request.who.strip():
-            raise InputError("who is required: name the operator")
+            raise InputError(operator_missing())
         if self._snapshots is None or limit == 0:
             raise InputError("snapshot_limit is 0: no snapshots are made")
         now = self._received()

@@ -25,6 +25,11 @@ class InputError(ValueError):
     """
 
 
+def operator_missing(given_by: str = "'who'") -> str:
+    """Return the line for an act of nobody; ``given_by``: the field or option that names the operator."""
+    return f"{given_by} is required: name the operator"
+
+
 @contextmanager
 def libraries_reported(program: str) -> Iterator[None]:
     """Turn the failed import of a library into one line on standard error and exit code 2.

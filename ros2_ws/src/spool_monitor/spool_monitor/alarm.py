@@ -5,7 +5,7 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass, replace
 
-from spool_core.errors import InputError
+from spool_core.errors import InputError, operator_missing
 
 from spool_monitor.detectors import event_kind
 from spool_monitor.event import Event, EventState, Namur, Severity, condition_name
@@ -160,7 +160,7 @@ class Operator:
 
     def __post_init__(self) -> None:
         if not self.who.strip():
-            raise AlarmRefusedError("who is required: name the operator")
+            raise AlarmRefusedError(operator_missing())
 
 
 @dataclass(frozen=True, slots=True)

@@ -226,7 +226,7 @@ def test_who_acknowledged_what_when_and_why_is_kept() -> None:
     assert (seen.acknowledged_by, seen.acknowledged_at, seen.comment) == ("Eva", NOW, "on my way")
     with pytest.raises(AlarmRefusedError, match="Eva has done it"):
         acknowledge(seen, OPERATOR)
-    with pytest.raises(AlarmRefusedError, match="who is required"):
+    with pytest.raises(AlarmRefusedError, match="'who' is required"):
         Operator("  ", NOW)
 
 

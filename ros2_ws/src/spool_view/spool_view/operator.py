@@ -18,7 +18,7 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
-from spool_core.errors import InputError
+from spool_core.errors import InputError, operator_missing
 from spool_core.system import FILE_MODE, private_folder, restrict, write_durably
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
@@ -93,7 +93,7 @@ def act_of(given: Any, alarms: Mapping[str, frozenset[str]]) -> Act:
         raise ActRefusedError("no such valve is heard")
     who = _text(given, "who", MOST_WHO)
     if not who:
-        raise ActRefusedError("who is required: name the operator")
+        raise ActRefusedError(operator_missing())
     comment = _text(given, "comment", MOST_COMMENT)
     if act in ON_VALVE:
         return Act(act, valve, who, comment)

@@ -19,7 +19,7 @@ from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
 from rich.table import Table
 from spool_bag import check_valve
-from spool_core.errors import InputError
+from spool_core.errors import InputError, operator_missing
 from spool_core.events.sentences import language_of
 from spool_core.files import YamlError, load_yaml
 from spool_core.node import qos
@@ -122,7 +122,7 @@ def who_asks(given: str) -> str:
     try:
         return given or getpass.getuser()
     except (OSError, KeyError) as error:
-        raise InputError("--who is required: name the operator") from error
+        raise InputError(operator_missing("--who")) from error
 
 
 def list_parameters(valve: str, name: str, only: str | None = None) -> None:
