@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from spool_monitor.valve_condition import DRIFT
+from spool_monitor.listener import DRIFT
 from spool_msgs.msg import Alarm, AlarmList, ValveHealth
-from spool_tools.operations.heard import HeardValve, Listener, shown_condition
+from spool_tools.operations.valve_rows import HeardValve, Listener, shown_condition
 
 if TYPE_CHECKING:
     from textual.pilot import Pilot

@@ -50,7 +50,7 @@ ABOUT: Mapping[str, tuple[str, ...]] = {
     "test_packages": ("spool_bringup.*", "setup.*"),
     "test_recording": ("spool_bag.record*", "spool_bag.parts", "spool_bag.writer", "spool_bag.snapshot"),
     "test_refits": ("spool_estimator.refit*", "spool_estimator.estimator_node"),
-    "test_running_valve": ("spool_tools.operations.heard", "spool_monitor.monitor_node"),
+    "test_running_valve": ("spool_tools.operations.valve_rows", "spool_monitor.monitor_node"),
     "test_setup": ("setup.*",),
     "test_stream": (
         "spool_sim.simulator*",
@@ -59,7 +59,7 @@ ABOUT: Mapping[str, tuple[str, ...]] = {
     ),
     "test_supervision": ("spool_bringup.host.*",),
     "test_two_valves": ("spool_*.*_node",),
-    "test_watch": ("spool_tools.operations.heard", "spool_tools.commands.watch_command"),
+    "test_watch": ("spool_tools.operations.valve_rows", "spool_tools.commands.watch_command"),
     "test_wrong_valve_file": ("spool_estimator.estimator_node", "spool_estimator.plausibility"),
 }
 #: A module and a name that it defines at its top level.

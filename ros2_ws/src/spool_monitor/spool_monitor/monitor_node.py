@@ -36,11 +36,11 @@ from spool_monitor.detectors.base import NATURAL_FREQUENCY, Judgement, MonitorSe
 from spool_monitor.estimate_gate import Descriptions
 from spool_monitor.event import Event, Namur, Severity
 from spool_monitor.journal import DAYS, JournalEntry
+from spool_monitor.listener import ENDS
 from spool_monitor.monitor import Health, HealthLevel, Monitor
 from spool_monitor.state_database import FILE
 from spool_monitor.state_file import default_folder, valve_folder
 from spool_monitor.trend_writer import TrendWriter
-from spool_monitor.valve_condition import ENDS
 from spool_monitor.valve_state import ValveState, entries_of
 from spool_monitor.warm_up import warm_up_monitor
 

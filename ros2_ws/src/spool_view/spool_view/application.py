@@ -21,7 +21,7 @@ from urllib.parse import urlsplit
 import uvicorn
 from jinja2 import BaseLoader, Environment, StrictUndefined
 from spool_core.faults import unexpected
-from spool_monitor.valve_condition import condition_of
+from spool_monitor.listener import condition_of
 from starlette.applications import Starlette
 from starlette.datastructures import Headers
 from starlette.middleware import Middleware

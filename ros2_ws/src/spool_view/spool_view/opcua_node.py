@@ -29,9 +29,9 @@ from spool_core.node.managed_node import ManagedNode
 from spool_core.node.messages import from_event_message
 from spool_core.node.parameters import LANGUAGE, NodeParameter
 from spool_monitor.alarm import AlarmState
-from spool_monitor.valve_condition import NO_WORD, condition_of, monitored_valves
+from spool_monitor.listener import NO_WORD, condition_of, monitored_valves
 from spool_msgs.msg import Alarm, AlarmList, ModelEstimate, Quantity, ValveHealth
-from spool_tools.operations.heard import HeardValve
+from spool_tools.operations.valve_rows import HeardValve
 
 #: s between updates of the address space and looks for valves that joined; that the server may take to start.
 PERIOD, LOOK, START = 0.5, 1.0, 20.0

@@ -21,8 +21,8 @@ from spool_core.node.parameters import NodeParameter, Value, rule
 from spool_core.node.running import run
 from spool_core.node.service_calls import ServiceCalls
 from spool_core.system import expanded
+from spool_monitor.listener import monitored_valves
 from spool_monitor.state_file import default_folder
-from spool_monitor.valve_condition import monitored_valves
 from spool_msgs.msg import AccelerationBlock, AlarmList, GapAnalysis, ModelEstimate, ValveHealth
 from spool_msgs.srv import AcknowledgeAlarm, ManageBaseline, ResetAlarms, ShelveAlarm, TakeSnapshot
 from std_srvs.srv import Trigger

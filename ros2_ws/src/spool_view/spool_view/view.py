@@ -16,10 +16,10 @@ from spool_core.events.language import LANGUAGES
 from spool_core.events.sentences import details, headline
 from spool_core.node.messages import from_event_message
 from spool_core.uncertainty import Z_95, interval, number
+from spool_monitor.listener import ENDS, NO_WORD, condition_of
 from spool_monitor.state_database import FILE, own_file
 from spool_monitor.state_file import valve_folder
 from spool_monitor.trend import KEPT, TrendStore, finest
-from spool_monitor.valve_condition import ENDS, NO_WORD, condition_of
 from spool_msgs.msg import Alarm, GapAnalysis, HealthEvent, Quantity
 
 #: Valves that are held at most; the first ones heard stay.

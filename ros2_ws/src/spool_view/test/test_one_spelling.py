@@ -17,8 +17,8 @@ from spool_monitor.detectors import KINDS
 from spool_monitor.event import Condition, EventKind, Finding, Severity
 from spool_monitor.monitor_node import to_alarm_list
 from spool_msgs.msg import AlarmList, ValveHealth
-from spool_tools.operations.heard import HeardValve, alarm_details, alarm_row, event_line
 from spool_tools.operations.record_replay import Clock, event_dictionary
+from spool_tools.operations.valve_rows import HeardValve, alarm_details, alarm_row, event_line
 from spool_view.view import alarms_of
 
 STAMP = 1_700_000_000_000_000_000

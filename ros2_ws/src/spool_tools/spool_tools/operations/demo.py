@@ -34,8 +34,8 @@ from spool_core.uncertainty import LEGEND
 from spool_msgs.msg import HealthEvent, ModelEstimate, Quantity, ValveHealth
 from spool_sim.excitation import from_mapping
 
-from spool_tools.operations.heard import estimate_cells, event_line
 from spool_tools.operations.service_client import call
+from spool_tools.operations.valve_rows import estimate_cells, event_line
 from spool_tools.outputs import write_json
 
 #: What is said of an event, by whether it was raised live and from the bag.

@@ -32,7 +32,7 @@ from spool_msgs.msg import AlarmList, GapAnalysis
 from spool_msgs.srv import ManageBaseline, TakeSnapshot
 from std_srvs.srv import Trigger
 
-from spool_tools.operations.heard import SERVICES, WAITING, alarm_details, alarm_headline
+from spool_tools.operations.valve_rows import SERVICES, WAITING, alarm_details, alarm_headline
 from spool_tools.outputs import write_file
 from spool_tools.terminal import wide_console
 

@@ -18,7 +18,7 @@ from textual.containers import Vertical
 from textual.screen import ModalScreen
 from textual.widgets import DataTable, Footer, Input, Label, Static
 
-from spool_tools.operations import heard
+from spool_tools.operations import valve_rows
 from spool_tools.operations.service_client import who_asks
 
 #: s between two pictures.
@@ -43,7 +43,7 @@ def watch(names: tuple[str, ...], who: str, seconds: float | None = None, langua
         InputError: there is no such language.
     """
     chosen = language_of(language)
-    listener = heard.Listener(names)
+    listener = valve_rows.Listener(names)
     try:
         if sys.stdout.isatty():
             WatchApp(listener, who_asks(who), chosen).run()
@@ -138,7 +138,7 @@ class WatchApp(App[None]):
     ]
     ENABLE_COMMAND_PALETTE = False
 
-    def __init__(self, listener: heard.Listener, who: str, language: Language = ENGLISH) -> None:
+    def __init__(self, listener: valve_rows.Listener, who: str, language: Language = ENGLISH) -> None:
         """Show what ``listener`` hears; ``who`` stands in the log of what is done."""
         super().__init__()
         self._listener, self._who, self._language = listener, who, language
@@ -153,9 +153,9 @@ class WatchApp(App[None]):
 
     def on_mount(self) -> None:
         """Begin to show."""
-        for name in heard.VALVE_COLUMNS:
+        for name in valve_rows.VALVE_COLUMNS:
             self.query_one("#valves", DataTable).add_column(name, key=name)
-        for name in heard.ALARM_COLUMNS:
+        for name in valve_rows.ALARM_COLUMNS:
             self.query_one("#alarms", DataTable).add_column(name, key=name)
         self.query_one("#valves", DataTable).focus()
         self.set_interval(PERIOD, self.show)
@@ -165,17 +165,17 @@ class WatchApp(App[None]):
         """Bring both tables up to date; rows stay where they are unless a condition changed."""
         now = time.monotonic()
         valves = list(self._listener.valves.values())
-        valves.sort(key=lambda one: (heard.shown_condition(one, now).rank, one.name))
+        valves.sort(key=lambda one: (valve_rows.shown_condition(one, now).rank, one.name))
         _fill(
             self.query_one("#valves", DataTable),
-            heard.VALVE_COLUMNS,
-            [(one.name, heard.valve_row(one, now)) for one in valves],
+            valve_rows.VALVE_COLUMNS,
+            [(one.name, valve_rows.valve_row(one, now)) for one in valves],
         )
-        alarms = heard.shown_alarms(self._chosen())
+        alarms = valve_rows.shown_alarms(self._chosen())
         _fill(
             self.query_one("#alarms", DataTable),
-            heard.ALARM_COLUMNS,
-            [(one.name, heard.alarm_row(one, self._language)) for one in alarms],
+            valve_rows.ALARM_COLUMNS,
+            [(one.name, valve_rows.alarm_row(one, self._language)) for one in alarms],
         )
         for said in [one for one in self._awaited if one.done()]:
             self._awaited.remove(said)
@@ -183,14 +183,14 @@ class WatchApp(App[None]):
         if not valves:
             self._say("no valve is heard yet: is a monitor running, with the same ROS_DOMAIN_ID?")
 
-    def _chosen(self) -> heard.HeardValve | None:
+    def _chosen(self) -> valve_rows.HeardValve | None:
         key = _chosen_key(self.query_one("#valves", DataTable))
         return None if key is None else self._listener.valves.get(key)
 
     def _alarm(self) -> tuple[str, Alarm] | None:
         valve = self._chosen()
         key = _chosen_key(self.query_one("#alarms", DataTable))
-        for one in heard.shown_alarms(valve):
+        for one in valve_rows.shown_alarms(valve):
             if valve is not None and one.name == key:
                 return valve.name, one
         self._say("no alarm is chosen")
@@ -219,7 +219,10 @@ class WatchApp(App[None]):
         found = self._alarm()
         if found:
             _, alarm = found
-            lines = [heard.alarm_headline(alarm, self._language), *heard.alarm_details(alarm, self._language)]
+            lines = [
+                valve_rows.alarm_headline(alarm, self._language),
+                *valve_rows.alarm_details(alarm, self._language),
+            ]
             self.push_screen(DetailsScreen("\n".join(lines)))
 
     def action_acknowledge(self) -> None:
@@ -283,7 +286,7 @@ def _chosen_key(table: DataTable[object]) -> str | None:
     return table.coordinate_to_cell_key(table.cursor_coordinate).row_key.value
 
 
-def _lines(listener: heard.Listener, seconds: float | None, language: Language) -> None:
+def _lines(listener: valve_rows.Listener, seconds: float | None, language: Language) -> None:
     """Print each event at once, and a line for each valve now and then."""
     begun, last = time.monotonic(), -LINES
     print(f"estimates {LEGEND}", flush=True)
@@ -291,11 +294,11 @@ def _lines(listener: heard.Listener, seconds: float | None, language: Language) 
         while seconds is None or time.monotonic() - begun < seconds:
             while listener.events:
                 name, event = listener.events.popleft()
-                print(f"{name}  {heard.event_line(event, language)}", flush=True)
+                print(f"{name}  {valve_rows.event_line(event, language)}", flush=True)
             if time.monotonic() - last >= LINES:
                 last = time.monotonic()
                 for name in sorted(listener.valves):
-                    print(heard.line_of(listener.valves[name], last), flush=True)
+                    print(valve_rows.line_of(listener.valves[name], last), flush=True)
             time.sleep(LOOK)
     except KeyboardInterrupt:
         return

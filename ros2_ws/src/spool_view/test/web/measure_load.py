@@ -21,7 +21,7 @@ import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from spool_core.node import qos
-from spool_monitor.valve_condition import DRIFT
+from spool_monitor.listener import DRIFT
 from spool_msgs.msg import AlarmList, ModelEstimate, Quantity, ValveHealth
 
 #: s in which the page has to have heard all valves.

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from spool_monitor.detectors import DETECTORS, JUDGEMENT_TEXTS
+from spool_monitor.listener import CONDITIONS, DRIFT, condition_of
 from spool_monitor.state_file import valve_folder
 from spool_monitor.trend import Sums, TrendStore
-from spool_monitor.valve_condition import CONDITIONS, DRIFT, condition_of
 from spool_msgs.msg import AccelerationBlock, AlarmList, Quantity, ValveHealth
 from spool_msgs.srv import ManageBaseline
 from spool_view.application import LANGUAGES, SITE, language_of

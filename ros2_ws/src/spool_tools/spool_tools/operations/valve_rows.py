@@ -22,8 +22,8 @@ from spool_core.node import qos
 from spool_core.node.messages import from_event_message
 from spool_core.node.service_calls import ServiceCalls
 from spool_core.uncertainty import with_interval
-from spool_monitor import valve_condition as conditions
-from spool_monitor.valve_condition import monitored_valves
+from spool_monitor import listener as conditions
+from spool_monitor.listener import monitored_valves
 from spool_msgs.msg import Alarm, AlarmList, HealthEvent, ModelEstimate, Quantity, ValveHealth
 from spool_msgs.srv import AcknowledgeAlarm, ResetAlarms, ShelveAlarm, SuppressAlarm
 
