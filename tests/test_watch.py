@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from spool_monitor.listener import DRIFT
+from spool_monitor.listener import DRIFT, HeardValve
 from spool_msgs.msg import Alarm, AlarmList, ValveHealth
-from spool_tools.operations.valve_rows import HeardValve, Listener, shown_condition
+from spool_tools.operations.valve_rows import shown_condition
 
 if TYPE_CHECKING:
     from textual.pilot import Pilot
@@ -69,7 +69,9 @@ def test_alarms_are_acknowledged_and_shelved_by_keys(system: System, monkeypatch
     simulator = system.start("simulator", excitation="multisine", wait_for_subscribers=2)
     system.until(lambda: health.heard and health.last.level == ValveHealth.LEVEL_OK, "data are judged")
     monkeypatch.setenv("ROS_DOMAIN_ID", str(system.domain_id))
-    listener = Listener()
+    from spool_tools.operations.watch import WatchApp, WatchNode  # noqa: PLC0415 - slow to load
+
+    listener = WatchNode()
 
     def state() -> tuple[int, Any]:
         valve = listener.valves.get("valve_1")
@@ -78,8 +80,6 @@ def test_alarms_are_acknowledged_and_shelved_by_keys(system: System, monkeypatch
         return (-1, None) if found is None else (found.state, found)
 
     async def work() -> None:
-        from spool_tools.operations.watch import WatchApp  # noqa: PLC0415 - slow to load
-
         app = WatchApp(listener, "Eva")
         async with app.run_test(size=(160, 40)) as pilot:
             valves: Any = app.query_one("#valves")

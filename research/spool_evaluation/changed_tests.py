@@ -39,7 +39,7 @@ ABOUT: Mapping[str, tuple[str, ...]] = {
         "spool_core.rate_check",
     ),
     "test_alarms": ("spool_monitor.alarm*", "spool_monitor.monitor_node", "spool_monitor.valve_*"),
-    "test_bridge": ("spool_view.opcua_node", "spool_view.plots_node"),
+    "test_bridge": ("spool_monitor.listener", "spool_view.opcua_node", "spool_view.plots_node"),
     "test_command_line": ("spool_tools.cli", "spool_tools.command", "spool_bringup.program", "setup.*"),
     "test_demo": ("spool_tools.operations.demo", "spool_tools.commands.demo_command"),
     "test_gap_live": ("spool_estimator.gap_requests", "spool_estimator.estimator_node"),
@@ -50,7 +50,7 @@ ABOUT: Mapping[str, tuple[str, ...]] = {
     "test_packages": ("spool_bringup.*", "setup.*"),
     "test_recording": ("spool_bag.record*", "spool_bag.parts", "spool_bag.writer", "spool_bag.snapshot"),
     "test_refits": ("spool_estimator.refit*", "spool_estimator.estimator_node"),
-    "test_running_valve": ("spool_tools.operations.valve_rows", "spool_monitor.monitor_node"),
+    "test_running_valve": ("spool_tools.operations.service_client", "spool_monitor.monitor_node"),
     "test_setup": ("setup.*",),
     "test_stream": (
         "spool_sim.simulator*",
@@ -59,7 +59,7 @@ ABOUT: Mapping[str, tuple[str, ...]] = {
     ),
     "test_supervision": ("spool_bringup.host.*",),
     "test_two_valves": ("spool_*.*_node",),
-    "test_watch": ("spool_tools.operations.valve_rows", "spool_tools.commands.watch_command"),
+    "test_watch": ("spool_monitor.listener", "spool_tools.operations.watch"),
     "test_wrong_valve_file": ("spool_estimator.estimator_node", "spool_estimator.plausibility"),
 }
 #: A module and a name that it defines at its top level.

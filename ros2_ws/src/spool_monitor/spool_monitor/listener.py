@@ -1,11 +1,27 @@
-"""Condition of a valve for people: what is known of it, never better than what its monitor said lately."""
+"""Running valves as viewers hear them: their last messages, how old these are, and the condition."""
 
 from __future__ import annotations
 
 import re
+import time
+from collections import deque
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.node import Node
-from spool_msgs.msg import ValveHealth
+from spool_core.node import qos
+from spool_msgs.msg import (
+    AccelerationBlock,
+    Alarm,
+    AlarmList,
+    GapAnalysis,
+    HealthEvent,
+    ModelEstimate,
+    ValveHealth,
+)
 
 #: s without a word of the monitor, which speaks once a second, after which nothing is known.
 SILENT = 2.5
@@ -27,7 +43,194 @@ DRIFT = ("friction_drift", "spring_change")
 ENDS = ("low", "high")
 #: What the monitor says of a detector (`ValveHealth.msg`, judgements), and what that makes of the valve.
 _JUDGEMENTS = {"judged": GOOD, "learning": LEARNING, "not enough excitation": AT_REST}
+
+#: Valves that are held at most; the first ones heard stay.
+MOST_VALVES = 1000
+#: Valves that are followed at a time, and blocks of samples held of each; 4 s at 50 blocks/s.
+MOST_FOLLOWED, MOST_BLOCKS = 16, 200
+#: Events of a valve that may wait to be taken.
+EVENTS = 100
+#: States in which an alarm waits for an operator.
+WAITING = (
+    Alarm.STATE_UNACKNOWLEDGED,
+    Alarm.STATE_RETURNED_UNACKNOWLEDGED,
+    Alarm.STATE_LATCHED_UNACKNOWLEDGED,
+)
+_TYPES = {"estimate": ModelEstimate, "alarms": AlarmList, "gap": GapAnalysis}
 _HEALTH = re.compile(r"/(?P<valve>[A-Za-z0-9_/]+)/health")
+
+
+@dataclass(slots=True)
+class HeardValve:
+    """Last messages of a valve, each ``None`` before it came. Fields are replaced: any thread may read them.
+
+    Attributes:
+        health_at: when ``health`` was fetched, s (monotonic).
+        gap, bounds, blocks: kept only while the valve is followed; with ``light`` also ``estimate``.
+        bounds: values beyond which the monitor warns, by their keys in ``/diagnostics``.
+        blocks: serialized ``AccelerationBlock`` messages, oldest first.
+        baseline, limits: the monitor's answers, if the user of the listener asked for them.
+        changes: counts what was kept.
+    """
+
+    name: str
+    health: ValveHealth | None = None
+    health_at: float = 0.0
+    estimate: ModelEstimate | None = None
+    alarms: AlarmList | None = None
+    gap: GapAnalysis | None = None
+    baseline: Any = None
+    limits: dict[str, float] = field(default_factory=dict)
+    bounds: dict[str, float] = field(default_factory=dict)
+    blocks: deque[bytes] = field(default_factory=lambda: deque(maxlen=MOST_BLOCKS))
+    changes: int = 0
+
+    def condition(self, now: float) -> str:
+        """Return the condition, one of ``CONDITIONS``, at ``now`` (s, monotonic)."""
+        return condition_of(self.health, now - self.health_at)
+
+    def keep(self, what: str, value: object) -> None:
+        """Replace the field ``what``."""
+        setattr(self, what, value)
+        self.changes += 1
+
+
+class Listener:
+    """Listener to all valves whose monitors ``node`` discovers, or to those named; it sends nothing to them.
+
+    Its methods belong on the node's thread: call :meth:`look` and :meth:`fetch` periodically. Health comes
+    once a second of each valve. It is fetched, with a node that no executor wakes up for: that costs a third
+    of a callback for each message.
+
+    Args:
+        node: that subscribes.
+        names: of the valves; empty for all that are discovered.
+        light: whether to spare the processor: health of a new valve comes within a second instead of
+            immediately, and estimates are kept only of valves that are followed.
+        on_event: takes the name of a valve and its event.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        names: Sequence[str] = (),
+        *,
+        light: bool = False,
+        on_event: Callable[[str, HealthEvent], None] | None = None,
+    ) -> None:
+        self.valves: dict[str, HeardValve] = {}
+        self._node, self._names, self._on_event = node, names, on_event
+        self._quiet = Node(
+            f"{node.get_name()}_listener", namespace=node.get_namespace(), context=node.context,
+            enable_rosout=False, start_parameter_services=False, use_global_arguments=False,
+        )  # fmt: skip
+        # What is lost of it is said again a second later, so nothing has to be confirmed or sent again.
+        self._health_quality = qos.samples_wanted(1) if light else qos.state()
+        self._topics = ("alarms",) if light else ("alarms", "estimate")
+        self._more = ("estimate", "gap") if light else ("gap",)
+        self._health: dict[str, Any] = {}
+        self._made: list[Any] = []
+        self._followed: dict[str, list[Any]] = {}
+        for name in names:
+            self._join(name)
+        self.look()
+
+    def look(self) -> None:
+        """Join the valves that appeared."""
+        if self._names:
+            return
+        for topic, types in self._node.get_topic_names_and_types():
+            match = _HEALTH.fullmatch(topic)
+            if match and "spool_msgs/msg/ValveHealth" in types:
+                self._join(match["valve"])
+
+    def fetch(self) -> None:
+        """Fetch what the monitors said since the last time."""
+        for name, subscription in self._health.items():
+            with subscription.handle:
+                taken = subscription.handle.take_message(ValveHealth, False)
+            if taken is not None:
+                self.valves[name].health_at = time.monotonic()
+                self.valves[name].keep("health", taken[0])
+
+    def follow(self, names: Iterable[str]) -> list[HeardValve]:
+        """Keep more of the valves ``names`` until the next call: see :class:`HeardValve`.
+
+        Returns:
+            Those that are followed: of the valves that were heard, the first ``MOST_FOLLOWED``.
+        """
+        wanted = [name for name in names if name in self.valves][:MOST_FOLLOWED]
+        for name in [name for name in self._followed if name not in wanted]:
+            for one in self._followed.pop(name):
+                self._node.destroy_subscription(one)
+            valve = self.valves[name]
+            valve.blocks.clear()
+            for topic in self._more:
+                valve.keep(topic, None)
+            valve.keep("bounds", {})
+        for name in wanted:
+            if name not in self._followed:
+                self._followed[name] = self._follow(self.valves[name])
+        return [self.valves[name] for name in wanted]
+
+    def close(self) -> None:
+        """Destroy every subscription."""
+        self.follow(())
+        for one in self._made:
+            self._node.destroy_subscription(one)
+        self._made.clear()
+        self._health.clear()
+        self._quiet.destroy_node()
+
+    def _join(self, name: str) -> None:
+        if name in self.valves or len(self.valves) >= MOST_VALVES:
+            return
+        valve = self.valves[name] = HeardValve(name)
+        # A subscription has to have a callback; no executor calls this one.
+        self._health[name] = self._quiet.create_subscription(
+            ValveHealth, f"/{name}/health", lambda _: None, self._health_quality
+        )
+        self._made += self._keep(valve, self._topics)
+        if self._on_event is not None:
+            take, quality = partial(self._on_event, name), qos.state(EVENTS)
+            self._made.append(self._node.create_subscription(HealthEvent, f"/{name}/events", take, quality))
+
+    def _keep(self, valve: HeardValve, topics: Sequence[str]) -> list[Any]:
+        return [
+            self._node.create_subscription(
+                _TYPES[topic], f"/{valve.name}/{topic}", partial(valve.keep, topic), qos.state()
+            )
+            for topic in topics
+        ]
+
+    def _follow(self, valve: HeardValve) -> list[Any]:
+        def take_block(raw: bytes) -> None:  # rclpy refuses a method of deque: it has no signature
+            valve.blocks.append(raw)
+
+        def take_bounds(message: DiagnosticArray) -> None:
+            bounds = bounds_of(message.status, valve.name)
+            if bounds is not None and repr(bounds) != repr(valve.bounds):  # NaN is another one each time
+                valve.keep("bounds", bounds)
+
+        subscribe, blocks = self._node.create_subscription, f"/{valve.name}/acceleration"
+        return [
+            subscribe(AccelerationBlock, blocks, take_block, qos.samples_wanted(), raw=True),
+            subscribe(DiagnosticArray, "/diagnostics", take_bounds, qos.diagnostics()),
+            *self._keep(valve, self._more),
+        ]
+
+
+def bounds_of(statuses: Sequence[DiagnosticStatus], name: str) -> dict[str, float] | None:
+    """Return the values beyond which the monitor of the valve ``name`` warns, ``None`` where it says nothing.
+
+    Args:
+        statuses: of a message of ``/diagnostics``.
+        name: namespace of the valve.
+    """
+    said = next((one.values for one in statuses if one.name == f"{name}/monitor: condition"), None)
+    if said is None:
+        return None
+    return {one.key: float(one.value) for one in said if any(f"_{end}" in one.key for end in ENDS)}
 
 
 def condition_of(health: ValveHealth | None, age: float) -> str:
@@ -51,12 +254,3 @@ def _drift(name: str, said: dict[str, str]) -> str:
     """Return the condition by what was ``said`` of the detector ``name`` and its parameters."""
     partly = [judgement for one, judgement in said.items() if one.startswith(f"{name}/")]
     return GOOD if "judged" in partly else _JUDGEMENTS.get(said.get(name, ""), UNKNOWN)
-
-
-def monitored_valves(node: Node) -> list[str]:
-    """Return the namespaces of the valves whose monitors ``node`` discovers."""
-    return [
-        match["valve"]
-        for topic, types in node.get_topic_names_and_types()
-        if "spool_msgs/msg/ValveHealth" in types and (match := _HEALTH.fullmatch(topic))
-    ]

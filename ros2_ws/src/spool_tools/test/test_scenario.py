@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from spool_estimator.estimator import Estimator, settings_for
 from spool_monitor.detectors import MonitorSettings
+from spool_monitor.listener import HeardValve
 from spool_monitor.monitor import Monitor
 from spool_monitor.replay import Replay
 from spool_msgs.msg import ModelEstimate, ValveHealth
@@ -52,9 +53,9 @@ def test_resonance_and_drift_are_raised_before_the_end(
 
 def test_what_is_not_known_yet_is_shown_as_words() -> None:
     display = Display(30.0, ("a", "b"))
-    display.health["a"] = ValveHealth(summary="waiting for estimates")
-    display.health["a"].dominant_frequency.value = math.nan
-    display.estimates["a"] = ModelEstimate()
+    health = ValveHealth(summary="waiting for estimates")
+    health.dominant_frequency.value = math.nan
+    display.valves = {"a": HeardValve("a", health, estimate=ModelEstimate())}
     known, waiting = ("  ".join(cell.plain for cell in display._cells(name)) for name in ("a", "b"))
     assert "nan" not in known
     assert "learning" in known

@@ -21,7 +21,8 @@ from urllib.parse import urlsplit
 import uvicorn
 from jinja2 import BaseLoader, Environment, StrictUndefined
 from spool_core.faults import unexpected
-from spool_monitor.listener import condition_of
+from spool_monitor.listener import HeardValve
+from spool_msgs.msg import AlarmList
 from starlette.applications import Starlette
 from starlette.datastructures import Headers
 from starlette.middleware import Middleware
@@ -32,7 +33,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from spool_view.operator import Desk, Operating, RateLimit, Records
-from spool_view.view import HeardValve, detail_of, row_of
+from spool_view.view import alarms_of, detail_of, row_of
 
 #: Requests a second, and at once; ten browsers that load a page together need a hundred.
 RATE, BURST = 100.0, 400.0
@@ -369,7 +370,8 @@ class MachineChannel:
         self._desk = desk
         self.readers: set[Reader] = set()
         self._rows: dict[str, dict[str, Any]] = {}
-        self._alarms: dict[str, tuple[dict[str, Any], ...]] = {}
+        self._alarms: dict[str, list[dict[str, Any]]] = {}
+        self._heard: dict[str, AlarmList | None] = {}
         self._seen: dict[str, tuple[int, str]] = {}
 
     def join(self, reader: Reader) -> None:
@@ -390,8 +392,8 @@ class MachineChannel:
         """Send what changed."""
         now = time.monotonic()
         rows, alarms = [], {}
-        for name, valve in list(self._desk.board.valves.items()):
-            seen = (valve.changes, condition_of(valve.health, now - valve.health_at))
+        for name, valve in list(self._desk.valves.items()):
+            seen = (valve.changes, valve.condition(now))
             if self._seen.get(name) == seen:
                 continue
             self._seen[name] = seen
@@ -399,8 +401,11 @@ class MachineChannel:
             if self._rows.get(name) != row:
                 self._rows[name] = row
                 rows.append(row)
-            if self._alarms.get(name, ()) != valve.alarms:
-                self._alarms[name] = alarms[name] = valve.alarms
+            message = valve.alarms
+            if self._heard.get(name) is not message:
+                self._heard[name], listed = message, alarms_of(message)
+                if self._alarms.get(name, []) != listed:
+                    self._alarms[name] = alarms[name] = listed
         if (rows or alarms) and self.readers:
             event = encode("machine", {"whole": False, "rows": rows, "alarms": alarms})
             for reader in tuple(self.readers):
@@ -414,30 +419,35 @@ class ValveChannel:
         self._desk, self._name = desk, name
         self.readers: set[Reader] = set()
         self._detail: dict[str, Any] = {}
+        self._seen: tuple[int, str] | None = None
         self._event = b""
         self._newest: bytes | None = None
 
     def join(self, reader: Reader) -> None:
         """Give ``reader`` all there is, and what changes from now on."""
-        self._desk.board.opened(self._name)
         self.step()
         reader.offer(self._event)
+        if not self.readers:
+            self._desk.open.append(self._name)
         self.readers.add(reader)
 
     def leave(self, reader: Reader) -> None:
         """Take note that ``reader`` is gone."""
         if reader in self.readers:
             self.readers.discard(reader)
-            self._desk.board.closed(self._name)
+            if not self.readers:
+                self._desk.open.remove(self._name)
 
     def step(self) -> None:
         """Send what changed."""
-        valve = self._desk.board.valves.get(self._name) or HeardValve(self._name)
-        detail = detail_of(valve, time.monotonic())
+        valve, now = self._desk.valves.get(self._name) or HeardValve(self._name), time.monotonic()
         events = []
-        if detail != self._detail:
-            self._detail, self._event = detail, encode("valve", detail)
-            events.append(self._event)
+        seen = (valve.changes, valve.condition(now))
+        if seen != self._seen:
+            self._seen, detail = seen, detail_of(valve, now)
+            if detail != self._detail:
+                self._detail, self._event = detail, encode("valve", detail)
+                events.append(self._event)
         blocks = list(valve.blocks)
         if self.readers and blocks and blocks[-1] is not self._newest:
             self._newest = blocks[-1]

@@ -15,7 +15,6 @@ from collections.abc import Iterable, Iterator
 from concurrent.futures import Future
 from dataclasses import dataclass
 from datetime import datetime, timezone
-from functools import partial
 from typing import Any, ClassVar
 
 from asyncua import Server, ua
@@ -24,17 +23,17 @@ from asyncua.server.user_managers import UserManager
 from spool_core.errors import InputError
 from spool_core.events.language import ENGLISH, Language
 from spool_core.events.sentences import details, headline, language_of
-from spool_core.node import qos
 from spool_core.node.managed_node import ManagedNode
 from spool_core.node.messages import from_event_message
 from spool_core.node.parameters import LANGUAGE, NodeParameter
 from spool_monitor.alarm import AlarmState
-from spool_monitor.listener import NO_WORD, condition_of, monitored_valves
-from spool_msgs.msg import Alarm, AlarmList, ModelEstimate, Quantity, ValveHealth
-from spool_tools.operations.valve_rows import HeardValve
+from spool_monitor.listener import NO_WORD, HeardValve, Listener
+from spool_msgs.msg import Alarm, Quantity, ValveHealth
 
-#: s between updates of the address space and looks for valves that joined; that the server may take to start.
-PERIOD, LOOK, START = 0.5, 1.0, 20.0
+#: s between updates of the address space, looks for valves that joined, and fetches of their health.
+PERIOD, LOOK, FETCH = 0.5, 1.0, 0.2
+#: s that the server may take to start.
+START = 20.0
 LOOPBACK = "127.0.0.1"
 
 NAMESPACE = "urn:spool-suite:valves"
@@ -101,7 +100,7 @@ class OpcUaNode(ManagedNode):
 
     def __init__(self) -> None:
         super().__init__("opcua")
-        self._valves: dict[str, HeardValve] = {}
+        self._listener: Listener | None = None
         self._language = ENGLISH
         self._loop = asyncio.new_event_loop()
         self._thread: threading.Thread | None = None
@@ -142,13 +141,20 @@ class OpcUaNode(ManagedNode):
 
     def activate(self) -> None:
         """Listen to every valve, those that join later as well."""
-        self._valves.clear()
-        self.every(LOOK, self._look, steady=True)
+        self._listener = Listener(self)
+        self.every(LOOK, self._listener.look, steady=True)
+        self.every(FETCH, self._listener.fetch, steady=True)
         self.every(PERIOD, self._push, steady=True)
-        self._look()
+
+    def deactivate(self) -> None:
+        """Listen to no valve any more."""
+        if self._listener is not None:
+            self._listener.close()
+        self._listener = None
 
     def cleanup(self) -> None:
         """Stop the server."""
+        self.deactivate()  # activating may have failed half-way
         if self._server is not None:
             asyncio.run_coroutine_threadsafe(self._server.stop(), self._loop).result(5.0)
         self._server = self._space = None
@@ -157,28 +163,14 @@ class OpcUaNode(ManagedNode):
             self._thread.join(timeout=5.0)
         self._thread = None
 
-    def _look(self) -> None:
-        for name in monitored_valves(self):
-            if name in self._valves:
-                continue
-            valve = self._valves[name] = HeardValve(name)
-            self.subscribe(ValveHealth, f"/{name}/health", partial(self._on_health, valve), qos.state())
-            self.subscribe(
-                ModelEstimate, f"/{name}/estimate", partial(setattr, valve, "estimate"), qos.state()
-            )
-            self.subscribe(AlarmList, f"/{name}/alarms", partial(setattr, valve, "alarms"), qos.state())
-
-    @staticmethod
-    def _on_health(valve: HeardValve, message: ValveHealth) -> None:
-        valve.health, valve.health_at = message, time.monotonic()
-
     def _push(self) -> None:
         """Hand what was heard to the server, unless it still works on the last."""
+        assert self._listener is not None
         if self._space is None or (self._update is not None and not self._update.done()):
             return
         if self._update is not None and self._update.exception() is not None:
             self.get_logger().error(f"the address space was not updated: {self._update.exception()}")
-        work = self._space.update(list(self._valves.values()), time.monotonic())
+        work = self._space.update(list(self._listener.valves.values()), time.monotonic())
         self._update = asyncio.run_coroutine_threadsafe(work, self._loop)
 
 
@@ -238,7 +230,7 @@ class AddressSpace:
 def items_of(valve: HeardValve, now: float, language: Language = ENGLISH) -> Iterator[Item]:
     """Yield what plant systems see of ``valve`` at ``now`` (s, monotonic)."""
     name = valve.name
-    condition = condition_of(valve.health, now - valve.health_at)
+    condition = valve.condition(now)
     silent = condition == NO_WORD
     lost = ua.StatusCodes.BadNoCommunication
     yield Item((name, "condition"), condition.replace("_", " "), ua.StatusCodes.Good, None)

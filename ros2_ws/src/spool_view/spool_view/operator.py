@@ -20,11 +20,12 @@ from typing import Any
 
 from spool_core.errors import InputError, operator_missing
 from spool_core.system import FILE_MODE, private_folder, restrict, write_durably
+from spool_monitor.listener import HeardValve
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import JSONResponse, PlainTextResponse, Response
 
-from spool_view.view import RANGES, Board, trend_of
+from spool_view.view import RANGES, shown_alarms, trend_of
 
 ACKNOWLEDGE, SHELVE, UNSHELVE, RESET = "acknowledge", "shelve", "unshelve", "reset"
 FREEZE, LEARN, ANALYSE, SNAPSHOT = "freeze_baseline", "learn_baseline", "analyse", "take_snapshot"
@@ -215,10 +216,9 @@ class Operating:
             return _answer(429, "too many acts in a short time: wait a few seconds")
         try:
             content = await _content(request)
-            valves = list(self._desk.board.valves.values())
-            act = act_of(
-                content, {valve.name: frozenset(alarm["name"] for alarm in valve.alarms) for valve in valves}
-            )
+            valves = list(self._desk.valves.values())
+            shown = {one.name: frozenset(alarm.name for alarm in shown_alarms(one.alarms)) for one in valves}
+            act = act_of(content, shown)
         except ActRefusedError as error:
             return _answer(400, str(error))
         if not await self._note(step="asked", act=act):
@@ -259,7 +259,7 @@ class Records:
         """Answer with a trend."""
         valve, length = request.query_params.get("valve", ""), request.query_params.get("range", "day")
         parameter = request.query_params.get("parameter", "")
-        if valve not in self._desk.board.valves or length not in RANGES or len(parameter) > 200:
+        if valve not in self._desk.valves or length not in RANGES or len(parameter) > 200:
             return _nothing()
         self._free = self._free or asyncio.Semaphore(MOST_READINGS)
         async with self._free:
@@ -271,7 +271,7 @@ class Records:
 
     async def gap(self, request: Request) -> Response:
         """Answer with everything that the last gap analysis of a valve found."""
-        valve = self._desk.board.valves.get(request.query_params.get("valve", ""))
+        valve = self._desk.valves.get(request.query_params.get("valve", ""))
         message = valve.gap if valve is not None else None
         if message is None or not message.json:
             return PlainTextResponse("no analysis is held: open the valve's page first", 404)
@@ -282,9 +282,13 @@ class Records:
 
 @dataclass(frozen=True, slots=True)
 class Desk:
-    """Desk of a page: valves, where trends are kept, and, with an operator, ``do``, ``token`` and ``log``."""
+    """Desk of a page: valves, where trends are kept, and, with an operator, ``do``, ``token`` and ``log``.
 
-    board: Board
+    ``open``: names of the valves whose page a browser has open, those opened first at the front.
+    """
+
+    valves: dict[str, HeardValve]
+    open: list[str]
     address: str
     state_folder: Path
     spectrum: Callable[[list[bytes]], dict[str, Any] | None]

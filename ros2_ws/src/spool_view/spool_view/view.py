@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -16,19 +14,11 @@ from spool_core.events.language import LANGUAGES
 from spool_core.events.sentences import details, headline
 from spool_core.node.messages import from_event_message
 from spool_core.uncertainty import Z_95, interval, number
-from spool_monitor.listener import ENDS, NO_WORD, condition_of
+from spool_monitor.listener import ENDS, NO_WORD, WAITING, HeardValve
 from spool_monitor.state_database import FILE, own_file
 from spool_monitor.state_file import valve_folder
 from spool_monitor.trend import KEPT, TrendStore, finest
-from spool_msgs.msg import Alarm, GapAnalysis, HealthEvent, Quantity
-
-#: Valves that are held at most; the first ones heard stay.
-MOST_VALVES = 1000
-#: Blocks of samples that are held of a valve whose page is open; 4 s at 50 blocks/s.
-MOST_BLOCKS = 200
-
-#: States of an alarm, by number, as `Alarm.msg` names them.
-WAITING = ("unacknowledged", "returned_unacknowledged", "latched_unacknowledged")
+from spool_msgs.msg import Alarm, AlarmList, GapAnalysis, HealthEvent, ModelEstimate, Quantity
 
 #: What the monitor says where the strongest line is too weak to be one of the machine's.
 AT_REST = "resonance: not enough excitation"
@@ -78,55 +68,6 @@ _VALIDITIES = {
 }
 
 
-@dataclass(slots=True)
-class HeardValve:
-    """Its last messages and when the monitor's last word arrived (s, monotonic).
-
-    ``estimate``, ``gap``, ``baseline``, ``limits`` and ``bounds`` are heard only while the valve's page is
-    open. ``bounds``: values beyond which the monitor warns, by their keys in ``/diagnostics``. ``changes``
-    counts what came.
-    """
-
-    name: str
-    health: Any = None
-    health_at: float = 0.0
-    estimate: Any = None
-    alarms: tuple[dict[str, Any], ...] = ()
-    gap: Any = None
-    baseline: Any = None
-    limits: dict[str, float] = field(default_factory=dict)
-    bounds: dict[str, float] = field(default_factory=dict)
-    blocks: deque[bytes] = field(default_factory=lambda: deque(maxlen=MOST_BLOCKS))
-    changes: int = 0
-
-
-class Board:
-    """Written by the node's thread, read by the server's; each field is replaced, never changed."""
-
-    def __init__(self) -> None:
-        self.valves: dict[str, HeardValve] = {}
-        #: How many browsers have a valve's page open.
-        self.open: dict[str, int] = {}
-
-    def join(self, name: str) -> HeardValve | None:
-        """Return the valve ``name``, ``None`` where there are too many."""
-        if name not in self.valves and len(self.valves) >= MOST_VALVES:
-            return None
-        return self.valves.setdefault(name, HeardValve(name))
-
-    def opened(self, name: str) -> None:
-        """Take note that a browser opened the page of ``name``."""
-        self.open[name] = self.open.get(name, 0) + 1
-
-    def closed(self, name: str) -> None:
-        """Take note that a browser closed it."""
-        left = self.open.get(name, 0) - 1
-        if left > 0:
-            self.open[name] = left
-        else:
-            self.open.pop(name, None)
-
-
 def margin_of(health: Any) -> float | None:
     """Return how far the strongest line lies from the natural frequency (1, negative: below it)."""
     line, natural = health.dominant_frequency, health.natural_frequency
@@ -137,8 +78,8 @@ def margin_of(health: Any) -> float | None:
 
 def row_of(valve: HeardValve, now: float) -> dict[str, Any]:
     """Return what the machine's page shows of ``valve`` at ``now`` (s, monotonic)."""
-    condition, health = condition_of(valve.health, now - valve.health_at), valve.health
-    waiting = sum(alarm["state"] in WAITING for alarm in valve.alarms)
+    condition, health = valve.condition(now), valve.health
+    waiting = sum(alarm.state in WAITING for alarm in shown_alarms(valve.alarms))
     row: dict[str, Any] = {
         "name": valve.name,
         "condition": condition,
@@ -163,7 +104,7 @@ def detail_of(valve: HeardValve, now: float) -> dict[str, Any]:
     estimate = valve.estimate
     detail = row_of(valve, now)
     silent = detail["condition"] == NO_WORD
-    detail["alarms"] = list(valve.alarms)
+    detail["alarms"] = alarms_of(valve.alarms)
     health = None if silent else valve.health
     detail["resonance"], detail["judgements"] = None, [] if health is None else list(health.judgements)
     if health is not None:
@@ -197,7 +138,7 @@ def detail_of(valve: HeardValve, now: float) -> dict[str, Any]:
         detail["estimate"] = {
             "model": estimate.model,
             "state": "stale" if silent else state,
-            "parameters": [_parameter(valve, one) for one in estimate.parameters],
+            "parameters": [_parameter(valve, estimate, one) for one in estimate.parameters],
             "others": [shown(getattr(estimate, name)) for name in _OTHERS],
             "lost": int(estimate.lost_blocks),
             "refused": int(estimate.refused_blocks),
@@ -205,10 +146,15 @@ def detail_of(valve: HeardValve, now: float) -> dict[str, Any]:
     return detail
 
 
-def alarms_of(message: Any) -> tuple[dict[str, Any], ...]:
-    """Return the alarms of an ``AlarmList`` that are not normal, in its order."""
-    shown = [one for one in message.alarms if one.state != Alarm.STATE_NORMAL]
-    return tuple(
+def shown_alarms(message: AlarmList | None) -> list[Alarm]:
+    """Return the alarms that are not normal, in their order, ``MOST`` of them at most."""
+    listed = [] if message is None else message.alarms
+    return [one for one in listed if one.state != Alarm.STATE_NORMAL][:MOST]
+
+
+def alarms_of(message: AlarmList | None) -> list[dict[str, Any]]:
+    """Return the alarms that are shown, as browsers get them."""
+    return [
         {
             "name": one.name[:_LONGEST],
             "code": int(one.code),
@@ -225,8 +171,8 @@ def alarms_of(message: Any) -> tuple[dict[str, Any], ...]:
             "comment": one.comment[:_LONGEST],
             "shelved_until": int(one.shelved_until.sec) or None,
         }
-        for one in shown[:MOST]
-    )
+        for one in shown_alarms(message)
+    ]
 
 
 def spectrum_of(blocks: Sequence[Any]) -> dict[str, Any] | None:
@@ -350,25 +296,12 @@ def hertz(quantity: Any) -> str | None:
     return f"{quantity.value:.1f}" if known(quantity) else None
 
 
-def bounds_of(statuses: Sequence[Any], name: str) -> dict[str, float] | None:
-    """Return the values beyond which the monitor of the valve ``name`` warns, ``None`` where it says nothing.
-
-    Args:
-        statuses: of a message of ``/diagnostics``.
-        name: namespace of the valve.
-    """
-    said = next((one.values for one in statuses if one.name == f"{name}/monitor: condition"), None)
-    if said is None:
-        return None
-    return {one.key: float(one.value) for one in said if any(f"_{end}" in one.key for end in ENDS)}
-
-
-def _parameter(valve: HeardValve, quantity: Any) -> dict[str, Any]:
+def _parameter(valve: HeardValve, estimate: ModelEstimate, quantity: Quantity) -> dict[str, Any]:
     """Return an estimate with its baseline and the limits that the monitor warns at."""
     compared = quantity
-    if quantity.name == "viscous_coefficient" and known(valve.estimate.referred_viscous_coefficient):
+    if quantity.name == "viscous_coefficient" and known(estimate.referred_viscous_coefficient):
         # The monitor compares what drags at one temperature of the oil.
-        compared = valve.estimate.referred_viscous_coefficient
+        compared = estimate.referred_viscous_coefficient
     found = {**shown(quantity), "compared": None, "baseline": None, "low": None, "high": None, "change": None}
     values = [] if valve.baseline is None else valve.baseline.values
     baseline = next((one for one in values if one.name == quantity.name), None)

@@ -15,10 +15,11 @@ from spool_core.uncertainty import Quantity, Validity
 from spool_monitor.alarm_store import AlarmStore
 from spool_monitor.detectors import KINDS
 from spool_monitor.event import Condition, EventKind, Finding, Severity
+from spool_monitor.listener import HeardValve
 from spool_monitor.monitor_node import to_alarm_list
 from spool_msgs.msg import AlarmList, ValveHealth
 from spool_tools.operations.record_replay import Clock, event_dictionary
-from spool_tools.operations.valve_rows import HeardValve, alarm_details, alarm_row, event_line
+from spool_tools.operations.valve_rows import alarm_details, alarm_row, event_line
 from spool_view.view import alarms_of
 
 STAMP = 1_700_000_000_000_000_000

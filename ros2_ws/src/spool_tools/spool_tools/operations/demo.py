@@ -6,9 +6,8 @@ import os
 import signal
 import subprocess
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -27,11 +26,11 @@ from spool_bag.reader import BagReader
 from spool_core.errors import InputError
 from spool_core.events.language import Language
 from spool_core.events.sentences import language_of
-from spool_core.node import qos
 from spool_core.node.network import isolate
 from spool_core.node.parameters import rule
 from spool_core.uncertainty import LEGEND
-from spool_msgs.msg import HealthEvent, ModelEstimate, Quantity, ValveHealth
+from spool_monitor.listener import HeardValve, Listener
+from spool_msgs.msg import HealthEvent, Quantity, ValveHealth
 from spool_sim.excitation import from_mapping
 
 from spool_tools.operations.service_client import call
@@ -194,8 +193,7 @@ class Display:
     names: tuple[str, ...]
     console: Console = field(default_factory=lambda: Console(highlight=False))
     language: Language = field(default_factory=language_of)
-    estimates: dict[str, ModelEstimate] = field(default_factory=dict)
-    health: dict[str, ValveHealth] = field(default_factory=dict)
+    valves: Mapping[str, HeardValve] = field(default_factory=dict)
     _live: Live | None = None
     _last: float = 0.0
 
@@ -244,14 +242,15 @@ class Display:
         return Group(Text(f"{elapsed:5.1f} s of {self.seconds:g} s, {left:.0f} s left", style="dim"), table)
 
     def _cells(self, name: str) -> list[Text]:
-        health, estimate = self.health.get(name), self.estimates.get(name)
-        if health is None or estimate is None:
+        valve = self.valves.get(name)
+        if valve is None or valve.health is None or valve.estimate is None:
             return [Text("waiting", style="dim")]
+        health = valve.health
         level, style = _LEVELS.get(health.level, ("?", "dim"))
         known = health.dominant_frequency.validity == Quantity.VALIDITY_VALID
         return [
             Text(f"{health.dominant_frequency.value:5.1f} Hz" if known else "no line "),
-            *map(Text, estimate_cells(estimate, "learning")),
+            *map(Text, estimate_cells(valve.estimate, "learning")),
             Text(level, style=style).append(f" {health.summary}", style="default"),
         ]
 
@@ -371,15 +370,8 @@ def _live(seconds: float, folder: Path, display: Display) -> tuple[list[tuple[st
         events.append((name, message))
         display.event(name, elapsed(), message)
 
-    for valve in VALVES:
-        name = valve.name
-        node.create_subscription(
-            ModelEstimate, f"/{name}/estimate", partial(display.estimates.__setitem__, name), qos.state()
-        )
-        node.create_subscription(
-            ValveHealth, f"/{name}/health", partial(display.health.__setitem__, name), qos.state()
-        )
-        node.create_subscription(HealthEvent, f"/{name}/events", partial(on_event, name), qos.state(100))
+    listener = Listener(node, display.names, on_event=on_event)
+    display.valves = listener.valves
     try:
         with Nodes(folder / "nodes.log") as nodes, display:
             _start(nodes, folder, seconds)
@@ -388,6 +380,7 @@ def _live(seconds: float, folder: Path, display: Display) -> tuple[list[tuple[st
             drifting = False
             while elapsed() < seconds and not asked:
                 rclpy.spin_once(node, timeout_sec=0.1)
+                listener.fetch()
                 display.refresh(elapsed())
                 _check(nodes)
                 if not drifting and elapsed() >= DRIFT[0] * seconds:
@@ -404,6 +397,7 @@ def _live(seconds: float, folder: Path, display: Display) -> tuple[list[tuple[st
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+        listener.close()
         node.destroy_node()
         rclpy.try_shutdown()
     return events, not asked
@@ -433,7 +427,7 @@ def _start(nodes: Nodes, folder: Path, seconds: float) -> None:
 
 def _wait_for_data(node: Node, nodes: Nodes, display: Display, asked: list[int]) -> None:
     deadline = time.monotonic() + START_UP
-    while len(display.estimates) < len(VALVES) and not asked:
+    while any(valve.estimate is None for valve in display.valves.values()) and not asked:
         rclpy.spin_once(node, timeout_sec=0.1)
         _check(nodes)
         if time.monotonic() > deadline:

@@ -28,11 +28,12 @@ from spool_core.node.service_calls import PATIENCE, ServiceCalls
 from spool_core.text import did_you_mean
 from spool_core.uncertainty import LEGEND, PLUS_MINUS, interval
 from spool_monitor.alarm import AlarmState
+from spool_monitor.listener import WAITING
+from spool_msgs import srv
 from spool_msgs.msg import AlarmList, GapAnalysis
-from spool_msgs.srv import ManageBaseline, TakeSnapshot
 from std_srvs.srv import Trigger
 
-from spool_tools.operations.valve_rows import SERVICES, WAITING, alarm_details, alarm_headline
+from spool_tools.operations.valve_rows import alarm_details, alarm_headline
 from spool_tools.outputs import write_file
 from spool_tools.terminal import wide_console
 
@@ -45,12 +46,20 @@ _FIELDS: dict[int, tuple[str, type, str]] = {
     ParameterType.PARAMETER_STRING_ARRAY: ("string_array_value", list, "a list of texts, e.g. [a, b]"),
 }
 
+#: Services of a monitor by which operators act on alarms.
+SERVICES: dict[str, Any] = {
+    "acknowledge_alarm": srv.AcknowledgeAlarm,
+    "shelve_alarm": srv.ShelveAlarm,
+    "suppress_alarm": srv.SuppressAlarm,
+    "reset_alarms": srv.ResetAlarms,
+}
+
 #: Actions by the words of the command line.
 ACTIONS = {
-    "show": ManageBaseline.Request.SHOW,
-    "learn": ManageBaseline.Request.LEARN,
-    "freeze": ManageBaseline.Request.FREEZE,
-    "restore": ManageBaseline.Request.RESTORE,
+    "show": srv.ManageBaseline.Request.SHOW,
+    "learn": srv.ManageBaseline.Request.LEARN,
+    "freeze": srv.ManageBaseline.Request.FREEZE,
+    "restore": srv.ManageBaseline.Request.RESTORE,
 }
 
 #: s that an analysis of the last minute may take: twice its bound on one core, with others working besides.
@@ -189,14 +198,14 @@ def manage_baseline(valve: str, action: str, *, version: int = 0, who: str = "",
     Raises:
         InputError: no monitor answers, or it refuses; its reason is given.
     """
-    request = ManageBaseline.Request(
+    request = srv.ManageBaseline.Request(
         action=ACTIONS[action],
         version=version,
         who="" if action == "show" else who_asks(who),
         comment=comment,
     )
     with client_node("spool_baseline", valve) as node:
-        answer = call(node, f"{valve}/monitor", "manage_baseline", request, ManageBaseline)
+        answer = call(node, f"{valve}/monitor", "manage_baseline", request, srv.ManageBaseline)
     if not answer.success:
         raise InputError(f"{valve}: {answer.reason}")
     words = [f"{valve}: baseline version {answer.version}, {answer.stage}"]
@@ -223,9 +232,9 @@ def take_snapshot(valve: str, *, who: str, comment: str) -> None:
     Raises:
         InputError: no recorder answers, or it refuses; its reason is given.
     """
-    request = TakeSnapshot.Request(valve=valve, who=who_asks(who), comment=comment)
+    request = srv.TakeSnapshot.Request(valve=valve, who=who_asks(who), comment=comment)
     with client_node("spool_snapshot", valve) as node:
-        answer = call(node, "recorder", "take_snapshot", request, TakeSnapshot)
+        answer = call(node, "recorder", "take_snapshot", request, srv.TakeSnapshot)
     if not answer.success:
         raise InputError(answer.reason)
     print(f"{valve}: the snapshot is being recorded; its bag is made when the time after it is over")

@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 import sys
+import threading
 import time
+from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future
-from typing import ClassVar
+from typing import Any, ClassVar
 
+import rclpy
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
 from spool_core.events.language import ENGLISH, Language
 from spool_core.events.sentences import language_of
+from spool_core.node.service_calls import ServiceCalls
 from spool_core.uncertainty import LEGEND
-from spool_msgs.msg import Alarm
+from spool_monitor.listener import HeardValve, Listener
+from spool_msgs.msg import Alarm, HealthEvent
 from textual.app import App, ComposeResult
 from textual.binding import Binding
 from textual.containers import Vertical
@@ -19,7 +26,7 @@ from textual.screen import ModalScreen
 from textual.widgets import DataTable, Footer, Input, Label, Static
 
 from spool_tools.operations import valve_rows
-from spool_tools.operations.service_client import who_asks
+from spool_tools.operations.service_client import SERVICES, who_asks
 
 #: s between two pictures.
 PERIOD = 0.5
@@ -28,6 +35,10 @@ SHELF = 30.0
 
 #: s between lines off a terminal, and between looks for events.
 LINES, LOOK = 5.0, 0.2
+#: s between looks for valves that joined, and between steps of what is fetched and called.
+LOOK_EVERY, WORK_EVERY = 1.0, 0.1
+#: Events that are held until they are shown; the oldest go first.
+EVENTS = 200
 
 
 def watch(names: tuple[str, ...], who: str, seconds: float | None = None, language: str = "") -> None:
@@ -43,7 +54,7 @@ def watch(names: tuple[str, ...], who: str, seconds: float | None = None, langua
         InputError: there is no such language.
     """
     chosen = language_of(language)
-    listener = valve_rows.Listener(names)
+    listener = WatchNode(names)
     try:
         if sys.stdout.isatty():
             WatchApp(listener, who_asks(who), chosen).run()
@@ -51,6 +62,83 @@ def watch(names: tuple[str, ...], who: str, seconds: float | None = None, langua
             _lines(listener, seconds, chosen)
     finally:
         listener.close()
+
+
+class WatchNode:
+    """Node of a terminal in a thread of its own: it listens, and passes an operator's acts to the monitors.
+
+    Args:
+        names: of valves; empty for all that are discovered.
+    """
+
+    def __init__(self, names: tuple[str, ...] = ()) -> None:
+        self.events: deque[tuple[str, HealthEvent]] = deque(maxlen=EVENTS)
+        rclpy.init()
+        self._node = Node("spool_watch")
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self._node)
+        self._calls = ServiceCalls(self._node)
+        self._listener = Listener(
+            self._node, names, on_event=lambda name, event: self.events.append((name, event))
+        )
+        self.valves = self._listener.valves
+        self._node.create_timer(LOOK_EVERY, self._listener.look)
+        self._node.create_timer(WORK_EVERY, self._work)
+        self._thread = threading.Thread(target=self._spin, daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """End the thread and leave the domain."""
+        self._executor.shutdown()
+        self._thread.join(timeout=2.0)
+        self._listener.close()
+        self._node.destroy_node()
+        rclpy.try_shutdown()
+
+    def _work(self) -> None:
+        self._listener.fetch()
+        self._calls.work()
+
+    def acknowledge(self, valve: str, alarm: str, occurrence: int, who: str, comment: str) -> Future[str]:
+        """Ask the monitor of ``valve`` to note that ``who`` has seen ``alarm``, as often as it was shown."""
+        return self._ask(
+            valve, "acknowledge_alarm", alarm=alarm, who=who, comment=comment, occurrence=occurrence
+        )
+
+    def shelve(
+        self, valve: str, alarm: str, seconds: float, who: str, comment: str, *, shelved: bool
+    ) -> Future[str]:
+        """Ask the monitor of ``valve`` to put ``alarm`` aside for ``seconds``, or to take that back."""
+        return self._ask(
+            valve, "shelve_alarm", alarm=alarm, who=who, comment=comment, shelved=shelved, duration=seconds
+        )
+
+    def reset(self, valve: str, alarm: str, who: str, comment: str) -> Future[str]:
+        """Ask the monitor of ``valve`` to reset the latched ``alarm``."""
+        return self._ask(valve, "reset_alarms", alarm=alarm, who=who, comment=comment)
+
+    def _ask(self, valve: str, service: str, **fields: object) -> Future[str]:
+        """Return what is to be said to the operator, once it is known."""
+        said: Future[str] = Future()
+
+        def take(answer: Future[Any]) -> None:
+            got = answer.result()
+            if got is None:
+                said.set_result(f"{valve}: its monitor does not answer")
+            else:
+                changed = ", ".join(got.changed) if got.success else got.reason
+                said.set_result(f"{valve}: {service.replace('_', ' ')}: {changed}")
+
+        kind = SERVICES[service]
+        answer = self._calls.ask(f"/{valve}/monitor", service, kind.Request(**fields), kind)
+        answer.add_done_callback(take)
+        return said
+
+    def _spin(self) -> None:
+        try:
+            self._executor.spin()
+        except ExternalShutdownException:
+            return
 
 
 class AskScreen(ModalScreen[tuple[float, str] | None]):
@@ -138,7 +226,7 @@ class WatchApp(App[None]):
     ]
     ENABLE_COMMAND_PALETTE = False
 
-    def __init__(self, listener: valve_rows.Listener, who: str, language: Language = ENGLISH) -> None:
+    def __init__(self, listener: WatchNode, who: str, language: Language = ENGLISH) -> None:
         """Show what ``listener`` hears; ``who`` stands in the log of what is done."""
         super().__init__()
         self._listener, self._who, self._language = listener, who, language
@@ -183,7 +271,7 @@ class WatchApp(App[None]):
         if not valves:
             self._say("no valve is heard yet: is a monitor running, with the same ROS_DOMAIN_ID?")
 
-    def _chosen(self) -> valve_rows.HeardValve | None:
+    def _chosen(self) -> HeardValve | None:
         key = _chosen_key(self.query_one("#valves", DataTable))
         return None if key is None else self._listener.valves.get(key)
 
@@ -286,7 +374,7 @@ def _chosen_key(table: DataTable[object]) -> str | None:
     return table.coordinate_to_cell_key(table.cursor_coordinate).row_key.value
 
 
-def _lines(listener: valve_rows.Listener, seconds: float | None, language: Language) -> None:
+def _lines(listener: WatchNode, seconds: float | None, language: Language) -> None:
     """Print each event at once, and a line for each valve now and then."""
     begun, last = time.monotonic(), -LINES
     print(f"estimates {LEGEND}", flush=True)

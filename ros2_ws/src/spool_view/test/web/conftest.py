@@ -26,10 +26,10 @@ from spool_core.node import qos, testing
 from spool_core.node.messages import to_event_message
 from spool_core.uncertainty import Quantity as Measured
 from spool_core.uncertainty import Validity
+from spool_monitor.listener import HeardValve
 from spool_msgs.msg import Alarm, AlarmList, ModelEstimate, Quantity, ValveHealth
 from spool_view.application import Application, application
 from spool_view.operator import Act, ActLog, Desk, OperatorToken, Outcome
-from spool_view.view import Board, alarms_of
 from starlette.testclient import TestClient
 
 #: Fixtures that every package's tests of nodes have.
@@ -132,11 +132,8 @@ def make_station(tmp_path: Path) -> Iterator[Callable[..., Station]]:
     made: list[Station] = []
 
     def make(*, operator: bool = True, outcome: Outcome | None = None) -> Station:
-        board, asked = Board(), []
-        valve = board.join("valve_1")
-        assert valve is not None
-        valve.health, valve.health_at = good_health(), time.monotonic()
-        valve.alarms = alarms_of(AlarmList(alarms=[alarm()]))
+        asked: list[Act] = []
+        valve = HeardValve("valve_1", good_health(), time.monotonic(), alarms=AlarmList(alarms=[alarm()]))
 
         def do(act: Act) -> Future[Outcome]:
             asked.append(act)
@@ -145,7 +142,8 @@ def make_station(tmp_path: Path) -> Iterator[Callable[..., Station]]:
             return answer
 
         desk = Desk(
-            board=board,
+            valves={"valve_1": valve},
+            open=[],
             address="127.0.0.1",
             state_folder=tmp_path,
             spectrum=lambda _: None,

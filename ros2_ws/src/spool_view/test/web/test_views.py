@@ -10,27 +10,14 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from spool_monitor.detectors import DETECTORS, JUDGEMENT_TEXTS
-from spool_monitor.listener import CONDITIONS, DRIFT, condition_of
+from spool_monitor.listener import CONDITIONS, DRIFT, HeardValve, bounds_of, condition_of
 from spool_monitor.state_file import valve_folder
 from spool_monitor.trend import Sums, TrendStore
 from spool_msgs.msg import AccelerationBlock, AlarmList, Quantity, ValveHealth
 from spool_msgs.srv import ManageBaseline
 from spool_view.application import LANGUAGES, SITE, language_of
 from spool_view.operator import RateLimit
-from spool_view.view import (
-    AT_REST,
-    MOST,
-    MOST_VALVES,
-    Board,
-    HeardValve,
-    alarms_of,
-    bounds_of,
-    detail_of,
-    row_of,
-    shown,
-    spectrum_of,
-    trend_of,
-)
+from spool_view.view import AT_REST, MOST, alarms_of, detail_of, row_of, shown, spectrum_of, trend_of
 
 from .conftest import alarm, good_health, quantity, tracking
 
@@ -67,7 +54,7 @@ def test_a_valve_is_good_only_where_all_is_known_and_heard_lately(
 ) -> None:
     judgements = ["resonance: judged", f"friction_drift: {friction}", "spring_change: judged"]
     one = valve(level=level, baseline=baseline, judgements=judgements)
-    assert condition_of(one.health, now - one.health_at) == condition
+    assert one.condition(now) == condition
     assert condition_of(None, 0.0) == "no_word"
 
 
@@ -188,19 +175,6 @@ def test_trends_are_read_as_the_monitor_keeps_them(tmp_path: Path) -> None:
     assert found["minimum"][-1] == pytest.approx(0.1)
     assert trend_of(tmp_path, "press/left", "coulomb_force", "year")["seconds"] == 86400
     assert len(trend_of(tmp_path, "press/left", "coulomb_force", "all")["start"]) > 100
-
-
-def test_the_board_is_bounded() -> None:
-    board = Board()
-    for number in range(MOST_VALVES + 100):
-        board.join(f"valve_{number}")
-    assert len(board.valves) == MOST_VALVES
-    board.opened("a")
-    board.opened("a")
-    board.closed("a")
-    assert board.open == {"a": 1}
-    board.closed("a")
-    assert board.open == {}
 
 
 @pytest.mark.parametrize(

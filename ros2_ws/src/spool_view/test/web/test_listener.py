@@ -1,0 +1,79 @@
+"""Listener to running valves: whom it finds, what it keeps of them, and that it sends nothing."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+
+import pytest
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from spool_monitor import listener as listening
+from spool_monitor.listener import Listener
+
+from .conftest import PATIENCE, StandIn
+
+
+@pytest.fixture(name="node")
+def _node(domain_id: int) -> Iterator[Node]:
+    context = Context()
+    rclpy.init(context=context, domain_id=domain_id)
+    node = Node("viewer", context=context)
+    yield node
+    node.destroy_node()
+    context.shutdown()
+
+
+def work(node: Node, listener: Listener, met: Callable[[], object], what: str) -> None:
+    executor = SingleThreadedExecutor(context=node.context)
+    executor.add_node(node)
+    end = time.monotonic() + PATIENCE
+    while not met():
+        assert time.monotonic() < end, f"waited in vain: {what}"
+        listener.look()
+        executor.spin_once(timeout_sec=0.05)
+        listener.fetch()
+    executor.shutdown()
+
+
+@pytest.mark.parametrize("light", [False, True])
+def test_valves_are_found_heard_and_grow_silent(
+    node: Node, stand_in: Callable[[str], StandIn], light: bool
+) -> None:
+    first = stand_in("press/left")
+    listener = Listener(node, light=light)
+    valves = listener.valves
+    work(node, listener, lambda: "press/left" in valves and valves["press/left"].health, "a nested name")
+    stand_in("valve_2")
+    work(node, listener, lambda: "valve_2" in valves and valves["valve_2"].alarms, "a valve that joins later")
+    work(node, listener, lambda: valves["press/left"].condition(time.monotonic()) == "good", "it is good")
+    first.close()
+    work(node, listener, lambda: valves["press/left"].condition(time.monotonic()) == "no_word", "silence")
+    assert valves["valve_2"].condition(time.monotonic()) == "good"
+    assert all((valve.estimate is None) == light for valve in valves.values())
+    assert not [name for name, _ in node.get_client_names_and_types_by_node("viewer", "/")]
+    listener.close()
+
+
+def test_more_is_kept_of_a_valve_that_is_followed(node: Node, stand_in: Callable[[str], StandIn]) -> None:
+    stand_in("valve_1")
+    listener = Listener(node, ("valve_1", "valve_2"), light=True)
+    valve = listener.valves["valve_1"]
+    assert listener.follow(["valve_3", "valve_1"]) == [valve]
+    work(node, listener, lambda: valve.estimate and valve.health, "the estimate comes")
+    changes = valve.changes
+    assert listener.follow([]) == []
+    assert valve.estimate is None
+    assert valve.changes > changes
+    assert valve.health is not None
+    assert set(listener.valves) == {"valve_1", "valve_2"}
+    listener.close()
+
+
+def test_valves_are_bounded(node: Node, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(listening, "MOST_VALVES", 2)
+    listener = Listener(node, ("a", "b", "c"))
+    assert list(listener.valves) == ["a", "b"]
+    listener.close()
