@@ -53,12 +53,12 @@ class Failing:
     def __getattr__(self, name):
         return getattr(self.core, name)
 
-    def update(self, block):
+    def update(self, block, verdict):
         global faults
         if block.sequence >= 300 and faults < MOST:
             faults += 1
             FAULT
-        return self.core.update(block)
+        return self.core.update(block, verdict)
 
 def faulty(self, blocks):
     if self.get_namespace() == "/valve_1" and not isinstance(self._core, Failing):

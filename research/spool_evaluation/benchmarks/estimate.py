@@ -188,10 +188,10 @@ class CompiledRls:
 
 def _window(reader: BagReader) -> WindowTask:
     valve = find_valve(DEFAULT_VALVE)
-    estimator = Estimator(settings_for(valve))
-    windows = WindowRefits(RefitSettings(valve, MODELS["coulomb"]))
+    estimator, windows = Estimator(settings_for(valve)), WindowRefits(RefitSettings(valve, MODELS["coulomb"]))
     for block in reader.blocks("valve_1"):
-        for task in windows.update(block, estimator.update(block)):
+        verdict = estimator.gate.judge(block)
+        for task in windows.update(block, verdict, estimator.update(block, verdict)):
             return task
     raise InputError("bench: the record is too short for a window")
 

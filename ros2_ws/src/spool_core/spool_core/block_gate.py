@@ -228,22 +228,8 @@ class BlockGate:
         self.fault = self.certain = fault
         self.faults[fault] = self.faults.get(fault, 0) + 1
 
-
-@dataclass(slots=True)
-class SharedGate(BlockGate):
-    """One judgement for several consumers; ``admit`` judges, ``judge`` repeats it."""
-
-    _admitted: Block | None = None
-    _verdict: Verdict = Verdict.REFUSED
-
-    def admit(self, block: Block) -> Verdict:
-        """Judge ``block``, which every consumer then takes once."""
-        self._verdict = BlockGate.judge(self, block)
-        self._admitted = block
-        return self._verdict
-
-    def admitted(self, blocks: Sequence[Block], room: Callable[[], int]) -> Iterator[Block]:
-        """Yield ``blocks`` in order, each judged, to be taken by every consumer before the next is asked for.
+    def admitted(self, blocks: Sequence[Block], room: Callable[[], int]) -> Iterator[tuple[Block, Verdict]]:
+        """Yield ``blocks`` in order with their verdicts; every consumer takes one before the next is judged.
 
         Those that continue the stream are joined as long as ``room`` samples are not full: a consumer that
         has none takes each by itself. The last one's stamp is kept: what falls due does so at the end.
@@ -253,8 +239,7 @@ class SharedGate(BlockGate):
             going_on = self._going_on(blocks, at, room())
             whole = _as_one(going_on) if going_on else None
             if whole is None or malformed(whole) is not None:
-                self.admit(blocks[at])
-                yield blocks[at]
+                yield blocks[at], self.judge(blocks[at])
                 at += 1
                 continue
             taken = self._follow(going_on)
@@ -262,12 +247,11 @@ class SharedGate(BlockGate):
             if taken:
                 passed = going_on[:taken]
                 together = whole if whole is not None and taken == len(going_on) else _as_one(passed)
-                self._accept_together(together, passed[-1], passed[-2] if taken > 1 else None)
-                yield together
+                verdict = self._accept_together(together, passed[-1], passed[-2] if taken > 1 else None)
+                yield together, verdict
             if taken < len(going_on) and self.rate.state is RateState.WRONG:
                 self.before, self.fault, self.certain = self.last, None, None
-                self._admitted, self._verdict = blocks[at], self._hold_back(blocks[at])
-                yield blocks[at]
+                yield blocks[at], self._hold_back(blocks[at])
                 at += 1
 
     def _going_on(self, blocks: Sequence[Block], at: int, room: int) -> list[Block]:
@@ -308,17 +292,17 @@ class SharedGate(BlockGate):
                 return count + 1
         return len(blocks)
 
-    def _accept_together(self, whole: Block, last: Block, ahead: Block | None) -> None:
+    def _accept_together(self, whole: Block, last: Block, ahead: Block | None) -> Verdict:
         """Accept ``whole``, the ``last`` one of its blocks and the one ahead of that, where there is one."""
         self.fault = self.certain = None
         self.before = self.last if ahead is None else _at(ahead)
-        self._accept(last, Verdict.CONTINUES)
+        verdict = self._accept(last, Verdict.CONTINUES)
         self.recent.advance((whole.body.size - last.body.size) * last.sample_period)
         self.accepted += whole.blocks - 1
-        self._admitted, self._verdict = whole, Verdict.CONTINUES
+        return verdict
 
     def admit_run(self, runs: Sequence[BlockRun]) -> Block | None:
-        """Accept the blocks of ``runs`` together and return them as one, which every consumer then takes.
+        """Accept the blocks of ``runs`` together and return them as one block that continues the stream.
 
         They follow the last one and each other to the nanosecond, and the stream was ``steady``. Where one of
         them is malformed or another valve's, nothing is accepted and ``None`` returned: judge each by itself.
@@ -335,10 +319,6 @@ class SharedGate(BlockGate):
             self.rate.take_run(run)
         self._accept_together(whole, runs[-1].last, ahead)
         return whole
-
-    def judge(self, block: Block) -> Verdict:
-        """Return what ``admit`` said of ``block``; judge it where it was not admitted."""
-        return self._verdict if block is self._admitted else BlockGate.judge(self, block)
 
 
 def _at(block: Block) -> Place:

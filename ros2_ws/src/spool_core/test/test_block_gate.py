@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from spool_core.block import Block
-from spool_core.block_gate import BlockGate, Fault, SharedGate, Verdict, malformed
+from spool_core.block_gate import BlockGate, Fault, Verdict, malformed
 from spool_core.one_source import STALE
 
 SIZE, PERIOD = 40, 5e-4
@@ -336,20 +336,6 @@ def test_a_refused_block_never_changes_what_the_gate_knows(stream: list[Block]) 
     assert sum(gate.faults.values()) >= gate.refused
 
 
-def test_a_shared_gate_says_to_all_what_a_gate_of_their_own_would() -> None:
-    blocks = [block(n) for n in range(5)]
-    stream = [*blocks[:2], replace(blocks[2], stamp=0), *blocks[3:], blocks[0], blocks[1]]
-    own, shared = BlockGate(), SharedGate()
-    for one in stream:
-        verdict = own.judge(one)
-        assert shared.admit(one) is verdict
-        assert shared.judge(one) is verdict
-        assert shared.judge(one) is verdict
-        assert (shared.last, shared.before) == (own.last, own.before)
-    assert (shared.accepted, shared.refused, shared.lost) == (own.accepted, own.refused, own.lost)
-    assert shared.faults == own.faults
-
-
 #: What may befall a block of a stream, by itself; 0 to 4: nothing.
 FAULTS: list[dict[str, object]] = [
     *({} for _ in range(5)),
@@ -373,7 +359,7 @@ FAULTS: list[dict[str, object]] = [
 def test_blocks_that_come_together_are_judged_as_one_by_one(
     changes: list[dict[str, object]], lost: set[int], pieces: list[int], room: int, jitter: int
 ) -> None:
-    own, shared = BlockGate(), SharedGate()
+    own, shared = BlockGate(), BlockGate()
 
     def at(number: int) -> dict[str, object]:
         return {"source": "valve", "stamp": START + number * LENGTH + (7919 * number % 5 - 2) * jitter}
@@ -391,9 +377,9 @@ def test_blocks_that_come_together_are_judged_as_one_by_one(
     taken: list[Block] = []
     for pieces_left in [RUN_IN, *pieces]:
         accepted = shared.accepted
-        for one in shared.admitted(stream[:pieces_left], lambda: room):
-            if shared.accepted > accepted:
-                assert shared.judge(one) is not Verdict.REFUSED
+        for one, verdict in shared.admitted(stream[:pieces_left], lambda: room):
+            assert (verdict is not Verdict.REFUSED) == (shared.accepted > accepted)
+            if verdict is not Verdict.REFUSED:
                 taken.append(one)
             accepted = shared.accepted
         stream = stream[pieces_left:]

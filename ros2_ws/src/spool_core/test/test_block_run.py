@@ -10,7 +10,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from spool_core.block import Block, BlockRun, joined, joined_runs
-from spool_core.block_gate import SharedGate
+from spool_core.block_gate import BlockGate
 from spool_core.rate_check import RateCheck
 
 START = 1_700_000_000_000_000_000
@@ -64,9 +64,9 @@ def test_the_sample_rate_is_judged_as_block_by_block(counts: list[int], size: in
 @given(counts=st.lists(st.integers(1, 40), min_size=1, max_size=5))
 @settings(max_examples=20, deadline=None)
 def test_a_gate_that_admits_runs_stands_where_it_would_stand_behind_their_blocks(counts: list[int]) -> None:
-    gate = SharedGate()
+    gate = BlockGate()
     for block in run(200, 40).blocks():
-        gate.admit(block)
+        gate.judge(block)
     assert gate.steady
     alone = copy.deepcopy(gate)
     runs, sequence = [], 200
@@ -75,7 +75,7 @@ def test_a_gate_that_admits_runs_stands_where_it_would_stand_behind_their_blocks
         sequence += count
     whole = gate.admit_run(runs)
     for block in (block for one in runs for block in one.blocks()):
-        alone.admit(block)
+        alone.judge(block)
     assert whole is not None
     assert whole.body.size == 40 * sum(counts)
     assert (gate.last, gate.before, gate.accepted, gate.rate) == (
@@ -87,9 +87,9 @@ def test_a_gate_that_admits_runs_stands_where_it_would_stand_behind_their_blocks
 
 
 def test_a_gate_admits_no_run_with_a_broken_sample() -> None:
-    gate = SharedGate()
+    gate = BlockGate()
     for block in run(200, 40).blocks():
-        gate.admit(block)
+        gate.judge(block)
     broken = run(10, 40, 200, START + 200 * 20_000_000)
     broken.body[77] = np.nan
     before = gate.accepted

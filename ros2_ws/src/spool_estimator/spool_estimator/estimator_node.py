@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 
 from sensor_msgs.msg import Temperature
 from spool_core.block import Block
-from spool_core.block_gate import SharedGate
+from spool_core.block_gate import BlockGate, Verdict
 from spool_core.events.language import Language
 from spool_core.events.sentences import language_of
 from spool_core.node import qos
@@ -102,7 +102,7 @@ class EstimatorNode(ManagedNode):
     def __init__(self, namespace: str | None = None, **options: Any) -> None:
         super().__init__("estimator", namespace, **options)
         self._core: StreamEstimator | None = None
-        self._gate = SharedGate()
+        self._gate = BlockGate()
         self._refits: WindowRefits | None = None
         self._worker: RefitWorker | None = None
         self._check: ValveCheck | None = None
@@ -121,7 +121,7 @@ class EstimatorNode(ManagedNode):
             valve, phase=phase_of(self.get_namespace()), **{name: self.value(name) for name in names}
         )
         self._core = make_estimator(self.value("method"), settings)
-        self._gate = self._core.gate = SharedGate()
+        self._gate = self._core.gate
         self._valve_id = valve.id
         self._publisher = self.create_lifecycle_publisher(ModelEstimate, "estimate", qos.state())
         self._description_publisher = self.create_lifecycle_publisher(ValveDescription, "valve", qos.state())
@@ -131,7 +131,7 @@ class EstimatorNode(ManagedNode):
         model.values_for(valve)
         if self.value("refit_period") > 0.0:
             refits = RefitSettings(valve, model, self.value("refit_period"), self.value("refit_window"))
-            self._refits = WindowRefits(refits, self._gate)
+            self._refits = WindowRefits(refits)
             self._worker = RefitWorker(refits)
             self._refit_publisher = self.create_lifecycle_publisher(WindowRefit, "refit", qos.state())
         base = load_model(self.value("gap_base"))
@@ -176,11 +176,10 @@ class EstimatorNode(ManagedNode):
 
     def _take(self, blocks: Sequence[Block]) -> None:
         gate = self._gate
-        accepted, refused = gate.accepted, gate.refused
-        for block in gate.admitted(blocks, self._room):
+        for block, verdict in gate.admitted(blocks, self._room):
             assert self._core is not None
-            estimates = self._core.update(block)
-            if gate.accepted > accepted:
+            estimates = self._core.update(block, verdict)
+            if verdict is not Verdict.REFUSED:
                 self._silence.end()
                 self._gap.take(block, estimates)
             for estimate in estimates:
@@ -191,15 +190,14 @@ class EstimatorNode(ManagedNode):
                     if self._doubts and not before:  # valve file and record contradict: said once
                         self.get_logger().warning("; ".join(self._doubts))
             if self._refits is not None and self._worker is not None:
-                for task in self._refits.update(block, estimates):
+                for task in self._refits.update(block, verdict, estimates):
                     self._worker.offer(task)
-            if gate.refused > refused and gate.fault is not None:
+            if verdict is Verdict.REFUSED and gate.fault is not None:
                 reason = gate.fault.value
                 count = self._throttle.take(reason)
                 if count:
                     told = "block" if count == 1 else f"{count} blocks, the last one"
                     self.get_logger().warning(f"{told} {block.sequence} refused: {reason}")
-            accepted, refused = gate.accepted, gate.refused
 
     def _collect(self) -> None:
         """Publish the refit that was finished since, if any."""

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from spool_core.block import Block, Samples
-from spool_core.block_gate import BlockGate, Verdict
+from spool_core.block_gate import Verdict
 from spool_core.kernels.samples import OutlierFilter
 from spool_core.system import give_way
 from spool_core.uncertainty import Quantity, Validity
@@ -107,16 +107,18 @@ class WindowRefits:
     """
 
     settings: RefitSettings
-    gate: BlockGate = field(default_factory=BlockGate)
     outliers: OutlierFilter = field(default_factory=OutlierFilter)
     _kept: deque[tuple[Samples, Samples]] = field(default_factory=deque, init=False)
     _held: int = field(default=0, init=False)
     _count: int = field(default=0, init=False)
     _estimates: deque[Estimate] = field(default_factory=deque, init=False)
 
-    def update(self, block: Block, estimates: Sequence[Estimate]) -> list[WindowTask]:
-        """Take a block and the ``estimates`` that fell due within it; return the windows that did."""
-        verdict = self.gate.judge(block)
+    def update(self, block: Block, verdict: Verdict, estimates: Sequence[Estimate]) -> list[WindowTask]:
+        """Take a block, the gate's ``verdict`` and the ``estimates`` that fell due within it.
+
+        Returns:
+            The windows that fell due.
+        """
         self._estimates.extend(estimates)
         if verdict is Verdict.REFUSED:
             return []

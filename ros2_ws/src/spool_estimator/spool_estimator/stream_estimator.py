@@ -240,9 +240,12 @@ class StreamEstimator(ABC):
         """Chunks from one estimate to the next."""
         return max(1, round(self.settings.period / CHUNK))
 
-    def update(self, block: Block) -> list[Estimate]:
-        """Take one block; return the estimates that fell due within it, none for most blocks."""
-        verdict = self.gate.judge(block)
+    def update(self, block: Block, verdict: Verdict | None = None) -> list[Estimate]:
+        """Take one block; return the estimates that fell due within it, none for most blocks.
+
+        ``verdict``: that of ``gate`` where it has judged the block; without one, the block is judged here.
+        """
+        verdict = verdict or self.gate.judge(block)
         if verdict is Verdict.REFUSED:
             if self.gate.fault is Fault.RATE and not self._gone_back:
                 self._go_back(max(self.gate.rate.began, block.stamp - round(LATE * 1e9)))

@@ -17,7 +17,6 @@ import spool_estimator
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from spool_core.block import Block
-from spool_core.block_gate import SharedGate
 from spool_core.one_source import STALE
 from spool_core.uncertainty import Validity
 from spool_estimator.estimate import Estimate, State
@@ -317,13 +316,12 @@ def test_blocks_that_are_taken_together_go_back_as_far_where_the_rate_is_wrong(m
         replace(block, stamp=block.stamp + max(0, number - 630) * 1_000_000)  # 5 % slower from 12.6 s on
         for number, block in enumerate(seen)
     ]
-    together, gate = make(SETTINGS), SharedGate()
-    together.gate = gate
+    together = make(SETTINGS)
     found = [
         estimate
         for first in range(0, len(blocks), 5)
-        for block in gate.admitted(blocks[first : first + 5], lambda: together.lacking)
-        for estimate in together.update(block)
+        for block, verdict in together.gate.admitted(blocks[first : first + 5], lambda: together.lacking)
+        for estimate in together.update(block, verdict)
     ]
     one_by_one = make(SETTINGS)
     assert bits(found, last_sequence=0) == bits(estimates_of(one_by_one, blocks), last_sequence=0)

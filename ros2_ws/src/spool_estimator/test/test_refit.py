@@ -11,6 +11,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 from spool_core.block import Block
+from spool_core.block_gate import BlockGate, Verdict
 from spool_core.uncertainty import Validity
 from spool_estimator.estimate import Estimate, State
 from spool_estimator.estimator import Estimator, settings_for
@@ -46,7 +47,12 @@ def record() -> tuple[Block, ...]:
 
 def tasks_of(blocks: Iterable[Block], settings: RefitSettings = SETTINGS) -> list[WindowTask]:
     estimator, windows = Estimator(settings_for(VALVE)), WindowRefits(settings)
-    return [task for block in blocks for task in windows.update(block, estimator.update(block))]
+    judged = ((block, estimator.gate.judge(block)) for block in blocks)
+    return [
+        task
+        for block, verdict in judged
+        for task in windows.update(block, verdict, estimator.update(block, verdict))
+    ]
 
 
 def same(one: Sequence[WindowTask], other: Sequence[WindowTask]) -> None:
@@ -96,8 +102,9 @@ def test_a_window_starts_from_the_newest_estimate_of_its_samples() -> None:
     starts: list[float] = []
     for number, first in enumerate(range(0, 500, 14)):
         block = replace(joined(record()[first : first + 14]), sequence=number)
-        estimates += (found := estimator.update(block))
-        for task in windows.update(block, found):
+        verdict = estimator.gate.judge(block)
+        estimates += (found := estimator.update(block, verdict))
+        for task in windows.update(block, verdict, found):
             (own,) = [one for one in estimates if abs(one.stamp - task.stamp) < 1000]
             assert own.stamp < found[-1].stamp
             assert task.start == {one.name: one.value for one in own.parameters}
@@ -161,17 +168,17 @@ def test_memory_holds_one_window() -> None:
     windows = WindowRefits(SETTINGS)
     sizes = []
     for block in record():
-        windows.update(block, ())
+        windows.update(block, Verdict.CONTINUES, ())
         sizes.append(len(pickle.dumps(windows)))
     assert max(sizes[300:]) < 1.05 * sizes[250]
 
 
 def test_memory_holds_one_window_however_often_blocks_are_lost() -> None:
-    windows = WindowRefits(SETTINGS)
+    windows, gate = WindowRefits(SETTINGS), BlockGate()
     sizes = []
     for block in record():
         if block.sequence % 100 >= 50:
-            windows.update(block, ())
+            windows.update(block, gate.judge(block), ())
         if block.sequence % 100 == 99:
             sizes.append(len(pickle.dumps(windows)))
     assert max(sizes[2:]) < 1.05 * sizes[1]

@@ -65,9 +65,12 @@ class Monitor:
         check_settings(self.settings)
         self.detection = Detection(self.settings)
 
-    def update(self, block: Block) -> list[Event]:
-        """Take one block; return what began or ended with it."""
-        verdict = self.gate.judge(block)
+    def update(self, block: Block, verdict: Verdict | None = None) -> list[Event]:
+        """Take one block; return what began or ended with it.
+
+        ``verdict``: that of ``gate`` where it has judged the block; without one, the block is judged here.
+        """
+        verdict = verdict or self.gate.judge(block)
         before = self.gate.before
         pause = block.stamp - before[1] if before is not None and verdict is Verdict.RESTARTS else 0
         for condition in self.conditions if pause else ():

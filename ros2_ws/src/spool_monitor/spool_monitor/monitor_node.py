@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from spool_core.block import Block
-from spool_core.block_gate import BlockGate, Fault, SharedGate
+from spool_core.block_gate import BlockGate, Fault, Verdict
 from spool_core.errors import InputError
 from spool_core.events.language import Language
 from spool_core.events.sentences import headline, language_of
@@ -92,7 +92,6 @@ class MonitorNode(ManagedNode):
     def __init__(self, namespace: str | None = None, **options: Any) -> None:
         super().__init__("monitor", namespace, **options)
         self._core: Monitor
-        self._gate = SharedGate()
         self._alarms: AlarmServices
         self._trends: TrendWriter | None = None
         self._valve_id = self.get_namespace().strip("/")
@@ -105,8 +104,7 @@ class MonitorNode(ManagedNode):
     def configure(self) -> None:
         """Build the core; its kernels are compiled here, not at the first sample."""
         self.compile(warm_up_monitor)
-        self._gate = SharedGate()
-        self._core = Monitor(self._settings({}), self._gate)
+        self._core = Monitor(self._settings({}))
         self._described, self._descriptions = False, Descriptions()
         kinds = tuple(kind for kind in self.value("latched_kinds") if kind)
         warn = self.get_logger().warning
@@ -128,7 +126,7 @@ class MonitorNode(ManagedNode):
         self._activated = time.monotonic()
         self._no_blocks.end()
         self._no_estimates.end()
-        self._gate.resume()
+        self._core.gate.resume()
         self._core.estimates.resume()
         self._alarms.show()
         self.subscribe(ValveDescription, "valve", self._take_description, qos.state())
@@ -213,24 +211,24 @@ class MonitorNode(ManagedNode):
 
     def _room(self) -> int:
         """Return the samples that may be judged together."""
-        return self._core.room(self._gate.last.period if self._gate.last is not None else 0.0)
+        last = self._core.gate.last
+        return self._core.room(last.period if last is not None else 0.0)
 
     def _take_blocks(self, blocks: Sequence[Block]) -> None:
-        accepted = self._gate.accepted
-        for block in self._gate.admitted(blocks, self._room):
+        gate = self._core.gate
+        for block, verdict in gate.admitted(blocks, self._room):
             if not self._described and block.source:
                 self._valve_id = self._diagnostics.hardware_id = block.source
-            events = self._core.update(block)
-            if self._gate.fault is Fault.NEW_SOURCE:
+            events = self._core.update(block, verdict)
+            if gate.fault is Fault.NEW_SOURCE:
                 self.get_logger().info(f"acceleration: {Fault.NEW_SOURCE.value}")
-            if self._gate.accepted > accepted:
+            if verdict is not Verdict.REFUSED:
                 self._no_blocks.end()
                 if self._trends is not None:
                     self._trends.update(block)
-            if accepted == 0:
+            if gate.before is None:
                 self._no_estimates.end()
             self._publish(events)
-            accepted = self._gate.accepted
 
     def _take_estimate(self, message: ModelEstimate) -> None:
         estimate = from_message(message)

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 
 from spool_core.block import Block, BlockRun
-from spool_core.block_gate import BlockGate, SharedGate
+from spool_core.block_gate import BlockGate, Verdict
 from spool_estimator.estimate import Estimate
 from spool_estimator.gap_requests import GapWatch
 from spool_estimator.plausibility import ValveCheck
@@ -25,6 +25,8 @@ DRIFT_TRACE_MOST = 8_000
 @dataclass(slots=True)
 class Replay:
     """Replay of one valve: estimator and monitor, driven by its blocks in their order.
+
+    The estimator's gate judges each block for all; one that has judged blocks before begins after a pause.
 
     Blocks that follow each other to the nanosecond are taken together, up to the next estimate; that changes
     nothing. What was taken shows after ``flush``.
@@ -54,25 +56,15 @@ class Replay:
     first_stamp: int | None = field(default=None, init=False)
     last_stamp: int | None = field(default=None, init=False)
     samples: int = field(default=0, init=False)
-    _gate: SharedGate | None = field(default=None, init=False)
+    _gate: BlockGate = field(init=False)
     _waiting: list[BlockRun] = field(default_factory=list, init=False)
     _lacking: int = field(default=0, init=False)
-    _accepted: int = field(default=0, init=False)
     _due: tuple[int, int, float] = field(default=(0, 0, 0.0), init=False)
     _nanoseconds: int = field(default=0, init=False)
 
     def __post_init__(self) -> None:
-        self._accepted = self.estimator.gate.accepted
-        consumers: list[StreamEstimator | Monitor | WindowRefits] = [self.estimator, self.monitor]
-        if self.refits is not None:
-            consumers.append(self.refits)
-        first = self.estimator.gate
-        if isinstance(first, SharedGate) and all(consumer.gate is first for consumer in consumers):
-            self._gate = first
-        elif all(consumer.gate == BlockGate() for consumer in consumers):
-            self._gate = SharedGate()
-            for consumer in consumers:
-                consumer.gate = self._gate
+        self._gate = self.monitor.gate = self.estimator.gate
+        self._gate.resume()
 
     def run(self, blocks: Iterable[Block], progress: Callable[[Block], None] | None = None) -> None:
         """Drive both cores with ``blocks``; ``progress`` is called after each."""
@@ -101,7 +93,7 @@ class Replay:
         at, count = 0, len(run)
         while at < count:
             ahead = run.part(at, count)
-            due = self._gate is not None and (self._waiting or self._begin())
+            due = self._waiting or self._begin()
             if due and (ahead.stamp, ahead.sequence, ahead.sample_period) == self._due:
                 taken = min(len(ahead), -(-self._lacking // run.size))
                 self._waiting.append(ahead.part(0, taken))
@@ -118,12 +110,12 @@ class Replay:
 
     def flush(self) -> None:
         """Pass on the blocks that wait for others."""
-        if not self._waiting or self._gate is None:
+        if not self._waiting:
             return
         runs, self._waiting = self._waiting, []
         whole = self._gate.admit_run(runs)
         if whole is not None:
-            self._through(whole)
+            self._through(whole, Verdict.CONTINUES)
             return
         for run in runs:
             for block in run.blocks():
@@ -134,8 +126,7 @@ class Replay:
 
         They are due to the nanosecond: stamps must not change by rounding, nor faults by waiting.
         """
-        last = self.estimator.gate.last
-        assert self._gate is not None
+        last = self._gate.last
         if last is None or not self._gate.steady:
             return False
         self._lacking = min(self.estimator.lacking, self.monitor.room(last.period))
@@ -147,24 +138,19 @@ class Replay:
         return nanoseconds.is_integer()
 
     def _alone(self, block: Block) -> None:
-        if self._gate is not None:
-            self._gate.admit(block)
-        self._through(block)
+        self._through(block, self._gate.judge(block))
 
-    def _through(self, block: Block) -> None:
-        gate = self.estimator.gate
-        before = self._accepted
-        estimates = self.estimator.update(block)
-        self._accepted = gate.accepted
-        if gate.accepted != before and gate.last is not None:
+    def _through(self, block: Block, verdict: Verdict) -> None:
+        estimates = self.estimator.update(block, verdict)
+        if verdict is not Verdict.REFUSED:
             self.gap.take(block)
             self.samples += block.body.size
             # A clock that was set back makes no duration negative.
             self.first_stamp = min(block.stamp, self.first_stamp or block.stamp)
-            self.last_stamp = max(gate.last[1], self.last_stamp or gate.last[1])
+            self.last_stamp = max(block.end, self.last_stamp or block.end)
         if self.refits is not None:
-            self.refitted += [refit(task) for task in self.refits.update(block, estimates)]
-        events = self.monitor.update(block)
+            self.refitted += [refit(task) for task in self.refits.update(block, verdict, estimates)]
+        events = self.monitor.update(block, verdict)
         if events:
             self._told(events)
         for estimate in estimates:
