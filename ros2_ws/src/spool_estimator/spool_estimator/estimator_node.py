@@ -181,7 +181,7 @@ class EstimatorNode(ManagedNode):
             estimates = self._core.update(block, verdict)
             if verdict is not Verdict.REFUSED:
                 self._silence.end()
-                self._gap.take(block, estimates)
+                self._gap.take(block, verdict, estimates)
             for estimate in estimates:
                 self._publisher.publish(to_message(estimate, self._valve_id))
                 if self._check is not None and not self._check.complete:
@@ -289,9 +289,9 @@ class GapService:
         """Listen to the valve's events."""
         self._node.subscribe(HealthEvent, "events", self._hear, qos.state(KEPT_EVENTS))
 
-    def take(self, block: Block, estimates: list[Estimate]) -> None:
-        """Keep ``block`` and judge ``estimates``."""
-        self._recent.take(block)
+    def take(self, block: Block, verdict: Verdict, estimates: list[Estimate]) -> None:
+        """Keep ``block``, which the gate did not refuse, and judge ``estimates``."""
+        self._recent.take(block, verdict)
         self._watch.take(block)
         for estimate in estimates:
             event = self._watch.update(estimate)

@@ -13,13 +13,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from spool_core.block import Block, joined
+from spool_core.block_gate import Verdict
 from spool_core.errors import InputError
 from spool_core.events.event import Event, EventState, Facts, Namur, Severity, Urgency, urgency_of
 from spool_core.system import give_way
 
 from spool_estimator.estimate import Estimate, State
 from spool_estimator.identification.channel_faults import flat_share
-from spool_estimator.identification.record import Record, records_from_blocks
+from spool_estimator.identification.record import Record
 
 if TYPE_CHECKING:  # slow to load
     from spool_sim.model import Model
@@ -228,25 +229,16 @@ class RecentBlocks:
     stamp: int = field(default=0, init=False)
     _runs: deque[tuple[Block, bool]] = field(default_factory=deque, init=False)
     _fresh: list[Block] = field(default_factory=list, init=False)
-    _last: Block | None = field(default=None, init=False)
     _after_gap: bool = field(default=True, init=False)
     _duration: float = field(default=0.0, init=False)
 
-    def take(self, block: Block) -> None:
-        """Keep ``block`` and forget what is too old."""
-        last = self._last
-        # It goes on with no more jitter than clocks of sources have.
-        gap = (
-            last is None
-            or block.sequence != last.sequence + block.blocks
-            or block.sample_period != last.sample_period
-            or not abs(block.stamp - last.end) <= 2.0e9 * block.sample_period
-        )
-        if gap and self._fresh:
-            self._close_run()
-        self._after_gap = self._after_gap or gap
+    def take(self, block: Block, verdict: Verdict) -> None:
+        """Keep ``block``, which the gate did not refuse, and forget what is too old."""
+        if verdict is Verdict.RESTARTS:
+            if self._fresh:
+                self._close_run()
+            self._after_gap = True
         self._fresh.append(block)
-        self._last = block
         self.stamp = block.end - round(block.sample_period * 1e9)
         if (block.end - self._fresh[0].stamp) * 1e-9 >= RUN:
             self._close_run()
@@ -258,9 +250,14 @@ class RecentBlocks:
         for run, after_gap in runs:
             if after_gap or not stretches:
                 stretches.append([])
-            stretches[-1].append(replace(run, sequence=len(stretches[-1])))
-        found = [record for stretch in stretches for record in records_from_blocks(stretch, name)]
-        return [replace(record, origin=found[0].start) for record in found]
+            stretches[-1].append(run)
+        return [
+            Record(
+                name, whole.stamp, whole.sample_period, whole.body.astype(float), whole.spool.astype(float),
+                origin=stretches[0][0].stamp,
+            )
+            for whole in map(joined, stretches)
+        ]  # fmt: skip
 
     def _close_run(self) -> None:
         run = joined(self._fresh)

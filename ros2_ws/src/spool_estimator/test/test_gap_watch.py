@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from spool_core.block import Block
+from spool_core.block_gate import BlockGate, Verdict
 from spool_core.events.event import Event, EventState, Urgency
 from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.estimate import Estimate, State
@@ -184,7 +185,8 @@ def test_only_the_last_seconds_are_kept_and_a_gap_splits_them() -> None:
     row = np.ones(100, dtype=np.float32)
     for number in range(100):
         stamp = round((number + (5 if number > 90 else 0)) * 0.1e9)
-        recent.take(Block(stamp, number if number <= 90 else number + 5, 1e-3, row, row))
+        verdict = Verdict.RESTARTS if number in (0, 91) else Verdict.CONTINUES
+        recent.take(Block(stamp, number if number <= 90 else number + 5, 1e-3, row, row), verdict)
     records = recent.records("valve")
     # Whole runs of a second are forgotten: 3 s are kept before the 0.9 s of the run that is not full.
     assert [record.duration for record in records] == pytest.approx([3.1, 0.9])
@@ -193,14 +195,15 @@ def test_only_the_last_seconds_are_kept_and_a_gap_splits_them() -> None:
 
 
 def test_thousands_of_blocks_are_held_in_few_pieces_and_jitter_splits_nothing() -> None:
-    recent = RecentBlocks(60.0)
+    recent, gate = RecentBlocks(60.0), BlockGate()
     generator = np.random.default_rng(1)
     sent = []
     for number in range(1500):
         row = generator.standard_normal(40).astype(np.float32)
         sent.append(row)
         stamp = 10**18 + number * 20_000_000 + int(generator.integers(-200_000, 200_000))
-        recent.take(Block(stamp, number, 5e-4, row, -row))
+        block = Block(stamp, number, 5e-4, row, -row)
+        recent.take(block, gate.judge(block))
     (record,) = recent.records("valve")
     np.testing.assert_array_equal(record.body, np.concatenate(sent))
     np.testing.assert_array_equal(record.spool, -record.body)
