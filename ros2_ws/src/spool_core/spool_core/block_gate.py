@@ -110,7 +110,7 @@ class BlockGate:
     rate: RateCheck = field(default_factory=RateCheck)
     recent: RecentCounts = field(default_factory=RecentCounts)
     other: str = ""
-    _sources: OneSource[Fault] = field(default_factory=lambda: OneSource(_departure))
+    _sources: OneSource[Fault] = field(default_factory=lambda: OneSource(departure))
     _held_back: Place | None = None
     _resumes: bool = False
 
@@ -150,7 +150,7 @@ class BlockGate:
         if follows and self.rate.state is RateState.WRONG:
             return self._hold_back(block)
         if self._held_back is not None:
-            if _departure(self._held_back, _at(block)) is None:
+            if departure(self._held_back, place_of(block)) is None:
                 return self._accept(block, Verdict.RESTARTS)
             if block.sequence == self._held_back.sequence + 1 and not self.confirmed:
                 return self._hold_back(block)
@@ -161,8 +161,8 @@ class BlockGate:
 
     def _place(self, block: Block, last: Place) -> Verdict:
         """Say which stream ``block`` belongs to, and what follows for it."""
-        place = _at(block)
-        fault = _departure(last, place)
+        place = place_of(block)
+        fault = departure(last, place)
         rival = self._sources.rival(last, place, fault)
         if rival is not None:
             return self._elsewhere(self._sources.follow(rival, place), block)
@@ -195,13 +195,13 @@ class BlockGate:
         return self._refuse(Fault.SECOND_SOURCE if standing is Standing.SECOND else Fault.ELSEWHERE)
 
     def _hold_back(self, block: Block) -> Verdict:
-        self._held_back = _at(block)
+        self._held_back = place_of(block)
         self._sources.still_there(self._held_back)
         return self._refuse(Fault.RATE)
 
     def _accept(self, block: Block, verdict: Verdict) -> Verdict:
         self.accepted += 1
-        self.last = _at(block)
+        self.last = place_of(block)
         self._held_back = None
         self.source = self.source or block.source
         if self._sources.rivals:
@@ -295,7 +295,7 @@ class BlockGate:
     def _accept_together(self, whole: Block, last: Block, ahead: Block | None) -> Verdict:
         """Accept ``whole``, the ``last`` one of its blocks and the one ahead of that, where there is one."""
         self.fault = self.certain = None
-        self.before = self.last if ahead is None else _at(ahead)
+        self.before = self.last if ahead is None else place_of(ahead)
         verdict = self._accept(last, Verdict.CONTINUES)
         self.recent.advance((whole.body.size - last.body.size) * last.sample_period)
         self.accepted += whole.blocks - 1
@@ -321,7 +321,8 @@ class BlockGate:
         return whole
 
 
-def _at(block: Block) -> Place:
+def place_of(block: Block) -> Place:
+    """Return the place of a block that is not ``malformed``."""
     return Place(block.stamp, block.end, block.sequence, block.sample_period)
 
 
@@ -339,7 +340,7 @@ def _jitter(period: float, duration: float) -> float:
     return max(2e9 * period, 0.5 * duration)
 
 
-def _departure(last: Place, block: Place) -> Fault | None:
+def departure(last: Place, block: Place) -> Fault | None:
     """Return how ``block`` departs from what was due after ``last``, or ``None`` where it continues."""
     if block.stamp <= last.stamp:
         return Fault.TIME_BACK

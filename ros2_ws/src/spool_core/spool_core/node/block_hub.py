@@ -19,6 +19,7 @@ import numpy as np
 from spool_msgs.msg import AccelerationBlock
 
 from spool_core.block import Block
+from spool_core.block_gate import LONGEST_PERIOD, SHORTEST_PERIOD, Fault, departure, place_of
 from spool_core.cdr import CdrError, decode_block
 from spool_core.node import qos
 from spool_core.node.messages import from_block
@@ -68,7 +69,7 @@ class BlockHub:
         topic.takers.append(taker)
         if topic.owner is None:
             topic.heard.clear()
-            topic.times.sequence = -1  # what was not wanted meanwhile is not lost
+            topic.times.last = None  # what was not wanted meanwhile is not lost
             self._own(topic, node)
         return lambda: self._end(topic, taker)
 
@@ -236,7 +237,8 @@ class TopicTimes:
         longest_wait: s, from when blocks were due to their turn, since this was last read; they are due when
             the last one comes that the others wait for.
         age: s, from a block's last sample to its turn, by both clocks; the last one.
-        blocks_lost: by jumps of the sequence.
+        blocks_lost: between a block and the one before, by the rule of the gate.
+        last: the newest block, ``None`` before any.
         waiting: messages whose turn has not come.
     """
 
@@ -247,8 +249,7 @@ class TopicTimes:
     longest_wait: float = 0.0
     age: float = 0.0
     blocks_lost: int = 0
-    sequence: int = -1
-    end: int = 0
+    last: Block | None = None
     _told: tuple[int, int, int, float] = (0, 0, 0, 0.0)
 
     def since(self) -> TopicTimes:
@@ -269,15 +270,13 @@ class TopicTimes:
             self.late += len(blocks) if done - due > length > 0.0 else 0
             self.age = time.time() - (done - begun) - 1e-9 * last.stamp - length
         for block in blocks:
-            missing = block.sequence - self.sequence - 1
-            # Stamps leave room for what is lost: else it is another source, or one that began again.
-            if (
-                self.sequence >= 0
-                and missing > 0
-                and 1e-9 * (block.stamp - self.end) > 0.5 * missing * length
-            ):
+            if not SHORTEST_PERIOD <= block.sample_period <= LONGEST_PERIOD:
+                continue  # it is refused
+            last = self.last or block
+            missing = block.sequence - last.sequence - 1
+            if missing > 0 and departure(place_of(last), place_of(block)) is Fault.LOST:
                 self.blocks_lost += missing
-            self.sequence, self.end = block.sequence, block.end
+            self.last = block
 
 
 class HangError(BaseException):

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from spool_core.block import Block
+from spool_core.block_gate import BlockGate
 from spool_core.cdr import encode_block
 from spool_core.node import block_hub
-from spool_core.node.block_hub import HOSTED_DEPTH, BlockHub, Worker
+from spool_core.node.block_hub import HOSTED_DEPTH, BlockHub, TopicTimes, Worker
 from spool_core.system import ThreadTimes, thread_times
 
 SIZE, PERIOD = 40, 5e-4
@@ -149,6 +150,22 @@ def test_an_estimate_that_falls_due_does_not_wait(hosted: BlockHub) -> None:
     node.send(1, 2)
     other.wait(3)
     assert one.taken == other.taken == [[0], [1, 2]]
+
+
+@pytest.mark.parametrize("lost", [0, 1, 500])
+def test_lost_blocks_are_counted_as_the_gate_counts_them(lost: int) -> None:
+    samples = np.zeros(SIZE, np.float32)
+    blocks = [Block(10**18 + n * 20_000_000, n, PERIOD, samples, samples) for n in range(100 + lost)]
+    stream = blocks[:30] + blocks[30 + lost :]
+    stream.insert(10, replace(blocks[10], sequence=10**9))  # one false number is no loss
+    restarted = [replace(block, sequence=number) for number, block in enumerate(blocks[-40:])]
+    times, gate = TopicTimes(), BlockGate()
+    for block in stream[:-40] + restarted:
+        times.take([block], 0.0, 0.0, 0.0)
+        gate.judge(block)
+    assert times.blocks_lost == gate.lost == lost
+    times.take([replace(blocks[-1], sample_period=float("nan"))], 0.0, 0.0, 0.0)
+    assert times.blocks_lost == lost
 
 
 def test_blocks_that_stopped_coming_wait_for_no_others(
