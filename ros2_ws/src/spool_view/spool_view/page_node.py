@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from rcl_interfaces.srv import GetParameters
-from rclpy.serialization import deserialize_message
+from spool_core.cdr import decode_block
 from spool_core.errors import InputError
 from spool_core.node.managed_node import ManagedNode
 from spool_core.node.parameters import NodeParameter, Value, rule
@@ -19,7 +19,6 @@ from spool_core.node.service_calls import ServiceCalls
 from spool_core.system import expanded
 from spool_monitor.listener import HeardValve, Listener
 from spool_monitor.state_file import default_folder
-from spool_msgs.msg import AccelerationBlock
 from spool_msgs.srv import AcknowledgeAlarm, ManageBaseline, ResetAlarms, ShelveAlarm, TakeSnapshot
 from std_srvs.srv import Trigger
 
@@ -119,9 +118,7 @@ class PageNode(ManagedNode):
             open=self._open,
             address=address,
             state_folder=folder,
-            spectrum=lambda blocks: spectrum_of(
-                [deserialize_message(one, AccelerationBlock) for one in blocks]
-            ),
+            spectrum=lambda blocks: spectrum_of([decode_block(one) for one in blocks]),
             do=self._do,
             token=self._token,
             log=self._log,

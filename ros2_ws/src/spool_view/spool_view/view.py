@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from spool_core.block import Block, joined
+from spool_core.block_gate import BlockGate, Verdict
 from spool_core.errors import InputError
 from spool_core.events.language import LANGUAGES
 from spool_core.events.sentences import details, headline
@@ -175,39 +177,29 @@ def alarms_of(message: AlarmList | None) -> list[dict[str, Any]]:
     ]
 
 
-def spectrum_of(blocks: Sequence[Any]) -> dict[str, Any] | None:
+def spectrum_of(blocks: Sequence[Block]) -> dict[str, Any] | None:
     """Return peak accelerations (m/s^2) by line of the newest samples of ``blocks``.
 
     Args:
-        blocks: messages ``AccelerationBlock``, oldest first.
+        blocks: of one valve, oldest first.
 
     Returns:
         Distance of the lines (Hz), ``body`` and ``spool``; ``None`` while there are too few samples.
     """
-    if not blocks:
+    gate, taken = BlockGate(), list[Block]()
+    for block in blocks:
+        verdict = gate.judge(block)
+        if verdict is not Verdict.CONTINUES:
+            taken.clear()
+        if verdict is not Verdict.REFUSED:
+            taken.append(block)
+    period = taken[-1].sample_period if taken else 0.0
+    if not WINDOW / MOST_SAMPLES < period < WINDOW / 16:
         return None
-    period = blocks[-1].sample_period
-    if not (np.isfinite(period) and WINDOW / MOST_SAMPLES < period < WINDOW / 16):
-        return None
-    # The newest samples without a gap, at most WINDOW s of them.
-    wanted, gathered, taken = round(WINDOW / period), 0, []
-    following: int | None = None
-    for block in reversed(blocks):
-        held = len(block.body)
-        fits = following is None or block.sequence == following - 1
-        if not fits or held != len(block.spool) or block.sample_period != period:
-            break
-        taken.append(block)
-        following, gathered = block.sequence, gathered + held
-        if gathered >= wanted:
-            break
-    parts = [
-        np.concatenate([np.frombuffer(getattr(one, name), np.float32) for one in reversed(taken)])
-        for name in ("body", "spool")
-    ]
-    body, spool = (part[-wanted:].astype(np.float64) for part in parts)
-    size, whole = body.size, np.isfinite(body).all() and np.isfinite(spool).all()
-    if not whole or size < 16 or size * period < 0.5 * WINDOW:
+    whole, wanted = joined(taken), round(WINDOW / period)
+    body, spool = (part[-wanted:].astype(np.float64) for part in (whole.body, whole.spool))
+    size = body.size
+    if size < 16 or size * period < 0.5 * WINDOW:
         return None
     taper = np.hanning(size)
     scale = 2.0 / taper.sum()

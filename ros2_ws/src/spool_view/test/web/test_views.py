@@ -9,11 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from spool_core.block import Block
 from spool_monitor.detectors import DETECTORS, JUDGEMENT_TEXTS
 from spool_monitor.listener import CONDITIONS, DRIFT, HeardValve, bounds_of, condition_of
 from spool_monitor.state_file import valve_folder
 from spool_monitor.trend import Sums, TrendStore
-from spool_msgs.msg import AccelerationBlock, AlarmList, Quantity, ValveHealth
+from spool_msgs.msg import AlarmList, Quantity, ValveHealth
 from spool_msgs.srv import ManageBaseline
 from spool_view.application import LANGUAGES, SITE, language_of
 from spool_view.operator import RateLimit
@@ -131,14 +132,10 @@ def test_alarms_that_are_not_normal_are_shown_with_their_states() -> None:
     assert long["texts"]["en"]["headline"] == "Resonance: amplification 4.2, limit 3.6"
 
 
-def block(
-    sequence: int, period: float = 0.001, size: int = 100, frequency: float = 25.0
-) -> AccelerationBlock:
+def block(sequence: int, period: float = 0.001, size: int = 100, frequency: float = 25.0) -> Block:
     time_ = (sequence * size + np.arange(size)) * period
-    made = AccelerationBlock(sequence=sequence, sample_period=period)
-    made.body = (3.0 * np.sin(2 * np.pi * frequency * time_)).astype(np.float32).tolist()
-    made.spool = [2.0 * value for value in made.body]
-    return made
+    body = (3.0 * np.sin(2 * np.pi * frequency * time_)).astype(np.float32)
+    return Block(10**18 + sequence * 100_000_000, sequence, period, body, 2.0 * body)
 
 
 def test_a_sine_of_3_is_a_line_of_3_in_the_spectrum() -> None:
