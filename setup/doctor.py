@@ -12,12 +12,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
 
-from setup import packages, workspace
-from setup import workspace as patches
-from setup.interpreter import inspect, missing_tools, require_tools, this_interpreter
+from setup import packages, requirements, workspace
 from setup.layout import Layout, SetupError
 from setup.process import ask
-from setup.requirements import NEEDED_BYTES, SetupState, check_ros, stale
+from setup.requirements import NEEDED_BYTES, PYTHON, SetupState
 from setup.workspace import package_fingerprints
 
 SHARED_MEMORY = Path("/dev/shm")
@@ -119,15 +117,16 @@ def _examine(layout: Layout, done: SetupState, environment: Mapping[str, str]) -
 def _machine(layout: Layout, done: SetupState, environment: Mapping[str, str]) -> Iterator[CheckResult]:
     """Python, compiler, make, disk, memory."""
     try:
-        python = inspect(this_interpreter(), environment)
-        require_tools(python, layout.underlay.is_wheels, environment.get("PATH"))
-        version = ".".join(map(str, python.version))
-        yield CheckResult("ok", f"Python {version} at {python.executable}, with headers")
+        requirements.check_machine(layout, environment)
+        version = ".".join(map(str, sys.version_info[:3]))
+        yield CheckResult("ok", f"Python {version} at {PYTHON}, with headers")
         yield CheckResult("ok", "compiler and make")
     except SetupError as error:
         # What is built already runs without a compiler.
         yield CheckResult(
-            "warning" if done.environment and missing_tools(environment.get("PATH")) else "problem",
+            "warning"
+            if done.environment and requirements.missing_tools(environment.get("PATH"))
+            else "problem",
             str(error),
         )
     free = shutil.disk_usage(layout.root).free
@@ -249,34 +248,33 @@ def _dds(environment: Mapping[str, str]) -> Iterator[CheckResult]:
 def _installation(layout: Layout, done: SetupState, environment: Mapping[str, str]) -> Iterator[CheckResult]:
     """Environment and workspace."""
     yield CheckResult("ok", f"stands on {layout.underlay}")
-    if not layout.underlay.is_wheels:
-        try:
-            check_ros(layout, done.base_python or this_interpreter(), environment)
-        except SetupError as error:
-            yield CheckResult("problem", str(error))
-            return
+    try:
+        requirements.check_ros(layout, environment)
+    except SetupError as error:
+        yield CheckResult("problem", str(error))
+        return
     if not done.python_version:
         yield CheckResult("warning", "not set up yet: ./spool demo does it")
         return
-    reason = stale(layout, done, f"{sys.version_info[0]}.{sys.version_info[1]}")
+    reason = requirements.stale(layout, done)
     if reason:
         yield CheckResult("warning", f"{reason}: the next call sets up again")
         return
     if not done.lock:
         yield CheckResult("warning", "the set-up is half finished: the next call goes on with it")
         return
-    yield from _packages(layout, done)
+    yield from _packages(layout)
     if not done.environment:
         yield CheckResult("warning", "the workspace is not built yet: the next call does it")
         return
     yield from _workspace(layout, done, environment)
 
 
-def _packages(layout: Layout, done: SetupState) -> Iterator[CheckResult]:
+def _packages(layout: Layout) -> Iterator[CheckResult]:
     """The environment against its lock."""
     folder = packages.site_packages(layout)
     found = packages.installed([folder] if folder else [])
-    wanted = packages.locked(layout.requirements, done.python_version)
+    wanted = packages.locked(layout.requirements)
     wrong = [f"{name} {found.get(name, 'missing')} for {version}" for name, version in wanted.items()
              if found.get(name) != version]  # fmt: skip
     if wrong and layout.underlay.is_wheels:
@@ -290,7 +288,7 @@ def _packages(layout: Layout, done: SetupState) -> Iterator[CheckResult]:
             "ok", f"{len(wanted)} packages as locked in {layout.requirements.relative_to(layout.root)}"
         )
     if layout.underlay.is_wheels:
-        foreign = patches.foreign_files(layout)
+        foreign = workspace.foreign_files(layout)
         yield CheckResult(
             "problem" if foreign else "ok",
             f"{len(foreign)} CMake files name another machine's folders: delete {layout.venv}, call again"

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import fcntl
 import os
+import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 
 from setup import packages, requirements, workspace
-from setup import requirements as state
-from setup import workspace as patches
-from setup.interpreter import Interpreter
 from setup.layout import Layout
 from setup.process import Runner, Steps, say
 from setup.requirements import SetupState
@@ -20,22 +18,16 @@ from setup.workspace import cmake_dependents, package_fingerprints
 WARM_UPS = {"kernels": "spool_monitor.warm_up", "analysis_kernels": "spool_gap.warm_up"}
 
 
-def is_current(layout: Layout, done: SetupState, running_series: str) -> bool:
-    """Whether nothing has to be done.
-
-    Args:
-        layout: the project.
-        done: the stamp.
-        running_series: "3.x" of the interpreter that the launcher chose.
-    """
+def is_current(layout: Layout, done: SetupState) -> bool:
+    """Whether nothing has to be done."""
     return (
-        requirements.stale(layout, done, running_series) is None
+        requirements.stale(layout, done) is None
         and layout.ready_file.exists()
         and not _has_to_build(layout, done, package_fingerprints(layout.workspace / "src"))
     )
 
 
-def ensure(layout: Layout, environment: Mapping[str, str], running_series: str) -> SetupState:
+def ensure(layout: Layout, environment: Mapping[str, str]) -> SetupState:
     """Do what is missing of the set-up.
 
     Returns:
@@ -47,9 +39,9 @@ def ensure(layout: Layout, environment: Mapping[str, str], running_series: str) 
     try:
         layout.notes.mkdir(parents=True, exist_ok=True)
         with _alone(layout) as keep_open:
-            done = state.load(layout)
-            if not is_current(layout, done, running_series):
-                Installation(layout, environment, done, keep_open).run(running_series)
+            done = requirements.load(layout)
+            if not is_current(layout, done):
+                Installation(layout, environment, done, keep_open).run()
             return done
     except OSError as error:
         raise requirements.cannot_write(layout, error) from error
@@ -75,30 +67,31 @@ class Installation:
         self._runner = Runner(layout.notes, keep_open, self._steps.progress)
         self._wanted = package_fingerprints(layout.workspace / "src")
 
-    def run(self, running_series: str) -> None:
+    def run(self) -> None:
         """Do the steps that are missing.
 
         Raises:
             SetupError: a step failed, or something it needs is missing.
         """
         layout, done = self._layout, self._done
-        stale = requirements.stale(layout, done, running_series)
-        if stale is not None and done.base_python:
+        stale = requirements.stale(layout, done)
+        if stale is not None and done.python_version:
             say(f"{stale}: setting up again")
-        base = requirements.check(layout, done, self._environment)
+        requirements.check_machine(layout, self._environment)
+        requirements.check_ros(layout, self._environment)
         fresh = stale is not None or not packages.venv_works(layout, self._tools())
         if fresh:
             requirements.check_space(layout)
             # Nothing of the old is trusted from here on, whenever the set-up is interrupted.
-            state.save(layout, SetupState())
+            requirements.save(layout, SetupState())
             done.__dict__.update(SetupState().__dict__)
         patching = layout.underlay.is_wheels and not done.patched
         building = patching or not done.lock or _has_to_build(layout, done, self._wanted)
         self._steps.total = fresh + (not done.lock) + patching + building + (not done.warmed)
         if fresh:
-            self._make_venv(base)
+            self._make_venv()
         if not done.lock:
-            self._install(base)
+            self._install()
         if patching:
             self._patch()
         if building:
@@ -116,33 +109,30 @@ class Installation:
         """The environment in which the steps' tools run; the wheels add to it once they are installed."""
         return workspace.base_environment(self._layout, self._environment)
 
-    def _make_venv(self, base: Interpreter) -> None:
-        version = ".".join(map(str, base.version))
+    def _make_venv(self) -> None:
+        version = ".".join(map(str, sys.version_info[:3]))
         with self._steps.step(
             f"making {self._layout.venv.relative_to(self._layout.root)} with Python {version}"
         ):
-            packages.make_venv(self._layout, base.executable, self._tools(), self._runner)
+            packages.make_venv(self._layout, self._tools(), self._runner)
         self._done.root = str(self._layout.root)
-        self._done.base_python = base.executable
-        self._done.python_version = base.series
+        self._done.python_version = requirements.SERIES
         self._done.underlay = list(self._layout.underlay.prefixes)
-        state.save(self._layout, self._done)
+        requirements.save(self._layout, self._done)
 
-    def _install(self, base: Interpreter) -> None:
+    def _install(self) -> None:
         packages.forget_half_installed(self._layout)
         lock = self._layout.lock_hash()
-        with self._steps.step(
-            f"installing {len(packages.locked(self._layout.requirements, base.series))} packages"
-        ):
+        with self._steps.step(f"installing {len(packages.locked(self._layout.requirements))} packages"):
             packages.install(self._layout, self._tools(), self._runner)
         self._done.lock = lock
-        state.save(self._layout, self._done)
+        requirements.save(self._layout, self._done)
 
     def _patch(self) -> None:
         with self._steps.step("patching the CMake files of the ROS 2 wheels"):
-            patches.apply(self._layout, self._tools())
+            workspace.apply(self._layout, self._tools())
         self._done.patched = True
-        state.save(self._layout, self._done)
+        requirements.save(self._layout, self._done)
 
     def _discard(self) -> None:
         """Remove what was built of packages that are gone, or all where the build is not whole."""
@@ -163,7 +153,7 @@ class Installation:
         tools = self._tools()
         # A build that fails half-way leaves packages that fit no source.
         done.packages = {name: value for name, value in done.packages.items() if name not in names}
-        state.save(layout, done)
+        requirements.save(layout, done)
         with self._steps.step(f"building {what}"):
             if names:
                 # A package built before gives its environment to those built now.
@@ -173,7 +163,7 @@ class Installation:
                 workspace.compile_bytecode(layout, tools, self._runner)
             done.environment = workspace.learn_environment(layout, tools)
         done.packages = self._wanted
-        state.save(layout, done)
+        requirements.save(layout, done)
 
     @contextmanager
     def _kernels(self) -> Iterator[dict[str, Callable[[], int]]]:
@@ -195,7 +185,7 @@ class Installation:
                     log = self._runner.log(name)
                     raise packages.failure("the kernels could not be compiled", log.read_text(), log)
         self._done.warmed = True
-        state.save(self._layout, self._done)
+        requirements.save(self._layout, self._done)
 
 
 def _has_to_build(layout: Layout, done: SetupState, wanted: dict[str, str]) -> bool:

@@ -11,8 +11,7 @@ import sys
 from pathlib import Path
 from types import FrameType
 
-from setup import requirements as state
-from setup import workspace
+from setup import requirements, workspace
 from setup.layout import Layout, SetupError, find_underlay
 from setup.process import say
 
@@ -116,7 +115,7 @@ def _run(arguments: list[str]) -> int:
     if not re.fullmatch(r"[A-Za-z0-9_-]*", environment.get("ROS_DISTRO", "")):
         raise SetupError("ROS_DISTRO is no name of a ROS distribution: unset it, or source a ROS 2")
     layout = Layout(ROOT, find_underlay(ROOT, environment))
-    done = state.load(layout)
+    done = requirements.load(layout)
     command = arguments[0] if arguments else "--help"
     if COMPLETION in environment and not done.environment:
         return 0  # Tab must not set anything up
@@ -140,18 +139,17 @@ def _run(arguments: list[str]) -> int:
             meant = f", did you mean {near[0]}?" if near else ":"
             raise SetupError(f"no command {command}{meant} ./spool --help lists them")
     _warn_localhost_only(environment)
-    series = f"{sys.version_info[0]}.{sys.version_info[1]}"
 
     from setup.installation import ensure, is_current  # noqa: PLC0415
 
-    if not is_current(layout, done, series):
-        done = ensure(layout, environment, series)
+    if not is_current(layout, done):
+        done = ensure(layout, environment)
     _hand_over(layout, done, environment, arguments or ["--help"])
     return 0
 
 
 def _hand_over(
-    layout: Layout, done: state.SetupState, environment: dict[str, str], arguments: list[str]
+    layout: Layout, done: requirements.SetupState, environment: dict[str, str], arguments: list[str]
 ) -> None:
     """Become the program that does the work."""
     run = workspace.run_environment(layout, done, environment)

@@ -5,14 +5,17 @@ from __future__ import annotations
 import os
 import re
 import shutil
+import sys
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from setup import uv
 from setup.layout import Layout, SetupError
 from setup.process import Runner, ask
+from setup.requirements import PYTHON
 
 PIN = re.compile(r"^([A-Za-z0-9._-]+)==(\S+)(?: ; (.*?))? ?\\?$")
+VERSION_BOUND = re.compile(r"python_full_version (<|>=|==) '3\.(\d+)(?:\.\*)?'")
 NO_NETWORK = re.compile(
     "NewConnectionError|ConnectTimeout|ConnectionError|ProxyError|NameResolutionError|ReadTimeout"
     "|Network is unreachable"
@@ -20,26 +23,18 @@ NO_NETWORK = re.compile(
 )
 
 
-def locked(lock: Path, python: str) -> dict[str, str]:
-    """Names and versions that the lock holds for one Python.
-
-    Args:
-        lock: the lock file.
-        python: "3.x".
-    """
+def locked(lock: Path) -> dict[str, str]:
+    """Names and versions that a lock holds for this Python."""
+    minor = sys.version_info[1]
+    tests = {"<": minor.__lt__, ">=": minor.__ge__, "==": minor.__eq__}
     found = {}
     for line in lock.read_text().splitlines():
-        match = PIN.match(line)
-        if match and _applies(match[3] or "", int(python.split(".")[1])):
-            found[_normal(match[1])] = match[2]
+        if match := PIN.match(line):
+            # Conditions on the Python version; the locks know no others on Linux.
+            bounds = VERSION_BOUND.findall(match[3] or "")
+            if all(tests[operator](int(bound)) for operator, bound in bounds):
+                found[_normal(match[1])] = match[2]
     return found
-
-
-def _applies(marker: str, minor: int) -> bool:
-    """Whether a line's conditions on the Python version hold; the locks know no others on Linux."""
-    comparisons = re.findall(r"python_full_version (<|>=|==) '3\.(\d+)(?:\.\*)?'", marker)
-    tests = {"<": minor.__lt__, ">=": minor.__ge__, "==": minor.__eq__}
-    return all(tests[operator](int(bound)) for operator, bound in comparisons)
 
 
 def _normal(name: str) -> str:
@@ -59,7 +54,7 @@ def installed(folders: Iterable[Path]) -> dict[str, str]:
     return {_normal(entry.metadata["Name"]): entry.version for entry in entries if entry.metadata["Name"]}
 
 
-def make_venv(layout: Layout, base_python: str, environment: Mapping[str, str], runner: Runner) -> None:
+def make_venv(layout: Layout, environment: Mapping[str, str], runner: Runner) -> None:
     """Make the environment again.
 
     Raises:
@@ -71,12 +66,12 @@ def make_venv(layout: Layout, base_python: str, environment: Mapping[str, str], 
         shutil.rmtree(layout.venv)
     log = runner.log("venv")
     options = [] if layout.underlay.is_wheels else ["--system-site-packages"]
-    command: list[str | Path] = [base_python, "-m", "venv", *options, layout.venv]
+    command: list[str | Path] = [PYTHON, "-m", "venv", *options, layout.venv]
     code, output = runner.run("venv", command, environment)
     if code != 0:
         if "ensurepip" in output and "No space left" not in output:
             raise SetupError(
-                f"{base_python} cannot make a virtual environment: "
+                f"{PYTHON} cannot make a virtual environment: "
                 f"Debian, Ubuntu: apt install python3-venv; see {log}"
             )
         raise failure("the environment could not be made", output, log)

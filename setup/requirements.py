@@ -6,17 +6,23 @@ import errno
 import json
 import os
 import shutil
+import sys
+import sysconfig
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
+from importlib.util import find_spec
 
-from setup.interpreter import Interpreter, inspect, require_tools, this_interpreter
 from setup.layout import Layout, SetupError
 from setup.process import ask
 
 NEEDED_BYTES = 2_000_000_000
+WHEELS_PLATFORM = "linux x86_64"
+#: The interpreter that the launcher chose, outside any virtual environment: the environment is made with it.
+PYTHON = os.path.realpath(getattr(sys, "_base_executable", sys.executable))
+SERIES = f"{sys.version_info[0]}.{sys.version_info[1]}"
 
 
-def stale(layout: Layout, done: SetupState, running_series: str) -> str | None:
+def stale(layout: Layout, done: SetupState) -> str | None:
     """Why the environment has to be made again, None where it need not."""
     if not done.python_version:
         return "there is none yet"
@@ -24,8 +30,8 @@ def stale(layout: Layout, done: SetupState, running_series: str) -> str | None:
         return f"the project was moved from {done.root}"
     if done.underlay != list(layout.underlay.prefixes):
         return f"ROS 2 {layout.underlay.name} lies in other folders than before"
-    if done.python_version != running_series:
-        return f"Python changed from {done.python_version} to {running_series}"
+    if done.python_version != SERIES:
+        return f"Python changed from {done.python_version} to {SERIES}"
     if not os.access(layout.python, os.X_OK):
         return f"{layout.python} is gone"
     if done.lock and done.lock != layout.lock_hash():
@@ -33,40 +39,65 @@ def stale(layout: Layout, done: SetupState, running_series: str) -> str | None:
     return None
 
 
-def check(layout: Layout, done: SetupState, environment: Mapping[str, str]) -> Interpreter:
-    """Check what the set-up needs.
+def missing_tools(path: str | None) -> list[str]:
+    """Name what PATH lacks of compiler and make."""
+    wanted = (
+        ("a C++ compiler", (os.environ.get("CXX", "").split(" ")[0], "c++", "g++", "clang++")),
+        ("a C compiler", (os.environ.get("CC", "").split(" ")[0], "cc", "gcc", "clang")),
+        ("make", ("make",)),
+    )
+    return [
+        tool for tool, names in wanted if not any(name and shutil.which(name, path=path) for name in names)
+    ]
 
-    Returns:
-        The interpreter to make the environment with: that of before, unless the user named one.
+
+def check_machine(layout: Layout, environment: Mapping[str, str]) -> None:
+    """Refuse to begin a set-up that cannot end well.
 
     Raises:
-        SetupError: something is missing; says how to get it.
+        SetupError: names what is missing and how to get it.
     """
-    chosen = this_interpreter()
-    if not environment.get("SPOOL_PYTHON") and os.access(done.base_python or os.devnull, os.X_OK):
-        chosen = done.base_python
-    base = inspect(chosen, environment)
-    require_tools(base, layout.underlay.is_wheels, environment.get("PATH"))
-    if not layout.underlay.is_wheels:
-        check_ros(layout, base.executable, environment)
-    return base
+    system = f"{sys.platform} {os.uname().machine}"
+    if layout.underlay.is_wheels and system != WHEELS_PLATFORM:
+        raise SetupError(
+            f"there are ROS 2 wheels for Linux x86-64 only, this is {system}: "
+            "install ROS 2 Jazzy from its packages, source it and call again"
+        )
+    if find_spec("ensurepip") is None:
+        raise SetupError(
+            f"Python {SERIES} at {PYTHON} cannot make virtual environments (no ensurepip): "
+            f"Debian, Ubuntu: apt install python{SERIES}-venv"
+        )
+    missing = missing_tools(environment.get("PATH"))
+    if missing:
+        raise SetupError(
+            f"not found on PATH: {' and '.join(missing)}: Debian, Ubuntu: apt install build-essential"
+        )
+    include = sysconfig.get_paths()["include"]
+    if not os.path.exists(os.path.join(include, "Python.h")):
+        raise SetupError(
+            f"Python.h is not in {include}: the messages cannot be compiled without it; "
+            f"Debian, Ubuntu: apt install python{SERIES}-dev, or name another Python in SPOOL_PYTHON"
+        )
 
 
-def check_ros(layout: Layout, python: str, environment: Mapping[str, str]) -> None:
-    """Check that the sourced ROS 2 is really there and speaks with this Python.
+def check_ros(layout: Layout, environment: Mapping[str, str]) -> None:
+    """Check that a sourced ROS 2 is really there and speaks with this Python.
 
     Raises:
         SetupError: it is not, or does not.
     """
+    if layout.underlay.is_wheels:
+        return
     name = layout.underlay.name
     if not any(os.path.isdir(prefix) for prefix in layout.underlay.prefixes):
         raise SetupError(
             f"ROS_DISTRO={name} is set but AMENT_PREFIX_PATH names no folder that exists: "
             f"source /opt/ros/{name}/setup.bash, or unset ROS_DISTRO to use the wheels"
         )
-    if ask([python, "-c", "import rclpy"], environment).returncode != 0:
+    if ask([PYTHON, "-c", "import rclpy"], environment).returncode != 0:
         raise SetupError(
-            f"ROS 2 {name} is sourced but {python} cannot import rclpy: "
+            f"ROS 2 {name} is sourced but {PYTHON} cannot import rclpy: "
             "name the Python that this ROS 2 was built for in SPOOL_PYTHON, e.g. /usr/bin/python3"
         )
 
@@ -104,8 +135,7 @@ class SetupState:
 
     Attributes:
         root: the project's folder at that time; the environment holds absolute paths.
-        base_python: interpreter that made the environment.
-        python_version: its "3.x".
+        python_version: "3.x" of the interpreter that made the environment.
         underlay: prefixes of the sourced ROS 2.
         lock: hash of the lock that was installed.
         patched: whether the CMake files of the wheels name this machine's folders.
@@ -115,7 +145,6 @@ class SetupState:
     """
 
     root: str = ""
-    base_python: str = ""
     python_version: str = ""
     underlay: list[str] = field(default_factory=list)
     lock: str = ""
