@@ -16,8 +16,7 @@ from pathlib import Path
 
 import pytest
 
-from setup import uv
-from setup.packages import failure
+from setup.packages import failure, uv_settings
 
 ROOT = Path(__file__).resolve().parent.parent
 TOOLS = ("sh", "bash", "env", "readlink", "dirname", "cat", "mkdir", "rm", "uname")
@@ -278,7 +277,7 @@ def in_own_mounts(script: str, folder: Path) -> subprocess.CompletedProcess[str]
 
 class TestIndexesOfPip:
     def test_uv_is_told_what_pip_was_told(self, tmp_path: Path):
-        told = uv.settings(
+        told = uv_settings(
             {
                 "index-url": "https://packages.example/simple",
                 "extra-index-url": f"https://more.example/simple file://{tmp_path} file:///not/there",
@@ -295,7 +294,7 @@ class TestIndexesOfPip:
         assert told["UV_INSECURE_HOST"] == "packages.example"
 
     def test_what_uv_cannot_be_told_is_left_to_pip(self):
-        assert uv.settings({"client-cert": "/etc/client.pem"}) is None
+        assert uv_settings({"client-cert": "/etc/client.pem"}) is None
 
 
 class TestPackagesThatDoNotCome:
