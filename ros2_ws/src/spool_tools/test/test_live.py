@@ -11,12 +11,12 @@ from spool_tools.operations.machine_findings import (
     buffer_finding,
     clock_finding,
     clock_state,
-    node_findings,
     participants,
     participants_finding,
     shared_memory_finding,
     udp_counts,
 )
+from spool_tools.operations.node_findings import node_findings
 
 SNMP = """Ip: Forwarding DefaultTTL
 Ip: 1 64

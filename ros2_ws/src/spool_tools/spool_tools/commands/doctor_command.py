@@ -22,14 +22,12 @@ def doctor(
     del live
     from pathlib import Path  # noqa: PLC0415
 
-    from spool_tools.operations import machine_findings as findings  # noqa: PLC0415
+    from spool_tools.operations import machine_findings, node_findings  # noqa: PLC0415
 
-    before = findings.udp_counts(Path("/proc/net/snmp").read_text(encoding="ascii"))
-    heard = findings.listen(seconds)
-    found = [*findings.node_findings(heard), *findings.machine_findings(findings.ros_domain(), before)]
-    for one in found:
-        print(f"{one.level:8} {one.text}", flush=True)
-    raise typer.Exit(int(any(one.level == "problem" for one in found)))
+    before = machine_findings.udp_counts(Path("/proc/net/snmp").read_text(encoding="ascii"))
+    heard = node_findings.listen(seconds)
+    found = [*node_findings.node_findings(heard), *machine_findings.load_findings(before)]
+    raise typer.Exit(machine_findings.print_findings(found))
 
 
 COMMAND = Command(

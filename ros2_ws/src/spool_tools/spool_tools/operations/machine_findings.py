@@ -1,46 +1,37 @@
-"""What `doctor --live` finds: limits of this machine, and nodes that do not answer or run late."""
+"""What `doctor` finds of this machine: who can reach it, ports, shared memory, buffers, the clock.
+
+Standard library only: `./spool doctor` looks before anything is set up.
+"""
 
 from __future__ import annotations
 
 import ctypes
-import math
 import os
 import shutil
-import time
+import socket
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-import rclpy
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from spool_core.node import qos
+from spool_core.kernels import kernel_files
+from spool_core.node.network import DOMAIN_GAIN, LARGEST_DOMAIN, PORT_BASE, WHEELS, network_warnings
 
 #: RTPS 2.5, 9.6.2.3: participant n of a domain has the ports 7410 + 250 domain + 2 n and the one above.
-FIRST_PORT, DOMAIN_GAIN, PARTICIPANT_GAIN = 7410, 250, 2
+FIRST_PORT, PARTICIPANT_GAIN = PORT_BASE + 10, 2
 #: Participants of a domain on one host that Fast DDS finds a port for (``mutation_tries`` of its source), and
 #: from which it is reported.
 MOST_PARTICIPANTS, MANY_PARTICIPANTS = 100, 80
+#: Ports of a domain, of which one has to be free.
+PORTS_TRIED = 10
+SHARED_MEMORY = Path("/dev/shm")
 #: B of shared memory: a segment of each participant and its ports take 1 MB.
 LITTLE_SHARED_MEMORY = 64_000_000
+SEGMENT_PATTERNS = ("fastrtps_*", "fast_datasharing_*")
 #: B, a receive buffer that holds a second of 100 valves' blocks of 400 B at 50 Hz.
 SMALL_BUFFER = 2_000_000
 #: adjtimex(2): the clock is not synchronised.
 _UNSYNCHRONISED = 0x0040
-
-#: Share of a core from which a process of a host can't take more: Python runs one thread at a time.
-FULL = 0.8
-#: s that blocks may be older when their turn comes: a period of the slowest usual source.
-OLD = 0.1
-#: s between two looks for publishers that appeared, and that are waited forever new ones.
-LOOK, LONGEST_SETTLING = 0.1, 30.0
-#: Lines of valves that are listed one by one.
-TOLD = 10
-_LEVELS = {
-    DiagnosticStatus.WARN: "warning",
-    DiagnosticStatus.ERROR: "problem",
-    DiagnosticStatus.STALE: "warning",
-}
 
 
 class Finding(NamedTuple):
@@ -48,6 +39,15 @@ class Finding(NamedTuple):
 
     level: str
     text: str
+
+
+def print_findings(findings: Iterable[Finding]) -> int:
+    """Print a line for each as it is found; return the exit code: 1 where there is a problem."""
+    code = 0
+    for level, text in findings:
+        print(f"{level:8} {text}", flush=True)
+        code |= level == "problem"
+    return code
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,15 +102,34 @@ def clock_state() -> int:
     return -1 if failed else state.status
 
 
-def machine_findings(domain: int, before: UdpCounts) -> Iterator[Finding]:
-    """Yield what was found on this machine.
+def machine_findings(environment: Mapping[str, str], *, wheels: bool) -> Iterator[Finding]:
+    """Yield what this machine and its variables allow, before any node runs.
 
     Args:
-        domain: of ROS.
+        environment: the user's.
+        wheels: whether ROS 2 comes from the wheels of PyPI, which have no DDS security.
+    """
+    try:
+        yield shared_memory_finding(shutil.disk_usage(SHARED_MEMORY).free)
+    except OSError:
+        yield Finding(
+            "warning", f"{SHARED_MEMORY} is not there: Fast DDS falls back to UDP; mount a tmpfs there"
+        )
+    yield from _reach_findings({**environment, **({WHEELS: "1"} if wheels else {})})
+    yield from _kernel_findings(environment)
+    yield from _dds_findings(environment)
+
+
+def load_findings(before: UdpCounts) -> Iterator[Finding]:
+    """Yield how near this machine is to its limits while nodes run.
+
+    Args:
         before: UDP counts when the nodes were begun to be listened to.
     """
+    given = os.environ.get("ROS_DOMAIN_ID", "0")
+    domain = int(given) if given.isdigit() else 0
     yield participants_finding(domain, participants(domain, _text("/proc/net/udp")))
-    yield shared_memory_finding(shutil.disk_usage("/dev/shm").free)
+    yield shared_memory_finding(shutil.disk_usage(SHARED_MEMORY).free)
     yield buffer_finding(before, udp_counts(_text("/proc/net/snmp")), _text("/proc/sys/net/core/rmem_max"))
     yield clock_finding(clock_state())
 
@@ -130,7 +149,9 @@ def shared_memory_finding(free: int) -> Finding:
     if free >= LITTLE_SHARED_MEMORY:
         return Finding("ok", text)
     return Finding(
-        "warning", f"{text}: enlarge it (mount -o remount,size=512m /dev/shm), else blocks go by UDP"
+        "warning",
+        f"{text}: enlarge it (mount -o remount,size=512m /dev/shm; docker: --shm-size=256m), "
+        "else blocks go by UDP",
     )
 
 
@@ -158,107 +179,36 @@ def clock_finding(status: int) -> Finding:
     return Finding("ok", "clock synchronised")
 
 
-def ros_domain() -> int:
-    """Return the ROS domain of this process."""
-    given = os.environ.get("ROS_DOMAIN_ID", "0")
-    return int(given) if given.isdigit() else 0
+def network_problem(domain: int) -> str | None:
+    """Return what keeps a participant of a ROS domain from getting its port, None where nothing does."""
+    first = FIRST_PORT + DOMAIN_GAIN * domain
+    reason = ""
+    for port in range(first, first + PARTICIPANT_GAIN * PORTS_TRIED, PARTICIPANT_GAIN):
+        try:
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+                probe.bind(("", port))
+            return None
+        except (OSError, OverflowError) as error:
+            reason = str(error)
+    return f"no free UDP port from {first} on ({reason}): choose another ROS_DOMAIN_ID"
 
 
-def listen(seconds: float) -> dict[str, DiagnosticStatus]:
-    """Return the last status of each task that is published within ``seconds``.
+def left_behind(folder: Path) -> int:
+    """Return how many shared-memory segments of Fast DDS no running process maps.
 
-    Counting restarts with each task and new publisher, as nodes of a busy machine find each other late.
+    Args:
+        folder: where the system keeps shared memory.
     """
-    heard: dict[str, DiagnosticStatus] = {}
-
-    def take(message: DiagnosticArray) -> None:
-        heard.update({status.name: status for status in message.status})
-
-    rclpy.init()
-    node = rclpy.create_node("spool_doctor")
-    try:
-        node.create_subscription(DiagnosticArray, "/diagnostics", take, qos.diagnostics())
-        found = 0
-        end, last = (time.monotonic() + one for one in (seconds, seconds + LONGEST_SETTLING))
-        while (now := time.monotonic()) < end:
-            rclpy.spin_once(node, timeout_sec=min(end - now, LOOK))
-            there = len(heard) + node.count_publishers("/diagnostics")
-            if there > found:
-                found, end = there, min(time.monotonic() + seconds, last)
-    finally:
-        node.destroy_node()
-        rclpy.shutdown()
-    return heard
-
-
-def node_findings(heard: Mapping[str, DiagnosticStatus]) -> Iterator[Finding]:
-    """Yield what the tasks in ``heard`` tell, by name."""
-    if not heard:
-        yield Finding(
-            "warning", "no node publishes on /diagnostics: is one running, in this domain and range?"
-        )
-        return
-    parts = {name: name.partition(": ") for name in heard}  # node and task
-    hosts = {
-        name
-        for name, (node, _, task) in parts.items()
-        if task == "host" and node.rpartition("/")[2].startswith("host")
-    }
-    prefixes = tuple(f"{name.partition(':')[0]}:" for name in hosts)
-    valves = {name for name in heard if name.startswith(prefixes)} - hosts if hosts else set()
-    for name in sorted(hosts):
-        yield host_finding(heard[name])
-    if valves:
-        yield from valve_findings([heard[name] for name in sorted(valves)])
-    others = [heard[name] for name in sorted(heard) if name not in hosts | valves]
-    wrong = [status for status in others if status.level in _LEVELS]
-    if others:
-        yield Finding(
-            "ok", f"{len(others) - len(wrong)} of {len(others)} tasks of the nodes are as they should be"
-        )
-    yield from _some([Finding(_LEVELS[status.level], f"{status.name}: {status.message}") for status in wrong])
-
-
-def host_finding(status: DiagnosticStatus) -> Finding:
-    """Return the finding for one process of a host."""
-    values = _values(status)
-    share, waiting = values.get("cpu_share", math.nan), values.get("jobs_waiting", math.nan)
-    text = (
-        f"{status.name.partition(':')[0]}: {values.get('nodes', math.nan):.0f} nodes, "
-        f"{100.0 * share:.0f} % of a core, "
-        f"{values.get('resident_B', math.nan) / 1e6:.0f} MB, {waiting:.0f} blocks wait"
-    )
-    if status.level == DiagnosticStatus.ERROR:
-        return Finding("problem", f"{text}; {status.message}")
-    if share > FULL:
-        return Finding("warning", f"{text}: spread its valves over more processes (host --processes N)")
-    return Finding("ok", text)
-
-
-def valve_findings(statuses: Iterable[DiagnosticStatus]) -> Iterator[Finding]:
-    """Yield how old the hosted valves' blocks are, and which came late or were lost."""
-    found = [(status, _values(status)) for status in statuses]
-    oldest, last = max(
-        ((values.get("block_age_s", math.nan), status.name) for status, values in found),
-        key=lambda one: -math.inf if math.isnan(one[0]) else one[0],
-    )
-    late, lost = (sum(values.get(key, 0.0) for _, values in found) for key in ("blocks_late", "blocks_lost"))
-    text = (
-        f"{len(found)} valves are hosted: blocks at most {1e3 * oldest:.0f} ms old when their turn comes "
-        f"({last.rpartition(' ')[2]}); since the start {late:.0f} late by a period, {lost:.0f} lost"
-    )
-    yield (
-        Finding("ok", text)
-        if oldest <= OLD
-        else Finding("warning", f"{text}: the host is too busy, or the source's clock is another one")
-    )
-    yield from _some(
-        [
-            Finding("warning", f"{status.name.rpartition(' ')[2]}: {status.message}")
-            for status, _ in found
-            if status.level in _LEVELS
-        ]
-    )
+    segments = {str(path) for pattern in SEGMENT_PATTERNS for path in folder.glob(pattern)}
+    # Lock files next to the segments are never mapped.
+    segments = {name for name in segments if not name.endswith("_el") and "_port" not in name}
+    for maps in Path("/proc").glob("[0-9]*/maps") if segments else ():
+        try:
+            text = maps.read_text()
+        except OSError:
+            continue
+        segments = {name for name in segments if name not in text}
+    return len(segments)
 
 
 def _text(path: str) -> str:
@@ -268,17 +218,83 @@ def _text(path: str) -> str:
         return ""
 
 
-def _some(findings: list[Finding]) -> Iterator[Finding]:
-    yield from findings[:TOLD]
-    if len(findings) > TOLD:
-        yield Finding("warning", f"and {len(findings) - TOLD} more of this kind")
+def _reach_findings(environment: Mapping[str, str]) -> Iterator[Finding]:
+    """Yield what the variables say about whom the nodes reach, and who reaches them."""
+    if environment.get("ROS_LOCALHOST_ONLY", "0") not in ("", "0"):
+        yield Finding(
+            "problem",
+            "ROS_LOCALHOST_ONLY is set: it is deprecated, and a later ROS 2 may ignore it silently; "
+            "unset it and set ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST",
+        )
+    reach = environment.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "")
+    if reach not in ("", "SUBNET", "LOCALHOST", "OFF", "SYSTEM_DEFAULT"):
+        yield Finding(
+            "problem",
+            f"ROS_AUTOMATIC_DISCOVERY_RANGE={reach} is none of "
+            "SUBNET, LOCALHOST, OFF, SYSTEM_DEFAULT: set one",
+        )
+    elif reach == "OFF":
+        yield Finding(
+            "problem", "ROS_AUTOMATIC_DISCOVERY_RANGE=OFF: nodes will not find each other; set LOCALHOST"
+        )
+    elif reach == "LOCALHOST":
+        yield Finding("ok", "discovery range LOCALHOST: nodes find each other on this machine only")
+    middleware = environment.get("RMW_IMPLEMENTATION", "")
+    if middleware not in ("", "rmw_fastrtps_cpp"):
+        yield Finding(
+            "warning", f"RMW_IMPLEMENTATION={middleware}: the suite is tested with rmw_fastrtps_cpp"
+        )
+    said = network_warnings(environment)
+    yield from (Finding("warning", text) for text in said)
+    if not any(name.startswith("ROS_SECURITY_") for name in environment):
+        yield Finding(
+            "ok", "no ROS_SECURITY_ variable is set: messages are sent and recorded in clear, as is usual"
+        )
+    elif not any("ROS_SECURITY_" in text for text in said):
+        yield Finding("ok", "DDS security is enforced")
 
 
-def _values(status: DiagnosticStatus) -> dict[str, float]:
-    found = {}
-    for one in status.values:
-        try:
-            found[one.key] = float(one.value)
-        except ValueError:
-            continue
-    return found
+def _kernel_findings(environment: Mapping[str, str]) -> Iterator[Finding]:
+    """Yield who else can change the compiled code that the nodes load."""
+    try:
+        folder = kernel_files.wanted_kernel_folder(environment)
+    except RuntimeError:
+        yield Finding("warning", "no home directory: set NUMBA_CACHE_DIR for compiled kernels")
+        return
+    reason = kernel_files.refusal(folder)
+    if reason is None:
+        yield Finding("ok", f"compiled kernels are kept in {folder}, which nobody else can write")
+        damaged = kernel_files.damaged_files(folder)
+        if damaged:
+            yield Finding(
+                "warning",
+                f"damaged files of compiled kernels: {len(damaged)}, the first is {damaged[0]}: the kernels "
+                "are compiled again when they are next needed; if this comes back, check the disk",
+            )
+    else:
+        yield Finding(
+            "warning",
+            f"compiled kernels are not kept in {folder}: {reason}; they go to a temporary folder and are "
+            "compiled again after each boot: set NUMBA_CACHE_DIR to a folder of your own",
+        )
+
+
+def _dds_findings(environment: Mapping[str, str]) -> Iterator[Finding]:
+    """Yield what Fast DDS finds of ports and left-over shared memory."""
+    domain = environment.get("ROS_DOMAIN_ID", "") or "0"
+    if not domain.isdecimal() or int(domain) > LARGEST_DOMAIN:
+        yield Finding(
+            "problem",
+            f"ROS_DOMAIN_ID={domain} is no whole number from 0 to {LARGEST_DOMAIN}: "
+            "set one, 0 to 101 is safe",
+        )
+        return
+    trouble = network_problem(int(domain))
+    yield Finding("problem" if trouble else "ok", trouble or f"UDP ports of ROS domain {domain} can be used")
+    count = left_behind(SHARED_MEMORY)
+    if count:
+        yield Finding(
+            "warning",
+            f"{count} shared-memory files of Fast DDS are left of processes that are gone: "
+            f"with no ROS 2 running, rm {SHARED_MEMORY}/*fastrtps* {SHARED_MEMORY}/fast_datasharing*",
+        )
