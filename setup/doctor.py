@@ -12,7 +12,6 @@ from setup import packages, requirements, workspace
 from setup.layout import Layout, SetupError
 from setup.process import ask
 from setup.requirements import NEEDED_BYTES, PYTHON, SetupState
-from setup.workspace import package_fingerprints
 
 # Of the suite, which need not be installed, this module alone: it needs Python's own library.
 SOURCES = Path(__file__).resolve().parent.parent / "ros2_ws" / "src"
@@ -127,7 +126,7 @@ def _packages(layout: Layout) -> Iterator[Finding]:
 
 def _workspace(layout: Layout, done: SetupState, environment: Mapping[str, str]) -> Iterator[Finding]:
     """The built packages."""
-    wanted = package_fingerprints(layout.workspace / "src")
+    wanted = workspace.package_fingerprints(layout.workspace / "src")
     changed = sorted(
         name for name in wanted.keys() | done.packages.keys() if wanted.get(name) != done.packages.get(name)
     )

@@ -12,7 +12,6 @@ from setup import packages, requirements, workspace
 from setup.layout import Layout
 from setup.process import Runner, Steps, say
 from setup.requirements import SetupState
-from setup.workspace import cmake_dependents, package_fingerprints
 
 #: Logs and modules of the processes that compile kernels: of the nodes, and of analyses.
 WARM_UPS = {"kernels": "spool_monitor.warm_up", "analysis_kernels": "spool_gap.warm_up"}
@@ -23,7 +22,7 @@ def is_current(layout: Layout, done: SetupState) -> bool:
     return (
         requirements.stale(layout, done) is None
         and layout.ready_file.exists()
-        and not _has_to_build(layout, done, package_fingerprints(layout.workspace / "src"))
+        and not _has_to_build(layout, done, workspace.package_fingerprints(layout.workspace / "src"))
     )
 
 
@@ -65,7 +64,7 @@ class Installation:
         self._done = done
         self._steps = Steps()
         self._runner = Runner(layout.notes, keep_open, self._steps.progress)
-        self._wanted = package_fingerprints(layout.workspace / "src")
+        self._wanted = workspace.package_fingerprints(layout.workspace / "src")
 
     def run(self) -> None:
         """Do the steps that are missing.
@@ -93,7 +92,10 @@ class Installation:
         if not done.lock:
             self._install()
         if patching:
-            self._patch()
+            with self._steps.step("patching the CMake files of the ROS 2 wheels"):
+                workspace.patch_foreign_files(layout, self._tools())
+            done.patched = True
+            requirements.save(layout, done)
         if building:
             self._discard()
         with ExitStack() as parallel:
@@ -128,12 +130,6 @@ class Installation:
         self._done.lock = lock
         requirements.save(self._layout, self._done)
 
-    def _patch(self) -> None:
-        with self._steps.step("patching the CMake files of the ROS 2 wheels"):
-            workspace.apply(self._layout, self._tools())
-        self._done.patched = True
-        requirements.save(self._layout, self._done)
-
     def _discard(self) -> None:
         """Remove what was built of packages that are gone, or all where the build is not whole."""
         layout, done = self._layout, self._done
@@ -148,7 +144,7 @@ class Installation:
         """Build the packages that changed, and learn the environment again."""
         layout, done = self._layout, self._done
         changed = {name for name, value in self._wanted.items() if done.packages.get(name) != value}
-        names = sorted(cmake_dependents(layout.workspace / "src", changed))
+        names = sorted(workspace.cmake_dependents(layout.workspace / "src", changed))
         what = f"{len(names)} packages" if len(names) > 1 else "".join(names) or "nothing, a package is gone"
         tools = self._tools()
         # A build that fails half-way leaves packages that fit no source.

@@ -138,7 +138,11 @@ def _run(arguments: list[str]) -> int:
             near = difflib.get_close_matches(command, known, n=1)
             meant = f", did you mean {near[0]}?" if near else ":"
             raise SetupError(f"no command {command}{meant} ./spool --help lists them")
-    _warn_localhost_only(environment)
+    if environment.get("ROS_LOCALHOST_ONLY", "0") not in ("", "0"):
+        say(
+            "ROS_LOCALHOST_ONLY is deprecated: ROS 2 Jazzy still follows it, a later release may not: "
+            "use ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST"
+        )
 
     from setup.installation import ensure, is_current  # noqa: PLC0415
 
@@ -176,17 +180,8 @@ def _hand_over(
     os.execve(python, command, run)
 
 
-def _warn_localhost_only(environment: dict[str, str]) -> None:
-    """Tell of the variable that newer releases of ROS 2 ignore."""
-    if environment.get("ROS_LOCALHOST_ONLY", "0") not in ("", "0"):
-        say(
-            "ROS_LOCALHOST_ONLY is deprecated: ROS 2 Jazzy still follows it, a later release may not: "
-            "use ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST"
-        )
-
-
 def _as_interrupt(_signal: int, _frame: FrameType | None) -> None:
-    """Let a request to end take the way of Ctrl-C."""
+    """Treat SIGTERM like Ctrl-C."""
     raise KeyboardInterrupt
 
 

@@ -175,9 +175,9 @@ def _there(place: str) -> bool:
 def failure(what: str, output: str, log: Path) -> SetupError:
     """The line for a tool that failed, by the causes that users can do something about."""
     if "No space left on device" in output or "Disk quota exceeded" in output:
+        root, temporary = log.parent.parent.parent, os.environ.get("TMPDIR", "/tmp")
         return SetupError(
-            f"{what}: the disk that holds {log.parent.parent.parent} or {_temporary()} is full: "
-            "free some space and call again"
+            f"{what}: the disk that holds {root} or {temporary} is full: free some space and call again"
         )
     if "DO NOT MATCH THE HASHES" in output.upper():
         package = re.search(r"^ {4}(\S+) from ", output, re.MULTILINE)
@@ -197,7 +197,3 @@ def failure(what: str, output: str, log: Path) -> SetupError:
             f"{what}: {errors[-1].lower()} on your package index: check pip's configuration; see {log}"
         )
     return SetupError(f"{what}: {errors[-1] if errors else 'the tool failed'}; see {log}")
-
-
-def _temporary() -> str:
-    return os.environ.get("TMPDIR", "/tmp")

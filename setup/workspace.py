@@ -62,7 +62,9 @@ def base_environment(layout: Layout, environment: Mapping[str, str]) -> dict[str
     else:
         result["AMENT_PREFIX_PATH"] = os.pathsep.join(layout.underlay.prefixes)
         for name in ("CMAKE_PREFIX_PATH", "PYTHONPATH", "LD_LIBRARY_PATH"):
-            result[name] = _without(str(layout.root), environment.get(name, ""))
+            entries = environment.get(name, "").split(os.pathsep)
+            foreign = (entry for entry in entries if entry and not entry.startswith(f"{layout.root}{os.sep}"))
+            result[name] = os.pathsep.join(foreign)
         result["CMAKE_PREFIX_PATH"] = _before(*layout.underlay.prefixes, result["CMAKE_PREFIX_PATH"])
     return result
 
@@ -164,11 +166,13 @@ def package_fingerprints(source: Path) -> dict[str, str]:
 def cmake_dependents(source: Path, changed: set[str]) -> set[str]:
     """`changed` with every compiled package that depends on one of them, directly or not."""
     found = set(changed)
+    folders = [path.parent for path in source.glob("*/CMakeLists.txt")]
+    manifests = {folder.name: (folder / "package.xml").read_text() for folder in folders}
     while True:
         more = {
-            path.parent.name
-            for path in source.glob("*/CMakeLists.txt")
-            if path.parent.name not in found and _names_one_of(path.parent / "package.xml", found)
+            name
+            for name, text in manifests.items()
+            if name not in found and any(f"depend>{one}</" in text for one in found)
         }
         if not more:
             return found
@@ -181,11 +185,8 @@ def foreign_files(layout: Layout) -> list[Path]:
     return [path for path in files if PYTHON.search(path.read_bytes()) or NUMPY.search(path.read_bytes())]
 
 
-def apply(layout: Layout, environment: Mapping[str, str]) -> int:
-    """Let the CMake files name this interpreter's headers and this NumPy's.
-
-    Returns:
-        How many files were changed.
+def patch_foreign_files(layout: Layout, environment: Mapping[str, str]) -> None:
+    """Write this interpreter's and this NumPy's headers into the CMake files.
 
     Raises:
         SetupError: the environment does not tell its folders.
@@ -198,33 +199,18 @@ def apply(layout: Layout, environment: Mapping[str, str]) -> int:
             "delete that folder and call again"
         )
     include, numpy_include = folders
-    files = foreign_files(layout)
-    for path in files:
+    for path in foreign_files(layout):
         text = NUMPY.sub(lambda _: numpy_include, path.read_bytes())
         patched = path.with_name(path.name + ".new")
         patched.write_bytes(PYTHON.sub(lambda _: include, text))
         # A new file in its place: the old one may be a hard link into a cache that others use.
         os.replace(patched, path)
-    return len(files)
 
 
 def _before(*parts: str | Path) -> str:
     """Paths joined, each once, the first place counts."""
     entries = [entry for part in parts for entry in str(part).split(os.pathsep) if entry]
     return os.pathsep.join(dict.fromkeys(entries))
-
-
-def _without(root: str, value: str) -> str:
-    """A path variable without the entries inside `root`."""
-    return os.pathsep.join(
-        entry for entry in value.split(os.pathsep) if entry and not entry.startswith(root + os.sep)
-    )
-
-
-def _names_one_of(manifest: Path, names: set[str]) -> bool:
-    """Whether a package.xml depends on one of `names`."""
-    text = manifest.read_text()
-    return any(f"depend>{name}</" in text for name in names)
 
 
 def _fingerprint(package: Path) -> str:

@@ -134,7 +134,8 @@ def needed_packages(stage: Path) -> list[str]:
             if stream.read(4) != _ELF:
                 continue
         brought.add(path.name)
-        asked |= _asked(path)
+        shown = subprocess.run(["objdump", "-p", str(path)], capture_output=True, text=True, check=False)
+        asked |= set(re.findall(r"^\s+NEEDED\s+(\S+)", shown.stdout, re.M))
     missing = {name for name in asked - brought if not any(one.startswith(name) for one in brought)}
     found = {package for name in missing for package in _package_of(name)}
     return sorted(found)
@@ -223,11 +224,6 @@ def _run(command: list[str], environment: dict[str, str]) -> None:
     done = subprocess.run(command, env=environment, stdout=sys.stderr, check=False)
     if done.returncode:
         raise SetupError(f"./spool package: {command[0]} ended with {done.returncode}: see above")
-
-
-def _asked(path: Path) -> set[str]:
-    shown = subprocess.run(["objdump", "-p", str(path)], capture_output=True, text=True, check=False)
-    return set(re.findall(r"^\s+NEEDED\s+(\S+)", shown.stdout, re.M))
 
 
 def _package_of(library: str) -> set[str]:

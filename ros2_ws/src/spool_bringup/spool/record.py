@@ -249,8 +249,9 @@ def read(
     from spool_bag.importing.bag_import import import_record  # noqa: PLC0415 - slow to load
     from spool_bag.importing.choices import choices  # noqa: PLC0415
 
+    units = {"body": unit, "spool": unit} if isinstance(unit, str) else unit
     how = choices(
-        columns=_pairs("columns", columns), unit=_pairs("unit", _units(unit)), scale=_pairs("scale", scale),
+        columns=_pairs("columns", columns), unit=_pairs("unit", units), scale=_pairs("scale", scale),
         topic=_pairs("topic", topic), rate=rate, align=align, exclude=exclude or None, stamps=stamps,
         dates=dates, empty_as_gap=empty_as_gap,
     )  # fmt: skip
@@ -481,10 +482,6 @@ def _place(name: str) -> tuple[tempfile.TemporaryDirectory[str], Path]:
     """Return a folder that goes with a record, and the place of its bag."""
     folder = tempfile.TemporaryDirectory(prefix="spool_")
     return folder, Path(folder.name) / name
-
-
-def _units(unit: str | Mapping[str, str] | None) -> Mapping[str, str] | None:
-    return {"body": unit, "spool": unit} if isinstance(unit, str) else unit
 
 
 def _pairs(argument: str, given: Mapping[str, str] | None) -> list[str] | None:
