@@ -48,7 +48,6 @@ def doctor(layout: Layout, done: SetupState, environment: Mapping[str, str], arg
 
 
 def _examine(layout: Layout, done: SetupState, environment: Mapping[str, str]) -> Iterator[Finding]:
-    """Yield all findings, machine first."""
     try:
         requirements.check_machine(layout, environment)
         version = ".".join(map(str, sys.version_info[:3]))
@@ -71,7 +70,6 @@ def _examine(layout: Layout, done: SetupState, environment: Mapping[str, str]) -
 
 
 def _installation(layout: Layout, done: SetupState, environment: Mapping[str, str]) -> Iterator[Finding]:
-    """Environment and workspace."""
     yield Finding("ok", f"stands on {layout.underlay}")
     try:
         requirements.check_ros(layout, environment)
@@ -125,7 +123,6 @@ def _packages(layout: Layout) -> Iterator[Finding]:
 
 
 def _workspace(layout: Layout, done: SetupState, environment: Mapping[str, str]) -> Iterator[Finding]:
-    """The built packages."""
     wanted = workspace.package_fingerprints(layout.workspace / "src")
     changed = sorted(
         name for name in wanted.keys() | done.packages.keys() if wanted.get(name) != done.packages.get(name)

@@ -109,7 +109,6 @@ def _keep_standard_streams() -> None:
 
 
 def _run(arguments: list[str]) -> int:
-    """What `main` does, with errors raised."""
     environment = dict(os.environ)
     environment.pop("__PYVENV_LAUNCHER__", None)
     if not re.fullmatch(r"[A-Za-z0-9_-]*", environment.get("ROS_DISTRO", "")):

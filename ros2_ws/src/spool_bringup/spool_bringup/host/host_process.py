@@ -285,7 +285,7 @@ class HostProcess:
         one.failed, one.due = "it cannot be started: see its log", time.monotonic() + AGAIN
 
     def _turns(self) -> None:
-        """Let executor and worker do what waits, so that a start makes nothing late that runs already."""
+        """Work off what waits in executor and worker, so that a start delays no node that runs already."""
         self._beat()
         assert HUB.worker is not None
         begun = time.monotonic()
@@ -297,7 +297,6 @@ class HostProcess:
                 return
 
     def _turn(self, seconds: float) -> None:
-        """Let the executor wait so long for work."""
         self._guarded(self._executor.spin_once, seconds)
 
     def _guarded(self, action: Callable[[float], object], argument: float) -> None:
