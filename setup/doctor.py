@@ -11,12 +11,11 @@ from pathlib import Path
 from setup import packages, requirements, workspace
 from setup.layout import Layout, SetupError
 from setup.process import ask
-from setup.requirements import NEEDED_BYTES, PYTHON, SetupState
+from setup.requirements import SetupState
 
 # Of the suite, which need not be installed, this module alone: it needs Python's own library.
-SOURCES = Path(__file__).resolve().parent.parent / "ros2_ws" / "src"
-sys.path += [str(SOURCES / "spool_core"), str(SOURCES / "spool_tools")]
-from spool_tools.operations.machine_findings import Finding, machine_findings, print_findings  # noqa: E402
+sys.path += [str(Path(__file__).parents[1] / "ros2_ws/src" / name) for name in ("spool_core", "spool_tools")]
+from spool_tools.operations.machine_findings import Finding, machine_findings, print_findings
 
 IMPORTS = "import rclpy, spool_msgs.msg as m; m.AccelerationBlock()"
 HELP = """Usage: ./spool doctor [--live [--seconds S]]
@@ -50,8 +49,7 @@ def doctor(layout: Layout, done: SetupState, environment: Mapping[str, str], arg
 def _examine(layout: Layout, done: SetupState, environment: Mapping[str, str]) -> Iterator[Finding]:
     try:
         requirements.check_machine(layout, environment)
-        version = ".".join(map(str, sys.version_info[:3]))
-        yield Finding("ok", f"Python {version} at {PYTHON}, with headers")
+        yield Finding("ok", f"Python {requirements.VERSION} at {requirements.PYTHON}, with headers")
         yield Finding("ok", "compiler and make")
     except SetupError as error:
         # What is built already runs without a compiler.
@@ -62,8 +60,8 @@ def _examine(layout: Layout, done: SetupState, environment: Mapping[str, str]) -
             str(error),
         )
     free = shutil.disk_usage(layout.root).free
-    enough = bool(done.lock) or free >= NEEDED_BYTES
-    advice = "" if enough else f": the set-up takes {NEEDED_BYTES / 1e9:.0f} GB, free some space"
+    enough = bool(done.lock) or free >= requirements.NEEDED_BYTES
+    advice = "" if enough else f": the set-up takes {requirements.NEEDED_BYTES / 1e9:.0f} GB, free some space"
     yield Finding("ok" if enough else "problem", f"disk: {free / 1e9:.1f} GB free at {layout.root}{advice}")
     yield from machine_findings(environment, wheels=layout.underlay.is_wheels)
     yield from _installation(layout, done, environment)

@@ -4,20 +4,18 @@ from __future__ import annotations
 
 import fcntl
 import os
-import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 
 from setup import packages, requirements, workspace
 from setup.layout import Layout
 from setup.process import Runner, Steps, say
-from setup.requirements import SetupState
 
 #: Logs and modules of the processes that compile kernels: of the nodes, and of analyses.
 WARM_UPS = {"kernels": "spool_monitor.warm_up", "analysis_kernels": "spool_gap.warm_up"}
 
 
-def is_current(layout: Layout, done: SetupState) -> bool:
+def is_current(layout: Layout, done: requirements.SetupState) -> bool:
     """Whether nothing has to be done."""
     return (
         requirements.stale(layout, done) is None
@@ -26,7 +24,7 @@ def is_current(layout: Layout, done: SetupState) -> bool:
     )
 
 
-def ensure(layout: Layout, environment: Mapping[str, str]) -> SetupState:
+def ensure(layout: Layout, environment: Mapping[str, str]) -> requirements.SetupState:
     """Do what is missing of the set-up.
 
     Returns:
@@ -57,7 +55,7 @@ class Installation:
     """
 
     def __init__(
-        self, layout: Layout, environment: Mapping[str, str], done: SetupState, keep_open: int
+        self, layout: Layout, environment: Mapping[str, str], done: requirements.SetupState, keep_open: int
     ) -> None:
         self._layout = layout
         self._environment = environment
@@ -82,8 +80,8 @@ class Installation:
         if fresh:
             requirements.check_space(layout)
             # Nothing of the old is trusted from here on, whenever the set-up is interrupted.
-            requirements.save(layout, SetupState())
-            done.__dict__.update(SetupState().__dict__)
+            requirements.save(layout, requirements.SetupState())
+            done.__dict__.update(requirements.SetupState().__dict__)
         patching = layout.underlay.is_wheels and not done.patched
         building = patching or not done.lock or _has_to_build(layout, done, self._wanted)
         self._steps.total = fresh + (not done.lock) + patching + building + (not done.warmed)
@@ -112,9 +110,8 @@ class Installation:
         return workspace.base_environment(self._layout, self._environment)
 
     def _make_venv(self) -> None:
-        version = ".".join(map(str, sys.version_info[:3]))
         with self._steps.step(
-            f"making {self._layout.venv.relative_to(self._layout.root)} with Python {version}"
+            f"making {self._layout.venv.relative_to(self._layout.root)} with Python {requirements.VERSION}"
         ):
             packages.make_venv(self._layout, self._tools(), self._runner)
         self._done.root = str(self._layout.root)
@@ -184,7 +181,7 @@ class Installation:
         requirements.save(self._layout, self._done)
 
 
-def _has_to_build(layout: Layout, done: SetupState, wanted: dict[str, str]) -> bool:
+def _has_to_build(layout: Layout, done: requirements.SetupState, wanted: dict[str, str]) -> bool:
     """Whether the built workspace is not what the sources want."""
     return (
         not done.environment or done.packages != wanted or not (layout.install / "local_setup.bash").exists()

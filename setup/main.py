@@ -9,7 +9,6 @@ import re
 import signal
 import sys
 from pathlib import Path
-from types import FrameType
 
 from setup import requirements, workspace
 from setup.layout import Layout, SetupError, find_underlay
@@ -179,7 +178,7 @@ def _hand_over(
     os.execve(python, command, run)
 
 
-def _as_interrupt(_signal: int, _frame: FrameType | None) -> None:
+def _as_interrupt(*_: object) -> None:
     """Treat SIGTERM like Ctrl-C."""
     raise KeyboardInterrupt
 

@@ -19,7 +19,8 @@ NEEDED_BYTES = 2_000_000_000
 WHEELS_PLATFORM = "linux x86_64"
 #: The interpreter that the launcher chose, outside any virtual environment: the environment is made with it.
 PYTHON = os.path.realpath(getattr(sys, "_base_executable", sys.executable))
-SERIES = f"{sys.version_info[0]}.{sys.version_info[1]}"
+VERSION = ".".join(map(str, sys.version_info[:3]))
+SERIES = VERSION.rpartition(".")[0]
 
 
 def stale(layout: Layout, done: SetupState) -> str | None:

@@ -1,7 +1,4 @@
-"""What `doctor` finds of this machine: who can reach it, ports, shared memory, buffers, the clock.
-
-Standard library only: `./spool doctor` looks before anything is set up.
-"""
+"""What `doctor` finds of this machine, also before anything is set up: standard library only."""
 
 from __future__ import annotations
 
@@ -10,7 +7,6 @@ import os
 import shutil
 import socket
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
@@ -50,8 +46,7 @@ def print_findings(findings: Iterable[Finding]) -> int:
     return code
 
 
-@dataclass(frozen=True, slots=True)
-class UdpCounts:
+class UdpCounts(NamedTuple):
     """UDP counts of the kernel since it started: datagrams that came, and those dropped for a full buffer."""
 
     received: int
