@@ -1,8 +1,4 @@
-"""Node ``estimator``: identifies the model of one valve from its acceleration blocks.
-
-The node hands over what it hears; this holds the topics ``events`` and ``gap`` and the service
-``~/analyse_gap``.
-"""
+"""Node ``estimator``: identifies the model of one valve from its acceleration blocks."""
 
 from __future__ import annotations
 
@@ -262,7 +258,7 @@ class EstimatorNode(ManagedNode):
 
 
 class GapService:
-    """Events and analyses of one valve's model gap."""
+    """Topics ``events`` and ``gap`` and service ``~/analyse_gap`` of one valve's model gap."""
 
     def __init__(
         self, node: Any, valve: Valve, base: Model, language: Language, *, window: float, growth: float

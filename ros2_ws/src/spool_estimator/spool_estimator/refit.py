@@ -1,8 +1,4 @@
-"""Refit of the model in the background: when it is asked for, and the process that does it.
-
-:class:`WindowRefits` collects windows from the stream, :func:`refit` fits one. A window gives the same refit
-wherever it is fitted, so that a replay has those of the live node.
-"""
+"""Refit of the model in the background: when it is asked for, and the process that does it."""
 
 from __future__ import annotations
 
@@ -162,7 +158,10 @@ class WindowRefits:
 
 
 def refit(task: WindowTask) -> Refit:
-    """Return the fit of one window; whatever goes wrong is a result with a reason."""
+    """Return the fit of one window; whatever goes wrong is a result with a reason.
+
+    A window gives the same refit in any process, so that a replay has those of the live node.
+    """
     settings = task.settings
     window = task.record.duration
     if task.idle:
