@@ -22,7 +22,6 @@ import uvicorn
 from jinja2 import BaseLoader, Environment, StrictUndefined
 from spool_core.faults import unexpected
 from spool_monitor.listener import HeardValve
-from spool_msgs.msg import AlarmList
 from starlette.applications import Starlette
 from starlette.datastructures import Headers
 from starlette.middleware import Middleware
@@ -371,7 +370,7 @@ class MachineChannel:
         self.readers: set[Reader] = set()
         self._rows: dict[str, dict[str, Any]] = {}
         self._alarms: dict[str, list[dict[str, Any]]] = {}
-        self._heard: dict[str, AlarmList | None] = {}
+        self._heard: dict[str, object] = {}  # messages that the alarms were made of
         self._seen: dict[str, tuple[int, str]] = {}
 
     def join(self, reader: Reader) -> None:
