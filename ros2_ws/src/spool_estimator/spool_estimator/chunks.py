@@ -1,16 +1,17 @@
 """Chunks of samples: what a tracker learns from each, compiled, up to what only the tracker can do.
 
-A chunk's standstill, prediction, least squares and the verdict on them are one kernel, which goes on from
-chunk to chunk; the seldom steps (a first start, a refit, a new beginning) are handed to the tracker, which
-lets the kernel go on behind them. One chunk by itself is a run of one.
+``follow`` learns from chunk after chunk: standstill, prediction, least squares and the verdict on them. It
+ends at a chunk with a seldom ``Need`` (a start, a refit, a new beginning), which the tracker finishes.
 """
 
 from __future__ import annotations
 
 import math
+from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from spool_core.block import Samples
 from spool_core.kernels.compiled import compiled
 from spool_core.kernels.samples import StandingArrays, scan
@@ -45,7 +46,7 @@ CHANGED, SIGNIFICANT, ATYPICAL, LENGTHS = 1.25, 300.0, 8.0, (4, 10)
 TYPICAL, TYPICAL_STEP = 0.03, 3.0
 #: Chunks until a refit is tried whatever least squares promise, each time twice as many as before: in a long
 #: curved valley of the error, as that of dry friction in thick oil, they need a minute where a descent ends.
-FIRST_CHECK, LAST_CHECK = 10.0, 320.0
+FIRST_CHECK, LAST_CHECK = 10, 320
 #: Refits saved up at most, and how many more a chunk allows: a model that does not fit must not cost more.
 MOST_REFITS, REFITS = 6.0, 0.05
 #: Relative residual above which the model does not describe what is seen and a new start is tried, and the
@@ -61,20 +62,42 @@ RAN_AWAY = 1.0e6
 #: Share of the correction for the noise of the body's sensor that counts as uncertainty.
 DOUBT = 0.5
 
-#: What the kernel asks of its tracker: a refit to one of LENGTHS, a new start where the fit is poor, the
-#: step of a sliding window, fresh least squares, a first start, to forget everything, to stand still.
-REFIT_SHORT, REFIT_LONG, POOR_START, SLIDE, FRESH, FIRST_START, FORGET, STAND, NOTHING = range(9)
 
-#: Places in the numbers of a tracker: samples that wait for their chunk, those taken by the last call with
-#: the chunks that they filled and the samples of these that were used, what is known (see ``Tracker``),
-#: what belongs to the prediction, the window of chunks and the history, what a refit gained usually until
-#: now, chunks until the next check and between the last two.
-(
-    WAITING, TAKEN, CHUNKS, USED, STARTED, EXCITED, SETTLING, DISTINGUISHED, LEAST, SINCE_RESTART, ALLOWED,
-    PAUSE, EVIDENCE_POINTWISE, EVIDENCE_BAND_LIMITED, EARLIER, POINT_VALUES, WINDOW, KEPT_SAMPLES, USUAL_GAIN,
-    CHECK, BETWEEN,
-) = range(21)  # fmt: skip
-NUMBERS = 21
+class Need(IntEnum):
+    """What the tracker has to do with the chunk at which a kernel ended."""
+
+    NOTHING = 0
+    STANDSTILL = 1  # begin the motion again: a channel does not change
+    FORGETTING = 2  # forget everything: the model's motion ran away
+    START = 3  # the first start
+    REFIT = 4  # a refit, or a new start of a poor fit; the step where none is better
+    STEP = 5  # the step of a sliding window
+    REGRESSION = 6  # fresh least squares: the parameters are those of no valve
+
+
+#: Progress of a tracker; each field is a number that the kernels move on in place.
+PROGRESS = np.dtype(
+    [
+        ("taken", np.int64),  # samples that the last call took
+        ("chunks", np.int64),  # chunks that they filled
+        ("used", np.int64),  # samples of these chunks that were used
+        ("started", np.bool_),  # the parameters are those of a fit
+        ("excited", np.bool_),  # the last chunk was excited
+        ("settling", np.bool_),  # the motion was settling in it
+        ("pointwise", np.bool_),  # samples are point values, see Prediction.take
+        ("distinguished", np.bool_),  # and it is known whether they are
+        ("by_points", np.float64),  # share of the error near jumps that point values leave
+        ("band_limited", np.float64),  # and that band-limited samples leave
+        ("least", np.float64),  # least residual power of late, relative
+        ("since_restart", np.int64),  # chunks since the motion began
+        ("earlier", np.int64),  # states kept since then
+        ("allowed", np.float64),  # refits saved up
+        ("pause", np.int64),  # chunks until the next start
+        ("check", np.int64),  # chunks until the next refit whatever is promised
+        ("between", np.int64),  # chunks between the last two of these
+    ],
+    align=True,
+)
 
 _LENGTHS = np.array(LENGTHS)
 _POOR_SQUARE, _NOISE_SQUARE, _SMALLEST_SQUARE = POOR**2, NOISE**2, SMALLEST_NOISE**2
@@ -101,7 +124,7 @@ class Valve(NamedTuple):
 class TrackerArrays(NamedTuple):
     """Arrays of a tracker itself, which kernels move on in place; see there."""
 
-    numbers: Array
+    progress: NDArray[np.void]
     waiting: Samples
     ring: Samples
     powers: Array
@@ -117,6 +140,7 @@ class TrackerArrays(NamedTuple):
 def follow(
     body: Samples,
     spool: Samples,
+    filled: int,
     most: int,
     valve: Valve,
     tracker: TrackerArrays,
@@ -126,27 +150,26 @@ def follow(
     window: WindowArrays,
     regression: RegressionArrays,
 ) -> int:
-    """Take samples, shape (n,), m/s^2, until ``most`` chunks are full or one asks; return what it asks."""
-    numbers, waiting = tracker.numbers, tracker.waiting
-    size = waiting.shape[1]
-    taken, chunks, filled = 0, 0, int(numbers[WAITING])
-    numbers[TAKEN] = numbers[CHUNKS] = numbers[USED] = 0.0
-    while taken < body.size and chunks < most:
+    """Learn from samples, shape (n,), m/s^2, of up to ``most`` chunks; return what the last one needs.
+
+    ``filled``: samples that wait already, for the first of them.
+    """
+    now, waiting = tracker.progress[0], tracker.waiting
+    size, taken = waiting.shape[1], 0
+    now["taken"] = now["chunks"] = now["used"] = 0
+    need = Need.NOTHING
+    while need == Need.NOTHING and taken < body.size and now["chunks"] < most:
         count = min(size - filled, body.size - taken)
         for i in range(count):
             waiting[0, filled + i] = body[taken + i]
             waiting[1, filled + i] = spool[taken + i]
         taken += count
-        filled = (filled + count) % size
-        numbers[WAITING], numbers[TAKEN] = filled, taken
-        if filled:
-            break
-        chunks += 1
-        numbers[CHUNKS] = chunks
-        asks = _learn(valve, tracker, standing, displacement, run, window, regression)
-        if asks != NOTHING:
-            return asks
-    return NOTHING
+        now["taken"] = taken
+        if filled + count == size:
+            filled = 0
+            now["chunks"] += 1
+            need = _learn(valve, tracker, standing, displacement, run, window, regression)
+    return need.value
 
 
 @compiled
@@ -158,30 +181,28 @@ def _learn(
     run: PredictionArrays,
     window: WindowArrays,
     regression: RegressionArrays,
-) -> int:
-    """Learn from the chunk that waits; return what it asks."""
-    numbers, waiting = tracker.numbers, tracker.waiting
+) -> Need:
+    """Learn from the chunk that waits; return what it needs."""
+    now, waiting = tracker.progress[0], tracker.waiting
     if scan(waiting, standing):
-        return STAND
-    keep(tracker.ring, int(numbers[KEPT_SAMPLES]), waiting[0], waiting[1])
-    numbers[KEPT_SAMPLES] += waiting.shape[1]
-    started = numbers[STARTED] != 0.0
+        return Need.STANDSTILL
+    keep(tracker.ring, now["since_restart"] * waiting.shape[1], waiting[0], waiting[1])
+    started = now["started"]
     parameters = regression.parameters if started else tracker.nominal
-    pointwise = numbers[POINT_VALUES] != 0.0
-    predict(waiting[0], waiting[1], valve.period, valve.mass, parameters, pointwise, run)
+    predict(waiting[0], waiting[1], valve.period, valve.mass, parameters, now["pointwise"], run)
     sums = run.sums
     shaken = sums[COUNT] * valve.least_body
     shaken = shaken if shaken > sums[BODY] else sums[BODY]
     if started and not sums[RESIDUAL] <= valve.runaway * shaken:
-        return FORGET
+        return Need.FORGETTING
     follow_displacement(waiting, displacement)
-    numbers[SINCE_RESTART] += 1.0
-    settling = numbers[SINCE_RESTART] <= settling_chunks(valve, tracker, regression)
+    now["since_restart"] += 1
+    settling = now["since_restart"] <= settling_chunks(valve, tracker, regression)
     moves = run.mean_squares[2] > valve.least_body and run.mean_squares[4] > _MOVING_SQUARE
     excited = moves and not settling
-    numbers[SETTLING], numbers[EXCITED] = settling, excited
-    numbers[ALLOWED] = min(MOST_REFITS, numbers[ALLOWED] + REFITS)
-    numbers[PAUSE] -= 1.0
+    now["settling"], now["excited"] = settling, excited
+    now["allowed"] = min(MOST_REFITS, now["allowed"] + REFITS)
+    now["pause"] -= 1
     if not settling:
         for i in range(len(MEAN_SQUARES)):
             new, known = run.mean_squares[i], math.isfinite(tracker.powers[i])
@@ -191,110 +212,131 @@ def _learn(
         tracker.sizes[:] = tracker.powers
         # Weighed by how well the model fits: while the valve changes, neither does.
         left = 1e-30 if sums[RESIDUAL] < 1e-30 else sums[RESIDUAL]
-        for place, kind in ((EVIDENCE_POINTWISE, POINTWISE), (EVIDENCE_BAND_LIMITED, BAND_LIMITED)):
-            numbers[place] += TYPICAL * (sums[kind] / left - numbers[place])
-    if excited and started:
-        return regress(REFIT_SHORT, valve, tracker, run, window, regression)
-    if excited and numbers[SINCE_RESTART] * CHUNK >= NEEDED - 1e-9 and numbers[PAUSE] <= 0.0:
-        return FIRST_START
+        now["by_points"] += TYPICAL * (sums[POINTWISE] / left - now["by_points"])
+        now["band_limited"] += TYPICAL * (sums[BAND_LIMITED] / left - now["band_limited"])
+        if started:
+            return _regress(valve, tracker, run, window, regression)
+        if now["since_restart"] * CHUNK >= NEEDED - 1e-9 and now["pause"] <= 0:
+            return Need.START
     end_chunk(tracker, run)
-    return NOTHING
+    return Need.NOTHING
 
 
 @compiled
-def regress(
-    begin: int,
+def _regress(
     valve: Valve,
     tracker: TrackerArrays,
     run: PredictionArrays,
     window: WindowArrays,
     regression: RegressionArrays,
-) -> int:
-    """Judge the chunk and step by its prediction errors; return what it asks.
-
-    ``begin`` is REFIT_SHORT for a chunk, and what follows on the last answer where its tracker has done,
-    in vain, what was asked.
-    """
-    numbers, powers = tracker.numbers, tracker.powers
+) -> Need:
+    """Judge the chunk and step by its prediction errors; return what it needs."""
+    now = tracker.progress[0]
     score = run.product - run.noise_score
-    if begin == REFIT_SHORT:
-        count = run.sums[COUNT] if run.sums[COUNT] > 1.0 else 1.0
-        take_chunk(
-            window, int(numbers[WINDOW]), run.gram, score, run.sums[RESIDUAL], count,
-            regression.parameters / tracker.scale, _LENGTHS, tracker.verdicts,
-        )  # fmt: skip
-        numbers[WINDOW] += 1.0
-        numbers[CHECK] -= 1.0
-    for which in range(begin, _LENGTHS.size):
-        if numbers[WINDOW] < _LENGTHS[which]:
-            continue
-        present, own, samples = (
-            tracker.verdicts[which, 0],
-            tracker.verdicts[which, 1],
-            tracker.verdicts[which, 2],
-        )
-        gain = (present / own - 1.0) * samples
-        typical = numbers[USUAL_GAIN] = tracker.typical[which]
-        bounded = TYPICAL_STEP * typical if TYPICAL_STEP * typical < gain else gain
-        tracker.typical[which] += TYPICAL * (bounded - typical)
-        atypical = ATYPICAL * typical if ATYPICAL * typical > SIGNIFICANT else SIGNIFICANT
-        changed = present > CHANGED * own and gain > atypical
-        due = which == _LENGTHS.size - 1 and numbers[CHECK] <= 0.0
-        if (changed or due) and numbers[ALLOWED] >= 1.0:
-            return which
-    own = tracker.verdicts[_LENGTHS.size - 1, 1]
-    if begin <= POOR_START:
-        # A descent may have ended in the wrong local minimum: far more is left than was once.
-        target = powers[1]
-        least = own / target
-        numbers[LEAST] = least if least < 1.01 * numbers[LEAST] else 1.01 * numbers[LEAST]
-        poor = own > _POOR_SQUARE * target or own > WORSE * numbers[LEAST] * target
-        if poor and numbers[SINCE_RESTART] * CHUNK >= NEEDED and numbers[PAUSE] <= 0.0:
-            return POOR_START
-    if begin <= SLIDE:
-        if valve.sliding:
-            return SLIDE
-        weight = _NOISE_SQUARE / (own + _SMALLEST_SQUARE)
-        change = np.empty(score.size)
-        advance(
-            regression,
-            run.gram,
-            score,
-            DOUBT * run.noise_score,
-            weight,
-            valve.forgetting,
-            valve.enough,
-            change,
-        )
-        change *= tracker.scale
-        regression.parameters[:] += change
-        shift(run.state, change)
-    by_points, band_limited = numbers[EVIDENCE_POINTWISE], numbers[EVIDENCE_BAND_LIMITED]
-    numbers[POINT_VALUES] = sampled_pointwise(by_points, band_limited, numbers[POINT_VALUES] != 0.0)
-    if sampled_pointwise(by_points, band_limited, True) == sampled_pointwise(by_points, band_limited, False):
-        numbers[DISTINGUISHED] = 1.0
-    if not (np.isfinite(regression.parameters).all() and regression.parameters[0] > 0.0):
-        return FRESH
+    count = run.sums[COUNT] if run.sums[COUNT] > 1.0 else 1.0
+    take_chunk(
+        window, run.gram, score, run.sums[RESIDUAL], count,
+        regression.parameters / tracker.scale, _LENGTHS, tracker.verdicts,
+    )  # fmt: skip
+    now["check"] -= 1
+    for which in range(_LENGTHS.size):
+        if wants_refit(which, tracker, window):
+            return Need.REFIT
+    if fits_poorly(tracker):
+        return Need.REFIT
+    for which in range(_LENGTHS.size):
+        learn_gain(which, tracker, window)
+    now["least"] = least_left(tracker)
+    if valve.sliding:
+        return Need.STEP
+    weight = _NOISE_SQUARE / (tracker.verdicts[-1, 1] + _SMALLEST_SQUARE)
+    change = np.empty(score.size)
+    advance(
+        regression, run.gram, score, DOUBT * run.noise_score, weight, valve.forgetting, valve.enough, change
+    )
+    change *= tracker.scale
+    regression.parameters[:] += change
+    shift(run.state, change)
+    judge_sampling(tracker)
+    if not is_valve(regression.parameters):
+        return Need.REGRESSION
     end_chunk(tracker, run)
-    return NOTHING
+    return Need.NOTHING
+
+
+@compiled
+def wants_refit(which: int, tracker: TrackerArrays, window: WindowArrays) -> bool:
+    """Whether a refit to the last ``LENGTHS[which]`` chunks is wanted: the valve changed, or it is due."""
+    now = tracker.progress[0]
+    if window.taken[0] < _LENGTHS[which] or now["allowed"] < 1.0:
+        return False
+    present, own, samples = tracker.verdicts[which, 0], tracker.verdicts[which, 1], tracker.verdicts[which, 2]
+    atypical = ATYPICAL * tracker.typical[which]
+    atypical = atypical if atypical > SIGNIFICANT else SIGNIFICANT
+    changed = present > CHANGED * own and (present / own - 1.0) * samples > atypical
+    return changed or (which == _LENGTHS.size - 1 and now["check"] <= 0)
+
+
+@compiled
+def learn_gain(which: int, tracker: TrackerArrays, window: WindowArrays) -> None:
+    """Move what a refit to the last ``LENGTHS[which]`` chunks typically gains towards what it gains now."""
+    if window.taken[0] < _LENGTHS[which]:
+        return
+    present, own, samples = tracker.verdicts[which, 0], tracker.verdicts[which, 1], tracker.verdicts[which, 2]
+    gain, typical = (present / own - 1.0) * samples, tracker.typical[which]
+    bounded = TYPICAL_STEP * typical if TYPICAL_STEP * typical < gain else gain
+    tracker.typical[which] += TYPICAL * (bounded - typical)
+
+
+@compiled
+def least_left(tracker: TrackerArrays) -> float:
+    """Return the least relative residual power of late, this chunk included."""
+    least = tracker.verdicts[-1, 1] / tracker.powers[1]
+    known: float = 1.01 * tracker.progress[0]["least"]
+    return least if least < known else known
+
+
+@compiled
+def fits_poorly(tracker: TrackerArrays) -> bool:
+    """Whether a new start is due: a descent may have ended in the wrong local minimum."""
+    now, own, target = tracker.progress[0], tracker.verdicts[-1, 1], tracker.powers[1]
+    # Far more is left than was once.
+    poor = own > _POOR_SQUARE * target or own > WORSE * least_left(tracker) * target
+    waited: bool = now["since_restart"] * CHUNK >= NEEDED and now["pause"] <= 0
+    return poor and waited
+
+
+@compiled
+def judge_sampling(tracker: TrackerArrays) -> None:
+    """Decide by the errors near jumps whether samples are point values, and whether that is certain."""
+    now = tracker.progress[0]
+    by_points, band_limited = now["by_points"], now["band_limited"]
+    now["pointwise"] = sampled_pointwise(by_points, band_limited, now["pointwise"])
+    if sampled_pointwise(by_points, band_limited, True) == sampled_pointwise(by_points, band_limited, False):
+        now["distinguished"] = True
+
+
+@compiled
+def is_valve(parameters: Array) -> bool:
+    """Whether ``parameters``, shape (3,), are finite and hold a spring."""
+    return bool(np.isfinite(parameters).all() and parameters[0] > 0.0)
 
 
 @compiled
 def end_chunk(tracker: TrackerArrays, run: PredictionArrays) -> None:
     """End a chunk that was learned from: reset its sums and keep the state of the motion."""
-    numbers, earlier = tracker.numbers, tracker.earlier
+    now, earlier = tracker.progress[0], tracker.earlier
     clear_sums(run)
-    earlier[int(numbers[EARLIER]) % earlier.shape[0]] = run.state
-    numbers[EARLIER] += 1.0
-    if numbers[EXCITED] != 0.0:
-        numbers[USED] += tracker.waiting.shape[1]
+    earlier[now["earlier"] % earlier.shape[0]] = run.state
+    now["earlier"] += 1
+    if now["excited"]:
+        now["used"] += tracker.waiting.shape[1]
 
 
 @compiled
 def settling_chunks(valve: Valve, tracker: TrackerArrays, regression: RegressionArrays) -> int:
     """Return the chunks after a restart that nothing is learned from."""
-    known = tracker.numbers[STARTED] != 0.0
-    viscous = regression.parameters[1] if known else tracker.scale[1]
+    viscous = regression.parameters[1] if tracker.progress[0]["started"] else tracker.scale[1]
     viscous = 1e-9 if viscous < 1e-9 else viscous
     time = FORGOTTEN * 2.0 * valve.mass / viscous
     time = time if time > SHORTEST_SETTLING else SHORTEST_SETTLING

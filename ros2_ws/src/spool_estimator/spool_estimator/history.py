@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from spool_core.block import Samples
 from spool_core.kernels.compiled import compiled
 from spool_core.numbers import Array
 
@@ -31,8 +31,6 @@ from spool_estimator.prediction import (
     predict,
 )
 from spool_estimator.sliding_window import COLUMNS, DIRECTION, SPOOL, Conditioning
-
-Samples = NDArray[np.float32]
 
 #: Runs of the model that one descent takes at most, and the relative change of parameters that ends it.
 MOST_RUNS, CONVERGED = 14, 1.0e-4
@@ -51,34 +49,6 @@ _ORDER = 4
 _PERIOD, _PASS, _LEAK, _START, _SHARE, _TAKEN, _LATE, _MEAN_SQUARE = range(8)
 
 
-@dataclass(slots=True)
-class History:
-    """The last ``length`` samples of both channels since ``clear``, m/s^2; ``keep`` writes them."""
-
-    length: int
-    taken: int = field(default=0, init=False)
-    _samples: NDArray[np.float32] = field(init=False)
-
-    def __post_init__(self) -> None:
-        self._samples = np.zeros((2, self.length), dtype=np.float32)
-
-    def clear(self) -> None:
-        """Forget every sample."""
-        self.taken = 0
-
-    @property
-    def ring(self) -> Samples:
-        """Where kernels ``keep`` samples, shape (2, length); ``taken`` is their caller's."""
-        return self._samples
-
-    def samples(self, count: int) -> tuple[Samples, Samples]:
-        """Return the last ``count`` samples of body and spool, fewer where fewer are known."""
-        count = min(count, self.taken, self.length)
-        end = self.taken % self.length
-        both = np.roll(self._samples, -end, axis=1)[:, self.length - count :]
-        return np.ascontiguousarray(both[0]), np.ascontiguousarray(both[1])
-
-
 @compiled
 def keep(ring: Samples, taken: int, body: Samples, spool: Samples) -> None:
     """Write samples of shape (n,) into ``ring``, shape (2, length), of which ``taken`` came before."""
@@ -89,6 +59,13 @@ def keep(ring: Samples, taken: int, body: Samples, spool: Samples) -> None:
         place += 1
         if place == ring.shape[1]:
             place = 0
+
+
+def newest(ring: Samples, taken: int, count: int) -> tuple[Samples, Samples]:
+    """Return the last ``count`` samples of body and spool in ``ring``, fewer where fewer were ``taken``."""
+    length = ring.shape[1]
+    both = np.roll(ring, -(taken % length), axis=1)[:, length - min(count, taken, length) :]
+    return np.ascontiguousarray(both[0]), np.ascontiguousarray(both[1])
 
 
 @compiled
@@ -156,6 +133,7 @@ class WindowFit:
     Attributes:
         parameters: k (N/m), c (N s/m), F_c (N), shape (3,).
         prediction: the model's run at the end of the stretch, ready to go on.
+        pointwise: whether the samples are point values, see ``Prediction.take``.
         grams, scores, powers, counts: sums of each chunk that counts, see :class:`~.prediction.Prediction`.
         noise_score: see :class:`~.prediction.Prediction`, of all chunks.
 
@@ -163,6 +141,7 @@ class WindowFit:
 
     parameters: Array
     prediction: Prediction
+    pointwise: bool
     grams: Array
     scores: Array
     powers: Array
@@ -224,7 +203,6 @@ class Fitter:
     ) -> WindowFit:
         """Run from where ``begin`` is over whole chunks; the ``last`` ones count."""
         prediction = begin.copy()
-        prediction.pointwise = pointwise
         parameters = np.array(parameters)
         grams, sums = np.empty((last, 3, 3)), np.empty((last, SUMS))
         scores, noise_scores = np.empty((last, 3)), np.empty((last, 3))
@@ -232,12 +210,13 @@ class Fitter:
             body, spool, self.sample_period, self.mass, parameters, pointwise, self.chunk, prediction.arrays,
             ChunkSums(grams, scores, sums, noise_scores),
         )  # fmt: skip
-        prediction.pointwise = sampled_pointwise(
-            float(sums[:, POINTWISE].sum()), float(sums[:, BAND_LIMITED].sum()), pointwise
-        )
         return WindowFit(
-            parameters, prediction, grams, scores, sums[:, RESIDUAL], sums[:, COUNT], noise_scores.sum(axis=0)
-        )
+            parameters, prediction,
+            sampled_pointwise(
+                float(sums[:, POINTWISE].sum()), float(sums[:, BAND_LIMITED].sum()), pointwise
+            ),
+            grams, scores, sums[:, RESIDUAL], sums[:, COUNT], noise_scores.sum(axis=0),
+        )  # fmt: skip
 
     def descend(
         self,
@@ -263,7 +242,7 @@ class Fitter:
         best = min(ends, key=lambda end: end.variance if math.isfinite(end.variance) else math.inf)
         if not (math.isfinite(best.variance) and best.parameters[0] > 0.0):
             return None
-        if best.prediction.pointwise:
+        if best.pointwise:
             for _ in range(3):  # near the solution: whole steps
                 step = np.linalg.pinv(best.grams.sum(axis=0)) @ best.scores.sum(axis=0) * self.scale
                 trial = self.run(

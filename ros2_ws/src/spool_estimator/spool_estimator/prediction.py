@@ -16,13 +16,11 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from spool_core.block import Samples
 from spool_core.kernels.compiled import compiled
 from spool_core.numbers import Array
 
 from spool_estimator.friction_motion import advance_sample, slip, slip_matrix
-
-Samples = NDArray[np.float32]
 
 #: Samples between the newest one taken and the one that a row describes.
 DELAY = 5
@@ -64,8 +62,6 @@ class Prediction:
         mass: kg, moving mass.
         scale: what a parameter's derivative is multiplied by, shape (3,): k (N/m), c (N s/m), F_c (N).
         low_cut: Hz, -3 dB point of the high-pass.
-        pointwise: whether samples are point values of the spool's acceleration; else the sensor's output
-            is band-limited before it is sampled, as a data logger does.
 
     Attributes:
         gram, product: sums of derivatives times derivatives and times the error, N^2, scaled.
@@ -83,7 +79,6 @@ class Prediction:
     mass: float
     scale: Array
     low_cut: float = 4.0
-    pointwise: bool = False
     gram: Array = field(init=False)
     product: Array = field(init=False)
     noise_score: Array = field(init=False)
@@ -129,7 +124,7 @@ class Prediction:
 
     def at(self, state: Array) -> Prediction:
         """Return a run that goes on from ``state`` by itself, its sums begun again."""
-        other = Prediction(self.sample_period, self.mass, self.scale, self.low_cut, self.pointwise)
+        other = Prediction(self.sample_period, self.mass, self.scale, self.low_cut)
         other.state[:] = state
         return other
 
@@ -145,9 +140,13 @@ class Prediction:
             self.mean_squares,
         )  # fmt: skip
 
-    def take(self, body: Samples, spool: Samples, parameters: Array) -> None:
-        """Run over samples of shape (n,), m/s^2, with k (N/m), c (N s/m), F_c (N), shape (3,)."""
-        predict(body, spool, self.sample_period, self.mass, parameters, self.pointwise, self.arrays)
+    def take(self, body: Samples, spool: Samples, parameters: Array, *, pointwise: bool = False) -> None:
+        """Run over samples of shape (n,), m/s^2, with k (N/m), c (N s/m), F_c (N), shape (3,).
+
+        ``pointwise``: samples are point values of the spool's acceleration; else the sensor's output is
+        band-limited before it is sampled, as a data logger does.
+        """
+        predict(body, spool, self.sample_period, self.mass, parameters, pointwise, self.arrays)
 
     def shift(self, change: Array) -> None:
         """Move the motion to where it would be with parameters changed by ``change``, to first order."""

@@ -28,8 +28,9 @@ _LOW_PASS_ROWS = 8  # four channels of two running means
 
 
 class WindowArrays(NamedTuple):
-    """Arrays of a :class:`ChunkWindow`, which kernels move on in place."""
+    """Arrays of a :class:`ChunkWindow`, which kernels move on in place; ``taken``: chunks, shape (1,)."""
 
+    taken: Counts
     grams: Array
     products: Array
     powers: Array
@@ -41,48 +42,41 @@ class ChunkWindow:
 
     scale: Array
     length: int = 10
-    count: int = field(default=0, init=False)
+    _taken: Counts = field(init=False)
     _grams: Array = field(init=False)
     _products: Array = field(init=False)
     _powers: Array = field(init=False)
 
     def __post_init__(self) -> None:
         size = self.scale.size
+        self._taken = np.zeros(1, np.int64)
         self._grams = np.zeros((self.length, size, size))
         self._products = np.zeros((self.length, size))
         self._powers = np.zeros((self.length, 2))
 
     @property
     def arrays(self) -> WindowArrays:
-        """What the kernels move on in place; ``count`` is their caller's."""
-        return WindowArrays(self._grams, self._products, self._powers)
+        """What the kernels move on in place."""
+        return WindowArrays(self._taken, self._grams, self._products, self._powers)
 
     def add_sums(self, gram: Array, score: Array, power: float, samples: float, parameters: Array) -> None:
         """Take a chunk by its sums over scaled rows: row row^T, row error, error^2, at ``parameters``."""
-        _add(
-            self._grams, self._products, self._powers, self.count % self.length,
-            gram, score, power, samples, parameters / self.scale,
-        )  # fmt: skip
-        self.count += 1
+        _add(self.arrays, gram, score, power, samples, parameters / self.scale)
 
     def clear(self) -> None:
         """Forget all chunks."""
-        self.count = 0
+        self._taken[0] = 0
 
     def best(self, last: int | None = None) -> Array:
         """Return what fits the ``last`` chunks (all) best, shape (p,); the smallest if several do."""
-        known, verdict = min(self.count, self.length), np.zeros(3 + self.scale.size)
-        _judge(
-            self._grams, self._products, self._powers, self.count,
-            min(known, last) if last else known, np.zeros(self.scale.size), verdict,
-        )  # fmt: skip
+        verdict = np.zeros(3 + self.scale.size)
+        _judge(self.arrays, last or self.length, np.zeros(self.scale.size), verdict)
         return np.asarray(verdict[3:] * self.scale)
 
 
 @compiled
 def take_chunk(
     window: WindowArrays,
-    count: int,
     gram: Array,
     score: Array,
     power: float,
@@ -91,13 +85,10 @@ def take_chunk(
     lasts: Counts,
     verdicts: Array,
 ) -> None:
-    """Take a chunk into a window that has seen ``count``, and fill ``verdicts`` for each of ``lasts``."""
-    grams, products, powers = window
-    length = grams.shape[0]
-    _add(grams, products, powers, count % length, gram, score, power, samples, given)
+    """Take a chunk into a window, and fill ``verdicts`` for each of ``lasts``."""
+    _add(window, gram, score, power, samples, given)
     for which in range(lasts.size):
-        last = min(count + 1, length, lasts[which])
-        _judge(grams, products, powers, count + 1, last, given, verdicts[which])
+        _judge(window, lasts[which], given, verdicts[which])
 
 
 @dataclass(slots=True)
@@ -164,17 +155,10 @@ class Conditioning:
 
 
 @compiled
-def _add(
-    grams: Array,
-    products: Array,
-    powers: Array,
-    place: int,
-    gram: Array,
-    score: Array,
-    power: float,
-    samples: float,
-    given: Array,
-) -> None:
+def _add(window: WindowArrays, gram: Array, score: Array, power: float, samples: float, given: Array) -> None:
+    taken, grams, products, powers = window
+    place = taken[0] % grams.shape[0]
+    taken[0] += 1
     powers[place, 1] = samples
     for i in range(given.size):
         along = 0.0
@@ -187,17 +171,16 @@ def _add(
 
 
 @compiled
-def _judge(
-    grams: Array, products: Array, powers: Array, count: int, last: int, given: Array, verdict: Array
-) -> None:
-    """Fill ``verdict``: variance of ``given``, of the best fit, samples, the best fit..."""
+def _judge(window: WindowArrays, last: int, given: Array, verdict: Array) -> None:
+    """Fill ``verdict`` from the ``last`` chunks: variance of ``given``, of the best fit, samples, the fit."""
+    taken, grams, products, powers = window
     size = given.size
     gram = np.zeros((size, size))
     product = np.zeros(size)
     power = 0.0
     samples = 0.0
-    for back in range(1, last + 1):
-        place = (count - back) % grams.shape[0]
+    for back in range(1, min(taken[0], grams.shape[0], last) + 1):
+        place = (taken[0] - back) % grams.shape[0]
         for i in range(size):
             product[i] += products[place, i]
             for j in range(size):

@@ -7,13 +7,14 @@ import time
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 from spool_core.block import Samples
 from spool_core.kernels.samples import StandingWatch
 from spool_core.numbers import Array
 
 from spool_estimator import chunks
-from spool_estimator.chunks import LENGTHS, NOISE, SMALLEST_NOISE
-from spool_estimator.history import Displacement, Fitter, History, WindowFit
+from spool_estimator.chunks import LENGTHS, NOISE, SMALLEST_NOISE, Need
+from spool_estimator.history import Displacement, Fitter, WindowFit, newest
 from spool_estimator.prediction import BODY, MEAN_SQUARES, Prediction
 from spool_estimator.recursive import ENOUGH, RecursiveLeastSquares, SlidingLeastSquares
 from spool_estimator.sliding_window import ChunkWindow
@@ -68,24 +69,25 @@ class RefitBudget:
             self._saved -= seconds
 
 
+#: Fields of chunks.PROGRESS that a tracker keeps in its knowledge.
+KNOWN = ["started", "pointwise", "distinguished", "by_points", "band_limited", "least"]
 #: Budget of this process.
 BUDGET = RefitBudget()
 
 
 @dataclass(frozen=True, slots=True)
 class Knowledge:
-    """Knowledge of a tracker; the fields are those of the tracker, ``offset`` (m/s^2) is the body's."""
+    """Knowledge of a tracker; the fields are those of the tracker, ``offset`` (m/s^2) is the body's.
+
+    ``progress`` holds the fields of KNOWN.
+    """
 
     regression: RecursiveLeastSquares | SlidingLeastSquares
-    started: bool
-    pointwise: bool
     offset: float
     powers: Array
     sizes: Array
     typical: Array
-    evidence: Array
-    distinguished: bool
-    least: float
+    progress: tuple[bool | float, ...]
 
 
 @dataclass(slots=True)
@@ -106,6 +108,8 @@ class Tracker:
         powers: mean squares over the last second or so: error, inertia force (N), body acceleration (m/s^2),
             displacement (m), velocity (m/s); NaN before the first. Displacement and velocity start at zero
             and settle within seconds; they only weigh deviations.
+        chunk: samples in a chunk.
+        filled: samples that wait for their chunk to be full.
         displacement: the spool's in the body, unknown until its start is estimated.
         refits: how often the model was fitted again to the last samples.
         standing: whether the channels change; of a chunk in which they do not nothing is learned.
@@ -124,13 +128,14 @@ class Tracker:
     regression: RecursiveLeastSquares | SlidingLeastSquares = field(init=False)
     prediction: Prediction = field(init=False)
     chunk: int = field(init=False)
+    filled: int = field(default=0, init=False)
     powers: Array = field(init=False)
     displacement: Displacement = field(init=False)
     refits: int = field(default=0, init=False)
     standing: StandingWatch = field(init=False)
-    _numbers: Array = field(default_factory=lambda: np.zeros(chunks.NUMBERS), init=False)
+    _progress: NDArray[np.void] = field(default_factory=lambda: np.zeros(1, chunks.PROGRESS), init=False)
     _waiting: Samples = field(init=False)
-    _history: History = field(init=False)
+    _ring: Samples = field(init=False)
     _fitter: Fitter = field(init=False)
     _window: ChunkWindow = field(init=False)
     _earlier: Array = field(init=False)
@@ -151,35 +156,30 @@ class Tracker:
         self._window = ChunkWindow(self.scale)
         self._typical = np.full(len(LENGTHS), chunks.SIGNIFICANT / chunks.ATYPICAL)
         self._verdicts = np.zeros((len(LENGTHS), 3 + self.scale.size))
-        self._numbers[chunks.SETTLING] = True
-        self._numbers[chunks.LEAST] = math.inf
-        self._numbers[chunks.ALLOWED] = chunks.MOST_REFITS
+        self._progress["settling"] = True
+        self._progress["least"] = math.inf
+        self._progress["allowed"] = chunks.MOST_REFITS
         self.set_period(self.sample_period)
 
     @property
     def started(self) -> bool:
         """Whether the parameters are those of a fit."""
-        return bool(self._numbers[chunks.STARTED])
+        return bool(self._progress["started"][0])
 
     @property
     def excited(self) -> bool:
         """Whether the last chunk was excited."""
-        return bool(self._numbers[chunks.EXCITED])
+        return bool(self._progress["excited"][0])
 
     @property
     def settling(self) -> bool:
         """Whether the motion was settling in the last chunk."""
-        return bool(self._numbers[chunks.SETTLING])
-
-    @property
-    def filled(self) -> int:
-        """Samples that wait for their chunk to be full."""
-        return int(self._numbers[chunks.WAITING])
+        return bool(self._progress["settling"][0])
 
     @property
     def used(self) -> int:
         """Samples of the chunks taken last from which was learned."""
-        return int(self._numbers[chunks.USED])
+        return int(self._progress["used"][0])
 
     def set_period(self, sample_period: float) -> None:
         """Go on with samples of another period (s): what was learned is kept."""
@@ -189,7 +189,8 @@ class Tracker:
         self.standing = StandingWatch(sample_period)
         self.prediction = Prediction(sample_period, self.mass, self.scale, self.low_cut)
         self.displacement = Displacement(sample_period, self.low_cut, self.chunk, CHUNK)
-        self._history = History(round(KEPT / CHUNK) * self.chunk)
+        self._progress["pointwise"] = False
+        self._ring = np.zeros((2, round(KEPT / CHUNK) * self.chunk), np.float32)
         self._fitter = Fitter(
             sample_period,
             self.mass,
@@ -212,12 +213,9 @@ class Tracker:
 
     def knowledge(self) -> Knowledge:
         """Return what is known now, for ``restore``."""
-        numbers = self._numbers
         return Knowledge(
-            self.regression.copy(), self.started, self.prediction.pointwise, self.prediction.offset,
-            self.powers.copy(), self._sizes.copy(), self._typical.copy(),
-            numbers[chunks.EVIDENCE_POINTWISE : chunks.EVIDENCE_BAND_LIMITED + 1].copy(),
-            bool(numbers[chunks.DISTINGUISHED]), float(numbers[chunks.LEAST]),
+            self.regression.copy(), self.prediction.offset, self.powers.copy(), self._sizes.copy(),
+            self._typical.copy(), self._progress[KNOWN][0].item(),
         )  # fmt: skip
 
     def restore(self, known: Knowledge | None) -> None:
@@ -225,14 +223,11 @@ class Tracker:
         if known is None:
             self._forget()
             return
-        numbers = self._numbers
-        self.regression, numbers[chunks.STARTED] = known.regression.copy(), known.started
+        self.regression = known.regression.copy()
         self.powers, self._sizes = known.powers.copy(), known.sizes.copy()
         self._typical = known.typical.copy()
-        numbers[chunks.EVIDENCE_POINTWISE : chunks.EVIDENCE_BAND_LIMITED + 1] = known.evidence
-        numbers[chunks.DISTINGUISHED], numbers[chunks.LEAST] = known.distinguished, known.least
+        self._progress[KNOWN] = known.progress
         self.prediction.reset(known.offset)
-        self.prediction.pointwise = known.pointwise
         self.restart()
 
     def begin(self) -> None:
@@ -242,14 +237,12 @@ class Tracker:
 
     def restart(self) -> None:
         """Begin the motion again: what was learned is kept."""
-        pointwise, offset = self.prediction.pointwise, self.prediction.offset
-        self.prediction.reset(offset if self.started else math.nan)
-        self.prediction.pointwise = pointwise
+        self.prediction.reset(self.prediction.offset if self.started else math.nan)
         self.powers[MEAN_SQUARES.index(BODY)] = math.nan
         self.displacement.reset()
-        self._history.clear()
         self._window.clear()
-        self._numbers[[chunks.EARLIER, chunks.SINCE_RESTART, chunks.WAITING, chunks.PAUSE]] = 0.0
+        self.filled = 0
+        self._progress[["earlier", "since_restart", "pause"]] = 0
         self._patience = 5
 
     def take(self, body: Samples, spool: Samples, most: int = 1) -> tuple[int, int]:
@@ -259,93 +252,77 @@ class Tracker:
             How many samples were taken, and how many chunks became full.
 
         """
-        numbers = self._numbers
-        filled = self.filled
+        filled, progress = self.filled, self._progress
         if filled + body.size < self.chunk:
             self._waiting[0, filled : filled + body.size] = body
             self._waiting[1, filled : filled + body.size] = spool
-            numbers[chunks.WAITING] += body.size
+            self.filled = filled + body.size
             return body.size, 0
         try:
-            self._tell()
-            asked = chunks.follow(
-                body, spool, most, self._valve, self._arrays, self.standing.arrays, self.displacement.arrays,
-                self.prediction.arrays, self._window.arrays, self.regression.arrays,
+            need = chunks.follow(
+                body, spool, filled, most, self._valve, self._arrays, self.standing.arrays,
+                self.displacement.arrays, self.prediction.arrays, self._window.arrays, self.regression.arrays,
             )  # fmt: skip
-            self._hear()
-            self._answer(asked)
+            self.filled = (filled + int(progress["taken"][0])) % self.chunk
+            self._finish_chunk(need)
         except (np.linalg.LinAlgError, ZeroDivisionError):
             # Channels of no passive valve, exchanged or dead ones, lead to sums that overflow or vanish.
             self._forget()
-        return int(numbers[chunks.TAKEN]), int(numbers[chunks.CHUNKS])
+        return int(progress["taken"][0]), int(progress["chunks"][0])
 
-    def _answer(self, asked: int) -> None:
-        """Do what the kernel asked, until its chunk has ended."""
-        while asked != chunks.NOTHING:
-            if asked == chunks.STAND:
-                self._numbers[[chunks.EXCITED, chunks.SETTLING]] = False, True
-                self.restart()
-                return
-            if asked == chunks.FORGET:
-                self._forget()
-                return
-            ended = True  # nothing else is to be learned from the chunk
-            if asked == chunks.SLIDE:
-                prediction, ended = self.prediction, False
-                score, noise_score = prediction.product - prediction.noise_score, prediction.noise_score
-                weight = NOISE**2 / (float(self._verdicts[-1, 1]) + SMALLEST_NOISE**2)
-                doubt = chunks.DOUBT * noise_score
-                prediction.shift(self.regression.advance(prediction.gram, score, doubt, weight))
-            elif asked == chunks.FRESH:
-                self._numbers[chunks.STARTED] = False
-                self.regression = self._fresh()
-            elif asked == chunks.FIRST_START:
-                self._start(math.inf)
-            elif asked == chunks.POOR_START:
-                ended = self._start(0.5 * float(self._verdicts[-1, 0]))
-            elif BUDGET.allows():
+    def _finish_chunk(self, need: int) -> None:
+        """Do what the newest chunk needs, and end it."""
+        if need == Need.NOTHING:
+            return
+        if need == Need.STANDSTILL:
+            self._progress["excited"], self._progress["settling"] = False, True
+            self.restart()
+            return
+        if need == Need.FORGETTING:
+            self._forget()
+            return
+        if need == Need.START:
+            self._start(math.inf)
+        elif need == Need.STEP or (need == Need.REFIT and not self._replaced()):
+            prediction, noise_score = self.prediction, self.prediction.noise_score
+            score, doubt = prediction.product - noise_score, chunks.DOUBT * noise_score
+            weight = NOISE**2 / (float(self._verdicts[-1, 1]) + SMALLEST_NOISE**2)
+            prediction.shift(self.regression.advance(prediction.gram, score, doubt, weight))
+            chunks.judge_sampling(self._arrays)
+            if not chunks.is_valve(self.regression.parameters):
+                need = Need.REGRESSION
+        if need == Need.REGRESSION:
+            self._progress["started"] = False
+            self.regression = self._fresh()
+        chunks.end_chunk(self._arrays, self.prediction.arrays)
+
+    def _replaced(self) -> bool:
+        """Refit, or start again, where the last chunks ask for it; return whether that is better."""
+        arrays, window = self._arrays, self._window.arrays
+        for which in range(len(LENGTHS)):
+            wanted, usual = chunks.wants_refit(which, arrays, window), float(self._typical[which])
+            chunks.learn_gain(which, arrays, window)
+            if wanted and BUDGET.allows():
                 begun = time.thread_time()
-                ended = self._refit(asked)
+                better = self._refit(which, usual)
                 BUDGET.spend(time.thread_time() - begun)
-            else:
-                ended = False
-            if ended:
-                chunks.end_chunk(self._arrays, self.prediction.arrays)
-                return
-            self._tell()
-            asked = chunks.regress(
-                asked + 1, self._valve, self._arrays, self.prediction.arrays, self._window.arrays,
-                self.regression.arrays,
-            )  # fmt: skip
-            self._hear()
+                if better:
+                    return True
+        poor, self._progress["least"] = chunks.fits_poorly(arrays), chunks.least_left(arrays)
+        return poor and self._start(0.5 * float(self._verdicts[-1, 0]))
 
     @property
     def _arrays(self) -> chunks.TrackerArrays:
         return chunks.TrackerArrays(
-            self._numbers, self._waiting, self._history.ring, self.powers, self._sizes, self._typical,
+            self._progress, self._waiting, self._ring, self.powers, self._sizes, self._typical,
             self._earlier, self._verdicts, self.scale, self._nominal,
         )  # fmt: skip
-
-    def _tell(self) -> None:
-        """Give the kernel what the parts count."""
-        numbers = self._numbers
-        numbers[chunks.POINT_VALUES], numbers[chunks.WINDOW] = self.prediction.pointwise, self._window.count
-        numbers[chunks.KEPT_SAMPLES] = self._history.taken
-
-    def _hear(self) -> None:
-        """Take back from the kernel what the parts count."""
-        numbers = self._numbers
-        self.prediction.pointwise, self._window.count = (
-            bool(numbers[chunks.POINT_VALUES]),
-            int(numbers[chunks.WINDOW]),
-        )
-        self._history.taken = int(numbers[chunks.KEPT_SAMPLES])
 
     @property
     def systematic(self) -> Array:
         """Standard deviations that no amount of data removes, shape (3,)."""
-        shape = POINT_SHAPE if self.prediction.pointwise else JUMP_SHAPE
-        if not self._numbers[chunks.DISTINGUISHED]:
+        shape = POINT_SHAPE if self._progress["pointwise"][0] else JUMP_SHAPE
+        if not self._progress["distinguished"][0]:
             shape = UNTOLD_SHAPE * self.sample_period
         _, target, _, displacement, velocity = (
             math.sqrt(max(power, 1e-20)) for power in self._sizes.tolist()
@@ -368,19 +345,18 @@ class Tracker:
 
     def _forget(self) -> None:
         """Begin with nothing known: what was learned does not describe anything."""
-        self._numbers[[chunks.STARTED, chunks.EXCITED, chunks.SETTLING]] = False, False, True
-        self._numbers[[chunks.EVIDENCE_POINTWISE, chunks.EVIDENCE_BAND_LIMITED]] = 0.0
+        self._progress[["started", "excited", "settling", "pointwise"]] = False, False, True, False
+        self._progress[["by_points", "band_limited"]] = 0.0
         self.regression = self._fresh()
         self.powers = np.full(len(MEAN_SQUARES), math.nan)
         self._sizes = np.zeros(len(MEAN_SQUARES))
-        self.prediction.pointwise = False
         self.restart()
 
     def _start(self, present: float) -> bool:
         """Fit to all samples that are kept; believe it where it leaves less than ``present`` (N^2)."""
-        self._numbers[chunks.PAUSE] = self._patience
+        self._progress["pause"] = self._patience
         self._patience = min(self._patience + 1, 100)
-        body, spool = self._history.samples(self._history.length)
+        body, spool = self._newest(self._ring.shape[1])
         first = self._fitter.start(body, spool)
         guesses = [self._nominal] if first is None or first[0] <= 0.0 else [first, self._nominal]
         if self.started:
@@ -397,23 +373,24 @@ class Tracker:
             self.regression = former
             return False
         self._adopt(found)
-        self.prediction = found.prediction
-        self._numbers[chunks.STARTED] = True
+        self._progress["started"] = True
         self._patience = 5
         return True
 
-    def _refit(self, which: int) -> bool:
-        """Fit to the last chunks, weakly held to what was known; believe it where it is clearly better."""
-        numbers, last, present = self._numbers, LENGTHS[which], float(self._verdicts[which, 0])
-        numbers[chunks.ALLOWED] -= 1.0
-        if which == len(LENGTHS) - 1 and numbers[chunks.CHECK] <= 0.0:
-            numbers[chunks.BETWEEN] = min(chunks.LAST_CHECK, 2.0 * numbers[chunks.BETWEEN])
-            numbers[chunks.CHECK] = numbers[chunks.BETWEEN]
+    def _refit(self, which: int, usual: float) -> bool:
+        """Fit to the last chunks, weakly held to what was known; believe it where it is clearly better.
+
+        ``usual``: what such a refit gained usually until now, in residual variances.
+        """
+        now, last, present = self._progress[0], LENGTHS[which], float(self._verdicts[which, 0])
+        now["allowed"] -= 1.0
+        if which == len(LENGTHS) - 1 and now["check"] <= 0:
+            now["check"] = now["between"] = min(chunks.LAST_CHECK, 2 * now["between"])
         known = self.regression.parameters
-        if numbers[chunks.EARLIER] < last:
+        if now["earlier"] < last:
             return False
-        body, spool = self._history.samples(last * self.chunk)
-        begin = self._earlier[int(numbers[chunks.EARLIER] - last) % len(self._earlier)]
+        body, spool = self._newest(last * self.chunk)
+        begin = self._earlier[(now["earlier"] - last) % len(self._earlier)]
         # Dry friction makes local minima: it is tried from both sides.
         guesses = [known, known * np.array([1.0, 1.0, 1.25]), known * np.array([1.0, 1.0, 0.75])]
         best = self._window.best(last)
@@ -425,7 +402,6 @@ class Tracker:
         )
         if found is None or not found.variance < BETTER * present:
             return False
-        usual = float(numbers[chunks.USUAL_GAIN])
         information = found.grams.sum(axis=0) / (found.variance * max(COLOURED, usual))
         deviation = np.sqrt(np.abs(np.diag(np.linalg.pinv(information)))) * self.scale
         notable = np.array(NOTABLE) * np.maximum(np.abs(known), 0.1 * self.scale)
@@ -433,8 +409,10 @@ class Tracker:
             return False
         self._begin(found)
         self._adopt(found)
-        self.prediction = found.prediction
         return True
+
+    def _newest(self, count: int) -> tuple[Samples, Samples]:
+        return newest(self._ring, int(self._progress["since_restart"][0]) * self.chunk, count)
 
     def _begin(self, found: WindowFit) -> None:
         """Let the regression go on from ``found``."""
@@ -447,9 +425,12 @@ class Tracker:
         )
 
     def _adopt(self, found: WindowFit) -> None:
-        """Judge the chunks from now on by ``found``."""
+        """Go on with the motion of ``found``, and judge the chunks from now on by it."""
+        self.prediction = found.prediction
         self.powers[0] = found.variance
-        self._numbers[[chunks.CHECK, chunks.BETWEEN]] = chunks.FIRST_CHECK
+        now = self._progress[0]
+        now["pointwise"] = found.pointwise
+        now["check"] = now["between"] = chunks.FIRST_CHECK
         self._window.clear()
         for gram, score, power, count in zip(
             found.grams, found.scores, found.powers, found.counts, strict=True

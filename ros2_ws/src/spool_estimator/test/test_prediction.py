@@ -63,8 +63,8 @@ def test_a_point_value_close_to_a_jump_teaches_nothing_whatever_it_reads() -> No
     body = (8.0 * np.sin(195.0 * time) + 5.0 * np.sin(423.0 * time)).astype(np.float32)
 
     def product_of(spool: Samples) -> list[float]:
-        prediction = Prediction(5e-4, 0.18, SCALE, pointwise=True)
-        prediction.take(body, spool, parameters)
+        prediction = Prediction(5e-4, 0.18, SCALE)
+        prediction.take(body, spool, parameters, pointwise=True)
         return prediction.product.tolist()
 
     spool = np.zeros_like(body)

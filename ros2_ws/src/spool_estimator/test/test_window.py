@@ -15,10 +15,9 @@ def taken(window: ChunkWindow, rows: Array, target: Array, given: Array, lasts: 
     scaled, error = rows * SCALE, target - rows @ given
     verdicts = np.empty((len(lasts), 6))
     take_chunk(
-        window.arrays, window.count, scaled.T @ scaled, scaled.T @ error, float(error @ error), target.size,
+        window.arrays, scaled.T @ scaled, scaled.T @ error, float(error @ error), target.size,
         given / SCALE, np.array(lasts), verdicts,
     )  # fmt: skip
-    window.count += 1
     return verdicts[:, :2]
 
 
