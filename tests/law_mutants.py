@@ -68,7 +68,7 @@ MODULES: dict[str, str] = {
 ONLY = {
     "spool_sim.valve": {
         "viscous_coefficient", "likely_viscous_coefficient", "likely_spool_mass", "dynamic_viscosity_at",
-        "viscous_coefficient_at", "at", "_drag_of", "natural_frequency", "damping_ratio",
+        "at", "natural_frequency", "damping_ratio",
         "kinematic_viscosity", "_double_logarithm",
     },
     "spool_sim.lubrication": {"_fill", "fluid_friction_coefficient", "ratio"},

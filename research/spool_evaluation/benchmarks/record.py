@@ -16,7 +16,7 @@ from pathlib import Path
 
 from rich.console import Console
 from spool_bag.reader import BagReader
-from spool_core.cdr import block_sequence
+from spool_core.cdr import block_head
 from spool_core.errors import InputError
 from spool_core.node.network import isolate
 from spool_tools.operations.demo import Nodes
@@ -120,5 +120,5 @@ def _sequences(bag: Path) -> dict[str, set[int]]:
     found: dict[str, set[int]] = {}
     for topic, record in BagReader(bag).records():
         if topic.name.endswith("/acceleration"):
-            found.setdefault(topic.name.split("/")[1], set()).add(block_sequence(record.data))
+            found.setdefault(topic.name.split("/")[1], set()).add(block_head(record.data)[0])
     return found

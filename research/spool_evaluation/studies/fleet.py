@@ -329,7 +329,7 @@ def bag_truth(world: World, number: int, place: int) -> BagTruth:
     true, measured, factor = world.machines[valve.machine].oil(day, weather)
     sheet = described_valve()
     local = math.exp(float(generator.normal(0.0, valve.drag_scatter)))
-    drag = sheet.viscous_coefficient_at(true) * factor * local * valve.drag(day) / valve.clearance
+    drag = sheet.at(true).viscous_coefficient * factor * local * valve.drag(day) / valve.clearance
     rubs = valve.coulomb * valve.rubbing(day) * math.exp(float(generator.normal(0.0, valve.coulomb_scatter)))
     stiffness = sheet.spring_stiffness * valve.stiffness
     return BagTruth(FIRST_DAY + day, true, measured, drag, rubs, stiffness)

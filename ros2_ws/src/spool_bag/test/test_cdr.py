@@ -12,7 +12,7 @@ from spool_core.block import Block
 from spool_core.cdr import (
     CdrError,
     OilTemperature,
-    block_sequence,
+    block_head,
     decode_block,
     decode_temperature,
     encode_block,
@@ -63,7 +63,7 @@ def test_decoding_agrees_with_rosbags(block: Block, frame_id: str, little: bool)
     assert_same(got, block)
     assert_same(typestore().deserialize_cdr(data, ACCELERATION_BLOCK), got)
     assert got.stamp == header_stamp(data) == block.stamp
-    assert block_sequence(data) == block.sequence
+    assert block_head(data) == (block.sequence, block.stamp)
     assert got.body.dtype == np.dtype(np.float32)
     assert got.body.flags.aligned
 
@@ -87,7 +87,7 @@ def test_a_cut_message_is_refused(block: Block, data: st.DataObject) -> None:
 
 @given(st.binary(max_size=80))
 def test_any_bytes_give_a_block_or_a_cdr_error(data: bytes) -> None:
-    for decode in (decode_block, decode_temperature, header_stamp, block_sequence):
+    for decode in (decode_block, decode_temperature, header_stamp, block_head):
         try:
             decode(data)
         except CdrError as error:

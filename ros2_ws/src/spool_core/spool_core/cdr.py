@@ -56,15 +56,6 @@ def header_stamp(data: bytes) -> int:
     return _header(data)[1]
 
 
-def block_sequence(data: bytes) -> int:
-    """Return the sequence in the CDR of an AccelerationBlock without decoding its samples.
-
-    Raises:
-        CdrError: the bytes are too short or not XCDR1.
-    """
-    return block_head(data)[0]
-
-
 def block_head(data: bytes) -> tuple[int, int]:
     """Return sequence and stamp (ns) in the CDR of an AccelerationBlock without decoding its samples.
 

@@ -91,9 +91,9 @@ def test_the_ratio_is_that_of_the_law_and_the_uncertainty_that_of_its_slope() ->
     reference.take(SECOND, 40.0, 0.2)
     reference.follow(2 * SECOND, 1.0)
     referred = reference.referred(VISCOUS)
-    ratio = VALVE.viscous_coefficient_at(40.0) / VALVE.viscous_coefficient
+    ratio = VALVE.at(40.0).viscous_coefficient / VALVE.viscous_coefficient
     assert referred.value == pytest.approx(4.0 / ratio)
-    slope = VALVE.viscous_coefficient_at(40.01) / VALVE.viscous_coefficient_at(39.99) - 1.0
+    slope = VALVE.at(40.01).viscous_coefficient / VALVE.at(39.99).viscous_coefficient - 1.0
     by_temperature = 4.0 / ratio * abs(slope) / 0.02 * 0.2
     assert referred.standard_deviation == pytest.approx(math.hypot(by_temperature, 0.01 / ratio), rel=1e-3)
     assert reference.referred(replace(VISCOUS, validity=Validity.HELD)).validity is Validity.HELD

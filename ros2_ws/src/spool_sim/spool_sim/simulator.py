@@ -151,7 +151,7 @@ class Simulator:
         self._values = values
         self._motion = ComposedMotion(self.model.terms)
         self._motion.warm_up()
-        self._substeps, self._step_error = checked_substeps(
+        self._substeps, _ = checked_substeps(
             self._motion,
             values,
             excitation.acceleration,
@@ -169,11 +169,6 @@ class Simulator:
     def substeps(self) -> int:
         """Steps per sample, chosen from the stiffest rate of model and excitation and checked by halving."""
         return self._substeps
-
-    @property
-    def step_error(self) -> float:
-        """Relative rms error of the displacement that halving the step showed over the first second."""
-        return self._step_error
 
     @property
     def time(self) -> float:

@@ -238,7 +238,8 @@ class Valve(BaseModel):
         Raises:
             InputError: a key that it follows from is missing.
         """
-        return self._drag_of(self.dynamic_viscosity)
+        area = math.pi * self.land_diameter * self.land_length
+        return area * self.dynamic_viscosity / self.radial_clearance
 
     @property
     def likely_viscous_coefficient(self) -> float:
@@ -278,14 +279,6 @@ class Valve(BaseModel):
             raise InputError(f"valve '{self.id}': {error}") from None
         return viscosity * ratio
 
-    def viscous_coefficient_at(self, temperature: float) -> float:
-        """Return Newton's drag in the annular gap, N s/m, at ``temperature`` (deg C) of the oil.
-
-        Raises:
-            InputError: as :meth:`dynamic_viscosity_at`.
-        """
-        return self._drag_of(self.dynamic_viscosity_at(temperature))
-
     def at(self, temperature: float) -> Valve:
         """Return this valve with its oil at ``temperature`` (deg C).
 
@@ -294,10 +287,6 @@ class Valve(BaseModel):
         """
         viscosity = self.dynamic_viscosity_at(temperature)
         return self.model_copy(update={"dynamic_viscosity": viscosity, "oil_temperature": temperature})
-
-    def _drag_of(self, dynamic_viscosity: float) -> float:
-        area = math.pi * self.land_diameter * self.land_length
-        return area * dynamic_viscosity / self.radial_clearance
 
     @property
     def natural_frequency(self) -> float:

@@ -278,7 +278,6 @@ def test_a_step_that_is_too_coarse_is_halved(valve: Valve) -> None:
 def test_simulator_runs_any_composition(name: str, valve: Valve) -> None:
     source = Simulator(valve, SWEEP, model=name)
     whole = np.concatenate([block.spool for block in source.records(1.0)])
-    assert source.step_error < 1e-3
     parts = Simulator(valve, SWEEP, model=name, block_size=333)
     again = np.concatenate([block.spool for block in parts.records(0.9)])
     np.testing.assert_array_equal(again, whole[: again.size])

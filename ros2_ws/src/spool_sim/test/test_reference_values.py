@@ -445,7 +445,7 @@ def test_valve_s_drag_frequency_and_damping_are_those_worked_out_by_hand() -> No
     # HL68 at 75 deg C has 17.13191 of its 68 mm^2/s (below): 0.05 * 17.13191 / 68
     assert valve.dynamic_viscosity_at(75.0) == pytest.approx(0.01259699, rel=EXACT)
     assert valve.at(75.0).viscous_coefficient == pytest.approx(1.582984, rel=EXACT)
-    assert valve.viscous_coefficient_at(75.0) == pytest.approx(1.582984, rel=EXACT)
+    assert valve.at(75.0).viscous_coefficient == pytest.approx(1.582984, rel=EXACT)
     assert valve.likely_spool_mass == 0.24
 
 

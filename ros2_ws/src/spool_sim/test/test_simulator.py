@@ -192,10 +192,10 @@ def test_oil_that_warms_thins_by_its_law(valve: Valve) -> None:
         truth, other = source.truth, source.next_block()
         np.testing.assert_array_equal(block.spool, other.spool)
     assert truth.oil_temperature == pytest.approx(60.0, abs=0.3)
-    ratio = valve.viscous_coefficient_at(truth.oil_temperature) / valve.viscous_coefficient
+    ratio = valve.at(truth.oil_temperature).viscous_coefficient / valve.viscous_coefficient
     assert truth.viscous_coefficient == pytest.approx(4.0 * ratio, rel=1e-5)
     # From there on it moves as a valve that has this drag from the start.
-    thin = valve.viscous_coefficient_at(60.0) / valve.viscous_coefficient * 4.0
+    thin = valve.at(60.0).viscous_coefficient / valve.viscous_coefficient * 4.0
     steady = Simulator(valve, PRESETS["multisine"], parameters={"viscous_coefficient": thin})
     late = joined(list(source.records(4.0)))[1][-2000:]
     wanted = joined(list(steady.records(8.0)))[1][-2000:]
@@ -211,7 +211,7 @@ def test_oil_that_cools_back_to_the_valve_s_own_temperature_is_thin_until_it_get
     np.testing.assert_allclose(moved, expected, atol=0.002 * np.abs(expected).max())
     truth = cooling.truth
     assert truth.oil_temperature == pytest.approx(59.96)
-    assert truth.viscous_coefficient == pytest.approx(valve.viscous_coefficient_at(59.96), rel=1e-4)
+    assert truth.viscous_coefficient == pytest.approx(valve.at(59.96).viscous_coefficient, rel=1e-4)
     cooling.set_drift("oil_temperature", valve.oil_temperature)
     assert cooling.truth.viscous_coefficient == valve.viscous_coefficient
 

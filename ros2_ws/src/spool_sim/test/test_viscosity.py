@@ -58,16 +58,16 @@ def test_valve_scales_the_law_to_its_own_point(
         oil_temperature=given_at,
     )  # fmt: skip
     assert valve.dynamic_viscosity_at(given_at) == viscosity
-    assert valve.viscous_coefficient_at(given_at) == valve.viscous_coefficient
+    assert valve.at(given_at).viscous_coefficient == valve.viscous_coefficient
     ratio = OILS[name].kinematic_viscosity(at) / OILS[name].kinematic_viscosity(given_at)
     assert valve.dynamic_viscosity_at(at) == pytest.approx(viscosity * ratio, rel=1e-12)
-    assert valve.viscous_coefficient_at(at) == pytest.approx(valve.viscous_coefficient * ratio, rel=1e-12)
+    assert valve.at(at).viscous_coefficient == pytest.approx(valve.viscous_coefficient * ratio, rel=1e-12)
 
 
 def test_valve_with_warm_oil_leads_back_to_the_cold_one(valve: Valve) -> None:
     warm = valve.at(60.0)
     assert warm.oil_temperature == 60.0
-    assert warm.viscous_coefficient == valve.viscous_coefficient_at(60.0)
+    assert warm.viscous_coefficient == valve.at(60.0).viscous_coefficient
     assert warm.viscous_coefficient < 0.2 * valve.viscous_coefficient
     assert warm.at(20.0).viscous_coefficient == pytest.approx(valve.viscous_coefficient, rel=1e-12)
 
@@ -75,7 +75,7 @@ def test_valve_with_warm_oil_leads_back_to_the_cold_one(valve: Valve) -> None:
 def test_temperature_law_needs_an_oil(valve_mapping: dict[str, Any]) -> None:
     del valve_mapping["oil"]
     with pytest.raises(InputError, match=r"valve 'valve_soft': oil: key is missing.* add one of HL68"):
-        valve_from_mapping(valve_mapping).viscous_coefficient_at(40.0)
+        valve_from_mapping(valve_mapping).at(40.0)
 
 
 @pytest.mark.parametrize("temperature", [-41.0, 151.0, float("nan"), float("inf")])

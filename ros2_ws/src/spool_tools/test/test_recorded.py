@@ -124,7 +124,7 @@ def test_oil_temperature_sets_the_viscosity_and_is_recorded(
     assert recorded is not None
     valve = find_valve("4weh10_soft")
     assert recorded.oil_temperature == 60.0
-    assert recorded.viscous_coefficient == pytest.approx(valve.viscous_coefficient_at(60.0))
+    assert recorded.viscous_coefficient == pytest.approx(valve.at(60.0).viscous_coefficient)
     capsys.readouterr()
     assert main([*given[:-1], "200", "--out", str(tmp_path / "hot")]) == 2
     assert "oil temperature: 200 deg C is out of range for HL68" in capsys.readouterr().err
