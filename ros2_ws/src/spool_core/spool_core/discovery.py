@@ -57,15 +57,11 @@ def modules_of(package: str, suffix: str = "") -> list[ModuleType]:
     found = [importlib.import_module(f"{package}.{name}") for name in own]
     for entry in sorted(entry_points(group=package), key=lambda one: one.name):
         name = entry.dist.name if entry.dist is not None else "a distribution without a name"
-        found.append(_loaded(package, entry.value, name))
+        try:
+            found.append(importlib.import_module(entry.value))
+        except Exception as error:
+            raise InputError(
+                f"{name} adds {entry.value} to {package}, which cannot be loaded "
+                f"({type(error).__name__}: {error}): mend or uninstall {name}"
+            ) from error
     return found
-
-
-def _loaded(package: str, module: str, distribution: str) -> ModuleType:
-    try:
-        return importlib.import_module(module)
-    except Exception as error:
-        raise InputError(
-            f"{distribution} adds {module} to {package}, which cannot be loaded "
-            f"({type(error).__name__}: {error}): mend or uninstall {distribution}"
-        ) from error

@@ -109,13 +109,13 @@ class SampleClock:
     def take(self, stamp: int, steps: int = 1) -> None:
         """Advance by ``steps`` samples, the last of which bears ``stamp`` (ns)."""
         limit = max(8, round(MEMORY * self.rate))
-        self._rate_count = min(self._rate_count + 1, limit)
-        self._phase_count = min(self._phase_count + 1, limit)
+        rates = self._rate_count = min(self._rate_count + 1, limit)
+        phases = self._phase_count = min(self._phase_count + 1, limit)
         due = self.time + steps * self.period
         error = stamp - self.base - due
         self.index += steps
-        self.time = due + _phase_gain(self._phase_count) * error
-        self.period += _rate_gain(self._rate_count) * error / steps
+        self.time = due + 2.0 * (2.0 * phases - 1.0) / (phases * (phases + 1.0)) * error
+        self.period += 6.0 / (rates * (rates + 1.0)) * error / steps
         share = min(1.0, 1.0 / JITTER_SAMPLES)
         clipped = min(abs(error), JITTER_CLIP * max(self.jitter, 1.0))
         self.jitter = math.sqrt((1.0 - share) * self.jitter**2 + share * clipped**2)
@@ -311,14 +311,6 @@ class StepWatch:
         by = behind - before - chunks * self.size * (line.period - self.period)
         # Where the line alone has turned, no stamp has stepped.
         return Step(by, line) if abs(by) > LEAST_STEP else None
-
-
-def _phase_gain(count: int) -> float:
-    return 2.0 * (2.0 * count - 1.0) / (count * (count + 1.0))
-
-
-def _rate_gain(count: int) -> float:
-    return 6.0 / (count * (count + 1.0))
 
 
 def _changes(means: list[float] | deque[float], apart: int = 1) -> Array:

@@ -220,7 +220,8 @@ class SensorStream:
         if abs(last) <= near:  # stamps that were late: each message is the next sample
             self._held = []
             for _, late, _ in held[:-1]:
-                self._skip(late)
+                clock.skip()
+                self._put(clock.index, late, 1)
             self._accept(*held[-1])
         elif abs(last + (len(held) - 1) * clock.period) <= near < 0.5 * max(abs(one - last) for one in off):
             self._held = []  # messages that are no samples: the last one is due ahead of them
@@ -294,7 +295,11 @@ class SensorStream:
         if change is None:
             return
         if change is Change.CLOCK or (change is Change.UNCERTAIN and abs(step) <= LONGEST_GAP * 1e9):
-            self._set_clock(step)
+            held, self._held = self._held, []  # the clock was set, and goes on at the same rate
+            self._note(step, step, LEAST_STEP + SURE * clock.jitter / math.sqrt(min(len(held), CONFIRM)))
+            self._renew(step)
+            for stamp, value, lag in held:
+                self._accept(stamp, value, lag - step)
         elif self._even and abs(step + clock.period) <= self._near:
             held, self._held = self._held, []  # one message too many
             self.refused[Refusal.STRAY] += 1
@@ -304,17 +309,6 @@ class SensorStream:
                 self._accept(*one)
         else:
             self._restart()
-
-    def _set_clock(self, step: float) -> None:
-        """Go on with a clock that was set by ``step`` ns, at the same rate."""
-        held, self._held = self._held, []
-        clock, watch = self.clock, self.watch
-        assert clock is not None
-        assert watch is not None
-        self._note(step, step, LEAST_STEP + SURE * clock.jitter / math.sqrt(min(len(held), CONFIRM)))
-        self._renew(step)
-        for stamp, value, lag in held:
-            self._accept(stamp, value, lag - step)
 
     def _renew(self, step: float) -> None:
         """Begin a generation at the next sample, whose stamp is due ``step`` ns later."""
@@ -364,13 +358,6 @@ class SensorStream:
         clock.index += lost if whole and change is not Change.CLOCK else 0
         watch.recent = 0.0
         self._renew(0.0)
-
-    def _skip(self, value: float) -> None:
-        """Take a sample whose stamp is wrong: it is the next one."""
-        clock = self.clock
-        assert clock is not None
-        clock.skip()
-        self._put(clock.index, value, 1)
 
     def _put(self, index: int, value: float, steps: int) -> None:
         for hole in range(max(index - steps + 1, index - self.capacity + 1), index):

@@ -344,7 +344,11 @@ def _even(time: Array) -> Stamps | None:
     if regular < 2:
         return None
     long = time[gaps] - time[gaps - 1]
-    low, high = _extremes(time, GAP * usual)
+    low, high = math.inf, -math.inf
+    for _, steps in _steps(time):
+        inner = steps[steps <= GAP * usual]
+        if inner.size:
+            low, high = min(low, float(inner.min())), max(high, float(inner.max()))
     mean = (float(time[-1] - time[0]) - float(np.sum(long))) / regular
     period = sampling_period(mean, high - low, regular)
     digit = min(resolution(time), JITTER * period)
@@ -676,13 +680,3 @@ def _steps(time: Array) -> Iterator[tuple[int, Array]]:
     """Yield the number of the first step and the steps, piece by piece."""
     for first in range(0, time.size - 1, _PIECE):
         yield first, np.diff(time[first : first + _PIECE + 1])
-
-
-def _extremes(time: Array, most: float) -> tuple[float, float]:
-    """Return the shortest and the longest step up to ``most``."""
-    low, high = math.inf, -math.inf
-    for _, steps in _steps(time):
-        usual = steps[steps <= most]
-        if usual.size:
-            low, high = min(low, float(usual.min())), max(high, float(usual.max()))
-    return low, high

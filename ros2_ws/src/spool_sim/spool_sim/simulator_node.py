@@ -195,9 +195,14 @@ class SimulatorNode(ManagedNode):
             self._sent = 0
         assert self._simulator is not None
         due = int((now - self._started) * 1e-9 * self.value("block_rate")) - self._sent
+        valve = self._simulator.valve
         while due > 0:
-            if self._sent % max(1, round(self.value("block_rate"))) == 0:
-                self._tell_temperature(self._simulator)
+            once_a_second = self._sent % max(1, round(self.value("block_rate"))) == 0
+            if once_a_second and valve.oil is not None:
+                message = Temperature(temperature=self._simulator.truth.oil_temperature)
+                message.header.frame_id = valve.id
+                message.header.stamp = to_time(self._simulator.stamp)
+                self._thermometer.publish(message)
             block = self._simulator.next_block()
             self._sent += 1
             due -= 1
@@ -207,15 +212,7 @@ class SimulatorNode(ManagedNode):
                 if count:
                     self.get_logger().warning(f"{plural(count, 'block')} dropped: the machine is too slow")
                 continue
-            self._publisher.publish(block, self._simulator.valve.id)
-
-    def _tell_temperature(self, simulator: Simulator) -> None:
-        """Publish the oil's temperature about once a second, where the valve's description names the oil."""
-        if simulator.valve.oil is not None:
-            message = Temperature(temperature=simulator.truth.oil_temperature)
-            message.header.frame_id = simulator.valve.id
-            message.header.stamp = to_time(simulator.stamp)
-            self._thermometer.publish(message)
+            self._publisher.publish(block, valve.id)
 
     def _report(self) -> None:
         assert self._simulator is not None

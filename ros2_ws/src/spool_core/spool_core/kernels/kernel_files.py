@@ -193,7 +193,11 @@ class SealedCacheFile:
                 lock_file(lock.fileno())  # no other process changes the index meanwhile
                 names = self._index()
                 if not names:
-                    self._remove_outdated()
+                    # What is kept of the same kernel for other states of its code is old after a time.
+                    for path in self._folder.glob(f"{self._base.rpartition('-')[0]}-*"):
+                        outdated = path.stat().st_mtime < time.time() - OUTDATED
+                        if outdated and not path.name.startswith(self._base):
+                            path.unlink()
                 self._write_index({**names, key: name})
         except OSError as error:
             _warn(self._folder, "compiled kernels are not kept in %s: %s", self._folder, error.strerror)
@@ -201,12 +205,6 @@ class SealedCacheFile:
     def flush(self) -> None:
         """Forget all that is kept."""
         self._write_index({})
-
-    def _remove_outdated(self) -> None:
-        """Remove what is kept of the same kernel for other states of its code, once that is old."""
-        for path in self._folder.glob(f"{self._base.rpartition('-')[0]}-*"):
-            if not path.name.startswith(self._base) and path.stat().st_mtime < time.time() - OUTDATED:
-                path.unlink()
 
     def _index(self) -> dict[object, str]:
         """Return the names of the data files by their keys; empty for another source or version of numba."""

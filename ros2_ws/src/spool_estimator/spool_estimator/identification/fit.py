@@ -128,7 +128,10 @@ def free_run_agreement(
         InputError: no record is long enough.
     """
     run = FreeRun(records, model, valve, run_in=run_in, low_cut=low_cut)
-    return agreement(run, _responses(run, values, sensor))
+    run.choose_substeps(values)
+    errors = sensor or {}
+    gain, delay = errors.get(SPOOL_GAIN, 0.0), errors.get(SPOOL_DELAY, 0.0)
+    return agreement(run, run.responses(run.sets(values), np.array([gain]), np.array([delay])))
 
 
 def agreement(run: FreeRun, responses: Sequence[Response]) -> Agreement:
@@ -364,16 +367,6 @@ def _told(combination: least_squares.Combination, covariance: Array, places: Seq
     part = gradient[counts]
     deviation = math.sqrt(max(0.0, float(part @ covariance[np.ix_(counts, counts)] @ part)))
     return Quantity(combination.name, combination.unit, combination.value, deviation, Validity.VALID)
-
-
-def _responses(
-    run: FreeRun, values: Mapping[str, float], sensor: Mapping[str, float] | None
-) -> Sequence[Response]:
-    """Return the responses to one set of parameters, with gain error and delay of the spool's sensor."""
-    run.choose_substeps(values)
-    errors = sensor or {}
-    gain, delay = errors.get(SPOOL_GAIN, 0.0), errors.get(SPOOL_DELAY, 0.0)
-    return run.responses(run.sets(values), np.array([gain]), np.array([delay]))
 
 
 def _squares(simulated: Sequence[Array], measured: Sequence[Array]) -> float:

@@ -71,13 +71,6 @@ class Trajectory:
     memory: Array
 
 
-def _shares(count: int) -> list[slice]:
-    """Return the valves of each processor; few valves stay together."""
-    shares = max(1, min(processors(), count // SMALLEST_SHARE))
-    edges = [count * number // shares for number in range(shares + 1)]
-    return [slice(first, last) for first, last in pairwise(edges)]
-
-
 def _body_rows(count: int, bodies: int, tables: int, stands_on: Sequence[int] | None) -> NDArray[np.int64]:
     """Return the row of the body that each of ``count`` valves stands on, shape (count,)."""
     if (stands_on is None and bodies not in (1, count)) or tables not in (1, count):
@@ -245,7 +238,9 @@ class ComposedMotion:
                 result.stuck[part],
             )
 
-        parts = _shares(count)
+        shares = max(1, min(processors(), count // SMALLEST_SHARE))
+        edges = [count * number // shares for number in range(shares + 1)]
+        parts = [slice(first, last) for first, last in pairwise(edges)]
         if len(parts) == 1:
             advance_some(parts[0])
         else:  # the kernel runs without the interpreter lock, and no valve knows of another
