@@ -53,7 +53,7 @@ class Channel(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class AlignerSettings:
-    """Settings of an aligner.
+    """Rates, times and source of the blocks that an aligner makes.
 
     ``block_rate`` (Hz) of the blocks; ``sample_rate`` (Hz) of the sensors, 0 where the stamps tell it;
     ``settle`` (s) of stamps before the first block; ``longest_wait`` (s of data) for the slower sensor;

@@ -145,7 +145,7 @@ def joined_runs(runs: Sequence[BlockRun]) -> Block:
 
 @dataclass(slots=True)
 class RecentCounts:
-    """Recent counts of blocks lost and refused in RECENT s, by steps of 1 s; its user advances the clock."""
+    """Blocks lost and refused in the last RECENT s, by steps of 1 s; its user advances the clock."""
 
     lost: int = 0
     refused: int = 0

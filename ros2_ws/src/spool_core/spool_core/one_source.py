@@ -19,7 +19,7 @@ FaultType = TypeVar("FaultType")
 
 
 class Place(NamedTuple):
-    """Place of an item in its stream.
+    """When an item comes in its stream, and from whom.
 
     ``stamp`` and ``end``, when the next one is due, are in ns, ``period`` of its samples in s; ``source`` is
     who the item says it is of.

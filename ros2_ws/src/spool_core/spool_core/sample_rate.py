@@ -27,7 +27,7 @@ LEAST_RATE = OF_ESTIMATE * SLOWEST_VALVE
 
 
 class Analysis(enum.Enum):
-    """Analysis that needs a rate; the value is the text people read."""
+    """Work that needs a least sample rate; the value is the text people read."""
 
     ESTIMATE = "an estimate"
     GAP = "`gap`"

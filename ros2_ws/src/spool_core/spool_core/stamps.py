@@ -66,7 +66,7 @@ Indices = NDArray[np.int64]
 
 
 class Rhythm(enum.Enum):
-    """Rhythm of stamps; the value is the text people read."""
+    """How regularly stamps follow each other; the value is the text people read."""
 
     EVEN = "even"  # each stamp is the time of its sample, to a quarter of a period
     COARSE = "coarse"  # a regular clock, rounded to a resolution that is no small share of the period

@@ -131,7 +131,7 @@ def at_uncertain_rate(quantity: Quantity, rate_std: float) -> Quantity:
 
 
 class Validity(enum.IntEnum):
-    """Validity of a quantity: whether it holds; the numbers are those of ``spool_msgs/msg/Quantity``."""
+    """Whether a quantity holds; the numbers are those of ``spool_msgs/msg/Quantity``."""
 
     UNKNOWN = 0
     VALID = 1

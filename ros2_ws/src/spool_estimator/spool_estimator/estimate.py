@@ -10,7 +10,7 @@ from spool_core.uncertainty import Quantity, Validity
 
 
 class State(enum.IntEnum):
-    """State of an estimate; the numbers are those of ``spool_msgs/msg/ModelEstimate``."""
+    """Whether an estimate follows its valve; the numbers are those of ``spool_msgs/msg/ModelEstimate``."""
 
     UNKNOWN = 0
     LEARNING = 1
@@ -34,7 +34,7 @@ _NOT_LEFT = Quantity("residual_force", "N")
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """Estimate of one valve's model at a time.
+    """One valve's model as identified up to a time.
 
     ``stamp`` (ns) is the acquisition time of the newest sample used, ``delay`` (s) how long before it the
     described motion was, ``memory`` (s) the time constant of forgetting. ``last_sequence`` is that of the

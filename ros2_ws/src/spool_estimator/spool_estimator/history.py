@@ -156,7 +156,7 @@ class WindowFit:
 
 @dataclass(frozen=True, slots=True)
 class Fitter:
-    """Fitter of the free run to stretches of samples.
+    """Fits the free run to stretches of samples.
 
     Args:
         sample_period: s.
@@ -315,7 +315,7 @@ class DisplacementArrays(NamedTuple):
 
 @dataclass(slots=True)
 class Displacement:
-    """Displacement of the spool in the body: its mean square over about the last second.
+    """Travel of the spool in the body: its mean square over about the last second.
 
     Args:
         sample_period: s.

@@ -42,7 +42,7 @@ FASTEST = 1e5
 
 @dataclass(frozen=True, slots=True)
 class Interval:
-    """Interval of 95 % of what a record shows: ``middle`` between ``low`` and ``high``."""
+    """Range that a record shows with 95 % confidence: ``middle`` between ``low`` and ``high``."""
 
     low: float
     middle: float

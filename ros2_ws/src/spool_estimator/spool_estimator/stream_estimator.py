@@ -38,7 +38,7 @@ LATE = REFUTE + 0.5
 
 @dataclass(frozen=True, slots=True)
 class EstimatorSettings:
-    """Settings of an estimator: what it needs to know beforehand.
+    """Values that an estimator has to know beforehand.
 
     Two accelerometers see forces per mass only: ``moving_mass`` (kg) sets the scale of every parameter.
     ``spring_stiffness`` (N/m), ``viscous_coefficient`` (N s/m) and ``coulomb_force`` (N) are orders of
@@ -71,7 +71,7 @@ class EstimatorSettings:
 
 @dataclass(frozen=True, slots=True)
 class Learned:
-    """Learned state of an estimator at the end of a chunk.
+    """Parameters of an estimator at the end of a chunk, and how certain they are.
 
     Attributes:
         values, covariance: of k (N/m), c (N s/m), F_c (N), shapes (3,) and (3, 3).

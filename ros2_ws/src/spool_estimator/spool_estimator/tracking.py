@@ -77,9 +77,9 @@ BUDGET = RefitBudget()
 
 @dataclass(frozen=True, slots=True)
 class Knowledge:
-    """Knowledge of a tracker; the fields are those of the tracker, ``offset`` (m/s^2) is the body's.
+    """Copy of the learned state of a tracker; the fields are those of the tracker.
 
-    ``progress`` holds the fields of KNOWN.
+    ``offset`` (m/s^2) is that of its prediction, ``progress`` holds the fields of KNOWN.
     """
 
     regression: RecursiveLeastSquares | SlidingLeastSquares
@@ -92,7 +92,7 @@ class Knowledge:
 
 @dataclass(slots=True)
 class Tracker:
-    """Tracker of k (N/m), c (N s/m) and F_c (N) of one valve from its samples, chunk by chunk.
+    """Follows k (N/m), c (N s/m) and F_c (N) of one valve from its samples, chunk by chunk.
 
     Args:
         sample_period: s.

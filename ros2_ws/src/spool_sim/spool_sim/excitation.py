@@ -71,7 +71,7 @@ class Excitation(BaseModel, ABC):
 
 
 class Standstill(Excitation):
-    """Standstill of the body."""
+    """The body does not move."""
 
     kind: Literal["standstill"] = "standstill"
 
@@ -85,7 +85,7 @@ class Standstill(Excitation):
 
 
 class SteadySine(Excitation):
-    """Steady sine.
+    """One frequency at a constant amplitude.
 
     Attributes:
         frequency: Hz.
@@ -268,7 +268,7 @@ class Multisine(Excitation):
 
 
 class MachineOrders(Excitation):
-    """Orders of a machine: harmonics of a shaft whose speed changes, on top of stationary broadband.
+    """Harmonics of a shaft whose speed changes, on top of stationary broadband.
 
     Attributes:
         speed_profile: points (time s, shaft speed rpm), linear in between, held before and after.
@@ -407,7 +407,7 @@ SingleExcitation = Annotated[
 
 
 class Sequence(Excitation):
-    """Sequence of excitations one after the other, cross-faded so that nothing jumps.
+    """Excitations one after the other, cross-faded so that nothing jumps.
 
     Attributes:
         parts: the stretches; the last one goes on when all are over, unless ``repeat``.
@@ -468,7 +468,7 @@ class Sequence(Excitation):
 
 
 class Part(BaseModel):
-    """Part of a sequence.
+    """One excitation and how long it lasts in a sequence.
 
     Attributes:
         duration: s.
@@ -508,7 +508,7 @@ PRESETS: dict[str, Excitation] = {
 
 
 class Recorded(Excitation):
-    """Recorded body acceleration; the body stands still before and after it.
+    """Body acceleration of a record; the body stands still before and after it.
 
     Between samples it is band-limited: sinc under a window over 48 samples, within 2e-4 of the truth up to
     0.4 of the sample rate; at the samples it is the samples. Beyond the ends the record goes on as its mirror

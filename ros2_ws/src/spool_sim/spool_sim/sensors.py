@@ -17,7 +17,7 @@ _NODES = 6
 
 
 class Sensor(BaseModel):
-    """Sensor errors of one accelerometer, in the order in which they act. Frozen.
+    """Errors of one accelerometer, in the order in which they act. Frozen.
 
     Attributes:
         delay_samples: delay behind the true acceleration, in samples, whole or not.

@@ -76,7 +76,7 @@ class _Ramp:
 
 
 class Simulator:
-    """Simulator of one valve: source of its blocks.
+    """Source of the blocks of one simulated valve.
 
     Blocks depend on the arguments alone: same arguments, same numbers, however they are fetched.
     """

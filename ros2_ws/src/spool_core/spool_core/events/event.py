@@ -10,7 +10,7 @@ from spool_core.uncertainty import Z_95, Quantity
 
 
 class EventState(enum.IntEnum):
-    """State of an event; the numbers are those of ``spool_msgs/msg/HealthEvent``."""
+    """Whether something began or ended; the numbers are those of ``spool_msgs/msg/HealthEvent``."""
 
     UNKNOWN = 0
     RAISED = 1
@@ -18,7 +18,7 @@ class EventState(enum.IntEnum):
 
 
 class Severity(enum.IntEnum):
-    """Severity of an event; the numbers are those of ``spool_msgs/msg/HealthEvent``."""
+    """Whether to look at it or to act; the numbers are those of ``spool_msgs/msg/HealthEvent``."""
 
     UNKNOWN = 0
     WARNING = 1
@@ -42,7 +42,7 @@ class Namur(enum.IntEnum):
 
 
 class Urgency(enum.IntEnum):
-    """Urgency of an event; the numbers are those of ``spool_msgs/msg/HealthEvent``."""
+    """How soon somebody has to act; the numbers are those of ``spool_msgs/msg/HealthEvent``."""
 
     UNKNOWN = 0
     NONE = 1  # nobody has to act
@@ -70,7 +70,7 @@ def urgency_of(namur: Namur, severity: Severity, *, hurries: bool = False) -> Ur
 
 @dataclass(frozen=True, slots=True)
 class Facts:
-    """Facts of an event. Unknown is NaN, 0 for stamps and codes, and empty for texts.
+    """Numbers and codes behind the texts. Unknown is NaN, 0 for stamps and codes, and empty for texts.
 
     Attributes:
         parameter: what was judged, e.g. ``coulomb_force``.
@@ -128,7 +128,7 @@ class Facts:
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """Event that began or ended at ``stamp`` (ns, acquisition time).
+    """Something that began or ended at ``stamp`` (ns, acquisition time).
 
     Attributes:
         code: stable number of kind and cause.

@@ -19,7 +19,7 @@ class EventText(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Language:
-    """Language of an event's sentences.
+    """Words and sentences for all texts of an event.
 
     Attributes:
         code: ISO 639-1, e.g. ``de``.

@@ -36,7 +36,7 @@ _UNITS = {"N s/m": "N·s/m", "m/s^2": "m/s²", "deg C": "°C"}
 
 
 class Detail(NamedTuple):
-    """Detail of an event: the ``field`` that it shows, its label and its text."""
+    """Row below an event: the ``field`` that it shows, its label and its text."""
 
     field: str
     label: str

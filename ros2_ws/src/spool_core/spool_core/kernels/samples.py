@@ -61,7 +61,7 @@ class Outlier(NamedTuple):
 
 @dataclass(slots=True)
 class OutlierFilter:
-    """Outlier filter of one stream: replaces impossible samples of accepted blocks and counts them.
+    """Replaces impossible samples in the accepted blocks of one stream, and counts them.
 
     Attributes:
         body, spool: samples left out of each channel since the start.

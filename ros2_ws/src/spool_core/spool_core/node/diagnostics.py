@@ -16,7 +16,7 @@ from spool_core.text import plural
 
 
 class Level(enum.Enum):
-    """Level of a task, those of ``DiagnosticStatus``; values are what the message field takes."""
+    """How well a task runs, as in ``DiagnosticStatus``; values are what the message field takes."""
 
     OK = DiagnosticStatus.OK
     WARNING = DiagnosticStatus.WARN
@@ -26,7 +26,7 @@ class Level(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class Status:
-    """Status of one task: its level, one line for people, values by key (see :func:`key`).
+    """How one task is doing: its level, one line for people, values by key (see :func:`key`).
 
     Keys never change while a node runs: plots and rules follow them. What is not known yet is NaN.
     """
@@ -63,7 +63,7 @@ def block_faults(gate: BlockGate) -> str:
 
 
 class DiagnosticPublisher:
-    """Diagnostic publisher of the tasks of one node on ``/diagnostics``; names are ``namespace/node: task``.
+    """Reports the tasks of one node on ``/diagnostics``; names are ``namespace/node: task``.
 
     ``hardware_id`` may change when the node learns which valve it is for.
     """

@@ -459,7 +459,7 @@ class Mailbox:
 
 
 class Ticker:
-    """Ticker whose :meth:`run` calls what is due; its host does that every :data:`STEP` s.
+    """Calls due functions in :meth:`run`; its host does that every :data:`STEP` s.
 
     The events executor looks through all timers of a clock at each of their turns, so that those of a hundred
     valves would cost more than what they do.

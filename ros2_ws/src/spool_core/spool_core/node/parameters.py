@@ -42,7 +42,7 @@ _TYPES: Mapping[type, str] = {bool: "bool", int: "integer", float: "double", str
 
 @dataclass(frozen=True, slots=True)
 class NodeParameter:
-    """Parameter of a node: its name, default (which fixes the type), meaning, unit and range.
+    """Setting of a node: its name, default (which fixes the type), meaning, unit and range.
 
     ``read_only`` ones take effect at the process's start, ``structural`` ones when the node is configured:
     they may change while it is unconfigured. All others may change at any time. Setting the present value

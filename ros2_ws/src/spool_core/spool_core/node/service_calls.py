@@ -19,7 +19,7 @@ MOST_SERVICES, MOST_CALLS = 64, 64
 
 
 class ServiceCalls:
-    """Calls under way; :meth:`work` has to be called now and then on the node's thread.
+    """Requests under way; :meth:`work` has to be called now and then on the node's thread.
 
     Args:
         node: that asks.
@@ -109,7 +109,7 @@ class ServiceCalls:
 
 @dataclass(slots=True)
 class _Call:
-    """Call of a service; ``due`` is when the next step must be done, s (monotonic)."""
+    """Request to a service; ``due`` is when the next step must be done, s (monotonic)."""
 
     server: str
     service: str

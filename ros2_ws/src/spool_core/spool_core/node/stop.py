@@ -62,7 +62,7 @@ class StopRequested(BaseException):
 
 
 class Phase(enum.Enum):
-    """Phase of a process: what a signal does."""
+    """How far a process has come, on which the effect of a signal depends."""
 
     LOADING = "loading"  # nothing is open yet: the process ends immediately
     STARTING = "starting"  # what is under way, perhaps a minute of compiling, is broken off

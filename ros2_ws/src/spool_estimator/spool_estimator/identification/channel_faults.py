@@ -97,7 +97,7 @@ CLIPPING_BELOW = 12
 
 @dataclass(frozen=True, slots=True)
 class ChannelFault:
-    """Fault of a channel, or of one against the other.
+    """Something wrong with a channel, or with one against the other.
 
     ``cause`` is that of the monitor's event, ``channel`` is ``body``, ``spool`` or ``both``; ``value`` in
     ``unit`` is its size, as the ``parameter`` that passed ``limit``. ``text`` says what is seen, ``remedy``
@@ -121,7 +121,7 @@ class ChannelFault:
 
 @dataclass(frozen=True, slots=True)
 class PairLook:
-    """Look at a pair of channels: its gravest ``fault``, and the spool's ``delay`` (s), NaN: not known.
+    """Verdict on a pair of channels: its gravest ``fault``, and the spool's ``delay`` (s), NaN: not known.
 
     ``changed``: the valve itself changes within the readings, as where a spring breaks.
     """

@@ -74,7 +74,7 @@ SLOPE, SAME, ONCE, TWICE, THRICE = range(5)
 
 @dataclass(frozen=True, slots=True)
 class PairFit:
-    """Fit of a pair: gain of the spool's channel over the body's, its delay (s) and corner (Hz).
+    """Spool's channel against the body's: gain over it, delay (s) and corner (Hz).
 
     ``deviations`` are of the gain's logarithm, the delay (s) and the corner (Hz), NaN where held.
     ``residual`` is what the fit leaves over the spool's acceleration, rms. ``stiffness`` (1/s^2), ``damping``
@@ -97,7 +97,7 @@ class PairFit:
 
 
 class Glance(NamedTuple):
-    """Glance at a pair: what is left over the spool's acceleration, as squares, by several accounts.
+    """Squares that several accounts of a pair leave, over those of the spool's acceleration.
 
     ``plain``: both channels are as they should be. ``constant``: gain, corner and a small delay or drift are
     whatever fits best. ``parted``: they, and the valve, are others before and behind the best moment; a short
@@ -113,7 +113,7 @@ class Glance(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Swing:
-    """Swing of the spool for a moment: natural frequency (Hz) and damping ratio, with their deviations."""
+    """How the spool swings for a moment: natural frequency (Hz) and damping ratio, with their deviations."""
 
     frequency: float
     frequency_deviation: float

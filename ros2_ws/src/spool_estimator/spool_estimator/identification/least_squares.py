@@ -45,7 +45,7 @@ Found = TypeVar("Found")
 
 @dataclass(frozen=True, slots=True)
 class Unknown:
-    """Unknown of a fit: name, unit (SI), bounds and typical size; ``absolute``: steps do not grow with it."""
+    """Name, unit (SI), bounds and size of a fitted number; ``absolute``: steps do not grow with it."""
 
     name: str
     unit: str

@@ -89,7 +89,7 @@ class RecordNuisance(ABC):
 
 @dataclass(frozen=True, slots=True)
 class Nuisance:
-    """Nuisance of the measuring chain that was found: no part of the valve, and never of the verdict.
+    """Fault of the measuring chain that was found: no part of the valve, and never of the verdict.
 
     Attributes:
         id: of its kind.
@@ -109,7 +109,7 @@ class Nuisance:
 
 
 class Spikes(RecordNuisance):
-    """Spikes in either or both channels: replaced by what their neighbours predict."""
+    """Few wrong samples in either or both channels: replaced by what their neighbours predict."""
 
     id = "spikes"
     check = "plugs and cables (contact), electromagnetic interference by switched valves, the logger's link"
@@ -213,7 +213,7 @@ def frequencies_of_hum(record: Record, valve: Valve) -> tuple[float, ...]:
 
 
 class BiasDrift(RecordNuisance):
-    """Drift of the zero: a straight line through the means of either channel, taken off with the bias."""
+    """Zero that wanders: a straight line through the means of either channel, taken off with the bias."""
 
     id = "bias_drift"
     check = "temperature of sensor and amplifier, warm-up time, a charge amplifier's reset, cable movement"
@@ -314,7 +314,7 @@ def _of_motion(places: NDArray[np.int64], motion: Sequence[Array]) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class _Line:
-    """Line of one channel: its frequency, Hz, complex amplitude (m/s^2) and standard deviation of that."""
+    """Hum in one channel: its frequency, Hz, complex amplitude (m/s^2) and standard deviation of that."""
 
     frequency: float
     amplitude: complex

@@ -52,7 +52,7 @@ SHOWS = 1e-2
 
 
 class Residuals:
-    """Residuals of a model over the windows of a free run.
+    """Differences between a model and the records over the windows of a free run.
 
     Attributes:
         run: the windows.

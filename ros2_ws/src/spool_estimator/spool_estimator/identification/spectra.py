@@ -245,7 +245,7 @@ def interval_mean_response(frequency: Array, sample_period: float) -> NDArray[np
 
 @dataclass(frozen=True, slots=True)
 class RelativeMotion:
-    """Motion of the spool in its body; every array has shape (n,).
+    """How the spool moves in its body; every array has shape (n,).
 
     Attributes:
         displacement, velocity, acceleration: relative, m, m/s, m/s^2.

@@ -40,7 +40,7 @@ LATEST_TIME = 60.0
 
 @dataclass(frozen=True, slots=True)
 class MotionState:
-    """State of motion at one instant: relative displacement (m), velocity (m/s), direction of slip.
+    """Relative displacement (m), velocity (m/s) and direction of slip at one instant.
 
     ``direction`` is +1 or -1 while slipping and 0 while sticking; ``memory`` holds the force (N) of each term
     that remembers, in the order of the terms, and stays empty until there is one.
@@ -84,7 +84,7 @@ def _body_rows(count: int, bodies: int, tables: int, stands_on: Sequence[int] | 
 
 @dataclass(frozen=True, slots=True)
 class Correction:
-    """Correction of a predicted motion by the measured spool acceleration (a constant-gain observer).
+    """Pulls a predicted motion towards the measured spool acceleration (a constant-gain observer).
 
     Attributes:
         displacement, velocity: change of the state over the prediction error, m and m/s per m/s^2.

@@ -42,7 +42,7 @@ LAWS: dict[str, tuple[str, ...]] = {
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """Parameter of a force term.
+    """Number that a force term depends on.
 
     Attributes:
         name: as in YAML files, messages and reports.
