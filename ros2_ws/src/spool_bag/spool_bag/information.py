@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from spool_core.block import Block, BlockRun
 from spool_core.block_gate import LONGEST_PERIOD, SHORTEST_PERIOD, BlockGate, Verdict
 from spool_core.cdr import OilTemperature
 from spool_core.text import plural, printable
+from spool_core.uncertainty import BY_NAME, named
 
 from spool_bag.blocks import Span
 from spool_bag.mcap_file import Damage
@@ -28,79 +29,59 @@ LONGEST_LOSS = 86_400_000_000_000
 
 @dataclass(frozen=True, slots=True)
 class TopicSummary:
-    """Summary of a topic; ``rate`` in 1/s over the bag's duration, ``None`` where that is not known."""
+    """Summary of a topic; ``rate_per_s`` over the bag's duration, ``None`` where that is not known."""
 
     name: str
     type: str
     messages: int
-    rate: float | None
+    rate_per_s: float | None
 
 
 @dataclass(frozen=True, slots=True)
 class ValveSummary:
     """Summary of the accelerations of one valve.
 
-    ``sample_rate`` in Hz and ``first_stamp`` and ``end_stamp`` in ns are those of the usable blocks, ``None``
+    ``sample_rate`` in Hz, ``first_stamp_ns`` and ``end_stamp_ns`` are those of the usable blocks, ``None``
     without any; ``lost_blocks`` come from jumps in ``sequence``; ``refused_blocks`` are malformed,
-    ``undecodable_blocks`` no blocks at all; ``duration`` in s leaves out where the time stepped, and
-    ``times`` counts the times of their own; ``faults`` counts each kind by its text.
+    ``undecodable_blocks`` no blocks at all; ``duration_s`` leaves out where the time stepped, and ``times``
+    counts the times of their own; ``faults`` counts each kind by its text.
     """
 
     name: str
     blocks: int
     samples: int
-    sample_rate: float | None
     lost_blocks: int
     refused_blocks: int
     undecodable_blocks: int
-    duration: float
     times: int
-    first_stamp: int | None
-    end_stamp: int | None
     temperatures: int
     faults: Mapping[str, int]
+    sample_rate: float | None = field(metadata=named("sample_rate_Hz"))
+    duration_s: float
+    first_stamp_ns: int | None
+    end_stamp_ns: int | None
 
 
 @dataclass(frozen=True, slots=True)
 class BagInformation:
-    """Summary of a bag as a whole: ``size`` in bytes, stamps in ns.
+    """Summary of a bag as a whole, as ``--json`` writes it.
 
-    ``duration`` in s is by acquisition time, without the steps of a clock that was set; ``lost_messages``
-    were in damaged places, and are ``lost_estimated`` where nothing but their size tells.
+    ``duration_s`` is by acquisition time, without the steps of a clock that was set; ``lost_messages`` were
+    in damaged places, and are ``lost_messages_estimated`` where nothing but their size tells.
     """
 
-    path: Path
-    size: int
+    bag: Path
+    size_bytes: int
     closed: bool
-    duration: float | None
-    first_stamp: int | None
+    duration_s: float | None
+    first_stamp_ns: int | None
     topics: tuple[TopicSummary, ...]
-    valves: tuple[ValveSummary, ...]
+    valves: tuple[ValveSummary, ...] = field(metadata=BY_NAME)
     damages: tuple[Damage, ...]
     lost_messages: int
-    lost_estimated: bool
-    undecodable: Mapping[str, int]
+    lost_messages_estimated: bool
+    undecodable_messages: Mapping[str, int]
     warnings: tuple[str, ...]
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return what ``--json`` writes; units stand in the keys."""
-        return {
-            "bag": str(self.path),
-            "size_bytes": self.size,
-            "closed": self.closed,
-            "duration_s": self.duration,
-            "first_stamp_ns": self.first_stamp,
-            "topics": [_renamed(asdict(topic), rate="rate_per_s") for topic in self.topics],
-            "valves": {valve.name: _valve_dict(valve) for valve in self.valves},
-            "damages": [
-                _renamed(damage._asdict(), offset="offset_bytes", size="size_bytes", lost="lost_messages")
-                for damage in self.damages
-            ],
-            "lost_messages": self.lost_messages,
-            "lost_messages_estimated": self.lost_estimated,
-            "undecodable_messages": dict(self.undecodable),
-            "warnings": list(self.warnings),
-        }
 
 
 def describe(path: Path | str, span: Span | None = None) -> BagInformation:
@@ -117,7 +98,7 @@ def describe(path: Path | str, span: Span | None = None) -> BagInformation:
     valves = tuple(
         one.summary(name, reader.undecodable.get(_topic(reader, name), 0)) for name, one in passes.items()
     )
-    first = min((valve.first_stamp for valve in valves if valve.first_stamp is not None), default=None)
+    first = min((valve.first_stamp_ns for valve in valves if valve.first_stamp_ns is not None), default=None)
     duration = duration_of([one.timeline for one in passes.values()])
     if first is None:
         first, duration = _logged(reader)
@@ -311,30 +292,17 @@ class _Pass:
             name,
             self.gate.accepted + self.gate.refused,
             self.samples,
-            self.rate,
             self.gate.lost,
             self.gate.refused,
             undecodable,
-            self.timeline.duration / 1e9,
             len(spans),
-            min((span.first for span in spans), default=None),
-            max((span.end for span in spans), default=None),
             self.temperatures,
             {fault.value: count for fault, count in self.gate.faults.items()},
+            self.rate,
+            self.timeline.duration / 1e9,
+            min((span.first for span in spans), default=None),
+            max((span.end for span in spans), default=None),
         )
-
-
-def _valve_dict(valve: ValveSummary) -> dict[str, Any]:
-    content = asdict(valve)
-    del content["name"]
-    for name, unit in (("sample_rate", "Hz"), ("duration", "s"), ("first_stamp", "ns"), ("end_stamp", "ns")):
-        content[f"{name}_{unit}"] = content.pop(name)
-    return content
-
-
-def _renamed(content: dict[str, Any], **names: str) -> dict[str, Any]:
-    """Return ``content`` in its order, with other names for some keys."""
-    return {names.get(name, name): value for name, value in content.items()}
 
 
 class _BlockPlace(NamedTuple):

@@ -7,7 +7,7 @@ import struct
 import threading
 import zlib
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
@@ -15,6 +15,7 @@ import zstandard
 from lz4.frame import LZ4FrameDecompressor  # type: ignore[import-untyped]
 from mcap.opcode import Opcode
 from spool_core.errors import InputError
+from spool_core.uncertainty import named
 
 from spool_bag.mcap_record import (
     BAD_BYTES,
@@ -246,13 +247,14 @@ def decompressed(path: Path, folder: Path) -> Path:
     return plain
 
 
-class Damage(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Damage:
     """Unusable bytes of a file: where, how many, why, and messages lost (``None``: unknown)."""
 
-    offset: int
-    size: int
+    offset: int = field(metadata=named("offset_bytes"))
+    size: int = field(metadata=named("size_bytes"))
     reason: str
-    lost: int | None = None
+    lost: int | None = field(default=None, metadata=named("lost_messages"))
 
 
 class RecordRun(NamedTuple):
@@ -386,7 +388,7 @@ class Walk:
             if count == entries and time in times:
                 self._listed[channel] = (0, times)  # a second index of the channel is of another chunk
                 return
-        self._pending = self._pending._replace(lost=(self._pending.lost or 0) + entries)
+        self._pending = replace(self._pending, lost=(self._pending.lost or 0) + entries)
 
     def _step_over(self, offset: int, reason: str) -> int:
         """Report what lies between ``offset`` and the next record that can be one; return where that is."""

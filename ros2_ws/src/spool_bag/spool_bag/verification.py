@@ -7,7 +7,6 @@ import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from spool_core.block import Block
 from spool_core.block_gate import BlockGate
@@ -33,26 +32,15 @@ class Verification:
     """Verification of a recording: ``wrong`` what was done to it, ``notes`` what is to be known, a line each.
 
     ``parts`` were looked at, ``signed`` of these bear a signature by the key;
-    ``newest`` is the hash of the last one, which stands for all.
+    ``newest_sha256`` is the hash of the last one, which stands for all.
     """
 
-    folder: Path
+    recording: Path
     parts: int = 0
     signed: int = 0
-    newest: str = ""
+    newest_sha256: str = ""
     wrong: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
-
-    def dictionary(self) -> dict[str, Any]:
-        """Return the verification as JSON has it."""
-        return {
-            "recording": str(self.folder),
-            "parts": self.parts,
-            "signed": self.signed,
-            "newest_sha256": self.newest,
-            "wrong": self.wrong,
-            "notes": self.notes,
-        }
 
 
 def verify(folder: Path, key: Path | None = None) -> Verification:
@@ -238,7 +226,7 @@ def _verify(folder: Path, key: Path | None) -> Verification:
         found.notes.append("metadata.yaml cannot be read: whether the newest parts are there cannot be told")
     elif listed > newest:
         found.wrong.append(_missing(newest + 1, listed) + ": metadata.yaml lists what is not there")
-    found.newest = chain.link or ""
+    found.newest_sha256 = chain.link or ""
     if first > chain.oldest:
         found.wrong.insert(0, _missing(chain.oldest, first - 1) + ", ahead of all others")
     elif first > 0:

@@ -27,6 +27,7 @@ from spool_bag.writer import BagWriter
 from spool_core.block import Block
 from spool_core.cdr import OilTemperature, encode_block, encode_temperature
 from spool_core.errors import InputError
+from spool_core.uncertainty import as_json
 
 TOPIC = "/valve_1/acceleration"
 MakeBlock = Callable[..., Block]
@@ -91,7 +92,7 @@ def test_an_empty_bag_is_a_bag(tmp_path: Path) -> None:
     BagWriter(tmp_path / "bag").close()
     reader = BagReader(tmp_path / "bag")
     assert (reader.topics, reader.valves, reader.closed) == ({}, [], True)
-    assert describe(tmp_path / "bag").duration is None
+    assert describe(tmp_path / "bag").duration_s is None
     with Reader(tmp_path / "bag") as other:
         assert other.message_count == 0
 
@@ -371,11 +372,11 @@ def test_information_counts_losses_and_refusals(tmp_path: Path, block: MakeBlock
     found = describe(tmp_path / "bag")
     (valve,) = found.valves
     assert (valve.blocks, valve.samples, valve.lost_blocks, valve.refused_blocks) == (7, 240, 7, 1)
-    assert (valve.first_stamp, valve.end_stamp) == (block(0).stamp, block(13).stamp)
+    assert (valve.first_stamp_ns, valve.end_stamp_ns) == (block(0).stamp, block(13).stamp)
     assert valve.sample_rate == pytest.approx(2000.0)
     assert valve.temperatures == 1
-    assert found.duration == pytest.approx(13 * 0.02)
-    content = found.to_dict()
+    assert found.duration_s == pytest.approx(13 * 0.02)
+    content = as_json(found)
     assert content["valves"]["valve_1"]["sample_rate_Hz"] == pytest.approx(2000.0)
     assert content["topics"][0]["rate_per_s"] == pytest.approx(7 / 0.26)
 

@@ -169,7 +169,7 @@ def test_a_message_that_cannot_be_decoded_is_left_out_and_counted(tmp_path: Path
     assert any("1 message left out: the bytes do not fit the type" in warning for warning in found.warnings)
     result = recover(tmp_path / "bag", tmp_path / "recovered")
     assert result.undecodable == {"/valve_1/acceleration": 1}
-    assert describe(tmp_path / "recovered").undecodable == {}
+    assert describe(tmp_path / "recovered").undecodable_messages == {}
 
 
 def foreign(path: Path, topic: str, block: MakeBlock) -> Path:

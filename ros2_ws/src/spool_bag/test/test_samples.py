@@ -15,6 +15,6 @@ def test_sample_bags_are_whole(name: str) -> None:
     (valve,) = found.valves
     assert (found.closed, found.warnings, found.damages) == (True, (), ())
     assert (valve.name, valve.blocks, valve.samples, valve.lost_blocks) == ("valve_1", 2000, 80_000, 0)
-    assert (valve.sample_rate, found.duration) == (2000.0, 40.0)
+    assert (valve.sample_rate, found.duration_s) == (2000.0, 40.0)
     with AnyReader([BAGS / name]) as reader:
         assert reader.message_count == 2000

@@ -72,8 +72,8 @@ def test_a_bag_with_a_step_is_told_and_its_table_counts_on(tmp_path: Path, block
         for one in stepped(block, -HOUR, restarts=False):
             writer.write(channel, one.stamp, encode_block(one, "valve_1"))
     found = describe(tmp_path / "bag")
-    assert found.duration == pytest.approx(10.0)
-    assert (found.valves[0].times, found.valves[0].duration) == (2, pytest.approx(10.0))
+    assert found.duration_s == pytest.approx(10.0)
+    assert (found.valves[0].times, found.valves[0].duration_s) == (2, pytest.approx(10.0))
     assert any("its time goes back by 3600.000 s at 5.0 s" in warning for warning in found.warnings)
     result = export_bag(tmp_path / "bag", tmp_path / "table.csv")
     assert any("goes back" in warning for warning in result.warnings)

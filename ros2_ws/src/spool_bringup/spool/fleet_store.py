@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from spool_core.system import expanded
+from spool_core.uncertainty import as_json
 
 from spool.errors import one_error
 from spool.results import keeping_backend
@@ -74,9 +75,8 @@ class Fleet:
             InputError: no store, or the SQL cannot be answered.
         """
         from spool_fleet.operations import answer  # noqa: PLC0415
-        from spool_tools.outputs import finite  # noqa: PLC0415
 
-        rows: list[dict[str, Any]] = finite(answer(self.store, sql, None, "", "", ""))
+        rows: list[dict[str, Any]] = as_json(answer(self.store, sql, None, "", "", ""))
         return rows
 
     @one_error

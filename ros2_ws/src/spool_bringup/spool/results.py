@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from spool_core.errors import InputError
+from spool_core.uncertainty import as_json
 
 from spool.errors import one_error
 
@@ -147,10 +148,7 @@ class Quality(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """Return what ``check --json`` writes."""
-        from spool_tools.operations.record_quality import quality_dictionary  # noqa: PLC0415
-        from spool_tools.outputs import finite  # noqa: PLC0415
-
-        found: dict[str, Any] = finite(quality_dictionary(self._found, self._notes))
+        found: dict[str, Any] = as_json(self._found) | {"notes": list(self._notes)}
         return found
 
     def _print(self, console: Console) -> None:
@@ -192,10 +190,9 @@ class Fit(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """Return what ``fit --json`` writes."""
-        from spool_tools.outputs import finite  # noqa: PLC0415
         from spool_tools.report.fit_tables import to_dictionary  # noqa: PLC0415
 
-        found: dict[str, Any] = finite(to_dictionary(self._validated))
+        found: dict[str, Any] = as_json(to_dictionary(self._validated))
         return found
 
     @one_error
@@ -276,10 +273,9 @@ class Comparison(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """Return what ``compare --json`` writes."""
-        from spool_tools.outputs import finite  # noqa: PLC0415
         from spool_tools.report.fit_tables import comparison_dictionary  # noqa: PLC0415
 
-        found: dict[str, Any] = finite(comparison_dictionary(self._series, self._ranking))
+        found: dict[str, Any] = as_json(comparison_dictionary(self._series, self._ranking))
         return found
 
     @one_error
@@ -367,10 +363,7 @@ class Replay(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """Return what ``replay --json`` writes."""
-        from spool_tools.outputs import finite  # noqa: PLC0415
-
-        found: dict[str, Any] = finite(self._found)
-        return found
+        return dict(self._found)
 
     def _print(self, console: Console) -> None:
         from spool_tools.operations.record_replay import print_replay  # noqa: PLC0415

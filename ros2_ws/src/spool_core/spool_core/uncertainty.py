@@ -1,11 +1,14 @@
-"""Quantities with units and intervals, and how many of their digits are shown."""
+"""Quantities with units and intervals, how many of their digits are shown, and results as JSON."""
 
 from __future__ import annotations
 
 import enum
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, fields, is_dataclass, replace
 from decimal import ROUND_CEILING, ROUND_HALF_EVEN, ROUND_HALF_UP, Decimal
+from pathlib import PurePath
+from typing import Any
 
 #: Quantile of the standard normal distribution for a two-sided 95 % interval (NIST handbook 1.3.6.7.1).
 #: Not Student's t: what is shown comes from hundreds of samples and more, and t of 60 degrees of freedom
@@ -32,6 +35,11 @@ _DOUBLE = 15
 #: Significant digits of a number without any interval.
 _DIGITS = 4
 
+#: Metadata of a dataclass's field that JSON leaves out, and of one whose entries it writes by their names.
+LEFT_OUT, BY_NAME = {"left_out": True}, {"by_name": True}
+#: Metadata of a field that JSON writes as null where it is empty.
+EMPTY_IS_NULL = {"empty_is_null": True}
+
 
 @dataclass(frozen=True, slots=True)
 class Shown:
@@ -47,9 +55,13 @@ class Shown:
         return self.value if self.value == UNKNOWN else f"{self.value} ± {self.half_width}"
 
 
-def interval(value: float, standard_deviation: float) -> Shown:
-    """Return the 95 % interval; the half width's two significant digits decide what is shown of both."""
-    return compared((value, standard_deviation))[0]
+def interval(value: float | None, standard_deviation: float | None) -> Shown:
+    """Return the 95 % interval; the half width's two significant digits decide what is shown of both.
+
+    ``None``, as JSON has it, is not known either.
+    """
+    pair = [math.nan if one is None else one for one in (value, standard_deviation)]
+    return compared((pair[0], pair[1]))[0]
 
 
 def compared(*pairs: tuple[float, float]) -> tuple[Shown, ...]:
@@ -69,7 +81,7 @@ def compared(*pairs: tuple[float, float]) -> tuple[Shown, ...]:
     return tuple(_shown(value, deviation, last, power) for value, deviation in pairs)
 
 
-def with_interval(value: float, standard_deviation: float, unit: str = "1") -> str:
+def with_interval(value: float | None, standard_deviation: float | None, unit: str = "1") -> str:
     """Return e.g. ``0.498 ± 0.011 N``; the ``±`` is of 95 %, which a heading near it has to say."""
     shown = interval(value, standard_deviation)
     return UNKNOWN if shown.value == UNKNOWN else f"{shown}{unit_text(unit)}"
@@ -154,9 +166,58 @@ class Quantity:
         """Whether the value may be used: valid, or held from when it was."""
         return self.validity in (Validity.VALID, Validity.HELD)
 
-    def to_dict(self) -> dict[str, float | str]:
-        """Return value, standard deviation and unit as results in JSON have them."""
-        return {"value": self.value, "std": self.standard_deviation, "unit": self.unit}
+
+def named(key: str) -> dict[str, Any]:
+    """Return the metadata of a field that JSON calls ``key``."""
+    return {"key": key}
+
+
+def by_name(entries: Iterable[Any]) -> dict[str, Any]:
+    """Return ``entries``, each under its ``name`` and without it, as JSON holds them."""
+    written = {one.name: as_json(one) for one in entries}
+    return {name: {key: part for key, part in one.items() if key != "name"} for name, one in written.items()}
+
+
+def as_json(value: Any) -> Any:
+    """Return ``value`` as JSON holds it: null for numbers that are not finite, lists for arrays and tuples.
+
+    A quantity becomes value, standard deviation and unit, an enum its name in lower case, a path its text. A
+    dataclass is written field by field, as the metadata of each says, and then the properties that it lists
+    in ``JSON_PROPERTIES``.
+    """
+    if value is None or isinstance(value, (str, bool)):
+        return value
+    if isinstance(value, float):
+        return float(value) if math.isfinite(value) else None
+    if isinstance(value, enum.Enum):
+        return value.name.lower()
+    if isinstance(value, Mapping):
+        return {key: as_json(entry) for key, entry in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [as_json(entry) for entry in value]
+    if isinstance(value, PurePath):
+        return str(value)
+    if isinstance(value, Quantity):
+        written = {"value": value.value, "std": value.standard_deviation, "unit": value.unit}
+        return as_json(written)
+    if is_dataclass(value):
+        return _fields(value)
+    return as_json(value.tolist()) if hasattr(value, "tolist") else value
+
+
+def _fields(result: Any) -> dict[str, Any]:
+    found = {}
+    for entry in fields(result):
+        own, how = getattr(result, entry.name), entry.metadata
+        if how.get("by_name"):
+            own = by_name(own)
+        if how.get("empty_is_null") and not own:
+            own = None
+        if not how.get("left_out"):
+            found[how.get("key", entry.name)] = as_json(own)
+    for name in getattr(result, "JSON_PROPERTIES", ()):
+        found[name] = as_json(getattr(result, name))
+    return found
 
 
 def _last_digit(value: float, deviation: float) -> int:

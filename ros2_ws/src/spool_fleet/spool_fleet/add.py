@@ -16,7 +16,8 @@ from spool_bag.metadata import MACHINE, custom_data
 from spool_bag.reader import BagReader
 from spool_core.errors import InputError
 from spool_core.text import plural, printable
-from spool_tools.outputs import finite, sha256_of
+from spool_core.uncertainty import as_json
+from spool_tools.outputs import sha256_of
 
 from spool_fleet.manifest import Entry, Manifest
 
@@ -181,7 +182,7 @@ def scan(path: Path) -> Scan:
         content = sha256_of(sorted(path.glob("*.mcap")) if path.is_dir() else [path])
         found = describe(path)
         machine = custom_data(path).get(MACHINE, "")
-        valves = tuple(_valve(path, one) for one in found.valves if one.first_stamp is not None)
+        valves = tuple(_valve(path, one) for one in found.valves if one.first_stamp_ns is not None)
     except InputError as error:
         return Scan(path, content, "", (), DAMAGED, str(error))
     except OSError as error:
@@ -372,7 +373,7 @@ def _take(manifest: Manifest, scan: Scan, naming: Naming, added: Added) -> None:
         entries.append(
             Entry(
                 path, valve.namespace, scan.content, stamp, named.machine, name, start, valve.duration,
-                finite(valve.rate), valve.lost_blocks, finite(valve.oil_temperature), status,
+                as_json(valve.rate), valve.lost_blocks, as_json(valve.oil_temperature), status,
                 reason or said, naming.valve_file,
             )
         )  # fmt: skip
@@ -399,8 +400,8 @@ def _reason(found: BagInformation) -> str:
         more = f" and {len(found.damages) - 1} more places" if len(found.damages) > 1 else ""
         lost = f", about {found.lost_messages} messages lost" if found.lost_messages else ""
         return f"{first.reason} at byte {first.offset}{more}{lost}: `./spool recover` makes a readable bag"
-    if found.undecodable:
-        topic, count = next(iter(found.undecodable.items()))
+    if found.undecodable_messages:
+        topic, count = next(iter(found.undecodable_messages.items()))
         return f"{topic}: {plural(count, 'message')} left out: the bytes do not fit the type"
     missing = [warning for warning in found.warnings if "more are missing" in warning]
     return missing[0] if missing else ""
@@ -413,7 +414,7 @@ def _valve(path: Path, one: ValveSummary) -> ScannedValve:
         known = [value for value in values if math.isfinite(value)]
         warm = math.fsum(known) / len(known) if known else math.nan
     rate = one.sample_rate or math.nan
-    return ScannedValve(one.name, one.first_stamp or 0, one.duration, rate, one.lost_blocks, warm)
+    return ScannedValve(one.name, one.first_stamp_ns or 0, one.duration_s, rate, one.lost_blocks, warm)
 
 
 def _period(text: str) -> tuple[date | None, int]:

@@ -19,7 +19,7 @@ from spool_core.errors import InputError, how_to_install
 from spool_core.faults import unexpected
 from spool_core.system import end_with_parent, limit_processors
 from spool_core.text import printable
-from spool_tools.outputs import finite
+from spool_core.uncertainty import as_json
 
 from spool_fleet.analyses.base import Rows, Subject, analyses
 from spool_fleet.manifest import Manifest, StoredResult
@@ -300,7 +300,7 @@ def _run(task: Task, namespace: str, name: str) -> Outcome:
         return Outcome(namespace, name, FAILED, printable(text, LONGEST), {})
     except Exception as error:  # one bag must not end a run over thousands; the reason is kept
         return Outcome(namespace, name, FAILED, printable(unexpected(error), LONGEST), {})
-    return Outcome(namespace, name, DONE, "", finite(rows))
+    return Outcome(namespace, name, DONE, "", as_json(rows))
 
 
 def _alone(work: Callable[[Item], Found], item: Item) -> Done[Item, Found]:

@@ -10,10 +10,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from spool_core.uncertainty import Z_95
+from spool_core.uncertainty import Z_95, as_json
 from spool_monitor.detectors.friction_drift import COULOMB_CHANGE, VISCOUS_CHANGE
 from spool_monitor.detectors.spring_change import STIFFNESS_CHANGE
-from spool_tools.outputs import finite
 
 from spool_fleet.comparison import LEAST_WEEKS, Change, Fleet, compare, pooled_slope
 from spool_fleet.manifest import Service
@@ -170,7 +169,7 @@ def write_trends(store: Path, services: Sequence[Service]) -> list[Trend]:
     trends = judge(valves, services)
     changed = {one.key: one.since for one in trends if one.state in (CHANGED, MACHINE)}
     noticed = noticed_days(changed, valves, services)
-    write_whole(store, "trends", finite([_row(one, noticed) for one in trends]))
+    write_whole(store, "trends", as_json([_row(one, noticed) for one in trends]))
     return trends
 
 

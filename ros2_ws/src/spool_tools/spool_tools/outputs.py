@@ -9,24 +9,24 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
-import math
 import os
 import shlex
 import stat
 import subprocess
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextvars import ContextVar
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import TYPE_CHECKING, TextIO
 from xml.etree import ElementTree
 
 from spool_core.errors import InputError, removed_folder
 from spool_core.system import remove, write_durably
 from spool_core.text import printable
+from spool_core.uncertainty import as_json
 
 if TYPE_CHECKING:
     from spool_bag.mcap_file import Damage
@@ -181,12 +181,12 @@ def write_standard_output(text: str) -> None:
 
 
 def write_json(path: Path, value: object) -> None:
-    """Write ``value`` as JSON with null for numbers that are not finite; ``-`` is standard output.
+    """Write ``value`` as :func:`spool_core.uncertainty.as_json` has it; ``-`` is standard output.
 
     Raises:
         InputError: the file can't be written, or is there already.
     """
-    text = json.dumps(finite(value), indent=1, allow_nan=False) + "\n"
+    text = json.dumps(as_json(value), indent=1, allow_nan=False) + "\n"
     if path == STANDARD_OUTPUT:
         write_standard_output(text)
     else:
@@ -248,17 +248,6 @@ def suite_version() -> str:
         return package_version()
     changed = _git(folder, "status", "--porcelain", "--untracked-files=no", "--", *sources) != ""
     return f"{package_version()} (commit {revision}{'+' if changed else ''})"
-
-
-def finite(value: Any) -> Any:
-    """Return ``value`` as JSON holds it: tuples as lists, ``None`` for numbers that are not finite."""
-    if isinstance(value, Mapping):
-        return {key: finite(entry) for key, entry in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [finite(entry) for entry in value]
-    if isinstance(value, float):
-        return float(value) if math.isfinite(value) else None
-    return value
 
 
 def provenance() -> list[tuple[str, str]]:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 from spool_core.text import printable
+from spool_core.uncertainty import EMPTY_IS_NULL
 
 from spool_bag.importing.choices import QUANTITIES, short
 from spool_bag.importing.table import STAMP
@@ -25,7 +25,7 @@ class ChannelUse:
         file, column, number: file, name of the column there, its number from 0.
         unit: the values' unit, "" where none is known.
         factor: what values are multiplied by; NaN for temperatures with an offset.
-        why: option that decides, "" where the file does.
+        option: that decides, "" where the file does.
     """
 
     role: str
@@ -34,7 +34,7 @@ class ChannelUse:
     number: int
     unit: str
     factor: float
-    why: str = ""
+    option: str = field(default="", metadata=EMPTY_IS_NULL)
 
     def __str__(self) -> str:
         """Column and conversion, for people."""
@@ -49,20 +49,7 @@ class ChannelUse:
             said += f", {printable(self.unit, 30)} converted to {kept}"
         else:
             said += f", 1 {printable(self.unit, 30)} = {self.factor:.7g} {kept}"
-        return said + (f" ({self.why})" if self.why else "")
-
-    def dictionary(self) -> dict[str, Any]:
-        """Return the use as JSON has it."""
-        known = np.isfinite(self.factor)
-        return {
-            "role": self.role,
-            "file": self.file,
-            "column": self.column,
-            "number": self.number,
-            "unit": None if self.unit in ("", STAMP) else self.unit,
-            "factor": self.factor if known else None,
-            "option": self.why or None,
-        }
+        return said + (f" ({self.option})" if self.option else "")
 
     def applied(self, values: Array) -> Array:
         """Return values, shape (n,), in the unit of the role; a row of float32 stays one."""

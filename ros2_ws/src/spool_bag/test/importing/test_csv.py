@@ -95,7 +95,7 @@ def test_times_may_begin_before_a_trigger_or_be_of_a_calendar(
     moved = [f"{float(row.split(',')[0]) + offset:.5f},{row.partition(',')[2]}" for row in rows[1:]]
     import_csv(save(tmp_path, "\n".join([HEADER, *moved])), tmp_path / "bag")
     valve = describe(tmp_path / "bag").valves[0]
-    assert valve.first_stamp == pytest.approx(start + offset * 1e9, abs=1000)
+    assert valve.first_stamp_ns == pytest.approx(start + offset * 1e9, abs=1000)
     assert (valve.lost_blocks, valve.sample_rate) == (0, 2000.0)
 
 

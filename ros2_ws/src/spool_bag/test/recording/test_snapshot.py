@@ -185,7 +185,7 @@ def test_it_is_a_bag_that_says_which_valve_it_was(writer: SnapshotWriter, tmp_pa
     assert [one.sequence for one in blocks] == list(range(blocks[0].sequence, blocks[-1].sequence + 1))
     assert len(list(reader.messages("/valve_1/events"))) == 2
     information = describe(path)
-    assert information.duration == pytest.approx(5.0, abs=0.1)
+    assert information.duration_s == pytest.approx(5.0, abs=0.1)
     assert writer.written == 1
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from spool_bag.information import Timeline
 from spool_bag.reader import BagReader
 from spool_core.errors import InputError
+from spool_core.uncertainty import as_json
 from spool_tools.operations.record_loading import choose_valves
 from spool_tools.operations.record_replay import SHIPPED, replay_valve, valve_dictionary
 
@@ -35,7 +36,7 @@ def run(subject: Subject) -> Rows:
         quantity = {"value": estimate[name], "unit": unit}
         rows.append(parameter("monitor", model, name.removesuffix("_Hz"), quantity))
     if latest is not None and latest.referred_viscous_coefficient.known:
-        drag = latest.referred_viscous_coefficient.to_dict()
+        drag = as_json(latest.referred_viscous_coefficient)
         rows += referred("monitor", model, chosen.valve, drag)
     return {"parameters": rows, "events": [[event[key] for key in EVENT] for event in one["events"]]}
 

@@ -46,29 +46,29 @@ def info(
         else:
             found = describe(record, span_of(record, since, until, around))
     if json is not None:
-        write_json(json, found.to_dict())
+        write_json(json, found)
     _show(found)
     if not found.valves:
         held = ", ".join(f"{topic.name} ({topic.type})" for topic in found.topics[:5]) or "nothing"
         text = f"no valve in it: it holds {held}; what is looked for is a topic NAME/acceleration of "
         raise typer.Exit(fail(f"{record}: {text}{ACCELERATION_BLOCK}"))
-    broken = not found.closed or found.damages or found.undecodable
+    broken = not found.closed or found.damages or found.undecodable_messages
     lost = any(valve.lost_blocks or valve.refused_blocks for valve in found.valves)
     raise typer.Exit(1 if broken or lost else 0)
 
 
 def _show(found: BagInformation) -> None:
     console = Console()
-    duration = "?" if found.duration is None else f"{found.duration:.1f} s"
+    duration = "?" if found.duration_s is None else f"{found.duration_s:.1f} s"
     state = "closed properly" if found.closed else "not closed properly: see ./spool recover"
-    text = f"{found.path}: {duration}, {found.size / 1e6:.1f} MB, {state}"
+    text = f"{found.bag}: {duration}, {found.size_bytes / 1e6:.1f} MB, {state}"
     console.print(cell(text), soft_wrap=True)
     topics = Table(box=None, pad_edge=False)
     for column in ("topic", "type", "messages", "per second"):
         # A name is never cut: where the terminal is too narrow it goes on in the next line.
         topics.add_column(column, overflow="fold")
     for topic in found.topics:
-        rate = "" if topic.rate is None else f"{topic.rate:.1f}"
+        rate = "" if topic.rate_per_s is None else f"{topic.rate_per_s:.1f}"
         topics.add_row(cell(topic.name), cell(topic.type), str(topic.messages), rate)
     if found.topics:
         console.print(topics)
@@ -80,7 +80,7 @@ def _show(found: BagInformation) -> None:
     if found.valves:
         console.print(valves)
     if found.damages:
-        lost = lost_messages(found.lost_messages, estimated=found.lost_estimated)
+        lost = lost_messages(found.lost_messages, estimated=found.lost_messages_estimated)
         text = f"{damaged_places(found.damages)}, {lost} messages lost: see ./spool recover"
         console.print(cell(text), soft_wrap=True)
     for warning in found.warnings:

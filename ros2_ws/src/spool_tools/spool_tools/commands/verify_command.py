@@ -46,7 +46,7 @@ def verify(
     with progress("verifying"):
         found = verified(folder, key)
     if json is not None:
-        write_json(json, found.dictionary())
+        write_json(json, found)
     for line in (*found.wrong, *found.notes):
         print(line)
     signed = f", {found.signed} signed" if key is not None else ""

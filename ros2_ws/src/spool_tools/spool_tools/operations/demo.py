@@ -174,7 +174,7 @@ def run_demo(seconds: float, out: Path) -> int:
         if event["state"] == "raised"
     }
     wanted = {(valve.name, kind) for valve in VALVES for kind in ("resonance", "friction_drift")}
-    display.say(f"\n{blocks} blocks recorded, {lost} lost; {information.size / 1e6:.1f} MB")
+    display.say(f"\n{blocks} blocks recorded, {lost} lost; {information.size_bytes / 1e6:.1f} MB")
     for name, kind in sorted(wanted):
         display.say(
             f"{name}  {kind.replace('_', ' '):15} {_RAISED[(name, kind) in raised, (name, kind) in replayed]}"

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from spool_core.errors import InputError
 from spool_core.numbers import GRAVITY
-from spool_core.uncertainty import LEGEND, Z_95, Quantity, number, percent, with_interval
+from spool_core.uncertainty import LEGEND, Z_95, Quantity, as_json, number, percent, with_interval
 from spool_estimator.identification.fit import fit
 from spool_estimator.identification.fit_result import Fit, FitSettings
 from spool_estimator.identification.record import Record
@@ -328,7 +328,7 @@ def plan_record(
         write_json(json, result)
     _show(result, answer, found)
     told = answer.limit is not None or (answer.parameters and answer.reason is None)
-    return 0 if told or any(one.right for one in found) else 1
+    return 0 if told or any(one.named for one in found) else 1
 
 
 def question(name: str) -> Callable[[Plan], Answer]:
@@ -348,16 +348,18 @@ def question(name: str) -> Callable[[Plan], Answer]:
 class Named:
     """What the gap workflow says of an effect that changes ``share`` of the spool's acceleration."""
 
-    effect: str
+    JSON_PROPERTIES: ClassVar = ("named",)
+
+    id: str
     share: float
     parameters: Mapping[str, float]
     verdict: str
     confidence: float
 
     @property
-    def right(self) -> bool:
+    def named(self) -> bool:
         """Whether the verdict names the effect, and nothing else."""
-        return self.verdict == self.effect
+        return self.verdict == self.id
 
 
 def named_effects(plan: Plan, effects: Sequence[str]) -> Iterator[Named]:
@@ -381,7 +383,7 @@ def named_effects(plan: Plan, effects: Sequence[str]) -> Iterator[Named]:
             result = analyse([plan.record(model, values)], plan.valve, base)
             one = Named(name, share, values, result.verdict, result.confidence)
             yield one
-            if not one.right:
+            if not one.named:
                 break
 
 
@@ -389,7 +391,6 @@ def _dictionary(
     plan: Plan, valve: str, name: str, excitation: str, quiet: Record, answer: Answer, found: Sequence[Named]
 ) -> dict[str, Any]:
     truth = answer.truth or {}
-    limit = answer.limit
     peaks = {channel: float(np.max(np.abs(getattr(quiet, channel)))) for channel in ("body", "spool")}
     return {
         "question": name,
@@ -400,23 +401,11 @@ def _dictionary(
             "noise": plan.noise,
             "excitation": excitation,
         },
-        "parameters": {
-            one.name: {"truth": truth.get(one.name), **one.to_dict()} for one in answer.parameters
-        },
-        "limit": None if limit is None else asdict(limit),
+        "parameters": {one.name: {"truth": truth.get(one.name), **as_json(one)} for one in answer.parameters},
+        "limit": answer.limit,
         "reason": answer.reason,
-        "notes": list(answer.notes),
-        "effects": [
-            {
-                "id": one.effect,
-                "share": one.share,
-                "parameters": dict(one.parameters),
-                "verdict": one.verdict,
-                "confidence": one.confidence,
-                "named": one.right,
-            }
-            for one in found
-        ],
+        "notes": answer.notes,
+        "effects": found,
         "record": {
             "body_rms": float(np.sqrt(np.mean(quiet.body**2))),
             "spool_rms": float(np.sqrt(np.mean(quiet.spool**2))),
@@ -459,9 +448,9 @@ def _show(result: dict[str, Any], answer: Answer, found: Sequence[Named]) -> Non
     for note in answer.notes:
         print(note)
     for tried in found:
-        said = "named" if tried.right else f"not named, but {tried.verdict}"
+        said = "named" if tried.named else f"not named, but {tried.verdict}"
         own = ", ".join(f"{key} {number(value)}" for key, value in tried.parameters.items())
-        print(f"  {tried.effect:<20} that changes {percent(tried.share)} of the motion: {said} ({own})")
+        print(f"  {tried.id:<20} that changes {percent(tried.share)} of the motion: {said} ({own})")
     print("noise alone is counted: what no model knows of a real valve comes on top")
 
 

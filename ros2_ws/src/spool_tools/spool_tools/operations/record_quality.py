@@ -23,7 +23,7 @@ from spool_bag.importing.units import quantity_of
 from spool_core.errors import InputError
 from spool_core.numbers import Array
 from spool_core.sample_rate import Analysis, slowness
-from spool_core.uncertainty import number
+from spool_core.uncertainty import BY_NAME, LEFT_OUT, as_json, named, number
 from spool_estimator.identification.channel_faults import at_rail
 from spool_estimator.identification.record import LARGEST, Record
 from spool_estimator.identification.spectra import cross_spectrum, noise_of
@@ -88,16 +88,16 @@ def look(files: Sequence[Path], how: Choices, json: Path | None, report: Path | 
             {
                 "files": [_channels(table) for table in tables],
                 "refused": None,
-                "notes": list(record.notes),
-                "columns": [use.dictionary() for use in record.uses],
-                "repairs": dict(record.repairs),
+                "notes": record.notes,
+                "columns": [as_json(use) | {"unit": _named_unit(use.unit)} for use in record.uses],
+                "repairs": record.repairs,
                 "clocks": None
                 if clocks is None
                 else {
                     "offset_s": {"value": clocks.offset, "std": clocks.offset_std},
                     "drift": {"value": clocks.drift, "std": clocks.drift_std},
                 },
-                **found.dictionary(),
+                **as_json(found),
             },
         )
     if report is not None:
@@ -110,7 +110,7 @@ def check(record: Path, selection: record_loading.Selection, json: Path | None, 
     found, notes = quality_of_record(record, selection)
     print_quality(found, notes, Console())
     if json is not None:
-        write_json(json, quality_dictionary(found, notes))
+        write_json(json, as_json(found) | {"notes": notes})
     if report is not None:
         write_file(report, quality_page(found, notes))
     return not found.doubts
@@ -129,17 +129,12 @@ def quality_of_record(
     return found, recording.notes
 
 
-def quality_dictionary(quality: RecordQuality, notes: Sequence[str]) -> dict[str, Any]:
-    """Return what ``check --json`` writes."""
-    return {**quality.dictionary(), "notes": list(notes)}
-
-
 def quality_page(quality: RecordQuality, notes: Sequence[str]) -> str:
     """Return the page; ``notes`` say how the record was understood."""
     doubts = quality.doubts or ["nothing speaks against an estimate from this record"]
     figure = Figure(figsize=(10.0, 7.0), layout="constrained")
     density, amplification, coherence = figure.subplots(3, 1, sharex=True)
-    found = quality.response
+    found, band = quality.response, quality.excitation
     frequency = found.frequency[1:]
     density.loglog(frequency, found.body[1:], color=_BODY, ls="--", label="body")
     density.loglog(frequency, found.spool[1:], color=_SPOOL, label="spool")
@@ -156,10 +151,10 @@ def quality_page(quality: RecordQuality, notes: Sequence[str]) -> str:
     coherence.set_ylabel("coherence")
     coherence.set_xlabel("frequency (Hz)")
     for axis in (density, amplification, coherence):
-        axis.axvspan(max(quality.band[0], frequency[0]), quality.band[1], color="#999999", alpha=0.15, lw=0.0)
+        axis.axvspan(max(band.low, frequency[0]), band.high, color="#999999", alpha=0.15, lw=0.0)
         axis.grid(alpha=0.3, which="both")
-        if math.isfinite(quality.resonance[0]):
-            axis.axvline(quality.resonance[0], color=_LINE, ls=":", lw=1.0)
+        if math.isfinite(quality.resonance.frequency):
+            axis.axvline(quality.resonance.frequency, color=_LINE, ls=":", lw=1.0)
     sections = [
         html.verdict(doubts[0] if len(doubts) == 1 else f"{len(doubts)} doubts, the first: {doubts[0]}"),
         html.table(["what", "value"], facts(quality)),
@@ -183,21 +178,22 @@ def quality_page(quality: RecordQuality, notes: Sequence[str]) -> str:
     ]
     if notes:
         sections += [html.heading("How the record was understood"), html.listing(notes)]
-    return html.page(f"Quality of {quality.name}", sections, [("record", quality.name)])
+    return html.page(f"Quality of {quality.record}", sections, [("record", quality.record)])
 
 
 def facts(quality: RecordQuality) -> list[dict[str, object]]:
     """Return what is known of the whole record."""
-    frequency, size = quality.resonance
-    seen = f"{number(frequency)} Hz, {number(size)} times the body" if math.isfinite(frequency) else "none"
+    peak, band = quality.resonance, quality.excitation
+    size = f"{number(peak.frequency)} Hz, {number(peak.amplification)} times the body"
+    seen = size if math.isfinite(peak.frequency) else "none"
     return [
-        {"what": "duration", "value": f"{quality.duration:.1f} s"},
+        {"what": "duration", "value": f"{quality.duration_s:.1f} s"},
         {"what": "sampling rate", "value": f"{quality.rate:.6g} Hz"},
         {
             "what": "gaps",
-            "value": f"{quality.gaps}, {number(quality.missing)} s missing" if quality.gaps else "none",
+            "value": f"{quality.gaps}, {number(quality.missing_s)} s missing" if quality.gaps else "none",
         },
-        {"what": "excitation", "value": f"{number(quality.band[0])} to {number(quality.band[1])} Hz"},
+        {"what": "excitation", "value": f"{number(band.low)} to {number(band.high)} Hz"},
         {"what": "coherence of the channels", "value": f"{quality.coherence:.2f}"},
         {"what": "resonance seen", "value": seen},
     ]
@@ -211,7 +207,7 @@ def channel_rows(quality: RecordQuality) -> list[dict[str, object]]:
             "mean (m/s²)": number(one.mean),
             "rms (m/s²)": number(one.rms),
             "peak (m/s²)": number(one.peak),
-            "noise, rms (m/s²)": number(one.noise) if math.isfinite(one.noise) else COVERED,
+            "noise, rms (m/s²)": number(one.noise_rms) if math.isfinite(one.noise_rms) else COVERED,
             "clipped": f"{100.0 * one.clipped:.2g} %",
         }
         for one in quality.channels
@@ -220,20 +216,19 @@ def channel_rows(quality: RecordQuality) -> list[dict[str, object]]:
 
 def _channels(table: Channels) -> dict[str, Any]:
     return {
-        "file": str(table.path),
+        "file": table.path,
         "format": format_of(table.path).name,
-        "notes": list(table.notes),
+        "notes": table.notes,
         "channels": [
-            {
-                "group": group.name,
-                "number": one.number,
-                "name": one.name,
-                "unit": None if one.unit in ("", STAMP) else one.unit,
-            }
+            {"group": group.name, "number": one.number, "name": one.name, "unit": _named_unit(one.unit)}
             for group in table.groups
             for one in group.channels
         ],
     }
+
+
+def _named_unit(unit: str) -> str | None:
+    return None if unit in ("", STAMP) else unit
 
 
 def print_quality(found: RecordQuality, notes: Sequence[str], console: Console) -> None:
@@ -287,17 +282,18 @@ def signals_figure(quality: RecordQuality) -> Figure:
 
 @dataclass(frozen=True, slots=True)
 class ChannelQuality:
-    """Quality of a channel: ``mean``, ``rms`` about it, ``peak``, ``noise`` in m/s^2, ``clipped`` share.
+    """Quality of a channel: ``mean``, ``rms`` about it, ``peak`` and noise in ``unit``; ``clipped`` share.
 
-    ``noise`` is NaN where motion reaches up to half the sample rate, as the jumps of dry friction do.
+    ``noise_rms`` is NaN where motion reaches up to half the sample rate, as the jumps of dry friction do.
     """
 
     name: str
     mean: float
     rms: float
     peak: float
-    noise: float
+    noise_rms: float
     clipped: float
+    unit: str = "m/s^2"
 
 
 @dataclass(frozen=True, slots=True)
@@ -311,55 +307,42 @@ class Response:
     coherence: Array
 
 
+@dataclass(frozen=True, slots=True)
+class Excitation:
+    """Band of frequencies, Hz, in which the body moves."""
+
+    low: float = field(metadata=named("low_Hz"))
+    high: float = field(metadata=named("high_Hz"))
+
+
+@dataclass(frozen=True, slots=True)
+class Resonance:
+    """Highest coherent peak of the amplification; ``frequency`` in Hz, both NaN if none is seen."""
+
+    frequency: float = field(default=math.nan, metadata=named("frequency_Hz"))
+    amplification: float = math.nan
+
+
 @dataclass(slots=True)
 class RecordQuality:
-    """Quality of a record.
+    """Quality of the record of a name, as ``check --json`` writes it.
 
-    ``band``: Hz, of the excitation. ``coherence``: median in it. ``resonance``: Hz and amplification of the
-    highest coherent peak, NaN where none is seen. ``doubts``: what an estimate would suffer from.
+    ``rate``: Hz. ``coherence``: median in the band of the excitation. ``doubts``: what an estimate would
+    suffer from.
     """
 
-    name: str
-    duration: float
-    rate: float
+    record: str
+    duration_s: float
+    rate: float = field(metadata=named("sample_rate_Hz"))
     gaps: int
-    missing: float
-    channels: tuple[ChannelQuality, ChannelQuality]
-    band: tuple[float, float]
+    missing_s: float
+    channels: tuple[ChannelQuality, ChannelQuality] = field(metadata=BY_NAME)
+    excitation: Excitation
     coherence: float
-    resonance: tuple[float, float]
-    response: Response
-    longest: Record
+    resonance: Resonance
+    response: Response = field(metadata=LEFT_OUT)
+    longest: Record = field(metadata=LEFT_OUT)
     doubts: list[str] = field(default_factory=list)
-
-    def dictionary(self) -> dict[str, Any]:
-        """Return the quality as JSON has it, SI units, ``None`` for what is not known."""
-        known = math.isfinite(self.resonance[0])
-        return {
-            "record": self.name,
-            "duration_s": self.duration,
-            "sample_rate_Hz": self.rate,
-            "gaps": self.gaps,
-            "missing_s": self.missing,
-            "channels": {
-                one.name: {
-                    "mean": one.mean,
-                    "rms": one.rms,
-                    "peak": one.peak,
-                    "noise_rms": one.noise if math.isfinite(one.noise) else None,
-                    "clipped": one.clipped,
-                    "unit": "m/s^2",
-                }
-                for one in self.channels
-            },
-            "excitation": {"low_Hz": self.band[0], "high_Hz": self.band[1]},
-            "coherence": self.coherence,
-            "resonance": {
-                "frequency_Hz": self.resonance[0] if known else None,
-                "amplification": self.resonance[1] if known else None,
-            },
-            "doubts": self.doubts,
-        }
 
 
 def quality_of(
@@ -398,7 +381,7 @@ def quality_of(
         len(stretches) - 1,
         missing,
         channels,
-        (noise.low, noise.high),
+        Excitation(noise.low, noise.high),
         coherence,
         _resonance(response, inside),
         response,
@@ -418,18 +401,18 @@ def _channel(name: str, rows: Sequence[Array], noise: float) -> ChannelQuality:
     return ChannelQuality(name, mean, float(np.std(row)), float(np.abs(row - mean).max()), noise, clipped)
 
 
-def _resonance(response: Response, inside: NDArray[np.bool_]) -> tuple[float, float]:
-    """Return frequency and amplification of the highest coherent peak that is not at the band's edge."""
+def _resonance(response: Response, inside: NDArray[np.bool_]) -> Resonance:
+    """Return the highest coherent peak that is not at the band's edge."""
     usable = inside & (response.coherence > COHERENT)
     if np.count_nonzero(usable) < 3:
-        return math.nan, math.nan
+        return Resonance()
     peaks = signal.find_peaks(np.where(usable, response.amplification, 0.0))[0]
     peaks = [at for at in peaks if usable[max(at - 1, 0) : at + 2].all()]
     if not peaks:
-        return math.nan, math.nan
+        return Resonance()
     best = max(peaks, key=lambda at: response.amplification[at])
     size = float(response.amplification[best])
-    return (float(response.frequency[best]), size) if size > 1.1 else (math.nan, math.nan)
+    return Resonance(float(response.frequency[best]), size) if size > 1.1 else Resonance()
 
 
 def _doubts(found: RecordQuality) -> list[str]:
@@ -441,19 +424,19 @@ def _doubts(found: RecordQuality) -> list[str]:
         if one.clipped > 0.0:
             grave = "more than a fit can do without" if one.clipped > CLIPPED else "left out by fits"
             said.append(f"{one.name}: {100.0 * one.clipped:.2g} % of the samples are clipped, {grave}")
-        if one.rms < QUIET * one.noise:
+        if one.rms < QUIET * one.noise_rms:
             said.append(
-                f"{one.name}: its noise of {one.noise:.2g} m/s^2 (rms) "
+                f"{one.name}: its noise of {one.noise_rms:.2g} m/s^2 (rms) "
                 f"drowns the motion of "
                 f"{one.rms:.2g} m/s^2: "
                 "shake harder, or use a finer sensor"
             )
-    if found.duration < SHORT:
-        said.append(f"{found.duration:.1f} s are short: friction needs {SHORT:g} s and more")
+    if found.duration_s < SHORT:
+        said.append(f"{found.duration_s:.1f} s are short: friction needs {SHORT:g} s and more")
     body = found.channels[0]
-    if body.rms > QUIET * body.noise:  # band and peaks of noise alone are any
-        natural = found.resonance[0] if math.isfinite(found.resonance[0]) else 0.0
-        slow = [slowness(one, found.rate, natural, found.band[1]) for one in Analysis]
+    if body.rms > QUIET * body.noise_rms:  # band and peaks of noise alone are any
+        natural = found.resonance.frequency if math.isfinite(found.resonance.frequency) else 0.0
+        slow = [slowness(one, found.rate, natural, found.excitation.high) for one in Analysis]
         said.extend([one for one in slow if one][:1])
     if found.coherence < COHERENT and all(one.rms > 0.0 for one in found.channels):
         said.append(
@@ -461,7 +444,7 @@ def _doubts(found: RecordQuality) -> list[str]:
             "sticking, noise, another "
             "axis, or two records that do not belong together"
         )
-    elif not math.isfinite(found.resonance[0]):
+    elif not math.isfinite(found.resonance.frequency):
         said.append(
             "no resonance is seen: the natural frequency may lie outside the band, or friction damps it"
         )

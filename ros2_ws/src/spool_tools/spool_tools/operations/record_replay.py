@@ -18,7 +18,7 @@ from spool_core.errors import InputError
 from spool_core.events.language import ENGLISH, Language
 from spool_core.events.sentences import details, headline, language_of
 from spool_core.text import plural
-from spool_core.uncertainty import LEGEND, at_uncertain_rate, with_interval
+from spool_core.uncertainty import LEGEND, as_json, at_uncertain_rate, by_name, with_interval
 from spool_estimator.estimate import Estimate
 from spool_estimator.estimator import make_estimator, phase_of, settings_for
 from spool_estimator.gap_requests import GapWatch
@@ -402,64 +402,67 @@ def valve_dictionary(
     """
     gate = one.estimator.gate
     events, refits = Clock(timeline, first), Clock(timeline, first)
-    return {
-        "blocks": gate.accepted,
-        "lost_blocks": gate.lost,
-        "samples": one.samples,
-        "estimate": _estimate(one.estimator.latest, rate_std),
-        "health": {
-            "level": one.monitor.health.level.name.lower(),
-            "baseline": one.monitor.health.baseline.text,
-            "summary": one.monitor.health.summary,
-            "judgements": {
-                name: JUDGEMENT_TEXTS[judgement] for name, judgement in one.monitor.health.judgements
+    found: dict[str, Any] = as_json(
+        {
+            "blocks": gate.accepted,
+            "lost_blocks": gate.lost,
+            "samples": one.samples,
+            "estimate": _estimate(one.estimator.latest, rate_std),
+            "health": {
+                "level": one.monitor.health.level,
+                "baseline": one.monitor.health.baseline.text,
+                "summary": one.monitor.health.summary,
+                "judgements": {
+                    name: JUDGEMENT_TEXTS[judgement] for name, judgement in one.monitor.health.judgements
+                },
             },
-        },
-        "events": [event_dictionary(event, events, language) for event in one.events],
-        **({} if one.refits is None else {"refits": [_refit(found, refits) for found in one.refitted]}),
-        "valve": {
-            "id": chosen.valve.id,
-            "source": chosen.source,
-            "file": chosen.file or None,
-            "moving_mass_kg": chosen.valve.moving_mass,
-            "natural_frequency_Hz": chosen.valve.natural_frequency,
-            "sentence": chosen.sentence(),
-        },
-        "limits": dict(limits),
-        "warnings": list(warnings),
-    }
+            "events": [event_dictionary(event, events, language) for event in one.events],
+            **({} if one.refits is None else {"refits": [_refit(found, refits) for found in one.refitted]}),
+            "valve": {
+                "id": chosen.valve.id,
+                "source": chosen.source,
+                "file": chosen.file or None,
+                "moving_mass_kg": chosen.valve.moving_mass,
+                "natural_frequency_Hz": chosen.valve.natural_frequency,
+                "sentence": chosen.sentence(),
+            },
+            "limits": limits,
+            "warnings": warnings,
+        }
+    )
+    return found
 
 
 def event_dictionary(event: Event, clock: Clock, language: Language) -> dict[str, Any]:
     """Return an event in ``replay --json``; ``value`` to ``limit`` are in ``unit``, times in s."""
     facts, at = event.facts, clock.since(event.stamp)
-    judged = bool(facts.parameter)
+    judged = facts if facts.parameter else event.quantity
     return {
         "t_s": at,
         "kind": event.kind,
-        "state": event.state.name.lower(),
-        "severity": event.severity.name.lower(),
+        "state": event.state,
+        "severity": event.severity,
         "cause": event.cause or None,
         "code": event.code,
         "source": event.source or None,
         "parameter": facts.parameter or None,
-        "value": facts.value if judged else event.quantity.value,
-        "unit": facts.unit if judged else event.quantity.unit,
+        "value": judged.value,
+        "unit": judged.unit,
         "low": facts.low,
         "high": facts.high,
         "baseline": facts.baseline,
         "change": facts.change,
         "limit": facts.limit,
         "began_s": at - 1e-9 * (event.stamp - facts.began) if facts.began else None,
-        "causes": list(facts.causes),
-        "probabilities": list(facts.probabilities),
+        "causes": facts.causes,
+        "probabilities": facts.probabilities,
         "false_alarm_interval": facts.false_alarm_interval,
-        "urgency": facts.urgency.name.lower(),
+        "urgency": facts.urgency,
         "time_to_limit": facts.time_to_limit,
         "advice": facts.advice or None,
         "subject": facts.subject or None,
         "note": facts.note or None,
-        "evidence": {one.name: one.to_dict() for one in facts.evidence},
+        "evidence": by_name(facts.evidence),
         "message": headline(event, language),
         "details": [str(one) for one in details(event, language)],
     }
@@ -503,11 +506,11 @@ def _refit(found: Refit, clock: Clock) -> dict[str, Any]:
     return {
         "t_s": clock.since(found.stamp),
         "model": found.model,
-        "state": found.state.name.lower(),
+        "state": found.state,
         "reason": found.reason,
-        "parameters": {quantity.name: quantity.to_dict() for quantity in found.parameters},
-        "fitted": list(found.fitted),
-        "correlations": np.reshape(found.correlations, (len(found.fitted),) * 2).tolist(),
+        "parameters": by_name(found.parameters),
+        "fitted": found.fitted,
+        "correlations": np.reshape(found.correlations, (len(found.fitted),) * 2),
         "objective": found.objective.value,
         "amplitude_ratio": found.amplitude_ratio.value,
         "nrmse": found.nrmse.value,
@@ -520,10 +523,8 @@ def _estimate(estimate: Estimate | None, rate_std: float) -> dict[str, Any]:
         return {**nothing, "parameters": {}}
     return {
         "model": estimate.model,
-        "state": estimate.state.name.lower(),
-        "parameters": {
-            quantity.name: at_uncertain_rate(quantity, rate_std).to_dict() for quantity in estimate.parameters
-        },
+        "state": estimate.state,
+        "parameters": by_name(at_uncertain_rate(one, rate_std) for one in estimate.parameters),
         "natural_frequency_Hz": estimate.natural_frequency.value,
         "damping_ratio": estimate.damping_ratio.value,
         "nrmse": estimate.residual.value,

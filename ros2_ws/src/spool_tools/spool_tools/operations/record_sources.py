@@ -148,17 +148,17 @@ class TableSource:
         """Return what is in the file, as of a bag; it has no topics."""
         valve = summarise(self.valves[0], self.stream(self.valves[0]))
         return BagInformation(
-            path=self.path,
-            size=self.path.stat().st_size,
+            bag=self.path,
+            size_bytes=self.path.stat().st_size,
             closed=True,
-            duration=valve.duration,
-            first_stamp=valve.first_stamp,
+            duration_s=valve.duration_s,
+            first_stamp_ns=valve.first_stamp_ns,
             topics=(),
             valves=(valve,),
             damages=(),
             lost_messages=0,
-            lost_estimated=False,
-            undecodable={},
+            lost_messages_estimated=False,
+            undecodable_messages={},
             warnings=tuple(self.warnings),
         )
 

@@ -15,6 +15,7 @@ from spool_core.uncertainty import (
     PLUS_MINUS,
     UNKNOWN,
     Quantity,
+    by_name,
     exact,
     interval,
     number,
@@ -60,30 +61,30 @@ def to_dictionary(validated: ValidatedFit) -> dict[str, Any]:
     found, data = validated.fit, validated.data
     fitted = found.agreement
     return {
-        "records": [str(path) for path in data.paths],
-        "held_out_records": [str(path) for path in data.held_paths],
+        "records": data.paths,
+        "held_out_records": data.held_paths,
         "valve": found.valve,
         "model": found.model.name,
         "terms": [term.name for term in found.model.terms],
         "converged": found.converged,
         "reason": found.reason,
         "warnings": [*data.doubts, *found.warnings],
-        "parameters": {quantity.name: quantity.to_dict() for quantity in found.parameters},
-        "combinations": {quantity.name: quantity.to_dict() for quantity in found.combinations},
-        "not_observable": list(found.not_observable),
-        "at_bound": list(found.at_bound),
+        "parameters": by_name(found.parameters),
+        "combinations": by_name(found.combinations),
+        "not_observable": found.not_observable,
+        "at_bound": found.at_bound,
         "held": {
             name: {"value": value, "unit": found.model.parameter(name).unit}
             for name, value in found.held.items()
         },
-        "correlation": {"parameters": list(found.observable), "matrix": found.correlation.tolist()},
+        "correlation": {"parameters": found.observable, "matrix": found.correlation},
         "objective": math.nan if fitted is None else fitted.objective,
         "nrmse": validated.training_error,
         "nrmse_held_out": validated.held_out_error,
         "amplitude_ratio": math.nan if fitted is None else fitted.amplitude_ratio,
         "amplitude_ratios": {
-            "frequency_Hz": [] if fitted is None else fitted.frequencies.tolist(),
-            "ratio": [] if fitted is None else fitted.amplitude_ratios.tolist(),
+            "frequency_Hz": () if fitted is None else fitted.frequencies,
+            "ratio": () if fitted is None else fitted.amplitude_ratios,
         },
         "natural_frequency_Hz": natural_frequency(found),
         "damping_ratio": damping_ratio(found),
@@ -179,7 +180,7 @@ def comparison_dictionary(series: Sequence[FittedSeries], ranking: Ranking) -> d
     """Return what ``compare --json`` writes; NaN where something is not known."""
     return {
         "preferred": ranking.preferred,
-        "equal": list(ranking.equal),
+        "equal": ranking.equal,
         "verdict": " ".join(ranking.sentences),
         "ranking": [
             {
@@ -199,8 +200,8 @@ def comparison_dictionary(series: Sequence[FittedSeries], ranking: Ranking) -> d
         ],
         "series": [
             {
-                "records": [str(path) for path in one.data.paths],
-                "held_out_records": [str(path) for path in one.data.held_paths],
+                "records": one.data.paths,
+                "held_out_records": one.data.held_paths,
                 "valve": one.data.valve.id,
                 "models": {validated.name: to_dictionary(validated) for validated in one.validated},
             }

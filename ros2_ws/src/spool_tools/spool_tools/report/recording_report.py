@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -55,7 +54,7 @@ def write_report(folder: Path, reader: BagReader, analysis: dict[str, Any]) -> P
         (folder / f"{name.replace('/', '_')}.png").write_bytes(content)
         parameters = []
         for key, one in valve["estimate"]["parameters"].items():
-            shown = interval(*(math.nan if one[part] is None else one[part] for part in ("value", "std")))
+            shown = interval(one["value"], one["std"])
             values = (key.replace("_", " "), shown.value, shown.half_width, one["unit"])
             parameters.append(dict(zip(columns, values, strict=True)))
         listed = [
