@@ -2,28 +2,16 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from spool_core.numbers import Array
-from spool_core.uncertainty import PLUS_MINUS, Quantity, number, percent, with_interval
-from spool_estimator.identification.nuisances import Nuisance
+from spool_core.uncertainty import PLUS_MINUS, Quantity, as_json, by_name, number, percent, with_interval
 
 from spool_gap.catalogue import EFFECTS
-from spool_gap.result import (
-    Explanation,
-    GapResult,
-    HeldOutAgreement,
-    ProfileLikelihood,
-    Remainder,
-    ResultEntry,
-    Share,
-    Surface,
-    Where,
-)
+from spool_gap.result import Explanation, GapResult, HeldOutAgreement, Remainder, Share, Surface, Where
 
 #: Cells of the restoring-force surface.
 CELLS = 24
@@ -191,50 +179,43 @@ def still_missing(left: Remainder) -> str:
 
 def result_to_dict(result: GapResult) -> dict[str, Any]:
     """Return ``result`` as JSON takes it."""
-    return {
-        "record": result.record,
-        "kind": result.kind,
-        "base_model": result.base_model,
-        "where": _where(result.where),
-        "where_after": _where(result.where_after),
-        "effects": [_fields(one, parameters=_quantities(one.parameters)) for one in result.effects],
-        "verdict": result.verdict,
-        "explanations": [
-            _fields(
-                one,
-                parameters=_quantities(one.parameters),
-                nuisances=[_nuisance(entry) for entry in one.nuisances],
-            )
-            | {"group": one.group}
-            for one in result.explanations
-        ],
-        "remainder": None if result.remainder is None else _fields(result.remainder),
-        "nuisances": [_nuisance(entry) for entry in result.nuisances],
-        "linear_anomaly": None if result.linear_anomaly is None else _anomaly(result.linear_anomaly),
-        "small_effects": [
-            _fields(one, parameters=_quantities(one.parameters)) for one in result.small_effects
-        ],
-        "confidence": json_number(result.confidence),
-        "confidence_note": result.confidence_note or None,
-        "confidence_from": {name: json_number(value) for name, value in result.signs.items()},
-        "sentence": result.sentence,
-        "candidates": list(result.candidates),
-        "runner_up": None if result.runner_up is None else _fields(result.runner_up),
-        "ranking": [_fields(entry) for entry in result.ranking],
-        "base": _quantities(result.base),
-        "parameters": _quantities(result.parameters),
-        "gap": {
-            "before": _agreement(result.before, result.kind),
-            "after": _agreement(result.after, result.kind),
-            "noise_floor": json_number(result.known_floor),
-        },
-        "predictable_share": {name: json_number(share) for name, share in result.predictable.items()},
-        "profiles": {one.name: _profile(one) for one in result.profiles},
-        "warnings": list(result.warnings),
-        "advice": result.advice or None,
-        "seconds_of_data": json_number(result.seconds),
-        "elapsed_s": json_number(result.elapsed),
-    }
+    written: dict[str, Any] = as_json(
+        {
+            "record": result.record,
+            "kind": result.kind,
+            "base_model": result.base_model,
+            "where": _where(result.where),
+            "where_after": _where(result.where_after),
+            "effects": result.effects,
+            "verdict": result.verdict,
+            "explanations": result.explanations,
+            "remainder": result.remainder,
+            "nuisances": result.nuisances,
+            "linear_anomaly": None if result.linear_anomaly is None else _anomaly(result.linear_anomaly),
+            "small_effects": result.small_effects,
+            "confidence": result.confidence,
+            "confidence_note": result.confidence_note or None,
+            "confidence_from": result.signs,
+            "sentence": result.sentence,
+            "candidates": result.candidates,
+            "runner_up": result.runner_up,
+            "ranking": result.ranking,
+            "base": by_name(result.base),
+            "parameters": by_name(result.parameters),
+            "gap": {
+                "before": _agreement(result.before, result.kind),
+                "after": _agreement(result.after, result.kind),
+                "noise_floor": result.known_floor,
+            },
+            "predictable_share": result.predictable,
+            "profiles": by_name(result.profiles),
+            "warnings": result.warnings,
+            "advice": result.advice or None,
+            "seconds_of_data": result.seconds,
+            "elapsed_s": result.elapsed,
+        }
+    )
+    return written
 
 
 def anomaly_sentence(frequency: float) -> str:
@@ -251,11 +232,6 @@ def _anomaly(frequency: float) -> dict[str, Any]:
         "group": "linear anomaly",
         "told_apart_by": "a tap test of the sensors' brackets; the record repeated with a sensor moved",
     }
-
-
-def json_number(value: float) -> float | None:
-    """Return ``value``, or ``None`` where it is not a finite number."""
-    return float(value) if math.isfinite(value) else None
 
 
 def _edges(values: Array, top: float) -> list[float]:
@@ -306,58 +282,9 @@ def _sentence(rows: dict[str, tuple[Share, ...]]) -> str:
     return best[1] if best else "it is spread over frequency, displacement, velocity and time"
 
 
-def _fields(one: ResultEntry, **told: Any) -> dict[str, Any]:
-    """Return the fields of ``one`` as JSON takes them; ``told`` are those that it takes otherwise."""
-    return {entry.name: told.get(entry.name, _plain(getattr(one, entry.name))) for entry in fields(one)}
-
-
-def _plain(value: object) -> Any:
-    if isinstance(value, float):
-        return json_number(value)
-    if isinstance(value, Mapping):
-        return {name: _plain(own) for name, own in value.items()}
-    return list(value) if isinstance(value, tuple) else value
-
-
-def _nuisance(entry: Nuisance) -> dict[str, Any]:
-    return {
-        "id": entry.id,
-        "channel": entry.channel,
-        "size": json_number(entry.size),
-        "std": json_number(entry.deviation),
-        "unit": entry.unit,
-        "corrected": entry.corrected,
-        "check": entry.check,
-    }
-
-
-def _profile(one: ProfileLikelihood) -> dict[str, Any]:
-    return {
-        "verdict": one.verdict,
-        "sentence": one.sentence,
-        "low": one.low,
-        "high": one.high,
-        "unit": one.unit,
-        "together_with": one.partner or None,
-        "values": list(one.values),
-        "rises": [json_number(rise) for rise in one.rises],
-    }
-
-
-def _quantities(entries: tuple[Quantity, ...]) -> dict[str, Any]:
-    return {
-        entry.name: {
-            "value": json_number(entry.value),
-            "std": json_number(entry.standard_deviation),
-            "unit": entry.unit,
-        }
-        for entry in entries
-    }
-
-
 def _agreement(agreement: HeldOutAgreement, kind: str) -> dict[str, Any]:
-    found = {"nrmse": json_number(agreement.nrmse), "amplitude_ratio": json_number(agreement.amplitude_ratio)}
-    return found | ({"position_rmse_m": json_number(agreement.position_rmse)} if kind == "driven" else {})
+    found = {"nrmse": agreement.nrmse, "amplitude_ratio": agreement.amplitude_ratio}
+    return found | ({"position_rmse_m": agreement.position_rmse} if kind == "driven" else {})
 
 
 def _where(where: Where) -> dict[str, Any]:

@@ -6,12 +6,12 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from typing import TypeAlias
+from typing import ClassVar
 
 import numpy as np
 from scipy.special import chdtri
 from spool_core.numbers import Array
-from spool_core.uncertainty import Quantity
+from spool_core.uncertainty import BY_NAME, EMPTY_IS_NULL, LEFT_OUT, Quantity
 from spool_estimator.identification.nuisances import Nuisance
 from spool_sim.model import Model
 
@@ -164,7 +164,7 @@ class SmallEffect:
     """
 
     id: str
-    parameters: tuple[Quantity, ...]
+    parameters: tuple[Quantity, ...] = field(metadata=BY_NAME)
     share: float
 
 
@@ -182,7 +182,7 @@ class NamedEffect:
     """
 
     id: str
-    parameters: tuple[Quantity, ...]
+    parameters: tuple[Quantity, ...] = field(metadata=BY_NAME)
     nrmse_before: float
     nrmse_after: float
     evidence: float
@@ -228,9 +228,11 @@ class Explanation:
         told_apart_by: what would separate it from the others, empty where there is no other.
     """
 
+    JSON_PROPERTIES: ClassVar = ("group",)
+
     effects: tuple[str, ...]
     probability: float
-    parameters: tuple[Quantity, ...] = ()
+    parameters: tuple[Quantity, ...] = field(default=(), metadata=BY_NAME)
     nuisances: tuple[Nuisance, ...] = ()
     told_apart_by: str = ""
 
@@ -240,35 +242,31 @@ class Explanation:
         return group_of(self.effects)
 
 
-#: Records of a result that JSON takes field by field.
-ResultEntry: TypeAlias = NamedEffect | SmallEffect | RankedHypothesis | Remainder | Explanation
-
-
 @dataclass(frozen=True, slots=True)
 class ProfileLikelihood:
     """Profile likelihood of a number.
 
     Attributes:
         name, unit: of the number.
+        verdict: ``identifiable``, ``one-sided``, ``only together`` (``together_with``), ``not identifiable``.
+        sentence: the verdict in words.
+        low, high: ends of its 95 % interval, ``None`` where the record sets no bound on that side.
+        together_with: the number that moves most along with it, empty where none does.
         values: at which it was held, in rising order, SI, shape (n,).
         rises: of twice the negative log likelihood over its least, all other numbers fitted, shape (n,).
         best: the estimate.
-        low, high: ends of its 95 % interval, ``None`` where the record sets no bound on that side.
-        verdict: ``identifiable``, ``one-sided``, ``only together`` (with ``partner``), ``not identifiable``.
-        partner: the number that moves most along with it, empty where none does.
-        sentence: the verdict in words.
     """
 
     name: str
-    unit: str
-    values: tuple[float, ...]
-    rises: tuple[float, ...]
-    best: float
+    verdict: str
+    sentence: str
     low: float | None
     high: float | None
-    verdict: str
-    partner: str
-    sentence: str
+    unit: str
+    together_with: str = field(metadata=EMPTY_IS_NULL)
+    values: tuple[float, ...]
+    rises: tuple[float, ...]
+    best: float = field(metadata=LEFT_OUT)
 
 
 @dataclass(frozen=True, slots=True)
@@ -419,7 +417,7 @@ def verdict_of(
     else:
         verdict = NOT
         text = f"{own} is not identifiable: the record hardly depends on it"
-    return ProfileLikelihood(name, unit, values, rises, best, low, high, verdict, partner, text)
+    return ProfileLikelihood(name, verdict, text, low, high, unit, partner, values, rises, best)
 
 
 def _crossing(values: tuple[float, ...], rises: tuple[float, ...], best: float, side: int) -> float | None:

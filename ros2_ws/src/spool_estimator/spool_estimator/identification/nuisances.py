@@ -94,18 +94,18 @@ class Nuisance:
     Attributes:
         id: of its kind.
         channel: ``body``, ``spool`` or ``both``.
-        size: how large it is, in ``unit``, with its standard ``deviation`` (NaN where that is not known).
-        check: what to look at on the measuring chain.
+        size: how large it is, in ``unit``, with its standard deviation ``std`` (NaN where that is not known).
         corrected: it is left out of what is compared.
+        check: what to look at on the measuring chain.
     """
 
     id: str
     channel: str
     size: float
+    std: float
     unit: str
+    corrected: bool
     check: str
-    deviation: float = float("nan")
-    corrected: bool = False
 
 
 class Spikes(RecordNuisance):
@@ -138,7 +138,9 @@ class Spikes(RecordNuisance):
                     rate[name] = rate.get(name, 0.0) + places.size / seconds
             cleaned.append(replace(record, body=rows["body"], spool=rows["spool"]))
         found = tuple(
-            Nuisance(self.id, name, value, "1/s", self.check, float(np.sqrt(value / seconds)), corrected=True)
+            Nuisance(
+                self.id, name, value, float(np.sqrt(value / seconds)), "1/s", corrected=True, check=self.check
+            )
             for name, value in sorted(rate.items())
         )
         return Cleaned(tuple(cleaned) if found else tuple(records), found)
@@ -201,7 +203,9 @@ class Hum(RecordNuisance):
                     largest[name] = line
             cleaned.append(replace(record, body=rows["body"], spool=rows["spool"]))
         found = tuple(
-            Nuisance(self.id, name, abs(line.amplitude), "m/s^2", self.check, line.deviation, corrected=True)
+            Nuisance(
+                self.id, name, abs(line.amplitude), line.deviation, "m/s^2", corrected=True, check=self.check
+            )
             for name, line in sorted(largest.items())
         )
         return Cleaned(tuple(cleaned) if found else tuple(records), found)
@@ -233,7 +237,9 @@ class BiasDrift(RecordNuisance):
                 rows[name] = row - line
                 size = float(abs(line[-1] - line[0]))
                 if size > MATTERS * float(row.std()) and (name not in found or size > found[name].size):
-                    found[name] = Nuisance(self.id, name, size, "m/s^2", self.check, far, corrected=True)
+                    found[name] = Nuisance(
+                        self.id, name, size, far, "m/s^2", corrected=True, check=self.check
+                    )
             cleaned.append(replace(record, body=rows["body"], spool=rows["spool"]))
         ordered = tuple(found[name] for name in sorted(found))
         return Cleaned(tuple(cleaned) if found else tuple(records), ordered)

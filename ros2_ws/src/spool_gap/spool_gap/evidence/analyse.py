@@ -253,7 +253,10 @@ def words_of(
     elif not open_ and power > COLOURED and not decision.fit.structure.jumps:
         squares = sum(float((rows[0] ** 2).sum()) for rows in after.rows)
         size = after.agreement.nrmse * math.sqrt(squares / sum(rows.shape[1] for rows in after.rows))
-        nuisances.append(Nuisance("coloured_noise", "spool", size, "m/s^2", CHECK_COLOURED))
+        coloured = Nuisance(
+            "coloured_noise", "spool", size, math.nan, "m/s^2", corrected=False, check=CHECK_COLOURED
+        )
+        nuisances.append(coloured)
     errors = before.agreement.nrmse, after.agreement.nrmse, after.known_floor, COMPARED_SENTENCE
     if verdict == "none":
         text = nothing_missing(base.name, *errors[1:])

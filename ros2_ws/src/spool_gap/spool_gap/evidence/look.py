@@ -95,7 +95,7 @@ def look_at(records: Sequence[Record], holdout: Sequence[Record], valve: Valve) 
         warnings += [line for line in told if line not in warnings]
         trusted = trusted and (good or bool(limits))
     clipping = [
-        Nuisance("clipping", name, limit, "m/s^2", CHECK_CLIPPING, 0.01 * limit)
+        Nuisance("clipping", name, limit, 0.01 * limit, "m/s^2", corrected=False, check=CHECK_CLIPPING)
         for name, limit in sorted(limits.items())
     ]
     kept = [one for one in found if one.channel not in limits or one.id == "spikes"]
@@ -145,7 +145,8 @@ def jitter_of(parts: Sequence[Prediction], rows: Sequence[Array]) -> Nuisance | 
     if evidence < EVIDENCE or growing < SHARE * (constant + growing):
         return None
     averaged = math.sqrt(parts[0].period / parts[0].readings.period)
-    return Nuisance("jitter", "spool", averaged * math.sqrt(growing * whole / steepest), "s", CHECK)
+    size = averaged * math.sqrt(growing * whole / steepest)
+    return Nuisance("jitter", "spool", size, math.nan, "s", corrected=False, check=CHECK)
 
 
 def sentence(found: Nuisance) -> str:

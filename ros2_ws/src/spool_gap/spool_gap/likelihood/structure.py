@@ -117,7 +117,7 @@ class ChainPart:
         size, spread, unit = abs(values[own.name]), deviations.get(own.name, float("nan")), own.unit
         if self.id == "anti_alias" and size > 0.0:
             size, spread, unit = 1.0 / size, spread / size**2, "Hz"
-        return Nuisance(self.id, self.channel, size, unit, self.check, spread)
+        return Nuisance(self.id, self.channel, size, spread, unit, corrected=False, check=self.check)
 
     @property
     def key(self) -> str:
