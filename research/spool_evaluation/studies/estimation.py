@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -64,9 +64,7 @@ def run(records: int, seed: int, out: Path, workers: int | None = None) -> list[
         spread(judge, items, f"{records} simulated records", workers), key=lambda entry: entry.number
     )
     estimates = [entry for row in rows if row.converged for entry in row.estimates]
-    write_json(
-        out / "estimation.json", {"rows": [asdict(row) for row in rows], "summary": summary(estimates)}
-    )
+    write_json(out / "estimation.json", {"rows": rows, "summary": summary(estimates)})
     page = write_study(rows, out, study_command("estimation", records, seed))
     show(estimates)
     print(f"{page}: the same as a table, with a picture")

@@ -9,7 +9,7 @@ import math
 import shutil
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from datetime import date, timedelta
 from functools import cache, partial
 from pathlib import Path
@@ -71,7 +71,7 @@ def run(cases: int, seed: int, out: Path, workers: int | None = None) -> None:
     errors.sort(key=repr)  # they come in any order
     judged = partial(judge_fleet, errors=errors)
     for outcome in spread(judged, [one for one in seeds if one not in done], "fleets", workers):
-        renew_json(_file(out, outcome.seed), asdict(outcome))
+        renew_json(_file(out, outcome.seed), outcome)
         done[outcome.seed] = outcome
         _write(out, [done[one] for one in seeds if one in done], study_command("fleet", cases, seed))
     _write(out, [done[one] for one in seeds], study_command("fleet", cases, seed))
@@ -523,5 +523,5 @@ def _write_costs(out: Path, costs: Sequence[FleetCost], command: str) -> None:
         ]
         for one in costs
     ]  # fmt: skip
-    renew_json(out / "fleet_cost.json", [asdict(one) for one in costs])
+    renew_json(out / "fleet_cost.json", costs)
     write_page(out / "fleet_cost.md", "Cost of a fleet", command, [ABOUT_COST, markdown_table(head, rows)])

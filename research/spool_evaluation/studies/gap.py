@@ -5,10 +5,10 @@ from __future__ import annotations
 import traceback
 from collections import Counter, defaultdict
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from statistics import median
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import yaml
@@ -74,11 +74,7 @@ def run(cases: int, seed: int, out: Path, workers: int | None = None) -> list[Bl
 
 def summary(rows: Sequence[BlindVerdict]) -> dict[str, Any]:
     """Return everything the study found, for JSON."""
-    return {
-        "cases": len(rows),
-        "targets": [target.to_dict() for target in targets(rows)],
-        "rows": [row.to_dict() for row in rows],
-    }
+    return {"cases": len(rows), "targets": [target.to_dict() for target in targets(rows)], "rows": rows}
 
 
 def judge_seed(seed: int, hidden: str | None = None, factor: float | None = None) -> BlindVerdict:
@@ -203,6 +199,8 @@ class BlindVerdict:
         message: why it was refused.
     """
 
+    JSON_PROPERTIES: ClassVar = ("right", "errors")
+
     seed: int
     kind: str
     hidden: str
@@ -240,10 +238,6 @@ class BlindVerdict:
             for name, true in self.truth.items()
             if name in self.found and true != 0.0
         }
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return what the JSON file holds of it."""
-        return {**asdict(self), "right": self.right, "errors": self.errors}
 
 
 def share_of(rows: Sequence[BlindVerdict], right: Callable[[BlindVerdict], bool]) -> Proportion:

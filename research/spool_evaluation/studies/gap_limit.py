@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
-from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -57,7 +56,7 @@ def run(
         "limits", workers,
     )  # fmt: skip
     limits = sorted(done, key=lambda one: wanted.index((one.effect, one.seed)))
-    renew_json(out / "gap_limits.json", [limit.to_dict() for limit in limits])
+    renew_json(out / "gap_limits.json", limits)
     page = write_study(limits, out, study_command("gap-limit", cases, seed))
     print(page.read_text())
     return limits
@@ -107,10 +106,6 @@ class DetectionLimit:
     visible: float | None
     named: float | None
     ratio: float | None
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return what the files hold of it."""
-        return asdict(self)
 
 
 def by_effect(limits: Sequence[DetectionLimit]) -> dict[str, list[DetectionLimit]]:

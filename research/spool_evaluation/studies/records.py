@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 from spool_core.errors import InputError
 from spool_estimator.identification.fit_result import FitSettings
@@ -64,6 +65,8 @@ SAMPLES = (
 class SampleEstimate(Estimated):
     """Estimate of a parameter in one fit of ``bag``."""
 
+    JSON_PROPERTIES: ClassVar = ("score",)
+
     bag: str = ""
 
 
@@ -78,7 +81,7 @@ def run(cases: int, seed: int, out: Path, workers: int | None = None) -> list[Sa
     out.mkdir(parents=True, exist_ok=True)
     places = range(len(SAMPLES[:cases]))
     rows = [row for _, found in sorted(spread(judge, places, "sample records", workers)) for row in found]
-    write_json(out / f"{NAME}.json", [{**asdict(row), "score": row.score} for row in rows])
+    write_json(out / f"{NAME}.json", rows)
     command = f"./spool study records --cases {len(places)} --out DIR"
     write_page(out / f"{NAME}.md", TITLE, command, [ABOUT, table(rows)])
     print(table(rows))

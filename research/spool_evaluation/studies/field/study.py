@@ -96,11 +96,7 @@ def run(
 
 def field_result(rows: Sequence[FieldVerdict]) -> dict[str, Any]:
     """Return everything the study found, for JSON."""
-    return {
-        "cases": len(rows),
-        "targets": [target.to_dict() for target in field_targets(rows)],
-        "rows": [row.to_dict() for row in rows],
-    }
+    return {"cases": len(rows), "targets": [target.to_dict() for target in field_targets(rows)], "rows": rows}
 
 
 def judge_field_seed(seed: int) -> FieldVerdict:

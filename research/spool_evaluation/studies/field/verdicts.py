@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import asdict, dataclass, field
-from typing import Any
+from dataclasses import dataclass, field
+from typing import ClassVar
 
 from matplotlib.figure import Figure
 from spool_gap.catalogue import EFFECTS, group_of
@@ -93,6 +93,8 @@ class FieldVerdict:
         signs: what the confidence went by.
         diagnosis: why it is wrong, where that was asked for.
     """
+
+    JSON_PROPERTIES: ClassVar = ("outcome", "question")
 
     seed: int
     window: str
@@ -215,10 +217,6 @@ class FieldVerdict:
     def _comparable(self, name: str) -> bool:
         """Whether ``name`` means the same in truth and result: a rate belongs to its time constant."""
         return name != DRIFT_RATE or (DRIFT_TIME in self.truth) == (DRIFT_TIME in self.found)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return what a row of the file holds of it."""
-        return {**asdict(self), "outcome": self.outcome, "question": self.question}
 
 
 def counted(rows: Iterable[FieldVerdict]) -> dict[str, Proportion]:
