@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from spool_fleet.operations import add_to_store, run_over_store
 from spool_tools.operations.demo import find_executable
-from spool_tools.operations.simulation import simulate
+from spool_tools.operations.simulation import SimulationSettings, simulate
 
 #: s; what is waited for comes much sooner on an idle machine.
 PATIENCE = 300.0
@@ -26,10 +26,11 @@ def bags(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for number in range(BAGS):
         path = folder / f"press_{number % 2}" / f"2026-0{1 + number % 3}-05" / f"valve_{number}"
         path.parent.mkdir(parents=True, exist_ok=True)
-        simulate(
-            path, "4weh10_soft", "coulomb", "multisine", 10.0, sample_rate=1000.0, block_rate=25.0,
-            coulomb_force=0.5, noise=0.05, seed=number, name="valve_1", oil_temperature="40",
+        settings = SimulationSettings(
+            "4weh10_soft", "coulomb", "multisine", 10.0, sample_rate=1000.0, block_rate=25.0,
+            coulomb_force=0.5, seed=number, oil_temperature="40",
         )  # fmt: skip
+        simulate(path, settings)
     return folder
 
 

@@ -13,7 +13,7 @@ from spool_bag.reader import BagReader
 from spool_sim.valve import find_valve
 from spool_tools.operations.record_loading import DEFAULT_VALVE
 from spool_tools.operations.record_replay import replay_valve
-from spool_tools.operations.simulation import simulate
+from spool_tools.operations.simulation import SimulationSettings, simulate
 
 from spool_evaluation.results.timing import Timing, best_of
 
@@ -25,16 +25,10 @@ def run() -> Iterator[Timing]:
     """Yield the rows: reading every block, and the whole replay."""
     with tempfile.TemporaryDirectory() as folder:
         bag = Path(folder) / "bag"
-        simulate(
-            bag, DEFAULT_VALVE, "coulomb", "sweep", SECONDS,
-            sample_rate=2000.0, block_rate=50.0, coulomb_force=0.2, noise=0.05, seed=0, name="valve_1",
-        )  # fmt: skip
+        simulate(bag, SimulationSettings(DEFAULT_VALVE, "coulomb", "sweep", SECONDS, coulomb_force=0.2))
         yield _reading(bag)
         hour = Path(folder) / "hour"
-        simulate(
-            hour, DEFAULT_VALVE, "coulomb", "orders", HOUR,
-            sample_rate=2000.0, block_rate=50.0, coulomb_force=0.2, noise=0.05, seed=0, name="valve_1",
-        )  # fmt: skip
+        simulate(hour, SimulationSettings(DEFAULT_VALVE, "coulomb", "orders", HOUR, coulomb_force=0.2))
         valve = find_valve(DEFAULT_VALVE)
         ours = best_of(2, lambda: replay_valve(BagReader(hour), "valve_1", valve))
         yield Timing(f"replay {HOUR:g} s of one valve at 2 kHz", "real time", ours, HOUR)

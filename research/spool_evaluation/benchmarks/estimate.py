@@ -28,7 +28,7 @@ from spool_sim.valve import find_valve
 from spool_tools.operations.demo import Nodes
 from spool_tools.operations.record_loading import DEFAULT_VALVE
 from spool_tools.operations.record_replay import RefitRequest, replay_valve
-from spool_tools.operations.simulation import simulate
+from spool_tools.operations.simulation import SimulationSettings, simulate
 
 from spool_evaluation.benchmarks.load.valve_source import BLOCK_RATE, last_words, sending
 from spool_evaluation.results.timing import Timing, best_of
@@ -59,10 +59,8 @@ def offline(folder: Path) -> Iterator[Timing]:
     """Yield replay without and with refits against real time, and the refit of one window."""
     valve = find_valve(DEFAULT_VALVE)
     for seconds, name in ((SECONDS, "long"), (REFIT_SECONDS, "short")):
-        simulate(
-            folder / name, DEFAULT_VALVE, "coulomb", "sweep", seconds,
-            sample_rate=2000.0, block_rate=50.0, coulomb_force=0.2, noise=0.05, seed=0, name="valve_1",
-        )  # fmt: skip
+        settings = SimulationSettings(DEFAULT_VALVE, "coulomb", "sweep", seconds, coulomb_force=0.2)
+        simulate(folder / name, settings)
     long, short = BagReader(folder / "long"), BagReader(folder / "short")
     replay_valve(long, "valve_1", valve)  # compiles
     taken = best_of(4, lambda: replay_valve(long, "valve_1", valve))

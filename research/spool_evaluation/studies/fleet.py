@@ -28,7 +28,7 @@ from spool_sim.excitation import Excitation, MachineOrders, Multisine
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
 from spool_sim.valve import Valve, find_valve
-from spool_tools.operations.simulation import simulate
+from spool_tools.operations.simulation import SimulationSettings, simulate
 
 from spool_evaluation.results.page import Proportion, markdown_table, renew_json, study_command, write_page
 from spool_evaluation.studies.workers import spread
@@ -483,10 +483,11 @@ def _bag(folder: Path, seed: int, number: int) -> None:
         return
     path.parent.mkdir(parents=True, exist_ok=True)
     with contextlib.redirect_stdout(io.StringIO()):
-        simulate(
-            path, "4weh10_soft", "coulomb", "sweep", BAG_SECONDS, sample_rate=BAG_RATE, block_rate=10.0,
-            coulomb_force=None, noise=0.05, seed=seed + number, name="valve_1", oil_temperature="40",
+        settings = SimulationSettings(
+            "4weh10_soft", "coulomb", "sweep", BAG_SECONDS, sample_rate=BAG_RATE, block_rate=10.0,
+            seed=seed + number, oil_temperature="40",
         )  # fmt: skip
+        simulate(path, settings)
 
 
 def _cost(bags: Path, store: Path, size: int, workers: int | None) -> FleetCost:

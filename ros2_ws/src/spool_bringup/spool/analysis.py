@@ -61,12 +61,13 @@ def fit(
     part = part_of(every, Part(name, start, stop, since, until, around))
     paths, held_out = [path_of(one) for one in every], _held_out(holdout)
     with valve_files([valve]) as (file,):
-        from spool_tools.operations.fit_run import fit_records  # noqa: PLC0415 - slow to load, as below
+        from spool_tools.operations.fit_run import FitRequest, fit_records  # noqa: PLC0415 - slow to load, as below
 
-        validated = fit_records(
-            paths, file, str(model), part.selection(), held_out=held_out, free=_listed(free),
-            fixed=_listed(fix), sensor_gain=sensor_gain, sensor_delay=sensor_delay,
+        request = FitRequest(
+            paths, file, str(model), part.selection(), held_out, _listed(free), _listed(fix),
+            sensor_gain, sensor_delay,
         )  # fmt: skip
+        validated = fit_records(request)
     for doubt in (*validated.data.doubts, *validated.fit.warnings):
         warnings.warn(in_python(doubt), stacklevel=3)
     return Fit(validated)
@@ -111,12 +112,13 @@ def compare(
     if valve is not None:
         given = list(valve) if isinstance(valve, (list, tuple)) else [cast("AnyValve", valve)]
     with valve_files(given) as files:
-        from spool_tools.operations.fit_run import compare_records  # noqa: PLC0415
+        from spool_tools.operations.fit_run import CompareRequest, compare_records  # noqa: PLC0415
 
-        found = compare_records(
-            paths, [str(file) for file in files], [str(one) for one in _listed(models)], part.selection(),
-            held_out=held_out, together=together, sensor_gain=sensor_gain, sensor_delay=sensor_delay,
+        request = CompareRequest(
+            paths, [str(file) for file in files], _listed(models), part.selection(), held_out, together,
+            sensor_gain, sensor_delay,
         )  # fmt: skip
+        found = compare_records(request)
     return Comparison(*found)
 
 
@@ -170,17 +172,18 @@ def gap(
     part = part_of(every, Part(name, start, stop, since, until, around))
     paths, held_out = [path_of(one) for one in every], _held_out(holdout)
     with keeping_backend(), valve_files([valve]) as (file,), tempfile.TemporaryDirectory() as folder:
-        from spool_tools.operations.gap_run import run_gap  # noqa: PLC0415
+        from spool_gap.result import GapSettings  # noqa: PLC0415
+        from spool_tools.operations.gap_run import GapRequest, run_gap  # noqa: PLC0415
         from spool_tools.outputs import ResultFiles  # noqa: PLC0415
 
         found, page, model = (Path(folder) / name for name in ("gap.json", "gap.html", "gap.yaml"))
+        settings = GapSettings(
+            gain_tolerance, delay_tolerance, least_share=least_share, thorough=thorough, profiles=profiles
+        )
+        request = GapRequest(paths, file, str(base), kind, part.selection(), settings, held_out, mass)
         shown = text_console()
         with contextlib.redirect_stdout(io.StringIO()):
-            run_gap(
-                paths, file, str(base), kind, part.selection(), ResultFiles(found, page, model),
-                holdout=held_out, gain_tolerance=gain_tolerance, delay_tolerance=delay_tolerance, mass=mass,
-                least_share=least_share, thorough=thorough, profiles=profiles, console=shown,
-            )  # fmt: skip
+            run_gap(request, ResultFiles(found, page, model), shown)
         return Gap(
             json.loads(found.read_text(encoding="utf-8")),
             text_of(shown),
@@ -228,16 +231,17 @@ def replay(
             "spool.replay: it takes whole valves of a record: read it without name, start and stop"
         )
     with valve_files([valve]) as (file,), tempfile.TemporaryDirectory() as folder:
-        from spool_tools.operations.record_replay import replay_bag  # noqa: PLC0415
+        from spool_tools.operations.record_replay import ReplayOptions, replay_bag  # noqa: PLC0415
 
         page = Path(folder) / "replay.html"
+        options = ReplayOptions(
+            baseline_time=baseline_time, method=method,
+            params_file=None if params_file is None else expanded(params_file),
+            report=page if report else None, state=None if state is None else expanded(state),
+            when=(part.since, part.until, part.around), language=language,
+        )  # fmt: skip
         with keeping_backend() if report else contextlib.nullcontext():
-            found = replay_bag(
-                path, [] if file is None else [file], baseline_time=baseline_time, method=method,
-                params_file=None if params_file is None else expanded(params_file),
-                report=page if report else None, state=None if state is None else expanded(state),
-                when=(part.since, part.until, part.around), language=language,
-            )  # fmt: skip
+            found = replay_bag(path, [] if file is None else [file], options)
         return Replay(found, page.read_text(encoding="utf-8") if report else "")
 
 

@@ -358,16 +358,16 @@ def simulate(
     Raises:
         InputError: no such valve, model or excitation, or a number is out of range.
     """
-    from spool_tools.operations.simulation import simulate as write_bag  # noqa: PLC0415 - slow to load
+    from spool_tools.operations import simulation  # noqa: PLC0415 - slow to load
 
     folder, bag = _place("simulated")
     oil = None if oil_temperature is None else str(oil_temperature)
     with valve_files([valve]) as (file,), contextlib.redirect_stdout(io.StringIO()):
-        write_bag(
-            bag, str(file), str(model), str(path_of(excitation)), seconds,
-            sample_rate=sample_rate, block_rate=50.0, coulomb_force=coulomb_force, noise=noise,
-            oil_temperature=oil, seed=seed, name="valve_1",
+        settings = simulation.SimulationSettings(
+            str(file), str(model), str(path_of(excitation)), seconds, sample_rate,
+            coulomb_force=coulomb_force, noise=noise, seed=seed, oil_temperature=oil,
         )  # fmt: skip
+        simulation.simulate(bag, settings)
     return Record(bag, folder)
 
 

@@ -414,7 +414,7 @@ def write_reports(
     Returns:
         the report of each bag, by the bag's path, relative to the folder of the page.
     """
-    from spool_tools.operations.record_replay import replay_bag  # noqa: PLC0415 - slow to load
+    from spool_tools.operations.record_replay import ReplayOptions, replay_bag  # noqa: PLC0415 - slow to load
 
     names = {
         row.bag: report_name(f"{valve.machine} {valve.valve}", row.bag, row.start)
@@ -435,7 +435,8 @@ def write_reports(
             try:
                 folder.mkdir(parents=True, exist_ok=True)
                 if not _kept(folder / name):
-                    replay_bag(path, files.get(bag, []), params_file=params_file, report=folder / name)
+                    options = ReplayOptions(params_file=params_file, report=folder / name)
+                    replay_bag(path, files.get(bag, []), options)
             except InputError as error:
                 warn(f"{bag}: no report of it: {error}")
                 continue

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from spool_tools.operations.simulation import simulate
+from spool_tools.operations.simulation import SimulationSettings, simulate
 
 
 @pytest.fixture
@@ -18,10 +18,11 @@ def make_bag() -> Callable[..., Path]:
 def simulated_bag(path: Path, seed: int, *, celsius: float = 40.0, seconds: float = 8.0) -> Path:
     """Return a bag of ``seconds`` at 1 kHz."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    simulate(
-        path, "4weh10_soft", "coulomb", "multisine", seconds, sample_rate=1000.0, block_rate=25.0,
-        coulomb_force=0.5, noise=0.05, seed=seed, name="valve_1", oil_temperature=f"{celsius}",
+    settings = SimulationSettings(
+        "4weh10_soft", "coulomb", "multisine", seconds, sample_rate=1000.0, block_rate=25.0,
+        coulomb_force=0.5, seed=seed, oil_temperature=f"{celsius}",
     )  # fmt: skip
+    simulate(path, settings)
     return path
 
 

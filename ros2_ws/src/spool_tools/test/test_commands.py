@@ -22,7 +22,7 @@ from spool_sim.simulator import Simulator
 from spool_sim.valve import find_valve, shipped_valves
 from spool_tools.cli import main
 from spool_tools.operations.record_sources import VALVE_DESCRIPTION, encode_valve, recorded_valve
-from spool_tools.operations.simulation import SIMULATION_START, simulate
+from spool_tools.operations.simulation import SIMULATION_START, SimulationSettings, simulate
 
 SETTINGS: dict[str, Any] = {
     "sample_rate": 2000.0,
@@ -39,7 +39,7 @@ SETTINGS: dict[str, Any] = {
 
 @pytest.mark.parametrize("name", sorted(shipped_valves()))
 def test_a_description_goes_through_a_bag_unchanged(name: str, tmp_path: Path) -> None:
-    simulate(tmp_path / "bag", name, "coulomb", "steady", 0.1, **SETTINGS)
+    simulate(tmp_path / "bag", SimulationSettings(name, "coulomb", "steady", 0.1, **SETTINGS))
     reader = BagReader(tmp_path / "bag")
     assert recorded_valve(reader, "left") == find_valve(name)
     assert recorded_valve(reader, "right") is None
@@ -58,7 +58,7 @@ def test_a_description_without_oil_and_its_stamp() -> None:
 def test_a_simulated_bag_holds_the_simulators_blocks(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    simulate(tmp_path / "bag", "4weh10_soft", "coulomb", "sweep", 1.0, **SETTINGS)
+    simulate(tmp_path / "bag", SimulationSettings("4weh10_soft", "coulomb", "sweep", 1.0, **SETTINGS))
     assert "50 blocks of 4weh10_soft in /left, 1 s at 2000 Hz" in capsys.readouterr().out
     sensor = Sensor(noise=0.05)
     expected = Simulator(
@@ -88,8 +88,9 @@ def test_a_simulated_bag_holds_the_simulators_blocks(
 def test_a_wrong_setting_is_refused_by_name_and_leaves_no_bag(
     changes: dict[str, Any], said: str, tmp_path: Path
 ) -> None:
+    settings = SimulationSettings("4weh10_soft", "coulomb", "sweep", 1.0, **SETTINGS | changes)
     with pytest.raises(InputError, match=said):
-        simulate(tmp_path / "bag", "4weh10_soft", "coulomb", "sweep", 1.0, **SETTINGS | changes)
+        simulate(tmp_path / "bag", settings)
     assert not (tmp_path / "bag").exists()
 
 

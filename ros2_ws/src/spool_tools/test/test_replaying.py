@@ -12,8 +12,14 @@ from spool_bag.writer import BagWriter
 from spool_core.errors import InputError
 from spool_sim.valve import find_valve
 from spool_tools.cli import main
-from spool_tools.operations.record_replay import SHIPPED, replay_bag, replay_valve, settings_from
-from spool_tools.operations.simulation import simulate
+from spool_tools.operations.record_replay import (
+    SHIPPED,
+    ReplayOptions,
+    replay_bag,
+    replay_valve,
+    settings_from,
+)
+from spool_tools.operations.simulation import SimulationSettings, simulate
 from spool_tools.outputs import write_json
 from spool_tools.report.recording_report import replay_page
 
@@ -345,13 +351,14 @@ def test_a_message_that_cannot_be_decoded_is_left_out_of_a_replay_and_told(tmp_p
 
 def test_drift_between_records_is_seen_by_a_baseline_that_is_kept(tmp_path: Path) -> None:
     for name, friction in (("before", 0.5), ("after", 0.75)):
-        simulate(
-            tmp_path / name, "4weh10_soft", "coulomb", "multisine", 30.0, sample_rate=1000.0, block_rate=25.0,
-            coulomb_force=friction, noise=0.05, seed=1, name="valve_1",
+        settings = SimulationSettings(
+            "4weh10_soft", "coulomb", "multisine", 30.0, sample_rate=1000.0, block_rate=25.0,
+            coulomb_force=friction, seed=1,
         )  # fmt: skip
+        simulate(tmp_path / name, settings)
 
     def drifts(name: str, state: Path | None) -> list[str]:
-        result = replay_bag(tmp_path / name, [], state=state)
+        result = replay_bag(tmp_path / name, [], ReplayOptions(state=state))
         events = result["valves"]["valve_1"]["events"]
         return [event["cause"] for event in events if event["kind"] == "friction_drift"]
 
@@ -361,10 +368,12 @@ def test_drift_between_records_is_seen_by_a_baseline_that_is_kept(tmp_path: Path
 
 
 def test_a_baseline_of_another_valve_is_refused(tmp_path: Path) -> None:
-    simulate(
-        tmp_path / "bag", "4weh10_soft", "coulomb", "multisine", 20.0, sample_rate=1000.0, block_rate=25.0,
-        coulomb_force=0.5, noise=0.05, seed=1, name="valve_1",
+    settings = SimulationSettings(
+        "4weh10_soft", "coulomb", "multisine", 20.0, sample_rate=1000.0, block_rate=25.0,
+        coulomb_force=0.5, seed=1,
     )  # fmt: skip
-    replay_bag(tmp_path / "bag", [], state=tmp_path / "baselines")
+    simulate(tmp_path / "bag", settings)
+    kept = ReplayOptions(state=tmp_path / "baselines")
+    replay_bag(tmp_path / "bag", [], kept)
     with pytest.raises(InputError, match="is of valve 4weh10_soft"):
-        replay_bag(tmp_path / "bag", ["4weh10_stiff"], state=tmp_path / "baselines")
+        replay_bag(tmp_path / "bag", ["4weh10_stiff"], kept)

@@ -54,16 +54,16 @@ def compare(
     Example: ./spool compare soft.csv stiff.csv --valve soft.yaml --valve stiff.yaml --models fluid,coulomb
     """
     cli.refuse_missing(*records)
-    from spool_tools.operations.fit_run import run_compare  # noqa: PLC0415 - slow to load, as below
+    from spool_tools.operations.fit_run import CompareRequest, run_compare  # noqa: PLC0415 - slow to load, as below
     from spool_tools.operations.record_loading import selection  # noqa: PLC0415
 
-    code = run_compare(
-        records, valve or (), models.split(",") if models else (),
-        selection(name, columns, start, stop, (since, until, around)),
-        ResultFiles(json, report, None, out), held_out=holdout or (), together=together,
-        sensor_gain=sensor_gain, sensor_delay=sensor_delay,
+    part = selection(name, columns, start, stop, (since, until, around))
+    chosen = models.split(",") if models else ()
+    request = CompareRequest(
+        records, valve or (), chosen, part, holdout or (),
+        together=together, sensor_gain=sensor_gain, sensor_delay=sensor_delay,
     )  # fmt: skip
-    raise typer.Exit(code)
+    raise typer.Exit(run_compare(request, ResultFiles(json, report, None, out)))
 
 
 COMMAND = Command(compare, place=100, line="models side by side on records")

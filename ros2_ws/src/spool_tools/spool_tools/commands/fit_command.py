@@ -46,16 +46,15 @@ def fit(
     Example: ./spool fit record.csv --valve my_valve.yaml --model stribeck --fix coulomb_force=0.3
     """
     cli.refuse_missing(*records)
-    from spool_tools.operations.fit_run import run_fit  # noqa: PLC0415
+    from spool_tools.operations.fit_run import FitRequest, run_fit  # noqa: PLC0415
     from spool_tools.operations.record_loading import selection  # noqa: PLC0415 - slow to load, as below
 
-    files = ResultFiles(json, report, save_model, out)
-    code = run_fit(
-        records, valve, model, selection(name, columns, start, stop, (since, until, around)), files,
-        held_out=holdout or (), free=free or (), fixed=fix or (),
+    part = selection(name, columns, start, stop, (since, until, around))
+    request = FitRequest(
+        records, valve, model, part, holdout or (), free or (), fix or (),
         sensor_gain=sensor_gain, sensor_delay=sensor_delay,
     )  # fmt: skip
-    raise typer.Exit(code)
+    raise typer.Exit(run_fit(request, ResultFiles(json, report, save_model, out)))
 
 
 COMMAND = Command(fit, place=90, line="one model's parameters from records")

@@ -91,17 +91,18 @@ def gap(
 
     if mass is not None and (kind != "driven" or not mass > 0.0):
         raise InputError(f"--mass {mass:g}: a mass > 0 kg, with --kind driven")
-    from spool_tools.operations.gap_run import run_gap  # noqa: PLC0415 - slow to load, as below
+    from spool_gap.result import GapSettings  # noqa: PLC0415 - slow to load, as below
 
-    code = run_gap(
-        records, valve, base, kind, selection(
-            name, columns, start, stop, (since, until, around), unit=unit, rate=rate, exclude=exclude
-        ),
-        ResultFiles(json, report, save_model), holdout=holdout or (),
-        gain_tolerance=gain_tolerance, delay_tolerance=delay_tolerance, mass=mass,
-        least_share=least_share, thorough=thorough, profiles=profiles,
-    )  # fmt: skip
-    raise typer.Exit(code)
+    from spool_tools.operations.gap_run import GapRequest, run_gap  # noqa: PLC0415
+
+    settings = GapSettings(
+        gain_tolerance, delay_tolerance, least_share=least_share, thorough=thorough, profiles=profiles
+    )
+    part = selection(
+        name, columns, start, stop, (since, until, around), unit=unit, rate=rate, exclude=exclude
+    )
+    request = GapRequest(records, valve, base, kind, part, settings, holdout or (), mass)
+    raise typer.Exit(run_gap(request, ResultFiles(json, report, save_model)))
 
 
 COMMAND = Command(gap, place=110, line="what the model lacks: named, added and measured again")

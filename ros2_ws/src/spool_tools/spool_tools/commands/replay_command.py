@@ -68,13 +68,10 @@ def replay(
     """
     cli.refuse_missing(record)
     # slow to load
-    from spool_tools.operations.record_replay import RefitRequest, print_replay, replay_bag  # noqa: PLC0415
+    from spool_tools.operations import record_replay as replaying  # noqa: PLC0415
 
-    request = RefitRequest(refit_model, refit_period) if refits else None
-    result = replay_bag(
-        record,
-        valve or [],
-        refits=request,
+    options = replaying.ReplayOptions(
+        refits=replaying.RefitRequest(refit_model, refit_period) if refits else None,
         method=method,
         params_file=params_file,
         columns=columns,
@@ -83,6 +80,7 @@ def replay(
         when=(since, until, around),
         language=language,
     )
+    result = replaying.replay_bag(record, valve or [], options)
     if json is not None:
         write_json(json, result)
     for warning in (
@@ -90,7 +88,7 @@ def replay(
         *(text for one in result["valves"].values() for text in one["warnings"]),
     ):
         warn(warning)
-    print_replay(result, Console())
+    replaying.print_replay(result, Console())
     if report is not None:
         print(f"{report}: pictures and tables")
 

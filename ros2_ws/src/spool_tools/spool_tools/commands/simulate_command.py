@@ -40,13 +40,14 @@ def simulate(
 
     Example: ./spool simulate --valve 4weh10_soft --excitation sweep --seconds 40 --out sweep_bag
     """
-    from spool_tools.operations.simulation import simulate as write_bag  # noqa: PLC0415
+    from spool_tools.operations import simulation  # noqa: PLC0415 - slow to load
 
-    write_bag(
-        out, valve, model, excitation, seconds,
+    settings = simulation.SimulationSettings(
+        valve, model, excitation, seconds,
         sample_rate=sample_rate, block_rate=block_rate, coulomb_force=coulomb_force, noise=noise,
         sensors=sensors, oil_temperature=oil_temperature, seed=seed, name=name,
     )  # fmt: skip
+    simulation.simulate(out, settings)
 
 
 COMMAND = Command(simulate, place=30, line="a bag from the simulator, faster than real time")

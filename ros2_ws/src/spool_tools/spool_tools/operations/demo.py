@@ -137,7 +137,7 @@ def run_demo(seconds: float, out: Path) -> int:
     Raises:
         InputError: ``out`` can't be used.
     """
-    from spool_tools.operations.record_replay import replay_bag  # noqa: PLC0415 - loads SciPy
+    from spool_tools.operations.record_replay import ReplayOptions, replay_bag  # noqa: PLC0415 - loads SciPy
     from spool_tools.report.recording_report import write_report  # noqa: PLC0415 - matplotlib, after the run only
 
     folder = _folder(out)
@@ -160,7 +160,7 @@ def run_demo(seconds: float, out: Path) -> int:
         return 130
     information = describe(folder / "bag")
     display.say("analysing the bag ...")
-    analysis = replay_bag(folder / "bag", [], baseline_time=_baseline(seconds))
+    analysis = replay_bag(folder / "bag", [], ReplayOptions(baseline_time=_baseline(seconds)))
     write_json(folder / "analysis.json", analysis)
     reader = BagReader(folder / "bag")
     report = write_report(folder, reader, analysis)

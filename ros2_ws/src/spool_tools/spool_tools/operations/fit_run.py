@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from rich.console import Console
@@ -21,30 +22,57 @@ from spool_tools.terminal import progress, warn
 DEFAULT_MODELS = ("fluid", "coulomb", "stribeck", "microwedge", "mixed", "coulomb_hydrodynamic")
 
 
-def run_fit(
-    records: Sequence[Path],
-    valve: str | None,
-    model_name: str,
-    selection: Selection,
-    outputs: ResultFiles,
-    *,
-    held_out: Sequence[Path] = (),
-    free: Sequence[str] = (),
-    fixed: Sequence[str] = (),
-    sensor_gain: bool = False,
-    sensor_delay: bool = False,
-) -> int:
+@dataclass(frozen=True, slots=True)
+class FitRequest:
+    """Request to fit one model to records.
+
+    Attributes:
+        records, valve, selection, held_out: as in ``load_data``.
+        model: name or YAML file.
+        free, fixed: parameters, as in ``fit_settings``.
+        sensor_gain, sensor_delay: fit the gain or the delay of the spool's sensor as well.
+    """
+
+    records: Sequence[Path]
+    valve: str | None
+    model: str
+    selection: Selection
+    held_out: Sequence[Path] = ()
+    free: Sequence[str] = ()
+    fixed: Sequence[str] = ()
+    sensor_gain: bool = False
+    sensor_delay: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class CompareRequest:
+    """Request to fit several models to records and to rank them.
+
+    Attributes:
+        records, valves, selection, held_out, together: as in ``load_series``.
+        models: as in ``chosen_models``.
+        sensor_gain, sensor_delay: as in ``FitRequest``.
+    """
+
+    records: Sequence[Path]
+    valves: Sequence[str]
+    models: Sequence[str]
+    selection: Selection
+    held_out: Sequence[Path] = ()
+    together: bool = False
+    sensor_gain: bool = False
+    sensor_delay: bool = False
+
+
+def run_fit(request: FitRequest, outputs: ResultFiles) -> int:
     """Fit a model and report the result; return 1 if there is none.
 
     Raises:
         InputError: records, valve, model or parameters cannot be used.
     """
-    load_model(model_name)  # refused before the files are made
+    load_model(request.model)  # refused before the files are made
     wanted = outputs.within("fit", model=True)
-    validated = fit_records(
-        records, valve, model_name, selection, held_out=held_out, free=free, fixed=fixed,
-        sensor_gain=sensor_gain, sensor_delay=sensor_delay,
-    )  # fmt: skip
+    validated = fit_records(request)
     for doubt in validated.data.doubts:
         warn(doubt)
     if wanted.json is not None:
@@ -66,26 +94,17 @@ def run_fit(
     return 0
 
 
-def fit_records(
-    records: Sequence[Path],
-    valve: str | None,
-    model_name: str,
-    selection: Selection,
-    *,
-    held_out: Sequence[Path] = (),
-    free: Sequence[str] = (),
-    fixed: Sequence[str] = (),
-    sensor_gain: bool = False,
-    sensor_delay: bool = False,
-) -> ValidatedFit:
+def fit_records(request: FitRequest) -> ValidatedFit:
     """Return a model fitted to records, with its errors on held-out data.
 
     Raises:
         InputError: records, valve, model or parameters cannot be used.
     """
-    model = load_model(model_name)
-    data = load_data(records, valve, selection, held_out)
-    settings = fit_settings(model, data.valve, free, fixed, gain=sensor_gain, delay=sensor_delay)
+    model = load_model(request.model)
+    data = load_data(request.records, request.valve, request.selection, request.held_out)
+    settings = fit_settings(
+        model, data.valve, request.free, request.fixed, gain=request.sensor_gain, delay=request.sensor_delay
+    )
     with progress(f"fitting {model.name}"):
         return fit_and_validate(data, model, settings)
 
@@ -127,29 +146,15 @@ def fit_settings(
     )
 
 
-def run_compare(
-    records: Sequence[Path],
-    valves: Sequence[str],
-    models: Sequence[str],
-    selection: Selection,
-    outputs: ResultFiles,
-    *,
-    held_out: Sequence[Path] = (),
-    together: bool = False,
-    sensor_gain: bool = False,
-    sensor_delay: bool = False,
-) -> int:
+def run_compare(request: CompareRequest, outputs: ResultFiles) -> int:
     """Fit every model to every record, and rank them; return 1 where none has a result.
 
     Raises:
         InputError: records, valves or models cannot be used.
     """
-    chosen_models(models)  # refused before the files are made
+    chosen_models(request.models)  # refused before the files are made
     wanted = outputs.within("compare")
-    series, ranking = compare_records(
-        records, valves, models, selection, held_out=held_out, together=together,
-        sensor_gain=sensor_gain, sensor_delay=sensor_delay,
-    )  # fmt: skip
+    series, ranking = compare_records(request)
     for one in series:
         for doubt in one.data.doubts:
             warn(f"{one.data.name}: {doubt}")
@@ -165,25 +170,17 @@ def run_compare(
     return 0 if ranking.preferred is not None else 1
 
 
-def compare_records(
-    records: Sequence[Path],
-    valves: Sequence[str],
-    models: Sequence[str],
-    selection: Selection,
-    *,
-    held_out: Sequence[Path] = (),
-    together: bool = False,
-    sensor_gain: bool = False,
-    sensor_delay: bool = False,
-) -> tuple[list[FittedSeries], Ranking]:
+def compare_records(request: CompareRequest) -> tuple[list[FittedSeries], Ranking]:
     """Return every model fitted to every record, and their ranking.
 
     Raises:
         InputError: records, valves or models cannot be used.
     """
-    settings = FitSettings(fit_gain=sensor_gain, fit_delay=sensor_delay)
-    loaded = load_series(records, valves, selection, held_out, together=together)
-    series = fit_all(loaded, chosen_models(models), settings)
+    settings = FitSettings(fit_gain=request.sensor_gain, fit_delay=request.sensor_delay)
+    loaded = load_series(
+        request.records, request.valves, request.selection, request.held_out, together=request.together
+    )
+    series = fit_all(loaded, chosen_models(request.models), settings)
     return series, rank(series)
 
 

@@ -50,59 +50,63 @@ UNEVEN = 0.01
 DOUBTED_CONFIDENCE = 0.5
 
 
-def run_gap(
-    records: Sequence[Path],
-    valve: str | None,
-    base: str,
-    kind: str,
-    selection: Selection,
-    outputs: ResultFiles,
-    *,
-    holdout: Sequence[Path] = (),
-    gain_tolerance: float = 0.05,
-    delay_tolerance: float = 0.5e-3,
-    mass: float | None = None,
-    least_share: float = 0.0025,
-    thorough: bool = False,
-    profiles: bool = False,
-    console: Console | None = None,
-) -> int:
-    """Find what ``base`` lacks in ``records`` and show it; return 0, whatever the verdict.
+@dataclass(frozen=True, slots=True)
+class GapRequest:
+    """Request to find what a model lacks in records.
+
+    Attributes:
+        records, holdout: one set of data, and records to judge by; default: every other stretch.
+        valve: file or name; default: the bag's own description.
+        base: model that something may be missing from: name or YAML file.
+        kind: ``accelerations``, ``driven`` or ``imposed``.
+        selection: part of each record.
+        settings: of the search.
+        mass: that the force of a driven record moves, kg; default: fitted, or the valve's.
+    """
+
+    records: Sequence[Path]
+    valve: str | None
+    base: str
+    kind: str
+    selection: Selection
+    settings: GapSettings
+    holdout: Sequence[Path] = ()
+    mass: float | None = None
+
+
+def run_gap(request: GapRequest, outputs: ResultFiles, console: Console | None = None) -> int:
+    """Find what the base lacks in the records and show it; return 0, whatever the verdict.
 
     ``console`` gets text and warnings; default: standard output and standard error.
 
     Raises:
         InputError: records, valve or model cannot be used.
     """
-    settings = GapSettings(
-        gain_tolerance=gain_tolerance,
-        delay_tolerance=delay_tolerance,
-        least_share=least_share,
-        thorough=thorough,
-        profiles=profiles,
-    )
-    model = load_model(base)
+    kind, valve = request.kind, request.valve
+    model = load_model(request.base)
     described: Valve | None
     with progress("looking for the gap", 1.0, steady=False) as advance:
         tell = Shares(advance).tell
         if kind == "accelerations":
             measured: Measured
-            result, described, measured = _of_accelerations(
-                records, valve, model, selection, holdout, settings, tell
-            )
+            result, described, measured = _of_accelerations(request, model, tell)
         else:
             # Who imposes a motion measures the force on whatever is moved: no mass is known.
             described = find_valve(valve) if valve is not None and kind == "driven" else None
+            mass = request.mass
             mass = mass if described is None or mass is not None else described.moving_mass
             notes: list[str] = []
-            forces, held = (_force_records(paths, kind, selection, notes) for paths in (records, holdout))
+            forces, held = (
+                _force_records(paths, kind, request.selection, notes)
+                for paths in (request.records, request.holdout)
+            )
             result = analyse_forces(
-                forces, model, kind, holdout=held, mass=mass, settings=settings, progress=tell
+                forces, model, kind, holdout=held, mass=mass, settings=request.settings, progress=tell
             )
             result = replace(result, warnings=(*dict.fromkeys(notes), *result.warnings))
             measured = [*forces, *held]
     # Files first: who reads only the first lines of what is shown (`| head`) has them all the same.
-    made_from = sources([*records, *holdout], described) if outputs.report else []
+    made_from = sources([*request.records, *request.holdout], described) if outputs.report else []
     written = _write(result, outputs, made_from, partial(_evidence, result, model, described, measured))
     for warning in result.warnings:
         warn(warning, console)
@@ -126,23 +130,17 @@ class Shares:
 
 
 def _of_accelerations(
-    records: Sequence[Path],
-    valve: str | None,
-    model: Model,
-    selection: Selection,
-    holdout: Sequence[Path],
-    settings: GapSettings,
-    tell: Callable[[str, float], None],
+    request: GapRequest, model: Model, tell: Callable[[str, float], None]
 ) -> tuple[GapResult, Valve, list[Record]]:
     """Return what ``model`` lacks in records of two accelerometers, their valve, and all of them."""
-    bounded = replace(selection, longest=LARGEST)
-    recordings, described = load_recordings(records, valve, bounded)
-    held = load_recordings(holdout, valve, bounded)[0] if holdout else []
+    bounded = replace(request.selection, longest=LARGEST)
+    recordings, described = load_recordings(request.records, request.valve, bounded)
+    held = load_recordings(request.holdout, request.valve, bounded)[0] if request.holdout else []
     for recording in held:
         check(recording)
     fitted, others = stretches_of(recordings), stretches_of(held)
     doubts = channel_doubts([*recordings, *held])
-    result = analyse(fitted, described, model, holdout=others, settings=settings, progress=tell)
+    result = analyse(fitted, described, model, holdout=others, settings=request.settings, progress=tell)
     result = replace(result, warnings=(*doubts, *result.warnings))
     return doubted(result, check_records(described, fitted)), described, [*fitted, *others]
 

@@ -153,25 +153,11 @@ class RefitRequest:
         return WindowRefits(RefitSettings(valve, model, self.period, self.window))
 
 
-def replay_bag(
-    path: Path,
-    valve_files: Sequence[str],
-    *,
-    baseline_time: float | None = None,
-    refits: RefitRequest | None = None,
-    method: str | None = None,
-    params_file: Path | None = None,
-    columns: str | None = None,
-    report: Path | None = None,
-    state: Path | None = None,
-    when: tuple[str | None, str | None, str | None] = (None, None, None),
-    language: str = "",
-) -> dict[str, Any]:
-    """Replay every valve of the record ``path``; return the contract's ``replay --json`` as a dictionary.
+@dataclass(frozen=True, slots=True)
+class ReplayOptions:
+    """Options of a replay.
 
-    Args:
-        path: a bag or a logger's file.
-        valve_files: as in ``choose_valves``.
+    Attributes:
         baseline_time: s; default: the monitor's.
         refits: what to refit during the replay.
         method: of the estimator; default: that of ``params_file``.
@@ -181,29 +167,55 @@ def replay_bag(
         state: folder in which the baseline of each valve is kept from record to record.
         when: since, until and around what, of a bag, as of the options.
         language: of the events' sentences; see :func:`spool_core.events.sentences.language_of`.
+    """
+
+    baseline_time: float | None = None
+    refits: RefitRequest | None = None
+    method: str | None = None
+    params_file: Path | None = None
+    columns: str | None = None
+    report: Path | None = None
+    state: Path | None = None
+    when: tuple[str | None, str | None, str | None] = (None, None, None)
+    language: str = ""
+
+
+#: Options of a replay like that of the live nodes.
+PLAIN = ReplayOptions()
+
+
+def replay_bag(path: Path, valve_files: Sequence[str], options: ReplayOptions = PLAIN) -> dict[str, Any]:
+    """Replay every valve of the record ``path``; return the contract's ``replay --json`` as a dictionary.
+
+    Args:
+        path: a bag or a logger's file.
+        valve_files: as in ``choose_valves``.
+        options: of the replay.
 
     Raises:
         InputError: no valve in the record, or the valve files or the parameter file cannot be used, or there
             is no such language.
     """
-    spoken = language_of(language)
-    reader = open_source(path, columns, span_of(path, *when))
+    spoken = language_of(options.language)
+    reader = open_source(path, options.columns, span_of(path, *options.when))
     names = reader.valves
     if not names:
         raise InputError(f"{path}: no acceleration topic in it, so there is nothing to replay")
     valves = choose_valves(reader, names, valve_files)
     result: dict[str, Any] = {"bag": str(path), "duration_s": None, "valves": {}}
     times = {name: Timeline() for name in names}
-    parts = {name: PartKeeper(SHOWN) for name in names} if report is not None else {}
+    parts = {name: PartKeeper(SHOWN) for name in names} if options.report is not None else {}
     settings = {
-        name: settings_from(params_file, name).changed(method=method, baseline_time=baseline_time)
+        name: settings_from(options.params_file, name).changed(
+            method=options.method, baseline_time=options.baseline_time
+        )
         for name in names
     }
     replays: dict[str, Replay] = {}
     for name in names:
         replays[name] = result["valves"][name] = replay_valve(
             reader, name, valves[name].valve, settings[name],
-            refits=refits, timeline=times[name], parts=parts.get(name), state=state,
+            refits=options.refits, timeline=times[name], parts=parts.get(name), state=options.state,
         )  # fmt: skip
     first = min((timeline.spans[0].first for timeline in times.values() if timeline.spans), default=0)
     uncertain = reader.record.rate_std if isinstance(reader, TableSource) else rate_std(reader.path)
@@ -215,11 +227,11 @@ def replay_bag(
         )
     result["duration_s"] = duration_of(list(times.values()))
     result["warnings"] = _warnings(reader, times)
-    if report is not None:
+    if options.report is not None:
         replayed = [
             (name, valves[name].valve, one, parts[name].records(name)) for name, one in replays.items()
         ]
-        _write_report(report, result, replayed, first, path)
+        _write_report(options.report, result, replayed, first, path)
     return result
 
 

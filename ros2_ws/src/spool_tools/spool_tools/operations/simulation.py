@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -31,51 +32,70 @@ SIMULATION_START = 1_735_689_600_000_000_000
 SIMULATION_SECONDS = 40.0
 
 
-def simulate(
-    out: Path,
-    valve: str,
-    model: str,
-    excitation: str,
-    seconds: float | None,
-    *,
-    sample_rate: float,
-    block_rate: float,
-    coulomb_force: float | None,
-    noise: float,
-    seed: int,
-    name: str,
-    sensors: Path | None = None,
-    oil_temperature: str | None = None,
-) -> None:
-    """Write a simulated record of one valve, with the valve's description, as a bag.
+@dataclass(frozen=True, slots=True)
+class SimulationSettings:
+    """Settings of a simulated record.
 
-    ``seconds`` left out is the length of a recorded excitation, else ``SIMULATION_SECONDS``; ``sensors`` is
-    a YAML file that takes the place of ``noise``; ``oil_temperature`` (deg C) left out is the valve file's,
-    and ``"20:60"`` warms the oil over the record; where it is given it is recorded.
+    Attributes:
+        valve, model: name or YAML file.
+        excitation: preset, YAML file, bag or a logger's file.
+        seconds: length; default: that of a recorded excitation, else ``SIMULATION_SECONDS``.
+        sample_rate, block_rate: Hz.
+        coulomb_force: N; default: the model's.
+        noise: of both sensors, rms, m/s^2.
+        seed: of the noise.
+        name: namespace of the valve in the bag.
+        sensors: YAML file that replaces ``noise``.
+        oil_temperature: deg C, recorded if it is given; ``"20:60"`` warms the oil; default: the valve file's.
     """
+
+    valve: str
+    model: str
+    excitation: str
+    seconds: float | None = None
+    sample_rate: float = 2000.0
+    block_rate: float = 50.0
+    coulomb_force: float | None = None
+    noise: float = 0.05
+    seed: int = 0
+    name: str = "valve_1"
+    sensors: Path | None = None
+    oil_temperature: str | None = None
+
+
+def simulate(out: Path, settings: SimulationSettings) -> None:
+    """Write a simulated record of one valve, with the valve's description, as the bag ``out``.
+
+    Raises:
+        InputError: a setting is out of range, or what it names cannot be used.
+    """
+    name, seconds = settings.name, settings.seconds
+    sample_rate, block_rate = settings.sample_rate, settings.block_rate
     check_valve(name)
     if not (block_rate > 0.0 and 0.5 < sample_rate / block_rate < math.inf):
         raise InputError(
             f"--block-rate {block_rate:g} Hz at --sample-rate {sample_rate:g} Hz: "
             "use a number above 0 and not above the sample rate"
         )
-    noisy = Sensor(noise=noise)
-    measured = Sensors(body=noisy, spool=noisy) if sensors is None else load_sensors(sensors)
-    shaking = find_excitation(excitation)
+    noisy = Sensor(noise=settings.noise)
+    measured = (
+        Sensors(body=noisy, spool=noisy) if settings.sensors is None else load_sensors(settings.sensors)
+    )
+    shaking = find_excitation(settings.excitation)
     if seconds is None:
         seconds = shaking.duration if isinstance(shaking, Recorded) else SIMULATION_SECONDS
-    described = find_valve(valve)
-    temperatures = _temperatures(oil_temperature)
+    described = find_valve(settings.valve)
+    temperatures = _temperatures(settings.oil_temperature)
     from spool_sim.simulator import Simulator  # noqa: PLC0415 - numba: what is refused above waits for no compiler
 
     simulator = Simulator(
         described.at(temperatures[0]) if len(temperatures) == 1 else described,
         shaking,
-        model=model,
-        coulomb_force=coulomb_force,
+        model=settings.model,
+        coulomb_force=settings.coulomb_force,
         sample_rate=sample_rate,
         block_size=round(sample_rate / block_rate),
-        seed=seed,
+        seed=settings.seed,
         start_stamp=SIMULATION_START,
         body_sensor=measured.body,
         spool_sensor=measured.spool,
