@@ -243,3 +243,16 @@ def flood_share(stamps: Sequence[int], since: int, until: int) -> float:
             total += max(0, min(moment, until) - max(begun, since))
             begun = None
     return total / (until - since)
+
+
+def figures(found: AlarmStatistics, limits: AlarmLimits) -> list[tuple[str, str, str, bool]]:
+    """Return name, value, limit and whether it is kept of each figure; shares in per cent."""
+    beyond = found.beyond(limits)
+    rows = []
+    for one in fields(limits):
+        value, limit = getattr(found, one.name), getattr(limits, one.name)
+        plain = float(len(value) if isinstance(value, tuple) else value)
+        scale = 100.0 if one.name.endswith("_share") else 1.0
+        digits = 0 if one.name in ("peak", "chattering", "stale") else 2
+        rows.append((one.name, f"{scale * plain:.{digits}f}", f"{scale * limit:g}", one.name not in beyond))
+    return rows

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
+from datetime import datetime, timezone
 from pathlib import Path
 
 from pydantic import TypeAdapter, ValidationError
@@ -25,6 +26,12 @@ FORGET_EVERY = 100
 
 _DAY = 86_400_000_000_000
 _EVENT = TypeAdapter(Event)
+
+#: Columns of a journal as a table; times are UTC in ISO 8601.
+COLUMNS = (
+    "time", "valve", "action", "alarm", "code", "namur", "severity", "state", "occurrence", "who", "comment",
+    "value", "unit", "text",
+)  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,3 +142,17 @@ def entries_in(path: Path, since: int = 0, until: int = 2**63 - 1) -> list[Journ
         return journal.entries(since, until)
     finally:
         journal.close()
+
+
+def cells(valve: str, one: JournalEntry, language: Language) -> tuple[object, ...]:
+    """Return the cells of an entry of ``valve`` under :data:`COLUMNS`; unknown ones are empty."""
+    return (
+        iso(one.stamp), valve, one.action, one.alarm, one.code or "", one.namur, one.severity, one.state,
+        one.occurrence or "", one.who, one.comment, "" if one.value is None else one.value, one.unit,
+        one.headline(language),
+    )  # fmt: skip
+
+
+def iso(stamp: int) -> str:
+    """Return the time (UTC) of ``stamp`` (ns since 1970) in ISO 8601."""
+    return datetime.fromtimestamp(stamp / 1e9, timezone.utc).strftime("%Y-%m-%dT%H:%M:%SZ")

@@ -57,6 +57,8 @@ WAITING = (
     Alarm.STATE_LATCHED_UNACKNOWLEDGED,
 )
 _TYPES = {"estimate": ModelEstimate, "alarms": AlarmList, "gap": GapAnalysis}
+#: s between two moments in which the limits of all valves are heard, and how long one lasts.
+BOUNDS_EVERY, BOUNDS_LASTING = 60.0, 2.5
 _HEALTH = re.compile(r"/(?P<valve>[A-Za-z0-9_/]+)/health")
 
 
@@ -66,7 +68,7 @@ class HeardValve:
 
     Attributes:
         health_at: when ``health`` was fetched, s (monotonic).
-        gap, bounds, blocks: kept only while the valve is followed; with ``light`` also ``estimate``.
+        gap, blocks: kept only while the valve is followed; with ``light`` also ``estimate``.
         bounds: values beyond which the monitor warns, by their keys in ``/diagnostics``.
         blocks: serialized ``AccelerationBlock`` messages, oldest first.
         baseline, limits: the monitor's answers, if the user of the listener asked for them.
@@ -131,6 +133,8 @@ class Listener:
         self._health: dict[str, Any] = {}
         self._made: list[Any] = []
         self._followed: dict[str, list[Any]] = {}
+        self._bounds: Any = None
+        self._bounds_at = -BOUNDS_EVERY
         for name in names:
             self._join(name)
         self.look()
@@ -167,14 +171,31 @@ class Listener:
             valve.blocks.clear()
             for topic in self._more:
                 valve.keep(topic, None)
-            valve.keep("bounds", {})
         for name in wanted:
             if name not in self._followed:
                 self._followed[name] = self._follow(self.valves[name])
         return [self.valves[name] for name in wanted]
 
+    def sample_bounds(self) -> None:
+        """Hear ``/diagnostics`` for a moment now and then, for the ``bounds`` of every valve.
+
+        All nodes publish there each second: to decode all of it takes several times what all else takes.
+        """
+        now = time.monotonic()
+        if self._bounds is None and now - self._bounds_at >= BOUNDS_EVERY:
+            self._bounds_at = now
+            self._bounds = self._node.create_subscription(
+                DiagnosticArray, "/diagnostics", self._take_bounds, qos.diagnostics()
+            )
+        elif self._bounds is not None and now - self._bounds_at >= BOUNDS_LASTING:
+            self._node.destroy_subscription(self._bounds)
+            self._bounds = None
+
     def close(self) -> None:
         """Destroy every subscription."""
+        if self._bounds is not None:
+            self._node.destroy_subscription(self._bounds)
+            self._bounds = None
         self.follow(())
         for one in self._made:
             self._node.destroy_subscription(one)
@@ -203,19 +224,24 @@ class Listener:
             for topic in topics
         ]
 
+    def _take_bounds(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            name, _, task = status.name.partition("/monitor: ")
+            valve = self.valves.get(name) if task == "condition" else None
+            if valve is None:
+                continue
+            bounds = bounds_of(message.status, name)
+            if bounds is not None and repr(bounds) != repr(valve.bounds):  # NaN is another one each time
+                valve.keep("bounds", bounds)
+
     def _follow(self, valve: HeardValve) -> list[Any]:
         def take_block(raw: bytes) -> None:  # rclpy refuses a method of deque: it has no signature
             valve.blocks.append(raw)
 
-        def take_bounds(message: DiagnosticArray) -> None:
-            bounds = bounds_of(message.status, valve.name)
-            if bounds is not None and repr(bounds) != repr(valve.bounds):  # NaN is another one each time
-                valve.keep("bounds", bounds)
-
         subscribe, blocks = self._node.create_subscription, f"/{valve.name}/acceleration"
         return [
             subscribe(AccelerationBlock, blocks, take_block, qos.samples_wanted(), raw=True),
-            subscribe(DiagnosticArray, "/diagnostics", take_bounds, qos.diagnostics()),
+            subscribe(DiagnosticArray, "/diagnostics", self._take_bounds, qos.diagnostics()),
             *self._keep(valve, self._more),
         ]
 

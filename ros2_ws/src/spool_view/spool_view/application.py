@@ -10,7 +10,7 @@ import re
 import socket
 import threading
 import time
-from collections import deque
+from collections import OrderedDict, deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.resources import files
@@ -31,7 +31,8 @@ from starlette.routing import Route
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
-from spool_view.operator import Desk, Operating, RateLimit, Records
+from spool_view.kept import Records
+from spool_view.operator import Desk, Operating, RateLimit
 from spool_view.view import alarms_of, detail_of, row_of
 
 #: Requests a second, and at once; ten browsers that load a page together need a hundred.
@@ -59,13 +60,15 @@ COOKIE = "spool_language"
 _TYPES = {".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
 #: Names of valves, as ROS 2 allows them for namespaces.
 VALVE = re.compile(r"[A-Za-z0-9_]+(/[A-Za-z0-9_]+)*")
-_OWN_PAGE = re.compile(r"/(valve/[A-Za-z0-9_/]{1,200})?")
+_OWN_PAGE = re.compile(r"/(alarms|history|valve/[A-Za-z0-9_/]{1,200})?")
 
 #: Connections that may be open; s that requests under way get at the end.
 MOST_CONNECTIONS, GRACE = 256, 1
 
 #: s between two steps, and between two signs of life: what a page does not hear it does not believe.
 PERIOD, BEAT = 0.5, 2.0
+#: Spectra of a waterfall, and valves whose waterfalls are held while no page shows them.
+FALL, MOST_FALLS = 120, 16
 #: Streams that may be open.
 MOST_STREAMS = 64
 
@@ -96,18 +99,29 @@ class Application:
 
 def application(desk: Desk) -> Application:
     """Return the application that shows what lies on ``desk``."""
-    pages, streams, operating, records = Pages(desk), Streams(desk), Operating(desk), Records(desk)
+    pages, streams, operating, records = (
+        Pages(desk),
+        Streams(desk),
+        Operating(desk),
+        Records(desk, language_for),
+    )
     routes = [
         Route("/", pages.machine),
+        Route("/alarms", pages.alarms),
+        Route("/history", pages.history),
         Route("/valve/{name:path}", pages.valve),
         Route("/static/{name:path}", pages.file),
         Route("/language/{code}", pages.language),
         Route("/stream/machine", streams.machine),
         Route("/stream/valve/{name:path}", streams.valve),
         Route("/trend", records.trend),
+        Route("/sparks", records.sparks),
+        Route("/history.json", records.history),
+        Route("/history.csv", records.history_table),
         Route("/gap", records.gap),
         Route("/operator", operating.check, methods=["POST"]),
         Route("/act", operating.act, methods=["POST"]),
+        Route("/acts", operating.acts, methods=["POST"]),
     ]
     return Application(Starlette(routes=routes, middleware=[Middleware(Guard)]), streams)
 
@@ -188,14 +202,22 @@ class Pages:
 
     async def machine(self, request: Request) -> Response:
         """Answer with the machine's page."""
-        return self._page(request, "")
+        return self._page(request, "machine")
+
+    async def alarms(self, request: Request) -> Response:
+        """Answer with the page of all alarms."""
+        return self._page(request, "alarms")
+
+    async def history(self, request: Request) -> Response:
+        """Answer with the page of the journals."""
+        return self._page(request, "history")
 
     async def valve(self, request: Request) -> Response:
         """Answer with a valve's page."""
         name = request.path_params["name"]
         if len(name) > 200 or not VALVE.fullmatch(name):
             return PlainTextResponse("no such page", 404)
-        return self._page(request, name)
+        return self._page(request, "valve", name)
 
     async def file(self, request: Request) -> Response:
         """Answer with a file of the site."""
@@ -217,18 +239,24 @@ class Pages:
         answer.set_cookie(COOKIE, code, max_age=31_536_000, samesite="strict", httponly=True)
         return answer
 
-    def _page(self, request: Request, valve: str) -> Response:
-        language = language_of(request.cookies.get(COOKIE, ""), request.headers.get("accept-language", ""))
+    def _page(self, request: Request, view: str, valve: str = "") -> Response:
+        language = language_for(request)
         text = self._template.render(
             texts=self._texts[language],
             language=language,
             languages={code: self._texts[code]["language_name"] for code in LANGUAGES},
+            view=view,
             valve=valve,
-            here=f"/valve/{valve}" if valve else "/",
+            here=request.url.path,
             operable=self._operable,
         )
         headers = {"cache-control": "no-store", "vary": "accept-language, cookie"}
         return Response(text, media_type="text/html", headers=headers)
+
+
+def language_for(request: Request) -> str:
+    """Return the language of the page that ``request`` is answered with."""
+    return language_of(request.cookies.get(COOKIE, ""), request.headers.get("accept-language", ""))
 
 
 def language_of(chosen: str, accepted: str) -> str:
@@ -296,6 +324,7 @@ class Streams:
         self._desk = desk
         self._machine = MachineChannel(desk)
         self._valves: dict[str, ValveChannel] = {}
+        self._falls: OrderedDict[str, deque[list[float]]] = OrderedDict()
         self._readers: set[Reader] = set()
         self._closed = False
         self._trouble = 0.0
@@ -335,7 +364,7 @@ class Streams:
         name = request.path_params["name"]
 
         def join(reader: Reader) -> None:
-            self._valves.setdefault(name, ValveChannel(self._desk, name)).join(reader)
+            self._valves.setdefault(name, ValveChannel(self._desk, name, self._fall(name))).join(reader)
 
         def leave(reader: Reader) -> None:
             channel = self._valves.get(name)
@@ -345,6 +374,14 @@ class Streams:
                     del self._valves[name]
 
         return self._stream(request, join, leave)
+
+    def _fall(self, name: str) -> deque[list[float]]:
+        """Return the spectra of the valve ``name`` that were shown last, for a page that is opened again."""
+        fall = self._falls.setdefault(name, deque(maxlen=FALL))
+        self._falls.move_to_end(name)
+        while len(self._falls) > MOST_FALLS:
+            self._falls.popitem(last=False)
+        return fall
 
     def _stream(
         self, request: Request, join: Callable[[Reader], None], leave: Callable[[Reader], None]
@@ -414,8 +451,8 @@ class MachineChannel:
 class ValveChannel:
     """Valve's channel: its view where it changed, and its spectrum."""
 
-    def __init__(self, desk: Desk, name: str) -> None:
-        self._desk, self._name = desk, name
+    def __init__(self, desk: Desk, name: str, fall: deque[list[float]]) -> None:
+        self._desk, self._name, self._fall = desk, name, fall
         self.readers: set[Reader] = set()
         self._detail: dict[str, Any] = {}
         self._seen: tuple[int, str] | None = None
@@ -426,6 +463,8 @@ class ValveChannel:
         """Give ``reader`` all there is, and what changes from now on."""
         self.step()
         reader.offer(self._event)
+        if self._fall:
+            reader.offer(encode("waterfall", {"spool": list(self._fall)}))
         if not self.readers:
             self._desk.open.append(self._name)
         self.readers.add(reader)
@@ -452,6 +491,7 @@ class ValveChannel:
             self._newest = blocks[-1]
             found = self._desk.spectrum(blocks)
             if found is not None:
+                self._fall.append(found["spool"])
                 events.append(encode("spectrum", found))
         for event in events:
             for reader in tuple(self.readers):

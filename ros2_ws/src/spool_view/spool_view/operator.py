@@ -18,21 +18,25 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
-from spool_core.errors import InputError, operator_missing
+from spool_core.errors import operator_missing
 from spool_core.system import FILE_MODE, private_folder, restrict, write_durably
 from spool_monitor.listener import HeardValve
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
-from starlette.responses import JSONResponse, PlainTextResponse, Response
+from starlette.responses import JSONResponse, Response
 
-from spool_view.view import RANGES, shown_alarms, trend_of
+from spool_view.view import shown_alarms
 
 ACKNOWLEDGE, SHELVE, UNSHELVE, RESET = "acknowledge", "shelve", "unshelve", "reset"
+MAINTAIN, RETURN = "maintain", "return_to_service"
 FREEZE, LEARN, ANALYSE, SNAPSHOT = "freeze_baseline", "learn_baseline", "analyse", "take_snapshot"
-#: Acts on one alarm, and on the valve.
-ON_ALARM, ON_VALVE = (ACKNOWLEDGE, SHELVE, UNSHELVE, RESET), (FREEZE, LEARN, ANALYSE, SNAPSHOT)
+#: Acts on alarms, and on the valve; out of service is one or all alarms of a valve.
+ON_ALARM = (ACKNOWLEDGE, SHELVE, UNSHELVE, RESET, MAINTAIN, RETURN)
+ON_VALVE = (FREEZE, LEARN, ANALYSE, SNAPSHOT, MAINTAIN, RETURN)
 #: Characters of who acts and of a comment; minutes of a shelf.
-MOST_WHO, MOST_COMMENT, MOST_MINUTES = 60, 200, 7 * 1440.0
+MOST_WHO, MOST_COMMENT, MOST_MINUTES, MOST_SERVICE = 60, 200, 7 * 1440.0, 366 * 1440.0
+#: Alarms that one request acts on at most, and B of such a request.
+MOST_TARGETS, MOST_LIST = 500, 100_000
 _FIELDS = {"act", "valve", "alarm", "occurrence", "minutes", "who", "comment"}
 
 #: Random bytes of a token: it can't be guessed.
@@ -44,9 +48,6 @@ MOST_BODY, BODY = 4096, 5.0
 ACTS, ACTS_AT_ONCE = 1.0, 10.0
 WRONG, WRONG_AT_ONCE = 0.2, 10.0
 
-#: Trends that are read at a time.
-MOST_READINGS = 2
-
 
 class ActRefusedError(Exception):
     """The request is none; the text says why, in one line."""
@@ -54,7 +55,7 @@ class ActRefusedError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Act:
-    """What ``who`` wants of ``valve``; ``alarm`` and its ``occurrence`` seen, ``minutes`` of a shelf."""
+    """What ``who`` wants of ``valve``; ``alarm`` and its ``occurrence`` seen, ``minutes`` that it takes."""
 
     act: str
     valve: str
@@ -78,7 +79,7 @@ def act_of(given: Any, alarms: Mapping[str, frozenset[str]]) -> Act:
 
     Args:
         given: object with ``act``, ``valve``, ``who``, ``comment``; of an alarm ``alarm``, ``occurrence``; of
-            a shelf ``minutes``.
+            a shelf and of maintenance ``minutes``.
         alarms: names of the alarms that are shown, by valve.
 
     Raises:
@@ -96,20 +97,30 @@ def act_of(given: Any, alarms: Mapping[str, frozenset[str]]) -> Act:
     if not who:
         raise ActRefusedError(operator_missing())
     comment = _text(given, "comment", MOST_COMMENT)
-    if act in ON_VALVE:
-        return Act(act, valve, who, comment)
+    if act in ON_VALVE and "alarm" not in given:
+        return Act(act, valve, who, comment, minutes=_minutes(act, given))
     alarm = given.get("alarm")
     if not isinstance(alarm, str) or not alarm or alarm not in alarms[valve]:
         raise ActRefusedError("no such alarm is shown")
     occurrence = given.get("occurrence", 0)
     if type(occurrence) is not int or not 0 <= occurrence < 2**32:
         raise ActRefusedError("occurrence: no whole number from 0 on")
-    minutes = given.get("minutes") if act == SHELVE else 0.0
-    if isinstance(minutes, bool) or not isinstance(minutes, int | float) or not math.isfinite(minutes):
-        raise ActRefusedError("minutes: a number, 0 until the condition is over")
-    if not 0 <= minutes <= MOST_MINUTES:
-        raise ActRefusedError(f"minutes: from 0 to {MOST_MINUTES:g}")
-    return Act(act, valve, who, comment, alarm, occurrence, float(minutes))
+    return Act(act, valve, who, comment, alarm, occurrence, _minutes(act, given))
+
+
+def acts_of(given: Any, alarms: Mapping[str, frozenset[str]]) -> list[Act]:
+    """Return the acts on several alarms that ``given`` asks for: as of one, with ``targets`` for the alarms.
+
+    Raises:
+        ActRefusedError: one of them is no act; nothing is done.
+    """
+    targets = given.get("targets") if isinstance(given, dict) else None
+    if not isinstance(targets, list) or not 0 < len(targets) <= MOST_TARGETS:
+        raise ActRefusedError(f"targets: 1 to {MOST_TARGETS} alarms")
+    if given.get("act") not in ON_ALARM or not all(isinstance(one, dict) for one in targets):
+        raise ActRefusedError("there is no such act on alarms")
+    common = {name: value for name, value in given.items() if name != "targets"}
+    return [act_of({**common, **one}, alarms) for one in targets]
 
 
 class OperatorToken:
@@ -209,24 +220,47 @@ class Operating:
 
     async def act(self, request: Request) -> Response:
         """Do an operator's act: it is in the log before it is done, and what came of it after."""
+        asked = await self._asked(request, lambda given, shown: [act_of(given, shown)], MOST_BODY)
+        return asked if isinstance(asked, Response) else _answer(*(await self._done(asked[0])))
+
+    async def acts(self, request: Request) -> Response:
+        """Do an act on several alarms, each logged by itself; answer how many were done."""
+        asked = await self._asked(request, acts_of, MOST_LIST)
+        if isinstance(asked, Response):
+            return asked
+        outcomes = await asyncio.gather(*(self._done(act) for act in asked))
+        refused = [
+            f"{act.valve} {act.alarm}: {text}"
+            for act, (status, text) in zip(asked, outcomes, strict=True)
+            if status != 200
+        ]
+        text = "; ".join([f"{len(asked) - len(refused)} of {len(asked)}", *refused[:5]])
+        return _answer(409 if refused else 200, text)
+
+    async def _asked(
+        self, request: Request, read: Callable[[Any, Mapping[str, frozenset[str]]], list[Act]], most: int
+    ) -> list[Act] | Response:
+        """Return what an operator asks for, as ``read`` understands it, or the refusal."""
         refusal = self._refusal(request)
         if refusal is not None:
             return refusal
         if not self._acts.take():
             return _answer(429, "too many acts in a short time: wait a few seconds")
+        valves = list(self._desk.valves.values())
+        shown = {one.name: frozenset(alarm.name for alarm in shown_alarms(one.alarms)) for one in valves}
         try:
-            content = await _content(request)
-            valves = list(self._desk.valves.values())
-            shown = {one.name: frozenset(alarm.name for alarm in shown_alarms(one.alarms)) for one in valves}
-            act = act_of(content, shown)
+            return read(await _content(request, most), shown)
         except ActRefusedError as error:
             return _answer(400, str(error))
+
+    async def _done(self, act: Act) -> tuple[int, str]:
+        """Do ``act`` and return the status and the text of the answer."""
         if not await self._note(step="asked", act=act):
-            return _answer(503, "the log can't be written, so nothing is done")
+            return 503, "the log can't be written, so nothing is done"
         outcome = await asyncio.wrap_future(self._desk.do(act))
         noted = await self._note(step="done" if outcome.done else "refused", act=act, said=outcome.text)
         text = outcome.text if noted else f"{outcome.text} (and the log can't be written any more)"
-        return _answer(200 if outcome.done else 409, text)
+        return (200 if outcome.done else 409), text
 
     def _refusal(self, request: Request) -> Response | None:
         if self._desk.token is None or self._desk.log is None:
@@ -246,38 +280,6 @@ class Operating:
             self._desk.warn(f"the operators' log can't be written: {error}")
             return False
         return True
-
-
-class Records:
-    """Records of one page; of valves that are heard only."""
-
-    def __init__(self, desk: Desk) -> None:
-        self._desk = desk
-        self._free: asyncio.Semaphore | None = None
-
-    async def trend(self, request: Request) -> Response:
-        """Answer with a trend."""
-        valve, length = request.query_params.get("valve", ""), request.query_params.get("range", "day")
-        parameter = request.query_params.get("parameter", "")
-        if valve not in self._desk.valves or length not in RANGES or len(parameter) > 200:
-            return _nothing()
-        self._free = self._free or asyncio.Semaphore(MOST_READINGS)
-        async with self._free:
-            try:
-                found = await run_in_threadpool(trend_of, self._desk.state_folder, valve, parameter, length)
-            except (InputError, OSError):  # names files: not for browsers
-                return _nothing()
-        return JSONResponse(found, headers={"cache-control": "no-store"})
-
-    async def gap(self, request: Request) -> Response:
-        """Answer with everything that the last gap analysis of a valve found."""
-        valve = self._desk.valves.get(request.query_params.get("valve", ""))
-        message = valve.gap if valve is not None else None
-        if message is None or not message.json:
-            return PlainTextResponse("no analysis is held: open the valve's page first", 404)
-        name = f"gap_{message.header.stamp.sec}.json"
-        headers = {"cache-control": "no-store", "content-disposition": f'attachment; filename="{name}"'}
-        return Response(message.json, media_type="application/json", headers=headers)
 
 
 @dataclass(frozen=True, slots=True)
@@ -312,8 +314,20 @@ def _text(given: Mapping[str, Any], name: str, most: int) -> str:
     return value.strip()
 
 
-async def _content(request: Request) -> Any:
-    """Return the decoded body.
+def _minutes(act: str, given: Mapping[str, Any]) -> float:
+    """Return the minutes of a shelf or of maintenance; 0 of other acts."""
+    if act not in (SHELVE, MAINTAIN):
+        return 0.0
+    minutes, most = given.get("minutes"), MOST_MINUTES if act == SHELVE else MOST_SERVICE
+    if isinstance(minutes, bool) or not isinstance(minutes, int | float) or not math.isfinite(minutes):
+        raise ActRefusedError("minutes: a number, 0 without an end")
+    if not 0 <= minutes <= most:
+        raise ActRefusedError(f"minutes: from 0 to {most:g}")
+    return float(minutes)
+
+
+async def _content(request: Request, most: int) -> Any:
+    """Return the decoded body of ``most`` B.
 
     Raises:
         ActRefusedError: it is too large, too slow, or no JSON.
@@ -321,25 +335,20 @@ async def _content(request: Request) -> Any:
     if request.headers.get("content-type", "").partition(";")[0].strip().lower() != "application/json":
         raise ActRefusedError("the request is no JSON")
     try:
-        body = await asyncio.wait_for(_body(request), BODY)
+        body = await asyncio.wait_for(_body(request, most), BODY)
         return json.loads(body)
     except (asyncio.TimeoutError, ValueError, RecursionError) as error:
         raise ActRefusedError("the request is no JSON") from error
 
 
-async def _body(request: Request) -> bytes:
+async def _body(request: Request, most: int) -> bytes:
     body = bytearray()
     async for part in request.stream():
         body += part
-        if len(body) > MOST_BODY:
+        if len(body) > most:
             raise ActRefusedError("the request is too large")
     return bytes(body)
 
 
 def _answer(status: int, text: str) -> JSONResponse:
     return JSONResponse({"text": text}, status, {"cache-control": "no-store"})
-
-
-def _nothing() -> Response:
-    """Answer that there is none: no fault, a monitor that has just begun has kept nothing yet."""
-    return JSONResponse({"parameters": [], "start": []}, headers={"cache-control": "no-store"})

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ipaddress
+import math
 import socket
 import time
 from concurrent.futures import Future
@@ -19,7 +20,14 @@ from spool_core.node.service_calls import ServiceCalls
 from spool_core.system import expanded
 from spool_monitor.listener import HeardValve, Listener
 from spool_monitor.state_file import default_folder
-from spool_msgs.srv import AcknowledgeAlarm, ManageBaseline, ResetAlarms, ShelveAlarm, TakeSnapshot
+from spool_msgs.srv import (
+    AcknowledgeAlarm,
+    ManageBaseline,
+    ResetAlarms,
+    ShelveAlarm,
+    SuppressAlarm,
+    TakeSnapshot,
+)
 from std_srvs.srv import Trigger
 
 from spool_view import operator as operating
@@ -36,11 +44,15 @@ _NODES = {operating.ANALYSE: "estimator", operating.SNAPSHOT: "recorder"}
 #: s between two askings for the baseline and the limits of a valve whose page is open.
 ASK_EVERY = 10.0
 
+#: s likewise of the others.
+ASK_ALL_EVERY = 600.0
+
 #: Services that can be called: node and type by name; there is no way to any other.
 SERVICES: dict[str, tuple[str, Any]] = {
     "acknowledge_alarm": ("monitor", AcknowledgeAlarm),
     "shelve_alarm": ("monitor", ShelveAlarm),
     "reset_alarms": ("monitor", ResetAlarms),
+    "suppress_alarm": ("monitor", SuppressAlarm),
     "manage_baseline": ("monitor", ManageBaseline),
     "get_parameters": ("monitor", GetParameters),
     "analyse_gap": ("estimator", Trigger),
@@ -184,12 +196,19 @@ class PageNode(ManagedNode):
             self._asked.pop(self._changed.pop(), None)
         self._listener.fetch()
         followed, now = self._listener.follow(list(self._open)), time.monotonic()
-        self._asked = {valve.name: self._asked.get(valve.name, -ASK_EVERY) for valve in followed}
-        for valve in followed:
-            if now - self._asked[valve.name] >= ASK_EVERY:
-                self._asked[valve.name] = now
-                _ask_monitor(self._calls, valve)
+        self._listener.sample_bounds()
+        due = [valve for valve in followed if now - self._asked.get(valve.name, -math.inf) >= ASK_EVERY]
+        # Of the others one at a time: their tiles show baseline and limits, too.
+        longest = min(self._listener.valves.values(), key=self._last_asked, default=None)
+        if longest is not None and now - self._last_asked(longest) >= ASK_ALL_EVERY:
+            due.append(longest)
+        for valve in due:
+            self._asked[valve.name] = now
+            _ask_monitor(self._calls, valve)
         self._calls.work()
+
+    def _last_asked(self, valve: HeardValve) -> float:
+        return self._asked.get(valve.name, -math.inf)
 
     def _do(self, act: Act) -> Future[Outcome]:
         """Ask for ``act``; called by the server's thread."""
@@ -269,6 +288,10 @@ def _request(act: Act) -> tuple[str, Any]:
         return "acknowledge_alarm", AcknowledgeAlarm.Request(occurrence=act.occurrence, **by)
     if act.act == operating.RESET:
         return "reset_alarms", ResetAlarms.Request(**by)
+    if act.act in (operating.MAINTAIN, operating.RETURN):
+        out = act.act == operating.MAINTAIN
+        way, duration = SuppressAlarm.Request.OUT_OF_SERVICE, 60.0 * act.minutes
+        return "suppress_alarm", SuppressAlarm.Request(way=way, suppressed=out, duration=duration, **by)
     shelved = act.act == operating.SHELVE
     return "shelve_alarm", ShelveAlarm.Request(shelved=shelved, duration=60.0 * act.minutes, **by)
 

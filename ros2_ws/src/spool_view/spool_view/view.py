@@ -13,14 +13,14 @@ from spool_core.block import Block, joined
 from spool_core.block_gate import BlockGate, Verdict
 from spool_core.errors import InputError
 from spool_core.events.language import LANGUAGES
-from spool_core.events.sentences import details, headline
+from spool_core.events.sentences import details, headline, title
 from spool_core.node.messages import from_event_message
 from spool_core.uncertainty import Z_95, interval, number
 from spool_monitor.listener import ENDS, NO_WORD, WAITING, HeardValve
 from spool_monitor.state_database import FILE, own_file
 from spool_monitor.state_file import valve_folder
 from spool_monitor.trend import KEPT, TrendStore, finest
-from spool_msgs.msg import Alarm, AlarmList, GapAnalysis, HealthEvent, ModelEstimate, Quantity
+from spool_msgs.msg import Alarm, AlarmList, GapAnalysis, HealthEvent, ModelEstimate, Quantity, ValveHealth
 
 #: What the monitor says where the strongest line is too weak to be one of the machine's.
 AT_REST = "resonance: not enough excitation"
@@ -43,6 +43,15 @@ STATES = {
         "STATE_OUT_OF_SERVICE",
     )
 }  # fmt: skip
+#: Letters of NAMUR NE 107 by the numbers of ``ValveHealth``.
+LETTERS = {
+    ValveHealth.NAMUR_FAILURE: "F",
+    ValveHealth.NAMUR_FUNCTION_CHECK: "C",
+    ValveHealth.NAMUR_OUT_OF_SPECIFICATION: "S",
+    ValveHealth.NAMUR_MAINTENANCE_REQUIRED: "M",
+}
+#: Alarms that one cause outside of the valves raises at many of them: sender, clock, cable, temperature.
+COMMON_KINDS, COMMON_CAUSES = ("data_fault", "stale", "sensor_fault"), ("oil_viscosity",)
 _SEVERITIES = {HealthEvent.SEVERITY_WARNING: "warning", HealthEvent.SEVERITY_ALARM: "alarm"}
 #: Characters of a text that are shown at most.
 _LONGEST = 2000
@@ -87,12 +96,16 @@ def row_of(valve: HeardValve, now: float) -> dict[str, Any]:
         "condition": condition,
         "waiting": waiting,
         "margin": None,
+        "band": None,
+        "letter": "",
         "shakes": None,
         "natural": None,
         "summary": None,
     }
     if health is None or condition == NO_WORD:
         return row
+    row["letter"], band = LETTERS.get(health.namur, ""), valve.limits.get(BAND)
+    row["band"] = None if band is None else rounded(100.0 * band, 3)
     margin = margin_of(health)
     row["margin"] = None if margin is None else round(100.0 * margin)
     row["shakes"] = None if margin is None else hertz(health.dominant_frequency)
@@ -110,10 +123,9 @@ def detail_of(valve: HeardValve, now: float) -> dict[str, Any]:
     health = None if silent else valve.health
     detail["resonance"], detail["judgements"] = None, [] if health is None else list(health.judgements)
     if health is not None:
-        margin, band = margin_of(health), valve.limits.get(BAND)
         detail["resonance"] = {
-            "margin": None if margin is None else round(100.0 * margin),
-            "band": None if band is None else rounded(100.0 * band, 3),
+            "margin": detail["margin"],
+            "band": detail["band"],
             "shakes": shown(health.dominant_frequency),
             "natural": shown(health.natural_frequency),
             "amplification": shown(health.amplification),
@@ -165,6 +177,10 @@ def alarms_of(message: AlarmList | None) -> list[dict[str, Any]]:
             "state": STATES.get(one.state, "unknown"),
             "underlying": STATES.get(one.underlying, "unknown"),
             "severity": _SEVERITIES.get(one.severity, "unknown"),
+            "letter": LETTERS.get(one.namur, ""),
+            "urgency": int(one.event.urgency),
+            "parameter": one.event.parameter[:_LONGEST],
+            "common": one.kind in COMMON_KINDS or one.cause in COMMON_CAUSES,
             "occurrence": int(one.occurrence),
             "texts": _texts(one),
             "raised": int(one.raised_at.sec) or None,
@@ -212,7 +228,7 @@ def spectrum_of(blocks: Sequence[Block]) -> dict[str, Any] | None:
     return found
 
 
-def trend_of(base: Path, valve: str, parameter: str, length: str) -> dict[str, Any]:
+def trend_of(base: Path, valve: str, parameter: str, length: str, begin: int = 0) -> dict[str, Any]:
     """Return the trend of a parameter of ``valve``, or of ``FIRST`` where ``parameter`` is empty.
 
     Args:
@@ -220,6 +236,7 @@ def trend_of(base: Path, valve: str, parameter: str, length: str) -> dict[str, A
         valve: namespace.
         parameter: name.
         length: one of ``RANGES``.
+        begin: s since 1970, instead of ``length``; 0: by ``length``.
 
     Raises:
         InputError: there is none, or the file is damaged.
@@ -233,7 +250,7 @@ def trend_of(base: Path, valve: str, parameter: str, length: str) -> dict[str, A
         if name not in units:
             raise InputError(f"{valve}: no trend of that name is kept")
         now = int(time.time())
-        since = now - RANGES[length] if RANGES[length] else 0
+        since = begin or (now - RANGES[length] if RANGES[length] else 0)
         hours = store.spans(name, 3600, since - since % 3600)
         duration = now - since if since else (now - hours[0].start if hours else 0)
         seconds = finest(KEPT, duration, MOST_POINTS)
@@ -261,20 +278,24 @@ def known(quantity: Any) -> bool:
 
 
 def shown(quantity: Any) -> dict[str, Any]:
-    """Return ``quantity`` as text with its 95 % half width, and as numbers for pictures."""
+    """Return ``quantity`` as text with its 95 % half width, and as numbers; lengths below 1 m in mm."""
+    unit, scale = quantity.unit, 1.0
+    if unit == "m" and abs(quantity.value) < 1.0:
+        unit, scale = "mm", 1e3
+    value, deviation = scale * quantity.value, scale * quantity.standard_deviation
     found = {
         "name": quantity.name,
-        "unit": quantity.unit,
+        "unit": unit,
         "validity": _VALIDITIES.get(quantity.validity, "unknown"),
         **dict.fromkeys(("text", "half", "value", "width")),
     }
-    if found["validity"] == "unknown" or not math.isfinite(quantity.value):
+    if found["validity"] == "unknown" or not math.isfinite(value):
         return found
-    found["text"], found["value"] = number(quantity.value), rounded(quantity.value)
-    if math.isfinite(quantity.standard_deviation):
-        text = interval(quantity.value, quantity.standard_deviation)
+    found["text"], found["value"] = number(value), rounded(value)
+    if math.isfinite(deviation):
+        text = interval(value, deviation)
         found["text"], found["half"] = text.value, text.half_width
-        found["width"] = rounded(Z_95 * quantity.standard_deviation)
+        found["width"] = rounded(Z_95 * deviation)
     return found
 
 
@@ -316,10 +337,15 @@ def _texts(alarm: Any) -> dict[str, Any]:
     if not alarm.message:
         return {}
     event = from_event_message(alarm.event)
-    return {
-        code: {
+    texts = {}
+    for code, language in LANGUAGES.items():
+        lines = details(event, language)
+        by_field = {one.field: one.text[:_LONGEST] for one in lines}
+        texts[code] = {
+            "title": title(event.code, event.kind, language)[:_LONGEST],
+            "advice": language.event(event.facts.advice).advice if event.facts.advice else "",
+            "urgency": by_field.get("urgency", ""),
             "headline": headline(event, language)[:_LONGEST],
-            "details": [(one.label, one.text[:_LONGEST]) for one in details(event, language)],
+            "details": [(one.label, one.text[:_LONGEST]) for one in lines],
         }
-        for code, language in LANGUAGES.items()
-    }
+    return texts

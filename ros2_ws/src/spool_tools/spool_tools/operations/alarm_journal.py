@@ -4,40 +4,39 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
 from datetime import datetime, timezone
 from pathlib import Path
 
 from rich.table import Table
 from spool_core.errors import InputError
-from spool_core.events.language import Language
 from spool_core.events.sentences import language_of
 from spool_core.text import plural
-from spool_core.uncertainty import number
-from spool_monitor.alarm_statistics import FLOOD_BEGINS, FLOOD_ENDS, AlarmLimits, AlarmStatistics, statistics
-from spool_monitor.journal import JournalEntry, entries_in
+from spool_monitor.alarm_statistics import (
+    FLOOD_BEGINS,
+    FLOOD_ENDS,
+    AlarmLimits,
+    AlarmStatistics,
+    figures,
+    statistics,
+)
+from spool_monitor.journal import COLUMNS, JournalEntry, cells, entries_in, iso
 
 from spool_tools.operations.valve_trend import kept_files, moment
 from spool_tools.outputs import STANDARD_OUTPUT, check_output, write_file, write_json
 from spool_tools.terminal import wide_console
 
-#: Columns of the CSV; times are UTC in ISO 8601.
-COLUMNS = (
-    "time", "valve", "action", "alarm", "code", "namur", "severity", "state", "occurrence", "who", "comment",
-    "value", "unit", "text",
-)  # fmt: skip
-
-#: Figures of the alarm system: field, title, unit, factor and decimals for people.
-_FIGURES = (
-    ("per_day", "alarms a day", "", 1.0, 1),
-    ("per_hour", "alarms an hour, on average", "", 1.0, 2),
-    ("peak", "most alarms in 10 min", "", 1.0, 0),
-    ("flood_share", "time in flood", " %", 100.0, 2),
-    ("frequent_share", "share of the ten most frequent", " %", 100.0, 1),
-    ("chattering", "chattering alarms", "", 1.0, 0),
-    ("stale", "alarms active for a day or longer", "", 1.0, 0),
-)
+#: Figures for people: title and unit by name.
+_TITLES = {
+    "per_day": ("alarms a day", ""),
+    "per_hour": ("alarms an hour, on average", ""),
+    "peak": ("most alarms in 10 min", ""),
+    "flood_share": ("time in flood", " %"),
+    "frequent_share": ("share of the ten most frequent", " %"),
+    "chattering": ("chattering alarms", ""),
+    "stale": ("alarms active for a day or longer", ""),
+}
 
 
 def show_history(
@@ -63,7 +62,7 @@ def show_history(
     rows = [
         row
         for name, one in _merged(kept_files(state_folder, valve, "journals"), begin)
-        for row in [_row(name, one, language)]
+        for row in [cells(name, one, language)]
         if all(word in " ".join(map(str, row)).casefold() for word in words)
     ]
     if out is not None:
@@ -77,13 +76,11 @@ def show_history(
         return
     table = Table("time (UTC)", "valve", "action", "alarm", "who", "text", box=None, pad_edge=False)
     for row in rows:
-        cells = dict(zip(COLUMNS, row, strict=True))
-        text = " ".join(
-            filter(None, (str(cells["text"]), f"({cells['comment']})" if cells["comment"] else ""))
-        )
+        cell = dict(zip(COLUMNS, row, strict=True))
+        text = " ".join(filter(None, (str(cell["text"]), f"({cell['comment']})" if cell["comment"] else "")))
         table.add_row(
-            str(cells["time"]).replace("T", " ").removesuffix("Z"), str(cells["valve"]), str(cells["action"]),
-            " ".join(filter(None, (str(cells["code"] or ""), str(cells["alarm"])))), str(cells["who"]), text,
+            str(cell["time"]).replace("T", " ").removesuffix("Z"), str(cell["valve"]), str(cell["action"]),
+            " ".join(filter(None, (str(cell["code"] or ""), str(cell["alarm"])))), str(cell["who"]), text,
         )  # fmt: skip
     wide_console(160, markup=False).print(table)
 
@@ -131,29 +128,15 @@ def show_statistics(
     return 1 if beyond else 0
 
 
-def figures(found: AlarmStatistics, limits: AlarmLimits) -> Iterator[tuple[str, str, str, bool]]:
-    """Yield title, value, limit and whether it is kept of each figure, for people."""
-    beyond = found.beyond(limits)
-    for name, title, unit, factor, decimals in _FIGURES:
-        value = getattr(found, name)
-        plain = len(value) if isinstance(value, tuple) else value
-        limit = getattr(limits, name)
-        yield (
-            title,
-            f"{factor * plain:.{decimals}f}{unit}",
-            f"{number(factor * limit)}{unit}" if limit else f"0{unit}",
-            name not in beyond,
-        )
-
-
 def _print(found: AlarmStatistics, limits: AlarmLimits, valves: int) -> None:
     console = wide_console(120, markup=False)
-    begin, end = (f"{_time(stamp)[:16].replace('T', ' ')}" for stamp in (found.since, found.until))
+    begin, end = (f"{iso(stamp)[:16].replace('T', ' ')}" for stamp in (found.since, found.until))
     of = f"{plural(found.count, 'alarm')} of {plural(valves, 'valve')}"
     console.print(f"{of} from {begin} to {end} UTC", soft_wrap=True)
     table = Table("figure (ISA-18.2)", "value", "limit", "", box=None, pad_edge=False)
-    for title, value, limit, kept in figures(found, limits):
-        table.add_row(title, value, limit, "" if kept else "beyond the limit")
+    for name, value, limit, kept in figures(found, limits):
+        title, unit = _TITLES[name]
+        table.add_row(title, value + unit, limit + unit, "" if kept else "beyond the limit")
     console.print(table)
     console.print(
         f"Flood: from {FLOOD_BEGINS} alarms in 10 min to fewer than {FLOOD_ENDS}. "
@@ -176,15 +159,3 @@ def _merged(files: dict[str, Path], since: int) -> list[tuple[str, JournalEntry]
     """Return the entries of all valves with their namespaces, by time."""
     entries = [(valve, one) for valve, path in files.items() for one in entries_in(path, since)]
     return sorted(entries, key=lambda pair: pair[1].stamp)
-
-
-def _row(valve: str, one: JournalEntry, language: Language) -> tuple[object, ...]:
-    return (
-        _time(one.stamp), valve, one.action, one.alarm, one.code or "", one.namur, one.severity, one.state,
-        one.occurrence or "", one.who, one.comment, "" if one.value is None else one.value, one.unit,
-        one.headline(language),
-    )  # fmt: skip
-
-
-def _time(stamp: int) -> str:
-    return datetime.fromtimestamp(stamp / 1e9, timezone.utc).strftime("%Y-%m-%dT%H:%M:%SZ")

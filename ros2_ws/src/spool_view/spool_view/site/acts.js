@@ -68,13 +68,14 @@ export function askFor(act, title, target) {
     return;
   }
   const fields = [];
+  if (act === "maintain") fields.push(field("minutes", texts.maintain_minutes, { type: "number", min: 1, max: 527040, step: "any", value: 120, required: "" }));
   if (act === "shelve") fields.push(field("minutes", texts.minutes, { type: "number", min: 0, max: 10080, step: "any", value: 30, required: "" }));
   fields.push(field("comment", texts.comment, { maxlength: 200 }));
   fields.push(field("who", texts.who, { required: "", maxlength: 60, value: sessionStorage.getItem(WHO) ?? "" }));
   ask(title, fields, async (values) => {
     const content = { act, ...target, who: values.who, comment: values.comment };
-    if (act === "shelve") content.minutes = Number(values.minutes);
-    const [status, text] = await send("/act", content);
+    if (values.minutes !== undefined) content.minutes = Number(values.minutes);
+    const [status, text] = await send(target.targets ? "/acts" : "/act", content);
     if (status === 401) {
       sessionStorage.removeItem(TOKEN);
       showMode();

@@ -1,48 +1,209 @@
-// The list of alarms: states after ISA-18.2, with an operator's acts.
+// The list of alarms after ISA-18.2: sorted, filtered, grouped by common cause, with acts on many at a time.
 
 import { askFor } from "/static/acts.js";
-import { clock, fill, language, make, operable, texts } from "/static/text.js";
+import { ago, clock, fill, language, make, operable, setText, texts } from "/static/text.js";
 
-const WAITING = ["unacknowledged", "returned_unacknowledged", "latched_unacknowledged"];
+export const WAITING = ["unacknowledged", "returned_unacknowledged", "latched_unacknowledged"];
+const HIDDEN = ["shelved", "suppressed", "out_of_service"];
 const SHOWN = 200;
+/** A common cause: alarms of one number at so many valves, each within so many seconds of the one before. */
+const TOGETHER = 3;
+const WITHIN = 60;
 const opened = new Set();
+const selected = new Set();
+const wishes = { sort: "priority", words: "", letter: "", state: "" };
+
+const waits = (alarm) => WAITING.includes(alarm.state);
+const priority = ([, alarm]) => (HIDDEN.includes(alarm.state) ? 100 : 0) + (waits(alarm) ? 0 : 10) - (alarm.severity === "alarm" ? 5 : 0) - (alarm.urgency ?? 0);
+const SORTS = {
+  priority: (a, b) => priority(a) - priority(b) || b[1].raised - a[1].raised,
+  time: (a, b) => b[1].raised - a[1].raised,
+  valve: (a, b) => a[0].localeCompare(b[0], undefined, { numeric: true }),
+};
+
+/** The alarm that a valve's tile and the sentence speak of; undefined where nothing is to be done. */
+export function worstAlarm(list) {
+  return list.filter((alarm) => !HIDDEN.includes(alarm.state) && (waits(alarm) || alarm.state === "acknowledged"))
+    .sort((a, b) => priority(["", a]) - priority(["", b]))[0];
+}
+
+/** Alarms of one cause at many valves within a minute become one entry; the others stay alone. */
+export function grouped(entries) {
+  const groups = [];
+  const byCode = new Map();
+  for (const entry of entries) {
+    if (!entry[1].common || HIDDEN.includes(entry[1].state)) groups.push([entry]);
+    else byCode.set(entry[1].code, [...(byCode.get(entry[1].code) ?? []), entry]);
+  }
+  for (const list of byCode.values()) {
+    list.sort((a, b) => a[1].raised - b[1].raised);
+    const runs = [];
+    for (const entry of list) {
+      if (runs.length && entry[1].raised - runs.at(-1).at(-1)[1].raised <= WITHIN) runs.at(-1).push(entry);
+      else runs.push([entry]);
+    }
+    for (const run of runs) {
+      if (new Set(run.map(([valve]) => valve)).size >= TOGETHER) groups.push(run);
+      else groups.push(...run.map((entry) => [entry]));
+    }
+  }
+  return groups;
+}
+
+/** One line in the header of each page while something waits for an operator. */
+export function showBanner(entries) {
+  const banner = document.getElementById("banner");
+  const waiting = grouped(entries).filter((group) => group.some(([, alarm]) => waits(alarm))).length;
+  banner.hidden = !waiting;
+  setText(banner, waiting ? fill(texts.waiting, { n: waiting }) : "");
+}
+
+const keyOf = (valve, alarm) => `${valve} ${alarm.name}`;
 
 /** Show `entries`, pairs of valve and alarm, in `place`; rows stay where they are unless they changed. */
 export function showAlarms(place, entries, { withValve }) {
-  entries = [...entries].sort((a, b) => WAITING.includes(b[1].state) - WAITING.includes(a[1].state)).slice(0, SHOWN);
-  const text = JSON.stringify(entries);
+  const fresh = () => showAlarms(place, entries, { withValve });
+  place.again = fresh;
+  const words = wishes.words.toLowerCase().split(/\s+/).filter(Boolean);
+  const fits = ([valve, alarm]) => {
+    const text = `${valve} ${alarm.code} ${alarm.name} ${alarm.texts[language]?.headline ?? ""} ${alarm.by}`.toLowerCase();
+    return words.every((word) => text.includes(word)) && (!wishes.letter || alarm.letter === wishes.letter) && (!wishes.state || alarm.state === wishes.state);
+  };
+  const wanted = withValve ? entries.filter(fits) : entries;
+  const groups = grouped(wanted).map((group) => group.sort(SORTS[wishes.sort])).sort((a, b) => SORTS[wishes.sort](a[0], b[0]));
+  const there = new Set(entries.map(([valve, alarm]) => keyOf(valve, alarm)));
+  for (const key of selected) if (!there.has(key)) selected.delete(key);
+  const text = JSON.stringify([groups, wishes, [...selected], [...opened], Math.floor(Date.now() / 60000)]);
   if (place.dataset.shown === text) return;
-  const focused = place.contains(document.activeElement) ? document.activeElement.dataset.key : null;
   place.dataset.shown = text;
-  if (!entries.length) {
-    place.replaceChildren(make("p", { class: "note" }, texts.no_alarms));
+  if (withValve && !place.querySelector(".alarm_controls")) place.replaceChildren(controls(place), make("p", { class: "note", id: "shown" }), make("div", { class: "alarm_table" }));
+  const table = withValve ? place.querySelector(".alarm_table") : place;
+  if (withValve) setText(place.querySelector("#shown"), entries.length ? fill(texts.shown, { n: Math.min(SHOWN, wanted.length), m: entries.length }) : "");
+  for (const button of place.querySelectorAll(".many button")) button.disabled = !selected.size;
+  const count = place.querySelector(".many .count");
+  if (count) setText(count, fill(texts.selected, { n: selected.size }));
+  if (!wanted.length) {
+    table.replaceChildren(make("p", { class: "note" }, texts.no_alarms));
     return;
   }
+  const focused = table.contains(document.activeElement) ? document.activeElement.dataset.key : null;
   const c = texts.columns;
-  const names = [...(withValve ? [c.valve] : []), c.alarm, c.state, c.severity, c.since, c.by, c.says, ...(operable ? [c.acts] : [])];
+  const names = [...(operable && withValve ? [texts.select] : []), c.alarm, ...(withValve ? [c.valve] : []), c.state, c.severity, c.since, c.by, c.says, ...(operable ? [c.acts] : [])];
   const head = make("thead", {}, make("tr", {}, ...names.map((name) => make("th", { scope: "col" }, name))));
-  const body = make("tbody", {}, ...entries.map(([valve, alarm]) => row(valve, alarm, withValve)));
-  place.replaceChildren(make("table", { class: "wide" }, head, body));
-  if (focused) place.querySelector(`[data-key="${CSS.escape(focused)}"]`)?.focus();
+  const body = make("tbody");
+  let left = SHOWN;
+  for (const group of groups) {
+    if (left <= 0) break;
+    if (group.length > 1) body.append(groupRow(group, withValve, fresh));
+    const key = `group ${group[0][1].code} ${group[0][0]}`;
+    if (group.length > 1 && !opened.has(key)) continue;
+    for (const [valve, alarm] of group.slice(0, left)) body.append(row(valve, alarm, withValve, fresh, group.length > 1));
+    left -= group.length;
+  }
+  table.replaceChildren(make("table", { class: "wide" }, head, body));
+  if (focused) table.querySelector(`[data-key="${CSS.escape(focused)}"]`)?.focus();
 }
 
-function row(valve, alarm, withValve) {
+function controls(place) {
+  const again = () => place.again();
+  const select = (name, options) => {
+    const box = make("select", { id: `alarms_${name}` }, ...options.map(([value, text]) => make("option", { value }, text)));
+    box.value = wishes[name];
+    box.addEventListener("change", () => {
+      wishes[name] = box.value;
+      again();
+    });
+    return box;
+  };
+  const words = make("input", { type: "search", id: "alarms_words", autocomplete: "off" });
+  words.addEventListener("input", () => {
+    wishes.words = words.value;
+    again();
+  });
+  const states = Object.entries(texts.states).filter(([name]) => name !== "normal" && name !== "unknown");
+  const parts = [
+    make("label", {}, texts.filter_alarms, " ", words),
+    make("label", {}, texts.letter, " ", select("letter", [["", texts.any], ...["F", "C", "S", "M"].map((one) => [one, `${one} ${texts.letters[one]}`])])),
+    make("label", {}, texts.columns.state, " ", select("state", [["", texts.any], ...states])),
+    make("label", {}, texts.sort, " ", select("sort", Object.keys(SORTS).map((one) => [one, texts.sorts[one]]))),
+  ];
+  const controls = make("div", { class: "alarm_controls" }, make("p", { class: "controls" }, ...parts));
+  if (operable) {
+    const many = ["acknowledge", "shelve", "maintain"].map((act) => make("button", {
+      type: "button", "data-many": act, disabled: "",
+      onclick: () => askFor(act, `${texts.acts[act]}: ${fill(texts.selected, { n: selected.size })}`, { targets: targets(place) }),
+    }, texts.acts[act]));
+    controls.append(make("p", { class: "acts many" }, make("span", { class: "count note" }, ""), ...many));
+  }
+  return controls;
+}
+
+function targets(place) {
+  const rows = [...place.entries_by_key ?? []];
+  return rows.filter(([key]) => selected.has(key)).map(([, target]) => target);
+}
+
+function box(keys, label, fresh) {
+  const whole = keys.every((key) => selected.has(key));
+  const found = make("input", { type: "checkbox", "aria-label": label, "data-key": `select ${keys[0]} ${keys.length}` });
+  found.checked = whole;
+  found.addEventListener("change", () => {
+    for (const key of keys) found.checked ? selected.add(key) : selected.delete(key);
+    fresh();
+  });
+  return make("td", { class: "select" }, found);
+}
+
+function noteTarget(valve, alarm) {
+  const place = document.getElementById("alarms");
+  place.entries_by_key ??= new Map();
+  place.entries_by_key.set(keyOf(valve, alarm), { valve, alarm: alarm.name, occurrence: alarm.occurrence });
+}
+
+function groupRow(group, withValve, fresh) {
   const c = texts.columns;
-  const waits = WAITING.includes(alarm.state);
+  const first = group[0][1];
+  const key = `group ${first.code} ${group[0][0]}`;
+  const waiting = group.filter(([, alarm]) => waits(alarm)).length;
+  for (const [valve, alarm] of group) noteTarget(valve, alarm);
+  const toggle = make("button", {
+    type: "button", "data-key": key, "aria-expanded": String(opened.has(key)),
+    onclick: () => {
+      opened.has(key) ? opened.delete(key) : opened.add(key);
+      fresh();
+    },
+  }, opened.has(key) ? "▾" : "▸", " ", fill(texts.common_cause, { n: new Set(group.map(([valve]) => valve)).size, title: first.texts[language]?.title ?? first.name }));
+  const cells = [
+    make("th", { scope: "row", colspan: withValve ? 2 : 1 }, toggle),
+    make("td", { "data-label": c.state, class: waiting ? "waits" : null }, waiting ? "! " + fill(texts.waiting, { n: waiting }) : texts.states[first.state]),
+    make("td", { "data-label": c.severity }, texts.severities[first.severity] ?? first.severity),
+    make("td", { "data-label": c.since }, ago(first.raised)),
+    make("td"),
+    make("td", { "data-label": c.says, class: "says" }, first.texts[language]?.advice ?? ""),
+  ];
+  if (operable && withValve) cells.unshift(box(group.map(([valve, alarm]) => keyOf(valve, alarm)), texts.select, fresh));
+  if (operable) cells.push(make("td"));
+  return make("tr", { class: "group", "data-group": first.code }, ...cells);
+}
+
+function row(valve, alarm, withValve, fresh, inside) {
+  const c = texts.columns;
+  noteTarget(valve, alarm);
   let state = texts.states[alarm.state] ?? alarm.state;
-  if (alarm.state === "shelved") state += ", " + (alarm.shelved_until ? fill(texts.shelved_until, { time: clock(alarm.shelved_until) }) : texts.until_over);
+  if (HIDDEN.includes(alarm.state)) state += alarm.shelved_until ? ", " + fill(texts.shelved_until, { time: clock(alarm.shelved_until) }) : alarm.state === "shelved" ? ", " + texts.until_over : "";
   const comment = alarm.comment ? make("span", {}, " ", fill(texts.comment_is, { comment: alarm.comment })) : null;
   const cells = [
-    make("th", { scope: "row" }, `${alarm.code} ${alarm.name.replaceAll("_", " ")}`),
-    make("td", { "data-label": c.state, class: waits ? "waits" : null, "data-state": alarm.state }, (waits ? "! " : "") + state),
+    make("th", { scope: "row" }, alarm.letter ? make("span", { class: `letter ${alarm.letter}` }, alarm.letter) : null, ` ${alarm.code} ${alarm.name.replaceAll("_", " ")}`),
+    make("td", { "data-label": c.state, class: waits(alarm) ? "waits" : null, "data-state": alarm.state }, (waits(alarm) ? "! " : "") + state),
     make("td", { "data-label": c.severity }, texts.severities[alarm.severity] ?? alarm.severity),
-    make("td", { "data-label": c.since }, clock(alarm.raised)),
+    make("td", { "data-label": c.since, title: clock(alarm.raised) }, ago(alarm.raised)),
     make("td", { "data-label": c.by }, alarm.by, ...(comment ? [comment] : [])),
     make("td", { "data-label": c.says, class: "says" }, ...said(valve, alarm)),
   ];
-  if (withValve) cells.unshift(make("td", { "data-label": c.valve }, make("a", { href: `/valve/${valve}` }, valve)));
+  if (withValve) cells.splice(1, 0, make("td", { "data-label": c.valve }, make("a", { href: `/valve/${valve}` }, valve)));
+  if (operable && withValve) cells.unshift(box([keyOf(valve, alarm)], `${texts.select}: ${valve}, ${alarm.name}`, fresh));
   if (operable) cells.push(make("td", { "data-label": c.acts }, ...buttons(valve, alarm)));
-  return make("tr", { "data-alarm": alarm.name }, ...cells);
+  return make("tr", { "data-alarm": alarm.name, class: inside ? "inside" : null }, ...cells);
 }
 
 /** The headline, and its details behind a switch that stays as the reader left it. */
@@ -56,12 +217,12 @@ function said(valve, alarm) {
   return [folded];
 }
 
-function buttons(valve, alarm) {
-  const latched = alarm.state === "latched_acknowledged";
+export function buttons(valve, alarm) {
   const acts = [
-    ...(WAITING.includes(alarm.state) ? ["acknowledge"] : []),
+    ...(waits(alarm) ? ["acknowledge"] : []),
     alarm.state === "shelved" ? "unshelve" : "shelve",
-    ...(latched ? ["reset"] : []),
+    ...(alarm.state === "out_of_service" ? ["return_to_service"] : []),
+    ...(alarm.state === "latched_acknowledged" ? ["reset"] : []),
   ];
   const label = alarm.name.replaceAll("_", " ");
   const made = acts.map((act) => make("button", {

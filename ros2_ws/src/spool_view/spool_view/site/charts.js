@@ -1,15 +1,22 @@
-// Charts of a valve's page: spectrum, waterfall, trend.
+// Charts of a valve's page: spectrum with the resonance band, waterfall, trend with limits and alarm marks.
 
-import { digits, fill, language, nameOf, setText, texts, unitText, valve } from "/static/text.js";
+import { clock, digits, fill, LOCALE, nameOf, setText, texts, unitText, valve } from "/static/text.js";
 
 const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 const SPAN = 120;
+const HEIGHT = 170;
 let spectrum = null;
 let trend = null;
 const fall = [];
 
 function size(place, height) {
   return { width: Math.max(260, Math.floor(place.clientWidth)), height };
+}
+
+/** Times on an axis: 24 h, with the day where ticks are days apart. */
+function hours(_, ticks, __, ___, step) {
+  const style = step >= 86400 ? { day: "2-digit", month: "2-digit" } : { hour: "2-digit", minute: "2-digit", hourCycle: "h23" };
+  return ticks.map((tick) => new Date(1000 * tick).toLocaleString(LOCALE, style));
 }
 
 function axis(label, values, decades = false) {
@@ -21,8 +28,13 @@ function follow(chart, place, height) {
   new ResizeObserver(() => chart().setSize(size(place, height))).observe(place);
 }
 
-/** Show the spectrum (peak acceleration by line) with the natural frequency (Hz, or null). */
-export function showSpectrum(data, natural) {
+/** Fill the waterfall with what the page's server saw before this page was opened. */
+export function fillWaterfall(data) {
+  fall.splice(0, fall.length, ...data.spool.slice(-SPAN));
+}
+
+/** Show the spectrum (peak acceleration by line) with the natural frequency (Hz, or null); within `band` per cent of it the monitor warns. */
+export function showSpectrum(data, natural, band) {
   const place = document.getElementById("spectrum");
   const frequency = data.body.map((_, i) => +(i * data.step).toFixed(3));
   let peak = 1;
@@ -38,6 +50,13 @@ export function showSpectrum(data, natural) {
       const x = chart.valToPos(chart.natural, "x", true);
       const { top, height } = chart.bbox;
       chart.ctx.save();
+      if (chart.warns) {
+        const [low, high] = [-1, 1].map((side) => chart.valToPos(chart.natural * (1 + (side * chart.warns) / 100), "x", true));
+        chart.ctx.fillStyle = colour("--within");
+        chart.ctx.globalAlpha = 0.5;
+        chart.ctx.fillRect(low, top, high - low, height);
+        chart.ctx.globalAlpha = 1;
+      }
       chart.ctx.strokeStyle = colour("--text");
       chart.ctx.setLineDash([6, 4]);
       chart.ctx.beginPath();
@@ -47,14 +66,15 @@ export function showSpectrum(data, natural) {
       chart.ctx.restore();
     };
     spectrum = new uPlot({
-      ...size(place, 260), scales: { x: { time: false }, y: { distr: 3 } }, hooks: { draw: [mark] },
+      ...size(place, HEIGHT), scales: { x: { time: false }, y: { distr: 3 } }, hooks: { drawClear: [mark] },
       axes: [axis("Hz"), axis("m/s²", (_, ticks) => ticks.map((tick) => (tick === null || Math.log10(tick) % 1 ? "" : digits(tick))), true)],
       series: [{ label: "Hz" }, { label: texts.body, stroke: colour("--body"), width: 1.5 }, { label: texts.spool, stroke: colour("--spool"), width: 1.5, dash: [5, 2] }],
     }, values, place);
     place.setAttribute("role", "img");
-    follow(() => spectrum, place, 260);
+    follow(() => spectrum, place, HEIGHT);
   }
   spectrum.natural = natural;
+  spectrum.warns = band;
   spectrum.setData(values);
   place.setAttribute("aria-label", said);
   showWaterfall(data, natural);
@@ -87,6 +107,10 @@ function showWaterfall(data, natural) {
   }
 }
 
+/** The parameter that the alarm is about, from before it began; `limits` has baseline and limits of a parameter. */
+let asked = { parameter: "", raised: 0, marks: [], limits: () => null };
+let chosen = false;
+
 async function loadTrend() {
   const parameter = document.getElementById("trend_parameter");
   const range = document.getElementById("trend_range").value;
@@ -94,7 +118,9 @@ async function loadTrend() {
   const text = document.getElementById("trend_text");
   let data = null;
   try {
-    const answer = await fetch("/trend?" + new URLSearchParams({ valve, range, parameter: parameter.value }), { cache: "no-store" });
+    const wish = parameter.value || asked.parameter;
+    const since = !chosen && asked.raised ? Math.floor(asked.raised - Math.max(600, 0.25 * (Date.now() / 1000 - asked.raised))) : 0;
+    const answer = await fetch("/trend?" + new URLSearchParams({ valve, range, parameter: wish, ...(since ? { since } : {}) }), { cache: "no-store" });
     data = answer.ok ? await answer.json() : null;
   } catch {
     data = null;
@@ -102,6 +128,7 @@ async function loadTrend() {
   if (data?.parameters.length && parameter.options.length !== data.parameters.length) {
     parameter.replaceChildren(...data.parameters.map((name) => new Option(nameOf(name), name, false, name === data.parameter)));
   }
+  if (data?.parameters.length && !chosen) parameter.value = data.parameter;
   if (!data?.start.length) {
     setText(text, texts.no_trend);
     trend?.destroy();
@@ -112,16 +139,53 @@ async function loadTrend() {
   const words = { parameter: nameOf(data.parameter), low: round(Math.min(...data.minimum)), high: round(Math.max(...data.maximum)), last: round(data.mean.at(-1)), unit: unitText(data.unit).trim(), span: texts.spans[data.seconds] };
   const said = fill(texts.trend_text, words);
   setText(text, said);
+  const bounds = asked.limits(data.parameter);
+  const known = (value) => value !== null && value !== undefined;
+  const shownY = (_, low, high) => {
+    const all = [low, high, bounds?.low, bounds?.high, bounds?.baseline?.value].filter(known);
+    const [from, to] = [Math.min(...all), Math.max(...all)];
+    const pad = 0.08 * (to - from) || 0.05 * Math.abs(to) || 1;
+    return [from - pad, to + pad];
+  };
+  const behind = (chart) => {
+    const { ctx, bbox } = chart;
+    ctx.save();
+    if (known(bounds?.low) && known(bounds?.high)) {
+      const [top, bottom] = [bounds.high, bounds.low].map((value) => chart.valToPos(value, "y", true));
+      ctx.fillStyle = colour("--within");
+      ctx.fillRect(bbox.left, top, bbox.width, bottom - top);
+    }
+    ctx.strokeStyle = colour("--text");
+    const line = (x1, y1, x2, y2, dash) => {
+      ctx.setLineDash(dash);
+      ctx.beginPath();
+      ctx.moveTo(x1, y1);
+      ctx.lineTo(x2, y2);
+      ctx.stroke();
+    };
+    if (known(bounds?.baseline?.value)) {
+      const y = chart.valToPos(bounds.baseline.value, "y", true);
+      line(bbox.left, y, bbox.left + bbox.width, y, []);
+    }
+    for (const seconds of asked.marks) {
+      const x = chart.valToPos(seconds, "x", true);
+      if (x < bbox.left || x > bbox.left + bbox.width) continue;
+      ctx.strokeStyle = colour("--alarm");
+      line(x, bbox.top, x, bbox.top + bbox.height, [5, 3]);
+    }
+    ctx.restore();
+  };
   const options = {
-    ...size(place, 260),
-    axes: [axis(texts.time), axis(unitText(data.unit).trim() || "1", (_, ticks) => ticks.map((tick) => digits(+tick.toPrecision(6))))],
+    ...size(place, HEIGHT), hooks: { drawClear: [behind] },
+    legend: { show: false },
+    axes: [axis(null, hours), axis(unitText(data.unit).trim() || "1", (_, ticks) => ticks.map((tick) => digits(+tick.toPrecision(6))))],
     tzDate: (seconds) => uPlot.tzDate(new Date(1000 * seconds), Intl.DateTimeFormat().resolvedOptions().timeZone),
     series: [
-      { label: texts.time, value: (_, seconds) => (seconds === null ? "" : new Date(1000 * seconds).toLocaleString(language)) },
+      { label: texts.time, value: (_, seconds) => (seconds === null ? "" : clock(seconds)) },
       { label: texts.lowest, stroke: colour("--soft"), width: 1 }, { label: texts.mean, stroke: colour("--body"), width: 2, points: { show: data.start.length < 50 } }, { label: texts.highest, stroke: colour("--soft"), width: 1 },
     ],
-    scales: { x: { range: data.from ? [data.from, data.until] : (_, low, high) => [low - data.seconds, high + data.seconds] } },
-    bands: [{ series: [3, 1], fill: colour("--within") }],
+    scales: { y: { range: shownY }, x: { range: data.from ? [data.from, data.until] : (_, low, high) => [low - data.seconds, high + data.seconds] } },
+    bands: [{ series: [3, 1], fill: colour("--line") }],
   };
   trend?.destroy();
   trend = new uPlot(options, [data.start, data.minimum, data.mean, data.maximum], place);
@@ -129,10 +193,24 @@ async function loadTrend() {
   place.setAttribute("aria-label", said);
 }
 
+/** Show the trend of what the headline alarm is about, until the reader chooses another one. */
+export function aimTrend(parameter, raised, marks, limits) {
+  const before = JSON.stringify([asked.parameter, asked.raised, asked.marks, asked.known]);
+  asked = { parameter, raised, marks, limits, known: Boolean(limits(parameter)) };
+  if (JSON.stringify([parameter, raised, marks, asked.known]) === before) return;
+  if (!chosen) document.getElementById("trend_parameter").replaceChildren();
+  loadTrend();
+}
+
 export function startTrend() {
   const place = document.getElementById("trend");
-  for (const id of ["trend_parameter", "trend_range"]) document.getElementById(id).addEventListener("change", loadTrend);
+  for (const id of ["trend_parameter", "trend_range"]) {
+    document.getElementById(id).addEventListener("change", () => {
+      chosen = true;
+      loadTrend();
+    });
+  }
   loadTrend();
   setInterval(loadTrend, 60000);
-  new ResizeObserver(() => trend?.setSize(size(place, 260))).observe(place);
+  new ResizeObserver(() => trend?.setSize(size(place, HEIGHT))).observe(place);
 }

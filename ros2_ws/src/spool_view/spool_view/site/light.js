@@ -1,18 +1,22 @@
-// The traffic light: a shape, a word and a colour; green only where all is known and good.
+// The lamp of a valve: grey while normal; a shape, a letter (NE 107), a word and a colour where it is not.
 
 import { make, setText, texts } from "/static/text.js";
 
 export const ORDER = ["alarm", "no_word", "stale", "warning", "unknown", "learning", "at_rest", "good"];
+/** Conditions that somebody has to look at; the others are normal operation. */
+export const ABNORMAL = ["alarm", "no_word", "stale", "warning", "unknown"];
 const SHAPES = { alarm: "▲", no_word: "∅", stale: "✕", warning: "◆", unknown: "?", learning: "…", at_rest: "–", good: "●" };
 
-export function light(condition) {
-  const shape = make("span", { class: "shape", "aria-hidden": "true" }, SHAPES[condition] ?? "?");
+export function light(condition, letter = "") {
   const known = ORDER.includes(condition) ? condition : "unknown";
-  return make("span", { class: `light ${known}`, "data-condition": known }, shape, make("span", {}, texts.conditions[known]));
+  const mark = ABNORMAL.includes(known) && letter ? ` ${letter}` : "";
+  const shape = make("span", { class: "shape", "aria-hidden": "true" }, (SHAPES[known] ?? "?") + mark);
+  return make("span", { class: `light ${known}`, "data-condition": known, "data-letter": letter }, shape, make("span", { class: "word" }, texts.conditions[known]));
 }
 
-export function setLight(place, condition) {
-  if (place.firstElementChild?.dataset.condition !== condition) place.replaceChildren(light(condition));
+export function setLight(place, condition, letter = "") {
+  const now = place.firstElementChild?.dataset;
+  if (now?.condition !== condition || now?.letter !== (letter ?? "")) place.replaceChildren(light(condition, letter ?? ""));
 }
 
 export function explainLights(place) {

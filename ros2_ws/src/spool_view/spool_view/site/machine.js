@@ -1,89 +1,118 @@
-// The machine's page: a row for each valve, worst first, and the alarms of all.
+// The machine: a sentence for the whole, a tile for each valve, worst first, and the alarms of all.
 
-import { showAlarms } from "/static/alarms.js";
-import { announce, ORDER, setLight } from "/static/light.js";
+import { showAlarms, showBanner, worstAlarm } from "/static/alarms.js";
+import { marginPicture, sparkline } from "/static/drawing.js";
+import { ABNORMAL, announce, ORDER, setLight } from "/static/light.js";
 import { listen } from "/static/stream.js";
-import { digits, fill, make, setText, texts } from "/static/text.js";
+import { digits, fill, language, make, nameOf, setText, texts } from "/static/text.js";
 
+const AGAIN = 60000;
+/** Valves above which tiles are small, so that a hundred fit a screen. */
+const MANY = 24;
 const rows = new Map();
 const shown = new Map();
 let alarms = {};
+let sparks = {};
 const place = document.getElementById("valves");
 const filter = document.getElementById("filter");
-const body = make("tbody");
 let order = "";
-
-function table() {
-  const c = texts.columns;
-  const names = [c.state, c.valve, c.margin, c.shakes, c.natural, c.waiting, c.summary];
-  const head = make("thead", {}, make("tr", {}, ...names.map((name) => make("th", { scope: "col" }, name))));
-  return make("table", { class: "wide" }, head, body);
-}
 
 export function marginText(margin) {
   if (margin === null) return texts.margin_none;
   return fill(margin < 0 ? texts.margin_below : texts.margin_above, { n: digits(Math.abs(margin)) });
 }
 
-function rowOf(row) {
+function tileOf(row) {
   let found = shown.get(row.name);
   if (!found) {
-    const c = texts.columns;
-    const cell = (label, kind) => make("td", { "data-label": label, class: kind });
-    found = { light: make("td"), margin: cell(c.margin, "number"), shakes: cell(c.shakes, "number"), natural: cell(c.natural, "number"), waiting: cell(c.waiting, "number"), summary: cell(null, "summary") };
-    found.summary.lang = "en";
-    const name = make("th", { scope: "row" }, make("a", { href: `/valve/${row.name}` }, row.name));
-    found.row = make("tr", { "data-valve": row.name }, found.light, name, found.margin, found.shakes, found.natural, found.waiting, found.summary);
+    const [machine, own] = [row.name.split("/").slice(0, -1).join("/"), row.name.split("/").at(-1)];
+    found = { light: make("span"), picture: make("span", { class: "margin_place" }), margin: make("span", { class: "margin_text" }), sparks: make("span", { class: "sparks" }), news: make("span", { class: "news" }) };
+    const name = make("span", { class: "name" }, machine ? make("span", { class: "machine_name" }, machine + "/") : null, make("wbr"), make("b", {}, own));
+    found.tile = make("a", { class: "tile", href: `/valve/${row.name}`, "data-valve": row.name }, make("span", { class: "head" }, found.light, name), found.news, make("span", { class: "margin_row" }, found.picture, found.margin), found.sparks);
     shown.set(row.name, found);
   }
-  setLight(found.light, row.condition);
-  const known = row.condition !== "no_word";
-  setText(found.margin, known ? marginText(row.margin) : "");
-  setText(found.shakes, row.shakes === null ? "" : digits(row.shakes) + " Hz");
-  setText(found.natural, row.natural === null ? "" : digits(row.natural) + " Hz");
-  setText(found.waiting, row.waiting ? String(row.waiting) : "");
-  setText(found.summary, row.summary ?? "");
-  return found.row;
+  const abnormal = ABNORMAL.includes(row.condition);
+  found.tile.dataset.abnormal = String(abnormal);
+  setLight(found.light, row.condition, row.letter);
+  const unknown = row.condition === "no_word";
+  const state = JSON.stringify([row.margin, row.band, unknown]);
+  if (found.state !== state) {
+    found.state = state;
+    found.picture.replaceChildren(marginPicture(unknown ? null : row.margin, row.band));
+  }
+  setText(found.margin, unknown ? "" : marginText(row.margin));
+  found.tile.title = unknown ? row.name : `${row.name}: ${texts.columns.margin} ${marginText(row.margin)}`;
+  const worst = worstAlarm(alarms[row.name] ?? []);
+  setText(found.news, abnormal && worst ? worst.texts[language]?.title ?? "" : "");
+  const courses = sparks[row.name] ?? [];
+  if (found.courses !== courses) {
+    found.courses = courses;
+    found.sparks.replaceChildren(...courses.map((one) => sparkline(one, `${nameOf(one.name)}: ${texts.last_hour}`)));
+  }
+  return found.tile;
+}
+
+/** One sentence for the whole: how many, what, where, what to do. */
+function sentence() {
+  const all = [...rows.values()];
+  const bad = all.filter((row) => ABNORMAL.includes(row.condition)).sort((a, b) => ORDER.indexOf(a.condition) - ORDER.indexOf(b.condition));
+  if (!all.length) return texts.no_valves;
+  const counts = { n: bad.length, total: all.length };
+  if (!bad.length) return fill(texts.all_good, counts);
+  const candidates = bad.map((row) => [row, worstAlarm(alarms[row.name] ?? [])]).filter(([, alarm]) => alarm);
+  const [row, alarm] = candidates[0] ?? [bad[0], null];
+  if (alarm) {
+    const own = alarm.texts[language] ?? {};
+    return fill(texts.sentence_alarm, { ...counts, valve: row.name, title: own.title, advice: own.advice, urgency: own.urgency });
+  }
+  return fill(texts.sentence_state, { ...counts, valve: row.name, state: texts.conditions[row.condition] });
 }
 
 function show() {
-  const wish = filter.value.trim().toLowerCase();
-  const wanted = [...rows.values()].filter((row) => row.name.toLowerCase().includes(wish));
-  const rank = (row) => ORDER.indexOf(row.condition);
-  wanted.sort((a, b) => rank(a) - rank(b) || a.name.localeCompare(b.name, undefined, { numeric: true }));
-  const made = wanted.map(rowOf);
-  const now = wanted.map((row) => row.name).join(" ");
-  if (now !== order || !body.childElementCount) {
-    const focused = body.contains(document.activeElement) ? document.activeElement : null;
-    order = now;
-    body.replaceChildren(...made);
-    focused?.focus({ preventScroll: true });
-  }
-  if (rows.size && !place.querySelector("table")) place.replaceChildren(table());
-  if (!rows.size) place.replaceChildren(make("p", { class: "note" }, texts.no_valves));
-  counts();
+  const text = sentence();
+  setText(document.getElementById("sentence"), text);
+  document.getElementById("sentence").classList.toggle("bad", [...rows.values()].some((row) => ABNORMAL.includes(row.condition)));
   const entries = Object.entries(alarms).flatMap(([valve, list]) => list.map((alarm) => [valve, alarm]));
+  showBanner(entries);
   showAlarms(document.getElementById("alarms"), entries, { withValve: true });
+  if (place) tiles();
 }
 
-function counts() {
+function tiles() {
+  const wish = filter.value.trim().toLowerCase();
+  const wanted = [...rows.values()].filter((row) => row.name.toLowerCase().includes(wish));
+  const rank = (row) => (ABNORMAL.includes(row.condition) ? ORDER.indexOf(row.condition) : ORDER.length);
+  wanted.sort((a, b) => rank(a) - rank(b) || a.name.localeCompare(b.name, undefined, { numeric: true }));
+  const made = wanted.map(tileOf);
+  place.classList.toggle("many", rows.size > MANY);
+  const now = wanted.map((row) => row.name).join(" ");
+  if (now !== order || place.childElementCount !== made.length) {
+    const focused = place.contains(document.activeElement) ? document.activeElement : null;
+    order = now;
+    place.replaceChildren(...made);
+    focused?.focus({ preventScroll: true });
+  }
   const numbers = {};
   for (const row of rows.values()) numbers[row.condition] = (numbers[row.condition] ?? 0) + 1;
-  const list = document.getElementById("counts");
-  const text = JSON.stringify(numbers);
-  if (list.dataset.shown === text) return;
-  list.dataset.shown = text;
-  list.replaceChildren(...ORDER.filter((one) => numbers[one]).map((one) => {
-    const item = make("li", {}, `${numbers[one]} × `);
-    const holder = make("span");
-    setLight(holder, one);
-    item.append(holder);
-    return item;
-  }));
+  setText(document.getElementById("counts"), ORDER.filter((one) => numbers[one]).map((one) => `${numbers[one]} × ${texts.conditions[one]}`).join(", "));
+}
+
+async function loadSparks() {
+  try {
+    const answer = await fetch("/sparks", { cache: "no-store" });
+    if (answer.ok) {
+      const found = (await answer.json()).valves;
+      for (const [name, courses] of Object.entries(found)) if (JSON.stringify(courses) === JSON.stringify(sparks[name])) found[name] = sparks[name];
+      sparks = found;
+      show();
+    }
+  } catch {
+    // said by the stream's own state
+  }
 }
 
 export function start() {
-  filter.addEventListener("input", show);
+  filter?.addEventListener("input", show);
   listen("/stream/machine", {
     machine: (data) => {
       if (data.whole) {
@@ -99,7 +128,11 @@ export function start() {
       show();
     },
   }, () => {
-    for (const row of rows.values()) Object.assign(row, { condition: "no_word", margin: null, shakes: null, natural: null, summary: null });
+    for (const row of rows.values()) Object.assign(row, { condition: "no_word", margin: null, shakes: null, natural: null, summary: null, letter: "" });
     if (rows.size) show();
   });
+  if (place) {
+    loadSparks();
+    setInterval(loadSparks, AGAIN);
+  }
 }

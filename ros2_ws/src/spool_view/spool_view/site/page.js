@@ -2,8 +2,9 @@
 
 import "/static/acts.js";
 import { explainLights } from "/static/light.js";
-import { valve } from "/static/text.js";
+import { view } from "/static/text.js";
 
-explainLights(document.getElementById("lights"));
-const page = await import(valve ? "/static/valve.js" : "/static/machine.js");
+const lights = document.getElementById("lights");
+if (lights) explainLights(lights);
+const page = await import(`/static/${view === "alarms" ? "machine" : view}.js`);
 page.start();

@@ -1,7 +1,7 @@
 // Texts, numbers and times in the page's language; elements are made with text only, never with markup.
 
 const data = JSON.parse(document.getElementById("page_data").textContent);
-export const { texts, language, valve, operable } = data;
+export const { texts, language, valve, view, operable } = data;
 
 export function fill(text, values) {
   return text.replace(/\{(\w+)\}/g, (_, name) => String(values[name] ?? ""));
@@ -28,8 +28,22 @@ export function nameOf(name) {
   return texts[name] ?? name.replaceAll("_", " ");
 }
 
+/** Day first and 24 h in every language of the page. */
+export const LOCALE = { en: "en-GB", de: "de-DE", pl: "pl-PL" }[language];
+
 export function clock(seconds) {
-  return seconds ? new Date(1000 * seconds).toLocaleString(language, { dateStyle: "short", timeStyle: "medium" }) : "";
+  return seconds ? new Date(1000 * seconds).toLocaleString(LOCALE, { dateStyle: "short", timeStyle: "medium", hourCycle: "h23" }) : "";
+}
+
+/** How long ago, and when: "for 12 min, since 18:35"; with the date where it was not today. */
+export function ago(seconds) {
+  if (!seconds) return "";
+  const passed = Math.max(0, Date.now() / 1000 - seconds);
+  const unit = passed < 60 ? ["s", 1] : passed < 5400 ? ["min", 60] : passed < 172800 ? ["h", 3600] : ["d", 86400];
+  const since = new Date(1000 * seconds);
+  const today = since.toDateString() === new Date().toDateString();
+  const time = since.toLocaleString(LOCALE, { ...(today ? {} : { day: "2-digit", month: "2-digit" }), hour: "2-digit", minute: "2-digit", hourCycle: "h23" });
+  return fill(texts.for_since, { n: unit[0] === "s" ? Math.floor(passed) : Math.round(passed / unit[1]), unit: texts.units[unit[0]], time });
 }
 
 /** An element with attributes and children; strings become text. */

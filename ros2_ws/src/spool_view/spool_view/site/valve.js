@@ -1,16 +1,17 @@
-// A valve's page: state, resonance, alarms, estimates, spectrum, trend, gap analysis.
+// A valve's page: what is wrong and what to do, margin, parameters, spectrum and trend on one screen; details below.
 
 import { actButton } from "/static/acts.js";
-import { showAlarms } from "/static/alarms.js";
-import { showSpectrum, startTrend } from "/static/charts.js";
-import { gauge } from "/static/gauge.js";
+import { buttons, showAlarms, showBanner, worstAlarm } from "/static/alarms.js";
+import { aimTrend, fillWaterfall, showSpectrum, startTrend } from "/static/charts.js";
+import { gauge, marginPicture } from "/static/drawing.js";
 import { announce, setLight } from "/static/light.js";
 import { listen } from "/static/stream.js";
-import { clock, digits, fill, make, nameOf, operable, quantity, setText, texts, valve } from "/static/text.js";
+import { ago, clock, digits, fill, language, make, nameOf, operable, quantity, setText, texts, valve } from "/static/text.js";
 
 const byId = (id) => document.getElementById(id);
 let before = null;
 let natural = null;
+let band = null;
 const shown = {};
 
 /** Build a part again only where its data changed. */
@@ -31,7 +32,7 @@ function resonance(found) {
   let margin = texts.margin_none;
   if (found.margin !== null) margin = fill(found.margin < 0 ? texts.margin_below : texts.margin_above, { n: digits(Math.abs(found.margin)) });
   if (found.band !== null) margin += ` (${fill(texts.margin_limit, { n: digits(found.band) })})`;
-  return [card(c.margin, margin, "margin"), card(c.shakes, quantity(found.shakes)), card(c.natural, quantity(found.natural)), card(texts.amplification, quantity(found.amplification))];
+  return [marginPicture(found.margin, found.band), card(c.margin, margin, "margin"), card(c.shakes, quantity(found.shakes)), card(c.natural, quantity(found.natural)), card(texts.amplification, quantity(found.amplification))];
 }
 
 function change(one) {
@@ -54,23 +55,48 @@ function estimateRow(one, compared) {
   const name = nameOf(one.name);
   const cells = [make("th", { scope: "row" }, name), make("td", { "data-label": c.estimate }, quantity(one), ...(referred ? [referred] : []))];
   const label = `${name}: ${quantity(one.compared ?? one)}; ${c.baseline} ${quantity(one.baseline)}; ${c.limits} ${limits(one)}`;
+  if (!compared) return make("tr", { "data-parameter": one.name }, ...cells);
   cells.push(
-    make("td", { "data-label": c.baseline }, compared && one.baseline ? quantity(one.baseline) : ""),
-    make("td", { "data-label": c.limits }, compared ? limits(one) : ""),
-    make("td", { "data-label": c.change, "data-change": one.name }, compared ? change(one) : ""),
-    make("td", {}, ...(compared && one.baseline ? [gauge(one, label)] : [])),
+    make("td", { "data-label": c.baseline }, one.baseline ? quantity(one.baseline) : ""),
+    make("td", { "data-label": c.limits }, limits(one)),
+    make("td", { "data-label": c.change, "data-change": one.name }, change(one)),
+    make("td", {}, ...(one.baseline ? [gauge(one, label)] : [])),
   );
   return make("tr", { "data-parameter": one.name }, ...cells);
 }
 
+/** The alarm that counts most: what it is, what to do, since when, value then and now, and whether its detector judges. */
+function headline(data) {
+  const worst = worstAlarm(data.alarms);
+  if (!worst) return [];
+  const own = worst.texts[language] ?? { title: worst.name, advice: "", urgency: "", headline: "" };
+  const now = data.estimate?.parameters.find((one) => one.name === worst.parameter);
+  const parts = [
+    make("p", { class: "what" }, make("span", { class: `letter ${worst.letter}` }, worst.letter || "!"), " ", make("strong", {}, own.title), " ", make("span", { class: "note" }, `${texts.number} ${worst.code}, ${ago(worst.raised)}`)),
+    own.advice ? make("p", { class: "do" }, fill(texts.to_do, { advice: own.advice, urgency: own.urgency })) : null,
+    make("p", { class: "values" }, fill(texts.when_raised, { text: own.headline }), now ? " " + fill(texts.value_now, { text: quantity(now.compared ?? now) }) : ""),
+  ];
+  const blind = data.judgements.filter((one) => one.startsWith(worst.kind) && !one.endsWith(": judged"));
+  if (blind.length) parts.push(make("p", { class: "blind" }, fill(texts.blind, { text: blind.map((one) => one.replaceAll("_", " ")).join("; ") })));
+  if (operable) parts.push(...buttons(valve, worst));
+  return parts;
+}
+
+function table(rows, compared) {
+  const c = texts.columns;
+  const names = [texts.parameter, c.estimate, ...(compared ? [c.baseline, c.limits, c.change, c.picture] : [])];
+  const head = make("thead", {}, make("tr", {}, ...names.map((name) => make("th", { scope: "col" }, name))));
+  return make("table", { class: "wide" }, head, make("tbody", {}, ...rows));
+}
+
 function estimates(found) {
   if (!found) return [make("p", { class: "note" }, texts.not_known)];
-  const c = texts.columns;
-  const names = [texts.parameter, c.estimate, c.baseline, c.limits, c.change, c.picture];
-  const head = make("thead", {}, make("tr", {}, ...names.map((name) => make("th", { scope: "col" }, name))));
-  const rows = [...found.parameters.map((one) => estimateRow(one, true)), ...found.others.map((one) => estimateRow(one, false))];
-  const state = make("p", {}, `${texts.model}: ${found.model}, ${texts.estimate_states[found.state]}`);
-  return [state, make("table", { class: "wide" }, head, make("tbody", {}, ...rows))];
+  const state = make("p", { class: "note" }, `${texts.model}: ${found.model}, ${texts.estimate_states[found.state]}`);
+  return [table(found.parameters.map((one) => estimateRow(one, true)), true), state];
+}
+
+function others(found) {
+  return found ? [table(found.others.map((one) => estimateRow(one, false)), false)] : [make("p", { class: "note" }, texts.not_known)];
 }
 
 function baseline(found) {
@@ -91,12 +117,20 @@ function gap(found) {
 function show(data) {
   if (before !== null && before !== data.condition) announce(valve, data.condition);
   before = data.condition;
-  setLight(byId("light"), data.condition);
+  setLight(byId("light"), data.condition, data.letter);
   setText(byId("summary"), data.summary ?? "");
   natural = data.resonance?.natural.value ?? null;
+  band = data.resonance?.band ?? null;
+  const minute = Math.floor(Date.now() / 10000);
+  once("headline", [data.alarms, data.estimate, data.judgements, minute], () => headline(data));
+  const worst = worstAlarm(data.alarms);
+  const limits = (name) => data.estimate?.parameters.find((one) => one.name === name) ?? null;
+  aimTrend(limits(worst?.parameter) ? worst.parameter : "", worst?.raised ?? 0, data.alarms.map((alarm) => alarm.raised).filter(Boolean), limits);
+  showBanner(data.alarms.map((alarm) => [valve, alarm]));
   once("resonance", data.resonance, () => resonance(data.resonance));
   showAlarms(byId("alarms"), data.alarms.map((alarm) => [valve, alarm]), { withValve: false });
   once("estimates", data.estimate, () => estimates(data.estimate));
+  once("others", data.estimate, () => others(data.estimate));
   once("baseline", data.baseline, () => baseline(data.baseline));
   once("gap", data.gap, () => gap(data.gap));
   once("judgements", data.judgements, () => data.judgements.map((one) => make("li", {}, one)));
@@ -104,8 +138,7 @@ function show(data) {
 
 export function start() {
   if (operable) {
-    byId("baseline_acts").append(actButton("freeze_baseline", valve), actButton("learn_baseline", valve));
-    byId("gap_acts").append(actButton("analyse", valve), actButton("take_snapshot", valve));
+    byId("valve_acts").append(...["maintain", "return_to_service", "freeze_baseline", "learn_baseline", "analyse", "take_snapshot"].map((act) => actButton(act, valve)));
   }
   let last = null;
   listen(`/stream/valve/${valve}`, {
@@ -113,7 +146,8 @@ export function start() {
       last = data;
       show(data);
     },
-    spectrum: (data) => showSpectrum(data, natural),
+    waterfall: fillWaterfall,
+    spectrum: (data) => showSpectrum(data, natural, band),
   }, () => {
     if (last) show({ ...last, condition: "no_word", summary: null, resonance: null, judgements: [], estimate: last.estimate && { ...last.estimate, state: "stale" } });
     else setLight(byId("light"), "no_word");

@@ -131,7 +131,12 @@ def _on_this_machine_only() -> Iterator[None]:
 def make_station(tmp_path: Path) -> Iterator[Callable[..., Station]]:
     made: list[Station] = []
 
-    def make(*, operator: bool = True, outcome: Outcome | None = None) -> Station:
+    def make(
+        *,
+        operator: bool = True,
+        outcome: Outcome | None = None,
+        spectrum: Callable[[list[bytes]], dict[str, Any] | None] = lambda _: None,
+    ) -> Station:
         asked: list[Act] = []
         valve = HeardValve("valve_1", good_health(), time.monotonic(), alarms=AlarmList(alarms=[alarm()]))
 
@@ -146,7 +151,7 @@ def make_station(tmp_path: Path) -> Iterator[Callable[..., Station]]:
             open=[],
             address="127.0.0.1",
             state_folder=tmp_path,
-            spectrum=lambda _: None,
+            spectrum=spectrum,
             do=do,
             token=OperatorToken(tmp_path / "web_page" / "token_8765") if operator else None,
             log=ActLog(tmp_path / "web_page" / "operator_log.jsonl") if operator else None,

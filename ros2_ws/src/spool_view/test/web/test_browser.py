@@ -229,7 +229,7 @@ def test_language_and_focus_follow_the_keyboard(
     page.keyboard.press("Enter")
     assert page.evaluate("document.activeElement.id") == "main"
     page.click("text=Deutsch")
-    page.wait_for_selector("html[lang=de] >> text=Schieberventile")
+    page.wait_for_selector("html[lang=de] >> text=Verlauf")
     becomes(page, "good")
     assert "Gut" in page.inner_text("[data-valve=valve_1]")
     assert page.get_attribute("#announcer", "aria-live") == "assertive"

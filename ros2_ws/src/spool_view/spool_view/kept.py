@@ -1,0 +1,277 @@
+"""What the monitors keep, for browsers: the last hour, the journals, the figures of the alarms."""
+
+from __future__ import annotations
+
+import asyncio
+import csv
+import io
+import math
+import re
+import time
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Any, TypeVar
+
+from spool_core.errors import InputError
+from spool_core.events.language import LANGUAGES
+from spool_monitor.alarm_statistics import AlarmLimits, figures, statistics
+from spool_monitor.journal import COLUMNS, JournalEntry, cells, entries_in
+from spool_monitor.listener import ENDS, HeardValve
+from spool_monitor.state_database import FILE, own_file
+from spool_monitor.state_file import valve_folder
+from spool_monitor.trend import MINUTE, TrendStore
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import Request
+from starlette.responses import JSONResponse, PlainTextResponse, Response
+
+from spool_view.operator import Desk
+from spool_view.view import RANGES as TREND_RANGES
+from spool_view.view import rounded, trend_of
+
+#: Parameters whose last hour a tile shows.
+SPARKS = ("coulomb_force", "viscous_coefficient", "natural_frequency")
+HOUR = 3600
+#: s that sparklines are held: the monitor writes a value a minute.
+HELD = 30.0
+#: s that a reading waits for the monitor's own writing.
+PATIENCE = 1.0
+#: Entries of the journal that a browser gets at most, the newest.
+MOST_ENTRIES = 1000
+#: Readings at a time.
+MOST_READINGS = 2
+#: Characters of a search.
+LONGEST = 200
+Found = TypeVar("Found")
+
+RANGES = {"day": 86400, "week": 7 * 86400, "month": 30 * 86400, "all": 0}
+
+
+@dataclass(slots=True)
+class Sparks:
+    """Sparklines of all valves, read again after :data:`HELD` s.
+
+    Attributes:
+        base: the monitors' ``state_folder``.
+    """
+
+    base: Path
+    _read: float = field(default=-HELD, init=False)
+    _held: dict[str, list[dict[str, Any]]] = field(default_factory=dict, init=False)
+
+    def of(self, valves: Mapping[str, HeardValve]) -> dict[str, list[dict[str, Any]]]:
+        """Return the courses of each valve that keeps trends, with known baseline and limits."""
+        now = time.monotonic()
+        if now - self._read >= HELD:
+            self._read = now
+            found = {}
+            for name, valve in list(valves.items()):
+                courses = self._courses(name, valve)
+                if courses:
+                    found[name] = courses
+            self._held = found
+        return self._held
+
+    def _courses(self, name: str, valve: HeardValve) -> list[dict[str, Any]]:
+        now = int(time.time())
+        courses = []
+        try:
+            store = TrendStore(own_file(valve_folder(self.base, name) / FILE, PATIENCE), read_only=True)
+        except (InputError, OSError):
+            return []
+        try:
+            for parameter in SPARKS:
+                spans = store.spans(parameter, MINUTE, now - HOUR)
+                courses.append(
+                    {
+                        "name": parameter,
+                        "until": now - now % MINUTE,
+                        "start": [span.start for span in spans],
+                        "mean": [rounded(span.mean, 4) for span in spans],
+                        **limits_of(valve, parameter),
+                    }
+                )
+        except (InputError, OSError):
+            return []
+        finally:
+            store.close()
+        return courses
+
+
+def limits_of(valve: HeardValve, parameter: str) -> dict[str, float | None]:
+    """Return ``baseline``, ``low`` and ``high`` of a parameter of ``valve``; ``None``: not known."""
+    values = [] if valve.baseline is None else valve.baseline.values
+    found = {"baseline": next((rounded(one.value) for one in values if one.name == parameter), None)}
+    for end in ENDS:
+        given = (value for key, value in valve.bounds.items() if key.startswith(f"{parameter}_{end}"))
+        found[end] = rounded(next(given, math.nan))
+    return found
+
+
+def history(base: Path, valves: Iterable[str], search: str, length: str, language: str) -> dict[str, Any]:
+    """Return the newest entries of the journals of ``valves`` that hold ``search``, and the alarms' figures.
+
+    Args:
+        base: the monitors' ``state_folder``.
+        valves: namespaces.
+        search: words; each has to be in an entry.
+        length: one of :data:`RANGES`.
+        language: of the headlines.
+    """
+    now = time.time_ns()
+    since = now - RANGES[length] * 1_000_000_000 if RANGES[length] else 0
+    journals = _journals(base, valves)
+    rows = _found(journals, search, since, language)
+    entries = [
+        {
+            "time": one.stamp // 1_000_000_000,
+            "valve": valve,
+            "action": one.action,
+            "alarm": one.alarm,
+            "code": one.code,
+            "who": one.who,
+            "comment": one.comment,
+            "text": one.headline(LANGUAGES[language]),
+        }
+        for valve, one in rows[-MOST_ENTRIES:][::-1]
+    ]
+    begin = since or min((one.stamp for some in journals.values() for one in some), default=now - 1)
+    counted = statistics(journals, begin, now)
+    return {
+        "count": len(rows),
+        "entries": entries,
+        "figures": [
+            {"name": name, "value": value, "limit": limit, "kept": kept}
+            for name, value, limit, kept in figures(counted, AlarmLimits())
+        ],
+        "frequent": [
+            {
+                "valve": one.valve,
+                "alarm": one.alarm,
+                "code": one.code,
+                "count": one.count,
+                "share": f"{100.0 * one.share:.0f}",
+            }
+            for one in counted.frequent
+        ],
+    }
+
+
+def history_table(base: Path, valves: Iterable[str], search: str, length: str, language: str) -> str:
+    """Return what :func:`history` finds as CSV, all of it, oldest first; times in UTC."""
+    since = time.time_ns() - RANGES[length] * 1_000_000_000 if RANGES[length] else 0
+    text = io.StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow(COLUMNS)
+    for valve, one in _found(_journals(base, valves), search, since, language):
+        table.writerow(cells(valve, one, LANGUAGES[language]))
+    return text.getvalue()
+
+
+def today() -> str:
+    """Return the day (UTC) for the name of a file."""
+    return datetime.now(timezone.utc).strftime("%Y%m%d")
+
+
+class Records:
+    """Records of one page; of valves that are heard only."""
+
+    def __init__(self, desk: Desk, language: Callable[[Request], str]) -> None:
+        self._desk, self._language = desk, language
+        self._free: asyncio.Semaphore | None = None
+        self._sparks = Sparks(desk.state_folder)
+
+    async def trend(self, request: Request) -> Response:
+        """Answer with a trend."""
+        valve, length = request.query_params.get("valve", ""), request.query_params.get("range", "day")
+        parameter, since = request.query_params.get("parameter", ""), request.query_params.get("since", "0")
+        wrong = len(parameter) > 200 or not re.fullmatch(r"[0-9]{1,12}", since)
+        if valve not in self._desk.valves or length not in TREND_RANGES or wrong:
+            return _nothing()
+        base = self._desk.state_folder
+        try:
+            found = await self._read(lambda: trend_of(base, valve, parameter, length, int(since)))
+        except (InputError, OSError):  # names files: not for browsers
+            return _nothing()
+        return JSONResponse(found, headers={"cache-control": "no-store"})
+
+    async def sparks(self, _request: Request) -> Response:
+        """Answer with the last hour of every valve."""
+        found = await self._read(lambda: self._sparks.of(self._desk.valves))
+        return JSONResponse({"valves": found}, headers={"cache-control": "no-store"})
+
+    async def history(self, request: Request) -> Response:
+        """Answer with the journals' entries that are searched for, and the figures of the alarm system."""
+        found = await self._searched(request, history)
+        return (
+            found
+            if isinstance(found, Response)
+            else JSONResponse(found, headers={"cache-control": "no-store"})
+        )
+
+    async def history_table(self, request: Request) -> Response:
+        """Answer with the same as CSV."""
+        found = await self._searched(request, history_table)
+        if isinstance(found, Response):
+            return found
+        name = f"alarms_{today()}.csv"
+        headers = {"cache-control": "no-store", "content-disposition": f'attachment; filename="{name}"'}
+        return Response(found, media_type="text/csv; charset=utf-8", headers=headers)
+
+    async def _searched(
+        self, request: Request, read: Callable[[Path, list[str], str, str, str], Found]
+    ) -> Found | Response:
+        search, length = request.query_params.get("search", ""), request.query_params.get("range", "week")
+        if len(search) > LONGEST or length not in RANGES:
+            return PlainTextResponse("no such search", 400)
+        names, language = list(self._desk.valves), self._language(request)
+        return await self._read(lambda: read(self._desk.state_folder, names, search, length, language))
+
+    async def _read(self, read: Callable[[], Found]) -> Found:
+        """Read what the monitors keep in a thread, few at a time."""
+        self._free = self._free or asyncio.Semaphore(MOST_READINGS)
+        async with self._free:
+            return await run_in_threadpool(read)
+
+    async def gap(self, request: Request) -> Response:
+        """Answer with everything that the last gap analysis of a valve found."""
+        valve = self._desk.valves.get(request.query_params.get("valve", ""))
+        message = valve.gap if valve is not None else None
+        if message is None or not message.json:
+            return PlainTextResponse("no analysis is held: open the valve's page first", 404)
+        name = f"gap_{message.header.stamp.sec}.json"
+        headers = {"cache-control": "no-store", "content-disposition": f'attachment; filename="{name}"'}
+        return Response(message.json, media_type="application/json", headers=headers)
+
+
+def _journals(base: Path, valves: Iterable[str]) -> dict[str, list[JournalEntry]]:
+    journals = {}
+    for name in valves:
+        path = own_file(valve_folder(base, name) / FILE, PATIENCE)
+        try:
+            journals[name] = entries_in(path)
+        except (InputError, OSError):  # not kept yet, or damaged: its monitor says so
+            continue
+    return journals
+
+
+def _found(
+    journals: Mapping[str, list[JournalEntry]], search: str, since: int, language: str
+) -> list[tuple[str, JournalEntry]]:
+    words = search.casefold().split()
+    rows = [
+        (valve, one)
+        for valve, entries in journals.items()
+        for one in entries
+        if one.stamp >= since
+        and all(
+            word in " ".join(map(str, cells(valve, one, LANGUAGES[language]))).casefold() for word in words
+        )
+    ]
+    return sorted(rows, key=lambda pair: pair[1].stamp)
+
+
+def _nothing() -> Response:
+    """Answer that there is none: no fault, a monitor that has just begun has kept nothing yet."""
+    return JSONResponse({"parameters": [], "start": []}, headers={"cache-control": "no-store"})
