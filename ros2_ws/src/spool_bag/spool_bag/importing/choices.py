@@ -66,6 +66,10 @@ class Choices:
         """Return whether ``--columns`` names a column by the role with its unit, e.g. ``body_m_s2``."""
         return role in self.columns
 
+    def column_of(self, role: str) -> str | None:
+        """Return what ``--columns`` names for a role, by its contract name or its short one."""
+        return next((own for name, own in self.columns.items() if SHORT.get(name, name) == role), None)
+
     def gives(self, role: str) -> bool:
         """Return whether a unit or a sensitivity was given for a role, whatever the file says."""
         return role in self.units or role in self.scales

@@ -16,13 +16,14 @@ from spool_core.numbers import GRAVITY
 from spool_core.text import plural, printable
 
 from spool_bag import BODY, OIL_TEMPERATURE, SPOOL, TIME
-from spool_bag.importing import roles, time_axis, time_base
-from spool_bag.importing.channel_use import ChannelUse
+from spool_bag.importing import time_axis, time_base
+from spool_bag.importing.channel_use import ChannelUse, ClockRoles, Role, assigned
 from spool_bag.importing.choices import Choices, choices, short, typed
 from spool_bag.importing.csv_layout import listed
 from spool_bag.importing.formats.format import open_table, read_channels
 from spool_bag.importing.mixed_sources import mixed
-from spool_bag.importing.table import STAMP, Channel, Group, Table, Values
+from spool_bag.importing.roles import REQUIRED, Source
+from spool_bag.importing.table import STAMP, Group, Table, Values
 from spool_bag.importing.two_clocks import Series, TopicTimes, check_one_time, merged
 
 #: Relative deviation of a rate below which it is not stated: stamps do not show the error of their own clock,
@@ -108,30 +109,21 @@ def read_record(
     if columns:
         asked = replace(asked, columns=columns)
     tables = [open_table(path) for path in files]
-    roles.exclude(tables, asked.exclude)
     for table in tables:
         table.dates = asked.dates
-    sources = roles.chosen(tables, kind, asked)
-    roles.uses_of(sources, asked)  # all that is wrong with units, before anything is read
-    first, second = (sources[role] for role in roles.REQUIRED[kind])
-    if first.clock == second.clock:
-        beside = {role: one for role, one in sources.items() if one.clock == first.clock}
-        record = _of_group(first.table, first.group, beside, kind, asked, regular=regular, single=single)
+    clocks = assigned(tables, kind, asked)
+    if len(clocks) == 1:
+        record = _of_clock(clocks[0], kind, asked, regular=regular, single=single)
     else:
-        if kind != "accelerations":
-            raise InputError(f"{files[0]}: displacement and force must be in one file, sampled together")
-        sides = [
-            _of_group(one.table, one.group, {role: one}, kind, asked, regular=True, single=False)
-            for role, one in ((BODY, first), (SPOOL, second))
-        ]
-        record = _together(sides, first, second, asked)
+        sides = [_of_clock(one, kind, asked, regular=True, single=False) for one in clocks]
+        record = _together(sides, clocks[0].measured[BODY].source, clocks[1].measured[SPOOL].source, asked)
     notes = [
         f"{table.path.name}: {note}" if len(tables) > 1 else note for table in tables for note in table.notes
     ]
     record.notes = (*notes, *record.notes, *map(str, record.uses))
     record.warnings = (*(text for table in tables for text in table.warnings), *record.warnings)
     if kind == "accelerations":
-        record.warnings = (*record.warnings, *_filtered_apart(sources), *_doubts(record.columns))
+        record.warnings = (*record.warnings, *_filtered_apart(clocks), *_doubts(record.columns))
     if record.start is not None and record.start < EARLIEST and any(table.clocks for table in tables):
         text = (
             f"stamps begin at {1e-9 * record.start:.3f} s, as after a start of the machine: they have no date"
@@ -141,59 +133,44 @@ def read_record(
     return record
 
 
-def _of_group(
-    table: Table,
-    group: Group,
-    sources: Mapping[str, roles.Source],
-    kind: str,
-    asked: Choices,
-    *,
-    regular: bool,
-    single: bool,
-) -> LoggerRecord:
+def _of_clock(clock: ClockRoles, kind: str, asked: Choices, *, regular: bool, single: bool) -> LoggerRecord:
     """Return the record of channels that share one clock."""
+    table, group, axis, counter = clock.table, clock.group, clock.axis, clock.counter
     path, where = table.path, table.where
-    axis = roles.time_of(table, group, asked, list(sources.values()))
-    counter = roles.counter_of(group) if axis is None and asked.rate else None
     stated = asked.rate or (None if math.isnan(group.rate) else group.rate)
     if axis is None and stated is None:
-        held = ", ".join(printable(one.name, 40) for one in group.channels[:12])
+        held = ", ".join(printable(one.channel.name, 40) for one in clock.beside[:12])
         raise InputError(
             f"{path}: no column {TIME} and no sampling rate in it; it has {held}: "
             + (group.doubt or "name the column of times, or give the rate, e.g. --rate 2000 for 2000 Hz")
         )
-    taken = [one.channel for one in sources.values()]
-    others = [] if axis is None else time_axis.other_times(group, axis, taken)
-    part = None if axis is None else time_axis.fraction_of(group, axis, taken)
-    clocks = [one.name for one in (axis or counter, part, *others) if one is not None]
-    names = [one.name for one in taken]
-    small = [one.channel.name for role, one in sources.items() if single and role in (BODY, SPOOL)]
-    values = _read(table, group, list(dict.fromkeys([*clocks, *names])), small, sources)
-    _check_gravity(table, group, sources, asked)
-    warnings = [] if axis is None else _without_footer(table, axis, values)
+    measured = clock.measured
+    names = [one.name for one in measured.values()]
+    small = [one.name for role, one in measured.items() if single and role in (BODY, SPOOL)]
+    values = _read(clock, list(dict.fromkeys([*clock.timing, *names])), small)
+    _check_gravity(clock, asked)
+    warnings = [] if axis is None else _without_footer(table, axis.name, values)
     if table.holes_are_gaps or asked.empty_as_gap:
-        required = [one.channel.name for role, one in sources.items() if role in roles.REQUIRED[kind]]
+        required = [one.name for role, one in measured.items() if role in REQUIRED[kind]]
         required += [axis.name] if axis is not None else []
         warnings += _without_holes(
             values, required, "that the file marks as invalid" if table.holes_are_gaps else "that are empty"
         )
     if axis is not None:
-        clock = time_axis.read_axis(table, group, axis, others, values, asked)
+        timed = _time_of(clock, axis, values)
     else:
-        number = None if counter is None else values[counter.name]
-        clock = time_axis.counted(values[names[0]].size, number, stated or math.nan, group.delay)
-    notes = list(clock.notes)
+        number = None if counter is None else values[counter.channel.name]
+        timed = time_axis.counted(values[names[0]].size, number, stated or math.nan, group.delay)
+    notes = list(timed.notes)
     found: dict[str, Array] = {}
-    uses = roles.uses_of(sources, asked)
-    for role, one in sources.items():
-        numbers = uses[role].applied(np.asarray(values[one.channel.name]))
-        found[role] = time_axis.finite(path, one.channel.name, numbers, where, holes=role == OIL_TEMPERATURE)
+    for role, one in measured.items():
+        numbers = one.use.applied(np.asarray(values[one.name]))
+        found[role] = time_axis.finite(path, one.name, numbers, where, holes=role == OIL_TEMPERATURE)
     values.clear()
-    _check_one_source(table, group, clock, found, clocks)
-    timed = roles.use_of_time(path.name, axis, asked) if axis is not None else None
+    _check_one_source(clock, timed, found)
     rows = [row for role, row in found.items() if role != OIL_TEMPERATURE]
     given = asked.rate if axis is not None else None
-    base = _base_of(table, group, clock, rows, given, regular=regular)
+    base = _base_of(table, group, timed, rows, given, regular=regular)
     if base.kept is not None:
         found = {role: row[base.kept] for role, row in found.items()}
     warnings += base.warnings
@@ -203,11 +180,12 @@ def _of_group(
         )
     notes.append(_rate_note(path, axis, group, asked, base))
     table.account(group.name, "s", group.span, base.time.size * base.period, off=SPAN_OFF)
-    notes += [f"{printable(one.header, 40)}: {one.scaling}" for one in taken if one.scaling.applied]
-    left = table.settings.unused([one.name for one in taken])
+    channels = [one.source.channel for one in measured.values()]
+    notes += [f"{printable(one.header, 40)}: {one.scaling}" for one in channels if one.scaling.applied]
+    left = table.settings.unused(names)
     if left:
         notes.append(f"stated in the file and not used: {listed(left)}")
-    doubt = time_axis.period_check(path, clock.label, base.period, kind)
+    doubt = time_axis.period_check(path, timed.label, base.period, kind)
     warnings += [doubt] if doubt else []
     return LoggerRecord(
         path,
@@ -215,13 +193,42 @@ def _of_group(
         found,
         base.period,
         base.gaps,
-        group.start if clock.start is None else clock.start,
+        group.start if timed.start is None else timed.start,
         tuple(warnings),
         tuple(notes),
         base.repairs,
-        uses=(*([timed] if timed else []), *uses.values()),
+        uses=tuple(
+            one.use for one in (axis, *measured.values()) if one and (one is not axis or one.use.unit)
+        ),
         rate_std=base.rate_std if base.rate_std > CLOCKS_OWN else 0.0,
     )
+
+
+def _time_of(clock: ClockRoles, axis: Role, values: Mapping[str, Values]) -> time_axis.TimeAxis:
+    """Return the time of a clock's samples by its axis, once no other time in the file contradicts it.
+
+    Raises:
+        InputError: the unit is no time or not known, values are missing, or two times are two clocks.
+    """
+    table = clock.table
+
+    def column(role: Role) -> time_axis.TimeColumn:
+        dated = role.source.channel.dated
+        return time_axis.TimeColumn(table.path, table.where, role.use, values[role.name], dated)
+
+    found = time_axis.read_axis(column(axis))
+    if clock.fraction is not None:
+        found = time_axis.with_fraction(found, column(clock.fraction))
+    for other in clock.others:
+        found, why = time_axis.compared(found, column(other))
+        if why:
+            first, second = (f"{printable(one.use.column, 40)} (#{one.use.number})" for one in (axis, other))
+            way = shlex.quote(clock.channels.reference(other.source))
+            raise InputError(
+                f"{table.path}: {first} and {second} are two clocks, {why}: write each channel with its own "
+                f"time into its own file; or, if the first holds for both channels, type --exclude {way}"
+            )
+    return found
 
 
 def _base_of(
@@ -246,27 +253,26 @@ def _base_of(
         raise InputError(f"{error}; or type --stamps log to use the times of reception") from error
 
 
-def _check_gravity(table: Table, group: Group, sources: Mapping[str, roles.Source], asked: Choices) -> None:
+def _check_gravity(clock: ClockRoles, asked: Choices) -> None:
     """Check that the gravity that three axes show is in the unit that their format prescribes.
 
     Raises:
         InputError: it is in another one, and the user states none.
     """
-    shown = table.gravity.get(group.name, 0.0)
+    path, name = clock.table.path, clock.group.name
+    shown = clock.table.gravity.get(name, 0.0)
     unit = next((unit for unit, size in GRAVITY_IN.items() if abs(shown / size - 1.0) < GRAVITY_OFF), "")
-    open_roles = [role for role in sources if role in (BODY, SPOOL) and not asked.gives(role)]
+    open_roles = [role for role in clock.measured if role in (BODY, SPOOL) and not asked.gives(role)]
     if unit and open_roles:
         ways = [typed("--unit", {short(role): one for role in open_roles}) for one in (unit, "m/s^2")]
         raise InputError(
-            f"{table.path}: {printable(group.name, 60)}: its three axes show {shown:.3g} as gravity: they "
+            f"{path}: {printable(name, 60)}: its three axes show {shown:.3g} as gravity: they "
             f"seem to be in {unit}, not in m/s^2 as this message prescribes: type {ways[0]}; or {ways[1]} "
             "if gravity was removed"
         )
 
 
-def _check_one_source(
-    table: Table, group: Group, clock: time_axis.TimeAxis, found: Mapping[str, Array], clocks: Sequence[str]
-) -> None:
+def _check_one_source(clock: ClockRoles, timed: time_axis.TimeAxis, found: Mapping[str, Array]) -> None:
     """Check that each channel holds the samples of one sensor.
 
     Raises:
@@ -276,26 +282,26 @@ def _check_one_source(
     def others() -> dict[str, NDArray[np.float64]]:
         names = [
             one.name
-            for one in group.channels
-            if one.name not in clocks and one.unit != STAMP and not one.role
+            for one in (source.channel for source in clock.beside)
+            if one.name not in clock.timing and one.unit != STAMP and not one.role
         ]
         try:
-            held = read_channels(table, group, names, ()) if names else {}
+            held = read_channels(clock.table, clock.group, names, ()) if names else {}
         except InputError:  # a channel that nobody asked for
             held = {}
-        return {name: row.astype(np.float64) for name, row in held.items() if row.size == clock.time.size}
+        return {name: row.astype(np.float64) for name, row in held.items() if row.size == timed.time.size}
 
-    why = mixed(clock.time, [row for role, row in found.items() if role != OIL_TEMPERATURE], others)
+    why = mixed(timed.time, [row for role, row in found.items() if role != OIL_TEMPERATURE], others)
     if why:
         raise InputError(
-            f"{table.path}: {why}: rows of several sensors, or of several publishers on one topic: write "
-            "each sensor into its own column, file or topic"
+            f"{clock.table.path}: {why}: rows of several sensors, or of several publishers on one topic: "
+            "write each sensor into its own column, file or topic"
         )
 
 
-def _without_footer(table: Table, axis: Channel, values: dict[str, Values]) -> list[str]:
+def _without_footer(table: Table, axis: str, values: dict[str, Values]) -> list[str]:
     """Leave out rows without a time at a file's end, such as statistics, and return a line about them."""
-    time = values[axis.name]
+    time = values[axis]
     timed = np.flatnonzero(~np.isnan(time))
     end = int(timed[-1]) + 1 if timed.size else time.size
     left = time.size - end
@@ -320,11 +326,12 @@ def _without_holes(values: dict[str, Values], required: Sequence[str], what: str
     return [f"{plural(missing, 'row')} with values {what} {'is' if missing == 1 else 'are'} left out"]
 
 
-def _filtered_apart(sources: Mapping[str, roles.Source]) -> list[str]:
+def _filtered_apart(clocks: Sequence[ClockRoles]) -> list[str]:
     """Return a line where another filter or decimation is stated of one acceleration than of the other."""
     stated = {
-        short(role): one.table.settings.filters(one.channel.name)
-        for role, one in sources.items()
+        short(role): clock.table.settings.filters(one.name)
+        for clock in clocks
+        for role, one in clock.measured.items()
         if role in (BODY, SPOOL)
     }
     names = sorted({name for own in stated.values() for name in own})
@@ -340,9 +347,7 @@ def _filtered_apart(sources: Mapping[str, roles.Source]) -> list[str]:
     ]
 
 
-def _rate_note(
-    path: Path, axis: Channel | None, group: Group, asked: Choices, base: time_base.TimeBase
-) -> str:
+def _rate_note(path: Path, axis: Role | None, group: Group, asked: Choices, base: time_base.TimeBase) -> str:
     """Return which rate is used and where it comes from.
 
     Raises:
@@ -363,30 +368,21 @@ def _rate_note(
     return f"rate {rate:.7g} Hz from {name}{given}"
 
 
-def _read(
-    table: Table,
-    group: Group,
-    names: Sequence[str],
-    small: Sequence[str],
-    sources: Mapping[str, roles.Source],
-) -> dict[str, Values]:
+def _read(clock: ClockRoles, names: Sequence[str], small: Sequence[str]) -> dict[str, Values]:
     """Return channels by name; what is wrong with an optional one alone can be left out."""
+    table, group = clock.table, clock.group
     try:
         return read_channels(table, group, names, small)
     except InputError as error:
-        optional = {one.channel.name: one for role, one in sources.items() if role == OIL_TEMPERATURE}
-        if not optional:
+        oil = clock.measured.get(OIL_TEMPERATURE)
+        if oil is None:
             raise
-        read_channels(table, group, [name for name in names if name not in optional], small)
-        ways = ",".join(roles.reference([table], one) for one in optional.values())
-        raise InputError(
-            f"{error}: correct it, or leave the column out with --exclude {shlex.quote(ways)}"
-        ) from error
+        read_channels(table, group, [name for name in names if name != oil.name], small)
+        way = shlex.quote(clock.channels.reference(oil.source))
+        raise InputError(f"{error}: correct it, or leave the column out with --exclude {way}") from error
 
 
-def _together(
-    sides: Sequence[LoggerRecord], first: roles.Source, second: roles.Source, asked: Choices
-) -> LoggerRecord:
+def _together(sides: Sequence[LoggerRecord], first: Source, second: Source, asked: Choices) -> LoggerRecord:
     """Return one record of body and spool that were sampled by two clocks."""
     body, spool = sides
     if not asked.align:

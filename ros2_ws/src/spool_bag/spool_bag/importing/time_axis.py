@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import math
-import re
-import shlex
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from datetime import datetime, timezone
 from pathlib import Path
@@ -20,11 +18,8 @@ from spool_core.sample_rate import LEAST_RATE
 from spool_core.stamps import JITTER, first_step, number_error, ticks
 from spool_core.text import printable
 
-from spool_bag import TIME
-from spool_bag.importing.choices import Choices
-from spool_bag.importing.roles import Source, reference
-from spool_bag.importing.table import LOG_TIME, STAMP, Channel, Group, Table, Values
-from spool_bag.importing.units import WORDS, factor, quantity_of, split_header
+from spool_bag.importing.channel_use import ChannelUse
+from spool_bag.importing.table import STAMP, Values
 
 #: Beyond any acceleration, force, displacement or time in ns since 1970.
 LARGEST_NUMBER = 1e19
@@ -41,12 +36,6 @@ CALENDAR = (1e9, 2.0**31)
 #: Day numbers of spreadsheets and of MATLAB: the number of 1970-01-01; and of which days since then.
 _DAYS = {"days since 1899-12-30 (Excel)": 25_569.0, "days since year 0 (MATLAB)": 719_529.0}
 _DATES = (10_957.0, 24_837.0)
-#: Names of a column of fractions of a second beside whole seconds, and their size in s.
-_FRACTIONS = {
-    "ms": 1e-3, "msec": 1e-3, "millis": 1e-3, "millisecond": 1e-3, "milliseconds": 1e-3,
-    "millisekunden": 1e-3, "us": 1e-6, "usec": 1e-6, "micros": 1e-6, "microsecond": 1e-6,
-    "microseconds": 1e-6, "ns": 1e-9, "nanoseconds": 1e-9, "nanosec": 1e-9,
-}  # fmt: skip
 _PIECE = 1 << 20
 
 _SIZES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
@@ -86,6 +75,25 @@ class ClockOffset:
 
 
 @dataclass(frozen=True, slots=True)
+class TimeColumn:
+    """Column of times: ``values``, shape (n,), by ``use`` in s; stamps have a date if ``dated``.
+
+    ``path``, ``where``: file, and place of a row in it, for messages.
+    """
+
+    path: Path
+    where: Callable[[int], str]
+    use: ChannelUse
+    values: Values
+    dated: bool = True
+
+    @property
+    def label(self) -> str:
+        """Name for messages."""
+        return printable(self.use.column, 40)
+
+
+@dataclass(frozen=True, slots=True)
 class TimeAxis:
     """``time`` in s, shape (n,), from ``start`` (ns since 1970, ``None`` where not known) on.
 
@@ -98,34 +106,36 @@ class TimeAxis:
     notes: tuple[str, ...] = ()
 
 
-def other_times(group: Group, axis: Channel, taken: Sequence[Channel]) -> list[Channel]:
-    """Return the other channels of a group that may hold a time: by format, unit or name (`T2`, `Time_1`)."""
-    if any(one.name == LOG_TIME for one in group.channels):
-        return []  # of a bag, whose times of sending and of reception are a choice of the user
-    found = []
-    for one in group.channels:
-        if one == axis or one in taken or one.role:
-            continue
-        if one == fraction_of(group, axis, taken):
-            continue
-        words = re.split(r"[\W_]+", split_header(one.header)[0].rpartition("/")[2].lower())
-        called = any(word.rstrip("0123456789") in WORDS["time"] for word in words if word)
-        quantity = quantity_of(one.unit)
-        if one.time or quantity == "time" or (called and not quantity and not one.unit):
-            found.append(one)
-    return found
+def read_axis(column: TimeColumn) -> TimeAxis:
+    """Return the time of samples; a unit that is not known is recognised where only one is plausible.
 
-
-def fraction_of(group: Group, axis: Channel, taken: Sequence[Channel]) -> Channel | None:
-    """Return the channel beside a time axis that holds its fraction of a second, by its name."""
-    return next(
-        (
-            one
-            for one in group.channels
-            if one != axis and one not in taken and split_header(one.header)[0].strip().lower() in _FRACTIONS
-        ),
-        None,
-    )
+    Raises:
+        InputError: the unit is no time or could be several, or values are missing.
+    """
+    use, path, label = column.use, column.path, column.label
+    if use.unit == STAMP:
+        return _dated(column)
+    values = finite(path, label, np.asarray(column.values, dtype=np.float64), column.where, holes=False)
+    values, notes = _continued(label, values)
+    if not math.isnan(use.factor):
+        return TimeAxis(values if use.factor == 1.0 else values * use.factor, None, label, notes)
+    if use.unit:
+        raise InputError(f"{path}: {label} is in {printable(use.unit, 30)}, which is no time")
+    found = _plausible(values)
+    if len(found) != 1:
+        way = "s" if "s" in found or not found else found[0]
+        kinds = " or ".join(found or list(_SIZES))
+        raise InputError(
+            f"{path}: {label} has no unit and could be in {kinds}: state it with --unit time={way}"
+        )
+    (only,) = found
+    if only in _DAYS:
+        first = float(values[0])
+        start = round((first - _DAYS[only]) * 86_400e6) * 1000  # whole us: float64 days hold no more
+        note = f"{label} has no unit: by its steps and size it counts {only}"
+        return TimeAxis((values - first) * 86_400.0, start, label, (note,))
+    note = f"{label} has no unit: by its steps and size it is in {only}"
+    return TimeAxis(values if only == "s" else values * _SIZES[only], None, label, (*notes, note))
 
 
 def counted(size: int, number: Values | None, rate: float, delay: float) -> TimeAxis:
@@ -141,59 +151,47 @@ def counted(size: int, number: Values | None, rate: float, delay: float) -> Time
     return TimeAxis(time + delay if delay else time, None, "the sample index")
 
 
-def read_axis(
-    table: Table,
-    group: Group,
-    axis: Channel,
-    others: Sequence[Channel],
-    values: Mapping[str, Values],
-    asked: Choices,
-) -> TimeAxis:
-    """Return the time of a group's samples by ``axis``, once no other time in the file contradicts it.
+def compared(found: TimeAxis, column: TimeColumn) -> tuple[TimeAxis, str]:
+    """Return a time axis with the start that another column of times states, and how both contradict.
 
-    Args:
-        table, group: of the axis.
-        axis: chosen by name or by the user.
-        others: other channels that may hold the time.
-        values: of all of them by name, and of the fraction beside ``axis``.
-        asked: units that the user states.
-
-    Raises:
-        InputError: the unit is no time or not known, values are missing, or two times are two clocks.
+    The contradiction is "" where they are one clock, or the column holds no times.
     """
-    found = _axis(table, axis, values[axis.name], asked)
-    part = fraction_of(group, axis, [])
-    if part is not None and part.name in values:
-        found = _with_fraction(found, part, values[part.name])
-    for other in others:
-        held = np.asarray(values[other.name], dtype=np.float64)
-        known = held[np.isfinite(held)]
-        if known.size < 3 or float(np.min(np.diff(known))) < 0.0 or known[0] == known[-1]:
-            continue  # no clock
-        if known.size < found.time.size:
-            missing = found.time.size - known.size
-            raise _two_clocks(
-                table, group, axis, other, f"{printable(other.header, 40)} lacks {missing} values"
-            )
-        try:
-            second = _axis(table, other, values[other.name], _any_unit(asked))
-        except InputError:
-            continue  # a time without a unit that could be several
-        apart = found.time - found.time[0] - (second.time - second.time[0])
-        drift, allowed = float(np.ptp(apart)), _allowed(found.time, second.time)
-        # Dates and times since the start of a logger count from different moments, others from one.
-        begun = float(found.time[0] - second.time[0])
-        begun += 0.0 if found.start is None or second.start is None else (found.start - second.start) * 1e-9
-        if (found.start is None) == (second.start is None) and abs(begun) > allowed:
-            raise _two_clocks(table, group, axis, other, f"{abs(begun):.3g} s apart")
-        if drift <= allowed:
-            if found.start is None and second.start is not None:
-                found = replace(
-                    found, start=second.start - round(1e9 * float(found.time[0] - second.time[0]))
-                )
-            continue
-        raise _two_clocks(table, group, axis, other, f"they move apart by {drift:.3g} s")
-    return found
+    held = np.asarray(column.values, dtype=np.float64)
+    known = held[np.isfinite(held)]
+    if known.size < 3 or float(np.min(np.diff(known))) < 0.0 or known[0] == known[-1]:
+        return found, ""  # no clock
+    if known.size < found.time.size:
+        return found, f"{column.label} lacks {found.time.size - known.size} values"
+    try:
+        second = read_axis(column)
+    except InputError:
+        return found, ""  # a time without a unit that could be several
+    apart = found.time - found.time[0] - (second.time - second.time[0])
+    drift, allowed = float(np.ptp(apart)), _allowed(found.time, second.time)
+    # Dates and times since the start of a logger count from different moments, others from one.
+    begun = float(found.time[0] - second.time[0])
+    begun += 0.0 if found.start is None or second.start is None else (found.start - second.start) * 1e-9
+    if (found.start is None) == (second.start is None) and abs(begun) > allowed:
+        return found, f"{abs(begun):.3g} s apart"
+    if drift > allowed:
+        return found, f"they move apart by {drift:.3g} s"
+    if found.start is None and second.start is not None:
+        start = second.start - round(1e9 * float(found.time[0] - second.time[0]))
+        return replace(found, start=start), ""
+    return found, ""
+
+
+def with_fraction(found: TimeAxis, part: TimeColumn) -> TimeAxis:
+    """Return times in whole seconds with the fraction of a second that another column holds."""
+    size = part.use.factor
+    held = np.asarray(part.values, dtype=np.float64)
+    whole = np.abs(found.time - np.rint(found.time)) < 1e-6
+    fits = np.isfinite(held).all() and float(held.min()) >= 0.0 and float(held.max()) * size < 1.0
+    if not (whole.all() and fits and found.time.size > 2):
+        return found
+    label = f"{found.label} and {part.label}"
+    notes = (*found.notes, f"{label} together are the time")
+    return TimeAxis(found.time + held * size, found.start, label, notes)
 
 
 def finite(
@@ -231,7 +229,6 @@ def period_check(path: Path, name: str, period: float, kind: str) -> str:
     Raises:
         InputError: the time is hardly in s: an error by 1000 would go through every number.
     """
-    name = printable(name, 40)
     slowest = LONGEST_USUAL_PERIOD if kind == "accelerations" else LONGEST_PERIOD
     if not SHORTEST_PERIOD <= period <= slowest:
         raise InputError(
@@ -244,15 +241,6 @@ def period_check(path: Path, name: str, period: float, kind: str) -> str:
     )
 
 
-def _any_unit(asked: Choices) -> Choices:
-    """Return the choices without the time's unit, which is that of the chosen axis."""
-    return replace(
-        asked,
-        units={role: unit for role, unit in asked.units.items() if role != TIME},
-        columns={role: own for role, own in asked.columns.items() if role != TIME},
-    )
-
-
 def _allowed(first: Array, second: Array) -> float:
     """Return by how much (s) two columns of one clock may differ: their rounding, or a part of a period."""
     period = float(first[-1] - first[0]) / max(first.size - 1, 1)
@@ -261,77 +249,23 @@ def _allowed(first: Array, second: Array) -> float:
     return 1.01 * tick if tick > 1.01 * period else JITTER * period
 
 
-def _two_clocks(table: Table, group: Group, axis: Channel, other: Channel, why: str) -> InputError:
-    """Return the error of two time columns, with what to type."""
-    second = reference([table], Source(table, group, other))
-    return InputError(
-        f"{table.path}: {printable(axis.header, 40)} (#{axis.number}) and {printable(other.header, 40)} "
-        f"(#{other.number}) are two clocks, {why}: write each channel with its own time into its own file; "
-        f"or, if the first holds for both channels, type --exclude {shlex.quote(second)}"
-    )
-
-
-def _axis(table: Table, axis: Channel, stamps: Values, asked: Choices) -> TimeAxis:
-    """Return the times of one channel."""
-    label = printable(axis.header, 40)
-    if axis.unit == STAMP:
-        whole = np.asarray(stamps, dtype=np.int64)
-        if whole.size == 0:
-            raise InputError(f"{table.path}: 0 samples are too few for a record")
-        time = np.empty(whole.size)
-        for at in range(0, whole.size, _PIECE):
-            time[at : at + _PIECE] = (whole[at : at + _PIECE] - whole[0]) * 1e-9
-        if not axis.dated:
-            note = f"{label} has no date: the record begins on 2025-01-01, or when --start states"
-            return TimeAxis(time, None, label, (note,))
-        if whole[0] <= 0:
-            return TimeAxis(time, None, label)
-        begin = datetime.fromtimestamp(int(whole[0]) // 1_000_000_000, timezone.utc)
-        note = f"the record begins at {begin:%Y-%m-%d %H:%M:%S} UTC by {label}"
-        return TimeAxis(time, int(whole[0]), label, (note,))
-    numbers = finite(table.path, axis.name, np.asarray(stamps, dtype=np.float64), table.where, holes=False)
-    return _in_seconds(table.path, axis, numbers, asked)
-
-
-def _with_fraction(found: TimeAxis, part: Channel, values: Values) -> TimeAxis:
-    """Return times in whole seconds with the fraction that another channel holds."""
-    size = _FRACTIONS[split_header(part.header)[0].strip().lower()]
-    held = np.asarray(values, dtype=np.float64)
-    whole = np.abs(found.time - np.rint(found.time)) < 1e-6
-    fits = np.isfinite(held).all() and float(held.min()) >= 0.0 and float(held.max()) * size < 1.0
-    if not (whole.all() and fits and found.time.size > 2):
-        return found
-    time = found.time + held * size
-    label = f"{found.label} and {printable(part.header, 40)}"
-    notes = (*found.notes, f"{label} together are the time")
-    return TimeAxis(time, found.start, label, notes)
-
-
-def _in_seconds(path: Path, axis: Channel, values: Array, asked: Choices) -> TimeAxis:
-    """Return times of numbers; a unit that is not named is recognised where only one is plausible."""
-    label = printable(axis.header, 40)
-    unit = asked.units.get(TIME) or axis.unit or ("s" if asked.states_unit(TIME) else "")
-    values, notes = _continued(label, values)
-    if unit:
-        if quantity_of(unit) != "time":
-            raise InputError(f"{path}: {label} is in {printable(unit, 30)}, which is no time")
-        size = factor(unit, "time")
-        return TimeAxis(values if size == 1.0 else values * size, None, label, notes)
-    found = _plausible(values)
-    if len(found) != 1:
-        way = "s" if "s" in found or not found else found[0]
-        kinds = " or ".join(found or list(_SIZES))
-        raise InputError(
-            f"{path}: {label} has no unit and could be in {kinds}: state it with --unit time={way}"
-        )
-    (only,) = found
-    if only in _DAYS:
-        first = float(values[0])
-        start = round((first - _DAYS[only]) * 86_400e6) * 1000  # whole us: float64 days hold no more
-        note = f"{label} has no unit: by its steps and size it counts {only}"
-        return TimeAxis((values - first) * 86_400.0, start, label, (note,))
-    note = f"{label} has no unit: by its steps and size it is in {only}"
-    return TimeAxis(values if only == "s" else values * _SIZES[only], None, label, (*notes, note))
+def _dated(column: TimeColumn) -> TimeAxis:
+    """Return the time of stamps in ns."""
+    label = column.label
+    whole = np.asarray(column.values, dtype=np.int64)
+    if whole.size == 0:
+        raise InputError(f"{column.path}: 0 samples are too few for a record")
+    time = np.empty(whole.size)
+    for at in range(0, whole.size, _PIECE):
+        time[at : at + _PIECE] = (whole[at : at + _PIECE] - whole[0]) * 1e-9
+    if not column.dated:
+        note = f"{label} has no date: the record begins on 2025-01-01, or when --start states"
+        return TimeAxis(time, None, label, (note,))
+    if whole[0] <= 0:
+        return TimeAxis(time, None, label)
+    begin = datetime.fromtimestamp(int(whole[0]) // 1_000_000_000, timezone.utc)
+    note = f"the record begins at {begin:%Y-%m-%d %H:%M:%S} UTC by {label}"
+    return TimeAxis(time, int(whole[0]), label, (note,))
 
 
 def _continued(label: str, values: Array) -> tuple[Array, tuple[str, ...]]:
