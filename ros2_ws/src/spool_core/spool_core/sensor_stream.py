@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from spool_core.block_gate import LARGEST_SAMPLE
 from spool_core.numbers import Array
-from spool_core.sample_rate import LEAST_RATE
+from spool_core.record_needs import LEAST_RATE
 from spool_core.sensor_clock import LEAST_STEP, Change, Line, SampleClock, Step, StepWatch
 from spool_core.stamps import Rhythm, Stamps, judge_stamps, repeated
 

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from spool_core.errors import InputError
-from spool_core.sample_rate import Analysis, least_rate, slowness
+from spool_core.record_needs import Analysis, least_rate, slowness
 from spool_core.uncertainty import Z_95, compared
 from spool_sim.valve import FILM, OILS, Valve
 

@@ -240,7 +240,7 @@ def test_an_analysis_that_fails_says_why_and_stops_nothing(
     assert result.bags == 3
     (line,) = result.failed
     assert "short" in line
-    assert "a fit needs" in line
+    assert "too short for an estimate" in line
 
 
 def test_every_analysis_gives_rows_of_the_tables(recordings: Path) -> None:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from spool_core.errors import InputError
 from spool_core.numbers import Array, Complex
-from spool_core.sample_rate import Analysis, least_rate, slowness
+from spool_core.record_needs import LENGTHS, Analysis, least_rate, shortness, slowness
 from spool_estimator.identification.fit_result import EXPLAINS_NOTHING
 from spool_estimator.identification.record import Record
 from spool_estimator.identification.spectra import ChannelNoise, cross_spectrum, noise_of
@@ -62,12 +62,6 @@ class Thresholds:
     """Thresholds of the checks and the verdict; ``described`` returns each one's unit, use and origin."""
 
     # Checks of the record -------------------------------------------------------------------------------
-    shortest: float = decided(
-        6.0, "s", "length of all stretches below which a record is refused", "windows to fit and to hold out"
-    )
-    shortest_stretch: float = decided(
-        4.0, "s", "length of a stretch below which it is left out", "a window and its settling"
-    )
     excited: float = decided(5.0, "1", "rms over the noise's below which a channel shows only noise", CASES)
     incoherent: float = decided(
         0.3,
@@ -220,13 +214,10 @@ def usable(records: Sequence[Record]) -> tuple[list[Record], list[str]]:
         InputError: there is none, or a channel is dead.
     """
     warnings = []
-    kept = [record for record in records if record.duration >= THRESHOLDS.shortest_stretch]
-    if sum(record.duration for record in kept) < THRESHOLDS.shortest:
-        longest = max((record.duration for record in records), default=0.0)
-        raise InputError(
-            f"{records[0].name if records else 'record'}: too short: its longest stretch without gaps has "
-            f"{longest:.1f} s, an analysis needs {THRESHOLDS.shortest:g} s or more in all: record longer"
-        )
+    short = shortness(Analysis.GAP, [record.duration for record in records])
+    if short:
+        raise InputError(f"{records[0].name if records else 'record'}: {short}")
+    kept = [record for record in records if record.duration >= LENGTHS[Analysis.GAP].stretch]
     gaps = sum(not record.cut for record in records) - 1
     if gaps > 0:
         lost = sum(record.duration for record in records) - sum(record.duration for record in kept)
@@ -416,7 +407,7 @@ def _changing(record: Record) -> list[Record]:
     found = [record]
     for name in ("body", "spool"):
         found = [part for one in found for part in _without_still(one, getattr(one, name))]
-    return [part for part in found if part.duration >= THRESHOLDS.shortest_stretch]
+    return [part for part in found if part.duration >= LENGTHS[Analysis.GAP].stretch]
 
 
 def _without_still(record: Record, row: Array) -> list[Record]:

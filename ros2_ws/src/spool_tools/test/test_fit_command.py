@@ -243,7 +243,7 @@ def test_what_to_hold_and_to_free_is_checked() -> None:
     [
         (("practice_03",), "does not describe its valve: name a valve file with --valve"),
         (("practice_03", *SOFT, "--model", "coulom"), "coulom: no such model; give one of fluid"),
-        (("practice_03", *SOFT, "--stop", "1"), "has 1.00 s: a fit needs 2 s at least"),
+        (("practice_03", *SOFT, "--stop", "1"), "too short for an estimate, which needs 2 s"),
         (("practice_03", *SOFT, "--start", "60"), "no sample from --start 60 s on: it is 40.0 s long"),
         (("practice_99", *SOFT), "practice_99: no such bag"),
         (("practice_03", *SOFT, "--name", "valve_7"), "no valve 'valve_7': the bag has valve_1"),

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from spool_core.block_gate import SHORTEST_PERIOD
 from spool_core.errors import InputError
 from spool_core.numbers import Array
-from spool_core.sample_rate import LEAST_RATE
+from spool_core.record_needs import LEAST_RATE
 from spool_core.stamps import JITTER, first_step, number_error, ticks
 from spool_core.text import printable
 

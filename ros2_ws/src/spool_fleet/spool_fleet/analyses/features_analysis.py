@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 from spool_core.errors import InputError
+from spool_core.record_needs import Analysis as Need
+from spool_core.record_needs import shortness
 from spool_estimator.identification.spectra import cross_spectrum
 from spool_tools.operations.record_loading import Selection, load_recording
 
@@ -28,8 +30,9 @@ def run(subject: Subject) -> Rows:
     selection = Selection(subject.namespace, longest=LONGEST, described=False)
     recording = load_recording(subject.path, selection)
     longest = max(recording.stretches, key=lambda stretch: stretch.duration)
-    if longest.duration < SEGMENT:
-        raise InputError(f"no stretch of {SEGMENT:g} s without a gap")
+    short = shortness(Need.ESTIMATE, [longest.duration])
+    if short:
+        raise InputError(short)
     rows = []
     for channel in ("body", "spool"):
         row = np.concatenate([getattr(stretch, channel) for stretch in recording.stretches])

@@ -18,6 +18,7 @@ from spool_bag.metadata import rate_std
 from spool_bag.reader import BagReader
 from spool_core.block import Block
 from spool_core.errors import InputError
+from spool_core.record_needs import LENGTHS, Analysis, shortness
 from spool_core.text import did_you_mean
 from spool_estimator.identification.channel_faults import ChannelFault, faults_of, without_outliers
 from spool_estimator.identification.record import PartKeeper, Record, records_from_blocks
@@ -44,8 +45,6 @@ MOST_STRETCHES = 8
 
 DEFAULT_VALVE = "4weh10_soft"
 
-#: s, below which a stretch is no use: settling of the filters, run-in, and something to fit.
-SHORTEST = 2.0
 #: How far a spectrum must stand out of its median to be motion: noise by itself stays below 6.
 STANDS_OUT = 10.0
 #: s of the pieces that are held out, at least, and one piece of how many is.
@@ -428,13 +427,11 @@ def check(recording: Recording) -> None:
     Raises:
         InputError: no stretch is long enough, or neither body nor spool moves.
     """
-    longest = max(stretch.duration for stretch in recording.stretches)
-    if longest < SHORTEST:
-        raise InputError(
-            f"{recording.path}: its longest stretch without gaps has {longest:.2f} s: "
-            f"a fit needs {SHORTEST:g} s at least"
-        )
-    if not any(excited(stretch) for stretch in recording.stretches if stretch.duration >= SHORTEST):
+    short = shortness(Analysis.ESTIMATE, [stretch.duration for stretch in recording.stretches])
+    if short:
+        raise InputError(f"{recording.path}: {short}")
+    least = LENGTHS[Analysis.ESTIMATE].stretch
+    if not any(excited(stretch) for stretch in recording.stretches if stretch.duration >= least):
         raise InputError(
             f"{recording.path}: nothing but noise in both accelerations: without excitation there is nothing "
             "to fit; shake the body at 10 to 100 Hz"

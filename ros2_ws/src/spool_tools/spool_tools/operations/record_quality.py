@@ -22,7 +22,7 @@ from spool_bag.importing.table import Table as Channels
 from spool_bag.importing.units import quantity_of
 from spool_core.errors import InputError
 from spool_core.numbers import Array
-from spool_core.sample_rate import Analysis, slowness
+from spool_core.record_needs import Analysis, shortness, slowness
 from spool_core.uncertainty import BY_NAME, LEFT_OUT, as_json, named, number
 from spool_estimator.identification.channel_faults import at_rail
 from spool_estimator.identification.record import LARGEST, Record
@@ -44,8 +44,6 @@ CLIPPED = 0.005
 COVERED = "covered by motion"
 #: Signal over noise (rms) below which parameters become uncertain by more than a tenth in a minute.
 QUIET = 3.0
-#: s from which a record tells of friction: 20 periods at 1 Hz.
-SHORT = 20.0
 _BODY, _SPOOL, _LINE = "#0072B2", "#D55E00", "#000000"
 #: Points of a drawn line, minimum and maximum of each piece beyond.
 _POINTS = 4000
@@ -389,7 +387,7 @@ def quality_of(
     )
     outliers = [record_loading.outliers_text(left_out)] if left_out else []
     faults = [one.sentence for one in record_loading.channel_faults(stretches)]
-    found.doubts = [*warnings, *outliers, *faults, *_doubts(found)]
+    found.doubts = [*warnings, *outliers, *faults, *_doubts(found, [one.duration for one in stretches])]
     return found
 
 
@@ -415,7 +413,7 @@ def _resonance(response: Response, inside: NDArray[np.bool_]) -> Resonance:
     return Resonance(float(response.frequency[best]), size) if size > 1.1 else Resonance()
 
 
-def _doubts(found: RecordQuality) -> list[str]:
+def _doubts(found: RecordQuality, durations: Sequence[float]) -> list[str]:
     said = []
     for one in found.channels:
         if one.rms == 0.0:
@@ -431,13 +429,12 @@ def _doubts(found: RecordQuality) -> list[str]:
                 f"{one.rms:.2g} m/s^2: "
                 "shake harder, or use a finer sensor"
             )
-    if found.duration_s < SHORT:
-        said.append(f"{found.duration_s:.1f} s are short: friction needs {SHORT:g} s and more")
+    said += list(filter(None, (shortness(one, durations) for one in Analysis)))[:1]
     body = found.channels[0]
     if body.rms > QUIET * body.noise_rms:  # band and peaks of noise alone are any
         natural = found.resonance.frequency if math.isfinite(found.resonance.frequency) else 0.0
-        slow = [slowness(one, found.rate, natural, found.excitation.high) for one in Analysis]
-        said.extend([one for one in slow if one][:1])
+        slow = (slowness(one, found.rate, natural, found.excitation.high) for one in Analysis)
+        said += list(filter(None, slow))[:1]
     if found.coherence < COHERENT and all(one.rms > 0.0 for one in found.channels):
         said.append(
             f"coherence of body and spool is {found.coherence:.2f} in the excitation's band: "

@@ -1,4 +1,4 @@
-"""Sample rates: what each analysis needs, and one advice for one record."""
+"""Sample rate and length: what each analysis needs, and one advice for one record."""
 
 from __future__ import annotations
 
@@ -7,7 +7,15 @@ import re
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from spool_core.sample_rate import LEAST_RATE, SLOWEST_VALVE, Analysis, least_rate, slowness
+from spool_core.record_needs import (
+    LEAST_RATE,
+    LENGTHS,
+    SLOWEST_VALVE,
+    Analysis,
+    least_rate,
+    shortness,
+    slowness,
+)
 
 NATURAL = st.floats(SLOWEST_VALVE, 250.0)
 HIGHEST = st.one_of(st.just(0.0), st.floats(1.0, 1000.0))
@@ -49,3 +57,27 @@ def test_a_text_names_the_analysis_its_need_and_the_reason() -> None:
 
 def test_no_analysis_of_any_valve_needs_less_than_streams_and_files_must_have() -> None:
     assert min(least_rate(analysis, SLOWEST_VALVE).rate for analysis in Analysis) == LEAST_RATE
+
+
+@given(durations=st.lists(st.floats(0.0, 40.0), max_size=8))
+def test_every_analysis_advises_the_same_length_and_takes_it(durations: list[float]) -> None:
+    texts = [shortness(analysis, durations) for analysis in Analysis]
+    advice = {found[1] for text in texts if (found := re.search(r"record (\d+) s or more", text))}
+    assert advice <= {"20"}
+    assert not any(shortness(analysis, [20.0]) for analysis in Analysis)
+
+
+@pytest.mark.parametrize(
+    ("analysis", "durations"),
+    [
+        (Analysis.ESTIMATE, [1.9] * 20),
+        (Analysis.GAP, [3.9] * 20),
+        (Analysis.GAP, [5.9]),
+        (Analysis.SHAPE, [19.0]),
+    ],
+)
+def test_stretches_that_hold_too_little_are_too_short(analysis: Analysis, durations: list[float]) -> None:
+    need = LENGTHS[analysis]
+    text = shortness(analysis, durations)
+    assert text.startswith(f"too short for {analysis.value}")
+    assert not shortness(analysis, [*durations, need.total])

@@ -1,4 +1,4 @@
-"""Least sample rates: the one rule, and what each analysis needs of a valve and its excitation by it.
+"""Needs of each analysis: least sample rate, by the valve and its excitation, and least length of a record.
 
 A rate is a number of samples in a period, of the valve's natural frequency or of the highest frequency
 excited. Two samples in a period are the sampling theorem's limit; each analysis needs more, for its reason.
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import enum
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 #: Hz, a third of the natural frequency of the softest valve described here: no spool on springs is slower.
@@ -39,6 +40,23 @@ class Need(NamedTuple):
 
     rate: float
     reason: str
+
+
+class Length(NamedTuple):
+    """Least length of a record: ``total`` s in stretches without gaps of ``stretch`` s or more."""
+
+    stretch: float
+    total: float
+    reason: str
+
+
+#: Lengths by the parts they must hold: one fit, not validated; windows of 4 s, which settle first; enough
+#: periods of the slowest excitation in use to separate friction from noise.
+LENGTHS = {
+    Analysis.ESTIMATE: Length(2.0, 2.0, "the filters settle, the model runs in, and something is fitted"),
+    Analysis.GAP: Length(4.0, 6.0, "windows to fit and to hold out"),
+    Analysis.SHAPE: Length(4.0, 20.0, "20 periods at 1 Hz"),
+}
 
 
 def least_rate(analysis: Analysis, natural_frequency: float, highest: float = 0.0) -> Need:
@@ -80,3 +98,19 @@ def slowness(analysis: Analysis, sample_rate: float, natural_frequency: float, h
     advice = f"sample at {best.rate:.0f} Hz or more"
     reason = "" if best == need else f" ({best.reason}), by which every analysis is served"
     return f"{sample_rate:.6g} Hz is too slow for {needs}: {advice}{reason}"
+
+
+def shortness(analysis: Analysis, durations: Sequence[float]) -> str:
+    """Return that stretches (s, between gaps) are too short for an analysis; "" where they are not.
+
+    As with the rate, the length to choose serves every analysis.
+    """
+    need, best = LENGTHS[analysis], LENGTHS[Analysis.SHAPE]
+    if sum(one for one in durations if one >= need.stretch) >= need.total:
+        return ""
+    needs = f", which needs {need.total:g} s ({need.reason})"
+    reason = f" ({best.reason}), by which every analysis is served"
+    return (
+        f"too short for {analysis.value}{needs if need != best else ''}: {sum(durations):.3g} s, the longest "
+        f"stretch without gaps {max(durations, default=0.0):.3g} s: record {best.total:g} s or more{reason}"
+    )
