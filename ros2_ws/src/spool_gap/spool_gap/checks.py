@@ -223,21 +223,24 @@ def usable(records: Sequence[Record]) -> tuple[list[Record], list[str]]:
         lost = sum(record.duration for record in records) - sum(record.duration for record in kept)
         warnings.append(f"the record has {gaps} gaps; {len(kept)} stretches are used, {lost:.1f} s left out")
     for record in kept:
-        for name, row in (("body", record.body), ("spool", record.spool)):
-            if not float(np.ptp(row)) > 0.0:
-                raise InputError(
-                    f"{record.name}: {name} reads {row[0]:g} m/s^2 throughout: check sensor and cable"
-                )
-            still = longest_still(row) * record.sample_period
-            if still > STILL:
-                warnings.append(f"{name} does not change for {still:.1f} s: check sensor and cable")
+        dead, stopped = unchanging(record)
+        if dead:
+            raise InputError(f"{record.name}: {dead[0]}")
+        warnings += stopped
     return [part for record in kept for part in _changing(record)] or kept, warnings
 
 
-def longest_still(row: Array) -> int:
-    """Return the largest number of equal samples in a row."""
-    edges = np.flatnonzero(np.concatenate([[True], np.diff(row) != 0.0, [True]]))
-    return int(np.diff(edges).max())
+def unchanging(record: Record) -> tuple[list[str], list[str]]:
+    """Return a sentence for each channel that is dead, and for each that stops for a while."""
+    dead, stopped = [], []
+    for name, row in (("body", record.body), ("spool", record.spool)):
+        edges = np.flatnonzero(np.concatenate([[True], np.diff(row) != 0.0, [True]]))
+        still = int(np.diff(edges).max()) * record.sample_period
+        if still > STILL and edges.size == 2:
+            dead.append(f"{name} reads {row[0]:g} m/s^2 throughout: check sensor and cable")
+        elif still > STILL:
+            stopped.append(f"{name} does not change for {still:.1f} s: check sensor and cable")
+    return dead, stopped
 
 
 def judge(record: Record, valve: Valve) -> tuple[list[str], bool]:
@@ -291,17 +294,25 @@ def judge(record: Record, valve: Valve) -> tuple[list[str], bool]:
 
 def misread(ratio: Complex, coherent: float, frequency: Array, valve: Valve) -> tuple[str, str]:
     """Return what is wrong with how the channels were read, and what is doubtful; empty where nothing is."""
-    if coherent < THRESHOLDS.incoherent:
-        return "", (
-            f"body and spool hardly belong together (coherence {coherent:.2f}): "
-            "same valve, same clock, sensors tight?"
-        )
+    apart = unrelated(coherent)
+    if apart:
+        return "", apart
     wrong = unit_or_exchange(ratio, frequency, valve)
     if wrong or frequency.size < 4 or not like_no_valve(ratio, frequency, valve):
         return wrong, ""
     return "", (
         "spool over body is the transfer of no valve with this mass, whatever its spring: units of both "
         "channels, order of the columns, valve file?"
+    )
+
+
+def unrelated(coherent: float) -> str:
+    """Return that body and spool hardly belong together, by the coherence of ``transfer``; "" if they do."""
+    if not coherent < THRESHOLDS.incoherent:
+        return ""
+    return (
+        f"body and spool hardly belong together (coherence {coherent:.2f}): "
+        "same valve, same clock, sensors tight?"
     )
 
 

@@ -111,7 +111,7 @@ def test_a_silent_channel_is_told(
 ) -> None:
     path = table(tmp_path, "dead.csv", "time_s,body_m_s2,spool_m_s2", (practice[0], 0.0 * practice[1]), 1.0)
     assert main(["check", str(path)]) == 1
-    assert "all samples are alike: is the sensor connected?" in capsys.readouterr().out
+    assert "throughout: check sensor and cable" in capsys.readouterr().out
 
 
 def test_other_commands_read_units_too_and_say_where_they_are_told(

@@ -24,7 +24,7 @@ from spool_estimator.identification.channel_faults import ChannelFault, faults_o
 from spool_estimator.identification.record import PartKeeper, Record, records_from_blocks
 from spool_estimator.identification.spectra import cross_spectrum
 from spool_estimator.plausibility import check_rate, check_records
-from spool_gap.checks import reading_doubts
+from spool_gap.checks import reading_doubts, unchanging
 from spool_sim.valve import Valve, find_valve, shipped_valves
 
 from spool_tools.operations.record_sources import (
@@ -425,7 +425,7 @@ def check(recording: Recording) -> None:
     """Refuse what nothing can be learnt from.
 
     Raises:
-        InputError: no stretch is long enough, or neither body nor spool moves.
+        InputError: no stretch is long enough, a channel is dead, or neither body nor spool moves.
     """
     short = shortness(Analysis.ESTIMATE, [stretch.duration for stretch in recording.stretches])
     if short:
@@ -436,6 +436,10 @@ def check(recording: Recording) -> None:
             f"{recording.path}: nothing but noise in both accelerations: without excitation there is nothing "
             "to fit; shake the body at 10 to 100 Hz"
         )
+    for stretch in recording.stretches:
+        dead = unchanging(stretch)[0] if stretch.duration >= least else []
+        if dead:
+            raise InputError(f"{recording.path}: {dead[0]}")
 
 
 def channel_doubts(recordings: Sequence[Recording]) -> tuple[str, ...]:

@@ -27,6 +27,7 @@ from spool_core.uncertainty import BY_NAME, LEFT_OUT, as_json, named, number
 from spool_estimator.identification.channel_faults import at_rail
 from spool_estimator.identification.record import LARGEST, Record
 from spool_estimator.identification.spectra import cross_spectrum, noise_of
+from spool_gap.checks import THRESHOLDS, transfer, unchanging, unrelated
 
 from spool_tools.operations import record_loading
 from spool_tools.outputs import write_file, write_json
@@ -42,8 +43,6 @@ PIECE = 2.0
 CLIPPED = 0.005
 #: Noise that cannot be seen.
 COVERED = "covered by motion"
-#: Signal over noise (rms) below which parameters become uncertain by more than a tenth in a minute.
-QUIET = 3.0
 _BODY, _SPOOL, _LINE = "#0072B2", "#D55E00", "#000000"
 #: Points of a drawn line, minimum and maximum of each piece beyond.
 _POINTS = 4000
@@ -325,8 +324,8 @@ class Resonance:
 class RecordQuality:
     """Quality of the record of a name, as ``check --json`` writes it.
 
-    ``rate``: Hz. ``coherence``: median in the band of the excitation. ``doubts``: what an estimate would
-    suffer from.
+    ``rate``: Hz. ``coherence``: share of the spool's power in the band of the excitation that the body
+    accounts for, 0 where it is not known. ``doubts``: what an estimate would suffer from.
     """
 
     record: str
@@ -367,7 +366,8 @@ def quality_of(
     squared = both.coherence if several else np.zeros_like(both.body)
     response = Response(both.frequency, both.body, both.spool, both.amplification, squared)
     inside = (response.frequency >= noise.low) & (response.frequency <= noise.high)
-    coherence = float(np.median(response.coherence[inside])) if inside.any() else 0.0
+    judged = several and all(one.rms > 0.0 for one in channels)
+    ratio, coherence, _ = transfer(longest, noise) if judged else ((), 0.0, ())
     ends = [one.start * 1e-9 + one.duration for one in stretches]
     missing = sum(
         max(0.0, after.start * 1e-9 - end) for end, after in zip(ends[:-1], stretches[1:], strict=True)
@@ -380,14 +380,16 @@ def quality_of(
         missing,
         channels,
         Excitation(noise.low, noise.high),
-        coherence,
+        coherence if len(ratio) else 0.0,
         _resonance(response, inside),
         response,
         longest,
     )
     outliers = [record_loading.outliers_text(left_out)] if left_out else []
     faults = [one.sentence for one in record_loading.channel_faults(stretches)]
-    found.doubts = [*warnings, *outliers, *faults, *_doubts(found, [one.duration for one in stretches])]
+    still = dict.fromkeys(text for one in stretches for texts in unchanging(one) for text in texts)
+    lengths = [one.duration for one in stretches]
+    found.doubts = [*warnings, *outliers, *faults, *still, *_doubts(found, lengths)]
     return found
 
 
@@ -415,14 +417,12 @@ def _resonance(response: Response, inside: NDArray[np.bool_]) -> Resonance:
 
 def _doubts(found: RecordQuality, durations: Sequence[float]) -> list[str]:
     said = []
-    for one in found.channels:
-        if one.rms == 0.0:
-            said.append(f"{one.name}: all samples are alike: is the sensor connected?")
-            continue
+    moving = [one for one in found.channels if one.rms > 0.0]
+    for one in moving:
         if one.clipped > 0.0:
             grave = "more than a fit can do without" if one.clipped > CLIPPED else "left out by fits"
             said.append(f"{one.name}: {100.0 * one.clipped:.2g} % of the samples are clipped, {grave}")
-        if one.rms < QUIET * one.noise_rms:
+        if one.rms < THRESHOLDS.excited * one.noise_rms:
             said.append(
                 f"{one.name}: its noise of {one.noise_rms:.2g} m/s^2 (rms) "
                 f"drowns the motion of "
@@ -431,16 +431,12 @@ def _doubts(found: RecordQuality, durations: Sequence[float]) -> list[str]:
             )
     said += list(filter(None, (shortness(one, durations) for one in Analysis)))[:1]
     body = found.channels[0]
-    if body.rms > QUIET * body.noise_rms:  # band and peaks of noise alone are any
+    if body.rms > THRESHOLDS.excited * body.noise_rms:  # band and peaks of noise alone are any
         natural = found.resonance.frequency if math.isfinite(found.resonance.frequency) else 0.0
         slow = (slowness(one, found.rate, natural, found.excitation.high) for one in Analysis)
         said += list(filter(None, slow))[:1]
-    if found.coherence < COHERENT and all(one.rms > 0.0 for one in found.channels):
-        said.append(
-            f"coherence of body and spool is {found.coherence:.2f} in the excitation's band: "
-            "sticking, noise, another "
-            "axis, or two records that do not belong together"
-        )
+    if found.coherence > 0.0 and unrelated(found.coherence):
+        said.append(unrelated(found.coherence))
     elif not math.isfinite(found.resonance.frequency):
         said.append(
             "no resonance is seen: the natural frequency may lie outside the band, or friction damps it"
