@@ -12,17 +12,9 @@ from spool_core.text import printable
 from spool_core.uncertainty import EMPTY_IS_NULL
 
 from spool_bag import BODY, SPOOL, TIME
+from spool_bag.importing import roles
 from spool_bag.importing.choices import QUANTITIES, Choices, short, typed
-from spool_bag.importing.roles import (
-    REQUIRED,
-    Channels,
-    Source,
-    channels_of,
-    chosen,
-    counts,
-    may_be_time,
-    time_axis_of,
-)
+from spool_bag.importing.roles import Channels, Source
 from spool_bag.importing.table import LOG_TIME, STAMP, Group, Table
 from spool_bag.importing.units import KEPT, NO_UNIT, READINGS, converted, factor, level_of, quantity_of
 
@@ -147,9 +139,9 @@ def assigned(tables: Sequence[Table], kind: str, asked: Choices) -> list[ClockRo
     Raises:
         InputError: a channel or its unit is missing or could be several; what to type is said.
     """
-    channels = channels_of(tables, asked.exclude)
-    measured = _converted(chosen(channels, kind, asked), asked)
-    first, second = REQUIRED[kind]
+    channels = roles.channels_of(tables, asked.exclude)
+    measured = _converted(roles.chosen(channels, kind, asked), asked)
+    first, second = roles.REQUIRED[kind]
     clock = measured[first].source.clock
     if clock == measured[second].source.clock:
         beside = {role: one for role, one in measured.items() if one.source.clock == clock}
@@ -170,10 +162,10 @@ def _of_clock(channels: Channels, measured: Mapping[str, Role], asked: Choices) 
     channels = Channels((table,), tuple(one for one in channels.sources if one.table is table))
     beside = [one for one in channels.sources if one.group is group]
     free = [one for one in beside if one not in taken]
-    axis = time_axis_of(channels, group, free, asked)
+    axis = roles.time_axis_of(channels, group, free, asked)
     fraction: Role | None = None
     others: list[Role] = []
-    counter = next(filter(counts, beside), None) if axis is None and asked.rate else None
+    counter = next(filter(roles.counts, beside), None) if axis is None and asked.rate else None
     if axis is not None:
         free = [one for one in free if one is not axis]
         part = next((one for one in free if one.name.lower() in _FRACTIONS), None)
@@ -181,7 +173,7 @@ def _of_clock(channels: Channels, measured: Mapping[str, Role], asked: Choices) 
             fraction = Role(part, ChannelUse.of(part, TIME, "", _FRACTIONS[part.name.lower()]))
         # The times of sending and of reception of a bag's messages are a choice of the user.
         if all(one.channel.name != LOG_TIME for one in beside):
-            times = [one for one in free if one is not part and may_be_time(one)]
+            times = [one for one in free if one is not part and roles.may_be_time(one)]
             others = [Role(one, _use_of_time(one, Choices())) for one in times]
     timed = None if axis is None else Role(axis, _use_of_time(axis, asked))
     return ClockRoles(table, group, channels, beside, measured, timed, fraction, others, counter)

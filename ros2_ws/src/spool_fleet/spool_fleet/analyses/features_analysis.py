@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
+from spool_core import record_needs
 from spool_core.errors import InputError
-from spool_core.record_needs import Analysis as Need
-from spool_core.record_needs import shortness
 from spool_estimator.identification.spectra import cross_spectrum
 from spool_tools.operations.record_loading import Selection, load_recording
 
@@ -30,7 +29,7 @@ def run(subject: Subject) -> Rows:
     selection = Selection(subject.namespace, longest=LONGEST, described=False)
     recording = load_recording(subject.path, selection)
     longest = max(recording.stretches, key=lambda stretch: stretch.duration)
-    short = shortness(Need.ESTIMATE, [longest.duration])
+    short = record_needs.shortness(record_needs.Analysis.ESTIMATE, [longest.duration])
     if short:
         raise InputError(short)
     rows = []
