@@ -117,7 +117,7 @@ def test_operators_acknowledge_shelve_suppress_and_are_refused_with_a_reason(sys
     active = ask(system, ResetAlarms, "reset_alarms", alarm=SILENCE, who="Eva")
     assert active.reason == f"{SILENCE}: it is still active, so it can't be reset"
     past = ask(system, AcknowledgeAlarm, "acknowledge_alarm", alarm=SILENCE, who="Eva", occurrence=7)
-    assert "occurrence 7 is past, now it is 1" in past.reason
+    assert "occurrence 7 is not current; look at number 1 first" in past.reason
 
     # Calling the service is asking for it: what is left out does not take back.
     shelved = ask(system, ShelveAlarm, "shelve_alarm", alarm=SILENCE, duration=2.0, who="Eva")
@@ -196,7 +196,7 @@ def test_an_operator_works_from_a_terminal_and_the_alarm_keeps_its_surroundings(
     system.until(lambda: state(alarms) == Alarm.STATE_ACKNOWLEDGED, "it is acknowledged")
     again = system.spool("alarm", "acknowledge", "valve_1", SILENCE, "--who", "Eva")
     assert again.returncode == 2
-    assert again.stderr.strip().endswith("no acknowledgement is due, Eva has done it")
+    assert again.stderr.strip().endswith("there is nothing to acknowledge, Eva acknowledged it")
     assert "Traceback" not in again.stderr
     kept = ("--state-folder", str(system.folder / "state" / "spool"))
     history = system.spool("alarm", "history", "--search", "eva acknowledge", *kept)
@@ -219,7 +219,7 @@ def test_an_operator_works_from_a_terminal_and_the_alarm_keeps_its_surroundings(
     # While it is written it lies there under a name of its own.
     system.until(lambda: any(folder.glob("valve_1_requested_*")), "a snapshot is kept on request")
     unknown = system.spool("snapshot", "valve_2", "--who", "Eva")
-    assert (unknown.returncode, "nothing of it is recorded" in unknown.stderr) == (2, True)
+    assert (unknown.returncode, "no data of this valve is recorded" in unknown.stderr) == (2, True)
 
 
 # By the rules of the standard tools: REP 107 and what diagnostic_aggregator and rqt show.

@@ -150,5 +150,5 @@ def test_a_scheduler_that_does_not_answer_is_said(bags: Path, tmp_path: Path) ->
     ]
     done = subprocess.run([str(word) for word in command], capture_output=True, text=True, check=False)
     assert done.returncode == 2
-    assert "no scheduler answers" in done.stderr
+    assert "no scheduler responds" in done.stderr
     assert "Traceback" not in done.stderr

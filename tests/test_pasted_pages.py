@@ -150,7 +150,7 @@ def test_commands_of_running_nodes_work_on_them(system: System, folder: Path) ->
     assert refused.returncode == 2
     assert refused.stderr.splitlines() == [
         "spool: valve_1/monitor: amplification_off (1.5) must lie below amplification_on (1.2): "
-        "what is raised would be cleared immediately"
+        "otherwise an event would clear immediately"
     ]
     for change, reason in (
         ("gain_change=7", "0.02"),

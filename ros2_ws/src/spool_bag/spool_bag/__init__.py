@@ -23,7 +23,7 @@ NOT_MEASURED = -1.0
 
 def no_such_bag(path: Path) -> InputError:
     """Return the refusal of ``path`` where there is no bag."""
-    left = "".join(f"; {part} is what a killed process left of it" for part in leftovers(path)[:1])
+    left = "".join(f"; a killed process left {part} behind" for part in leftovers(path)[:1])
     return InputError(f"{path}: no such bag: name a rosbag2 directory or an .mcap file{left}")
 
 

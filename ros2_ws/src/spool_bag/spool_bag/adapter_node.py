@@ -70,20 +70,22 @@ def _of(channel: str, topic: str) -> tuple[NodeParameter, ...]:
         NodeParameter(
             f"{channel}_topic", topic, f"Topic of the accelerometer on the {channel}.", structural=True
         ),
-        NodeParameter(f"{channel}_type", IMU, "Its message type.", choices=tuple(TYPES), structural=True),
+        NodeParameter(
+            f"{channel}_type", IMU, "Message type of the topic.", choices=tuple(TYPES), structural=True
+        ),
         NodeParameter(
             f"{channel}_axis",
             "+x",
-            "Its axis along the spool: +x, +y, +z, -x, -y, -z; of an array +column0 and so on.",
+            "Sensor axis along the spool: +x, +y, +z, -x, -y, -z; for an array +column0 and so on.",
             structural=True,
         ),
-        NodeParameter(f"{channel}_unit", "m/s^2", "Its unit.", choices=tuple(UNITS), structural=True),
         NodeParameter(
-            f"{channel}_gain", 1.0, "Multiplied with what it says.", "1", 1e-9, 1e9, structural=True
+            f"{channel}_unit", "m/s^2", "Unit of the readings.", choices=tuple(UNITS), structural=True
         ),
         NodeParameter(
-            f"{channel}_frame", "", "The only frame_id that is taken; empty: any.", structural=True
+            f"{channel}_gain", 1.0, "Factor applied to the readings.", "1", 1e-9, 1e9, structural=True
         ),
+        NodeParameter(f"{channel}_frame", "", "The only frame_id accepted; empty: any.", structural=True),
     )
 
 
@@ -102,35 +104,57 @@ class AdapterNode(ManagedNode):
         NodeParameter(
             "stamps",
             "header",
-            "Time of a sample: of its header, or of its arrival here.",
+            "Source of a sample's time: its header or its arrival.",
             choices=("header", "arrival"),
             structural=True,
         ),
         NodeParameter(
             "time_column",
             -1,
-            "Column of an array with the time in s; -1: the time of arrival counts.",
+            "Column of an array with the time in s; -1: use the time of arrival.",
             "",
             -1,
             9999,
             structural=True,
         ),
-        NodeParameter("spool_delay", 0.0, "Taken off the spool's stamps.", "s", -10.0, 10.0, structural=True),
         NodeParameter(
-            "sample_rate", 0.0, "Samples a second, 0: from the stamps.", "Hz", 0.0, 1e5, structural=True
+            "spool_delay", 0.0, "Delay subtracted from the spool's stamps.", "s", -10.0, 10.0, structural=True
+        ),
+        NodeParameter(
+            "sample_rate", 0.0, "Sample rate; 0: from the stamps.", "Hz", 0.0, 1e5, structural=True
         ),
         NodeParameter("block_rate", 50.0, "Blocks a second.", "Hz", 0.1, 1000.0, structural=True),
-        NodeParameter("settle", 1.0, "Stamps that make the clocks.", "s", 0.1, 60.0, structural=True),
         NodeParameter(
-            "longest_wait", 1.0, "How long one sensor waits for the other.", "s", 0.01, 10.0, structural=True
+            "settle",
+            1.0,
+            "Time span of stamps from which each clock is estimated.",
+            "s",
+            0.1,
+            60.0,
+            structural=True,
         ),
         NodeParameter(
-            "stale_after", 0.5, "Silence of a sensor that is reported.", "s", 0.1, 60.0, structural=True
+            "longest_wait",
+            1.0,
+            "Longest time that one sensor waits for the other.",
+            "s",
+            0.01,
+            10.0,
+            structural=True,
+        ),
+        NodeParameter(
+            "stale_after",
+            0.5,
+            "Silence after which a sensor is reported as stale.",
+            "s",
+            0.1,
+            60.0,
+            structural=True,
         ),
         NodeParameter(
             "reliability",
             "best_effort",
-            "best_effort hears all; reliable those that offer it, and they send again what was lost.",
+            "best_effort: any publisher; reliable: only reliable publishers, which resend lost messages.",
             choices=("best_effort", "reliable"),
             structural=True,
         ),
@@ -182,11 +206,9 @@ class AdapterNode(ManagedNode):
         if "" in topics:
             return "body_topic and spool_topic: name the topics of both sensors"
         if len(topics) == 1 and len(kinds) == 2:
-            return (
-                f"spool_type: {topics.pop()} is body_topic, too, and has one type: set body_type to the same"
-            )
+            return f"spool_type: {topics.pop()} is body_topic as well and has one type: set body_type to it"
         if len(topics) == 1 and self._reading("body", changes) == self._reading("spool", changes):
-            return "spool_topic: it is body_topic, too, with the same axis and frame: that is one sensor"
+            return "spool_topic: body_topic has the same topic, axis and frame: name a second sensor"
         return None
 
     def _setting(self, name: str, changes: dict[str, Value]) -> Any:
@@ -315,7 +337,7 @@ class Reading:
                 raise UnusableError(f"frame_id is {header.frame_id!r}, not {self.frame!r}")
             if self.kind == IMU:
                 if message.linear_acceleration_covariance[0] == NOT_MEASURED:
-                    raise UnusableError("this Imu says that it measures no acceleration")
+                    raise UnusableError("this Imu message reports that it measures no acceleration")
                 vector = message.linear_acceleration
             else:
                 vector = message.vector if self.kind == VECTOR else message.accel.linear
@@ -333,10 +355,10 @@ class Reading:
         data = message.data[message.layout.data_offset :]
         columns = dimensions[-1].size if len(dimensions) > 1 else len(data)
         if columns < 1 or len(data) % columns or not data:
-            raise UnusableError(f"{len(data)} numbers are no rows of {columns} columns")
+            raise UnusableError(f"{len(data)} numbers cannot form rows of {columns} columns")
         highest = max(column, self.time_column)
         if highest >= columns:
-            raise UnusableError(f"there is no column {highest}: it has {columns}, counted from 0")
+            raise UnusableError(f"no column {highest}: the array has {columns} columns, counted from 0")
         values = [factor * value for value in data[column::columns]]
         if self.time_column >= 0:
             times = data[self.time_column :: columns]
@@ -429,7 +451,7 @@ class SensorReport:
         for channel, one in self.gravity.items():
             if one.other_unit:
                 text = f"{channel.value}: its three axes show gravity in {one.other_unit}"
-                return Level.WARNING, f"{text}: set {channel.value}_unit to it, {one.unit} is set"
+                return Level.WARNING, f"{text}: set {channel.value}_unit to it instead of {one.unit}"
         if not aligner.settled or aligner.fault is not None:
             return Level.WARNING, "finding the sensors' rates"
         if self.recent.lost or self.recent.refused:
@@ -481,7 +503,7 @@ class SensorReport:
                 )
             rate = stream.clock.rate if stream.clock is not None else math.nan
             if settings.sample_rate > 0.0 and abs(rate / settings.sample_rate - 1.0) > WRONG_RATE:
-                wanted = f"sample_rate says {settings.sample_rate:.6g} Hz: set it to 0 or to what is right"
+                wanted = f"sample_rate is {settings.sample_rate:.6g} Hz: set it to 0 or to the right rate"
                 return Level.ERROR, f"{channel.value}: its stamps show {rate:.6g} Hz, {wanted}"
         fault = aligner.fault
         if fault is not None and (fault.cause != CLOCK_STEP or self.unpaired >= SETTLED_LOOKS):

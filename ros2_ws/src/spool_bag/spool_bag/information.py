@@ -247,8 +247,8 @@ def step_text(valve: str, step: ClockStep) -> str:
     """Return the line that tells people of a step."""
     way = "back" if step.by < 0.0 else "ahead"
     return (
-        f"/{valve}: its time goes {way} by {abs(step.by):.3f} s at {step.at:.1f} s (clock set or source "
-        "started again): time is counted on from there"
+        f"/{valve}: its time jumps {way} by {abs(step.by):.3f} s at {step.at:.1f} s (clock set or source "
+        "started again): time continues from there"
     )
 
 

@@ -215,7 +215,7 @@ class McapFile:
         yield batch
         walk.messages += found
         if nowhere:
-            reason = "messages of a channel that is nowhere described"
+            reason = "messages of a channel without description"
             walk.damaged(Damage(run.frame.offset, FRAME.size + run.frame.length, reason, nowhere))
 
     def _any_chunk(self, stream: BinaryIO) -> bool:
@@ -301,10 +301,10 @@ class Walk:
             if frame.opcode in (Opcode.DATA_END, Opcode.FOOTER):
                 if self._following(frame.end, chunked=True) is None:
                     break
-                offset = self._step_over(offset, "the data is said to end here but goes on")
+                offset = self._step_over(offset, "a record marks the end of the data, but data follow")
                 continue
             if frame.opcode == Opcode.MESSAGE and self._chunked:
-                offset = self._step_over(offset, "a message stands outside of the chunks")
+                offset = self._step_over(offset, "a message lies outside of the chunks")
                 continue
             if frame.opcode == Opcode.CHUNK:
                 run = self._chunk(frame)
@@ -369,7 +369,7 @@ class Walk:
                 raise ChunkError(f"the file unpacks to more than {LARGEST_RATIO} times its size")
             self._last = RecordRun(frame, unpack(head, content))
         except (ChunkError, MemoryError) as error:
-            reason = str(error) or "a chunk needs more memory than there is"
+            reason = str(error) or "a chunk needs more memory than is available"
             self.damaged(Damage(frame.offset, FRAME.size + frame.length, reason))
             return None
         self.size += FRAME.size + frame.length

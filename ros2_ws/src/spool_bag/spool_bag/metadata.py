@@ -191,7 +191,7 @@ def storage_files(folder: Path, *, foreign: bool = False) -> Storage:
     if other or not (compression.lower() in ("", "none", "file") or (foreign and packed)):
         what = f"storage {storage or 'sqlite3'!r}" if other else f"compression mode {compression!r}"
         raise InputError(
-            f"{folder}: {printable(what, 80)} is not read here: type "
+            f"{folder}: {printable(what, 80)} is not supported here: type "
             f"`./spool import {folder} --out {folder.name}_mcap` to convert its accelerations, or convert "
             "all of it with `ros2 bag convert`"
         )

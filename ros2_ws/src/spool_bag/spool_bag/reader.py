@@ -101,15 +101,15 @@ class BagReader:
         self.files = [file for file in files if file.times is None or span.touches(*file.times)]
         self.closed = all(file.closed for file in self.files)
         self.warnings.extend(
-            f"{file.path}: the recording was not finished: what was not yet on the disk is missing; "
+            f"{file.path}: the recording was not finished: data not yet on the disk is missing; "
             "`./spool recover` makes a finished bag of it"
             for file in self.files
             if not file.closed
         )
         if self.files and self.closed and is_unfinished(self.path):
             self.warnings.append(
-                f"{self.path}: the recording is under way, or was cut off between two parts: what was not "
-                "on the disk then is missing"
+                f"{self.path}: the recording is under way, or was cut off between two parts: data not "
+                "yet on the disk is missing"
             )
         self.warnings.extend(_stated_losses(self.files))
         self._topics: dict[str, TopicInformation] | None = None
@@ -373,8 +373,7 @@ def _stated_losses(files: Sequence[McapFile]) -> list[str]:
         begin = begin_of(file.path)
         if begin is not None and begin.cut_off:
             found.append(
-                f"{file.path}: the recorder was cut off before this part: what was not on the disk then is "
-                "missing"
+                f"{file.path}: the recorder was cut off before this part: data not yet on the disk is missing"
             )
         if begin is not None and begin.lost:
             because = printable(begin.reason, 200)

@@ -289,7 +289,7 @@ class Monitored(enum.Enum):
     """State of supervision of a valve; the value is the text people read."""
 
     YES = "monitored"
-    NOT_YET = "not monitored yet: no health since data flow"
+    NOT_YET = "not monitored yet: no health message since data arrived"
     NO = "not monitored"
     IDLE = "no data"
 

@@ -54,15 +54,15 @@ class RecorderNode(ManagedNode):
         NodeParameter(
             "output",
             "",
-            "Bag to be made, a path; empty: recording_<UTC time> in the working directory. "
-            "A second activation puts _1 behind it, and so on.",
+            "Path of the bag to write; empty: recording_<UTC time> in the working directory. "
+            "A second activation appends _1, and so on.",
             structural=True,
         ),
         NodeParameter(
             "number_output",
             False,
-            "Put _1 behind output where it exists, and so on, instead of refusing it: for a recorder that is "
-            "started again by itself.",
+            "Append _1, and so on, if output exists, instead of refusing it: for a recorder that restarts "
+            "automatically.",
             structural=True,
         ),
         NodeParameter(
@@ -75,7 +75,7 @@ class RecorderNode(ManagedNode):
         NodeParameter(
             "machine",
             "",
-            "Name of the machine, kept in the bag: tells the bags of a fleet apart.",
+            "Name of the machine, kept in the bag: distinguishes the bags of a fleet.",
             structural=True,
         ),
         NodeParameter(
@@ -106,7 +106,7 @@ class RecorderNode(ManagedNode):
         NodeParameter(
             "max_total_size",
             0,
-            "Quota of the recording, beyond which the oldest parts go; 0: none but minimum_free_space.",
+            "Quota of the recording, beyond which the oldest parts are removed; 0: only minimum_free_space.",
             unit="B",
             minimum=0,
             structural=True,
@@ -114,17 +114,14 @@ class RecorderNode(ManagedNode):
         NodeParameter(
             "minimum_free_space",
             200_000_000,
-            "Below that on the disk the oldest parts go, and then recording pauses until there is twice as "
-            "much; below twice as much it warns.",
+            "Free space on the disk below which the oldest parts are removed and then recording pauses until "
+            "twice as much is free; the recorder warns below twice as much.",
             unit="B",
             minimum=0,
             structural=True,
         ),
         NodeParameter(
-            "resume",
-            False,
-            "Go on in output where it is a recording already, with its next part.",
-            structural=True,
+            "resume", False, "Continue an existing recording in output with its next part.", structural=True
         ),
         NodeParameter(
             "thin_after",
@@ -139,30 +136,30 @@ class RecorderNode(ManagedNode):
         NodeParameter(
             "signing_key",
             "",
-            "Private key (Ed25519, PEM) with which each part's hash is signed; empty: hashes alone.",
+            "Private key (Ed25519, PEM) that signs each part's hash; empty: hashes only.",
             structural=True,
         ),
         NodeParameter(
             "snapshot_folder",
             "",
-            "Where an alarm's surroundings are kept as a bag of their own; empty: snapshots next to the bag.",
+            "Folder for bags with the data around each alarm; empty: snapshots next to the bag.",
             structural=True,
         ),
         NodeParameter(
-            "snapshot_before", 60.0, "Kept from before an alarm.", "s", 0.0, 600.0, structural=True
+            "snapshot_before", 60.0, "Time kept before an alarm.", "s", 0.0, 600.0, structural=True
         ),
-        NodeParameter("snapshot_after", 60.0, "Kept from after it.", "s", 0.0, 600.0, structural=True),
+        NodeParameter("snapshot_after", 60.0, "Time kept after an alarm.", "s", 0.0, 600.0, structural=True),
         NodeParameter(
             "snapshot_limit",
             100,
-            "Bags in that folder, beyond which the oldest go; 0: no snapshots.",
+            "Number of snapshots beyond which the oldest are removed; 0: no snapshots.",
             minimum=0,
             maximum=100000,
         ),
         NodeParameter(
             "snapshot_max_total_size",
             2_000_000_000,
-            "Quota of that folder, beyond which the oldest snapshots go; 0: none.",
+            "Quota of the snapshots, beyond which the oldest are removed; 0: no quota.",
             unit="B",
             minimum=0,
             structural=True,

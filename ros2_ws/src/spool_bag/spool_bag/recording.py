@@ -142,7 +142,7 @@ class Recording:
         dead = not (self._thread.is_alive() or self._ending)
         with self._lock:
             return RecordingState(
-                self._paused or ("its thread ended: start the recorder again" if dead else ""),
+                self._paused or ("the recording thread ended: restart the recorder" if dead else ""),
                 self._queue.messages,
                 self._queue.bytes,
                 sum(self._lost.values()),
@@ -332,7 +332,7 @@ class Recording:
         gone = writer.messages
         self._log.error(
             f"{writer.file} was removed while it was recorded: {gone} messages are lost; "
-            f"{self.path} is begun again"
+            f"the recorder starts {self.path} again"
         )
         with contextlib.suppress(OSError):
             writer.close()
@@ -379,7 +379,7 @@ class Recording:
             return
         with self._lock:
             self._paused = ""
-        self._log.info(f"recording goes on in {writer.file}: {lost} messages were not recorded")
+        self._log.info(f"recording continues in {writer.file}: {lost} messages were not recorded")
 
     def _takes(self) -> bool:
         """Write what waits; return whether the disk takes more than a name."""

@@ -206,10 +206,10 @@ class SnapshotKeeper:
         """Begin a snapshot of ``valve`` (its namespace) at ``now`` (ns); return why it did not begin."""
         ring = self._rings.get(valve)
         if ring is None or not ring.messages:
-            return "nothing of it is recorded"
+            return "no data of this valve is recorded"
         stamp = ring.blocks[-1] if ring.blocks else now
         if not self._begin(valve, ring, REQUESTED, stamp, now):
-            return f"{MOST_WAITING} snapshots of it are under way"
+            return f"{MOST_WAITING} snapshots of this valve are in progress"
         return ""
 
     def _begin(self, valve: str, ring: _Ring, event: str, stamp: int, now: int) -> bool:
@@ -260,7 +260,7 @@ class SnapshotWriter:
             self._report_lost(snapshot)
 
     def _report_lost(self, snapshot: Snapshot) -> None:
-        self._log.error(f"snapshot {snapshot.name} is lost: the disk did not take it in time")
+        self._log.error(f"snapshot {snapshot.name} is lost: the disk was too slow")
 
     def _write(self, snapshot: Snapshot, limit: int | None) -> None:
         try:
@@ -268,7 +268,9 @@ class SnapshotWriter:
             path = snapshot.write(self._folder)
         except (OSError, InputError) as error:
             if not self._told:
-                self._log.error(f"snapshot of {snapshot.valve} {snapshot.event}: {error}; it is tried again")
+                self._log.error(
+                    f"snapshot of {snapshot.valve} {snapshot.event}: {error}; the recorder tries again"
+                )
             self._told = True
             if len(self._failed) == MOST_KEPT:
                 self._report_lost(self._failed.popleft())

@@ -59,7 +59,7 @@ def verify(folder: Path, key: Path | None = None) -> Verification:
     try:
         return _verify(folder, key)
     except FileNotFoundError as error:
-        raise InputError(f"{error.filename}: it went while it was verified") from None
+        raise InputError(f"{error.filename}: it disappeared during verification") from None
 
 
 def make_keys(folder: Path) -> tuple[Path, Path]:
@@ -223,14 +223,14 @@ def _verify(folder: Path, key: Path | None) -> Verification:
     found, (first, _), (newest, _) = chain.found, files[0], files[-1]
     chain.judge_unsigned()
     if listed is None:
-        found.notes.append("metadata.yaml cannot be read: whether the newest parts are there cannot be told")
+        found.notes.append("metadata.yaml cannot be read: removed newest parts cannot be detected")
     elif listed > newest:
-        found.wrong.append(_missing(newest + 1, listed) + ": metadata.yaml lists what is not there")
+        found.wrong.append(_missing(newest + 1, listed) + ": still listed in metadata.yaml")
     found.newest_sha256 = chain.link or ""
     if first > chain.oldest:
         found.wrong.insert(0, _missing(chain.oldest, first - 1) + ", ahead of all others")
     elif first > 0:
-        found.notes.append(f"parts 0 to {first - 1} went by the recorder's quota")
+        found.notes.append(f"the recorder's quota removed parts 0 to {first - 1}")
     return found
 
 
@@ -267,7 +267,7 @@ class _Chain:
             self._break(number, f"{path.name}: it cannot be read: {error.strerror}")
             return
         if not begun:
-            self.found.notes.append(f"{path.name}: it holds nothing yet: the recorder was cut off")
+            self.found.notes.append(f"{path.name}: it is empty: the recorder was cut off")
             return
         if begin is None and ended is None:
             self._break(number, f"{path.name}: it is no part of a recording, or its beginning was edited")
@@ -278,7 +278,7 @@ class _Chain:
             self.found.notes.append(
                 f"{path.name}: it is not finished: it is being written, or the recorder was cut off"
                 if path == self.last
-                else f"{path.name}: it was never finished; the next part tells whether it is as it was"
+                else f"{path.name}: it was never finished; the next part shows whether it was edited"
             )
             self.link, self._ended = file_hash(path), None
         else:
@@ -297,7 +297,7 @@ class _Chain:
             if path == self.last:
                 self.found.notes.append(f"{path.name}: nobody has signed it yet")
             else:
-                said = f"{path.name}: it was never finished, and no part behind it that is signed names it"
+                said = f"{path.name}: it was never finished, and no later signed part names it"
                 self.found.wrong.append(said)
 
     def _break(self, number: int, wrong: str) -> None:
@@ -312,10 +312,10 @@ class _Chain:
             return
         if begin.number != number:
             wrong.append(
-                f"{path.name}: it is part {begin.number} by its own words: it was renamed or exchanged"
+                f"{path.name}: its content names it part {begin.number}: it was renamed or exchanged"
             )
         if begin.before == UNREADABLE:
-            self.found.notes.append(f"{path.name}: the part before it could not be read when it was begun")
+            self.found.notes.append(f"{path.name}: the recorder could not read the part before it")
         elif self.link is not None and begin.before != self.link:
             wrong.append(
                 f"{path.name}: it does not follow the part before it: one of both was exchanged, "
@@ -330,7 +330,7 @@ class _Chain:
         """Judge one finished part by its last record."""
         end, found = ended.end, self.found
         if end.thinned:
-            vouched = "" if self.key is not None else "; without a key that cannot be told from an edit"
+            vouched = "" if self.key is not None else "; without a key this looks like an edit"
             found.notes.append(
                 f"{path.name}: the recorder thinned it: its accelerations were removed{vouched}"
             )

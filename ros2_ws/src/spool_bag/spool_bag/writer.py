@@ -483,7 +483,7 @@ class BagWriter:
         """Write no more after ``error`` of the disk; return what to raise."""
         self.abandon()
         return RecordingError(
-            f"{self.file}: {error.strerror}; what was recorded before is kept ({self._part.good} bytes)"
+            f"{self.file}: {error.strerror}; earlier data is kept ({self._part.good} bytes)"
         )
 
     def abandon(self) -> None:
@@ -535,7 +535,7 @@ class FolderClaim:
         except BlockingIOError:
             self.release()
             raise InputError(
-                f"{folder}: another recorder writes in it: end that one, or name another output"
+                f"{folder}: another recorder writes there: stop it, or name another output"
             ) from None
         except OSError:  # a file system without locks
             return

@@ -326,7 +326,7 @@ def test_bags_of_rosbags_in_several_files_are_read(tmp_path: Path, block: MakeBl
 def test_other_storage_is_refused_with_the_way_out(tmp_path: Path) -> None:
     with Writer(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.SQLITE3):
         pass
-    with pytest.raises(InputError, match=r"storage 'sqlite3' is not read here: type `\./spool import "):
+    with pytest.raises(InputError, match=r"storage 'sqlite3' is not supported here: type `\./spool import "):
         BagReader(tmp_path / "bag")
 
 
@@ -409,7 +409,7 @@ def test_a_full_disk_is_reported_and_keeps_what_was_recorded(tmp_path: Path) -> 
         [sys.executable, "-c", FILL, str(tmp_path / "bag")], capture_output=True, text=True, check=True
     )
     assert "bag_0.mcap" in done.stderr
-    assert "what was recorded before is kept" in done.stderr
+    assert "earlier data is kept" in done.stderr
     sequences = [block.sequence for block in BagReader(tmp_path / "bag").blocks("valve_1")]
     assert sequences == list(range(int(done.stdout)))
     assert len(sequences) > 5

@@ -131,7 +131,7 @@ def test_a_section_for_another_valves_node_is_named_beside_those_that_are_right(
     file = tmp_path / "my.yaml"
     file.write_text(f"{section}: {SECTION}\n/valve_9/monitor: {SECTION}\n/**/recorder: {SECTION}")
     doubts = refuse_other_nodes(["--params-file", str(file)], "/host", NODES)
-    assert doubts == [f"{file}: section /valve_9/monitor is for none of the nodes here"]
+    assert doubts == [f"{file}: section /valve_9/monitor matches no node here"]
 
 
 def test_a_rule_for_a_hosted_node_is_refused_with_what_to_write() -> None:

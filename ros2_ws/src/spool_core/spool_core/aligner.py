@@ -197,8 +197,8 @@ class Aligner:
             name, other, by = ("spool", "body", -step) if spool > body else ("body", "spool", step)
             return PairFault(
                 CLOCK_STEP,
-                f"the {name}'s clock was set by {by:+.4g} s against the {other}'s: which samples belong "
-                "together is unknown until it is set back; synchronise both clocks and restart the adapter",
+                f"the {name}'s clock was set by {by:+.4g} s against the {other}'s: samples cannot be "
+                "paired until it is set back; synchronise both clocks and restart the adapter",
             )
         if self.too_different:
             return PairFault(

@@ -140,7 +140,7 @@ def parameters_of(path: str | Path, node: str) -> dict[str, Any]:
     sections = list(_sections(content, "")) if isinstance(content, dict) else []
     if not sections:
         raise InputError(
-            f"{path}: no parameters of nodes in it: write a section such as /**/monitor with "
+            f"{path}: the file contains no node parameters: write a section such as /**/monitor with "
             f"{NODE_PARAMETERS}, as in config/valve.yaml"
         )
     given: dict[str, Any] = {}
@@ -181,7 +181,7 @@ def _check_events(events: Iterator[yaml.Event], most_values: int) -> None:
         depth -= isinstance(event, yaml.CollectionEndEvent)
         values += isinstance(event, yaml.NodeEvent)
         if isinstance(event, yaml.AliasEvent):
-            raise _refusal("aliases (*) are not read, write the value out", event)
+            raise _refusal("aliases (*) are not supported, write the value out", event)
         if depth > DEEPEST:
             raise _refusal(f"it is nested deeper than {DEEPEST} levels", event)
         if values > most_values:
@@ -204,7 +204,7 @@ def _refuse_repeated_keys(node: yaml.Node | None) -> None:
         if isinstance(key, yaml.ScalarNode):
             if key.value in seen:
                 line = key.start_mark.line + 1
-                raise YamlError(f"key '{key.value}' stands twice (again in line {line}); keep one of them")
+                raise YamlError(f"duplicate key '{key.value}' (again in line {line}); keep one of them")
             seen.add(key.value)
         _refuse_repeated_keys(key)
         _refuse_repeated_keys(value)

@@ -278,7 +278,7 @@ def run_before_others(priority: int) -> None:
         InputError: the priority is none, or the system does not grant it.
     """
     if not 1 <= priority <= 99:
-        raise InputError(f"priority: {priority} is none of SCHED_FIFO: 1 to 99")
+        raise InputError(f"priority: {priority} is out of range for SCHED_FIFO: use 1 to 99")
     if sys.platform != "linux":
         raise InputError("priority: only Linux has SCHED_FIFO: leave it out")
     try:

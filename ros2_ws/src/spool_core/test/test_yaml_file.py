@@ -30,7 +30,7 @@ BILLION_LAUGHS = 'a0: &a0 [x,x,x,x,x,x,x,x,x]\n' + "".join(
         ("a: 2020-99-99", "a value can't be read"),
         ("a: !!int ''", "a value can't be read"),
         ("a: !!python/object/apply:os.system [ls]", "could not determine a constructor"),
-        ("a: 1\nb: {c: [{a: 1, a: 2}]}", r"key 'a' stands twice \(again in line 2\)"),
+        ("a: 1\nb: {c: [{a: 1, a: 2}]}", r"duplicate key 'a' \(again in line 2\)"),
         ("a: [", r"not valid YAML in line \d"),
         ("\x00", "not valid YAML"),
     ],

@@ -225,7 +225,7 @@ class PathPattern:
                 elif piece.startswith("{"):
                     name = piece[1:-1]
                     if name not in FIELDS or name in named:
-                        why = "it stands there twice" if name in named else f"known are {', '.join(FIELDS)}"
+                        why = "the field occurs twice" if name in named else f"known are {', '.join(FIELDS)}"
                         raise InputError(f"--pattern {self.text}: {{{name}}}: {why}")
                     named.append(name)
                     # Beside other text a date begins with its year, so that it is not cut within.
@@ -265,7 +265,7 @@ class PathPattern:
         day, days = _period(found["date"]) if "date" in found else (None, 1)
         if "date" in found and day is None:
             shown = printable(found["date"], 60)
-            return f"{shown!r} is no date: it begins neither with YYYY-MM-DD nor with YYYY-MM"
+            return f"{shown!r} is not a date; dates begin with YYYY-MM-DD or YYYY-MM"
         return Identity(found.get("machine", ""), found.get("valve", ""), day, days)
 
 
@@ -286,7 +286,7 @@ def read_table(path: Path) -> dict[Path, Identity]:
                 )
             for number, row in enumerate(reader, start=2):
                 if not row["bag"]:
-                    raise InputError(f"{path}: line {number}: no bag in it")
+                    raise InputError(f"{path}: line {number}: the column bag is empty; name a bag")
                 text = row.get("date") or ""
                 day, days = _period(text)
                 if text and day is None:
@@ -325,7 +325,7 @@ def start_of(identity: Identity, stamp: int) -> tuple[int, str]:
         return stamp, ""
     said = datetime.fromtimestamp(stamp / 1e9, timezone.utc).strftime("%Y-%m-%d")
     shown = f"{identity.day}" if identity.days == 1 else f"{identity.day:%Y-%m}"
-    return midnight, f"its stamps say {said}, its path {shown}: the path's date is taken"
+    return midnight, f"its stamps give {said}, its path {shown}; the catalogue uses the path's date"
 
 
 def of_table(table: Mapping[Path, Identity], path: Path) -> Identity | None:

@@ -123,13 +123,13 @@ ALARM = Light(
 WARNING = Light("warning", "◆", "changed", "a parameter changed, the monitor's limit is not near")
 SILENT = Light(
     "silent", "∅", "silent",
-    f"no usable bag for {PAUSES:g} times as long as it usually pauses, at least {LEAST_SILENCE:g} days",
+    f"no usable bag for {PAUSES:g} times the valve's usual pause, at least {LEAST_SILENCE:g} days",
 )  # fmt: skip
 WHOLE = Light(
     "whole", "■", "whole machine",
-    "the valves of the machine changed together: look at what they share, first of all the oil",
+    "the valves of the machine changed together: check what they share, first the oil",
 )  # fmt: skip
-NOT_KNOWN = Light("unknown", "?", "unknown", "a parameter cannot be judged; the valve's section says why")
+NOT_KNOWN = Light("unknown", "?", "unknown", "a parameter cannot be judged; the valve's section explains why")
 LEARNS = Light("learning", "…", "learning", "too few weeks with bags for a judgement")
 GOOD = Light("good", "●", "ok", "all three parameters are judged, none changed")
 #: The worst first: a valve of which several are true shows the first of them.
@@ -430,7 +430,7 @@ def write_reports(
             advance(1)
             path = Path(bag)
             if not path.exists():
-                warn(f"{bag}: it is not there any more, so there is no report of it")
+                warn(f"{bag}: the bag no longer exists, so it has no report")
                 continue
             try:
                 folder.mkdir(parents=True, exist_ok=True)
@@ -438,10 +438,10 @@ def write_reports(
                     options = ReplayOptions(params_file=params_file, report=folder / name)
                     replay_bag(path, files.get(bag, []), options)
             except InputError as error:
-                warn(f"{bag}: no report of it: {error}")
+                warn(f"{bag}: cannot write its report: {error}")
                 continue
             except OSError as error:
-                warn(f"{folder}: {error.strerror}: no reports beside the page")
+                warn(f"{folder}: {error.strerror}: the page has no reports")
                 break
             made[bag] = f"{FOLDER}/{name}"
     return made

@@ -256,7 +256,7 @@ class DaskCluster:
                 )
             self._client: Any = dask.Client(self._cluster or address, timeout=PATIENCE)
         except (OSError, ValueError, TimeoutError) as error:
-            raise InputError(f"--dask {address}: no scheduler answers there: {error}") from None
+            raise InputError(f"--dask {address}: no scheduler responds at this address: {error}") from None
 
     def run(self, work: Callable[[Item], Found], items: Iterable[Item]) -> Iterator[Done[Item, Found]]:
         """Yield what was done, as the protocol says; workers may come and go."""
@@ -309,7 +309,7 @@ def _alone(work: Callable[[Item], Found], item: Item) -> Done[Item, Found]:
     try:
         return Done(item, pool.submit(work, item).result())
     except BrokenProcessPool:
-        return Done(item, None, "its analysis ended the worker process again and again")
+        return Done(item, None, "its analysis crashed the worker process repeatedly")
     except Exception as error:  # whatever the work raised
         return Done(item, None, unexpected(error))
     finally:

@@ -141,7 +141,9 @@ class Manifest:
         except (sqlite3.Error, OSError) as error:
             raise InputError(f"{file}: cannot be used as a fleet store: {error}") from error
         if version not in (0, FORMAT):
-            raise InputError(f"{file}: its format {version} is of another version of the suite")
+            raise InputError(
+                f"{file}: another version of the suite wrote it (format {version}): use another store"
+            )
 
     def close(self) -> None:
         """Close the file."""

@@ -52,7 +52,7 @@ def add_to_store(
         for done in pool.run(scan, changed):
             yield done.found or Scan(done.item, "", "", (), DAMAGED, done.reason)
 
-    with closing(Manifest(store, make=True)) as manifest, progress("looking at bags", len(bags)) as advance:
+    with closing(Manifest(store, make=True)) as manifest, progress("reading bags", len(bags)) as advance:
         added = add(manifest, bags, naming, scans, advance)
         execution.bring_up_to_date(manifest)
     return added
@@ -128,9 +128,11 @@ def add_service(
 
     given = {kind: text for kind, text in dates.items() if text is not None}
     if not given:
-        raise InputError("fleet event: say what was done and when, such as --oil-change 2026-05-04")
+        raise InputError(
+            "fleet event: give the kind and date of the service, such as --oil-change 2026-05-04"
+        )
     if not machine and not valve:
-        raise InputError("fleet event: say on which --machine or --valve")
+        raise InputError("fleet event: give --machine or --valve")
     lines = []
     with closing(Manifest(store)) as manifest:
         known = {(entry.machine, entry.valve) for entry in manifest.entries()}

@@ -92,7 +92,7 @@ def ask(store: Path, query: str) -> pa.Table:
     try:
         statements = connection.extract_statements(sql)
         if len(statements) != 1 or statements[0].type != duckdb.StatementType.SELECT:
-            raise InputError("query: one SELECT is answered, nothing else")
+            raise InputError("query: only a single SELECT is allowed")
         return _without_bits(connection.sql(sql)).to_arrow_table()
     except duckdb.Error as error:
         tables = ", ".join(SCHEMAS)
@@ -110,7 +110,7 @@ def connect(store: Path) -> duckdb.DuckDBPyConnection:
     """
     folder = (store / FOLDER).absolute()
     if not folder.is_dir():
-        raise InputError(f"{store}: no tables in it: ./spool fleet run --store {store} makes them")
+        raise InputError(f"{store}: no tables yet: create them with ./spool fleet run --store {store}")
     connection = duckdb.connect(":memory:")
     connection.execute("SET TimeZone = 'UTC'")
     for name, schema in SCHEMAS.items():

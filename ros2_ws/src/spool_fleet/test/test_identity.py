@@ -40,12 +40,8 @@ def test_paths_that_do_not_fit_say_nothing(pattern: str, path: str, found: Ident
 @pytest.mark.parametrize(
     ("pattern", "path", "why"),
     [
-        (
-            "{machine}/{date}",
-            "/d/m/yesterday",
-            "'yesterday' is no date: it begins neither with YYYY-MM-DD nor",
-        ),
-        ("{machine}/{date}", "/d/m/2026-13", "'2026-13' is no date"),
+        ("{machine}/{date}", "/d/m/yesterday", "'yesterday' is not a date; dates begin with YYYY-MM-DD or"),
+        ("{machine}/{date}", "/d/m/2026-13", "'2026-13' is not a date"),
         ("press_{machine}/{valve}", "/d/saw_1/v", "'saw_1' is not like press_{machine}"),
         ("{machine}/{date}/{valve}", "/m/v", "the path has fewer than 3 parts"),
         ("{machine}/{date}/{valve}", "/d/m/2026-02/v", ""),

@@ -460,7 +460,7 @@ def test_reports_are_made_of_bags_that_are_there_and_linked(
     out = tmp_path / "fleet.html"
     made = write_reports(content, out, 2)
     assert list(made) == [bag]
-    assert "it is not there any more" in capsys.readouterr().err
+    assert "the bag no longer exists" in capsys.readouterr().err
     out.write_text(fleet_page(content, made))
     (worn,) = [valve for valve in content.valves if valve.valve == "valve_2"]
     page = open_page(out, f"#{worn.anchor}")

@@ -73,10 +73,10 @@ class Thresholds:
         0.3, "ln", "distance of the transfer from the described valve's from which units are doubted", CASES
     )
     wrong_unit: float = decided(
-        0.6, "1", "share of that distance that a factor of 9.81 may leave to be the reason", CASES
+        0.6, "1", "share of that distance that may remain if a factor of 9.81 is the cause", CASES
     )
     wrong_unit_everywhere: float = decided(
-        0.85, "1", "the same where it lessens the distance of every spring", CASES
+        0.85, "1", "the same share if the factor reduces the distance for every spring", CASES
     )
     opposite: float = decided(
         -0.7, "1", "cosine to the expected transfer below which a sign is wrong", "more than 135 degrees"
@@ -85,13 +85,13 @@ class Thresholds:
         0.35, "1", "cosine at the slow tenth of the frequencies from which the sign is right", CASES
     )
     like_no_valve: float = decided(
-        0.65, "ln", "distance of the transfer from any valve's beyond which it is that of none", CASES
+        0.65, "ln", "distance of the transfer from any valve's beyond which no valve fits", CASES
     )
     # Verdict ---------------------------------------------------------------------------------------------
     explains_nothing: float = decided(
         EXPLAINS_NOTHING,
         "1",
-        "error from which a model explains nothing and units or columns are asked about",
+        "error from which a model explains nothing and the message asks for units or columns",
         CASES,
     )
 
@@ -301,8 +301,8 @@ def misread(ratio: Complex, coherent: float, frequency: Array, valve: Valve) -> 
     if wrong or frequency.size < 4 or not like_no_valve(ratio, frequency, valve):
         return wrong, ""
     return "", (
-        "spool over body is the transfer of no valve with this mass, whatever its spring: units of both "
-        "channels, order of the columns, valve file?"
+        "no spring explains the transfer from body to spool with this mass: check the units of both "
+        "channels, the order of the columns and the valve file"
     )
 
 
@@ -396,9 +396,9 @@ def as_stuck(result: GapResult) -> GapResult:
         nuisances=(),
         remainder=None,
         sentence=(
-            "The spool is stuck: it moves with its body, so this record says nothing of its spring and its "
-            "friction. Check for silting, dirt, a bent spool or a deformed bore, a solenoid that holds it; "
-            "or whether both sensors sit on the body."
+            "The spool is stuck: it moves with its body, so this record contains no information on its "
+            "spring and friction. Check for silting, dirt, a bent spool, a deformed bore or a solenoid that "
+            "holds the spool. Also check whether both sensors sit on the body."
         ),
         advice="a stronger excitation near the natural frequency, or moving the spool by its solenoid",
     )

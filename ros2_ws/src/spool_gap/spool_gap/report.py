@@ -18,23 +18,23 @@ CELLS = 24
 #: What to look at.
 CHECK_CLIPPING = "measuring range against the largest acceleration, amplifier setting"
 CHECK_COLOURED = (
-    "noise in the band of the motion that is louder than above it: cable and connector, 1/f noise of a MEMS "
-    "sensor, vibration across its axis, which one axis cannot tell from noise"
+    "noise that is louder in the band of the motion than above it: cable and connector, 1/f noise of a MEMS "
+    "sensor, vibration across its axis, which a single axis cannot separate from noise"
 )
 #: What a remainder may be that is predictable from each of these.
 LOOKS_LIKE = {
     "position": "a spring, a magnet or a stop that the catalogue does not describe",
     "speed": "friction or drag of another law",
     "position and speed": "flow forces, or friction that depends on the place",
-    "the way since the last reversal": "hysteresis, as of friction before it slides",
+    "the way since the last reversal": "hysteresis, such as that of friction before sliding",
     "time": "something that changes over the record: oil that warms, a sensor that drifts",
     "the motion of the body": "dynamics that the catalogue does not describe: a lag, a resonance, drag or a "
     "spring that changes within the record",
     "the motion of the spool": "a force of another law, or a sensor that is not linear",
     "blows at the ends of the stroke": "a stop, or something loose that the spool hits",
     "a wave": "a periodic force, or a vibration or hum that one of the sensors picks up",
-    "nothing": "noise that is louder than what the record shows above its excitation, or motion that "
-    "parts from the model's at chance",
+    "nothing": "noise louder than the record shows above its excitation, or motion that deviates from "
+    "the model's at random",
 }
 
 
@@ -136,7 +136,7 @@ def not_told_apart(effects: Sequence[str], others: Sequence[Explanation]) -> str
     told = "; ".join(dict.fromkeys(one.told_apart_by for one in others if one.told_apart_by))
     own = " and ".join(effects).replace("_", " ") or "nothing missing"
     return (
-        f"The record does not tell {own} from {' or '.join(names)}{f'; what would: {told}' if told else ''}."
+        f"The record cannot distinguish {own} from {' or '.join(names)}{f'; needed: {told}' if told else ''}."
     )
 
 
@@ -159,7 +159,7 @@ def unnamed(
         floor: error that noise alone leaves.
         of_what: that is compared.
     """
-    near = f"; nearest come {', '.join(candidates)}" if candidates else ""
+    near = f"; the closest candidates are {', '.join(candidates)}" if candidates else ""
     if follows != "nothing":
         near += f". The remainder follows {follows}"
     return (
@@ -221,8 +221,8 @@ def result_to_dict(result: GapResult) -> dict[str, Any]:
 def anomaly_sentence(frequency: float) -> str:
     """Return the sentence on a resonance at ``frequency`` (Hz) that the description lacks."""
     return (
-        f"There is a resonance near {number(frequency, 3)} Hz that the valve's description lacks: bracket of "
-        "a sensor, surge of a spring or oil column; a tap test tells them apart."
+        f"The valve's description lacks a resonance near {number(frequency, 3)} Hz: bracket of a sensor, "
+        "surge of a spring or oil column; a tap test distinguishes them."
     )
 
 

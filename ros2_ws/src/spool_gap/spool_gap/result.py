@@ -409,11 +409,11 @@ def verdict_of(
     elif low is not None or high is not None:
         verdict = ONE_SIDED
         bound = f"at least {low:.4g}" if low is not None else f"at most {high:.4g}"
-        text = f"{own} is bounded on one side: {bound} (95 %); the record does not tell how much more or less"
-        text += f", since {other} makes up for it" if other else ""
+        text = f"{own} is bounded on one side: {bound} (95 %); the record sets no bound on the other side"
+        text += f", since {other} compensates for it" if other else ""
     elif partner:
         verdict = TOGETHER
-        text = f"{own} is known only together with {other}: any change of one is made up for by the other"
+        text = f"{own} is known only together with {other}: each compensates for a change of the other"
     else:
         verdict = NOT
         text = f"{own} is not identifiable: the record hardly depends on it"

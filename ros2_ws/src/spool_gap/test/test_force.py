@@ -208,4 +208,4 @@ def test_numbers_that_differ_between_two_records_are_reported() -> None:
 
 def _differing(records: list[ForceRecord], holdout: list[ForceRecord]) -> list[str]:
     result = analyse_forces(records, MODELS["fluid"], "imposed", holdout=holdout)
-    return [line for line in result.warnings if line.startswith("no numbers hold in all records")]
+    return [line for line in result.warnings if line.startswith("no parameters fit all records")]

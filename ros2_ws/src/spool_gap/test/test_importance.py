@@ -94,7 +94,7 @@ def test_a_search_out_of_time_states_that_thorough_goes_on(monkeypatch: pytest.M
     monkeypatch.setattr("spool_gap.evidence.analyse.ALLOWED", 0.0)
     record = recorded("cubic_stiffness", cubic_coefficient=5e7)
     hurried = analyse([record], VALVE, FLUID)
-    assert any("ended before everything" in line and "--thorough" in line for line in hurried.warnings)
+    assert any("stopped early" in line and "--thorough" in line for line in hurried.warnings)
     thorough = analyse([record], VALVE, FLUID, settings=GapSettings(thorough=True))
     assert thorough.verdict == "cubic_stiffness"
-    assert not any("ended before everything" in line for line in thorough.warnings)
+    assert not any("stopped early" in line for line in thorough.warnings)

@@ -229,11 +229,11 @@ def acknowledge(alarm: Alarm, operator: Operator, occurrence: int = 0) -> Transi
 
     """
     if alarm.acknowledged:
-        by = f", {alarm.acknowledged_by} has done it" if alarm.active and alarm.acknowledged_by else ""
-        raise AlarmRefusedError(f"{alarm.name}: no acknowledgement is due{by}")
+        by = f", {alarm.acknowledged_by} acknowledged it" if alarm.active and alarm.acknowledged_by else ""
+        raise AlarmRefusedError(f"{alarm.name}: there is nothing to acknowledge{by}")
     if occurrence not in (0, alarm.occurrence):
         raise AlarmRefusedError(
-            f"{alarm.name}: occurrence {occurrence} is past, now it is {alarm.occurrence}: look at it first"
+            f"{alarm.name}: occurrence {occurrence} is not current; look at number {alarm.occurrence} first"
         )
     after = replace(
         alarm,
@@ -271,12 +271,12 @@ def shelve(alarm: Alarm, operator: Operator, seconds: float) -> Transition:
     """
     if not 0.0 <= seconds <= LONGEST_SHELF:
         raise AlarmRefusedError(
-            f"{alarm.name}: {seconds:g} s is no time to shelve for: use 0 to {LONGEST_SHELF:g} s (7 days), "
+            f"{alarm.name}: it cannot be shelved for {seconds:g} s: use 0 to {LONGEST_SHELF:g} s (7 days), "
             "or suppress the alarm"
         )
     if seconds == 0.0 and not alarm.active:
         raise AlarmRefusedError(
-            f"{alarm.name}: it is not active, so a shelf until it is over has no end: give seconds"
+            f"{alarm.name}: it is not active, so it cannot be shelved until it is over: give seconds"
         )
     until = operator.stamp + round(seconds * 1e9) if seconds else 0
     after = replace(alarm, shelved=True, shelved_at=operator.stamp, shelved_until=until)

@@ -102,7 +102,7 @@ class AlarmStore:
         if not transitions:
             if len(refusals) == 1:
                 raise refusals[0]
-            raise AlarmRefusedError(f"none of {len(refusals)} alarms can: {refusals[0]}, ...")
+            raise AlarmRefusedError(f"all {len(refusals)} alarms refuse this: {refusals[0]}, ...")
         return [self._keep(transition) for transition in transitions]
 
     @property
@@ -162,7 +162,7 @@ class AlarmStore:
 
     def _take(self, content: Any, wanted: Callable[[Alarm], bool]) -> None:
         if not isinstance(content, list):
-            raise InputError("the kept alarms can't be read: they are no list")
+            raise InputError("the kept alarms can't be read: they are not a list")
         unreadable = []
         for entry in content:
             try:

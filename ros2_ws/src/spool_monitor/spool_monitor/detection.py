@@ -200,7 +200,7 @@ class Detection:
         if not 0 <= block.end - self._windowed_at < NO_WINDOW * 1e9:
             # There is nothing to see but the time without windows, for the detector of blindness.
             self._windowed_at = self._windowed_at or block.end
-            self._look_for_judges(block.end, "the data have gaps: no second without one")
+            self._look_for_judges(block.end, "the data have a gap in every second")
             moment = self._moment(block.end, natural_frequency)
             for one in self.detectors:
                 finding = one.update(moment) if isinstance(one, NotJudged) else None

@@ -70,7 +70,7 @@ class EstimateGate:
             return self._accept(place, estimate)
         fault = _departure(last, place)
         if fault is None and self._tracks and estimate.state is State.TRACKING and last.sequence > 0:
-            fault = None if estimate.samples > last.sequence else "it tracks without a further sample"
+            fault = None if estimate.samples > last.sequence else "it reports tracking without new samples"
         rival = self._sources.rival(last, place, fault)
         if rival is not None:
             self.standing = self._sources.follow(rival, place)

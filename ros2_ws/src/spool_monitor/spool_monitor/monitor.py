@@ -257,7 +257,7 @@ class Monitor:
         """Which parameters are not judged although there are estimates, or with a wider limit, and why."""
         if self.estimate is None or self.estimate.state is not State.TRACKING:
             return ""
-        oil = "unknown" if not self.estimate.oil_temperature.known else "uncertain: it changed by much"
+        oil = "unknown" if not self.estimate.oil_temperature.known else "uncertain after a large change"
         told = []
         for test, judgement in self.detection.judgements.items():
             name = test.partition("/")[2]
@@ -267,9 +267,7 @@ class Monitor:
             reason = self.detection.distrust or "it is too uncertain"
             wide = name == VISCOUS and (drift.assumed or drift.sum.allowance > ALARMS)
             if drift.incomparable or wide:
-                reason = (
-                    f"the oil temperature is {oil}" if name == VISCOUS else "its limit is beyond its value"
-                )
+                reason = f"the oil temperature is {oil}" if name == VISCOUS else "its limit exceeds its value"
             if judgement is not Judgement.JUDGED:
                 told.append(f"; {SHOWN[name]} not judged: {reason}")
             elif wide:

@@ -55,8 +55,8 @@ _SETTINGS = tuple(
 _KEEPING = (
     NodeParameter(
         "state_folder", "",
-        "Where alarms, baseline and trends are kept, each valve in a folder of its own; empty: "
-        "$XDG_STATE_HOME/spool, else ~/.local/state/spool; none: nowhere.",
+        "Folder for alarms, baseline and trends, with a subfolder for each valve; empty: "
+        "$XDG_STATE_HOME/spool, else ~/.local/state/spool; none: store nothing.",
         structural=True,
     ),
     NodeParameter(
@@ -197,7 +197,7 @@ class MonitorNode(ManagedNode):
             self._describe(message)
         elif name != before:
             self.get_logger().warning(
-                f"valve: a description of {name} came, the estimates are of {before}: it is used with its own"
+                f"valve: the description of {name} waits for its estimates; the present ones are of {before}"
             )
 
     def _describe(self, message: ValveDescription) -> None:
@@ -237,7 +237,7 @@ class MonitorNode(ManagedNode):
         if standing is not Standing.SECOND:
             self._no_estimates.end()
         if standing is Standing.RESTARTED:
-            self.get_logger().info("estimate: the estimator was restarted, or another one takes its place")
+            self.get_logger().info("estimate: the estimator was restarted, or another estimator replaced it")
         described = self._descriptions.follow(self._core.estimates) if used else None
         if described is not None:
             self._describe(described)
@@ -408,7 +408,7 @@ class AlarmServices:
                 current = self._state.baseline.current
                 assert current is not None
                 self._node.get_logger().info(
-                    f"baseline version {current.version} ({current.stage.value}) is compared with"
+                    f"comparing with baseline version {current.version} ({current.stage.value})"
                 )
         except InputError as error:
             self._node.get_logger().warning(f"{error}; learning")

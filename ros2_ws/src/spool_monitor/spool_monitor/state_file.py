@@ -227,8 +227,8 @@ class StateFile:
         if newer > FORMAT:
             self._target = _beside(self.path, f"format{FORMAT}")
             self.warnings.append(
-                f"{self.path}: a later version of the suite wrote it (format {newer}, this one writes "
-                f"{FORMAT}): it is left and read as far as it is understood, {self._target.name} is kept"
+                f"{self.path}: a later version of the suite wrote it (format {newer}, this version writes "
+                f"{FORMAT}): it is read as far as possible and left as it is; {self._target.name} is written"
             )
         # Versions with formats up to this one's kept these while a later one's was there.
         pattern = re.compile(re.escape(self.path.name) + r"\.format(\d+)")
@@ -330,7 +330,7 @@ def _read(path: Path) -> Found:
         raise ValueError("it is not a state file")
     written, sequence = whole["format"], whole["sequence"]
     if type(written) is not int or written < 1:
-        raise ValueError(f"its format is {written!r}, no whole number from 1 on")
+        raise ValueError(f"its format is {written!r}, not a whole number from 1")
     if type(sequence) is not int or whole["sha256"] != _digest(sequence, text):
         if written > FORMAT:
             return Found(written, -1, None)

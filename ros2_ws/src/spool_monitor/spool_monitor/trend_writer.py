@@ -114,14 +114,14 @@ class TrendWriter:
             except LaterVersionError as error:
                 raise OSError(str(error)) from error
             except InputError as error:
-                self._warn(f"{error}: it is kept as {path.name}.damaged, a new one is begun")
+                self._warn(f"{error}: the monitor renames it to {path.name}.damaged and starts a new file")
                 path.replace(path.with_name(f"{path.name}.damaged"))
                 for ending in ("-wal", "-shm"):  # they belong to the damaged one
                     path.with_name(path.name + ending).unlink(missing_ok=True)
                 self._store = TrendStore(path, patience=self._patience)
             if path != self._path:
                 self._warn(
-                    f"{self._path}: a later version of the suite wrote it: it is left, see {path.name}"
+                    f"{self._path}: a later version of the suite wrote it: trends now go to {path.name}"
                 )
         return self._store
 
@@ -138,12 +138,12 @@ class TrendWriter:
                 sums.merge(self._returned)
                 self._returned = sums
             if not self.trouble:
-                self._warn(f"trends can't be written, they are held in memory for a day: {error}")
+                self._warn(f"trends can't be written; the monitor keeps a day of them in memory: {error}")
             self.trouble = str(error)
             return
         if self.trouble:
             self.trouble = ""
-            self._warn("trends are written again, with what was held meanwhile")
+            self._warn("trends are written again, including those kept in memory")
 
     def _let_go(self) -> None:
         if self._store is not None:

@@ -201,7 +201,7 @@ class ValveState:
         reason = getattr(error, "strerror", None) or error
         self._warn_once(
             f"state_folder: {self.folder} can't be written ({reason}): "
-            "alarms, baseline, trends and journal are lost at a restart; it is tried again every 10 s"
+            "alarms, baseline, trends and journal are lost at a restart; the monitor tries again every 10 s"
         )
 
     def _warn_once(self, text: str) -> None:

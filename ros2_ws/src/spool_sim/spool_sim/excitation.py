@@ -576,9 +576,7 @@ def from_mapping(mapping: Mapping[str, Any], where: str = "excitation") -> Excit
     """
     kind = mapping.get("kind")
     if kind == "recorded":
-        raise InputError(
-            f"{where}: kind: 'recorded' needs a reader of records: use ./spool simulate --excitation with it"
-        )
+        raise InputError(f"{where}: kind: 'recorded' works only in ./spool simulate --excitation")
     if kind not in KINDS:
         given = "key is missing" if kind is None else f"unknown kind {kind!r}"
         raise InputError(f"{where}: kind: {given}; use one of {', '.join(KINDS)}")

@@ -63,7 +63,7 @@ class SimulatorNode(ManagedNode):
         NodeParameter(
             "wait_for_subscribers",
             0,
-            "Hold the first block until so many listen.",
+            "Number of subscribers to wait for before the first block.",
             "",
             0,
             100,
@@ -73,14 +73,9 @@ class SimulatorNode(ManagedNode):
             "drift_quantity", "none", "Parameter that drifts; setting it starts.", choices=("none", *DRIFTING)
         ),
         NodeParameter(
-            "drift_target",
-            0.0,
-            "Value that the drifting parameter ends at, SI unit or deg C.",
-            "",
-            -40.0,
-            1e8,
+            "drift_target", 0.0, "Final value of the drifting parameter, SI unit or deg C.", "", -40.0, 1e8
         ),
-        NodeParameter("drift_duration", 10.0, "Time of the drift; 0: a step.", "s", 0.0, 1e6),
+        NodeParameter("drift_duration", 10.0, "Duration of the drift; 0: a step.", "s", 0.0, 1e6),
     )
 
     def __init__(self, namespace: str | None = None, **options: Any) -> None:

@@ -89,5 +89,5 @@ def test_samples_are_kept_from_changes() -> None:
 
 
 def test_yaml_of_a_record_is_sent_to_the_command_that_reads_it() -> None:
-    with pytest.raises(InputError, match=r"excitation\.yaml: kind: 'recorded' needs .*spool simulate"):
+    with pytest.raises(InputError, match=r"excitation\.yaml: kind: 'recorded' works .*spool simulate"):
         from_mapping({"kind": "recorded", "file": "bag"}, "excitation.yaml")

@@ -137,7 +137,7 @@ def test_a_reader_who_ends_early_has_all_files_with_a_known_mass_and_columns_of_
         (1e3, 1.0, "is it in mm instead of m"),
         (0.0, 1.0, "displacement_m does not change"),
         (1.0, 0.0, "force_N does not change"),
-        (1.0, 1e3, "the valve's description says 0.18 kg"),
+        (1.0, 1e3, "but the valve's description has 0.18 kg"),
     ],
 )
 def test_a_driven_record_that_cannot_be_is_refused_in_one_line(

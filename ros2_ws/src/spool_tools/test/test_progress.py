@@ -74,7 +74,7 @@ def test_a_time_left_that_cannot_be_known_is_not_shown(monkeypatch: pytest.Monke
 
 def test_compilation_is_called_that_and_counts_as_no_work(monkeypatch: pytest.MonkeyPatch) -> None:
     text = shown(monkeypatch, compiled=True)
-    assert "fitting: compiling the numerical kernels, which a first start does" in text
+    assert "fitting: compiling the numerical kernels (first start only)" in text
     assert "left" not in text
     assert KernelCache.watch is None
 

@@ -31,7 +31,7 @@ def test_of_models_that_do_equally_well_the_smallest_is_preferred() -> None:
     assert ranking.preferred == "coulomb"
     assert ranking.equal == ("stribeck",)
     assert ranking.sentences[0] == (
-        "coulomb is preferred: fluid, the next that differs, leaves 2.9 times as much over."
+        "coulomb is preferred: fluid, the next that differs, leaves 2.9 times as much error."
     )
     assert "stribeck does as well with 2 more parameters" in ranking.sentences[1]
 
@@ -40,7 +40,7 @@ def test_a_larger_model_that_is_worth_its_parameters_is_preferred() -> None:
     ranking = ordered([entry("stribeck", 5, 1.0), entry("coulomb", 3, 1.05)])
     assert ranking.preferred == "stribeck"
     assert ranking.sentences == (
-        "stribeck is preferred: coulomb, the next that differs, leaves 5 % more over.",
+        "stribeck is preferred: coulomb, the next that differs, leaves 5 % more error.",
     )
 
 
@@ -69,7 +69,7 @@ def test_what_none_of_the_models_explains_is_said() -> None:
     ranks = [entry("fluid", 2, 0.5), entry("coulomb", 3, 0.2)]
     assert len(ordered(ranks, noise=0.1).sentences) == 1
     said = ordered(ranks, noise=0.05).sentences[1]
-    assert said.startswith("Even coulomb leaves 4.0 times the noise of the spool's sensor over")
+    assert said.startswith("Even coulomb leaves 4.0 times the noise of the spool's sensor")
 
 
 def test_a_descent_that_did_not_converge_is_named() -> None:

@@ -82,7 +82,7 @@ def test_the_page_says_what_drifted_and_shows_it(page: str) -> None:
     assert 20.0 < float(crossing[1]) < 35.0
     assert "Friction drift (wear): viscous coefficient " in page
     assert "<li>Limit: " in page
-    for title in ("Spectrum over time", "Transmissibility", "What the record could have told", "Force loops"):
+    for title in ("Spectrum over time", "Transmissibility", "Information in the record", "Force loops"):
         assert title in page
 
 

@@ -155,16 +155,16 @@ class Guard:
         headers = Headers(scope=scope)
         hosts = headers.getlist("host")
         if len(hosts) != 1 or not own_host(hosts[0]):
-            return PlainTextResponse("this page answers to an IP address or localhost only", 421)
+            return PlainTextResponse("open this page by an IP address or localhost", 421)
         origins = headers.getlist("origin")
         if len(origins) > 1 or any(not same_origin(origin, hosts[0]) for origin in origins):
-            return PlainTextResponse("not from another page", 403)
+            return PlainTextResponse("requests from other pages are refused", 403)
         site = headers.get("sec-fetch-site", "none")
         opened = scope["method"] == "GET" and headers.get("sec-fetch-mode") == "navigate"
         if site not in ("same-origin", "none") and not opened:
-            return PlainTextResponse("not from another page", 403)
+            return PlainTextResponse("requests from other pages are refused", 403)
         if scope["method"] == "POST" and not origins:
-            return PlainTextResponse("say from which page (Origin)", 403)
+            return PlainTextResponse("the Origin header is missing", 403)
         return None
 
 

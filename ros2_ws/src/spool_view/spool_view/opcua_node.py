@@ -91,7 +91,7 @@ class OpcUaNode(ManagedNode):
     PARAMETERS: ClassVar = (
         NodeParameter(
             "address", LOOPBACK,
-            "Address that is listened on; another than loopback lets the network read without a password.",
+            "Listening address; any but loopback lets the network read without a password.",
             structural=True,
         ),
         NodeParameter("port", 4840, "TCP port.", "", 1, 65535, structural=True),
@@ -120,11 +120,11 @@ class OpcUaNode(ManagedNode):
         address, port = self.value("address"), self.value("port")
         self._language = language_of(self.value(LANGUAGE.name))
         if address != LOOPBACK:
-            self.get_logger().warning(f"address {address}: all who reach it read all valves, unencrypted")
+            self.get_logger().warning(f"address {address}: everyone there can read all valves, unencrypted")
         try:
             asyncio.run_coroutine_threadsafe(self._serve(address, port), self._loop).result(START)
         except OSError as error:
-            raise InputError(f"port {port}: {error.strerror or error}: another server on it?") from error
+            raise InputError(f"port {port}: {error.strerror or error}: set another port") from error
         self.get_logger().info(f"serving opc.tcp://{address}:{port}, read only")
 
     async def _serve(self, address: str, port: int) -> None:

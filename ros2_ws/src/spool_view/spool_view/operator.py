@@ -86,13 +86,13 @@ def act_of(given: Any, alarms: Mapping[str, frozenset[str]]) -> Act:
         ActRefusedError: it is no act, or one on something that is not there.
     """
     if not isinstance(given, dict) or not set(given) <= _FIELDS:
-        raise ActRefusedError("the request is no object with the fields of an act")
+        raise ActRefusedError("the request is not an object with the fields of an act")
     act = given.get("act")
     if act not in (*ON_ALARM, *ON_VALVE):
         raise ActRefusedError("there is no such act")
     valve = given.get("valve")
     if not isinstance(valve, str) or valve not in alarms:
-        raise ActRefusedError("no such valve is heard")
+        raise ActRefusedError("unknown valve: the page receives no data from it")
     who = _text(given, "who", MOST_WHO)
     if not who:
         raise ActRefusedError(operator_missing())
@@ -104,7 +104,7 @@ def act_of(given: Any, alarms: Mapping[str, frozenset[str]]) -> Act:
         raise ActRefusedError("no such alarm is shown")
     occurrence = given.get("occurrence", 0)
     if type(occurrence) is not int or not 0 <= occurrence < 2**32:
-        raise ActRefusedError("occurrence: no whole number from 0 on")
+        raise ActRefusedError("occurrence: must be a whole number from 0")
     return Act(act, valve, who, comment, alarm, occurrence, _minutes(act, given))
 
 
@@ -256,7 +256,7 @@ class Operating:
     async def _done(self, act: Act) -> tuple[int, str]:
         """Do ``act`` and return the status and the text of the answer."""
         if not await self._note(step="asked", act=act):
-            return 503, "the log can't be written, so nothing is done"
+            return 503, "the log can't be written, so the act is refused"
         outcome = await asyncio.wrap_future(self._desk.do(act))
         noted = await self._note(step="done" if outcome.done else "refused", act=act, said=outcome.text)
         text = outcome.text if noted else f"{outcome.text} (and the log can't be written any more)"
@@ -308,9 +308,9 @@ class Desk:
 def _text(given: Mapping[str, Any], name: str, most: int) -> str:
     value = given.get(name, "")
     if not isinstance(value, str) or len(value) > most:
-        raise ActRefusedError(f"{name}: a text of at most {most} characters")
+        raise ActRefusedError(f"{name}: must be a text of at most {most} characters")
     if not value.isprintable():
-        raise ActRefusedError(f"{name}: one line without control characters")
+        raise ActRefusedError(f"{name}: must be one line without control characters")
     return value.strip()
 
 
@@ -322,7 +322,7 @@ def _minutes(act: str, given: Mapping[str, Any]) -> float:
     if isinstance(minutes, bool) or not isinstance(minutes, int | float) or not math.isfinite(minutes):
         raise ActRefusedError("minutes: a number, 0 without an end")
     if not 0 <= minutes <= most:
-        raise ActRefusedError(f"minutes: from 0 to {most:g}")
+        raise ActRefusedError(f"minutes: must be from 0 to {most:g}")
     return float(minutes)
 
 

@@ -75,16 +75,16 @@ class PageNode(ManagedNode):
             "IP address to serve on; any but a loopback address lets the network read.", structural=True,
         ),
         NodeParameter(
-            "operator", False, "Whether who has the token may acknowledge, shelve, reset, and more.",
+            "operator", False, "Allow operators with the token to acknowledge, shelve, reset and more.",
             structural=True,
         ),
         NodeParameter(
-            "valves", [""], "Namespaces of the valves that are shown; empty: all that are heard.",
+            "valves", [""], "Namespaces of the valves to show; empty: all valves found.",
             structural=True,
         ),
         NodeParameter(
             "state_folder", "",
-            "Where the monitors keep trends, and the page its token and log; empty: "
+            "Folder of the monitors' trends and of the page's token and log; empty: "
             "$XDG_STATE_HOME/spool, else ~/.local/state/spool.",
             structural=True,
         ),
@@ -145,7 +145,7 @@ class PageNode(ManagedNode):
         if self._token is not None:
             self.get_logger().info(f"operators: the token is in {self._token.path}")
         else:
-            self.get_logger().info("it is read only: operators need --operator")
+            self.get_logger().info("the page is read only: start it with --operator to let operators act")
 
     def deactivate(self) -> None:
         """End every stream, then the rest."""

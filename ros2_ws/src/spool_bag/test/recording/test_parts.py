@@ -163,8 +163,8 @@ def test_an_edit_a_removal_and_an_exchange_are_named(tmp_path: Path, block: Make
     (first,) = changed("first", lambda folder: (folder / "bag_0.mcap").unlink())
     assert first == "part 0 was removed, ahead of all others"
     wrong = changed("exchanged", exchange)
-    assert wrong[0].startswith("bag_1.mcap: it is part 2 by its own words")
-    assert any(line.startswith("bag_2.mcap: it is part 1") for line in wrong)
+    assert wrong[0].startswith("bag_1.mcap: its content names it part 2")
+    assert any(line.startswith("bag_2.mcap: its content names it part 1") for line in wrong)
 
 
 def test_what_the_quota_removed_is_no_tampering(tmp_path: Path, block: MakeBlock) -> None:
@@ -173,7 +173,7 @@ def test_what_the_quota_removed_is_no_tampering(tmp_path: Path, block: MakeBlock
     writer.close()
     found = verify(tmp_path / "bag")
     assert found.wrong == []
-    assert found.notes == ["parts 0 to 0 went by the recorder's quota"]
+    assert found.notes == ["the recorder's quota removed parts 0 to 0"]
 
 
 def test_a_chain_made_anew_lacks_the_signature(tmp_path: Path, block: MakeBlock) -> None:
@@ -587,7 +587,7 @@ def test_a_recording_under_way_whose_oldest_parts_went_is_as_it_was_written(
     assert writer.remove_oldest()
     found = verify(tmp_path / "bag")  # neither closed nor split since
     assert found.wrong == []
-    assert "parts 0 to 0 went by the recorder's quota" in found.notes
+    assert "the recorder's quota removed parts 0 to 0" in found.notes
     writer.close()
 
 
@@ -609,7 +609,7 @@ def test_a_recording_whose_parts_go_while_it_is_verified_is_looked_at_again(
     if gone < TRIES:
         assert verify(tmp_path / "bag").wrong == []
     else:
-        with pytest.raises(InputError, match="went while it was verified"):
+        with pytest.raises(InputError, match="it disappeared during verification"):
             verify(tmp_path / "bag")
     writer.close()
 
@@ -656,7 +656,7 @@ def test_parts_without_an_end_are_vouched_for_by_a_later_signature_only(
 
 def test_one_recorder_writes_in_a_folder(tmp_path: Path, block: MakeBlock) -> None:
     first = recorded(tmp_path / "bag", block, 10, TEN_SECONDS)
-    with pytest.raises(InputError, match="another recorder writes in it"):
+    with pytest.raises(InputError, match="another recorder writes there"):
         BagWriter(tmp_path / "bag", limits=TEN_SECONDS, resume=True)
     first.close()
     BagWriter(tmp_path / "bag", limits=TEN_SECONDS, resume=True).close()

@@ -109,7 +109,7 @@ def test_more_alarms_than_can_wait_are_counted() -> None:
 
 def test_a_snapshot_that_is_asked_for_keeps_the_time_before_and_after() -> None:
     keeper = SnapshotKeeper(3.0, 2.0)
-    assert keeper.ask(VALVE, START) == "nothing of it is recorded"
+    assert keeper.ask(VALVE, START) == "no data of this valve is recorded"
     for number in range(500):
         keeper.take(block(number))
     now = START + 10 * SECOND
@@ -125,7 +125,7 @@ def test_no_more_snapshots_are_begun_than_can_wait() -> None:
     keeper = SnapshotKeeper(3.0, 2.0)
     keeper.take(block(0))
     assert [keeper.ask(VALVE, START) for _ in range(MOST_WAITING)] == [""] * MOST_WAITING
-    assert keeper.ask(VALVE, START) == f"{MOST_WAITING} snapshots of it are under way"
+    assert keeper.ask(VALVE, START) == f"{MOST_WAITING} snapshots of this valve are in progress"
 
 
 def test_memory_is_bounded_by_time_and_by_size() -> None:

@@ -37,7 +37,7 @@ from spool_core.system import (
 
 INDEX, DATA = ".nbi", ".nbc"
 #: What takes long on a first start, for people.
-COMPILING = "compiling the numerical kernels, which a first start does"
+COMPILING = "compiling the numerical kernels (first start only)"
 #: First bytes of each file. Another layout of the files needs another number here.
 MAGIC = b"spool kernel 1\n"
 #: First byte of the files that earlier releases kept without a checksum, where nothing looks for them now.

@@ -212,7 +212,9 @@ class BlockHub:
             except CdrError as error:
                 owner, count = topic.owner, topic.throttle.take("no block")
                 if owner is not None and count:
-                    owner.get_logger().warning(f"{topic.name}: {count} messages are no blocks: {error}")
+                    owner.get_logger().warning(
+                        f"{topic.name}: ignored {count} messages that are not blocks: {error}"
+                    )
         if blocks:
             for _, take, _ in tuple(topic.takers):
                 take(blocks)

@@ -124,7 +124,7 @@ def _security(environment: Mapping[str, str], *, on: bool, enforced: bool, built
     if not built_in:
         return [
             f"{', '.join(set_)} set, but this ROS 2 (wheels from PyPI) has no DDS security built in: "
-            "messages are sent and recorded in clear, and nobody is kept out; install ROS 2's own packages "
+            "messages are sent and recorded in clear, and any node can join; install ROS 2's own packages "
             "for that"
         ]
     if not on:

@@ -133,7 +133,7 @@ class NodeParameter:
 
 #: Of every node that composes sentences.
 LANGUAGE = NodeParameter(
-    "language", "", f"Language of sentences for people; empty: that of {VARIABLE}, else English.",
+    "language", "", f"Language of messages; empty: value of {VARIABLE}, else English.",
     choices=("", *LANGUAGES), structural=True,
 )  # fmt: skip
 
@@ -257,7 +257,7 @@ def refuse_other_nodes(arguments: Sequence[str], node: str, hosted: Sequence[str
                 f"write a section {ways}, or start the node without this file"
             )
         meant = [one for one in other if hosted and one.rpartition("/")[2] in kinds]
-        doubts += [f"{word}: section {one} is for none of the nodes here" for one in meant]
+        doubts += [f"{word}: section {one} matches no node here" for one in meant]
         rule = _FOR_A_NODE.match(word) if flag in RULES else None
         if rule and rule[1] != name and not names_node(rule[1], node):
             way = f"type {flag} {rule[2]}"
@@ -287,7 +287,7 @@ def _refuse_unknown(table: Sequence[NodeParameter], given: Iterable[str], path: 
     known = {parameter.name for parameter in table}
     for name in given:
         if name.split(".")[0] == QOS_OVERRIDES:
-            raise InputError(f"{path}{name}: qualities of service are fixed, take {QOS_OVERRIDES} out")
+            raise InputError(f"{path}{name}: quality of service is fixed, remove {QOS_OVERRIDES}")
         if name not in known and name.split(".")[0] not in BUILT_IN:
             raise InputError(f"{path}{name} is unknown; this node has: {', '.join(sorted(known))}")
 

@@ -113,7 +113,7 @@ def refuse_unknown_words(arguments: Sequence[str]) -> None:
         return
     said = " ".join(map(shlex.quote, unknown))
     if any(word in (*RULES, "--params-file", "--log-level") or ":=" in word for word in unknown):
-        raise InputError(f"options of ROS 2 stand behind --ros-args: type --ros-args {said}")
+        raise InputError(f"options of ROS 2 must follow --ros-args: type --ros-args {said}")
     raise InputError(f"{said}: no option of this program; --help lists its parameters")
 
 

@@ -38,7 +38,7 @@ def add_bags(
     pattern: Annotated[
         str | None,
         typer.Option(
-            help="How the paths of the bags name them, such as '{machine}/{date}/{valve}'; * is any text."
+            help="Pattern of the bags' paths, such as '{machine}/{date}/{valve}'; * matches any text."
         ),
     ] = None,
     table: Annotated[
@@ -47,7 +47,7 @@ def add_bags(
     ] = None,
     valve: Annotated[
         str,
-        typer.Option("--valve", help="Valve file, or a shipped one's name, where bags do not describe it."),
+        typer.Option("--valve", help="Valve file or name of a shipped valve, for bags without description."),
     ] = "",
     workers: Workers = None,
 ) -> None:
@@ -65,10 +65,10 @@ def add_bags(
     added = add_to_store(store, folders, pattern, table, valve, workers)
     _tell(added.told, "bags", "SELECT bag, reason FROM bags WHERE status <> 'ok'")
     if added.redated:
-        warn(f"{added.redated} bags are filed under another date than their stamps say: the path's is taken")
+        warn(f"{added.redated} bags have a path whose date contradicts their stamps: the path's date is used")
     if added.nameless > 1:
         warn(
-            f"{added.nameless} bags state no machine: their valves of one name are taken for one valve; name "
+            f"{added.nameless} bags state no machine: valves with the same name count as one valve; name "
             "the machines with --pattern or --table"
         )
     print(
@@ -82,13 +82,14 @@ def add_bags(
 def run_analyses(
     store: Store,
     analysis: Annotated[
-        str, typer.Option(help="What to do with each bag, separated by commas: fit, monitor, gap, features.")
+        str,
+        typer.Option(help="Analyses to run on each bag, separated by commas: fit, monitor, gap, features."),
     ] = "fit,monitor",
     workers: Workers = None,
     dask: Annotated[
         str | None,
         typer.Option(
-            metavar="ADDRESS", help="Dask scheduler, such as tcp://10.0.0.5:8786; local: one of its own."
+            metavar="ADDRESS", help="Dask scheduler, such as tcp://10.0.0.5:8786; local: start one here."
         ),
     ] = None,
     params_file: cli.ParamsFile = None,
@@ -110,7 +111,9 @@ def run_analyses(
 def query_tables(
     store: Store,
     sql: Annotated[str | None, typer.Argument(metavar="SQL", help="One SELECT over the tables.")] = None,
-    question: Annotated[str | None, typer.Option(help="A question by its name; 'list' lists them.")] = None,
+    question: Annotated[
+        str | None, typer.Option(help="Name of a prepared question; 'list' lists all.")
+    ] = None,
     machine: Annotated[str, typer.Option(help="Machine that a question is about.")] = "",
     valve: Annotated[str, typer.Option("--valve", help="Valve that a question is about.")] = "",
     parameter: Annotated[
@@ -137,13 +140,17 @@ def query_tables(
 @fleet.command("event")
 def tell_event(
     store: Store,
-    machine: Annotated[str, typer.Option(help="Machine; without --valve all of its valves are meant.")] = "",
+    machine: Annotated[str, typer.Option(help="Machine (without --valve: all its valves).")] = "",
     valve: Annotated[str, typer.Option("--valve", help="Valve, as the tables name it.")] = "",
     oil_change: Annotated[
-        str | None, typer.Option(metavar="DATE", help="Oil was changed on YYYY-MM-DD.")
+        str | None, typer.Option(metavar="DATE", help="Date of the oil change, YYYY-MM-DD.")
     ] = None,
-    spring_change: Annotated[str | None, typer.Option(metavar="DATE", help="Springs were changed.")] = None,
-    repair: Annotated[str | None, typer.Option(metavar="DATE", help="Spool or sleeve was changed.")] = None,
+    spring_change: Annotated[
+        str | None, typer.Option(metavar="DATE", help="Date of the spring change.")
+    ] = None,
+    repair: Annotated[
+        str | None, typer.Option(metavar="DATE", help="Date of a spool or sleeve change.")
+    ] = None,
     comment: Annotated[str, typer.Option(help="Comment.")] = "",
 ) -> None:
     """Record a service; parameters that it affects get a new baseline from that date.
@@ -160,10 +167,10 @@ def tell_event(
 @fleet.command("page")
 def make_page(
     store: Store,
-    out: Annotated[Path, typer.Option(metavar="FILE.html", help="Page to be made.")],
+    out: Annotated[Path, typer.Option(metavar="FILE.html", help="Page to write.")],
     reports: Annotated[
         int,
-        typer.Option(min=0, help="Newest bags of each conspicuous valve whose replay reports are made, too."),
+        typer.Option(min=0, help="Number of newest bags per conspicuous valve to write replay reports for."),
     ] = 0,
     params_file: cli.ParamsFile = None,
     _force: cli.Force = False,

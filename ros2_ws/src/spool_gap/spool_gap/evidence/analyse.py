@@ -135,7 +135,7 @@ class Run:
                 names = [quantity.name for effect in result.effects for quantity in effect.parameters]
                 own = profiles_of(self.predictions, decision.fit, decision.numbers, names)
                 result = replace(result, profiles=own)
-        hurried = "the search ended before everything was tried: this is the best so far, --thorough goes on"
+        hurried = "the search stopped early with the best result so far; pass --thorough for a full search"
         told = (hurried,) if late else ()
         result = replace(result, warnings=(*self.look.warnings, *told, *result.warnings))
         return as_stuck(result) if self.look.stuck else result
@@ -180,8 +180,8 @@ def searched(
     if predictions.numbers <= 0.0 or held.empty:
         clipped = " and ".join(look.limits) or "neither"
         raise InputError(
-            f"{records[0].name}: hardly a second of the record can be compared, since too many samples are "
-            f"missing or clipped (channel that clips: {clipped}); choose a larger range of the sensor, or "
+            f"{records[0].name}: hardly a second of the record is usable, since too many samples are "
+            f"missing or clipped (clipped channel: {clipped}); choose a larger range of the sensor, or "
             "excite less"
         )
     with held.apart() if look.held else nullcontext():
@@ -432,8 +432,8 @@ def _less(fit: StructureFit, taken: StructureFit) -> str:
     lead = 2.0 * (taken.evidence - fit.evidence)
     name = " + ".join(taken.structure.effects) or "no effect"
     if lead > 0.0:
-        return f"evidence {lead:.0f} less than that of {name}"
-    return f"evidence {-lead:.0f} more than that of {name}, which does not decide for more numbers"
+        return f"evidence {lead:.0f} lower than for {name}"
+    return f"evidence {-lead:.0f} higher than for {name}, which does not justify more parameters"
 
 
 def _model(base: Model, fit: StructureFit) -> Model:

@@ -179,7 +179,7 @@ def decide(
         least = rest.share / MOST_LEFT
         for name in [one for one in named if shares.get(one, 0.0) < least]:
             named.remove(name)
-            refused[name] = "the remainder beside it is too large for its law to be the right one"
+            refused[name] = "the remainder is too large for this law to be right"
     odds = _evidence_of_sets(standing, fit, chosen, refused)
     # Where the evidence decides for a richer law and a free run sees no difference, neither is chosen.
     count = len(chosen.structure.effects)
@@ -244,7 +244,7 @@ def _refuse_leader(search: Search, held: HeldOut, fit: StructureFit, refused: di
     leader = search.best
     errors = [100.0 * held.judged(one, refitted=False).agreement.nrmse for one in (leader, fit)]
     for name in sorted(set(leader.structure.effects) - set(fit.structure.effects)):
-        reason = f"with it a free run leaves {errors[0]:.2g} %, {_joined(fit)} {errors[1]:.2g} %"
+        reason = f"a free run with it leaves {errors[0]:.2g} %, {_joined(fit)} {errors[1]:.2g} %"
         refused.setdefault(name, reason)
 
 
@@ -369,9 +369,9 @@ def _beyond_chance(
     """Return ``fit`` without effects that chance may make, the same fitted to its end, and its numbers."""
     exact, numbers = refined(predictions, fit)
     own = fit.structure.effects
-    chance = {name: "none of its numbers differs from zero" for name in own if _may_be_zero(name, numbers)}
+    chance = {name: "all its parameters may be zero" for name in own if _may_be_zero(name, numbers)}
     if PERIODIC in own and phase_kept(predictions, exact) < PAID:
-        chance[PERIODIC] = "it keeps no phase, as noise in a narrow band"
+        chance[PERIODIC] = "its phase wanders, as narrow-band noise does"
     if not chance:
         return fit, exact, numbers
     refused.update(chance)
@@ -422,7 +422,7 @@ def _plainest(
                 refused[name] = (
                     f"it differs from {plain.replace('_', ' ')} by {100.0 * shown:.2g} % only"
                     if shown < settings.least_share
-                    else f"with {plain.replace('_', ' ')} a free run leaves no more than noise, too"
+                    else f"a free run with {plain.replace('_', ' ')} leaves no more than noise either"
                 )
                 left.append(fit)
                 fit = other
@@ -464,7 +464,7 @@ def _predicting(
         return fit
     for name in sorted(own - least):
         shown = f"{100.0 * richer.agreement.nrmse:.2g} %, without it {100.0 * error:.2g} %"
-        refused[name] = f"with it a free run leaves {shown}"
+        refused[name] = f"a free run with it leaves {shown}"
     return _predicting(fits, held, fits[least], refused, least_share)
 
 

@@ -40,7 +40,7 @@ NARROWEST = 0.15
 #: Twice the log likelihood ratio, and share of the noise that grows with the slope, from which there is
 #: jitter: chosen on blind cases other than the published ones.
 EVIDENCE, SHARE = 60.0, 0.2
-CHECK = "the clock that takes the samples: a separate timer instead of a program's loop"
+CHECK = "sampling clock: use a separate timer instead of a program's loop"
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,8 +152,8 @@ def jitter_of(parts: Sequence[Prediction], rows: Sequence[Array]) -> Nuisance | 
 def sentence(found: Nuisance) -> str:
     """Return what the jitter ``found`` is on the machine."""
     return (
-        "the noise of the spool's channel grows with the slope of the reading, as where samples are taken "
-        f"{1e3 * found.size:.2g} ms (rms) too early or too late: check the clock that takes them"
+        "the noise of the spool's channel grows with the slope of the reading, as with a sampling jitter of "
+        f"{1e3 * found.size:.2g} ms (rms): check the sampling clock"
     )
 
 

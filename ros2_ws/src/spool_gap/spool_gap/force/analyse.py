@@ -100,7 +100,7 @@ def analyse_forces(
         check_mass(balance, balance.fit([]), train[0].name, mass)
     if kind == "driven" and "stiffness" in columns and not _has_spring(train, balance, base):
         columns.remove("stiffness")
-        warnings.append("no spring is seen: a free run without one does as well, so the base has none here")
+        warnings.append("no spring detected: a free run without one fits as well, so the base omits it")
         balance = ForceBalance(train, held, [*columns, "zero"], driven=True, mass=mass)
     alike = _cannot_tell(balance)
     tried = searched(balance, kind, chosen_settings.most_effects, tell)
@@ -126,7 +126,7 @@ def _split(
     records: Sequence[ForceRecord], holdout: Sequence[ForceRecord]
 ) -> tuple[list[ForceRecord], list[ForceRecord]]:
     if not records:
-        raise InputError("records: none given")
+        raise InputError("records: no record given, name at least one")
     if holdout:
         return list(records), list(holdout)
     train: list[ForceRecord] = []
@@ -366,7 +366,7 @@ def _extended(balance: ForceBalance, one: TriedForces, kind: str) -> Iterator[Tr
         elif more.nrmse > one.nrmse:
             reason = GROWS
         elif entry.load_cell_zero:
-            reason = "the difference of the directions is not told from the load cell's zero"
+            reason = "the record cannot separate the difference of the directions from the load cell's zero"
         yield replace(more, gain=gain, reason=reason)
 
 
@@ -460,7 +460,7 @@ def _differing(balance: ForceBalance, chosen: Chosen) -> list[str]:
     if not texts:
         return []
     return [
-        "no numbers hold in all records: those fitted and those held out differ beyond their 95 % intervals, "
+        "no parameters fit all records: fitted and held-out ones differ beyond their 95 % intervals, "
         + "; ".join(texts)
     ]
 

@@ -72,7 +72,7 @@ class ForceRecord:
         if self.displacement.shape != self.force.shape or self.force.ndim != 1:
             raise InputError(f"{self.name}: displacement and force must be rows of one length")
         if not (np.isfinite(self.displacement).all() and np.isfinite(self.force).all()):
-            raise InputError(f"{self.name}: displacement or force is not a number somewhere")
+            raise InputError(f"{self.name}: displacement or force contains values that are not numbers")
 
     @property
     def duration(self) -> float:
@@ -482,6 +482,6 @@ def check_mass(balance: ForceBalance, fit: ForceFit, name: str, given: float | N
     shown = float(free.fit([]).coefficients[-1])
     if not given / OTHER_MASS < shown < given * OTHER_MASS:
         raise InputError(
-            f"{name}: force and motion are those of {shown:.3g} kg, the valve's description says "
-            f"{given:.3g} kg: check the units of force_N and displacement_m, or leave --valve out"
+            f"{name}: force and motion correspond to {shown:.3g} kg, but the valve's description has "
+            f"{given:.3g} kg: check the units of force_N and displacement_m, or omit --valve"
         )

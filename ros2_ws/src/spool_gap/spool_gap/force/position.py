@@ -155,10 +155,10 @@ def model_with(base: Model, balance: ForceBalance, chosen: Chosen, fit: ForceFit
     numbers = fit.coefficients
     mass = balance.mass or (float(numbers[balance.base.index("mass")]) if "mass" in balance.base else 0.0)
     if not np.isfinite(numbers).all() or mass <= 0.0:
-        raise InputError("mass: a free run needs one > 0 kg")
+        raise InputError("mass: a free run needs a mass > 0 kg")
     for entry, shape in chosen:
         if entry.id != CONSTANT and balance.values(entry, shape, fit) is None:
-            raise InputError(f"{entry.id}: its numbers make no sense on a machine")
+            raise InputError(f"{entry.id}: its fitted parameters are physically impossible")
     model = model_of(base, balance, tuple(pair for pair in chosen if pair[0].id != CONSTANT), fit)
     if "inertia" not in {entry.name for entry in model.terms}:
         raise InputError(f"{base.name}: a free run needs the term inertia")

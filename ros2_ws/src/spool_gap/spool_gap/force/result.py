@@ -75,7 +75,7 @@ def result_of(
         warnings = [
             *warnings,
             "viscous and Coulomb friction cannot be distinguished here: the speed hardly varies; "
-            "their sum at this speed is what the record tells",
+            "the record determines only their sum at this speed",
         ]
         advice = "drive with speeds that differ by a factor of 10 or more"
     verdict = "+".join(names) or "none"

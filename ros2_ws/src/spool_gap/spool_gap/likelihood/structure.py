@@ -76,7 +76,7 @@ def _mode(channel: str) -> ChainPart:
         ),
         "the sensor's bracket, or the body between the sensors, has a resonance of its own",
         "mounting of both sensors (stud, not magnet or wax), stiffness of brackets, a tap test; a mode that "
-        "stays when the sensor is moved is one of the valve, as of its spring (surge) or oil column",
+        "stays when you move the sensor belongs to the valve: its spring (surge) or oil column",
     )
 
 
@@ -87,7 +87,7 @@ def _gain_drift() -> ChainPart:
         "spool",
         (rate,),
         None,
-        "the sensitivity of a sensor or amplifier drifts, as while it warms",
+        "the sensitivity of a sensor or amplifier drifts, for example while it warms up",
         "warm-up time and temperature of sensors and amplifiers, cables and mountings that come loose",
     )
 

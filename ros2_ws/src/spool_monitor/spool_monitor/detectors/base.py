@@ -82,7 +82,7 @@ BASELINE_TIME = MonitorLimit(
 
 def on_delay(kind: str, seconds: float) -> MonitorLimit:
     """Return the parameter of the on-delay of the events of ``kind``."""
-    text = "How long it must last until it is raised, and an alarm's limit be passed until it is an alarm."
+    text = "Time that the condition, or an exceeded alarm limit, must last before it is reported."
     return MonitorLimit(f"{kind}_on_delay", seconds, text, "s", 0.0, 3600.0)
 
 

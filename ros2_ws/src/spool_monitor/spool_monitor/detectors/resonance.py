@@ -28,10 +28,10 @@ RESONANCE_BAND = MonitorLimit(
     "resonance_band", 0.15, "Relative distance that counts as near resonance.", "1", 0.01, 1.0
 )
 AMPLIFICATION_ON = MonitorLimit(
-    "amplification_on", 1.8, "Spool over body that raises resonance.", "1", 1.0, 100.0
+    "amplification_on", 1.8, "Ratio spool/body that raises resonance.", "1", 1.0, 100.0
 )
 AMPLIFICATION_OFF = MonitorLimit(
-    "amplification_off", 1.5, "Spool over body that clears it, below amplification_on.", "1", 0.5, 100.0
+    "amplification_off", 1.5, "Ratio that clears resonance, below amplification_on.", "1", 0.5, 100.0
 )
 
 #: Bands of resonance from the natural frequency at which a line has left it.
@@ -71,7 +71,7 @@ class Resonance(Detector):
         if off >= on:
             raise InputError(
                 f"amplification_off ({off:g}) must lie below amplification_on ({on:g}): "
-                "what is raised would be cleared immediately"
+                "otherwise an event would clear immediately"
             )
 
     def update(self, moment: Moment) -> Finding | None:

@@ -189,7 +189,7 @@ class SensorDead(Detector):
         seconds = min(channels[name].standing for name in names)
         self.judgement = Judgement.JUDGED
         both = len(names) == 2
-        self.suspicious = f"the {' and the '.join(names)} accelerometer stand{'' if both else 's'} still"
+        self.suspicious = f"the {' and the '.join(names)} accelerometer repeat{'' if both else 's'} one value"
         self._stood = self._stood or seconds >= STANDS
         level = Quantity("channel_level", "1", 0.0, validity=Validity.VALID)
 
@@ -238,7 +238,7 @@ class SensorDead(Detector):
         share = shares.get(name, math.nan)
         dead = share < DEAD
         self._stood = self._stood and not dead
-        self.suspicious = f"the {name} accelerometer shows next to nothing" if share < ALIVE else ""
+        self.suspicious = f"the {name} accelerometer shows almost no signal" if share < ALIVE else ""
         validity = Validity.VALID if shares else Validity.UNKNOWN
         level = Quantity("channel_level", "1", share, validity=validity)
 
@@ -500,7 +500,7 @@ class SensorSwapped(Detector):
             return None
         self.judgement = Judgement.JUDGED
         share = moment.signals.dissipation / moment.reference.damping
-        self.suspicious = "the relative motion gives energy away" if share < 0.5 * NEGATIVE else ""
+        self.suspicious = "the relative motion seems to release energy" if share < 0.5 * NEGATIVE else ""
         dissipation = Quantity("dissipation", "1", share, validity=Validity.VALID)
         return Finding(
             moment.stamp,

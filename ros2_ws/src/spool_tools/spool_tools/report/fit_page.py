@@ -27,23 +27,19 @@ from spool_tools.report.fit_curves import Excerpt, FrictionCurve, Overlay
 from spool_tools.report.ranking import WORTH, FittedSeries, Ranking, ValidatedFit
 
 WAVEFORM = (
-    "Spool acceleration, measured and simulated from the measured body acceleration alone; below, what is "
-    "left over."
+    "Spool acceleration, measured and simulated from the measured body acceleration alone; below, the "
+    "residual."
 )
 RATIO = (
-    "Amplitude of the simulated over the measured spool acceleration in bands of 5 Hz; 1 is right, "
-    "grey is what the paper's measuring chain may be off by."
+    "Amplitude of the simulated over the measured spool acceleration in bands of 5 Hz; 1 is exact, "
+    "grey is the tolerance of the paper's measuring chain."
 )
 FRICTION = (
-    "What of the balance of forces is neither inertia nor spring, from both accelerometers, and the model's "
+    "Force that is neither inertia nor spring, from both accelerometers, and the model's "
     "law through the same filter."
 )
-SPECTRUM = (
-    "What the model leaves over, by frequency. The best that any model can do is the noise of both sensors."
-)
-EVIDENCE = (
-    "What an expert looks at before believing the above, in this order, from the data that were fitted."
-)
+SPECTRUM = "Residual of the model by frequency. No model can fall below the noise of both sensors."
+EVIDENCE = "Check these pictures in this order before you trust the result; they show the fitted data."
 
 RATIO_SHOWN = (0.0, 2.0)
 
@@ -62,7 +58,7 @@ def fit_page(validated: ValidatedFit) -> str:
             f"{LEGEND}; the true value lies within it in 95 of 100 such records, if the model is right."
         ),
         *(html.listing(lines) for lines in (tables.correlations(found), found.warnings, doubts) if lines),
-        html.heading("How well it holds"),
+        html.heading("Quality of the fit"),
         html.table(["what", "value"], tables.quality_rows(validated)),
     ]
     sections += [
@@ -132,7 +128,7 @@ def compare_page(series: Sequence[FittedSeries], ranking: Ranking) -> str:
                 [entry.parameters for entry in shown],
                 WORTH,
             ),
-            "Models, best first: what each leaves over beyond the least, and its error on held-out data.",
+            "Models, best first: error above the least, and error on held-out data.",
             f"From best to worst: {', '.join(entry.model.replace('_', ' ') for entry in shown)}.",
         ),
         html.table(list(rows[0]), rows),
@@ -318,7 +314,7 @@ def ranking_figure(
     axes[0].xaxis.set_major_formatter("{x:g}")
     axes[0].set_ylim(len(names) - 0.5, -0.5)
     axes[0].legend(fontsize=8, loc="upper right")
-    _label(axes[0], "left over beyond the least, % of it", "")
+    _label(axes[0], "error above the least, % of it", "")
     finite = [value for value in errors if np.isfinite(value)]
     axes[1].set_xlim(0.0, 1.3 * max(finite) if finite else 1.0)
     _label(axes[1], "error on held-out data, every sample, nrmse", "")

@@ -39,9 +39,9 @@ from spool_tools.report.ranking import (
 #: What the columns of the ranking mean.
 COLUMNS = (
     "par.: parameters that were fitted.",
-    "error: what the free run leaves over, rms, m/s², on held-out data where there are any. A few samples "
+    "error: rms residual of the free run, m/s², on held-out data if there are any. A few samples "
     "around every jump of dry friction are left out, the same for all models.",
-    f"more: beyond the least error. Within {100.0 * WORTH:g} % models do equally well, and the one with the "
+    f"more: error above the least. Within {100.0 * WORTH:g} % models do equally well, and the one with the "
     "fewest parameters comes first.",
     "BIC: Bayesian information criterion on the fitted data (Whittle's likelihood, every sample), behind the "
     "best.",
@@ -102,7 +102,7 @@ def parameter_rows(found: Fit) -> list[dict[str, str]]:
     for quantity in (*found.parameters, *found.combinations):
         note = "at its bound" if quantity.name in found.at_bound else ""
         if not math.isfinite(quantity.value):
-            note = "the record does not tell it"
+            note = "the record does not determine it"
         shown = interval(quantity.value, quantity.standard_deviation)
         rows.append(
             {

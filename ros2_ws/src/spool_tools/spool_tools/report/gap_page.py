@@ -24,7 +24,7 @@ WHERE = (
 )
 SURFACE = (
     "Mean force that the model lacks over displacement and velocity. Where left and right differ, a spring "
-    "is missing; where top and bottom differ, friction; grey: the record was not there."
+    "is missing; where top and bottom differ, friction; grey: no data."
 )
 RANKING = "Hypotheses, fitted together with the base; their errors are on data that no fit has seen."
 #: What the evidence of a ranking is, by kind of record.
@@ -41,10 +41,10 @@ PROFILES = (
     "crossings are its interval; where it stays below on one side the record sets no bound there."
 )
 EVIDENCE = (
-    "What an expert looks at before believing the above, in this order. Records are shown as they were "
-    "measured: what the comparison leaves out is still in them here."
+    "Check these pictures in this order before you trust the result. They show the records as measured, "
+    "including samples that the comparison leaves out."
 )
-SPECTRUM = "What is left over by frequency, before and after, with the measured signal and the noise."
+SPECTRUM = "Residual by frequency, before and after, with the measured signal and the noise."
 
 #: Hypotheses shown at most.
 SHOWN = 12
@@ -85,7 +85,7 @@ def gap_page(
         html.paragraph(
             f"Confidence {result.confidence:.2f}{f' ({note})' if (note := result.confidence_note) else ''}. "
             f"Gap location: {result.where.sentence}. "
-            f"What is left: {result.where_after.sentence}."
+            f"Location of the remainder: {result.where_after.sentence}."
         ),
         *([html.paragraph(anomaly_sentence(anomaly))] if (anomaly := result.linear_anomaly) else []),
         *([html.paragraph(f"To narrow it down: {result.advice}.")] if result.advice else []),
@@ -127,11 +127,11 @@ def _what_was_found(result: GapResult) -> list[Markup]:
             }
             for one in result.explanations
         ]
-        sections += [html.heading("What the record does not tell apart"), html.table(list(rows[0]), rows)]
+        sections += [html.heading("Explanations not distinguished"), html.table(list(rows[0]), rows)]
     if result.profiles:
         sentences = [f"{profile.sentence}." for profile in result.profiles]
         sections += [
-            html.heading("What the record determines"),
+            html.heading("Parameters that the record determines"),
             html.drawing(profile_figure(result.profiles), PROFILES, " ".join(sentences)),
             html.listing(sentences),
         ]
@@ -145,12 +145,12 @@ def _what_was_found(result: GapResult) -> list[Markup]:
             }
             for entry in result.nuisances
         ]
-        sections += [html.heading("What the measuring chain did"), html.table(list(nuisances[0]), nuisances)]
+        sections += [html.heading("Measuring-chain effects"), html.table(list(nuisances[0]), nuisances)]
     if result.candidates:
         known = {name: EFFECTS[name] for name in result.candidates if name in EFFECTS}
         checks = {name: f": {one.on_the_machine}; check {one.to_check}" for name, one in known.items()}
         candidates = [f"{_said(name)}{checks.get(name, '')}" for name in result.candidates]
-        sections += [html.heading("What comes nearest"), html.listing(candidates)]
+        sections += [html.heading("Closest candidates"), html.listing(candidates)]
     return sections
 
 

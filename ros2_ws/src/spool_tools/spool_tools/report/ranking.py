@@ -289,7 +289,7 @@ def _sentences(
         ratio = worse[0].error / best.error
         more = f"{ratio:.1f} times as much" if ratio >= 2.0 else f"{100.0 * (ratio - 1.0):.0f} % more"
         said.append(
-            f"{_said(best)} is preferred: {_said(worse[0])}, the next that differs, leaves {more} over."
+            f"{_said(best)} is preferred: {_said(worse[0])}, the next that differs, leaves {more} error."
         )
     else:
         said.append(f"{_said(best)} is preferred: no other does better, and it has the fewest parameters.")
@@ -300,14 +300,14 @@ def _sentences(
         )
         said.append(
             f"{_names(larger)} {verb} as well with {few if few == most else f'{few} to {most}'} more "
-            f"parameter{'s' if most > 1 else ''}: nothing in the data asks for them."
+            f"parameter{'s' if most > 1 else ''}: the data do not justify them."
         )
     certain = min((e for e in equal if math.isfinite(e.criterion)), key=lambda e: e.criterion, default=best)
     if certain is not best and certain.parameters > best.parameters:
         cut = 1.0 - certain.error / best.error
         said.append(
             f"By the information criterion alone {_said(certain)} would be ahead by "
-            f"{best.criterion - certain.criterion:.0f}: what it adds is there, or makes up for sampling, "
+            f"{best.criterion - certain.criterion:.0f}: what it adds is real or compensates for sampling, "
             + (
                 f"but cuts the error by only {100.0 * cut:.1f} %."
                 if cut > 0.0
@@ -316,7 +316,7 @@ def _sentences(
         )
     if best.error > UNEXPLAINED * noise:
         said.append(
-            f"Even {_said(best)} leaves {best.error / noise:.1f} times the noise of the spool's sensor over: "
+            f"Even {_said(best)} leaves {best.error / noise:.1f} times the noise of the spool's sensor: "
             "something is missing in all of these models; ./spool gap looks for it."
         )
     doubtful = [entry for entry in (*equal, *worse) if entry.model in unsure]

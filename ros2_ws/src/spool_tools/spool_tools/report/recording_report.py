@@ -25,9 +25,9 @@ from spool_tools.report.evidence.exhibit import Exhibit, LeftOut
 BODY, SPOOL, ESTIMATE, EVENT = "#0072B2", "#D55E00", "#009E73", "#E69F00"
 
 ABOUT = (
-    "What an expert looks at before believing the above: first what drifted and when, then whether the "
-    "record could tell it, then whether the model holds at all. The model has the numbers of the last "
-    "estimate: where a parameter drifted, it fits the end of the record only."
+    "Check these pictures in this order before you trust the result: what drifted and when, whether the "
+    "record could show it, and whether the model holds. The model has the numbers of the last estimate: "
+    "where a parameter drifted, it fits the end of the record only."
 )
 
 
@@ -79,7 +79,7 @@ def write_report(folder: Path, reader: BagReader, analysis: dict[str, Any]) -> P
         f"{LEGEND}; bands around curves are the same intervals. Shaded stretches are events."
     )
     text = html.page(
-        "Spool valves: what the recording shows", [html.paragraph(summary), *sections],
+        "Spool valves: report of the recording", [html.paragraph(summary), *sections],
         [*sources([reader.path]), *_valves(analysis)],
     )  # fmt: skip
     path = folder / "report.html"
@@ -174,7 +174,7 @@ def replay_page(
             html.paragraph(ABOUT),
             *html.evidence(evidence.get(name, ())),
         ]
-    return html.page(f"What the monitor says of {result['bag']}", sections, sources)
+    return html.page(f"Monitor report on {result['bag']}", sections, sources)
 
 
 def _valves(analysis: dict[str, Any]) -> list[tuple[str, str]]:

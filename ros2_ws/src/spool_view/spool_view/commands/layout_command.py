@@ -36,7 +36,7 @@ def layout(
     valves: Annotated[
         list[str], typer.Argument(metavar="BAG|VALVE...", help="A bag, or namespaces of running valves.")
     ],
-    out: Annotated[Path, typer.Option(help="Folder that is made for the layouts.")] = Path("layouts"),
+    out: Annotated[Path, typer.Option(help="Folder to write the layouts to.")] = Path("layouts"),
     _force: cli.Force = False,
 ) -> None:
     """Write layouts for Foxglove, Lichtblick and PlotJuggler that show valves, live or from a bag.

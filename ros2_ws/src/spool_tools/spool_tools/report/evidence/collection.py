@@ -305,4 +305,4 @@ def _drift_ellipse(one: Replayed) -> Exhibit:
             return confidence.confidence_ellipse(
                 confidence.ellipse_of(tuple(found.parameters), tuple(found.fitted), correlation)
             )
-    raise InputError("the online estimates hold no covariance of both; --refits does, or ./spool fit")
+    raise InputError("the online estimates have no covariance of both; pass --refits or use ./spool fit")

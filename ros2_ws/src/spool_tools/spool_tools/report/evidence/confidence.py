@@ -42,8 +42,8 @@ ELLIPSE_TITLE = "How well drag and dry friction can be separated"
 ELLIPSE_CAPTION = (
     "Pairs of viscous coefficient and Coulomb force that the record does not contradict at 95 %, from the "
     "covariance of the fit; cross: the intervals of each number by itself. Good: a small, upright ellipse "
-    "that stays clear of zero. Bad: a long one that leans to the right end down: the record only tells their "
-    "sum, since the spool moved with one amplitude throughout; drive it with several."
+    "that stays clear of zero. Bad: a long one that leans to the right end down: the record determines only "
+    "their sum, since the spool moved with one amplitude throughout; excite it with several."
 )
 VISCOUS, COULOMB = "viscous_coefficient", "coulomb_force"
 #: Correlation from which one makes up for the other.
@@ -71,7 +71,7 @@ DRIFT_CAPTION = (
     "cumulative sums of the sequential test (Page 1954), for a rise and for a fall, and the threshold that "
     "noise alone crosses once in the time the monitor is set to; vertical lines: events. Good: estimates "
     "stay around the baseline and both sums at zero. Bad: a sum that climbs: the change began where it left "
-    "zero, not where the event came. Where there are no estimates the valve was not shaken, or not believed."
+    "zero, not at the event. Gaps: the valve was not excited, or its estimates were not trusted."
 )
 #: Events marked at most.
 MARKED = 24
@@ -130,7 +130,7 @@ def ellipse_of(parameters: tuple[Quantity, ...], names: tuple[str, ...], correla
     for name in (VISCOUS, COULOMB):
         if name not in known or name not in names:
             raise InputError(
-                f"the fit holds no {name.replace('_', ' ').replace('coulomb', 'Coulomb')} of its own"
+                f"the fit has no separate {name.replace('_', ' ').replace('coulomb', 'Coulomb')}"
             )
     places = [names.index(name) for name in (VISCOUS, COULOMB)]
     deviations = np.array([known[name].standard_deviation for name in (VISCOUS, COULOMB)])
@@ -171,12 +171,12 @@ def confidence_ellipse(ellipse: Ellipse) -> Exhibit:
     ]
     correlation = ellipse.correlation
     told = (
-        "what one gains the other loses, so neither is right by itself if the other is wrong"
+        "each compensates for the other, so an error in one causes an error in the other"
         if abs(correlation) > ALIKE
-        else "the record tells them apart"
+        else "the record separates them"
     )
     without = ellipse.holds(np.array([ellipse.centre[0], 0.0]))
-    zero = "; no dry friction at all lies within" if without else ""
+    zero = "; zero dry friction lies within the ellipse" if without else ""
     return Exhibit(
         ELLIPSE_TITLE,
         figure,
@@ -229,7 +229,7 @@ def whiteness(rows: Sequence[Array], period: float) -> Whiteness:
     centred = [np.asarray(row - mean) for row in rows]
     products = np.asarray(np.sum([_products(row, lags) for row in centred], axis=0), dtype=np.float64)
     if not products[0] > 0.0:
-        raise InputError("nothing at all is left over, as in a record that its own model made")
+        raise InputError("the residual is zero, as in a record simulated with this model")
     frequency, density = density_of(centred, period)
     return Whiteness(
         np.asarray(period * np.arange(1, lags + 1), dtype=np.float64),

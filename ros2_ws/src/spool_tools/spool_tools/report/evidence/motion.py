@@ -43,7 +43,7 @@ PERIODS, BINS, LEAST = 3.0, 25, 12
 LOOPS_TITLE = "Force loops"
 LOOPS_CAPTION = (
     "Above: force that springs, oil and friction take, over displacement and over velocity, during a few "
-    "periods around the largest motion: measured, and as the models say at the same motion. Below: measured "
+    "periods around the largest motion: measured, and by the models at the same motion. Below: measured "
     "less model, the force that is missing; thin: the same periods, thick with markers: median over the "
     "whole record. Good: the missing force after is a thin line around zero. Bad: it has a shape: a step at "
     "velocity 0 is dry friction, a slope over velocity drag, a slope over displacement a spring, a bend "
@@ -212,7 +212,7 @@ def loops_of(records: Sequence[Record], sides: Sequence[Numbers]) -> Loops:
     last = sides[-1]
     mass = last.values.get("mass", np.nan)
     if not mass > 0.0:
-        raise InputError("the model has no mass, so accelerations say nothing of forces")
+        raise InputError("the model has no mass, so accelerations give no forces")
     motions = {side.name: ComposedMotion(side.model.terms) for side in sides}
     parts: list[tuple[float, Array, Array, Array, dict[str, Array]]] = []
     period = rows[0].sample_period
@@ -320,7 +320,7 @@ def force_loops(loops: Loops) -> Exhibit:
         LOOPS_TITLE,
         figure,
         LOOPS_CAPTION,
-        f"Of a force of {number(loops.force, 3)} N rms there is missing at the same motion: {text}.",
+        f"Missing force at the same motion, of {number(loops.force, 3)} N rms in total: {text}.",
     )
 
 
@@ -456,6 +456,6 @@ def _transmissibility_seen(
             )
         )
     if not told.size:
-        parts.append(f"the coherence nowhere exceeds {TOLD:g}, so no line is held against a model")
+        parts.append(f"the coherence nowhere exceeds {TOLD:g}, so no line is compared with a model")
     text = "; ".join(parts)
     return f"{text[0].upper()}{text[1:]}."

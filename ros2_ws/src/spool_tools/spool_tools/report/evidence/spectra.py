@@ -47,7 +47,7 @@ STEP = 1e-4
 #: Share of incoherent power at least: no coherence is known better than its averages tell.
 LEAST_NOISE = 1e-6
 
-BANDS_TITLE = "What the record could have told"
+BANDS_TITLE = "Information in the record"
 BANDS_CAPTION = (
     "By frequency band: how much the drive moves, how much of the answer follows from it (coherence), and "
     "where the knowledge about spring and drag comes from: shares of the Fisher information of a linear "
@@ -259,12 +259,12 @@ def information_bands(bands: Sequence[Band], what: str = "body acceleration, m/s
         best = int(np.argmax(values))
         total = sum(values)
         if not total > Z_95**2:  # not even to 100 %
-            parts.append(f"it says nothing about {said}")
+            parts.append(f"the record has no information on {said}")
             continue
         parts.append(
-            f"{_shares(values)[best]:.0f} % of what it says about {said} comes from {_hertz(bands[best])}; "
-            f"all of it tells {said} to {percent(Z_95 / float(np.sqrt(total)))} on either side (95 %) or "
-            "better, were the spool's law linear"
+            f"{_shares(values)[best]:.0f} % of the information on {said} comes from {_hertz(bands[best])}; "
+            f"all bands determine {said} to ±{percent(Z_95 / float(np.sqrt(total)))} (95 %) or better, if "
+            "the spool's law were linear"
         )
     seen = f"{'; '.join(parts)}."
     return (
