@@ -15,6 +15,7 @@ SOURCE = Path(__file__).resolve().parent.parent / "ros2_ws" / "src"
 PACKAGES = sorted(path.parent for path in SOURCE.glob("*/package.xml"))
 # Import name -> rosdep's name, where it is not "python3-" and the import name.
 ROSDEP_NAMES = {
+    "PIL": "pil",
     "yaml": "yaml",
     "mcap": "mcap-ros2-support",
     "zstandard": "mcap-ros2-support",  # a requirement of mcap
@@ -34,6 +35,7 @@ ROSDEP_KEYS = {
     "python3-numba",
     "python3-numpy",
     "python3-openpyxl",
+    "python3-pil",
     "python3-pydantic",
     "python3-pytest",
     "python3-rich",

@@ -28,7 +28,7 @@ from spool_tools.outputs import STANDARD_OUTPUT, check_output, write_file, write
 from spool_tools.terminal import wide_console
 
 #: Figures for people: title and unit by name.
-_TITLES = {
+FIGURES = {
     "per_day": ("alarms a day", ""),
     "per_hour": ("alarms an hour, on average", ""),
     "peak": ("most alarms in 10 min", ""),
@@ -135,7 +135,7 @@ def _print(found: AlarmStatistics, limits: AlarmLimits, valves: int) -> None:
     console.print(f"{of} from {begin} to {end} UTC", soft_wrap=True)
     table = Table("figure (ISA-18.2)", "value", "limit", "", box=None, pad_edge=False)
     for name, value, limit, kept in figures(found, limits):
-        title, unit = _TITLES[name]
+        title, unit = FIGURES[name]
         table.add_row(title, value + unit, limit + unit, "" if kept else "beyond the limit")
     console.print(table)
     console.print(

@@ -1,0 +1,31 @@
+"""`./spool report`: a month of a machine's valves on paper."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from spool_tools.command import Command, Force, StateFolder
+
+
+def report(
+    out: Annotated[Path, typer.Option(help="HTML page to write.")],
+    month: Annotated[str, typer.Option(help="Month like 2026-10 (UTC); default: the last whole one.")] = "",
+    machine: Annotated[
+        str | None, typer.Option(help="Machine, the first part of the valves' namespaces; default: all.")
+    ] = None,
+    state_folder: StateFolder = None,
+    _force: Force = False,
+) -> None:
+    """Write a month of alarms, trends and losses: a page for each machine, a line for each valve.
+
+    Example: ./spool report --month 2026-10 --out october.html
+    """
+    from spool_tools.operations.month_report import write_month  # noqa: PLC0415 - slow to load
+
+    write_month(month, machine, state_folder, out)
+
+
+COMMAND = Command(report, place=152, line="a month of alarms, trends and losses, to print")
