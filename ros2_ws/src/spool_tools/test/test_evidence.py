@@ -237,7 +237,7 @@ def test_a_page_stands_by_itself_and_stays_small(page: str) -> None:
 
 
 def test_every_picture_of_evidence_says_how_to_read_it_and_what_it_shows(page: str) -> None:
-    evidence = page[page.index("<h2>Evidence</h2>") :]
+    evidence = page[page.index("<summary>Evidence</summary>") :]
     captions = re.findall(r"<figcaption>(.*?)</figcaption>", evidence, re.S)
     assert len(captions) == evidence.count("<h3>") == 6
     for caption in captions:

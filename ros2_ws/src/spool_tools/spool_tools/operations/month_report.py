@@ -158,6 +158,11 @@ def _split(valve: str) -> tuple[str, str]:
     return machine, name
 
 
+def _natural(name: str) -> list[tuple[str, int]]:
+    """Return what sorts ``valve_2`` before ``valve_10``."""
+    return [(text, int(part or 0)) for text, part in re.findall(r"(\D*)(\d*)", name)]
+
+
 def _machine(
     name: str, files: dict[str, Path], journals: dict[str, list[JournalEntry]], begin: int, until: int
 ) -> Machine:
@@ -171,7 +176,7 @@ def _machine(
         sentence += f"; open at the end: {', '.join(one.name for one in standing[:5])}"
         sentence += f" and {len(standing) - 5} more" if len(standing) > 5 else ""
     sentence += f"; {plural(gaps, 'valve')} without complete data." if gaps else "; all data are complete."
-    ordered = sorted(lines, key=lambda one: (not one.open, -one.count))
+    ordered = sorted(lines, key=lambda one: (not one.open, -one.count, _natural(one.name)))
     return Machine(name or "This machine", sentence, tuple(ordered))
 
 
@@ -223,7 +228,8 @@ def _course(spans: Sequence[Span], unit: str) -> Course:
     if not spans:
         return Course("no data")
     first, last = spans[0].mean, spans[-1].mean
-    change = f" ({100 * (last / first - 1):+.0f} %)" if first else ""
+    percent = round(100 * (last / first - 1)) if first else 0
+    change = f" ({percent:+d} %)" if percent else ""
     text = f"{number(first, 3)} … {number(last, 3)} {unit}{change}"
     low, high = min(one.minimum for one in spans), max(one.maximum for one in spans)
     begin, length = spans[0].start, max(DAY, spans[-1].start - spans[0].start)

@@ -11,6 +11,7 @@ from itertools import cycle, islice
 
 import matplotlib.pyplot as plt
 import numpy as np
+from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from spool_core.numbers import Array
@@ -50,8 +51,19 @@ def fit_page(validated: ValidatedFit) -> str:
     title = f"{found.model.name.replace('_', ' ')} fitted to {validated.data.name}"
     rows = tables.parameter_rows(found)
     doubts = [f"Warning: {doubt}" for doubt in validated.data.doubts]
+    waveform, *others = pictures([validated])
+    error = validated.held_out_error
+    held = f"{100.0 * error:.2g} % of its rms" if math.isfinite(error) else "not known: no data were held out"
+    worst = [*found.warnings, *doubts][:2]
     sections: list[str] = [
         html.verdict(summary(validated)),
+        html.answers(
+            [
+                ("How sure", f"Error on data that the fit has not seen: {held}. {LEGEND}."),
+                ("What to do", " ".join(worst) or "Look at the picture below, then use the numbers."),
+            ]
+        ),
+        waveform,
         html.heading("Parameters"),
         html.table(list(rows[0]), rows),
         html.paragraph(
@@ -61,17 +73,16 @@ def fit_page(validated: ValidatedFit) -> str:
         html.heading("Quality of the fit"),
         html.table(["what", "value"], tables.quality_rows(validated)),
     ]
+    exhibits = html.evidence(fit_exhibits(found, validated.data.valve, validated.data.fitted))
     sections += [
-        *pictures([validated]),
-        html.heading("Evidence"),
-        html.paragraph(EVIDENCE),
-        *html.evidence(fit_exhibits(found, validated.data.valve, validated.data.fitted)),
+        html.section("Amplitude, friction and spectrum", others),
+        html.section("Evidence", [html.paragraph(EVIDENCE), *exhibits]),
     ]
     records = (*validated.data.paths, *validated.data.held_paths)
     return html.page(title, sections, sources(records, validated.data.valve))
 
 
-def pictures(validated: Sequence[ValidatedFit]) -> list[str]:
+def pictures(validated: Sequence[ValidatedFit]) -> list[Markup]:
     """Return the pictures of models that have a result on one set of data."""
     data = validated[0].data
     fitted, valve = data.fitted, data.valve

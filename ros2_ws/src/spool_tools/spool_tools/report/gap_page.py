@@ -78,22 +78,36 @@ def gap_page(
     if math.isfinite(before.amplitude_ratio):
         ratios = {"before": before.amplitude_ratio, "after": after.amplitude_ratio, "noise alone": 1.0}
         rows.append({"": "amplitude, model over measured", **ratios})
+    errors = (before.nrmse, after.nrmse, result.known_floor)
+    first, last, noise = (f"{100.0 * error:.2g} %" for error in errors)
+    alone = f", noise alone {noise}" if math.isfinite(result.known_floor) else ""
+    seen = f"Held-out error {first} before, {last} after{alone}."
     sections = [
         html.verdict(result.sentence),
+        html.answers(_answers(result, seen)),
+        html.drawing(waveform_figure(result.curves), WAVEFORM, seen),
         *([html.listing([f"Warning: {line}" for line in result.warnings])] if result.warnings else []),
         html.table(["", "before", "after", "noise alone"], rows),
-        html.paragraph(
-            f"Confidence {result.confidence:.2f}{f' ({note})' if (note := result.confidence_note) else ''}. "
-            f"Gap location: {result.where.sentence}. "
-            f"Location of the remainder: {result.where_after.sentence}."
-        ),
         *([html.paragraph(anomaly_sentence(anomaly))] if (anomaly := result.linear_anomaly) else []),
-        *([html.paragraph(f"To narrow it down: {result.advice}.")] if result.advice else []),
         *_what_was_found(result),
-        *_where_it_sits(result),
-        *_before_and_after(result, evidence),
+        html.section("Where the gap sits", _where_it_sits(result)),
+        *_hypotheses(result),
+        *_evidence(evidence),
+        html.section("Spectrum and numbers", _numbers(result, seen, bool(alone))),
     ]
     return html.page(title, sections, sources)
+
+
+def _answers(result: GapResult, seen: str) -> list[tuple[str, str]]:
+    """Return how sure the verdict is, what to do, and what would narrow it down."""
+    note = f" ({result.confidence_note})" if result.confidence_note else ""
+    pairs = [("How sure", f"Confidence {result.confidence:.2f}{note}. {seen}")]
+    checks = [effect.check for effect in result.effects if effect.check]
+    if checks:
+        pairs.append(("What to do", f"Check {'; '.join(checks)}."))
+    if result.advice:
+        pairs.append(("To narrow it down", f"{result.advice[:1].upper()}{result.advice[1:]}."))
+    return pairs
 
 
 def _what_was_found(result: GapResult) -> list[Markup]:
@@ -155,15 +169,18 @@ def _what_was_found(result: GapResult) -> list[Markup]:
 
 
 def _where_it_sits(result: GapResult) -> list[Markup]:
-    """Return where the missing force sits, and how the hypotheses about it rank."""
+    """Return where the missing force sits."""
     before, after = result.before.nrmse, result.after.nrmse
     left = (after / before) ** 2 if before > 0.0 else 1.0
     largest = [
         float(np.nanmax(np.abs(surface.force))) if np.isfinite(surface.force).any() else math.nan
         for surface in (result.surface, result.surface_after)
     ]
-    sections = [
-        html.heading("Where the gap sits"),
+    return [
+        html.paragraph(
+            f"Gap location: {result.where.sentence}. "
+            f"Location of the remainder: {result.where_after.sentence}."
+        ),
         html.drawing(
             where_figure(result.where, result.where_after, left),
             WHERE,
@@ -175,25 +192,29 @@ def _where_it_sits(result: GapResult) -> list[Markup]:
             f"Largest mean force missing: {largest[0]:.2g} N before, {largest[1]:.2g} N after.",
         ),
     ]
-    if result.ranking:
-        first = ", ".join(f"{_said(row.id)} {100.0 * row.nrmse_after:.2g} %" for row in result.ranking[:3])
-        rows = [
-            {
-                "hypothesis": _said(row.id),
-                "jointly with": _beside(row),
-                "error, %": 100.0 * row.nrmse_after,
-                "evidence": f"{row.evidence:.0f}",
-                "verdict": result.verdict_of(row),
-            }
-            for row in result.ranking[:SHOWN]
-        ]
-        sections += [
-            html.heading("Hypotheses"),
-            html.drawing(ranking_figure(result), RANKING, f"Held-out error with the first ones: {first}."),
-            html.table(list(rows[0]), rows),
-            html.paragraph(EVIDENCE_OF["accelerations" if result.kind == "accelerations" else "force"]),
-        ]
-    return sections
+
+
+def _hypotheses(result: GapResult) -> list[Markup]:
+    """Return how the hypotheses rank, nothing where none was tried."""
+    if not result.ranking:
+        return []
+    first = ", ".join(f"{_said(row.id)} {100.0 * row.nrmse_after:.2g} %" for row in result.ranking[:3])
+    rows = [
+        {
+            "hypothesis": _said(row.id),
+            "jointly with": _beside(row),
+            "error, %": 100.0 * row.nrmse_after,
+            "evidence": f"{row.evidence:.0f}",
+            "verdict": result.verdict_of(row),
+        }
+        for row in result.ranking[:SHOWN]
+    ]
+    parts = [
+        html.drawing(ranking_figure(result), RANKING, f"Held-out error with the first ones: {first}."),
+        html.table(list(rows[0]), rows),
+        html.paragraph(EVIDENCE_OF["accelerations" if result.kind == "accelerations" else "force"]),
+    ]
+    return [html.section("Hypotheses", parts)]
 
 
 def _beside(row: RankedHypothesis) -> str:
@@ -201,12 +222,13 @@ def _beside(row: RankedHypothesis) -> str:
     return ", ".join(map(_said, (*row.jointly_with, *row.measuring_chain))) or "the base"
 
 
-def _before_and_after(result: GapResult, evidence: Sequence[Exhibit | LeftOut]) -> list[Markup]:
-    """Return waveforms, spectra, evidence and numbers of both models."""
-    errors = (result.before.nrmse, result.after.nrmse, result.known_floor)
-    before, after, noise = (f"{100.0 * error:.2g} %" for error in errors)
-    alone = f", noise alone {noise}" if math.isfinite(result.known_floor) else ""
-    seen = f"Held-out error {before} before, {after} after{alone}."
+def _evidence(items: Sequence[Exhibit | LeftOut]) -> list[Markup]:
+    """Return the pictures for an expert, nothing without any."""
+    return [html.section("Evidence", [html.paragraph(EVIDENCE), *html.evidence(items)])] if items else []
+
+
+def _numbers(result: GapResult, seen: str, known: bool) -> list[Markup]:
+    """Return the spectrum of both models and their numbers; ``known``: whether the noise alone is."""
     base, final = ({one.name: one for one in own} for own in (result.base, result.parameters))
     rows = [
         {
@@ -219,15 +241,9 @@ def _before_and_after(result: GapResult, evidence: Sequence[Exhibit | LeftOut]) 
         }
         for name in dict.fromkeys([*final, *base])
     ]
+    noise = "noise alone" if known else "noise at most"
     return [
-        html.heading("Before and after"),
-        html.drawing(waveform_figure(result.curves), WAVEFORM, seen),
-        html.drawing(
-            spectrum_figure(result.curves, "noise alone" if alone else "noise at most"), SPECTRUM, seen
-        ),
-        *([html.heading("Evidence"), html.paragraph(EVIDENCE)] if evidence else []),
-        *html.evidence(evidence),
-        html.heading("Numbers"),
+        html.drawing(spectrum_figure(result.curves, noise), SPECTRUM, seen),
         html.table(["parameter", "base model", "with what was found", "unit"], rows),
         html.paragraph(
             f"{LEGEND}. "

@@ -96,6 +96,16 @@ def listing(entries: Sequence[str]) -> Markup:
     return Markup(_PARTS.listing(entries))
 
 
+def answers(pairs: Sequence[tuple[str, str]]) -> Markup:
+    """Return questions of a reader in a hurry with their answers."""
+    return Markup(_PARTS.answers(pairs))
+
+
+def section(title: str, parts: Sequence[Markup]) -> Markup:
+    """Return ``parts`` behind a heading that opens them; print shows all of it."""
+    return Markup(_PARTS.section(title, parts))
+
+
 def folded(summary: str, entries: Sequence[str]) -> Markup:
     """Return lines that show when ``summary`` is opened, and in print."""
     return Markup(_PARTS.folded(summary, entries))
