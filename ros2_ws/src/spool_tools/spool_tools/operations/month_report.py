@@ -158,11 +158,6 @@ def _split(valve: str) -> tuple[str, str]:
     return machine, name
 
 
-def _natural(name: str) -> list[tuple[str, int]]:
-    """Return what sorts ``valve_2`` before ``valve_10``."""
-    return [(text, int(part or 0)) for text, part in re.findall(r"(\D*)(\d*)", name)]
-
-
 def _machine(
     name: str, files: dict[str, Path], journals: dict[str, list[JournalEntry]], begin: int, until: int
 ) -> Machine:
@@ -176,7 +171,11 @@ def _machine(
         sentence += f"; open at the end: {', '.join(one.name for one in standing[:5])}"
         sentence += f" and {len(standing) - 5} more" if len(standing) > 5 else ""
     sentence += f"; {plural(gaps, 'valve')} without complete data." if gaps else "; all data are complete."
-    ordered = sorted(lines, key=lambda one: (not one.open, -one.count, _natural(one.name)))
+    digits = re.compile(r"\d+")  # valve_2 comes before valve_10
+    ordered = sorted(
+        lines,
+        key=lambda one: (not one.open, -one.count, digits.sub(lambda found: found[0].zfill(9), one.name)),
+    )
     return Machine(name or "This machine", sentence, tuple(ordered))
 
 
