@@ -291,7 +291,7 @@ def read_table(path: Path) -> dict[Path, Identity]:
                 day, days = _period(text)
                 if text and day is None:
                     raise InputError(
-                        f"{path}: line {number}: {printable(text, 40)!r} is no date: write it like 2026-01-31"
+                        f"{path}: line {number}: {printable(text, 40)!r} is not a date: write 2026-01-31"
                     )
                 bag = (path.parent / row["bag"]).absolute()
                 found[bag] = Identity(row["machine"] or "", row["valve"] or "", day, days)

@@ -142,7 +142,7 @@ def test_machines_that_cannot_be_distinguished_are_not_merged(recordings: Path, 
         shutil.copytree(recordings / machine / "2026-04-06", folder / machine / "april")
     added = add_to_store(tmp_path / "store", [folder], PATTERN, None, "", 1)
     assert (added.new, added.left_out) == (4, 4)
-    assert all("'april' is no date" in line and "left out" in line for line in added.told)
+    assert all("'april' is not" in line and "left out" in line for line in added.told)
     run_over_store(tmp_path / "store", "features", 1, None)
     rows = answer(tmp_path / "store", "SELECT machine, valve FROM bags ORDER BY ALL", None, "", "", "")
     assert [(row["machine"], row["valve"]) for row in rows] == [

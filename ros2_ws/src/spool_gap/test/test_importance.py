@@ -78,7 +78,7 @@ def clipped_in_both(share: float) -> Record:
 
 
 def test_a_record_whose_excitation_is_clipped_throughout_is_refused_with_what_to_do() -> None:
-    with pytest.raises(InputError, match=r"clips: spool and body\); choose a larger range of the sensor"):
+    with pytest.raises(InputError, match=r"channel: spool and body\); choose a larger range of the sensor"):
         analyse([clipped_in_both(0.25)], VALVE, FLUID)
 
 

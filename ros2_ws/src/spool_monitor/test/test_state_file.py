@@ -76,7 +76,7 @@ def test_a_damaged_file_does_not_push_the_good_copy_out(tmp_path: Path) -> None:
     [
         ("", "Expecting value"),
         ("[]", "not a state file"),
-        (json.dumps({"format": 9, "sequence": 1, "sha256": "", "content": 1}), "format 9, this one"),
+        (json.dumps({"format": 9, "sequence": 1, "sha256": "", "content": 1}), "format 9, this version"),
         (json.dumps({"format": 0, "sequence": 1, "sha256": "", "content": 1}), "its format is 0"),
         ('{"content": ' + "[" * 20_000 + "]" * 20_000 + "}", "nested too deeply"),
         ("[" * 20_000, "nested too deeply"),

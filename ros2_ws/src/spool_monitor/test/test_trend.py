@@ -196,7 +196,7 @@ def test_a_file_damaged_while_it_is_in_use_is_put_aside(tmp_path: Path) -> None:
     again, said = writer(path)
     feed(again, 10)
     again.close()
-    assert "kept as t.sqlite.damaged" in said[0]
+    assert "renames it to t.sqlite.damaged" in said[0]
     assert count(path) == [1]
 
 

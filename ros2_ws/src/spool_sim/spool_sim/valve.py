@@ -238,8 +238,8 @@ class Valve(BaseModel):
         Raises:
             InputError: a key that it follows from is missing.
         """
-        area = math.pi * self.land_diameter * self.land_length
-        return area * self.dynamic_viscosity / self.radial_clearance
+        viscosity = self.dynamic_viscosity  # before the gap: what oil it is, people know first
+        return math.pi * self.land_diameter * self.land_length * viscosity / self.radial_clearance
 
     @property
     def likely_viscous_coefficient(self) -> float:

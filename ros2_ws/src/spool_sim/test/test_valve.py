@@ -43,7 +43,7 @@ def test_oil_is_optional(valve_file: Path, valve_text: str) -> None:
         ("moving_mass: 0.18", "moving_mass: heavy", ["moving_mass", "valid number", "heavy"]),
         ("moving_mass: 0.18", "moving_mass: .nan", ["moving_mass", "finite"]),
         ("moving_mass: 0.18", "moving_mass: 0.1", ["spool_mass", "moving_mass"]),
-        ("moving_mass: 0.18", "moving_mass: 0.18\nmoving_mass: 0.2", ["moving_mass", "twice", "line 3"]),
+        ("moving_mass: 0.18", "moving_mass: 0.18\nmoving_mass: 0.2", ["moving_mass", "duplicate", "line 3"]),
         ("radial_clearance: 15e-6", "radial_clearance: 15", ["radial_clearance", "less than"]),
         ("oil: HL68", "oil: HL46", ["oil", "HL46", "HL68", "Azolla ZS22"]),
         ("oil_temperature: 20", "oil_temperature: 900", ["oil_temperature"]),

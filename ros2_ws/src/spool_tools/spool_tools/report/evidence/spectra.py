@@ -263,8 +263,8 @@ def information_bands(bands: Sequence[Band], what: str = "body acceleration, m/s
             continue
         parts.append(
             f"{_shares(values)[best]:.0f} % of the information on {said} comes from {_hertz(bands[best])}; "
-            f"all bands determine {said} to ±{percent(Z_95 / float(np.sqrt(total)))} (95 %) or better, if "
-            "the spool's law were linear"
+            f"all bands determine {said} to within {percent(Z_95 / float(np.sqrt(total)))} (95 %) or better, "
+            "if the spool's law were linear"
         )
     seen = f"{'; '.join(parts)}."
     return (
