@@ -4,35 +4,39 @@ import { showAlarms, showBanner, worstAlarm } from "/static/alarms.js";
 import { marginPicture, sparkline } from "/static/drawing.js";
 import { ABNORMAL, announce, ORDER, setLight } from "/static/light.js";
 import { listen } from "/static/stream.js";
-import { digits, fill, language, make, nameOf, setText, texts } from "/static/text.js";
+import { ago, digits, fill, language, make, nameOf, setText, texts } from "/static/text.js";
 
 const AGAIN = 60000;
 /** Valves above which tiles are small, so that a hundred fit a screen. */
 const MANY = 24;
+/** Tiles of the worst valves that are shown above the others then. */
+const WORST = 10;
 const rows = new Map();
 const shown = new Map();
 let alarms = {};
 let sparks = {};
 const place = document.getElementById("valves");
 const filter = document.getElementById("filter");
-let order = "";
 
 export function marginText(margin) {
   if (margin === null) return texts.margin_none;
   return fill(margin < 0 ? texts.margin_below : texts.margin_above, { n: digits(Math.abs(margin)) });
 }
 
-function tileOf(row) {
-  let found = shown.get(row.name);
+/** The tile of a valve; the worst have a second one above the others, which stay in their places. */
+function tileOf(row, where) {
+  const key = `${where} ${row.name}`;
+  let found = shown.get(key);
   if (!found) {
     const [machine, own] = [row.name.split("/").slice(0, -1).join("/"), row.name.split("/").at(-1)];
     found = { light: make("span"), picture: make("span", { class: "margin_place" }), margin: make("span", { class: "margin_text" }), sparks: make("span", { class: "sparks" }), news: make("span", { class: "news" }) };
     const name = make("span", { class: "name" }, machine ? make("span", { class: "machine_name" }, machine + "/") : null, make("wbr"), make("b", {}, own));
     found.tile = make("a", { class: "tile", href: `/valve/${row.name}`, "data-valve": row.name }, make("span", { class: "head" }, found.light, name), found.news, make("span", { class: "margin_row" }, found.picture, found.margin), found.sparks);
-    shown.set(row.name, found);
+    shown.set(key, found);
   }
   const abnormal = ABNORMAL.includes(row.condition);
   found.tile.dataset.abnormal = String(abnormal);
+  found.tile.dataset.blind = String(["stale", "no_word"].includes(row.condition));
   setLight(found.light, row.condition, row.letter);
   const unknown = row.condition === "no_word";
   const state = JSON.stringify([row.margin, row.band, unknown]);
@@ -43,7 +47,7 @@ function tileOf(row) {
   setText(found.margin, unknown ? "" : marginText(row.margin));
   found.tile.title = unknown ? row.name : `${row.name}: ${texts.columns.margin} ${marginText(row.margin)}`;
   const worst = worstAlarm(alarms[row.name] ?? []);
-  setText(found.news, abnormal && worst ? worst.texts[language]?.title ?? "" : "");
+  setText(found.news, abnormal && worst ? `${worst.texts[language]?.title ?? ""}, ${ago(worst.raised)}` : "");
   const courses = sparks[row.name] ?? [];
   if (found.courses !== courses) {
     found.courses = courses;
@@ -63,7 +67,9 @@ function sentence() {
   const [row, alarm] = candidates[0] ?? [bad[0], null];
   if (alarm) {
     const own = alarm.texts[language] ?? {};
-    return fill(texts.sentence_alarm, { ...counts, valve: row.name, title: own.title, advice: own.advice, urgency: own.urgency });
+    const capital = (text) => text && text[0].toUpperCase() + text.slice(1);
+    const words = { valve: row.name, title: own.title, since: ago(alarm.raised), advice: capital(own.advice), urgency: capital(own.urgency || texts.conditions[row.condition]) };
+    return fill(texts.sentence_alarm, { ...counts, ...words });
   }
   return fill(texts.sentence_state, { ...counts, valve: row.name, state: texts.conditions[row.condition] });
 }
@@ -81,20 +87,24 @@ function show() {
 function tiles() {
   const wish = filter.value.trim().toLowerCase();
   const wanted = [...rows.values()].filter((row) => row.name.toLowerCase().includes(wish));
-  const rank = (row) => (ABNORMAL.includes(row.condition) ? ORDER.indexOf(row.condition) : ORDER.length);
+  const rank = (row) => (rows.size <= MANY && ABNORMAL.includes(row.condition) ? ORDER.indexOf(row.condition) : ORDER.length);
   wanted.sort((a, b) => rank(a) - rank(b) || a.name.localeCompare(b.name, undefined, { numeric: true }));
-  const made = wanted.map(tileOf);
+  const bad = wanted.filter((row) => ABNORMAL.includes(row.condition));
+  bad.sort((a, b) => ORDER.indexOf(a.condition) - ORDER.indexOf(b.condition));
   place.classList.toggle("many", rows.size > MANY);
-  const now = wanted.map((row) => row.name).join(" ");
-  if (now !== order || place.childElementCount !== made.length) {
-    const focused = place.contains(document.activeElement) ? document.activeElement : null;
-    order = now;
-    place.replaceChildren(...made);
-    focused?.focus({ preventScroll: true });
-  }
+  put(place, wanted.map((row) => tileOf(row, "place")));
+  put(document.getElementById("worst"), rows.size > MANY ? bad.slice(0, WORST).map((row) => tileOf(row, "worst")) : []);
   const numbers = {};
   for (const row of rows.values()) numbers[row.condition] = (numbers[row.condition] ?? 0) + 1;
   setText(document.getElementById("counts"), ORDER.filter((one) => numbers[one]).map((one) => `${numbers[one]} × ${texts.conditions[one]}`).join(", "));
+}
+
+/** Show `made` in `holder`; a tile that has the focus keeps it. */
+function put(holder, made) {
+  if (made.length === holder.childElementCount && made.every((tile, i) => tile === holder.children[i])) return;
+  const focused = holder.contains(document.activeElement) ? document.activeElement : null;
+  holder.replaceChildren(...made);
+  focused?.focus({ preventScroll: true });
 }
 
 async function loadSparks() {

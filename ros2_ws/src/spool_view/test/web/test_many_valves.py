@@ -87,7 +87,7 @@ def test_a_hundred_healthy_valves_fit_a_screen_and_show_no_colour(
 ) -> None:
     _, address = machine
     page = open_page(address, width=1280, height=900)
-    until(lambda: len(page.query_selector_all(".tile")) == 100, "a tile for each valve")
+    until(lambda: len(page.query_selector_all("#valves .tile")) == 100, "a tile for each valve")
     assert page.inner_text("#sentence") == "No valve needs attention; 100 are watched."
     bottom = page.evaluate(
         "Math.max(...[...document.querySelectorAll('.tile')].map(one => one.getBoundingClientRect().bottom))"
@@ -108,12 +108,12 @@ def test_one_abnormal_valve_comes_first_and_the_sentence_says_what_to_do(
     valve.health.level, valve.health.namur = ValveHealth.LEVEL_ALARM, ValveHealth.NAMUR_MAINTENANCE_REQUIRED
     valve.alarms = AlarmList(alarms=[contaminated])
     page = open_page(address, width=1280, height=900)
-    page.wait_for_selector(".tile:first-child[data-valve='press_5/valve_7'] .light.alarm[data-letter=M]")
+    page.wait_for_selector("#worst .tile:first-child[data-valve='press_5/valve_7'] .light.alarm[data-letter=M]")
     sentence = page.inner_text("#sentence")
-    assert sentence.startswith(
-        "1 of 100 valves: Friction drift (oil contamination) in press_5/valve_7 – take"
-    )
-    assert page.inner_text("#banner") == "1 waiting"
+    assert sentence.startswith("Soon: Friction drift (oil contamination) in press_5/valve_7, for ")
+    assert "Take an oil sample" in sentence
+    assert sentence.endswith("(1 of 100 valves)")
+    assert page.inner_text("#banner") == "1 to acknowledge"
 
 
 def test_forty_of_312_alarms_are_acknowledged_once_with_one_comment(
@@ -160,7 +160,7 @@ def test_a_common_cause_is_one_entry_and_a_valves_own_fault_stays_its_own(
     stuck.alarms = AlarmList(alarms=[*stuck.alarms.alarms, alarm_of(400, "stuck_spool")])
     page = open_page(f"{address}alarms", width=1280, height=900)
     page.wait_for_selector("tr[data-group='707']")
-    page.wait_for_selector("#banner >> text=2 waiting")
+    page.wait_for_selector("#banner >> text=2 to acknowledge")
     assert page.inner_text("tr[data-group='707'] button") == "▸ 100 valves: Clock step"
     assert len(page.query_selector_all("tr[data-alarm]")) == 1
     page.click("tr[data-group='707'] button")
