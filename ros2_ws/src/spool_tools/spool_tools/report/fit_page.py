@@ -129,8 +129,15 @@ def compare_page(series: Sequence[FittedSeries], ranking: Ranking) -> str:
     """Return the page of a comparison in which at least one model has a result."""
     rows = tables.ranking_rows(ranking)
     shown = [entry for entry in ranking.ranks if math.isfinite(entry.error)]
+    best = ranking.preferred
+    errors = [entry.held_out_error for entry in shown if entry.model == best]
+    sure = f"{100.0 * errors[0]:.2g} % of its rms" if errors and math.isfinite(errors[0]) else "not known"
+    use = f"Use {_said(best)}." if best is not None else "Use none of them yet: see the reasons below."
+    first, *rest = [_series(one, ranking) for one in series]
     sections: list[str] = [
         html.verdict(" ".join(ranking.sentences)),
+        html.answers([("How sure", f"Error of the best on unseen data: {sure}."), ("What to do", use)]),
+        *first[:1],
         html.drawing(
             ranking_figure(
                 [entry.model for entry in shown],
@@ -145,8 +152,7 @@ def compare_page(series: Sequence[FittedSeries], ranking: Ranking) -> str:
         html.table(list(rows[0]), rows),
         html.listing(tables.COLUMNS),
     ]
-    for one in series:
-        sections += _series(one, ranking)
+    sections += [part for parts in (first[1:], *rest) for part in parts]
     records = [path for one in series for path in (*one.data.paths, *one.data.held_paths)]
     made_from = [*sources(records), *(row for one in series for row in sources((), one.data.valve))]
     title = f"Models of {', '.join(one.data.name for one in series)}"
@@ -332,7 +338,8 @@ def ranking_figure(
     return figure
 
 
-def _series(one: FittedSeries, ranking: Ranking) -> list[str]:
+def _series(one: FittedSeries, ranking: Ranking) -> list[Markup]:
+    """Return the measured and simulated waveforms of a series first, then its table and pictures."""
     order = [entry.model for entry in ranking.ranks]
     validated = sorted(
         (entry for entry in one.validated if entry.fit.reason is None),
@@ -342,12 +349,15 @@ def _series(one: FittedSeries, ranking: Ranking) -> list[str]:
         {**row, "parameters": "; ".join(tables.parameter_lines(validated))}
         for row, validated in zip(tables.series_rows(one), one.validated, strict=True)
     ]
-    sections: list[str] = [
-        html.heading(f"{one.data.name} ({one.data.valve.id})"),
+    waveform, *others = pictures(validated) if validated else [html.paragraph("No model has a result.")]
+    title = f"{one.data.name} ({one.data.valve.id})"
+    return [
+        waveform,
+        html.heading(title),
         html.table(list(rows[0]), rows),
         html.paragraph(f"{LEGEND}. 'Not told': only combinations of them act."),
+        *([html.section(f"Amplitude, friction and spectrum of {title}", others)] if others else []),
     ]
-    return [*sections, *(pictures(validated) if validated else [])]
 
 
 def _said(name: str) -> str:
