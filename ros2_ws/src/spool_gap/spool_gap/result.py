@@ -308,6 +308,7 @@ class GapResult:
         correlated: names of its rows.
         alternatives: to the effects, that the record does not tell from them; ``probability`` is their
             share of what is not told apart.
+        excited_to: highest frequency (Hz) at which the body stands out of its noise; NaN: not known.
     """
 
     record: str
@@ -345,6 +346,7 @@ class GapResult:
     correlation: Array = field(default_factory=lambda: np.empty((0, 0)))
     correlated: tuple[str, ...] = ()
     alternatives: tuple[Explanation, ...] = ()
+    excited_to: float = field(default=math.nan, metadata=LEFT_OUT)
 
     @property
     def explanations(self) -> tuple[Explanation, ...]:
@@ -372,9 +374,11 @@ class GapResult:
         """Frequency (Hz) of a resonance that the valve's description lacks, ``None`` where there is none.
 
         Two accelerometers do not tell the bracket of a sensor from the surge of a spring or an oil column.
+        Where the body does not shake, a mode only shapes what friction or blows ring: it is no evidence of a
+        resonance, and stays among ``nuisances``.
         """
-        modes = [one for one in self.nuisances if one.id == "extra_mode"]
-        return modes[0].size if modes else None
+        modes = [one.size for one in self.nuisances if one.id == "extra_mode"]
+        return modes[0] if modes and not modes[0] > self.excited_to else None
 
     @property
     def known_floor(self) -> float:

@@ -15,6 +15,7 @@ from dataclasses import dataclass, field, replace
 from spool_core.errors import InputError
 from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.identification.fit_result import explains_nothing
+from spool_estimator.identification.free_run import excitation_limit
 from spool_estimator.identification.nuisances import Nuisance
 from spool_estimator.identification.record import Record
 from spool_sim.model import Model
@@ -358,6 +359,7 @@ def _assembled(
         correlation=numbers.correlation,
         correlated=tuple(one.name for one in numbers.quantities),
         alternatives=words.alternatives,
+        excited_to=max(map(excitation_limit, records)),
     )
 
 

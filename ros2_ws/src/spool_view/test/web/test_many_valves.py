@@ -108,7 +108,9 @@ def test_one_abnormal_valve_comes_first_and_the_sentence_says_what_to_do(
     valve.health.level, valve.health.namur = ValveHealth.LEVEL_ALARM, ValveHealth.NAMUR_MAINTENANCE_REQUIRED
     valve.alarms = AlarmList(alarms=[contaminated])
     page = open_page(address, width=1280, height=900)
-    page.wait_for_selector("#worst .tile:first-child[data-valve='press_5/valve_7'] .light.alarm[data-letter=M]")
+    page.wait_for_selector(
+        "#worst .tile:first-child[data-valve='press_5/valve_7'] .light.alarm[data-letter=M]"
+    )
     sentence = page.inner_text("#sentence")
     assert sentence.startswith("Soon: Friction drift (oil contamination) in press_5/valve_7, for ")
     assert "Take an oil sample" in sentence
