@@ -68,7 +68,7 @@ def _examine(layout: Layout, done: SetupState, environment: Mapping[str, str]) -
 
 
 def _installation(layout: Layout, done: SetupState, environment: Mapping[str, str]) -> Iterator[Finding]:
-    yield Finding("ok", f"stands on {layout.underlay}")
+    yield Finding("ok", f"uses {layout.underlay}")
     try:
         requirements.check_ros(layout, environment)
     except SetupError as error:
@@ -105,16 +105,14 @@ def _packages(layout: Layout) -> Iterator[Finding]:
             f"{layout.venv} differs from the lock ({shown}): delete {layout.venv} and call ./spool demo",
         )
     else:
-        yield Finding(
-            "ok", f"{len(wanted)} packages as locked in {layout.requirements.relative_to(layout.root)}"
-        )
+        yield Finding("ok", f"{len(wanted)} packages match {layout.requirements.relative_to(layout.root)}")
     if layout.underlay.is_wheels:
         foreign = workspace.foreign_files(layout)
         yield Finding(
             "problem" if foreign else "ok",
-            f"{len(foreign)} CMake files name another machine's folders: delete {layout.venv}, call again"
+            f"{len(foreign)} CMake files contain paths of another machine: delete {layout.venv}, call again"
             if foreign
-            else "CMake files of the wheels name this machine's folders",
+            else "CMake files of the wheels contain the paths of this machine",
         )
     if "numba" not in found:
         yield Finding("warning", "numba is missing: the kernels run uncompiled, many times slower")
@@ -145,7 +143,7 @@ def _workspace(layout: Layout, done: SetupState, environment: Mapping[str, str])
             f"no executables of {', '.join(missing)} in {layout.install}: delete that folder and call again",
         )
     else:
-        yield Finding("ok", "the nodes' executables are there")
+        yield Finding("ok", "the nodes' executables are installed")
 
 
 def _executables_there(layout: Layout, package: str) -> bool:

@@ -435,7 +435,7 @@ class TestSetUp:
     def test_doctor_is_content(self, set_up: Path):
         result = spool(set_up, "doctor")
         assert result.returncode == 0, result.stdout
-        assert "as locked" in result.stdout
+        assert "packages match" in result.stdout
         assert "rclpy and spool_msgs can be imported" in result.stdout
 
     def test_messages_and_client_library(self, set_up: Path):

@@ -116,16 +116,19 @@ def named(
     effects: Sequence[tuple[str, Sequence[Quantity]]], before: float, after: float, floor: float, of_what: str
 ) -> str:
     """Return the sentence where ``effects`` are missing, each with its numbers; the rest as above."""
-    parts = []
+    lacking, meanings = [], []
     for name, numbers in effects:
         entry = EFFECTS[name]
         sizes = [
             f"{one.name} {with_interval(one.value, one.standard_deviation, one.unit)}" for one in numbers
         ]
-        told = f"{', '.join(sizes)}; {PLUS_MINUS}"
-        parts.append(f"{name.replace('_', ' ')} ({told}): {entry.on_the_machine}; check {entry.to_check}")
+        spelled = name.replace("_", " ")
+        lacking.append(f"{spelled} ({', '.join(sizes)}; {PLUS_MINUS})")
+        meanings.append(f"{spelled.capitalize()} means {entry.on_the_machine}. Check {entry.to_check}.")
+    added = "this effect" if len(effects) == 1 else "these effects"
     return (
-        f"The model lacks {'; and '.join(parts)}. With it the error falls from {percent(before)} to "
+        f"The model lacks {' and '.join(lacking)}. {' '.join(meanings)} "
+        f"With {added} the error falls from {percent(before)} to "
         f"{percent(after)} of {of_what}{_noise(after, floor, ' (', ')')}."
     )
 
@@ -221,8 +224,8 @@ def result_to_dict(result: GapResult) -> dict[str, Any]:
 def anomaly_sentence(frequency: float) -> str:
     """Return the sentence on a resonance at ``frequency`` (Hz) that the description lacks."""
     return (
-        f"The valve's description lacks a resonance near {number(frequency, 3)} Hz: bracket of a sensor, "
-        "surge of a spring or oil column; a tap test distinguishes them."
+        f"The valve's description lacks a resonance near {number(frequency, 3)} Hz. "
+        "Possible causes: sensor bracket, spring surge or oil column. A tap test distinguishes them."
     )
 
 
@@ -276,10 +279,10 @@ def _sentence(rows: dict[str, tuple[Share, ...]]) -> str:
             if share.share > 0.45 and share.share > 2.5 * part:
                 size, unit = (1e3, "mm") if share.unit == "m" else (1.0, share.unit)
                 low, high = number(size * share.low, 3), number(size * share.high, 3)
-                text = f"{100.0 * share.share:.0f} % of it at a {name} of {low} to {high} {unit}"
+                text = f"{100.0 * share.share:.0f} % of the gap at a {name} of {low} to {high} {unit}"
                 if best is None or share.share / part > best[0]:
                     best = (share.share / part, text)
-    return best[1] if best else "it is spread over frequency, displacement, velocity and time"
+    return best[1] if best else "spread over frequency, displacement, velocity and time"
 
 
 def _agreement(agreement: HeldOutAgreement, kind: str) -> dict[str, Any]:

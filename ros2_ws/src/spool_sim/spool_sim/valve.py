@@ -338,7 +338,7 @@ def find_valve(name: str | Path) -> Valve:
         return load_valve(shipped[str(name)])
     if not expanded(name).exists():
         raise InputError(
-            f"{name}: no such valve file; shipped ones are {', '.join(shipped)}"
+            f"{name}: no such valve file; shipped valves: {', '.join(shipped)}"
             f"{did_you_mean(str(name), shipped)}"
         )
     return load_valve(name)

@@ -65,16 +65,13 @@ ModelFile = Annotated[
     Path | None,
     typer.Option(
         "--save-model",
-        help="Write the model found as YAML, for simulate and the nodes.",
+        help="Write the resulting model as YAML, for simulate and the nodes.",
         metavar="YAML",
         callback=_target("--save-model"),
     ),
 ]
 Force = Annotated[
-    bool,
-    typer.Option(
-        "--force", help="Replace files that are there already.", is_eager=True, callback=replace_existing
-    ),
+    bool, typer.Option("--force", help="Overwrite existing files.", is_eager=True, callback=replace_existing)
 ]
 
 
@@ -88,7 +85,7 @@ def valve_names(incomplete: str) -> list[str]:
 ValveFile = Annotated[
     str,
     typer.Option(
-        "--valve", help="YAML file of the valve, or a shipped one's name.", autocompletion=valve_names
+        "--valve", help="YAML file of the valve, or name of a shipped valve.", autocompletion=valve_names
     ),
 ]
 ParamsFile = Annotated[
@@ -129,17 +126,18 @@ ExcitationName = Annotated[
     ),
 ]
 ColumnsOption = Annotated[
-    str | None, typer.Option("--columns", help="Names in a file, e.g. time_s=t,body_m_s2=ch1,spool_m_s2=ch2")
+    str | None,
+    typer.Option("--columns", help="Column names in the file, e.g. time_s=t,body_m_s2=ch1,spool_m_s2=ch2"),
 ]
 ExcludeOption = Annotated[
-    list[str] | None, typer.Option("--exclude", help="Columns to leave out, by name or number: NAME,#3")
+    list[str] | None, typer.Option("--exclude", help="Columns to ignore, by name or number: NAME,#3")
 ]
 UnitOption = Annotated[
-    list[str] | None, typer.Option("--unit", help="Units that the file does not name: body=g,force=N,time=ms")
+    list[str] | None, typer.Option("--unit", help="Units missing in the file: body=g,force=N,time=ms")
 ]
 RateOption = Annotated[
     float | None,
-    typer.Option("--rate", help="Sample rate in Hz, for files without a time or with a poor one."),
+    typer.Option("--rate", help="Sample rate in Hz, for files with a missing or poor time column."),
 ]
 BagArgument = Annotated[Path, typer.Argument(help="rosbag2 directory or .mcap file.", metavar="BAG")]
 RecordArgument = Annotated[
@@ -147,7 +145,7 @@ RecordArgument = Annotated[
 ]
 NewBag = Annotated[Path, typer.Option("--out", help="Bag to be made.", metavar="BAG")]
 RecordsArgument = Annotated[
-    list[Path], typer.Argument(help="Bags or loggers' files of one valve.", metavar="RECORD...")
+    list[Path], typer.Argument(help="Bags or logger files of one valve.", metavar="RECORD...")
 ]
 OutFolder = Annotated[
     Path | None, typer.Option("--out", help="Folder for all of these files.", metavar="DIR")
@@ -155,17 +153,15 @@ OutFolder = Annotated[
 FittedValve = Annotated[
     str | None,
     typer.Option(
-        "--valve", help="YAML file of the valve, or a shipped one's name; default: the bag's own.",
+        "--valve", help="YAML file of the valve, or name of a shipped valve; default: valve in the bag.",
         autocompletion=valve_names,
     ),
 ]  # fmt: skip
 RunningValve = Annotated[str, typer.Argument(metavar="VALVE", help="Namespace of the valve, e.g. valve_1.")]
-WhoOption = Annotated[str, typer.Option("--who", help="Who does it; default: the user's name.")]
+WhoOption = Annotated[str, typer.Option("--who", help="Name of the operator; default: your user name.")]
 StateFolder = Annotated[
     Path | None,
-    typer.Option(
-        "--state-folder", help="The monitors' state_folder; default: the one that they use by default."
-    ),
+    typer.Option("--state-folder", help="State folder of the monitors; default: their default folder."),
 ]
 CommentOption = Annotated[str, typer.Option("--comment", help="Comment.")]
 LanguageOption = Annotated[
@@ -175,14 +171,15 @@ LanguageOption = Annotated[
     ),
 ]
 NameOption = Annotated[
-    str | None, typer.Option("--name", help="Which valve of a bag that holds several, e.g. valve_2.")
+    str | None, typer.Option("--name", help="Valve to use if the bag holds several, e.g. valve_2.")
 ]
-StartOption = Annotated[float, typer.Option(help="Use the record from here on, s since its first sample.")]
-StopOption = Annotated[float | None, typer.Option(help="Use the record up to here, s; default: its end.")]
+StartOption = Annotated[float, typer.Option(help="Start of the part to use, in s from the first sample.")]
+StopOption = Annotated[float | None, typer.Option(help="End of the part to use, in s; default: record end.")]
 SinceOption = Annotated[
     str | None,
     typer.Option(
-        "--since", help="Of a bag, from then on: 10m, 6h or 7d before its end, or 2025-01-31T12:00:00 (UTC)."
+        "--since",
+        help="Start of the time span: 10m, 6h or 7d before the end, or 2025-01-31T12:00:00 (UTC); bags only.",
     ),
 ]
 UntilOption = Annotated[
@@ -192,8 +189,8 @@ AroundOption = Annotated[
     str | None,
     typer.Option(
         "--around",
-        help="Of a bag, a minute before and after its newest alarm of a kind, e.g. resonance; "
-        "resonance:2 for the one before; alarm for any.",
+        help="Use one minute before and after the newest alarm of this kind, e.g. resonance. "
+        "resonance:2: second newest; alarm: any kind (bags only).",
     ),
 ]
 HoldoutOption = Annotated[

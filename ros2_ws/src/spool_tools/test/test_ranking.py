@@ -31,16 +31,16 @@ def test_of_models_that_do_equally_well_the_smallest_is_preferred() -> None:
     assert ranking.preferred == "coulomb"
     assert ranking.equal == ("stribeck",)
     assert ranking.sentences[0] == (
-        "coulomb is preferred: fluid, the next that differs, leaves 2.9 times as much error."
+        "coulomb is preferred: the next different model, fluid, leaves 2.9 times as much error."
     )
-    assert "stribeck does as well with 2 more parameters" in ranking.sentences[1]
+    assert "stribeck fits equally well with 2 more parameters" in ranking.sentences[1]
 
 
 def test_a_larger_model_that_is_worth_its_parameters_is_preferred() -> None:
     ranking = ordered([entry("stribeck", 5, 1.0), entry("coulomb", 3, 1.05)])
     assert ranking.preferred == "stribeck"
     assert ranking.sentences == (
-        "stribeck is preferred: coulomb, the next that differs, leaves 5 % more error.",
+        "stribeck is preferred: the next different model, coulomb, leaves 5 % more error.",
     )
 
 
@@ -52,9 +52,7 @@ def test_twins_are_not_distinguished() -> None:
 def test_a_certain_but_small_gain_is_told_and_not_preferred() -> None:
     ranking = ordered([entry("fluid", 2, 1.01, -100.0), entry("coulomb", 3, 1.0, -150.0)])
     assert ranking.preferred == "fluid"
-    assert any(
-        "By the information criterion alone coulomb would be ahead by 50" in s for s in ranking.sentences
-    )
+    assert any("The information criterion alone prefers coulomb, by 50" in s for s in ranking.sentences)
 
 
 def test_a_model_without_a_result_comes_last_with_its_reason() -> None:

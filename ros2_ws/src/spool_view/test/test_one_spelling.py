@@ -116,4 +116,4 @@ def test_an_event_that_ended_is_shown_everywhere_as_over() -> None:
     condition.judge(Finding(STAMP, Severity.WARNING, False, "", nothing, facts))
     (event,) = condition.judge(Finding(STAMP + 1, None, True, "", nothing, facts))
     assert event.state is EventState.CLEARED
-    assert headline(event) == "Resonance, over: amplification 1.2, limit 1.8"
+    assert headline(event) == "Resonance ended: amplification 1.2, limit 1.8"

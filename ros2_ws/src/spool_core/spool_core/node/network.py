@@ -46,7 +46,7 @@ def network_warnings(environment: Mapping[str, str] | None = None) -> list[str]:
     if reach in ("SUBNET", "SYSTEM_DEFAULT") and not (enforced and built_in):
         said.append(
             f"discovery range {reach}: anyone on this network may read the samples, acknowledge and shelve "
-            "alarms; set ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST, or use a network of the machine's own"
+            "alarms; set ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST, or give the machine a separate network"
         )
     peers = environment.get("ROS_STATIC_PEERS", "")
     if peers and not (enforced and built_in):

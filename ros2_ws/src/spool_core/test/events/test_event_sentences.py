@@ -143,7 +143,7 @@ def test_what_is_over_lasted_since_it_was_raised_and_advises_nothing() -> None:
     over = replace(FACTS, advice=0, urgency=Urgency.NONE, causes=(), probabilities=(), subject="")
     found = event(over, state=CLEARED)
     assert headline(found) == (
-        "Friction drift (oil contamination), over: Coulomb force 0.350 N, limit 0.200 N"
+        "Friction drift (oil contamination) ended: Coulomb force 0.350 N, limit 0.200 N"
     )
     shown = {one.field: one.text for one in details(found)}
     assert shown["lasted"] == "6.0 s"

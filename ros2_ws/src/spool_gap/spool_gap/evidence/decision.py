@@ -244,7 +244,7 @@ def _refuse_leader(search: Search, held: HeldOut, fit: StructureFit, refused: di
     leader = search.best
     errors = [100.0 * held.judged(one, refitted=False).agreement.nrmse for one in (leader, fit)]
     for name in sorted(set(leader.structure.effects) - set(fit.structure.effects)):
-        reason = f"a free run with it leaves {errors[0]:.2g} %, {_joined(fit)} {errors[1]:.2g} %"
+        reason = f"free-run error {errors[0]:.2g} % with this effect, {errors[1]:.2g} % with {_joined(fit)}"
         refused.setdefault(name, reason)
 
 
@@ -422,7 +422,7 @@ def _plainest(
                 refused[name] = (
                     f"it differs from {plain.replace('_', ' ')} by {100.0 * shown:.2g} % only"
                     if shown < settings.least_share
-                    else f"a free run with {plain.replace('_', ' ')} leaves no more than noise either"
+                    else f"the free-run error of {plain.replace('_', ' ')} is also within noise"
                 )
                 left.append(fit)
                 fit = other
@@ -463,8 +463,8 @@ def _predicting(
     if _gain(fewer[least], richer) > needed:
         return fit
     for name in sorted(own - least):
-        shown = f"{100.0 * richer.agreement.nrmse:.2g} %, without it {100.0 * error:.2g} %"
-        refused[name] = f"a free run with it leaves {shown}"
+        own_error = f"{100.0 * richer.agreement.nrmse:.2g} %"
+        refused[name] = f"free-run error {own_error} with this effect, {100.0 * error:.2g} % without"
     return _predicting(fits, held, fits[least], refused, least_share)
 
 

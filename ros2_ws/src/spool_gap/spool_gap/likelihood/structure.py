@@ -75,8 +75,8 @@ def _mode(channel: str) -> ChainPart:
             frequency, values[share.name], values[natural.name], values[damping.name]
         ),
         "the sensor's bracket, or the body between the sensors, has a resonance of its own",
-        "mounting of both sensors (stud, not magnet or wax), stiffness of brackets, a tap test; a mode that "
-        "stays when you move the sensor belongs to the valve: its spring (surge) or oil column",
+        "mounting of both sensors (stud, not magnet or wax), stiffness of brackets, a tap test; if the mode "
+        "stays when you move the sensor, it belongs to the valve (spring surge or oil column)",
     )
 
 

@@ -39,7 +39,7 @@ SomeValve = Annotated[
 SinceAgo = Annotated[
     str | None, typer.Option("--since", help="How long ago, e.g. 6h, 7d, or a time (UTC); default: all.")
 ]
-Back = Annotated[bool, typer.Option("--back", help="Undo.")]
+Back = Annotated[bool, typer.Option("--back", help="Undo the shelving or suppression.")]
 
 
 @app.command("list")
@@ -49,7 +49,7 @@ def list_(
     details: Annotated[bool, typer.Option("--details", help="Show everything known of each alarm.")] = False,
     language: LanguageOption = "",
 ) -> None:
-    """List the alarms of a running valve; exit 1 where one waits for an operator.
+    """List the alarms of a running valve; exit 1 if an alarm waits for an operator.
 
     Example: ./spool alarm list valve_1
 
@@ -97,18 +97,17 @@ def shelve(
 def suppress(
     valve: RunningValve,
     alarm: Name = "",
-    maintenance: Annotated[bool, typer.Option("--maintenance", help="Take it out of service.")] = False,
+    maintenance: Annotated[bool, typer.Option("--maintenance", help="Set the alarm out of service.")] = False,
     for_: Annotated[
-        str | None,
-        typer.Option("--for", help="Take it out of service for a time, e.g. 2h; then it returns by itself."),
+        str | None, typer.Option("--for", help="Take the alarm out of service for this time, e.g. 2h.")
     ] = None,
     back: Back = False,
     who: WhoOption = "",
     comment: CommentOption = "",
 ) -> None:
-    """Suppress an alarm that the plant's state makes meaningless, or for maintenance.
+    """Suppress an alarm by design (plant state), or take it out of service (maintenance).
 
-    Example: ./spool alarm suppress valve_1 --for 2h --comment "pump is changed"
+    Example: ./spool alarm suppress valve_1 --for 2h --comment "pump replacement"
 
     Example: ./spool alarm suppress valve_1 --maintenance --back
     """
@@ -144,7 +143,7 @@ def history(
     language: LanguageOption = "",
     _force: Force = False,
 ) -> None:
-    """Show the journal: alarms that came and went, and who did what.
+    """Show the journal of alarm events and operator actions.
 
     Example: ./spool alarm history valve_1 --since 7d --search "resonance"
     """
@@ -165,7 +164,7 @@ def statistics(
     json: JsonFile = None,
     _force: Force = False,
 ) -> None:
-    """Show the figures of the alarm system by ISA-18.2; exit 1 where one is beyond its limit.
+    """Show the ISA-18.2 alarm statistics; exit 1 if a figure exceeds its limit.
 
     Example: ./spool alarm statistics --since 30d
     """

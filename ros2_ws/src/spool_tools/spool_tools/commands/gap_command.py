@@ -19,16 +19,20 @@ def gap(
     base: Annotated[
         str,
         typer.Option(
-            help="Model that something may be missing from: name or YAML file.", autocompletion=model_names
+            help="Base model that the command extends: name or YAML file.", autocompletion=model_names
         ),
     ] = "fluid",
     holdout: Annotated[
         list[Path] | None,
-        typer.Option(help="Record to judge by; default: every other stretch is held out.", metavar="RECORD"),
+        typer.Option(
+            help="Held-out record for validation; default: every other section is held out.", metavar="RECORD"
+        ),
     ] = None,
     kind: Annotated[
         Literal["accelerations", "driven", "imposed"],
-        typer.Option(help="accelerations; driven: a force moves the mass; imposed: it is the reaction."),
+        typer.Option(
+            help="accelerations, driven (a force moves the mass) or imposed (the force is the reaction)."
+        ),
     ] = "accelerations",
     json: cli.JsonFile = None,
     report: cli.ReportFile = None,
@@ -37,33 +41,30 @@ def gap(
     gain_tolerance: Annotated[
         float,
         typer.Option(
-            help="Relative gain error of the spool's sensor that its data sheet allows.",
+            help="Relative gain tolerance of the spool's sensor, from its data sheet.",
             callback=cli.in_range(0.0, 0.4),
         ),
     ] = 0.05,
     delay_tolerance: Annotated[
-        float,
-        typer.Option(help="Delay between the channels that is allowed, s.", callback=cli.in_range(0.0, 4e-3)),
+        float, typer.Option(help="Permitted delay between the channels, s.", callback=cli.in_range(0.0, 4e-3))
     ] = 0.5e-3,
     mass: Annotated[
         float | None,
-        typer.Option(
-            help="Mass that the force of a driven record moves, kg; default: fitted, or the valve's."
-        ),
+        typer.Option(help="Moving mass of a driven record, kg; default: mass of the valve, else fitted."),
     ] = None,
     least_share: Annotated[
         float,
         typer.Option(
-            help="Share of the spool's acceleration, rms, that an effect must change to be named.",
+            help="Smallest effect to name, as a share of the spool's rms acceleration.",
             callback=cli.in_range(0.0, 0.5),
         ),
     ] = 0.0025,
     thorough: Annotated[
-        bool, typer.Option(help="Search to the end; default: about a minute of computing.")
+        bool, typer.Option(help="Complete the search; default: stop after about a minute.")
     ] = False,
     profiles: Annotated[
         bool,
-        typer.Option("--profiles", help="Say of each number that is named whether the record determines it."),
+        typer.Option("--profiles", help="Report for each named parameter whether the record determines it."),
     ] = False,
     name: cli.NameOption = None,
     columns: cli.ColumnsOption = None,
@@ -76,9 +77,9 @@ def gap(
     until: cli.UntilOption = None,
     around: cli.AroundOption = None,
 ) -> None:
-    """Find where simulation and records disagree, name what is missing, add it, show the gap shrink.
+    """Compare simulation and records, name the missing effects, add them, and measure the remaining gap.
 
-    Several records are one set of data. Every error is measured on data that no fit has seen.
+    Several records form one data set. The command measures every error on held-out data.
 
     Example: ./spool gap bags/practice_03 --valve 4weh10_soft --report gap.html --save-model found.yaml
 

@@ -20,7 +20,7 @@ def replay(
         list[str] | None,
         typer.Option(
             "--valve",
-            help="YAML file of the valve, or a shipped one's name; of several valves NAME=FILE for each. "
+            help="YAML file of the valve, or name of a shipped valve; NAME=FILE for each of several valves. "
             "Default: what the bag says of its valves.",
             autocompletion=valve_names,
         ),

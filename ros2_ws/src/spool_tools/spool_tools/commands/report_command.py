@@ -12,14 +12,14 @@ from spool_tools.command import Command, Force, StateFolder
 
 def report(
     out: Annotated[Path, typer.Option(help="HTML page to write.")],
-    month: Annotated[str, typer.Option(help="Month like 2026-10 (UTC); default: the last whole one.")] = "",
+    month: Annotated[str, typer.Option(help="Month like 2026-10 (UTC); default: last full month.")] = "",
     machine: Annotated[
         str | None, typer.Option(help="Machine, the first part of the valves' namespaces; default: all.")
     ] = None,
     state_folder: StateFolder = None,
     _force: Force = False,
 ) -> None:
-    """Write a month of alarms, trends and losses: a page for each machine, a line for each valve.
+    """Write a monthly report of alarms, trends and lost data: one page per machine, one line per valve.
 
     Example: ./spool report --month 2026-10 --out october.html
     """

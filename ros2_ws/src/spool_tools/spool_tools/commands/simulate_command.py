@@ -32,7 +32,7 @@ def simulate(
             help="deg C, or 20:60 for oil that warms; default: the valve file's. Sets the viscosity."
         ),
     ] = None,
-    seed: Annotated[int, typer.Option(help="Of the noise.", min=0)] = 0,
+    seed: Annotated[int, typer.Option(help="Seed of the noise.", min=0)] = 0,
     name: Annotated[str, typer.Option(help="Namespace of the valve in the bag.")] = "valve_1",
     _force: cli.Force = False,
 ) -> None:

@@ -100,8 +100,8 @@ def check(
     record: Annotated[
         Path | None, typer.Option(metavar="RECORD", help="Record of this valve: bag or file.")
     ] = None,
-    name: Annotated[str | None, typer.Option(help="Which valve of a bag that holds several.")] = None,
-    columns: Annotated[str | None, typer.Option(help="Names in a file.")] = None,
+    name: Annotated[str | None, typer.Option(help="Valve to use if the bag holds several.")] = None,
+    columns: Annotated[str | None, typer.Option(help="Column names in the file.")] = None,
     json: JsonFile = None,
     _force: Force = False,
 ) -> None:

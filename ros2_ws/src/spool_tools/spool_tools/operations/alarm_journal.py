@@ -29,11 +29,11 @@ from spool_tools.terminal import wide_console
 
 #: Figures for people: title and unit by name.
 FIGURES = {
-    "per_day": ("alarms a day", ""),
-    "per_hour": ("alarms an hour, on average", ""),
+    "per_day": ("alarms per day", ""),
+    "per_hour": ("alarms per hour, on average", ""),
     "peak": ("most alarms in 10 min", ""),
     "flood_share": ("time in flood", " %"),
-    "frequent_share": ("share of the ten most frequent", " %"),
+    "frequent_share": ("share of the ten most frequent alarms", " %"),
     "chattering": ("chattering alarms", ""),
     "stale": ("alarms active for a day or longer", ""),
 }
@@ -139,8 +139,8 @@ def _print(found: AlarmStatistics, limits: AlarmLimits, valves: int) -> None:
         table.add_row(title, value + unit, limit + unit, "" if kept else "beyond the limit")
     console.print(table)
     console.print(
-        f"Flood: from {FLOOD_BEGINS} alarms in 10 min to fewer than {FLOOD_ENDS}. "
-        f"Limits: ISA-18.2 for one operator; --limit NAME=VALUE sets the site's.",
+        f"An alarm flood begins at {FLOOD_BEGINS} alarms in 10 min and ends below {FLOOD_ENDS}. "
+        "Limits: ISA-18.2 for one operator; change one with --limit NAME=VALUE.",
         soft_wrap=True,
     )
     if found.frequent:
@@ -148,7 +148,7 @@ def _print(found: AlarmStatistics, limits: AlarmLimits, valves: int) -> None:
         for one in found.frequent:
             table.add_row(one.alarm, one.valve, str(one.code), str(one.count), f"{100 * one.share:.0f} %")
         console.print(table)
-    for title, pairs in (("chattering", found.chattering), ("stale", found.stale)):
+    for title, pairs in (("chattering", found.chattering), ("active for a day or longer", found.stale)):
         if pairs:
             console.print(
                 f"{title}: {', '.join(f'{valve} {alarm}' for valve, alarm in pairs)}", soft_wrap=True

@@ -228,7 +228,7 @@ def show(result: GapResult, console: Console) -> None:
         console.print(anomaly_sentence(result.linear_anomaly), markup=False, soft_wrap=True)
     console.print(f"Gap location: {result.where.sentence}.", markup=False, soft_wrap=True)
     if result.advice:
-        console.print(f"To narrow it down: {result.advice}.", markup=False, soft_wrap=True)
+        console.print(f"Suggested next measurement: {result.advice}.", markup=False, soft_wrap=True)
     if result.alternatives:
         console.print(_explanations(result))
     numbers = Table("parameter", "value", PLUS_MINUS, "unit", box=None, pad_edge=False)

@@ -243,7 +243,7 @@ def _reach_findings(environment: Mapping[str, str]) -> Iterator[Finding]:
     yield from (Finding("warning", text) for text in said)
     if not any(name.startswith("ROS_SECURITY_") for name in environment):
         yield Finding(
-            "ok", "no ROS_SECURITY_ variable is set: messages are sent and recorded in clear, as is usual"
+            "ok", "no ROS_SECURITY_ variable is set: messages and recordings are unencrypted (the default)"
         )
     elif not any("ROS_SECURITY_" in text for text in said):
         yield Finding("ok", "DDS security is enforced")
@@ -258,7 +258,7 @@ def _kernel_findings(environment: Mapping[str, str]) -> Iterator[Finding]:
         return
     reason = kernel_files.refusal(folder)
     if reason is None:
-        yield Finding("ok", f"compiled kernels are kept in {folder}, which nobody else can write")
+        yield Finding("ok", f"compiled kernels are kept in {folder}; only you can write there")
         damaged = kernel_files.damaged_files(folder)
         if damaged:
             yield Finding(
@@ -290,6 +290,6 @@ def _dds_findings(environment: Mapping[str, str]) -> Iterator[Finding]:
     if count:
         yield Finding(
             "warning",
-            f"{count} shared-memory files of Fast DDS are left of processes that are gone: "
-            f"with no ROS 2 running, rm {SHARED_MEMORY}/*fastrtps* {SHARED_MEMORY}/fast_datasharing*",
+            f"{count} stale shared-memory files of Fast DDS from exited processes: "
+            f"stop ROS 2, then run rm {SHARED_MEMORY}/*fastrtps* {SHARED_MEMORY}/fast_datasharing*",
         )

@@ -300,8 +300,8 @@ class ChosenValve:
     def sentence(self) -> str:
         """Return which valve it is and why, for people."""
         why = {
-            "given": f"by --valve {self.file}",
-            "recorded": "as the bag describes it",
+            "given": f"from --valve {self.file}",
+            "recorded": "from the bag",
             "assumed": f"ASSUMED to be {self.file}",
         }[self.source]
         return f"valve {self.valve.id} ({self.valve.natural_frequency:.3g} Hz), {why}"

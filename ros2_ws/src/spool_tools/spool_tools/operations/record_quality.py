@@ -42,7 +42,7 @@ PIECE = 2.0
 #: outer 0.01 % of its height.
 CLIPPED = 0.005
 #: Noise that cannot be seen.
-COVERED = "covered by motion"
+COVERED = "masked by motion"
 _BODY, _SPOOL, _LINE = "#0072B2", "#D55E00", "#000000"
 #: Points of a drawn line, minimum and maximum of each piece beyond.
 _POINTS = 4000
@@ -57,7 +57,7 @@ def look(files: Sequence[Path], how: Choices, json: Path | None, report: Path | 
         for note in table.notes:
             console.print(f"  {cell(note)}", soft_wrap=True, markup=False)
         listed = Table(box=None, pad_edge=False)
-        for column in ("  #", "channel", "unit", "measures"):
+        for column in ("  #", "channel", "unit", "quantity"):
             listed.add_column(column)
         for group in table.groups:
             for one in group.channels:
@@ -128,7 +128,7 @@ def quality_of_record(
 
 def quality_page(quality: RecordQuality, notes: Sequence[str]) -> str:
     """Return the page; ``notes`` say how the record was understood."""
-    doubts = quality.doubts or ["nothing speaks against an estimate from this record"]
+    doubts = quality.doubts or ["this record is suitable for an estimate"]
     figure = Figure(figsize=(10.0, 7.0), layout="constrained")
     density, amplification, coherence = figure.subplots(3, 1, sharex=True)
     found, band = quality.response, quality.excitation
@@ -181,7 +181,7 @@ def quality_page(quality: RecordQuality, notes: Sequence[str]) -> str:
 def facts(quality: RecordQuality) -> list[dict[str, object]]:
     """Return what is known of the whole record."""
     peak, band = quality.resonance, quality.excitation
-    size = f"{number(peak.frequency)} Hz, {number(peak.amplification)} times the body"
+    size = f"{number(peak.frequency)} Hz, amplification {number(peak.amplification)}"
     seen = size if math.isfinite(peak.frequency) else "none"
     return [
         {"what": "duration", "value": f"{quality.duration_s:.1f} s"},
@@ -192,7 +192,7 @@ def facts(quality: RecordQuality) -> list[dict[str, object]]:
         },
         {"what": "excitation", "value": f"{number(band.low)} to {number(band.high)} Hz"},
         {"what": "coherence of the channels", "value": f"{quality.coherence:.2f}"},
-        {"what": "resonance seen", "value": seen},
+        {"what": "resonance", "value": seen},
     ]
 
 
@@ -246,7 +246,7 @@ def print_quality(found: RecordQuality, notes: Sequence[str], console: Console) 
     for doubt in found.doubts:
         console.print(f"! {cell(doubt)}", soft_wrap=True, markup=False)
     if not found.doubts:
-        console.print("nothing speaks against an estimate from this record")
+        console.print("this record is suitable for an estimate")
 
 
 def signals_figure(quality: RecordQuality) -> Figure:

@@ -243,7 +243,7 @@ def print_replay(result: Mapping[str, Any], console: Console) -> None:
         console.print(cell(name, "bold") + cell(text), soft_wrap=True)
         console.print(cell(f"  {valve['limits']['sentence']}"), soft_wrap=True)
         state = str(valve["estimate"]["state"] or "no estimate").replace("_", " ")
-        console.print(f"  at the end ({state}), {LEGEND}:", highlight=False, soft_wrap=True)
+        console.print(f"  final estimate: {state} ({LEGEND})", highlight=False, soft_wrap=True)
         for parameter, quantity in valve["estimate"]["parameters"].items():
             console.print(f"  {parameter.replace('_', ' '):22} {_number(quantity)}", highlight=False)
         for found in valve.get("refits", ()):

@@ -300,7 +300,7 @@ def judged(file: str) -> ValveVerdict:
     """
     path = shipped_valves().get(file, Path(file))
     if not path.exists():
-        raise InputError(f"{file}: no such valve file; shipped ones are {', '.join(shipped_valves())}")
+        raise InputError(f"{file}: no such valve file; shipped valves: {', '.join(shipped_valves())}")
     mapping = read_mapping(path, "valve")
     needed = {name for name, one in Valve.model_fields.items() if one.is_required()}
     try:

@@ -225,9 +225,9 @@ def moment(text: str | None) -> int:
 
 def _print(result: dict[str, Any], out: Path | None) -> None:
     console = Console()
-    length = {60: "minutes", 3600: "hours", 86400: "days"}[result["seconds"]]
+    length = {60: "minute", 3600: "hour", 86400: "day"}[result["seconds"]]
     console.print(
-        f"{result['valve']}: history in {length}" + (f", see {out}" if out else ""), highlight=False
+        f"{result['valve']}: one value per {length}" + (f", see {out}" if out else ""), highlight=False
     )
     rows = trend_rows(result)
     shown = Table(*rows[0], box=None, pad_edge=False)

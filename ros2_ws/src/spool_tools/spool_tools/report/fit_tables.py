@@ -38,10 +38,10 @@ from spool_tools.report.ranking import (
 
 #: What the columns of the ranking mean.
 COLUMNS = (
-    "par.: parameters that were fitted.",
+    "parameters: number of fitted parameters.",
     "error: rms residual of the free run, m/s², on held-out data if there are any. A few samples "
     "around every jump of dry friction are left out, the same for all models.",
-    f"more: error above the least. Within {100.0 * WORTH:g} % models do equally well, and the one with the "
+    f"excess: error above the least. Within {100.0 * WORTH:g} % models do equally well, and the one with the "
     "fewest parameters comes first.",
     "BIC: Bayesian information criterion on the fitted data (Whittle's likelihood, every sample), behind the "
     "best.",
@@ -121,7 +121,7 @@ def parameter_rows(found: Fit) -> list[dict[str, str]]:
                 "value": exact(value),
                 PLUS_MINUS: "",
                 "unit": unit,
-                "": "held",
+                "": "fixed",
             }
         )
     return rows
@@ -135,14 +135,14 @@ def quality_rows(validated: ValidatedFit) -> list[dict[str, str]]:
         return []
     rows = {
         "objective, weighted squared error": f"{fitted.objective:.5g}",
-        "amplitude, model over measured, mean of 10 to 100 Hz": number(fitted.amplitude_ratio),
+        "mean amplitude ratio, model/measured, 10 to 100 Hz": number(fitted.amplitude_ratio),
         "error on the fitted data, nrmse": number(validated.training_error),
         "error on held-out data, nrmse": number(validated.held_out_error),
         "undamped natural frequency": _with_unit(natural_frequency(found), "Hz"),
         "damping ratio": _with_unit(damping_ratio(found), ""),
         "data": f"{fitted.seconds:.1f} s fitted, "
         f"{0.0 if validated.held_out is None else validated.held_out.seconds:.1f} s held out",
-        "descent": "converged" if found.converged else "NOT converged: distrust the numbers",
+        "optimisation": "converged" if found.converged else "NOT converged: do not use the numbers",
     }
     return [{"what": what, "value": value} for what, value in rows.items()]
 
@@ -150,7 +150,7 @@ def quality_rows(validated: ValidatedFit) -> list[dict[str, str]]:
 def correlations(found: Fit) -> list[str]:
     """Return a line for each pair of parameters that the record hardly distinguishes."""
     return [
-        f"{first} and {second} are correlated by {value:+.3f}".replace("_", " ")
+        f"correlation of {first} and {second}: {value:+.3f}".replace("_", " ")
         for (row, first), (column, second) in combinations(enumerate(found.observable), 2)
         if abs(value := float(found.correlation[row, column])) >= ALIKE
     ]
@@ -215,9 +215,7 @@ def series_rows(one: FittedSeries) -> list[dict[str, str]]:
     return [
         {
             "model": validated.name.replace("_", " "),
-            "objective, weighted squared error": _number(
-                math.nan if agreement is None else agreement.objective, ".4g"
-            ),
+            "objective": _number(math.nan if agreement is None else agreement.objective, ".4g"),
             "amplitude ratio": _number(math.nan if agreement is None else agreement.amplitude_ratio, ".4f"),
             "nrmse": _number(validated.training_error, ".4f"),
             "held out": _number(validated.held_out_error, ".4f"),
@@ -241,7 +239,7 @@ def parameter_lines(validated: ValidatedFit) -> list[str]:
             lines.append(f"{name} {value}{bound}")
     untold = [name.replace("_", " ") for name in found.not_observable]
     if untold:
-        lines.append(f"not told: {', '.join(untold)}")
+        lines.append(f"not determined: {', '.join(untold)}")
     if not found.converged:
         lines.append("NOT converged")
     return lines
@@ -252,9 +250,9 @@ def ranking_rows(ranking: Ranking) -> list[dict[str, str]]:
     return [
         {
             "model": entry.model.replace("_", " "),
-            "par.": str(entry.parameters or ""),
+            "parameters": str(entry.parameters or ""),
             "error": _number(entry.error, ".4g"),
-            "more": ""
+            "excess": ""
             if math.isnan(entry.excess)
             else f"{100.0 * entry.excess:+.1f} %"
             if entry.excess < 1.0
@@ -323,7 +321,8 @@ def _with_unit(value: float, unit: str) -> str:
 def _print(rows: Sequence[dict[str, str]], console: Console) -> None:
     table = Table(box=None, pad_edge=False)
     for column in rows[0]:
-        table.add_column(column, justify="left" if column == "model" else "right", no_wrap=True)
+        left = column == "model"
+        table.add_column(column, justify="left" if left else "right", no_wrap=not left)
     for row in rows:
         table.add_row(*row.values())
     console.print(table)

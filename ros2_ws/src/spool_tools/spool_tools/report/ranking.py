@@ -289,29 +289,29 @@ def _sentences(
         ratio = worse[0].error / best.error
         more = f"{ratio:.1f} times as much" if ratio >= 2.0 else f"{100.0 * (ratio - 1.0):.0f} % more"
         said.append(
-            f"{_said(best)} is preferred: {_said(worse[0])}, the next that differs, leaves {more} error."
+            f"{_said(best)} is preferred: the next different model, {_said(worse[0])}, leaves {more} error."
         )
     else:
         said.append(f"{_said(best)} is preferred: no other does better, and it has the fewest parameters.")
     if larger:
-        verb = "does" if len(larger) == 1 else "do"
+        verb = "fits" if len(larger) == 1 else "fit"
         few, most = (
             extreme(entry.parameters for entry in larger) - best.parameters for extreme in (min, max)
         )
         said.append(
-            f"{_names(larger)} {verb} as well with {few if few == most else f'{few} to {most}'} more "
-            f"parameter{'s' if most > 1 else ''}: the data do not justify them."
+            f"{_names(larger)} {verb} equally well with {few if few == most else f'{few} to {most}'} more "
+            f"parameter{'s' if most > 1 else ''}; the data do not justify this."
         )
     certain = min((e for e in equal if math.isfinite(e.criterion)), key=lambda e: e.criterion, default=best)
     if certain is not best and certain.parameters > best.parameters:
         cut = 1.0 - certain.error / best.error
         said.append(
-            f"By the information criterion alone {_said(certain)} would be ahead by "
-            f"{best.criterion - certain.criterion:.0f}: what it adds is real or compensates for sampling, "
+            f"The information criterion alone prefers {_said(certain)}, by "
+            f"{best.criterion - certain.criterion:.0f}. Its extra terms are real or compensate for sampling, "
             + (
-                f"but cuts the error by only {100.0 * cut:.1f} %."
+                f"but reduce the error by only {100.0 * cut:.1f} %."
                 if cut > 0.0
-                else "but does not cut the error."
+                else "but do not reduce the error."
             )
         )
     if best.error > UNEXPLAINED * noise:
