@@ -208,7 +208,7 @@ def test_a_gap_report_shows_before_and_after(tmp_path: Path) -> None:
     assert main([*words, "--out", str(bag)]) == 0
     assert main(["gap", str(bag), "--report", str(file)]) == 0
     text = file.read_text(encoding="utf-8")
-    evidence = text[text.index("<h2>Evidence</h2>") :]
+    evidence = text[text.index("<summary>Evidence</summary>") :]
     assert evidence.count("<h3>") == evidence.count("How to read it: ") == 6
     missing = re.search(r"base model (\d+) %.*?with what was found ([0-9.]+) %", evidence)
     assert missing is not None
