@@ -26,7 +26,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from spool_core.node.service_calls import ServiceCalls
-from spool_tools.operations.demo import find_executable
+from spool_tools.operations.node_processes import find_executable
 
 from .forks import Fork, completed, server
 

@@ -18,7 +18,7 @@ from spool_bag.writer import BagWriter
 from spool_evaluation.benchmarks.load.valve_source import family
 from spool_msgs.msg import AccelerationBlock
 from spool_tools.cli import app, main
-from spool_tools.operations.demo import find_executable
+from spool_tools.operations.node_processes import find_executable
 from typer.main import get_command
 
 from setup.main import commands

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from spool_tools.operations.demo import find_executable
+from spool_tools.operations.node_processes import find_executable
 from std_msgs.msg import Float64
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 from spool_fleet.operations import add_to_store, run_over_store
-from spool_tools.operations.demo import find_executable
+from spool_tools.operations.node_processes import find_executable
 from spool_tools.operations.simulation import SimulationSettings, simulate
 
 #: s; what is waited for comes much sooner on an idle machine.

@@ -18,7 +18,7 @@ from spool_msgs.msg import AccelerationBlock, ModelEstimate, ValveHealth
 from spool_sim.excitation import PRESETS
 from spool_sim.simulator import Simulator
 from spool_sim.valve import find_valve
-from spool_tools.operations.demo import find_executable
+from spool_tools.operations.node_processes import find_executable
 
 if TYPE_CHECKING:
     from .conftest import Process, System, Topic

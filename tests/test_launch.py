@@ -20,7 +20,7 @@ import pytest
 import yaml
 from spool_bag.information import describe
 from spool_msgs.msg import ModelEstimate, ValveHealth
-from spool_tools.operations.demo import find_executable
+from spool_tools.operations.node_processes import find_executable
 
 if TYPE_CHECKING:
     from .conftest import System

@@ -28,7 +28,7 @@ from spool_core.block import Block
 from spool_core.node import qos
 from spool_core.node.messages import from_block
 from spool_msgs.msg import AccelerationBlock, HealthEvent, ModelEstimate, ValveDescription
-from spool_tools.operations.demo import find_executable
+from spool_tools.operations.node_processes import find_executable
 
 from .forks import server
 

@@ -17,7 +17,7 @@ from rclpy.parameter import Parameter
 from spool_bag.reader import BagReader
 from spool_msgs.msg import AccelerationBlock, HealthEvent, ModelEstimate, ValveHealth
 from spool_msgs.srv import ManageBaseline
-from spool_tools.operations.demo import find_executable
+from spool_tools.operations.node_processes import find_executable
 
 if TYPE_CHECKING:
     from .conftest import System

@@ -25,7 +25,7 @@ from spool_estimator.recursive import ExponentialForgetting
 from spool_estimator.refit import RefitSettings, WindowRefits, WindowTask, refit
 from spool_sim.model import MODELS
 from spool_sim.valve import find_valve
-from spool_tools.operations.demo import Nodes
+from spool_tools.operations.node_processes import Nodes
 from spool_tools.operations.record_loading import DEFAULT_VALVE
 from spool_tools.operations.record_replay import RefitRequest, replay_valve
 from spool_tools.operations.simulation import SimulationSettings, simulate

@@ -15,7 +15,7 @@ import yaml
 from rich.console import Console
 from spool_core.errors import InputError
 from spool_core.node.network import isolate
-from spool_tools.operations.demo import Nodes
+from spool_tools.operations.node_processes import Nodes
 
 from spool_evaluation.benchmarks.load.valve_source import family, last_words, memory, processor_time, sending
 

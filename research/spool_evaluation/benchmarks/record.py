@@ -19,7 +19,7 @@ from spool_bag.reader import BagReader
 from spool_core.cdr import block_head
 from spool_core.errors import InputError
 from spool_core.node.network import isolate
-from spool_tools.operations.demo import Nodes
+from spool_tools.operations.node_processes import Nodes
 
 from spool_evaluation.benchmarks.load import plain_recorder
 from spool_evaluation.benchmarks.load.valve_source import memory, processor_time, sending

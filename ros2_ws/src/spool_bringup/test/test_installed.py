@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from ament_index_python.packages import get_package_prefix, get_package_share_directory
-from spool_tools.operations.demo import find_executable
+from spool_tools.operations.node_processes import find_executable
 
 EXECUTABLES = {
     "spool_sim": "simulator",

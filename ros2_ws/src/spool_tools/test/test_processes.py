@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from spool_core.errors import InputError
-from spool_tools.operations.demo import Nodes, find_executable
+from spool_tools.operations.node_processes import Nodes, find_executable
 
 
 def install(prefix: Path, package: str, *executables: str) -> Path:

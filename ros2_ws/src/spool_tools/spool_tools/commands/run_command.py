@@ -18,7 +18,7 @@ def run(
 
     Example: ./spool run spool_sim simulator --ros-args -r __ns:=/valve_1 -p excitation:=sweep
     """
-    from spool_tools.operations.demo import replace_by_node  # noqa: PLC0415
+    from spool_tools.operations.node_processes import replace_by_node  # noqa: PLC0415
 
     replace_by_node(package, executable, context.args)
 
