@@ -42,7 +42,7 @@ ABOUT: Mapping[str, tuple[str, ...]] = {
     "test_bridge": ("spool_monitor.listener", "spool_view.opcua_node", "spool_view.plots_node"),
     "test_command_line": ("spool_tools.cli", "spool_tools.command", "spool_bringup.program", "setup.*"),
     "test_demo": ("spool_tools.operations.demo", "spool_tools.commands.demo_command"),
-    "test_gap_live": ("spool_estimator.gap_requests", "spool_estimator.estimator_node"),
+    "test_gap_live": ("spool_estimator.gap_*", "spool_estimator.estimator_node"),
     "test_host": ("spool_bringup.host.*", "spool_core.node.*"),
     "test_killed_nodes": ("spool_*.*_node", "spool_core.node.*"),
     "test_launch": ("spool_bringup.*", "spool_core.node.*"),

@@ -19,7 +19,7 @@ from scipy.spatial.distance import jensenshannon
 from spool_core.block import Block, joined
 from spool_core.numbers import Array
 from spool_estimator.estimator import Estimator, settings_for
-from spool_estimator.gap_requests import GapWatch
+from spool_estimator.gap_watch import GapWatch
 from spool_evaluation.results.page import markdown_table, study_command, write_page
 from spool_evaluation.studies.scenarios import Scenario, draw_case
 from spool_evaluation.studies.workers import spread

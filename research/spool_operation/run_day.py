@@ -23,7 +23,7 @@ from spool_core.numbers import Array
 from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.estimate import Estimate, State
 from spool_estimator.estimator import Estimator, settings_for
-from spool_estimator.gap_requests import GapWatch
+from spool_estimator.gap_watch import GapWatch
 from spool_estimator.identification.oil import LAG, USUAL_DEVIATION
 from spool_monitor.detectors import MonitorSettings
 from spool_monitor.detectors.resonance import RESONANCE_BAND

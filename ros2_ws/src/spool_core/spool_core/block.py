@@ -43,6 +43,11 @@ class Block:
         """Time at which the first sample of the next block is due, ns."""
         return self.stamp + round(self.body.size * self.sample_period * 1e9)
 
+    @property
+    def duration(self) -> float:
+        """Time from the first sample to the one after the last, s."""
+        return self.body.size * self.sample_period
+
 
 def joined(blocks: Sequence[Block]) -> Block:
     """Return blocks that follow each other without a gap as one; ``sequence`` is that of the last one."""

@@ -16,7 +16,7 @@ from spool_core.events.event import EventState
 from spool_core.uncertainty import Validity
 from spool_estimator.estimate import Estimate, State
 from spool_estimator.estimator import Estimator, settings_for
-from spool_estimator.gap_requests import LEARNED, GapWatch
+from spool_estimator.gap_watch import LEARNED, GapWatch
 from spool_sim.excitation import PRESETS
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator

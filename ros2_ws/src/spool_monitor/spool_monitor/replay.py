@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from spool_core.block import Block, BlockRun
 from spool_core.block_gate import BlockGate, Verdict
 from spool_estimator.estimate import Estimate
-from spool_estimator.gap_requests import GapWatch
+from spool_estimator.gap_watch import GapWatch
 from spool_estimator.plausibility import ValveCheck
 from spool_estimator.refit import Refit, WindowRefits, refit
 from spool_estimator.stream_estimator import StreamEstimator

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from spool_core.block import Block, BlockRun
 from spool_estimator.estimate import Estimate
 from spool_estimator.estimator import ESTIMATORS, make_estimator, settings_for
-from spool_estimator.gap_requests import GapWatch
+from spool_estimator.gap_watch import GapWatch
 from spool_monitor.detectors import MonitorSettings
 from spool_monitor.event import Event, EventState
 from spool_monitor.monitor import Monitor

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from spool_estimator.gap_requests import MODEL_GAP, MODEL_GAP_CODE, NAMUR
+from spool_estimator.gap_watch import MODEL_GAP, MODEL_GAP_CODE, NAMUR
 
 from spool_monitor.event import EventKind
 

@@ -21,7 +21,7 @@ from spool_core.text import plural
 from spool_core.uncertainty import LEGEND, as_json, at_uncertain_rate, by_name, with_interval
 from spool_estimator.estimate import Estimate
 from spool_estimator.estimator import make_estimator, phase_of, settings_for
-from spool_estimator.gap_requests import GapWatch
+from spool_estimator.gap_watch import GapWatch
 from spool_estimator.identification.record import PartKeeper, Record
 from spool_estimator.plausibility import ValveCheck, check_rate
 from spool_estimator.refit import Refit, RefitSettings, WindowRefits

@@ -119,7 +119,7 @@ def simulate(out: Path, settings: SimulationSettings) -> None:
                 writer.write(thermal, block.stamp, encode_temperature(item, valve_id))
             writer.write(channel, block.stamp, encode_block(block, valve_id), sequence=block.sequence)
             count += 1
-            advance(block.body.size * block.sample_period)
+            advance(block.duration)
     print(f"{out}: {plural(count, 'block')} of {valve_id} in /{name}, {seconds:g} s at {sample_rate:g} Hz")
 
 
