@@ -11,10 +11,10 @@ from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.estimate import Estimate, State
 from spool_monitor.detection import Detection
 from spool_monitor.detectors import MonitorSettings
+from spool_monitor.drift_trace import DriftTrace
 from spool_monitor.event import Severity
 from spool_monitor.monitor import Monitor
 from spool_monitor.parameter_drift import SMOOTHING, TESTS, ParameterDrift
-from spool_monitor.replay import DriftTrace
 from spool_monitor.state_file import Baseline, HealthyValue
 
 SECOND = 1_000_000_000

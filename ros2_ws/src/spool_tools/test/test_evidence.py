@@ -11,7 +11,7 @@ import pytest
 from spool_estimator.identification.fit import fit
 from spool_estimator.identification.fit_result import FitSettings
 from spool_estimator.identification.record import Record
-from spool_monitor.replay import DriftPoint
+from spool_monitor.drift_trace import DriftPoint
 from spool_sim.excitation import Multisine
 from spool_sim.model import load_model
 from spool_sim.sensors import Sensor

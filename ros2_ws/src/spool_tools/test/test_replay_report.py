@@ -10,9 +10,10 @@ import pytest
 from spool_core.block import Block
 from spool_estimator.estimator import Estimator, settings_for
 from spool_monitor.detectors import MonitorSettings
+from spool_monitor.drift_trace import DriftTrace
 from spool_monitor.event import EventState
 from spool_monitor.monitor import Monitor
-from spool_monitor.replay import DriftTrace, Replay
+from spool_monitor.replay import Replay
 from spool_sim.excitation import PRESETS
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator

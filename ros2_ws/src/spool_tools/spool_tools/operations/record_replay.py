@@ -28,9 +28,10 @@ from spool_estimator.refit import Refit, RefitSettings, WindowRefits
 from spool_estimator.stream_estimator import StreamEstimator
 from spool_monitor.detectors import JUDGEMENT_TEXTS, LIMITS, MonitorSettings, check_settings
 from spool_monitor.detectors.base import BASELINE_TIME, NATURAL_FREQUENCY
+from spool_monitor.drift_trace import DriftTrace
 from spool_monitor.event import Event
 from spool_monitor.monitor import Monitor
-from spool_monitor.replay import DriftTrace, Replay
+from spool_monitor.replay import Replay
 from spool_monitor.state_file import valve_folder
 from spool_monitor.valve_state import ValveState
 from spool_sim.model import load_model

@@ -8,6 +8,7 @@ from functools import partial
 
 import numpy as np
 from spool_core.errors import InputError
+from spool_core.events.event import Event, EventState
 from spool_core.numbers import Array
 from spool_core.uncertainty import Z_95, Quantity
 from spool_estimator.estimate import Estimate
@@ -18,8 +19,7 @@ from spool_estimator.refit import Refit
 from spool_gap.force.balance import ForceRecord
 from spool_gap.likelihood.structure import DELAY, GAIN
 from spool_gap.result import Curves, GapResult
-from spool_monitor.event import Event, EventState
-from spool_monitor.replay import DriftTrace
+from spool_monitor.drift_trace import DriftTrace
 from spool_sim.model import Model, load_model
 from spool_sim.valve import Valve
 from spool_tools.report.evidence import confidence, motion
