@@ -14,7 +14,7 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),
     ],
-    package_data={PACKAGE: ["valves/*.yaml", "py.typed"]},
+    package_data={PACKAGE: ["valves/*.yaml", "fmu/sources/*", "py.typed"]},
     zip_safe=True,
     extras_require={"test": ["pytest"]},
     maintainer="Spool suite maintainers",

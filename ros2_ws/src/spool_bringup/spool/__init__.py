@@ -23,7 +23,7 @@ from spool_core.errors import InputError
 
 from spool.analysis import compare, fit, gap, replay
 from spool.fleet_store import Fleet, fleet
-from spool.record import Record, read, simulate, valve
+from spool.record import Record, export_fmu, read, simulate, valve
 from spool.results import Comparison, Fit, Gap, Picture, Quality, Replay, Result
 
 if TYPE_CHECKING:
@@ -41,6 +41,7 @@ __all__ = [
     "Replay",
     "Result",
     "compare",
+    "export_fmu",
     "fit",
     "fleet",
     "gap",

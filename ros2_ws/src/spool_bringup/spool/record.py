@@ -371,6 +371,34 @@ def simulate(
     return Record(bag, folder)
 
 
+@one_error
+def export_fmu(
+    valve: AnyValve, path: str | Path, *, model: str | Path = "coulomb", fmi: int = 3, replace: bool = False
+) -> Path:
+    """Write a valve with its model as an FMU (Co-Simulation), for Simulink, Modelica tools and others.
+
+    Args:
+        valve: description, name or file.
+        path: FILE.fmu.
+        model: name or YAML file, as ``save_model`` writes it; its 95 % intervals come along.
+        fmi: version of the standard, 2 or 3.
+        replace: replace an existing file.
+
+    Raises:
+        InputError: no such valve or model, the file exists or cannot be written, or no C compiler works here.
+    """
+    from spool_tools.operations.fmu_export import export_fmu as write_fmu  # noqa: PLC0415 - slow to load
+    from spool_tools.outputs import replace_existing  # noqa: PLC0415
+
+    replace_existing(replace)
+    try:
+        with valve_files([valve]) as (file,):
+            write_fmu(str(file), Path(path), str(model), fmi)
+    finally:
+        replace_existing(False)
+    return Path(path)
+
+
 def path_of(record: AnyRecord) -> Path:
     """Return where a record is.
 

@@ -133,9 +133,7 @@ class Simulator:
         known = {parameter.name for parameter in self.model.parameters}
         if coulomb_force is not None and (coulomb_force != 0.0 or "coulomb_force" in known):
             overrides["coulomb_force"] = coulomb_force
-        values = self.model.values_for(valve, overrides)
-        if {"viscous_coefficient", "film_drag"} & values.keys() - overrides.keys() - self.model.values.keys():
-            _ = valve.viscous_coefficient  # a truth is not made up: it raises what is missing
+        values = self.model.true_values_for(valve, overrides)
         self._mass = values["mass"]
         self._temperature = valve.oil_temperature if valve.knows("oil_temperature") else ROOM
         starts = {**values, "oil_temperature": self._temperature}

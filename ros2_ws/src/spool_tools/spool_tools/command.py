@@ -70,6 +70,15 @@ ModelFile = Annotated[
         callback=_target("--save-model"),
     ),
 ]
+FmuFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--fmu",
+        help="Write a valve or a model as an FMU, for Simulink, Modelica tools and others.",
+        metavar="FILE.fmu",
+        callback=_target("--fmu"),
+    ),
+]
 Force = Annotated[
     bool, typer.Option("--force", help="Overwrite existing files.", is_eager=True, callback=replace_existing)
 ]

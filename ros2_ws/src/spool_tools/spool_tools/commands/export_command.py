@@ -1,4 +1,4 @@
-"""`./spool export`: a bag's samples as a table."""
+"""`./spool export`: a bag's samples as a table, a valve as an FMU."""
 
 from __future__ import annotations
 
@@ -6,15 +6,17 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from spool_core.errors import InputError
 from spool_core.text import printable
 
 from spool_tools.command import (
     AroundOption,
-    BagArgument,
     Command,
+    FmuFile,
     Force,
     SinceOption,
     UntilOption,
+    model_names,
     refuse_missing,
 )
 from spool_tools.outputs import making_room
@@ -22,8 +24,17 @@ from spool_tools.terminal import progress, warn
 
 
 def export(
-    bag: BagArgument,
-    out: Annotated[Path, typer.Option(help="FILE.parquet, FILE.csv or FILE.csv.gz", metavar="FILE")],
+    source: Annotated[
+        str,
+        typer.Argument(
+            help="rosbag2 directory or .mcap file; with --fmu a valve or a model (YAML file).",
+            metavar="BAG|VALVE|MODEL",
+        ),
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Table of a bag: FILE.parquet, FILE.csv or FILE.csv.gz", metavar="FILE"),
+    ] = None,
     name: Annotated[
         list[str] | None,
         typer.Option("--name", "--valve", help="Namespace of a valve in the bag; default: all."),
@@ -31,12 +42,41 @@ def export(
     since: SinceOption = None,
     until: UntilOption = None,
     around: AroundOption = None,
+    fmu: FmuFile = None,
+    model: Annotated[
+        str | None,
+        typer.Option(
+            "--model",
+            help="Of a valve's FMU: name or YAML file; default: coulomb.",
+            autocompletion=model_names,
+        ),
+    ] = None,
+    fmi: Annotated[int | None, typer.Option(help="Of an FMU: version of FMI, 2 or 3 (default).")] = None,
     _force: Force = False,
 ) -> None:
-    """Write a bag's samples as a table.
+    """Write a bag's samples as a table, or a valve as an FMU for other simulators.
 
     Example: ./spool export record_bag --out record.parquet
+
+    Example: ./spool export 4weh10_soft --model coulomb --fmu valve.fmu
     """
+    if (out is None) == (fmu is None):
+        raise InputError(
+            "export: pass --out FILE for a bag's samples, or --fmu FILE.fmu for a valve or a model"
+        )
+    if fmu is not None:
+        if name or since or until or around:
+            raise InputError(
+                "--fmu: a valve or a model has no --name, --since, --until, --around: leave them out"
+            )
+        from spool_tools.operations.fmu_export import export_fmu  # noqa: PLC0415 - slow to load
+
+        print(export_fmu(source, fmu, model, 3 if fmi is None else fmi))
+        return
+    assert out is not None
+    if model is not None or fmi is not None:
+        raise InputError("--model, --fmi: these go with --fmu FILE.fmu: add it, or leave them out")
+    bag = Path(source)
     refuse_missing(bag)
     from spool_bag.export import export_bag  # noqa: PLC0415 - slow to load
 
@@ -50,4 +90,4 @@ def export(
     print(f"{out}: {result.rows} rows of {printable(', '.join(result.valves))}")
 
 
-COMMAND = Command(export, place=50, line="a bag to Parquet or CSV")
+COMMAND = Command(export, place=50, line="a bag to Parquet or CSV, a valve to an FMU")

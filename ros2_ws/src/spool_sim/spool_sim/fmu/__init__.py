@@ -1,0 +1,1 @@
+"""Export of a valve with its model as a Functional Mock-up Unit."""
