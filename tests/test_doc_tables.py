@@ -53,6 +53,7 @@ EXPLAINING = {
     "evidence.md": [("the model is", "cause"), ("the missing force looks like", "cause")],
     "commissioning.md": [("`replay` reports", "meaning and action")],
     "fleet.md": [("`--analysis`", "gives"), ("table", "columns")],
+    "fmu.md": [("name", "causality"), ("program", "tried")],
     "recording.md": [("fault", "what the recorder keeps")],
     "gap.md": [("verdict",), ("problem", "what happens"), ("nuisance", "how it is detected")],
     "measure.md": [("matter", "what to choose"), ("question", "excitation")],

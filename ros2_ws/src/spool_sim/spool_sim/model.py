@@ -109,7 +109,7 @@ class Model:
             values = {one.name: float(self.values.get(one.name, one.start)) for one in self.parameters}
         else:
             values = self.true_values_for(valve)
-        return fmu_content(self, values, valve, fmi=fmi, notes=notes or {})
+        return fmu_content(self.name, self.terms, values, valve, fmi=fmi, notes=notes or {})
 
 
 FLUID: tuple[str, ...] = ("inertia", "spring", "viscous_friction")

@@ -19,7 +19,6 @@ import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 from xml.etree import ElementTree
 
 import numpy as np
@@ -27,12 +26,10 @@ from spool_core.errors import InputError
 
 from spool_sim.fmu.c_source import model_source
 from spool_sim.integration.composed_motion import substeps_for
+from spool_sim.integration.composition import unique_parameters
 from spool_sim.lubrication import STEP, OilTable
-from spool_sim.terms import Parameter
+from spool_sim.terms import Parameter, Term
 from spool_sim.valve import HIGHEST_TEMPERATURE, LOWEST_TEMPERATURE, Valve
-
-if TYPE_CHECKING:
-    from spool_sim.model import Model
 
 VERSIONS = (2, 3)
 #: Internal steps in one that the stiffest rate allows: the error of the motion falls by 4^4, below 1e-8 where
@@ -76,13 +73,20 @@ class Variable:
 
 
 def fmu_content(
-    model: Model, values: Mapping[str, float], valve: Valve | None, *, fmi: int, notes: Mapping[str, str]
+    model: str,
+    terms: Sequence[Term],
+    values: Mapping[str, float],
+    valve: Valve | None,
+    *,
+    fmi: int,
+    notes: Mapping[str, str],
 ) -> bytes:
     """Return the file of an FMU.
 
     Args:
-        model: whose terms act.
-        values: of all its parameters, in their units.
+        model: its name.
+        terms: of the model.
+        values: of all parameters, in their units.
         valve: gives the name and, where it names its oil, the drag over the oil's temperature.
         fmi: version of the standard, 2 or 3.
         notes: by parameter, what is known about its value, for the description.
@@ -93,10 +97,10 @@ def fmu_content(
     if fmi not in VERSIONS:
         raise InputError(f"--fmi {fmi}: use 2 or 3")
     oil = valve if valve is not None and valve.oil_ratio_known else None
-    variables = _variables(model, values, oil, notes)
-    name = f"{valve.id}, {model.name}" if valve is not None else model.name
+    variables = _variables(terms, values, oil, notes)
+    name = f"{valve.id}, {model}" if valve is not None else model
     identifier = re.sub(r"\W", "_", f"valve_{name}", flags=re.ASCII)[:80]
-    source = _model_header(model, variables, oil)
+    source = _model_header(terms, variables, oil)
     token = hashlib.sha256(f"{source}{variables}".encode()).hexdigest()[:32]
     folder = Path(__file__).parent / "sources"
     main = f"fmi{fmi}.c"
@@ -117,10 +121,10 @@ def fmu_content(
 
 
 def _variables(
-    model: Model, values: Mapping[str, float], oil: Valve | None, notes: Mapping[str, str]
+    terms: Sequence[Term], values: Mapping[str, float], oil: Valve | None, notes: Mapping[str, str]
 ) -> list[Variable]:
     """Return all variables; the references are those of ``sources/unit.h``."""
-    step = LONGEST_STEP / (FINER * substeps_for(model.terms, values, LONGEST_STEP))
+    step = LONGEST_STEP / (FINER * substeps_for(terms, values, LONGEST_STEP))
     found = [
         Variable("body_acceleration", 1, "input", "m/s^2", "acceleration of the valve body", 0.0, -1e6, 1e6)
     ]
@@ -149,7 +153,7 @@ def _variables(
     found.append(
         Variable("internal_step", 20, "parameter", "s", "longest step of the integration", step, 1e-8, 1e-2)
     )
-    for place, one in enumerate(model.parameters):
+    for place, one in enumerate(unique_parameters(terms)):
         said = [one.meaning, notes.get(one.name, "")]
         if oil is not None and one.valve_attribute == _DRAG:
             said.append(f"with the oil at {oil.oil_temperature:g} deg C")
@@ -159,9 +163,9 @@ def _variables(
     return found
 
 
-def _model_header(model: Model, variables: Sequence[Variable], oil: Valve | None) -> str:
+def _model_header(terms: Sequence[Term], variables: Sequence[Variable], oil: Valve | None) -> str:
     """Return ``model.h``: laws and step in C, and the tables of numbers."""
-    rows = {one.name: one for one in variables}
+    rows, parameters = {one.name: one for one in variables}, unique_parameters(terms)
 
     def row(one: Parameter) -> str:
         variable, viscous = rows[one.name], int(oil is not None and one.valve_attribute == _DRAG)
@@ -174,8 +178,8 @@ def _model_header(model: Model, variables: Sequence[Variable], oil: Valve | None
         ratios = OilTable(oil).ratio(points).tolist()
     lines = [
         "/* Laws and time step of one model, translated from Python, and its numbers (SI units, deg C). */",
-        model_source(model.terms),
-        f"#define PARAMETER_COUNT {len(model.parameters)}",
+        model_source(terms),
+        f"#define PARAMETER_COUNT {len(parameters)}",
         f"#define INTERNAL_STEP_START {rows['internal_step'].start!r}",
         f"#define OIL_START {float(oil.oil_temperature) if oil is not None else 0.0!r}",
         f"#define OIL_LOWEST {LOWEST_TEMPERATURE!r}",
@@ -183,7 +187,7 @@ def _model_header(model: Model, variables: Sequence[Variable], oil: Valve | None
         f"#define OIL_POINTS {len(ratios)}",
         "typedef struct { const char *name; double start, low, high; int viscous; } spool_parameter;",
         "static const spool_parameter parameters[PARAMETER_COUNT] = {",
-        *map(row, model.parameters),
+        *map(row, parameters),
         "};",
     ]
     if ratios:

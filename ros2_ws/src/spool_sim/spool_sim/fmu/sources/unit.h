@@ -224,7 +224,7 @@ static bool unit_step(spool_unit *unit, double time, double length)
     }
     count = spool_max(1.0, ceil(length / m->step - 1e-6));
     h = length / count;
-    a0 = unit_body(unit, time, 0.0);
+    a0 = m->body[0];
     for (double number = 0.0; number < count; number += 1.0) {
         double t = time + number * h, am = unit_body(unit, time, (number + 0.5) * h);
         double a1 = unit_body(unit, time, (number + 1.0) * h);
