@@ -68,6 +68,20 @@ def test_a_law_in_c_has_the_values_of_python(entry, law, library) -> None:  # ty
         assert list(out)[: len(wanted)] == pytest.approx(wanted, rel=4e-15, abs=1e-300)
 
 
+def test_helpers_of_one_name_in_two_laws_stay_apart(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    found = Translation()
+    monkeypatch.syspath_prepend(tmp_path)
+    for number in (1, 2):
+        module = f"helped_law_{number}"
+        helper = f"from math import exp\n\n\ndef curve(z: float) -> float:\n    return {number}.0 * exp(z)\n"
+        law = "def force_law(z: float, v: float, t: float) -> float:\n    return curve(z)\n"
+        (tmp_path / f"{module}.py").write_text(f"{helper}\n\n{law}")
+        found.add_law(module, "force_law", f"force_law_{number}")
+    text = found.text()
+    assert "return (1.0 * exp(z));" in text
+    assert "return (2.0 * exp(z));" in text
+
+
 @pytest.mark.parametrize(
     ("body", "named"),
     [

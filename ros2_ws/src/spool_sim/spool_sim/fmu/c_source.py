@@ -11,6 +11,7 @@ import ast
 import importlib
 import inspect
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -19,6 +20,8 @@ from spool_core.errors import InputError
 from spool_sim.integration.composition import kernel_source, unique_parameters
 from spool_sim.terms import Term
 
+#: Module of the kernel: its functions keep their names in C, those of others are named after their module.
+_KERNEL = "spool_sim.integration.stepping"
 #: Functions of the kernel that an FMU calls; all that these call comes with them.
 ROOTS = ("acceleration", "slip", "needed_at_rest", "step_with_events", "sliding", "rest", "drag")
 #: Functions of ``math`` and built-in ones, by what C calls them.
@@ -88,6 +91,10 @@ class Translation:
             InputError: it uses something that has no translation.
         """
         functions, imports = self._module(module)
+        if law not in functions:
+            raise InputError(
+                f"{module}.{law}: cannot be exported to C: it is no Python function of that module"
+            )
         self.add(_Source(functions[law], functions, imports), name, module)
 
     def add(self, source: _Source, name: str, module: str) -> None:
@@ -117,7 +124,11 @@ class Translation:
 
     def _module(self, name: str) -> tuple[dict[str, ast.FunctionDef], dict[str, tuple[str, str]]]:
         if name not in self._modules:
-            self._modules[name] = parsed(inspect.getsource(importlib.import_module(name)))
+            try:
+                text = inspect.getsource(importlib.import_module(name))
+            except (OSError, TypeError):
+                raise InputError(f"{name}: cannot be exported to C: it has no Python source") from None
+            self._modules[name] = parsed(text)
         return self._modules[name]
 
 
@@ -375,20 +386,23 @@ class _Function:
     def _call(self, node: ast.Call) -> tuple[str, str]:
         given = [self._value(one) for one in node.args]
         called = ast.unparse(node.func)
+        if self._source.imports.get(called, ("", ""))[0] == "math":
+            called = f"math.{self._source.imports[called][1]}"
         if called.startswith("math.") or called in ("abs", "min", "max"):
             name = _C_NAMES.get(called.removeprefix("math."))
             if name is None or (name.startswith("spool_") and len(given) != 2):
                 raise self._refuse(node)
             return f"{name}({', '.join(text for text, _ in given)})", _INT if name == "isnan" else _DOUBLE
+        module, law = self._source.imports.get(called, (self._module, called))
+        name = called if self._module == _KERNEL else re.sub(r"\W", "_", f"{module}_{law}")
         if called in self._source.functions:
             source = self._source.functions[called]
-            self._all.add(_Source(source, self._source.functions, self._source.imports), called, self._module)
+            self._all.add(_Source(source, self._source.functions, self._source.imports), name, module)
         elif called in self._source.imports:
-            module, law = self._source.imports[called]
-            self._all.add_law(module, law, called)
+            self._all.add_law(module, law, name)
         else:
             raise self._refuse(node)
-        return f"{called}({', '.join(text for text, _ in given)})", self._all.returns[called]
+        return f"{name}({', '.join(text for text, _ in given)})", self._all.returns[name]
 
 
 def _literal(value: bool | int | float) -> tuple[str, str]:
@@ -410,7 +424,7 @@ def model_source(terms: Sequence[Term]) -> str:
     functions, imports = parsed(text)
     found = Translation()
     for name in ROOTS:
-        found.add(_Source(functions[name], functions, imports), name, "spool_sim.integration.stepping")
+        found.add(_Source(functions[name], functions, imports), name, _KERNEL)
     return found.text(terms)
 
 
