@@ -227,10 +227,10 @@ def test_a_sensor_that_stops_is_stale_for_adapter_and_monitor_and_comes_back(
         )
 
     system.until(lambda: events.first(stale, after=stopped), "the monitor says stale")
-    system.until(level_of(system, DiagnosticStatus.STALE, stopped), "the adapter says stale")
+    system.until(level_of(system, DiagnosticStatus.ERROR, stopped), "the adapter says stale")
     event = events.first(stale, after=stopped)
     assert event is not None
-    said = next(one for one in system.statuses(TASK, after=stopped) if one[1].level == DiagnosticStatus.STALE)
+    said = next(one for one in system.statuses(TASK, after=stopped) if one[1].level == DiagnosticStatus.ERROR)
     print(
         f"monitor: {event.arrival - stopped:.2f} s, adapter: {said[0] - stopped:.2f} s after the spool's stop"
     )

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import pytest
-from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from spool_bag.reader import BagReader
 from spool_msgs.msg import Alarm, AlarmList, HealthEvent, ValveHealth
 from spool_msgs.srv import AcknowledgeAlarm, ManageBaseline, ResetAlarms, ShelveAlarm, SuppressAlarm
@@ -233,6 +233,41 @@ def until_stale(system: System, tasks: list[str], after: float) -> Callable[[], 
     return stale
 
 
+def test_a_fault_memory_has_a_fault_an_alarm_and_silence_by_order_is_no_fault(system: System) -> None:
+    """As a bridge reads it: a fault for each task that is not OK, at the node that hardware_id names."""
+    _ = system.diagnostics
+    health = system.listen(ValveHealth, "/valve_1/health", latched=True)
+    simulator, _, _ = valve(system)
+    system.until(lambda: health.heard and health.last.namur == ValveHealth.NAMUR_NORMAL, "all is well")
+    simulator.end()
+    task, judged = (
+        f"valve_1/monitor: alarm {SILENCE}",
+        ["valve_1/monitor: data", "valve_1/monitor: condition"],
+    )
+
+    def last(name: str, after: float = 0.0) -> DiagnosticStatus:
+        return (system.statuses(name, after=after) or [(0.0, DiagnosticStatus(level=b"\xff"))])[-1][1]
+
+    system.until(lambda: last(task).level == DiagnosticStatus.ERROR, "the silence is a fault")
+    assert last(task).hardware_id == MONITOR
+    assert system.numbers(task)["code"] == "801"
+    everything = [one for heard in system.diagnostics.messages for one in heard.status]
+    assert {one.name for one in everything if any(pair.key == "code" for pair in one.values)} == {task}
+    estimator = [one for one in everything if one.name == "valve_1/estimator: estimate"]
+    assert DiagnosticStatus.STALE not in {one.level for one in estimator}
+
+    out = SuppressAlarm.Request.OUT_OF_SERVICE
+    assert ask(system, SuppressAlarm, "suppress_alarm", way=out, who="Eva").success
+    ordered = time.monotonic()
+    for name in (task, *judged):
+        system.until(lambda name=name: last(name, ordered).level == DiagnosticStatus.OK, "no fault any more")
+        assert "out of service" in last(name).message
+    system.change(MONITOR, "deactivate")
+    asleep = "not monitored: the monitor is inactive"
+    system.until(lambda: all(last(name).message == asleep for name in judged), "it says that it sleeps")
+    assert {last(name).level for name in judged} == {DiagnosticStatus.OK}
+
+
 class Unkept(NamedTuple):
     """A valve whose monitor can't write its state."""
 
@@ -270,7 +305,7 @@ def test_diagnostics_follow_the_rules_of_the_standard_tools(unkept: Unkept) -> N
     system.until(
         lambda: (
             {*ours, "valve_1/estimator: estimate"} <= set(own())
-            and all(one.hardware_id == "4weh10_soft" for one in own().values())
+            and all(KeyValue(key="valve_id", value="4weh10_soft") in one.values for one in own().values())
         ),
         "every task says which valve it is of",
     )

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from spool_msgs.msg import ModelEstimate
 
 if TYPE_CHECKING:
@@ -54,11 +54,15 @@ def _valve(
         yield Valve(system, estimates)
 
 
+def valve_id(status: DiagnosticStatus) -> str:
+    return next(one.value for one in status.values if one.key == "valve_id")
+
+
 def test_diagnostics_follow_the_rules(valve: Valve) -> None:
     system = valve.system
     system.until(
         lambda: all(
-            system.statuses(task) and system.statuses(task)[-1][1].hardware_id == "4weh10_soft"
+            system.statuses(task) and valve_id(system.statuses(task)[-1][1]) == "4weh10_soft"
             for task in TASKS
         ),
         "each task says which valve it is of",
@@ -71,7 +75,8 @@ def test_diagnostics_follow_the_rules(valve: Valve) -> None:
     arrays = [one.message for one in system.diagnostics.heard if one.arrival >= begin]
     statuses = [status for array in arrays for status in array.status]
     assert {status.name for status in statuses} == TASKS
-    assert {status.hardware_id for status in statuses} == {"4weh10_soft"}
+    assert {valve_id(status) for status in statuses} == {"4weh10_soft"}
+    assert all(f"{status.hardware_id}: ".lstrip("/") in status.name for status in statuses)
     for array in arrays:
         assert isinstance(array, DiagnosticArray)
         assert array.header.stamp.sec > 0

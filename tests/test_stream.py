@@ -81,7 +81,7 @@ def _run_10_khz(
 
         def had_everything(task: str) -> bool:
             told = system.statuses(task, after=stale)
-            last = told and told[-1][1].level == DiagnosticStatus.STALE
+            last = told and told[-1][1].level in (DiagnosticStatus.STALE, DiagnosticStatus.WARN)
             return bool(last) and system.numbers(task)["blocks_used"] == str(blocks.last.sequence + 1)
 
         system.until(lambda: all(map(had_everything, tasks)), "the nodes have had everything")

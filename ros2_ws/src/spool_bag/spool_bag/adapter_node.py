@@ -476,7 +476,7 @@ class SensorReport:
             if self.unusable[channel]:
                 return Level.ERROR, f"{channel.value}: {self.reason[channel]}"
             return Level.WARNING, f"{channel.value}: nothing came on {self.topics[channel]} so far"
-        return Level.STALE, f"{channel.value}: nothing on {self.topics[channel]} for {silent:.1f} s"
+        return Level.ERROR, f"{channel.value}: nothing on {self.topics[channel]} for {silent:.1f} s"
 
     def _mixture(self, mismatch: bool) -> tuple[Level, str] | None:
         """Return which topic has several publishers: for good, or beside a ``mismatch`` of stamps."""

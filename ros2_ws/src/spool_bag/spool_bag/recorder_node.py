@@ -188,7 +188,7 @@ class RecorderNode(ManagedNode):
         for valve in self._valves():
             check_valve(valve)
         self._new_bag()
-        self._diagnostics = DiagnosticPublisher(self, "recorder")
+        self._diagnostics = DiagnosticPublisher(self)
         self.serve(TakeSnapshot, "~/take_snapshot", self._take_snapshot)
 
     def activate(self) -> None:
@@ -229,6 +229,8 @@ class RecorderNode(ManagedNode):
 
     def deactivate(self) -> None:
         """Finish the bag."""
+        if self._diagnostics is not None:
+            self._diagnostics.rest("inactive: nothing is recorded")
         self._subscriptions_by_topic.clear()
         if self._snapshots is not None:
             self._snapshots.close()

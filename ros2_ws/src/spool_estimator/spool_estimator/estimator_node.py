@@ -156,6 +156,10 @@ class EstimatorNode(ManagedNode):
         self.every(LOOK, self._watch, steady=True)
         self.every(1.0, self._report, steady=True)
 
+    def deactivate(self) -> None:
+        """Publish that nothing is estimated: the last level would stay."""
+        self._diagnostics.rest("inactive: nothing is estimated")
+
     def cleanup(self) -> None:
         """Release core and publishers."""
         self.destroy_publisher(self._publisher)
@@ -220,8 +224,7 @@ class EstimatorNode(ManagedNode):
         self._silence.look()
         if HUB.waits(self, "acceleration"):
             self._silence.end()
-        silent = self._silence.seconds > self.value("stale_after")
-        if silent and latest is not None and latest.state is not State.STALE:
+        if self._silent and latest is not None and latest.state is not State.STALE:
             stale = self._core.stale()
             assert stale is not None
             self._core.latest = stale
@@ -229,12 +232,19 @@ class EstimatorNode(ManagedNode):
         if (self._level(), self._core.gate.refused) != self._reported:
             self._report()
 
+    @property
+    def _silent(self) -> bool:
+        """Whether no blocks arrive. The monitor alone judges it: it knows what is out of service."""
+        return bool(self._silence.seconds > self.value("stale_after"))
+
     def _level(self) -> Level:
         assert self._core is not None
-        if self._silence.seconds > self.value("stale_after"):
-            return Level.STALE
         gate = self._core.gate
-        return Level.OK if gate.accepted and not block_faults(gate) and not self._doubts else Level.WARNING
+        return (
+            Level.OK
+            if not self._silent and gate.accepted and not block_faults(gate) and not self._doubts
+            else Level.WARNING
+        )
 
     def _report(self) -> None:
         assert self._core is not None
@@ -242,7 +252,7 @@ class EstimatorNode(ManagedNode):
         latest: Estimate | None = self._core.latest
         level = self._level()
         self._reported = (level, gate.refused)
-        if level is Level.STALE:
+        if self._silent:
             message = "no usable blocks arrive"
         elif level is Level.WARNING:
             message = block_faults(gate) or "; ".join(self._doubts) or "waiting for data"

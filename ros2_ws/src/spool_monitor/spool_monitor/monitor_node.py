@@ -33,6 +33,7 @@ from spool_monitor.alarm_store import AlarmStore
 from spool_monitor.detection import Detection
 from spool_monitor.detectors import JUDGEMENT_TEXTS, KINDS, LIMITS, check_settings, latching_kinds
 from spool_monitor.detectors.base import NATURAL_FREQUENCY, Judgement, MonitorSettings
+from spool_monitor.detectors.stale import KIND as STALE
 from spool_monitor.estimate_gate import Descriptions
 from spool_monitor.event import Event, Namur, Severity
 from spool_monitor.journal import DAYS, JournalEntry
@@ -143,6 +144,7 @@ class MonitorNode(ManagedNode):
         )  # fmt: skip
         self._level = health.level
         self._health_publisher.publish(to_health_message(health, self._valve_id))
+        self._diagnostics.rest(health.summary, "data", "condition")  # alarms that stand are no less there
 
     def cleanup(self) -> None:
         """Release core and publishers."""
@@ -201,7 +203,7 @@ class MonitorNode(ManagedNode):
             )
 
     def _describe(self, message: ValveDescription) -> None:
-        self._valve_id = self._diagnostics.hardware_id = message.header.frame_id
+        self._valve_id = self._diagnostics.valve_id = message.header.frame_id
         if not self._described:
             self._described = True
             self._no_estimates.end()  # the estimator begins now
@@ -218,7 +220,7 @@ class MonitorNode(ManagedNode):
         gate = self._core.gate
         for block, verdict in gate.admitted(blocks, self._room):
             if not self._described and block.source:
-                self._valve_id = self._diagnostics.hardware_id = block.source
+                self._valve_id = self._diagnostics.valve_id = block.source
             events = self._core.update(block, verdict)
             if gate.fault is Fault.NEW_SOURCE:
                 self.get_logger().info(f"acceleration: {Fault.NEW_SOURCE.value}")
@@ -287,11 +289,16 @@ class MonitorNode(ManagedNode):
         self._level = health.level
         health = replace(health, namur=max(health.namur, self._alarms.namur))
         self._health_publisher.publish(to_health_message(health, self._valve_id))
-        detection = self._core.detection
+        detection, aside = self._core.detection, self._alarms.silence_put_aside
+        tasks = [data_status(detection, self._core.gate, health), condition_status(detection, health)]
+        if aside:
+            text = f"{health.summary}: {aside}"
+            tasks = [
+                replace(task, level=Level.OK, message=text) if task.level is Level.STALE else task
+                for task in tasks
+            ]
         self._diagnostics.publish(
-            data_status(detection, self._core.gate, health),
-            condition_status(detection, health),
-            self._alarms.status(health.namur, self._trends),
+            *tasks, self._alarms.status(health.namur, self._trends), *self._alarms.statuses()
         )
 
 
@@ -370,6 +377,24 @@ def condition_status(detection: Detection, health: Health) -> Status:
     return replace(status, values={**status.values, **warns})
 
 
+def alarm_status(alarm: Alarm) -> Status:
+    """Return what ``/diagnostics`` shows of ``alarm``: not OK while it stands and is not put aside."""
+    level = Level.OK
+    if not alarm.hidden and (alarm.active or alarm.latched):
+        severe = alarm.active and alarm.severity is Severity.ALARM
+        level = Level.ERROR if severe else Level.WARNING
+    told = _words(alarm.state)
+    if alarm.event is not None and level is not Level.OK:
+        told = headline(alarm.event)
+    values = {
+        "code": alarm.code,
+        "ne_107": alarm.kind_namur.letter,
+        "state": _words(alarm.state),
+        "occurrence": alarm.occurrence,
+    }
+    return Status(f"alarm {alarm.name}", level, told, values)
+
+
 class AlarmServices:
     """Alarm services of one monitor: what operators do, the latched topic ``alarms``, and what is kept.
 
@@ -381,6 +406,7 @@ class AlarmServices:
         self._language = language
         self._state = state
         self.valve_id = node.get_namespace().strip("/")
+        self._stood: set[str] = set()
         self._publisher = node.create_lifecycle_publisher(AlarmList, "alarms", qos.state())
         for kind, name, answer in (
             (AcknowledgeAlarm, "acknowledge_alarm", self._acknowledge),
@@ -440,6 +466,24 @@ class AlarmServices:
         """Status after NE 107 as far as maintenance makes it."""
         serviced = any(alarm.out_of_service for alarm in self._state.alarms.alarms.values())
         return Namur.FUNCTION_CHECK if serviced else Namur.UNKNOWN
+
+    @property
+    def silence_put_aside(self) -> str:
+        """How an operator or the plant's logic put the silence of the valve aside; empty: not at all."""
+        silent = [one for one in self._state.alarms.alarms.values() if one.kind == STALE.name and one.active]
+        if not silent or not all(one.hidden for one in silent):
+            return ""
+        return _words(silent[0].state)
+
+    def statuses(self) -> list[Status]:
+        """Return a task for each alarm that stands, or stood since the start; they alone have a ``code``.
+
+        A fault memory keeps one fault for each task, which ends with level OK: alarms that are over are sent
+        on.
+        """
+        alarms = self._state.alarms
+        self._stood |= {alarm.name for alarm in alarms.shown}
+        return [alarm_status(alarms.alarms[name]) for name in sorted(self._stood)]
 
     def status(self, namur: Namur, trends: TrendWriter | None) -> Status:
         """Return what ``/diagnostics`` shows of the alarms: what is put aside does not raise its level."""
@@ -591,6 +635,10 @@ class AlarmServices:
                 for value in current.values
             ]
         return response
+
+
+def _words(state: AlarmState) -> str:
+    return state.name.lower().replace("_", " ")
 
 
 def _detector_status(task: str, detection: Detection, health: Health, shown: Iterable[Quantity]) -> Status:

@@ -65,12 +65,13 @@ def block_faults(gate: BlockGate) -> str:
 class DiagnosticPublisher:
     """Reports the tasks of one node on ``/diagnostics``; names are ``namespace/node: task``.
 
-    ``hardware_id`` may change when the node learns which valve it is for.
+    The hardware_id is the node's fully qualified name: a bridge to fault memories finds the node by it.
+    ``valve_id``, where not empty, is a value of every task; it may change when the node learns it.
     """
 
-    def __init__(self, node: Node, hardware_id: str) -> None:
+    def __init__(self, node: Node, valve_id: str = "") -> None:
         self._node = node
-        self.hardware_id = hardware_id
+        self.valve_id = valve_id
         self._kept: dict[str, DiagnosticStatus] = {}
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", qos.diagnostics())
 
@@ -81,17 +82,32 @@ class DiagnosticPublisher:
         message.status = [self._filled(task) for task in tasks]
         self._publisher.publish(message)
 
+    def rest(self, reason: str, *tasks: str) -> None:
+        """Send that ``tasks`` (none: all that were sent) are silent by order, which is no fault: ``reason``.
+
+        The last level would stand with who hears nothing more, and a fault that was put right never end.
+        """
+        message = DiagnosticArray()
+        message.header.stamp = self._node.get_clock().now().to_msg()
+        for task, status in self._kept.items():
+            if not tasks or task in tasks:
+                status.level, status.message = Level.OK.value, reason
+                message.status.append(status)
+        self._publisher.publish(message)
+
     def _filled(self, task: Status) -> DiagnosticStatus:
         """Return the message of ``task``: the former one with its values renewed, as keys never change."""
         status = self._kept.get(task.task)
-        if status is None or len(status.values) != len(task.values):
-            prefix = self._node.get_fully_qualified_name().lstrip("/")
+        values = {**task.values, "valve_id": self.valve_id} if self.valve_id else task.values
+        if status is None or len(status.values) != len(values):
+            name = self._node.get_fully_qualified_name()
             status = DiagnosticStatus(
-                name=f"{prefix}: {task.task}", values=[KeyValue(key=key) for key in task.values]
-            )
+                name=f"{name.lstrip('/')}: {task.task}", hardware_id=name,
+                values=[KeyValue(key=key) for key in values],
+            )  # fmt: skip
             self._kept[task.task] = status
-        status.level, status.message, status.hardware_id = task.level.value, task.message, self.hardware_id
-        for pair, (name, value) in zip(status.values, task.values.items(), strict=True):
+        status.level, status.message = task.level.value, task.message
+        for pair, (name, value) in zip(status.values, values.items(), strict=True):
             pair.key, pair.value = name, f"{value:.6g}" if isinstance(value, float) else str(value)
         return status
 
