@@ -309,6 +309,12 @@ def thread_times(number: int) -> ThreadTimes | None:
     return ThreadTimes(1e-9 * int(used), 1e-9 * int(waited), state == "R")
 
 
+def resident_memory() -> int:
+    """Return the memory of this process that is resident, B."""
+    with open("/proc/self/statm", encoding="ascii") as stream:
+        return int(stream.read().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+
+
 def processors() -> int:
     """Return the number of processors that the system lets this process run on, at least 1."""
     allowed = getattr(os, "sched_getaffinity", None)  # Linux only

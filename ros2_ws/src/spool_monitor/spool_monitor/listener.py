@@ -59,7 +59,23 @@ WAITING = (
 _TYPES = {"estimate": ModelEstimate, "alarms": AlarmList, "gap": GapAnalysis}
 #: s between two moments in which the limits of all valves are heard, and how long one lasts.
 BOUNDS_EVERY, BOUNDS_LASTING = 60.0, 2.5
+#: s between two estimates that are taken of a valve for metrics: decoding each one costs more than all else.
+ESTIMATES_EVERY = 10.0
+#: s after which what a host said of its processes is not known any more.
+KEPT_COSTS = 150.0
 _HEALTH = re.compile(r"/(?P<valve>[A-Za-z0-9_/]+)/health")
+
+
+@dataclass(frozen=True, slots=True)
+class Cost:
+    """What a process, or a valve in it, has taken of a processor (s) and takes of memory (B).
+
+    ``at``: when that was heard, s (monotonic).
+    """
+
+    processor_time: float
+    memory: float
+    at: float
 
 
 @dataclass(slots=True)
@@ -71,6 +87,7 @@ class HeardValve:
         gap, blocks: kept only while the valve is followed; with ``light`` also ``estimate``.
         bounds: values beyond which the monitor warns, by their keys in ``/diagnostics``.
         blocks: serialized ``AccelerationBlock`` messages, oldest first.
+        cost: of its nodes in a host; kept with ``metrics`` only.
         baseline, limits: the monitor's answers, if the user of the listener asked for them.
         changes: counts what was kept.
     """
@@ -81,6 +98,7 @@ class HeardValve:
     estimate: ModelEstimate | None = None
     alarms: AlarmList | None = None
     gap: GapAnalysis | None = None
+    cost: Cost | None = None
     baseline: Any = None
     limits: dict[str, float] = field(default_factory=dict)
     bounds: dict[str, float] = field(default_factory=dict)
@@ -109,7 +127,12 @@ class Listener:
         names: of the valves; empty for all that are discovered.
         light: whether to spare the processor: health of a new valve comes within a second instead of
             immediately, and estimates are kept only of valves that are followed.
+        metrics: whether to keep what metrics need besides, also with ``light``: an estimate of each valve every
+            ``ESTIMATES_EVERY`` s, and every ``BOUNDS_EVERY`` s what its host tells.
         on_event: takes the name of a valve and its event.
+
+    Attributes:
+        hosts: what the processes of hosts take, by the names of their nodes; with ``metrics`` only.
     """
 
     def __init__(
@@ -118,9 +141,12 @@ class Listener:
         names: Sequence[str] = (),
         *,
         light: bool = False,
+        metrics: bool = False,
         on_event: Callable[[str, HealthEvent], None] | None = None,
     ) -> None:
         self.valves: dict[str, HeardValve] = {}
+        self.hosts: dict[str, Cost] = {}
+        self._metrics = metrics
         self._node, self._names, self._on_event = node, names, on_event
         self._quiet = Node(
             f"{node.get_name()}_listener", namespace=node.get_namespace(), context=node.context,
@@ -131,6 +157,8 @@ class Listener:
         self._topics = ("alarms",) if light else ("alarms", "estimate")
         self._more = ("estimate", "gap") if light else ("gap",)
         self._health: dict[str, Any] = {}
+        self._estimates: dict[str, Any] = {}
+        self._estimates_at: dict[str, float] = {}
         self._made: list[Any] = []
         self._followed: dict[str, list[Any]] = {}
         self._bounds: Any = None
@@ -156,6 +184,15 @@ class Listener:
             if taken is not None:
                 self.valves[name].health_at = time.monotonic()
                 self.valves[name].keep("health", taken[0])
+        now = time.monotonic()
+        for name, subscription in self._estimates.items():
+            if now - self._estimates_at[name] < ESTIMATES_EVERY:
+                continue
+            with subscription.handle:
+                taken = subscription.handle.take_message(ModelEstimate, False)
+            if taken is not None:
+                self._estimates_at[name] = now
+                self.valves[name].keep("estimate", taken[0])
 
     def follow(self, names: Iterable[str]) -> list[HeardValve]:
         """Keep more of the valves ``names`` until the next call: see :class:`HeardValve`.
@@ -170,7 +207,8 @@ class Listener:
             valve = self.valves[name]
             valve.blocks.clear()
             for topic in self._more:
-                valve.keep(topic, None)
+                if topic != "estimate" or not self._metrics:
+                    valve.keep(topic, None)
         for name in wanted:
             if name not in self._followed:
                 self._followed[name] = self._follow(self.valves[name])
@@ -185,7 +223,7 @@ class Listener:
         if self._bounds is None and now - self._bounds_at >= BOUNDS_EVERY:
             self._bounds_at = now
             self._bounds = self._node.create_subscription(
-                DiagnosticArray, "/diagnostics", self._take_bounds, qos.diagnostics()
+                DiagnosticArray, "/diagnostics", self._take_diagnostics, qos.diagnostics()
             )
         elif self._bounds is not None and now - self._bounds_at >= BOUNDS_LASTING:
             self._node.destroy_subscription(self._bounds)
@@ -201,6 +239,7 @@ class Listener:
             self._node.destroy_subscription(one)
         self._made.clear()
         self._health.clear()
+        self._estimates.clear()
         self._quiet.destroy_node()
 
     def _join(self, name: str) -> None:
@@ -211,6 +250,11 @@ class Listener:
         self._health[name] = self._quiet.create_subscription(
             ValveHealth, f"/{name}/health", lambda _: None, self._health_quality
         )
+        if self._metrics:
+            self._estimates_at[name] = -ESTIMATES_EVERY
+            self._estimates[name] = self._quiet.create_subscription(
+                ModelEstimate, f"/{name}/estimate", lambda _: None, self._health_quality
+            )
         self._made += self._keep(valve, self._topics)
         if self._on_event is not None:
             take, quality = partial(self._on_event, name), qos.state(EVENTS)
@@ -224,7 +268,9 @@ class Listener:
             for topic in topics
         ]
 
-    def _take_bounds(self, message: DiagnosticArray) -> None:
+    def _take_diagnostics(self, message: DiagnosticArray) -> None:
+        if self._metrics:
+            self._take_costs(message.status)
         for status in message.status:
             name, _, task = status.name.partition("/monitor: ")
             valve = self.valves.get(name) if task == "condition" else None
@@ -234,6 +280,15 @@ class Listener:
             if bounds is not None and repr(bounds) != repr(valve.bounds):  # NaN is another one each time
                 valve.keep("bounds", bounds)
 
+    def _take_costs(self, statuses: Sequence[DiagnosticStatus]) -> None:
+        for status in statuses:
+            node, _, task = status.name.partition(": ")
+            cost = cost_of(status) if node.rpartition("/")[2].startswith("host") else None
+            if cost is not None and task == "host" and len(self.hosts) < MOST_VALVES:
+                self.hosts[node] = cost
+            elif cost is not None and task in self.valves:
+                self.valves[task].cost = cost
+
     def _follow(self, valve: HeardValve) -> list[Any]:
         def take_block(raw: bytes) -> None:  # rclpy refuses a method of deque: it has no signature
             valve.blocks.append(raw)
@@ -241,7 +296,7 @@ class Listener:
         subscribe, blocks = self._node.create_subscription, f"/{valve.name}/acceleration"
         return [
             subscribe(AccelerationBlock, blocks, take_block, qos.samples_wanted(), raw=True),
-            subscribe(DiagnosticArray, "/diagnostics", self._take_bounds, qos.diagnostics()),
+            subscribe(DiagnosticArray, "/diagnostics", self._take_diagnostics, qos.diagnostics()),
             *self._keep(valve, self._more),
         ]
 
@@ -257,6 +312,15 @@ def bounds_of(statuses: Sequence[DiagnosticStatus], name: str) -> dict[str, floa
     if said is None:
         return None
     return {one.key: float(one.value) for one in said if any(f"_{end}" in one.key for end in ENDS)}
+
+
+def cost_of(status: DiagnosticStatus) -> Cost | None:
+    """Return what a host says with ``status`` that it, or a valve, takes; ``None`` where it says nothing."""
+    said = {one.key: one.value for one in status.values if one.key in ("cpu_time_s", "resident_B")}
+    try:
+        return Cost(float(said["cpu_time_s"]), float(said["resident_B"]), time.monotonic())
+    except (KeyError, ValueError):
+        return None
 
 
 def condition_of(health: ValveHealth | None, age: float) -> str:

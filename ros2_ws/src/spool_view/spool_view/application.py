@@ -123,6 +123,8 @@ def application(desk: Desk) -> Application:
         Route("/act", operating.act, methods=["POST"]),
         Route("/acts", operating.acts, methods=["POST"]),
     ]
+    if desk.metrics is not None:
+        routes.append(Route("/metrics", desk.metrics.answer))
     return Application(Starlette(routes=routes, middleware=[Middleware(Guard)]), streams)
 
 

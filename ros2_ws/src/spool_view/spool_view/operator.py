@@ -25,6 +25,7 @@ from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 
+from spool_view.metrics import Metrics
 from spool_view.view import shown_alarms
 
 ACKNOWLEDGE, SHELVE, UNSHELVE, RESET = "acknowledge", "shelve", "unshelve", "reset"
@@ -287,6 +288,7 @@ class Desk:
     """Desk of a page: valves, where trends are kept, and, with an operator, ``do``, ``token`` and ``log``.
 
     ``open``: names of the valves whose page a browser has open, those opened first at the front.
+    ``metrics``: what ``/metrics`` serves; without them there is no such page.
     """
 
     valves: dict[str, HeardValve]
@@ -298,6 +300,7 @@ class Desk:
     token: OperatorToken | None
     log: ActLog | None
     warn: Callable[[str], object]
+    metrics: Metrics | None = None
 
     @property
     def operable(self) -> bool:

@@ -32,6 +32,7 @@ from std_srvs.srv import Trigger
 
 from spool_view import operator as operating
 from spool_view.application import ServerThread, application
+from spool_view.metrics import Metrics
 from spool_view.operator import Act, Desk, Outcome
 from spool_view.view import BAND, spectrum_of
 
@@ -78,6 +79,7 @@ class PageNode(ManagedNode):
             "operator", False, "Allow operators with the token to acknowledge, shelve, reset and more.",
             structural=True,
         ),
+        NodeParameter("metrics", False, "Serve /metrics for Prometheus.", structural=True),
         NodeParameter(
             "valves", [""], "Namespaces of the valves to show; empty: all valves found.",
             structural=True,
@@ -123,7 +125,7 @@ class PageNode(ManagedNode):
             self._log = operating.ActLog(folder / FOLDER / "operator_log.jsonl")
         names = tuple(name.strip("/") for name in self.value("valves") if name.strip("/"))
         self._calls = ServiceCalls(self)
-        self._listener = Listener(self, names, light=True)
+        self._listener = Listener(self, names, light=True, metrics=self.value("metrics"))
         self._open = []
         desk = Desk(
             valves=self._listener.valves,
@@ -135,6 +137,7 @@ class PageNode(ManagedNode):
             token=self._token,
             log=self._log,
             warn=self.get_logger().warning,
+            metrics=Metrics(self._listener.valves, self._listener.hosts) if self.value("metrics") else None,
         )
         self._server = ServerThread(application(desk), self._socket)
         self._server.start()
@@ -142,6 +145,8 @@ class PageNode(ManagedNode):
         self.every(2.0, self._listener.look, steady=True)
         host = f"[{address}]" if ":" in address else address
         self.get_logger().info(f"the page is at http://{host}:{port}/")
+        if self.value("metrics"):
+            self.get_logger().info(f"metrics for Prometheus are at http://{host}:{port}/metrics")
         if self._token is not None:
             self.get_logger().info(f"operators: the token is in {self._token.path}")
         else:
@@ -231,18 +236,23 @@ def do(calls: ServiceCalls, act: Act) -> Future[Outcome]:
     return outcome
 
 
-def serve(*, port: int = PORT, operator: bool = False, names: tuple[str, ...] = ()) -> None:
+def serve(
+    *, port: int = PORT, operator: bool = False, metrics: bool = False, names: tuple[str, ...] = ()
+) -> None:
     """Serve the page on this host until SIGINT or SIGTERM.
 
     Args:
         port: on the loopback address.
         operator: whether who has the token may acknowledge, shelve and more; else the page is read only.
+        metrics: whether ``/metrics`` is served for Prometheus.
         names: of valves; empty for all that are heard.
 
     Raises:
         SystemExit: the page could not be served; what is wrong was said in one line.
     """
-    values: dict[str, Value] = {"port": port, "operator": operator, "valves": list(names) or [""]}
+    values: dict[str, Value] = {
+        "port": port, "operator": operator, "metrics": metrics, "valves": list(names) or [""],
+    }  # fmt: skip
     words = [word for name, value in values.items() for word in rule(name, value)]
     code = run(PageNode, ["--ros-args", *words])
     if code:

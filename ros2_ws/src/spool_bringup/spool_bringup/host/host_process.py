@@ -25,6 +25,7 @@ from spool_core.node.managed_node import ManagedNode, Ticker
 from spool_core.node.parameters import NodeParameter, refuse_other_files, refuse_other_nodes, rule
 from spool_core.node.running import REFUSED, ensure_log_folder, new_executor, one_line
 from spool_core.node.stop import STOP, Phase, StopRequested
+from spool_core.system import resident_memory
 from spool_estimator.estimator_node import EstimatorNode
 from spool_estimator.tracking import BUDGET
 from spool_monitor.monitor_node import MonitorNode
@@ -206,7 +207,7 @@ class HostProcess:
             ticker.run()
 
         self._timer = self._node.create_timer(Ticker.STEP, tick, clock=steady)
-        self._diagnostics = DiagnosticPublisher(self._node, "host")
+        self._diagnostics = DiagnosticPublisher(self._node)
         self._reported = self._looked = time.monotonic()
         # Each node costs more than the one before, as the middleware announces all end points: what takes
         # long is done before the first one listens. What lives then stays: no collector looks at it again.
@@ -373,13 +374,13 @@ class HostProcess:
             level = Level.ERROR
             text = "; ".join(f"{one.node.get_fully_qualified_name()}: {one.failed}" for one in failed[:5])
         wait = max((one.longest_wait for one in HUB.times.values()), default=0.0)
-        with open("/proc/self/statm", encoding="ascii") as stream:
-            resident = int(stream.read().split()[1]) * resource.getpagesize()
+        resident = resident_memory()
         valves = valve_timings(HUB.times, elapsed, resident)
         values: dict[str, object] = {
             "nodes": len(self.hosted),
             "nodes_failed": len(failed),
             "cpu_share": share_of_core,
+            "cpu_time_s": f"{cpu:.3f}",
             "resident_B": resident,
             "jobs_waiting": worker.waiting,
             "longest_wait_s": wait,
@@ -429,6 +430,7 @@ def _timing(valve: str, times: TopicTimes, elapsed: float, resident: int) -> Sta
         "block_age_s": times.age,
         "longest_wait_s": times.longest_wait,
         "cpu_share": new.work / elapsed,
+        "cpu_time_s": f"{times.work:.3f}",
         "resident_B": resident,
     }
     times.longest_wait = 0.0

@@ -24,6 +24,9 @@ def watch(
     operator: Annotated[
         bool, typer.Option("--operator", help="The page may acknowledge and shelve, with a token.")
     ] = False,
+    metrics: Annotated[
+        bool, typer.Option("--metrics", help="The page serves /metrics for Prometheus.")
+    ] = False,
     who: Annotated[str, typer.Option(help="Who acknowledges and shelves; default: the user's name.")] = "",
     seconds: Annotated[
         float | None, typer.Option(help="Off a terminal: end after so many seconds.", min=0.0)
@@ -42,10 +45,12 @@ def watch(
         page = next(iter(entry_points(group=PAGES)), None)
         if page is None:
             raise InputError("--web: the package spool_view is not installed here")
-        page.load()(port=port, operator=operator, names=tuple(valves or ()))
+        page.load()(port=port, operator=operator, metrics=metrics, names=tuple(valves or ()))
         return
     if operator:
         raise InputError("--operator: is of the page, with --web; on the terminal the keys are there anyway")
+    if metrics:
+        raise InputError("--metrics: the page serves them: add --web")
     from spool_tools.operations.watch import watch as run  # noqa: PLC0415 - slow to load
 
     run(tuple(valves or ()), who, seconds, language)

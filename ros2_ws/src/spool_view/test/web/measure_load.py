@@ -1,6 +1,8 @@
 """Load of the page, measured: many valves, many readers; processor time and memory of the page's process.
 
 ./spool python ros2_ws/src/spool_view/test/web/measure_load.py --valves 100 --readers 10 --seconds 60
+
+With --metrics the page serves /metrics, which is scraped every 15 s.
 """
 
 from __future__ import annotations
@@ -15,6 +17,7 @@ import sys
 import tempfile
 import threading
 import time
+import urllib.request
 from pathlib import Path
 
 import rclpy
@@ -37,6 +40,7 @@ def main() -> int:
     parser.add_argument("--readers", type=int, default=10)
     parser.add_argument("--seconds", type=float, default=60.0, help="that each load is measured for")
     parser.add_argument("--domain", type=int, default=99, help="ROS domain, of this alone")
+    parser.add_argument("--metrics", action="store_true", help="serve and scrape /metrics")
     parser.add_argument("--speak", action="store_true", help=argparse.SUPPRESS)
     given = parser.parse_args()
     os.environ |= {"ROS_DOMAIN_ID": str(given.domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
@@ -44,16 +48,16 @@ def main() -> int:
         _speak(given.valves)
         return 0
     with tempfile.TemporaryDirectory() as folder:
-        _measure(given.valves, given.readers, given.seconds, Path(folder))
+        _measure(given.valves, given.readers, given.seconds, Path(folder), metrics=given.metrics)
     return 0
 
 
-def _measure(valves: int, readers: int, seconds: float, folder: Path) -> None:
+def _measure(valves: int, readers: int, seconds: float, folder: Path, *, metrics: bool) -> None:
     log = folder / "page.log"
     with log.open("wb") as stream:
         page = subprocess.Popen(
             [sys.executable, "-c", "from spool_view.program import page; page()",
-             "--ros-args", "-p", "port:=0"],
+             "--ros-args", "-p", "port:=0", "-p", f"metrics:={str(metrics).lower()}"],
             stdout=stream, stderr=stream,
         )  # fmt: skip
     speaker: subprocess.Popen[bytes] | None = None
@@ -67,6 +71,8 @@ def _measure(valves: int, readers: int, seconds: float, folder: Path) -> None:
         command = [sys.executable, __file__, "--speak", "--valves", str(valves)]
         speaker = subprocess.Popen([*command, "--domain", os.environ["ROS_DOMAIN_ID"]])
         time.sleep(SETTLES)
+        if metrics:
+            threading.Thread(target=_scrape, args=(port, stop), daemon=True).start()
         _say(f"{valves} valves, no reader", page.pid, seconds, before)
         paths = ["/stream/machine"] * readers
         _read(paths, port, stop)
@@ -114,6 +120,17 @@ def _read(paths: list[str], port: int, stop: threading.Event) -> None:
 
     for path in paths:
         threading.Thread(target=read, args=(path,), daemon=True).start()
+
+
+def _scrape(port: int, stop: threading.Event) -> None:
+    """Scrape the metrics until ``stop``, and print how long each scrape took and what it brought."""
+    while not stop.is_set():
+        begin = time.perf_counter()
+        with urllib.request.urlopen(f"http://127.0.0.1:{port}/metrics") as answer:
+            lines = answer.read().decode().splitlines()
+        series = sum(not line.startswith("#") for line in lines)
+        print(f"scrape: {1e3 * (time.perf_counter() - begin):.1f} ms, {series} series", flush=True)
+        stop.wait(15.0)
 
 
 def _speak(valves: int) -> None:

@@ -1,0 +1,182 @@
+"""Metrics for Prometheus: what is served, in its text format, and that the dashboard and the rules fit it."""
+
+from __future__ import annotations
+
+import json
+import re
+import time
+import urllib.request
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import yaml
+from prometheus_client.parser import text_string_to_metric_families
+from spool_monitor.listener import KEPT_COSTS, Cost, HeardValve
+from spool_msgs.msg import Alarm, AlarmList, ValveHealth
+from spool_view.application import application
+from spool_view.metrics import METRICS, Metrics, estimates_name, exposition
+from starlette.testclient import TestClient
+
+from .conftest import OWN, Domain, StandIn, Station, alarm, good_health, quantity, tracking, until
+
+PAGES = Path(__file__).resolve().parents[5] / "docs" / "metrics"
+NOW = time.monotonic()
+
+
+def heard(name: str = "valve_1") -> HeardValve:
+    """Return a hosted valve of which everything is known, with three alarms of two numbers."""
+    estimate = tracking()
+    estimate.header.stamp.sec, estimate.lost_blocks, estimate.refused_blocks = 1_790_000_000, 7, 2
+    alarms = [alarm(), alarm(), alarm()]
+    alarms[1].state, alarms[2].state, alarms[2].code = Alarm.STATE_ACKNOWLEDGED, Alarm.STATE_SHELVED, 801
+    valve = HeardValve(name, good_health(), NOW, estimate, AlarmList(alarms=alarms))
+    valve.limits, valve.cost = {"resonance_band": 0.1}, Cost(12.5, 4e6, NOW)
+    return valve
+
+
+def read(text: str) -> dict[str, float]:
+    """Return each series and its value; checks what a client library's parser lets pass."""
+    found: dict[str, float] = {}
+    names = []
+    for family in text_string_to_metric_families(text):
+        names.append(family.name)
+        assert family.documentation
+        assert family.type in ("gauge", "counter")
+        assert re.fullmatch("spool_[a-z0-9_]+", family.name)
+        for sample in family.samples:
+            assert sample.name == family.name + ("_total" if family.type == "counter" else "")
+            labels = ",".join(f"{key}={label}" for key, label in sorted(sample.labels.items()))
+            assert f"{sample.name}{{{labels}}}" not in found
+            found[f"{sample.name}{{{labels}}}"] = sample.value
+    assert len(set(names)) == len(names)
+    assert text.endswith("\n")
+    assert len(found) == sum(not line.startswith("#") for line in text.splitlines())
+    return found
+
+
+def test_all_of_a_valve_is_served_in_base_units() -> None:
+    found = read(
+        exposition({"valve_1": heard()}, {"host_1": Cost(3.5, 2e8, NOW)}, NOW + 1.0, 1_790_000_010.0)
+    )
+    of_valve = {name: value for name, value in found.items() if "valve=valve_1" in name}
+    assert of_valve.pop("spool_resonance_margin_ratio{valve=valve_1}") == pytest.approx(21.0 / 28.7 - 1.0)
+    assert of_valve.pop(
+        "spool_estimate_newtons{bound=low,parameter=coulomb_force,valve=valve_1}"
+    ) == pytest.approx(0.1 - 1.96 * 0.005, abs=1e-6)
+    bounds = [name for name in of_valve if "bound=low" in name or "bound=high" in name]
+    assert len([of_valve.pop(name) for name in bounds]) == 7
+    assert of_valve == {
+        "spool_valve_condition{valve=valve_1}": 0.0,
+        "spool_valve_namur_status{valve=valve_1}": 0.0,
+        "spool_resonance_band_ratio{valve=valve_1}": 0.1,
+        "spool_alarms_active{code=100,valve=valve_1}": 2.0,
+        "spool_alarms_waiting{code=100,valve=valve_1}": 1.0,
+        "spool_alarms_active{code=801,valve=valve_1}": 0.0,
+        "spool_alarms_waiting{code=801,valve=valve_1}": 0.0,
+        "spool_health_timestamp_seconds{valve=valve_1}": 1_790_000_009.0,
+        "spool_block_timestamp_seconds{valve=valve_1}": 1_790_000_000.0,
+        "spool_blocks_lost_total{valve=valve_1}": 7.0,
+        "spool_blocks_refused_total{valve=valve_1}": 2.0,
+        "spool_valve_cpu_seconds_total{valve=valve_1}": 12.5,
+        "spool_valve_resident_memory_bytes{valve=valve_1}": 4e6,
+        "spool_estimate_newtons_per_meter{bound=estimate,parameter=spring_stiffness,valve=valve_1}": 5860.0,
+        "spool_estimate_newton_seconds_per_meter"
+        "{bound=estimate,parameter=viscous_coefficient,valve=valve_1}": 8.2,
+        "spool_estimate_newtons{bound=estimate,parameter=coulomb_force,valve=valve_1}": 0.1,
+        "spool_estimate_hertz{bound=estimate,parameter=natural_frequency,valve=valve_1}": 28.7,
+    }
+    assert found["spool_process_cpu_seconds_total{process=host_1}"] == 3.5
+    assert found["spool_process_resident_memory_bytes{process=page}"] > 1e6
+    assert found["spool_valves{}"] == 1.0
+
+
+def test_what_is_not_known_is_not_served() -> None:
+    silent = exposition({"valve_1": heard()}, {"host": Cost(3.5, 2e8, NOW)}, NOW + KEPT_COSTS + 1.0, 1e9)
+    assert "spool_valve_condition{valve=valve_1}" in read(silent)
+    for gone in ("margin", "estimate_", "namur", 'process="host"', "valve_cpu"):
+        assert gone not in silent
+    unheard = read(exposition({"a": HeardValve("a")}, {}, NOW, 1e9))
+    assert [name for name in unheard if "valve=a" in name] == ["spool_valve_condition{valve=a}"]
+    unsure = heard()
+    assert unsure.estimate is not None
+    assert unsure.health is not None
+    unsure.estimate.parameters[0].value = float("nan")
+    unsure.estimate.parameters[1].validity = 0
+    unsure.health.dominant_frequency.value = float("inf")
+    found = exposition({"valve_1": unsure}, {}, NOW, 1e9)
+    assert not re.search(" (nan|inf)|spring_stiffness|viscous_coefficient|margin", found)
+
+
+def test_names_and_units_of_others_can_add_no_line() -> None:
+    strange = heard()
+    assert strange.estimate is not None
+    strange.estimate.parameters = [
+        quantity('a"} 1\nspool_valves 9\\', "N\n# TYPE spool_valves counter", 1.0),
+        quantity("twice", "Ω", 1.0),
+        quantity("twice", "Ω", 2.0),
+        *(quantity(f"p{number}", "N", 1.0) for number in range(1000)),
+    ]
+    found = read(exposition({"valve_1": strange}, {}, NOW, 1e9))
+    assert found["spool_valves{}"] == 1.0
+    assert len(found) < 80
+    assert any('parameter=a"} 1\nspool_valves 9\\' in name for name in found)
+
+
+def test_a_hundred_valves_are_few_series() -> None:
+    valves = {name: heard(name) for name in (f"press/valve_{number}" for number in range(100))}
+    found = read(exposition(valves, {f"host_{number}": Cost(1.0, 1.0, NOW) for number in range(8)}, NOW, 1e9))
+    assert len(found) < 300 + 25 * 100
+
+
+def test_they_are_served_on_request_only_and_to_this_hosts_names_only(station: Station) -> None:
+    assert station.client.get("/metrics").status_code == 404
+    desk = replace(station.desk, metrics=Metrics(station.desk.valves, {}))
+    client = TestClient(application(desk).asgi, base_url=OWN)
+    answer = client.get("/metrics")
+    assert answer.headers["content-type"] == "text/plain; version=0.0.4; charset=utf-8"
+    assert "spool_alarms_waiting{code=100,valve=valve_1}" in read(answer.text)
+    assert client.get("/metrics", headers={"host": "evil.example"}).status_code == 421
+    assert client.get("/metrics", headers={"origin": "http://evil.example"}).status_code == 403
+    assert client.post("/metrics", headers={"origin": OWN}).status_code == 405
+
+
+def test_the_node_serves_estimates_of_valves_whose_page_is_closed(
+    domain: Domain, stand_in: Callable[[str], StandIn]
+) -> None:
+    first = stand_in("press/left")
+    stand_in("valve_2").health.level = ValveHealth.LEVEL_ALARM
+    _, address = domain.page(metrics="true")
+
+    def text() -> str:
+        with urllib.request.urlopen(f"{address}metrics") as answer:
+            return str(answer.read().decode())
+
+    until(lambda: text().count('parameter="coulomb_force",bound="high"') == 2, "both valves")
+    until(lambda: 'spool_valve_condition{valve="valve_2"} 7' in text(), "the alarm")
+    first.close()
+    until(lambda: 'spool_valve_condition{valve="press/left"} 6' in text(), "no word of it")
+    assert "coulomb_force" not in "".join(line for line in text().splitlines() if "press/left" in line)
+
+
+def served_names() -> set[str]:
+    """Return every name that is served of usual models."""
+    return {*METRICS, *(estimates_name(one.unit) for one in tracking().parameters), estimates_name("Hz")}
+
+
+def names_in(expression: str) -> set[str]:
+    return set(re.findall(r"\bspool_[a-z0-9_]+", expression))
+
+
+def test_rules_and_dashboard_use_metrics_that_are_served() -> None:
+    (group,) = yaml.safe_load((PAGES / "rules.yaml").read_text())["groups"]
+    assert len({rule["alert"] for rule in group["rules"]}) == 6
+    for rule in group["rules"]:
+        assert rule["annotations"]["summary"]
+        assert rule["annotations"]["description"]
+        assert names_in(rule["expr"]) <= served_names()
+    panels = json.loads((PAGES / "dashboard.json").read_text())["panels"]
+    used = [names_in(target["expr"]) for panel in panels for target in panel.get("targets", [])]
+    assert all(used)
+    assert set().union(*used) <= served_names()
