@@ -127,8 +127,8 @@ class Listener:
         names: of the valves; empty for all that are discovered.
         light: whether to spare the processor: health of a new valve comes within a second instead of
             immediately, and estimates are kept only of valves that are followed.
-        metrics: whether to keep what metrics need besides, also with ``light``: an estimate of each valve every
-            ``ESTIMATES_EVERY`` s, and every ``BOUNDS_EVERY`` s what its host tells.
+        metrics: whether to keep what metrics need besides, also with ``light``: an estimate of each valve
+            every ``ESTIMATES_EVERY`` s, and every ``BOUNDS_EVERY`` s what its host tells.
         on_event: takes the name of a valve and its event.
 
     Attributes:

@@ -7,9 +7,11 @@ from collections.abc import Callable, Iterator
 
 import pytest
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from spool_core.node import qos
 from spool_monitor import listener as listening
 from spool_monitor.listener import Listener
 
@@ -54,6 +56,43 @@ def test_valves_are_found_heard_and_grow_silent(
     assert valves["valve_2"].condition(time.monotonic()) == "good"
     assert all((valve.estimate is None) == light for valve in valves.values())
     assert not [name for name, _ in node.get_client_names_and_types_by_node("viewer", "/")]
+    listener.close()
+
+
+def test_what_hosts_take_is_kept_for_metrics(node: Node, stand_in: Callable[[str], StandIn]) -> None:
+    speaker = stand_in("press/left")
+    tasks = {
+        "host_1: host": "3.125",
+        "host_1: press/left": "1.5",
+        "host_1: unheard": "2",
+        "a/monitor: host": "9",
+    }
+    message = DiagnosticArray(
+        status=[
+            DiagnosticStatus(
+                name=name,
+                values=[KeyValue(key="cpu_time_s", value=time), KeyValue(key="resident_B", value="2000000")],
+            )
+            for name, time in tasks.items()
+        ]
+    )
+    message.status.append(DiagnosticStatus(name="host_2: host"))
+    publisher = speaker.node.create_publisher(DiagnosticArray, "/diagnostics", qos.diagnostics())
+    speaker.node.create_timer(0.1, lambda: publisher.publish(message))
+    listener = Listener(node, light=True, metrics=True)
+    valves = listener.valves
+
+    def met() -> bool:
+        listener.sample_bounds()
+        return bool(listener.hosts and "press/left" in valves and valves["press/left"].cost)
+
+    work(node, listener, met, "processor time and memory")
+    assert {name: (one.processor_time, one.memory) for name, one in listener.hosts.items()} == {
+        "host_1": (3.125, 2e6)
+    }
+    cost = valves["press/left"].cost
+    assert cost is not None
+    assert (cost.processor_time, cost.memory) == (1.5, 2e6)
     listener.close()
 
 

@@ -106,7 +106,7 @@ def test_what_is_not_known_is_not_served() -> None:
     unsure.estimate.parameters[1].validity = 0
     unsure.health.dominant_frequency.value = float("inf")
     found = exposition({"valve_1": unsure}, {}, NOW, 1e9)
-    assert not re.search(" (nan|inf)|spring_stiffness|viscous_coefficient|margin", found)
+    assert not re.search(" (nan|inf)|spring_stiffness|viscous_coefficient|margin_ratio", found)
 
 
 def test_names_and_units_of_others_can_add_no_line() -> None:
