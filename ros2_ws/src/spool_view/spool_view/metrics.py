@@ -60,6 +60,7 @@ _UNITS = {
 #: Estimates of a valve that are served at most: what a message of others holds is bounded.
 MOST_ESTIMATES = 16
 
+_ESCAPES = str.maketrans({"\\": r"\\", '"': r"\"", "\n": r"\n"})
 _ACTIVE = (Alarm.STATE_UNACKNOWLEDGED, Alarm.STATE_ACKNOWLEDGED)
 
 
@@ -118,7 +119,7 @@ class _Samples:
     def add(self, metric: str, value: float, **labels: str) -> None:
         """Add a sample, to the one of the same labels where there is one."""
         if math.isfinite(value):
-            text = ",".join(f'{name}="{_escaped(label)}"' for name, label in labels.items())
+            text = ",".join(f'{name}="{label.translate(_ESCAPES)}"' for name, label in labels.items())
             samples, series = self._by_metric.setdefault(metric, {}), f"{{{text}}}" if text else ""
             samples[series] = samples.get(series, 0) + value
 
@@ -166,7 +167,3 @@ def _add_estimates(found: _Samples, valve: str, estimate: ModelEstimate) -> None
         metric, half = estimates_name(quantity.unit), Z_95 * quantity.standard_deviation
         for bound, value in (("estimate", 0.0), ("low", -half), ("high", half)):
             found.add(metric, quantity.value + value, valve=valve, parameter=quantity.name, bound=bound)
-
-
-def _escaped(label: str) -> str:
-    return label.replace("\\", r"\\").replace('"', r"\"").replace("\n", r"\n")
