@@ -55,8 +55,18 @@ def test_the_nodes_are_managed_from_outside(system: System, tmp_path: Path) -> N
     )
     assert (tmp_path / "bag").is_dir()
 
+    stopped = time.monotonic()
     for node in nodes.values():
         system.change(node, "deactivate")
+    asleep = {
+        "valve_1/estimator: estimate": "inactive: nothing is estimated",
+        "valve_1/monitor: condition": "not monitored: the monitor is inactive",
+        "valve_1/recorder: recording": "inactive: nothing is recorded",
+    }
+    for task, told in asleep.items():
+        system.until(lambda task=task: system.statuses(task, after=stopped), task)
+        system.until(lambda task=task, told=told: system.statuses(task)[-1][1].message == told, told)
+        assert system.statuses(task)[-1][1].level == DiagnosticStatus.OK
     # Its latched level must not stay: nobody judges the valve any more.
     system.until(lambda: "inactive" in health.last.summary, "the monitor tells that it is inactive")
     assert health.last.level == ValveHealth.LEVEL_UNKNOWN

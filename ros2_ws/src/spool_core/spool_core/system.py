@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import mmap
 import multiprocessing
 import multiprocessing.connection
 import os
@@ -312,7 +313,7 @@ def thread_times(number: int) -> ThreadTimes | None:
 def resident_memory() -> int:
     """Return the memory of this process that is resident, B."""
     with open("/proc/self/statm", encoding="ascii") as stream:
-        return int(stream.read().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+        return int(stream.read().split()[1]) * mmap.PAGESIZE
 
 
 def processors() -> int:

@@ -85,7 +85,7 @@ class DiagnosticPublisher:
     def rest(self, reason: str, *tasks: str) -> None:
         """Send that ``tasks`` (none: all that were sent) are silent by order, which is no fault: ``reason``.
 
-        The last level would stand with who hears nothing more, and a fault that was put right never end.
+        Otherwise their last level would stay with every listener.
         """
         message = DiagnosticArray()
         message.header.stamp = self._node.get_clock().now().to_msg()
