@@ -23,8 +23,7 @@ def test_a_picture_is_the_one_whose_labels_are_stated(name: str) -> None:
 
 def test_the_gap_report_still_has_the_labels_of_its_picture() -> None:
     source = "".join(
-        path.read_text()
-        for path in sorted((ROOT / "ros2_ws/src/spool_tools/spool_tools/report").rglob("*.py"))
+        path.read_text() for path in sorted((ROOT / "ros2_ws/src/spool_report/spool_report").rglob("*.py"))
     )
     missing = [label for label in STATED["gap_report.png"]["labels"] if label not in source]
     assert not missing, "make the picture again, as above"

@@ -10,8 +10,8 @@ from spool_bag.reader import BagReader
 from spool_core.node.messages import nanoseconds
 from spool_estimator.messages import to_refit_message
 from spool_msgs.msg import ModelEstimate, WindowRefit
+from spool_report.runs.record_replay import RefitRequest, replay_valve
 from spool_sim.valve import find_valve
-from spool_tools.operations.record_replay import RefitRequest, replay_valve
 
 if TYPE_CHECKING:
     from .conftest import System

@@ -24,11 +24,11 @@ from spool_estimator.estimator import phase_of
 from spool_estimator.messages import from_message
 from spool_monitor.replay import Replay
 from spool_msgs.msg import AccelerationBlock, HealthEvent, ModelEstimate
+from spool_report.records.record_sources import recorded_valve
+from spool_report.runs.record_replay import replay_valve
 from spool_sim.excitation import load_excitation
 from spool_sim.simulator import Simulator
 from spool_sim.valve import find_valve
-from spool_tools.operations.record_replay import replay_valve
-from spool_tools.operations.record_sources import recorded_valve
 
 if TYPE_CHECKING:
     from .conftest import System

@@ -11,7 +11,7 @@ from types import ModuleType
 from rich.console import Console
 from rich.table import Table
 from spool_core.errors import InputError, how_to_install
-from spool_tools.outputs import check_output, write_json
+from spool_report.outputs import check_output, write_json
 
 from spool_evaluation.benchmarks import BENCHMARKS
 from spool_evaluation.results.dearer import dearer, reference_line

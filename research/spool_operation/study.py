@@ -16,7 +16,7 @@ import numpy as np
 from spool_core.numbers import Array
 from spool_evaluation.results.page import interval, markdown_table, poisson_interval, renew_json, write_page
 from spool_evaluation.studies.workers import resumed
-from spool_tools.outputs import suite_version
+from spool_report.outputs import suite_version
 
 from spool_operation.comparison import Comparison, compare, span
 from spool_operation.faults import SPEEDS

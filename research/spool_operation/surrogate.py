@@ -26,8 +26,8 @@ from spool_estimator.estimator import Estimator, settings_for
 from spool_evaluation.results.page import study_command, write_page
 from spool_evaluation.studies.scenarios import away, draw_valve
 from spool_evaluation.studies.workers import spread
+from spool_report.outputs import suite_version
 from spool_sim.simulator import Simulator
-from spool_tools.outputs import suite_version
 
 from spool_operation.world import SCALES, Measuring, Shaking, draw_measuring, draw_shaking, features
 

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from rosbags.highlevel import AnyReader
 from spool_bag.reader import BagReader
+from spool_report.records.record_loading import DEFAULT_VALVE
+from spool_report.records.simulation import SimulationSettings, simulate
+from spool_report.runs.record_replay import replay_valve
 from spool_sim.valve import find_valve
-from spool_tools.operations.record_loading import DEFAULT_VALVE
-from spool_tools.operations.record_replay import replay_valve
-from spool_tools.operations.simulation import SimulationSettings, simulate
 
 from spool_evaluation.results.timing import Timing, best_of
 

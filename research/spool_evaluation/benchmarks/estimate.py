@@ -23,12 +23,12 @@ from spool_core.numbers import Array
 from spool_estimator.estimator import Estimator, settings_for
 from spool_estimator.recursive import ExponentialForgetting
 from spool_estimator.refit import RefitSettings, WindowRefits, WindowTask, refit
+from spool_report.records.record_loading import DEFAULT_VALVE
+from spool_report.records.simulation import SimulationSettings, simulate
+from spool_report.runs.record_replay import RefitRequest, replay_valve
 from spool_sim.model import MODELS
 from spool_sim.valve import find_valve
 from spool_tools.operations.node_processes import Nodes
-from spool_tools.operations.record_loading import DEFAULT_VALVE
-from spool_tools.operations.record_replay import RefitRequest, replay_valve
-from spool_tools.operations.simulation import SimulationSettings, simulate
 
 from spool_evaluation.benchmarks.load.valve_source import BLOCK_RATE, last_words, sending
 from spool_evaluation.results.timing import Timing, best_of

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from spool_report.outputs import check_folder
 from spool_tools.command import Command, Force
-from spool_tools.outputs import check_folder
 
 
 def paper(

@@ -14,11 +14,11 @@ from matplotlib.figure import Figure
 from spool_core.errors import InputError
 from spool_core.numbers import GRAVITY
 from spool_core.uncertainty import PLUS_MINUS, Z_95
+from spool_report import page as html
+from spool_report.outputs import write_json
+from spool_report.records.valve_sheet import SPEED, friction_coefficient
+from spool_report.terminal import progress
 from spool_sim.sensors import PAPER_CHAIN
-from spool_tools.operations.valve_sheet import SPEED, friction_coefficient
-from spool_tools.outputs import write_json
-from spool_tools.report import page as html
-from spool_tools.terminal import progress
 
 from spool_evaluation.paper.experiment import (
     MODELS,

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from rich.console import Console
 from rich.table import Table
 from scipy.stats import binomtest, chi2
-from spool_tools.outputs import suite_version, write_json
+from spool_report.outputs import suite_version, write_json
 
 from spool_evaluation.results.stale import depends_on
 

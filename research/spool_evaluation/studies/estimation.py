@@ -23,12 +23,12 @@ from spool_core.numbers import GRAVITY
 from spool_estimator.identification.fit import fit
 from spool_estimator.identification.fit_result import Fit, FitSettings
 from spool_estimator.identification.record import Record
+from spool_report.outputs import write_json
 from spool_sim.excitation import Excitation, MachineOrders, SteppedSine, SweptSine
 from spool_sim.model import MODELS
 from spool_sim.sensors import Sensor, SensorChannel
 from spool_sim.simulator import Simulator
 from spool_sim.valve import Valve, find_valve
-from spool_tools.outputs import write_json
 
 from spool_evaluation.results.page import interval, markdown_table, save_picture, study_command, write_page
 from spool_evaluation.results.timing import Stopwatch

@@ -24,11 +24,11 @@ from spool_fleet.judgement import CHANGED, MACHINE, confirmed, judged_alone
 from spool_fleet.manifest import Service
 from spool_fleet.observations import COULOMB, PARAMETERS, STIFFNESS, UNCERTAIN, VISCOUS, ObservedValve, Series
 from spool_fleet.operations import add_to_store, answer, run_over_store
+from spool_report.records.simulation import SimulationSettings, simulate
 from spool_sim.excitation import Excitation, MachineOrders, Multisine
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
 from spool_sim.valve import Valve, find_valve
-from spool_tools.operations.simulation import SimulationSettings, simulate
 
 from spool_evaluation.results.page import Proportion, markdown_table, renew_json, study_command, write_page
 from spool_evaluation.studies.workers import spread

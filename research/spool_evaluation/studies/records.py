@@ -14,10 +14,10 @@ from typing import ClassVar
 
 from spool_core.errors import InputError
 from spool_estimator.identification.fit_result import FitSettings
+from spool_report.outputs import write_json
+from spool_report.ranking import fit_and_validate
+from spool_report.records.record_loading import Selection, load_data
 from spool_sim.model import MODELS
-from spool_tools.operations.record_loading import Selection, load_data
-from spool_tools.outputs import write_json
-from spool_tools.report.ranking import fit_and_validate
 
 from spool_evaluation.results.page import markdown_table, write_page
 from spool_evaluation.studies.estimation import Estimated

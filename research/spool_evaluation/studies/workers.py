@@ -12,8 +12,8 @@ from typing import TypeVar
 
 from pydantic import TypeAdapter
 from spool_core.system import end_with_parent, processors
-from spool_tools.outputs import suite_version
-from spool_tools.terminal import progress
+from spool_report.outputs import suite_version
+from spool_report.terminal import progress
 
 Item = TypeVar("Item", bound=Hashable)
 Result = TypeVar("Result")

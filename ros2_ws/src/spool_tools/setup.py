@@ -10,7 +10,6 @@ setup(
     name=PACKAGE,
     version=ElementTree.parse("package.xml").findtext("version"),
     packages=find_namespace_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
-    package_data={f"{PACKAGE}.report": ["templates/*.html", "templates/*.js", "templates/vendor/*/*"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),

@@ -140,7 +140,7 @@ def analysed(record: Path, valve: Path, runs: list[Run]) -> dict[str, Any]:
     from spool_estimator.plausibility import check_records  # noqa: PLC0415 - counting needs none of its kernels
     from spool_gap.evidence.analyse import searched  # noqa: PLC0415
     from spool_gap.report import result_to_dict  # noqa: PLC0415
-    from spool_tools.operations.gap_run import doubted  # noqa: PLC0415
+    from spool_report.runs.gap_run import doubted  # noqa: PLC0415
 
     stretches, described = stretches_as_told(record, valve)
     run = searched(stretches, described, MODELS[BASE])

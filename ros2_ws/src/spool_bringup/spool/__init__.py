@@ -56,6 +56,6 @@ def __getattr__(name: str) -> str:
     """Return the version of the suite as ``__version__``, which takes a moment to look up."""
     if name != "__version__":
         raise AttributeError(f"module 'spool' has no attribute {name!r}")
-    from spool_tools.outputs import package_version  # noqa: PLC0415
+    from spool_report.outputs import package_version  # noqa: PLC0415
 
     return package_version()

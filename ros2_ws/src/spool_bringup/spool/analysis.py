@@ -61,7 +61,7 @@ def fit(
     part = part_of(every, Part(name, start, stop, since, until, around))
     paths, held_out = [path_of(one) for one in every], _held_out(holdout)
     with valve_files([valve]) as (file,):
-        from spool_tools.operations.fit_run import FitRequest, fit_records  # noqa: PLC0415 - slow to load, as below
+        from spool_report.runs.fit_run import FitRequest, fit_records  # noqa: PLC0415 - slow to load, as below
 
         request = FitRequest(
             paths, file, str(model), part.selection(), held_out, _listed(free), _listed(fix),
@@ -112,7 +112,7 @@ def compare(
     if valve is not None:
         given = list(valve) if isinstance(valve, (list, tuple)) else [cast("AnyValve", valve)]
     with valve_files(given) as files:
-        from spool_tools.operations.fit_run import CompareRequest, compare_records  # noqa: PLC0415
+        from spool_report.runs.fit_run import CompareRequest, compare_records  # noqa: PLC0415
 
         request = CompareRequest(
             paths, [str(file) for file in files], _listed(models), part.selection(), held_out, together,
@@ -173,8 +173,8 @@ def gap(
     paths, held_out = [path_of(one) for one in every], _held_out(holdout)
     with keeping_backend(), valve_files([valve]) as (file,), tempfile.TemporaryDirectory() as folder:
         from spool_gap.result import GapSettings  # noqa: PLC0415
-        from spool_tools.operations.gap_run import GapRequest, run_gap  # noqa: PLC0415
-        from spool_tools.outputs import ResultFiles  # noqa: PLC0415
+        from spool_report.outputs import ResultFiles  # noqa: PLC0415
+        from spool_report.runs.gap_run import GapRequest, run_gap  # noqa: PLC0415
 
         found, page, model = (Path(folder) / name for name in ("gap.json", "gap.html", "gap.yaml"))
         settings = GapSettings(
@@ -231,7 +231,7 @@ def replay(
             "spool.replay: it takes whole valves of a record: read it without name, start and stop"
         )
     with valve_files([valve]) as (file,), tempfile.TemporaryDirectory() as folder:
-        from spool_tools.operations.record_replay import ReplayOptions, replay_bag  # noqa: PLC0415
+        from spool_report.runs.record_replay import ReplayOptions, replay_bag  # noqa: PLC0415
 
         page = Path(folder) / "replay.html"
         options = ReplayOptions(

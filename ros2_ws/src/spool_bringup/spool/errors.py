@@ -39,7 +39,7 @@ def one_error(function: Callable[Given, Found]) -> Callable[Given, Found]:
     def checked(*arguments: Given.args, **named: Given.kwargs) -> Found:
         _check_call(signature, f"spool.{function.__name__}", arguments, named)
         try:
-            from spool_tools.terminal import silently  # noqa: PLC0415 - slow to load
+            from spool_report.terminal import silently  # noqa: PLC0415 - slow to load
 
             with silently():
                 return function(*arguments, **named)

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     import numpy as np
     import pandas as pd
     from numpy.typing import NDArray
+    from spool_report.records.record_loading import Recording, Selection
     from spool_sim.valve import Valve
-    from spool_tools.operations.record_loading import Recording, Selection
 
     Array: TypeAlias = NDArray[np.float64]
 
@@ -116,7 +116,7 @@ class Record:
             InputError: the record cannot be read.
         """
         with keeping_backend():
-            from spool_tools.operations.record_quality import quality_of_record  # noqa: PLC0415
+            from spool_report.runs.record_quality import quality_of_record  # noqa: PLC0415
 
             return Quality(*quality_of_record(self.path, self.part.selection()))
 
@@ -128,7 +128,7 @@ class Record:
             InputError: the record cannot be read.
         """
         with keeping_backend():
-            from spool_tools.operations.record_quality import quality_of, signals_figure  # noqa: PLC0415
+            from spool_report.runs.record_quality import quality_of, signals_figure  # noqa: PLC0415
 
             return Picture(signals_figure(quality_of(self._recording.stretches, str(self.path))))
 
@@ -174,7 +174,7 @@ class Part:
 
     def selection(self) -> Selection:
         """Return what the commands take for it."""
-        from spool_tools.operations.record_loading import selection  # noqa: PLC0415 - slow to load, as below
+        from spool_report.records.record_loading import selection  # noqa: PLC0415 - slow to load, as below
 
         when = (self.since, self.until, self.around)
         return selection(self.name, None, float(self.start), self.stop, when)
@@ -182,7 +182,7 @@ class Part:
 
 @one_error
 def _loaded(record: Record) -> Recording:
-    from spool_tools.operations.record_loading import load_recording  # noqa: PLC0415
+    from spool_report.records.record_loading import load_recording  # noqa: PLC0415
 
     return load_recording(record.path, record.part.selection())
 
@@ -323,7 +323,7 @@ def valve(
         return find_valve(str(name))
     if oil is not None and oil_temperature is None:
         raise InputError("spool.valve: oil needs the temperature at work: add oil_temperature=45 (deg C)")
-    from spool_tools.operations.valve_sheet import described  # noqa: PLC0415
+    from spool_report.records.valve_sheet import described  # noqa: PLC0415
 
     return described(data_sheet)[0]
 
@@ -358,7 +358,7 @@ def simulate(
     Raises:
         InputError: no such valve, model or excitation, or a number is out of range.
     """
-    from spool_tools.operations import simulation  # noqa: PLC0415 - slow to load
+    from spool_report.records import simulation  # noqa: PLC0415 - slow to load
 
     folder, bag = _place("simulated")
     oil = None if oil_temperature is None else str(oil_temperature)
@@ -387,8 +387,8 @@ def export_fmu(
     Raises:
         InputError: no such valve or model, the file exists or cannot be written, or no C compiler works here.
     """
-    from spool_tools.operations.fmu_export import export_fmu as write_fmu  # noqa: PLC0415 - slow to load
-    from spool_tools.outputs import replace_existing  # noqa: PLC0415
+    from spool_report.outputs import replace_existing  # noqa: PLC0415
+    from spool_report.runs.fmu_export import export_fmu as write_fmu  # noqa: PLC0415 - slow to load
 
     replace_existing(replace)
     try:
@@ -460,7 +460,7 @@ def valve_files(valves: Iterable[AnyValve | None]) -> Iterator[list[str | None]]
                     f"valve: {type(one).__name__} is no valve: pass what spool.valve returns, a name or a "
                     "file; records come before the valve"
                 )
-            from spool_tools.operations.valve_sheet import file_text  # noqa: PLC0415 - slow to load
+            from spool_report.records.valve_sheet import file_text  # noqa: PLC0415 - slow to load
 
             file = Path(folder) / f"{len(found)}_{one.id}.yaml"
             file.write_text(file_text(one, {}), encoding="utf-8")

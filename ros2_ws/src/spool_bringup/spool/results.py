@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
     from rich.console import Console
-    from spool_tools.operations.record_quality import RecordQuality
-    from spool_tools.report.ranking import FittedSeries, Ranking, ValidatedFit
+    from spool_report.ranking import FittedSeries, Ranking, ValidatedFit
+    from spool_report.runs.record_quality import RecordQuality
 
 #: Characters of a line of ``summary()`` and in a notebook.
 WIDTH = 120
@@ -110,7 +110,7 @@ class Result(ABC):
         Raises:
             InputError: another ending, or the file exists or cannot be written.
         """
-        from spool_tools.outputs import replace_existing, write_file, write_json  # noqa: PLC0415
+        from spool_report.outputs import replace_existing, write_file, write_json  # noqa: PLC0415
 
         path = Path(path)
         if path.suffix not in (".json", ".html"):
@@ -152,12 +152,12 @@ class Quality(Result):
         return found
 
     def _print(self, console: Console) -> None:
-        from spool_tools.operations.record_quality import print_quality  # noqa: PLC0415
+        from spool_report.runs.record_quality import print_quality  # noqa: PLC0415
 
         print_quality(self._found, self._notes, console)
 
     def _page(self) -> str:
-        from spool_tools.operations.record_quality import quality_page  # noqa: PLC0415
+        from spool_report.runs.record_quality import quality_page  # noqa: PLC0415
 
         return quality_page(self._found, self._notes)
 
@@ -190,7 +190,7 @@ class Fit(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """Return what ``fit --json`` writes."""
-        from spool_tools.report.fit_tables import to_dictionary  # noqa: PLC0415
+        from spool_report.fit_tables import to_dictionary  # noqa: PLC0415
 
         found: dict[str, Any] = as_json(to_dictionary(self._validated))
         return found
@@ -217,7 +217,7 @@ class Fit(Result):
         if found.reason is not None:
             raise InputError(f"{found.model.name}: no result to plot: {found.reason}")
         with keeping_backend():
-            from spool_tools.report import fit_curves, fit_page  # noqa: PLC0415
+            from spool_report import fit_curves, fit_page  # noqa: PLC0415
 
             data = self._validated.data
             shown = fit_curves.overlay(data.fitted, found, data.valve)
@@ -234,12 +234,12 @@ class Fit(Result):
         """
         if self.reason is not None:
             raise InputError(f"{path}: no model to save: {self.reason}")
-        from spool_tools.operations.fit_run import save_fit  # noqa: PLC0415
+        from spool_report.runs.fit_run import save_fit  # noqa: PLC0415
 
         save_fit(Path(path), self._validated)
 
     def _print(self, console: Console) -> None:
-        from spool_tools.report.fit_tables import print_fit  # noqa: PLC0415
+        from spool_report.fit_tables import print_fit  # noqa: PLC0415
 
         if self.reason is not None:
             console.print(f"no result: {self.reason}", markup=False, highlight=False, soft_wrap=True)
@@ -250,7 +250,7 @@ class Fit(Result):
         if self.reason is not None:
             raise InputError(f"no result to save as a page: {self.reason}")
         with keeping_backend():
-            from spool_tools.report.fit_page import fit_page  # noqa: PLC0415
+            from spool_report.fit_page import fit_page  # noqa: PLC0415
 
             return fit_page(self._validated)
 
@@ -273,7 +273,7 @@ class Comparison(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """Return what ``compare --json`` writes."""
-        from spool_tools.report.fit_tables import comparison_dictionary  # noqa: PLC0415
+        from spool_report.fit_tables import comparison_dictionary  # noqa: PLC0415
 
         found: dict[str, Any] = as_json(comparison_dictionary(self._series, self._ranking))
         return found
@@ -291,7 +291,7 @@ class Comparison(Result):
         return pd.DataFrame(rows).set_index("model")
 
     def _print(self, console: Console) -> None:
-        from spool_tools.report.fit_tables import print_comparison  # noqa: PLC0415
+        from spool_report.fit_tables import print_comparison  # noqa: PLC0415
 
         print_comparison(self._series, self._ranking, console)
 
@@ -299,7 +299,7 @@ class Comparison(Result):
         if self.preferred is None:
             raise InputError("no model has a result to save as a page: see summary()")
         with keeping_backend():
-            from spool_tools.report.fit_page import compare_page  # noqa: PLC0415
+            from spool_report.fit_page import compare_page  # noqa: PLC0415
 
             return compare_page(self._series, self._ranking)
 
@@ -336,7 +336,7 @@ class Gap(Result):
         Raises:
             InputError: the file exists or cannot be written.
         """
-        from spool_tools.outputs import write_file  # noqa: PLC0415
+        from spool_report.outputs import write_file  # noqa: PLC0415
 
         write_file(Path(path), self._model, "save_model")
 
@@ -366,7 +366,7 @@ class Replay(Result):
         return dict(self._found)
 
     def _print(self, console: Console) -> None:
-        from spool_tools.operations.record_replay import print_replay  # noqa: PLC0415
+        from spool_report.runs.record_replay import print_replay  # noqa: PLC0415
 
         print_replay(self._found, console)
 

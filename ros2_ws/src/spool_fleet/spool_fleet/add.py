@@ -17,7 +17,7 @@ from spool_bag.reader import BagReader
 from spool_core.errors import InputError
 from spool_core.text import plural, printable
 from spool_core.uncertainty import as_json
-from spool_tools.outputs import sha256_of
+from spool_report.outputs import sha256_of
 
 from spool_fleet.manifest import Entry, Manifest
 

@@ -20,8 +20,8 @@ from spool_core.events.language import ENGLISH, EventText
 from spool_core.text import plural
 from spool_core.uncertainty import interval, number
 from spool_monitor.detectors import friction_drift, spring_change
-from spool_tools.outputs import check_output
-from spool_tools.terminal import progress, warn
+from spool_report.outputs import check_output
+from spool_report.terminal import progress, warn
 
 from spool_fleet.analyses.base import REFERRED
 from spool_fleet.comparison import MONTH
@@ -414,7 +414,7 @@ def write_reports(
     Returns:
         the report of each bag, by the bag's path, relative to the folder of the page.
     """
-    from spool_tools.operations.record_replay import ReplayOptions, replay_bag  # noqa: PLC0415 - slow to load
+    from spool_report.runs.record_replay import ReplayOptions, replay_bag  # noqa: PLC0415 - slow to load
 
     names = {
         row.bag: report_name(f"{valve.machine} {valve.valve}", row.bag, row.start)

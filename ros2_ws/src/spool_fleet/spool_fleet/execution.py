@@ -26,7 +26,7 @@ from spool_fleet.manifest import Manifest, StoredResult
 from spool_fleet.parquet import missing_months, write_month
 
 if TYPE_CHECKING:
-    from spool_tools.operations.record_replay import ReplaySettings
+    from spool_report.runs.record_replay import ReplaySettings
 
 
 DONE, FAILED = "ok", "failed"

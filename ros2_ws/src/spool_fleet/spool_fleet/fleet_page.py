@@ -18,8 +18,8 @@ from markupsafe import Markup
 from spool_core.numbers import Array
 from spool_core.text import plural
 from spool_core.uncertainty import LEGEND, Z_95, interval, number, unit_text, with_interval
-from spool_tools.outputs import provenance
-from spool_tools.report.page import plain_numbers, plotter
+from spool_report.outputs import provenance
+from spool_report.page import plain_numbers, plotter
 
 from spool_fleet.content import (
     LIGHTS,

@@ -11,9 +11,9 @@ from typing import Any
 
 from spool_core.errors import InputError
 from spool_core.system import processors
+from spool_report.outputs import suite_version
+from spool_report.terminal import progress
 from spool_sim.valve import find_valve
-from spool_tools.outputs import suite_version
-from spool_tools.terminal import progress
 
 from spool_fleet import execution
 from spool_fleet.add import DAMAGED, Added, Naming, PathPattern, Scan, add, found_bags, read_table, scan
@@ -74,7 +74,7 @@ def run_over_store(
         InputError: no store, no such analysis, the parameter file cannot be used, or no Dask scheduler
             answers.
     """
-    from spool_tools.operations.record_replay import settings_from  # noqa: PLC0415 - slow to load
+    from spool_report.runs.record_replay import settings_from  # noqa: PLC0415 - slow to load
 
     from spool_fleet.judgement import sentences, write_trends  # noqa: PLC0415 - slow to load
 
@@ -162,7 +162,7 @@ def write_page(store: Path, out: Path, reports: int, params_file: Path | None = 
     Raises:
         InputError: no store, the parameter file cannot be used, or the page cannot be written.
     """
-    from spool_tools.outputs import check_output, write_file  # noqa: PLC0415
+    from spool_report.outputs import check_output, write_file  # noqa: PLC0415
 
     from spool_fleet.content import page_content, write_reports  # noqa: PLC0415
     from spool_fleet.fleet_page import fleet_page  # noqa: PLC0415

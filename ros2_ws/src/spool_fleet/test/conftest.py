@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from spool_tools.operations.simulation import SimulationSettings, simulate
+from spool_report.records.simulation import SimulationSettings, simulate
 
 
 @pytest.fixture

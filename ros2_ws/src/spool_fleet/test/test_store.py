@@ -17,7 +17,7 @@ from spool_fleet.execution import Done, ProcessPool, Task, run_task
 from spool_fleet.manifest import Manifest
 from spool_fleet.operations import add_service, add_to_store, answer, run_over_store
 from spool_fleet.parquet import RECORD_TABLES
-from spool_tools.outputs import write_json
+from spool_report.outputs import write_json
 
 PATTERN = "{machine}/{date}/{valve}"
 

@@ -11,10 +11,10 @@ import typer
 from spool_core.errors import InputError, refused_by_system
 from spool_core.faults import show_traceback, unexpected
 from spool_core.system import expanded
+from spool_report.outputs import fail, one_command
 from typer.exceptions import TyperException
 
 from spool_tools.command import CommandGroup
-from spool_tools.outputs import fail, one_command
 
 app = typer.Typer(
     name="spool",
@@ -30,7 +30,7 @@ FAULT = 70
 
 def _version(wanted: bool) -> None:
     if wanted:
-        from spool_tools.outputs import suite_version  # noqa: PLC0415
+        from spool_report.outputs import suite_version  # noqa: PLC0415
 
         print(f"spool {suite_version()}")
         raise typer.Exit

@@ -17,11 +17,10 @@ from typing import Annotated, Any
 import typer
 from spool_bag import no_such_bag
 from spool_core.errors import InputError
+from spool_report.outputs import STANDARD_OUTPUT, check_output, replace_existing, text_to_stderr
 from typer import Typer
 from typer.core import TyperGroup
 from typer.main import get_group
-
-from spool_tools.outputs import STANDARD_OUTPUT, check_output, replace_existing, text_to_stderr
 
 #: Entry points of this group name packages that hold command modules.
 ENTRY_POINTS = "spool.commands"

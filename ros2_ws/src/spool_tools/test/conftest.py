@@ -14,11 +14,11 @@ from spool_estimator.messages import to_message
 from spool_monitor.detectors import MonitorSettings
 from spool_monitor.monitor import Monitor
 from spool_monitor.monitor_node import to_health_message
+from spool_report.records.record_sources import VALVE_DESCRIPTION, encode_valve
 from spool_sim.excitation import PRESETS
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
 from spool_sim.valve import find_valve
-from spool_tools.operations.record_sources import VALVE_DESCRIPTION, encode_valve
 
 START = 1_735_689_600_000_000_000
 

@@ -49,7 +49,7 @@ def test_a_file_that_ends_early_is_no_interruption(
     def cut_off(*_arguments: object) -> None:
         pickle.loads(b"")
 
-    monkeypatch.setattr("spool_tools.operations.valve_sheet.judged", cut_off)
+    monkeypatch.setattr("spool_report.records.valve_sheet.judged", cut_off)
     assert main(["valve", "check", "4weh10_soft"]) == 2
     line = capsys.readouterr().err.strip()
     assert line.startswith("spool: a file or the input ends too early (Ran out of input; read by ")

@@ -16,13 +16,13 @@ from spool_bag.metadata import typestore
 from spool_bag.reader import BagReader
 from spool_core.block import Block
 from spool_core.errors import InputError
+from spool_report.records.record_sources import VALVE_DESCRIPTION, encode_valve, recorded_valve
+from spool_report.records.simulation import SIMULATION_START, SimulationSettings, simulate
 from spool_sim.excitation import PRESETS
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
 from spool_sim.valve import find_valve, shipped_valves
 from spool_tools.cli import main
-from spool_tools.operations.record_sources import VALVE_DESCRIPTION, encode_valve, recorded_valve
-from spool_tools.operations.simulation import SIMULATION_START, SimulationSettings, simulate
 
 SETTINGS: dict[str, Any] = {
     "sample_rate": 2000.0,

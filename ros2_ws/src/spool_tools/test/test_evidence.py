@@ -12,18 +12,18 @@ from spool_estimator.identification.fit import fit
 from spool_estimator.identification.fit_result import FitSettings
 from spool_estimator.identification.record import Record
 from spool_monitor.drift_trace import DriftPoint
+from spool_report import page as html
+from spool_report.evidence.collection import AccelerationEvidence
+from spool_report.evidence.confidence import Ellipse, drift, ellipse_of, whiteness
+from spool_report.evidence.exhibit import POINTS, Exhibit, LeftOut, made
+from spool_report.evidence.motion import Numbers, loops_of, step_at_zero
+from spool_report.evidence.spectra import bands_of, cross_spectra, linear_transmissibility
 from spool_sim.excitation import Multisine
 from spool_sim.model import load_model
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
 from spool_sim.valve import find_valve
 from spool_tools.cli import main
-from spool_tools.report import page as html
-from spool_tools.report.evidence.collection import AccelerationEvidence
-from spool_tools.report.evidence.confidence import Ellipse, drift, ellipse_of, whiteness
-from spool_tools.report.evidence.exhibit import POINTS, Exhibit, LeftOut, made
-from spool_tools.report.evidence.motion import Numbers, loops_of, step_at_zero
-from spool_tools.report.evidence.spectra import bands_of, cross_spectra, linear_transmissibility
 
 VALVE = find_valve("4weh10_soft")
 PERIOD = 1.0 / 2000.0

@@ -13,9 +13,9 @@ from typing import Any
 import pytest
 from spool_bag.importing.formats import format as reading
 from spool_bag.mcap_record import Definitions
+from spool_report.evidence.exhibit import LeftOut, made
+from spool_report.runs import record_quality
 from spool_tools.cli import FAULT, main
-from spool_tools.operations import record_quality
-from spool_tools.report.evidence.exhibit import LeftOut, made
 
 FAULTS = (AttributeError, TypeError, KeyError, NameError, AssertionError, RuntimeError, IndexError)
 

@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 from pydantic import BaseModel, ConfigDict
 from spool_core.errors import InputError
+from spool_report.runs.fit_run import fit_settings
 from spool_sim.model import load_model
 from spool_sim.valve import find_valve
 from spool_tools.cli import main
-from spool_tools.operations.fit_run import fit_settings
 
 BAGS = Path(__file__).resolve().parents[4] / "bags"
 SOFT = ("--valve", "4weh10_soft")

@@ -15,12 +15,12 @@ import pytest
 from spool_core.numbers import Array
 from spool_core.uncertainty import Quantity, Validity
 from spool_gap.catalogue import EFFECTS
+from spool_report.fit_tables import save_model
 from spool_sim.integration.composed_motion import ComposedMotion, MotionState, half_step_times
 from spool_sim.model import MODELS, Model, load_model
 from spool_sim.terms import term
 from spool_sim.valve import find_valve
 from spool_tools.cli import main
-from spool_tools.report.fit_tables import save_model
 
 SOFT = find_valve("4weh10_soft")
 RATE, SUBSTEPS = 1000.0, 8

@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from spool_core.errors import InputError
-from spool_tools import outputs
+from spool_report import outputs
 from spool_tools.cli import main
 from spool_tools.command import command_modules
 

@@ -7,8 +7,8 @@ import re
 from pathlib import Path
 
 import pytest
+from spool_report.outputs import suite_version
 from spool_tools.cli import main
-from spool_tools.outputs import suite_version
 
 
 @pytest.fixture(scope="module", name="bag")

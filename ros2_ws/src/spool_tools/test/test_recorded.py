@@ -10,12 +10,12 @@ from spool_bag.reader import BagReader
 from spool_bag.writer import BagWriter
 from spool_core.cdr import encode_block
 from spool_core.errors import InputError
+from spool_report.records.record_sources import recorded_valve
+from spool_report.records.simulation import find_excitation
 from spool_sim.excitation import PRESETS, Recorded
 from spool_sim.simulator import Simulator
 from spool_sim.valve import find_valve
 from spool_tools.cli import main
-from spool_tools.operations.record_sources import recorded_valve
-from spool_tools.operations.simulation import find_excitation
 
 BAGS = Path(__file__).resolve().parents[4] / "bags"
 

@@ -12,10 +12,7 @@ from hypothesis import strategies as st
 from spool_core.errors import InputError
 from spool_estimator.identification.record import Record
 from spool_gap.checks import usable
-from spool_sim.valve import find_valve
-from spool_tools.cli import main
-from spool_tools.operations.gap_run import _force_records
-from spool_tools.operations.record_loading import (
+from spool_report.records.record_loading import (
     Recording,
     Selection,
     check,
@@ -25,7 +22,10 @@ from spool_tools.operations.record_loading import (
     load_recordings,
     selection,
 )
-from spool_tools.operations.record_quality import quality_of
+from spool_report.runs.gap_run import _force_records
+from spool_report.runs.record_quality import quality_of
+from spool_sim.valve import find_valve
+from spool_tools.cli import main
 
 BAGS = Path(__file__).resolve().parents[4] / "bags"
 MakeBag = Callable[[Path, Mapping[str, Any]], Path]

@@ -10,18 +10,12 @@ import pytest
 from spool_bag.reader import BagReader
 from spool_bag.writer import BagWriter
 from spool_core.errors import InputError
+from spool_report.outputs import write_json
+from spool_report.recording_report import replay_page
+from spool_report.records.simulation import SimulationSettings, simulate
+from spool_report.runs.record_replay import SHIPPED, ReplayOptions, replay_bag, replay_valve, settings_from
 from spool_sim.valve import find_valve
 from spool_tools.cli import main
-from spool_tools.operations.record_replay import (
-    SHIPPED,
-    ReplayOptions,
-    replay_bag,
-    replay_valve,
-    settings_from,
-)
-from spool_tools.operations.simulation import SimulationSettings, simulate
-from spool_tools.outputs import write_json
-from spool_tools.report.recording_report import replay_page
 
 if TYPE_CHECKING:
     from .conftest import MakeBag, Recorded

@@ -11,9 +11,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from spool_bag.reader import BagReader
-from spool_tools.operations.record_replay import replay_bag
-from spool_tools.report import recording_report
-from spool_tools.report.recording_report import write_report
+from spool_report import recording_report
+from spool_report.recording_report import write_report
+from spool_report.runs.record_replay import replay_bag
 
 if TYPE_CHECKING:
     from .conftest import MakeBag, Recorded

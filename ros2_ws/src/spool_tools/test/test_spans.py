@@ -17,8 +17,8 @@ from spool_core.events.event import Event, EventState, Facts, Severity
 from spool_core.events.sentences import language_of
 from spool_core.node.messages import to_event_message
 from spool_core.uncertainty import Quantity, Validity
+from spool_report.records.record_sources import span_of
 from spool_tools.cli import main
-from spool_tools.operations.record_sources import span_of
 
 BAG = Path(__file__).parents[4] / "bags" / "practice_01"
 

@@ -7,9 +7,9 @@ import math
 from pathlib import Path
 
 import pytest
+from spool_report.records.valve_sheet import QUESTIONS, asked, described, file_text, number_of
 from spool_sim.valve import load_valve, shipped_valves
 from spool_tools.cli import main
-from spool_tools.operations.valve_sheet import QUESTIONS, asked, described, file_text, number_of
 
 ROOT = Path(__file__).resolve().parents[4]
 SHEET = {

@@ -54,7 +54,7 @@ _HEADERS = [
 
 SITE = Path(__file__).resolve().parent / "site"
 #: What reports draw charts with, too.
-CHARTS = Path(str(files("spool_tools.report"))) / "templates" / "vendor"
+CHARTS = Path(str(files("spool_report"))) / "templates" / "vendor"
 LANGUAGES = ("en", "de", "pl")
 COOKIE = "spool_language"
 _TYPES = {".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}

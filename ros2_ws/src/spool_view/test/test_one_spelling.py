@@ -18,7 +18,7 @@ from spool_monitor.event import Condition, EventKind, Finding, Severity
 from spool_monitor.listener import HeardValve
 from spool_monitor.monitor_node import to_alarm_list
 from spool_msgs.msg import AlarmList, ValveHealth
-from spool_tools.operations.record_replay import Clock, event_dictionary
+from spool_report.runs.record_replay import Clock, event_dictionary
 from spool_tools.operations.valve_rows import alarm_details, alarm_row, event_line
 from spool_view.view import alarms_of
 

@@ -15,7 +15,7 @@ from spool_core.text import did_you_mean
 from spool_sim.valve import Valve
 
 if TYPE_CHECKING:  # slow to load
-    from spool_tools.operations.record_replay import ReplaySettings
+    from spool_report.runs.record_replay import ReplaySettings
 
 Rows = dict[str, list[list[Any]]]
 #: deg C to which viscous coefficients of different records are referred: that of ISO 3448's grades.

@@ -6,7 +6,7 @@ import numpy as np
 from spool_core import record_needs
 from spool_core.errors import InputError
 from spool_estimator.identification.spectra import cross_spectrum
-from spool_tools.operations.record_loading import Selection, load_recording
+from spool_report.records.record_loading import Selection, load_recording
 
 from spool_fleet.analyses.base import Analysis, Rows, Subject, parameter
 

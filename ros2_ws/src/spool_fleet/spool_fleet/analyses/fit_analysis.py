@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from spool_core.errors import InputError
 from spool_estimator.identification.fit_result import FitSettings
+from spool_report.fit_tables import to_dictionary
+from spool_report.ranking import fit_and_validate
+from spool_report.records.record_loading import Selection, load_data
 from spool_sim.model import load_model
-from spool_tools.operations.record_loading import Selection, load_data
-from spool_tools.report.fit_tables import to_dictionary
-from spool_tools.report.ranking import fit_and_validate
 
 from spool_fleet.analyses.base import Analysis, Rows, Subject, parameter, referred
 

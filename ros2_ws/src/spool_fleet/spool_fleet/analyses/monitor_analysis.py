@@ -6,8 +6,8 @@ from spool_bag.information import Timeline
 from spool_bag.reader import BagReader
 from spool_core.errors import InputError
 from spool_core.uncertainty import as_json
-from spool_tools.operations.record_loading import choose_valves
-from spool_tools.operations.record_replay import SHIPPED, replay_valve, valve_dictionary
+from spool_report.records.record_loading import choose_valves
+from spool_report.runs.record_replay import SHIPPED, replay_valve, valve_dictionary
 
 from spool_fleet.analyses.base import Analysis, Rows, Subject, parameter, referred
 

@@ -7,10 +7,10 @@ from typing import Annotated, Any
 
 import typer
 from rich.table import Table
+from spool_report.outputs import write_json
+from spool_report.terminal import cell, warn, wide_console
 from spool_tools import command as cli
 from spool_tools.command import Command
-from spool_tools.outputs import write_json
-from spool_tools.terminal import cell, warn, wide_console
 
 fleet = typer.Typer(
     no_args_is_help=True,

@@ -26,9 +26,9 @@ def check(
     Example: ./spool check bags/practice_01 --report quality.html
     """
     cli.refuse_missing(record)
-    from spool_tools.operations.record_loading import selection  # noqa: PLC0415
-    from spool_tools.operations.record_quality import check as checked  # noqa: PLC0415
-    from spool_tools.terminal import progress  # noqa: PLC0415 - slow to load, as below
+    from spool_report.records.record_loading import selection  # noqa: PLC0415
+    from spool_report.runs.record_quality import check as checked  # noqa: PLC0415
+    from spool_report.terminal import progress  # noqa: PLC0415 - slow to load, as below
 
     with progress("reading"):
         fine = checked(record, selection(name, columns, 0.0, None, (since, until, around)), json, report)

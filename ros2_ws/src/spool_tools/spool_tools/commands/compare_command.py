@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Annotated
 
 import typer
+from spool_report.outputs import ResultFiles
 
 from spool_tools import command as cli
 from spool_tools.command import Command, valve_names
-from spool_tools.outputs import ResultFiles
 
 
 def compare(
@@ -54,8 +54,8 @@ def compare(
     Example: ./spool compare soft.csv stiff.csv --valve soft.yaml --valve stiff.yaml --models fluid,coulomb
     """
     cli.refuse_missing(*records)
-    from spool_tools.operations.fit_run import CompareRequest, run_compare  # noqa: PLC0415 - slow to load, as below
-    from spool_tools.operations.record_loading import selection  # noqa: PLC0415
+    from spool_report.records.record_loading import selection  # noqa: PLC0415
+    from spool_report.runs.fit_run import CompareRequest, run_compare  # noqa: PLC0415 - slow to load, as below
 
     part = selection(name, columns, start, stop, (since, until, around))
     chosen = models.split(",") if models else ()

@@ -8,6 +8,8 @@ from typing import Annotated
 import typer
 from spool_core.errors import InputError
 from spool_core.text import printable
+from spool_report.outputs import making_room
+from spool_report.terminal import progress, warn
 
 from spool_tools.command import (
     AroundOption,
@@ -19,8 +21,6 @@ from spool_tools.command import (
     model_names,
     refuse_missing,
 )
-from spool_tools.outputs import making_room
-from spool_tools.terminal import progress, warn
 
 
 def export(
@@ -69,7 +69,7 @@ def export(
             raise InputError(
                 "--fmu: a valve or a model has no --name, --since, --until, --around: leave them out"
             )
-        from spool_tools.operations.fmu_export import export_fmu  # noqa: PLC0415 - slow to load
+        from spool_report.runs.fmu_export import export_fmu  # noqa: PLC0415 - slow to load
 
         print(export_fmu(source, fmu, model, 3 if fmi is None else fmi))
         return
@@ -79,8 +79,7 @@ def export(
     bag = Path(source)
     refuse_missing(bag)
     from spool_bag.export import export_bag  # noqa: PLC0415 - slow to load
-
-    from spool_tools.operations.record_sources import span_of  # noqa: PLC0415
+    from spool_report.records.record_sources import span_of  # noqa: PLC0415
 
     with making_room(out), progress("exporting") as advance:
         span = span_of(bag, since, until, around)

@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Annotated
 
 import typer
+from spool_report.outputs import ResultFiles
 
 from spool_tools import command as cli
 from spool_tools.command import Command
-from spool_tools.outputs import ResultFiles
 
 
 def fit(
@@ -46,8 +46,8 @@ def fit(
     Example: ./spool fit record.csv --valve my_valve.yaml --model stribeck --fix coulomb_force=0.3
     """
     cli.refuse_missing(*records)
-    from spool_tools.operations.fit_run import FitRequest, run_fit  # noqa: PLC0415
-    from spool_tools.operations.record_loading import selection  # noqa: PLC0415 - slow to load, as below
+    from spool_report.records.record_loading import selection  # noqa: PLC0415 - slow to load, as below
+    from spool_report.runs.fit_run import FitRequest, run_fit  # noqa: PLC0415
 
     part = selection(name, columns, start, stop, (since, until, around))
     request = FitRequest(

@@ -7,10 +7,10 @@ from typing import Annotated, Literal
 
 import typer
 from spool_core.errors import InputError
+from spool_report.outputs import ResultFiles
 
 from spool_tools import command as cli
 from spool_tools.command import Command, model_names
-from spool_tools.outputs import ResultFiles
 
 
 def gap(
@@ -88,13 +88,12 @@ def gap(
     Example: ./spool gap rig.csv --kind imposed --unit time=ms,displacement=mm,force=N
     """
     cli.refuse_missing(*records)
-    from spool_tools.operations.record_loading import selection  # noqa: PLC0415
+    from spool_report.records.record_loading import selection  # noqa: PLC0415
 
     if mass is not None and (kind != "driven" or not mass > 0.0):
         raise InputError(f"--mass {mass:g}: a mass > 0 kg, with --kind driven")
     from spool_gap.result import GapSettings  # noqa: PLC0415 - slow to load, as below
-
-    from spool_tools.operations.gap_run import GapRequest, run_gap  # noqa: PLC0415
+    from spool_report.runs.gap_run import GapRequest, run_gap  # noqa: PLC0415
 
     settings = GapSettings(
         gain_tolerance, delay_tolerance, least_share=least_share, thorough=thorough, profiles=profiles

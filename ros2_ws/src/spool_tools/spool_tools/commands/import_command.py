@@ -8,10 +8,10 @@ from typing import Annotated
 import typer
 from spool_core.errors import InputError
 from spool_core.text import plural
+from spool_report.outputs import making_room
+from spool_report.terminal import warn
 
 from spool_tools.command import Command, ExcludeOption, Force, JsonFile, RateOption, ReportFile, UnitOption
-from spool_tools.outputs import making_room
-from spool_tools.terminal import warn
 
 
 def import_(
@@ -75,15 +75,14 @@ def import_(
     """
     from spool_bag.importing.bag_import import import_record  # noqa: PLC0415 - slow to load, as below
     from spool_bag.importing.choices import choices  # noqa: PLC0415
-
-    from spool_tools.operations.record_sources import iso_time  # noqa: PLC0415
-    from spool_tools.terminal import progress  # noqa: PLC0415
+    from spool_report.records.record_sources import iso_time  # noqa: PLC0415
+    from spool_report.terminal import progress  # noqa: PLC0415
 
     how = choices(columns, unit, scale, topic, rate, align, exclude, stamps, dates, empty_as_gap)
     if len(files) > 2:
         raise InputError(f"{files[2]}: two files at most, body and spool; import each record by itself")
     if look:
-        from spool_tools.operations.record_quality import look as looked  # noqa: PLC0415
+        from spool_report.runs.record_quality import look as looked  # noqa: PLC0415
 
         with progress("reading"):
             fine = looked(files, how, json, report)

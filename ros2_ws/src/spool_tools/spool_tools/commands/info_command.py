@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 import typer
 from rich.console import Console
 from rich.table import Table
+from spool_report.outputs import damaged_places, fail, lost_messages, write_json
+from spool_report.terminal import cell, progress, warn
 
 from spool_tools import command as cli
 from spool_tools.command import Command
-from spool_tools.outputs import damaged_places, fail, lost_messages, write_json
-from spool_tools.terminal import cell, progress, warn
 
 if TYPE_CHECKING:
     from spool_bag.information import BagInformation
@@ -33,14 +33,12 @@ def info(
     cli.refuse_missing(record)
     from spool_bag.information import describe  # noqa: PLC0415
     from spool_bag.metadata import ACCELERATION_BLOCK  # noqa: PLC0415 - slow to load, as below
-
-    from spool_tools.operations.record_sources import is_table, span_of  # noqa: PLC0415
+    from spool_report.records.record_sources import is_table, span_of  # noqa: PLC0415
 
     with progress("reading"):
         if is_table(record):
             from spool_bag.importing.choices import columns_of  # noqa: PLC0415
-
-            from spool_tools.operations.record_sources import TableSource  # noqa: PLC0415
+            from spool_report.records.record_sources import TableSource  # noqa: PLC0415
 
             found = TableSource(record, columns_of(columns)).describe()
         else:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import typer
 from spool_core.text import plural, printable
+from spool_report.outputs import damaged_places, lost_messages, making_room
+from spool_report.terminal import progress, warn
 
 from spool_tools.command import BagArgument, Command, Force, NewBag, refuse_missing
-from spool_tools.outputs import damaged_places, lost_messages, making_room
-from spool_tools.terminal import progress, warn
 
 #: Damaged places of a bag that are listed one by one.
 MOST_PLACES = 20

@@ -7,11 +7,11 @@ from typing import Annotated
 
 import typer
 from rich.console import Console
+from spool_report.outputs import write_json
+from spool_report.terminal import warn
 
 from spool_tools import command as cli
 from spool_tools.command import Command, model_names, valve_names
-from spool_tools.outputs import write_json
-from spool_tools.terminal import warn
 
 
 def replay(
@@ -68,7 +68,7 @@ def replay(
     """
     cli.refuse_missing(record)
     # slow to load
-    from spool_tools.operations import record_replay as replaying  # noqa: PLC0415
+    from spool_report.runs import record_replay as replaying  # noqa: PLC0415
 
     options = replaying.ReplayOptions(
         refits=replaying.RefitRequest(refit_model, refit_period) if refits else None,

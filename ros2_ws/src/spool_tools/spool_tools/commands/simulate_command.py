@@ -40,7 +40,7 @@ def simulate(
 
     Example: ./spool simulate --valve 4weh10_soft --excitation sweep --seconds 40 --out sweep_bag
     """
-    from spool_tools.operations import simulation  # noqa: PLC0415 - slow to load
+    from spool_report.records import simulation  # noqa: PLC0415 - slow to load
 
     settings = simulation.SimulationSettings(
         valve, model, excitation, seconds,

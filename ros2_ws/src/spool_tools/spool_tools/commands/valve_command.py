@@ -8,9 +8,9 @@ from typing import Annotated
 
 import typer
 from spool_core.errors import InputError
+from spool_report.outputs import check_output
 
 from spool_tools.command import Command, Force, JsonFile
-from spool_tools.outputs import check_output
 
 app = typer.Typer(no_args_is_help=True)
 
@@ -64,9 +64,9 @@ def new(
 
     Example: ./spool valve new --out my_valve.yaml --id mine --moving-mass 180g --spring-rate 0.816N/mm
     """
-    from spool_tools.operations import valve_sheet as sheet  # noqa: PLC0415
-    from spool_tools.outputs import write_file  # noqa: PLC0415 - slow to load, as below
-    from spool_tools.terminal import warn  # noqa: PLC0415
+    from spool_report.outputs import write_file  # noqa: PLC0415 - slow to load, as below
+    from spool_report.records import valve_sheet as sheet  # noqa: PLC0415
+    from spool_report.terminal import warn  # noqa: PLC0415
 
     flags = {
         "id": name, "moving_mass": moving_mass, "spool_mass": spool_mass, "spring_mass": spring_mass,
@@ -109,9 +109,9 @@ def check(
 
     Example: ./spool valve check 4weh10_soft --record bags/practice_03
     """
-    from spool_tools.operations import valve_sheet as sheet  # noqa: PLC0415
-    from spool_tools.operations.record_replay import check_of_record  # noqa: PLC0415
-    from spool_tools.outputs import write_json  # noqa: PLC0415 - slow to load, as below
+    from spool_report.outputs import write_json  # noqa: PLC0415 - slow to load, as below
+    from spool_report.records import valve_sheet as sheet  # noqa: PLC0415
+    from spool_report.runs.record_replay import check_of_record  # noqa: PLC0415
 
     verdict = sheet.judged(file)
     if verdict.valve is not None:

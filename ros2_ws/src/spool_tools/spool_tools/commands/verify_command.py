@@ -32,9 +32,8 @@ def verify(
     """
     from spool_bag.verification import make_keys as made  # noqa: PLC0415 - slow to load, as below
     from spool_bag.verification import verify as verified  # noqa: PLC0415
-
-    from spool_tools.outputs import write_json  # noqa: PLC0415
-    from spool_tools.terminal import progress  # noqa: PLC0415
+    from spool_report.outputs import write_json  # noqa: PLC0415
+    from spool_report.terminal import progress  # noqa: PLC0415
 
     if make_keys is not None:
         private, public = made(make_keys)

@@ -22,10 +22,10 @@ from spool_monitor.alarm_statistics import (
     statistics,
 )
 from spool_monitor.journal import COLUMNS, JournalEntry, cells, entries_in, iso
+from spool_report.outputs import STANDARD_OUTPUT, check_output, write_file, write_json
+from spool_report.terminal import wide_console
 
 from spool_tools.operations.valve_trend import kept_files, moment
-from spool_tools.outputs import STANDARD_OUTPUT, check_output, write_file, write_json
-from spool_tools.terminal import wide_console
 
 #: Figures for people: title and unit by name.
 FIGURES = {

@@ -29,12 +29,12 @@ from spool_core.node.parameters import rule
 from spool_core.uncertainty import LEGEND
 from spool_monitor.listener import HeardValve, Listener
 from spool_msgs.msg import HealthEvent, Quantity, ValveHealth
+from spool_report.outputs import write_json
 from spool_sim.excitation import from_mapping
 
 from spool_tools.operations.node_processes import Nodes
 from spool_tools.operations.service_client import call
 from spool_tools.operations.valve_rows import estimate_cells, event_line
-from spool_tools.outputs import write_json
 
 #: What is said of an event, by whether it was raised live and from the bag.
 _RAISED = {
@@ -136,8 +136,8 @@ def run_demo(seconds: float, out: Path) -> int:
     Raises:
         InputError: ``out`` can't be used.
     """
-    from spool_tools.operations.record_replay import ReplayOptions, replay_bag  # noqa: PLC0415 - loads SciPy
-    from spool_tools.report.recording_report import write_report  # noqa: PLC0415 - matplotlib, after the run only
+    from spool_report.recording_report import write_report  # noqa: PLC0415 - matplotlib, after the run only
+    from spool_report.runs.record_replay import ReplayOptions, replay_bag  # noqa: PLC0415 - loads SciPy
 
     folder = _folder(out)
     domain = isolate()

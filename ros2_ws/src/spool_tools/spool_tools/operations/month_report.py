@@ -18,11 +18,11 @@ from spool_core.uncertainty import number
 from spool_monitor.alarm_statistics import ACTIVE, AlarmLimits, figures, statistics
 from spool_monitor.journal import JournalEntry, entries_in
 from spool_monitor.trend import DAY, HOUR, Span, TrendStore
+from spool_report import page as html
+from spool_report.outputs import check_output, write_file
 
 from spool_tools.operations.alarm_journal import FIGURES
 from spool_tools.operations.valve_trend import kept_files
-from spool_tools.outputs import check_output, write_file
-from spool_tools.report import page as html
 
 #: Parameters of a valve's line: name, title, unit.
 PARAMETERS = (

@@ -19,16 +19,15 @@ from spool_gap.catalogue import EFFECTS
 from spool_gap.catalogue import effect as find_effect
 from spool_gap.effect import Effect
 from spool_gap.evidence.analyse import analyse
+from spool_report.outputs import write_json
+from spool_report.records.simulation import find_excitation
+from spool_report.terminal import progress
 from spool_sim.excitation import Excitation
 from spool_sim.model import FLUID, Model, load_model
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
 from spool_sim.terms import term
 from spool_sim.valve import FILM, Valve, find_valve
-
-from spool_tools.operations.simulation import find_excitation
-from spool_tools.outputs import write_json
-from spool_tools.terminal import progress
 
 #: s: shorter records hold no window of a fit (4 s) and a piece to judge it by; longer ones cost minutes.
 SHORTEST, LONGEST = 8.0, 600.0

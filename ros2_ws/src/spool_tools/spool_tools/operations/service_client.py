@@ -31,11 +31,11 @@ from spool_monitor.alarm import AlarmState
 from spool_monitor.listener import WAITING
 from spool_msgs import srv
 from spool_msgs.msg import AlarmList, GapAnalysis
+from spool_report.outputs import write_file
+from spool_report.terminal import wide_console
 from std_srvs.srv import Trigger
 
 from spool_tools.operations.valve_rows import alarm_details, alarm_headline
-from spool_tools.outputs import write_file
-from spool_tools.terminal import wide_console
 
 #: Field of a value and Python type, by the type of a parameter.
 _FIELDS: dict[int, tuple[str, type, str]] = {

@@ -20,10 +20,9 @@ from spool_core.uncertainty import exact, number, unit_text
 from spool_monitor.state_database import valves_in
 from spool_monitor.state_file import default_folder
 from spool_monitor.trend import KEPT, TrendStore, finest
-
-from spool_tools.operations.record_sources import iso_time
-from spool_tools.outputs import check_output, write_file, write_json
-from spool_tools.report import page as html
+from spool_report import page as html
+from spool_report.outputs import check_output, write_file, write_json
+from spool_report.records.record_sources import iso_time
 
 _LINE, _BAND = "#0072B2", "#56B4E9"
 

@@ -48,7 +48,7 @@ def layout(
     from spool_bag import check_valve  # noqa: PLC0415 - slow to load, as below
     from spool_bag.information import describe  # noqa: PLC0415
     from spool_bag.reader import BagReader  # noqa: PLC0415
-    from spool_tools.outputs import write_file  # noqa: PLC0415
+    from spool_report.outputs import write_file  # noqa: PLC0415
 
     bag = Path(valves[0])
     if len(valves) == 1 and bag.exists():

@@ -25,9 +25,7 @@ from spool_estimator.identification.record import PartKeeper, Record, records_fr
 from spool_estimator.identification.spectra import cross_spectrum
 from spool_estimator.plausibility import check_rate, check_records
 from spool_gap.checks import reading_doubts, unchanging
-from spool_sim.valve import Valve, find_valve, shipped_valves
-
-from spool_tools.operations.record_sources import (
+from spool_report.records.record_sources import (
     TableSource,
     is_table,
     record_of_table,
@@ -35,6 +33,7 @@ from spool_tools.operations.record_sources import (
     span_of,
     split_name,
 )
+from spool_sim.valve import Valve, find_valve, shipped_valves
 
 #: What a replay reads.
 Source = BagReader | TableSource

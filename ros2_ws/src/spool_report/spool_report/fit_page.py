@@ -18,14 +18,14 @@ from spool_core.numbers import Array
 from spool_core.uncertainty import LEGEND
 from spool_estimator.identification.fit_result import Agreement
 
-from spool_tools.outputs import sources
-from spool_tools.report import fit_curves as curves
-from spool_tools.report import fit_tables as tables
-from spool_tools.report import page as html
-from spool_tools.report.evidence.collection import fit_exhibits
-from spool_tools.report.evidence.exhibit import DARK, MEASURED, STYLES, WIDTH
-from spool_tools.report.fit_curves import Excerpt, FrictionCurve, Overlay
-from spool_tools.report.ranking import WORTH, FittedSeries, Ranking, ValidatedFit
+from spool_report import fit_curves as curves
+from spool_report import fit_tables as tables
+from spool_report import page as html
+from spool_report.evidence.collection import fit_exhibits
+from spool_report.evidence.exhibit import DARK, MEASURED, STYLES, WIDTH
+from spool_report.fit_curves import Excerpt, FrictionCurve, Overlay
+from spool_report.outputs import sources
+from spool_report.ranking import WORTH, FittedSeries, Ranking, ValidatedFit
 
 WAVEFORM = (
     "Spool acceleration, measured and simulated from the measured body acceleration alone; below, the "

@@ -8,7 +8,7 @@ import threading
 
 import pytest
 from spool_core.kernels.kernel_files import KernelCache
-from spool_tools.terminal import progress
+from spool_report.terminal import progress
 
 
 class Terminal(io.StringIO):

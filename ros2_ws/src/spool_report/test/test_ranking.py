@@ -10,13 +10,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from spool_estimator.identification.fit_result import Fit
 from spool_estimator.identification.record import Record
+from spool_report.fit_curves import overlay, sensor_noise
+from spool_report.ranking import RINGING, WORTH, Rank, away_from_jumps, ordered
+from spool_report.records.record_loading import load_recording
 from spool_sim.excitation import SteadySine
 from spool_sim.model import load_model
 from spool_sim.simulator import Simulator
 from spool_sim.valve import find_valve
-from spool_tools.operations.record_loading import load_recording
-from spool_tools.report.fit_curves import overlay, sensor_noise
-from spool_tools.report.ranking import RINGING, WORTH, Rank, away_from_jumps, ordered
 
 BAGS = Path(__file__).resolve().parents[4] / "bags"
 

@@ -9,14 +9,13 @@ from pathlib import Path
 from rich.console import Console
 from spool_core.errors import InputError
 from spool_estimator.identification.fit_result import FitSettings
+from spool_report import fit_tables as tables
+from spool_report.outputs import ResultFiles, write_file, write_json
+from spool_report.ranking import FittedSeries, Ranking, ValidatedFit, fit_and_validate, rank
+from spool_report.records.record_loading import FitData, Selection, load_data
+from spool_report.terminal import progress, warn
 from spool_sim.model import Model, load_model
 from spool_sim.valve import Valve
-
-from spool_tools.operations.record_loading import FitData, Selection, load_data
-from spool_tools.outputs import ResultFiles, write_file, write_json
-from spool_tools.report import fit_tables as tables
-from spool_tools.report.ranking import FittedSeries, Ranking, ValidatedFit, fit_and_validate, rank
-from spool_tools.terminal import progress, warn
 
 #: The paper's four models and the two that dry friction is usually told by.
 DEFAULT_MODELS = ("fluid", "coulomb", "stribeck", "microwedge", "mixed", "coulomb_hydrodynamic")
@@ -86,7 +85,7 @@ def run_fit(request: FitRequest, outputs: ResultFiles) -> int:
         save_fit(wanted.model, validated)
         print(f"{wanted.model}: the fitted model")
     if wanted.report is not None:
-        from spool_tools.report.fit_page import fit_page  # noqa: PLC0415 - matplotlib is needed here only
+        from spool_report.fit_page import fit_page  # noqa: PLC0415 - matplotlib is needed here only
 
         with progress("drawing"):
             write_file(wanted.report, fit_page(validated), "--report")
@@ -162,7 +161,7 @@ def run_compare(request: CompareRequest, outputs: ResultFiles) -> int:
         write_json(wanted.json, tables.comparison_dictionary(series, ranking))
     tables.print_comparison(series, ranking, Console())
     if wanted.report is not None and ranking.preferred is not None:
-        from spool_tools.report.fit_page import compare_page  # noqa: PLC0415 - matplotlib is needed here only
+        from spool_report.fit_page import compare_page  # noqa: PLC0415 - matplotlib is needed here only
 
         with progress("drawing"):
             write_file(wanted.report, compare_page(series, ranking), "--report")

@@ -11,13 +11,13 @@ from spool_core.block import joined
 from spool_core.errors import InputError
 from spool_core.numbers import Array
 from spool_estimator.identification.fit import fit
+from spool_report.records.record_loading import Selection, load_data, load_recording
+from spool_report.runs.record_quality import quality_of
 from spool_sim.excitation import from_mapping
 from spool_sim.model import load_model
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
 from spool_sim.valve import find_valve
-from spool_tools.operations.record_loading import Selection, load_data, load_recording
-from spool_tools.operations.record_quality import quality_of
 
 MACHINE = {
     "kind": "machine_orders", "speed_profile": [[0.0, 700.0], [12.0, 1300.0]],

@@ -27,7 +27,7 @@ from spool_core.errors import InputError
 from spool_core.numbers import Array, Complex
 from spool_core.uncertainty import Z_95, number, percent
 from spool_estimator.identification.record import Record
-from spool_tools.report.evidence.exhibit import AFTER, BEFORE, DARK, DASHED, MEASURED, WIDTH, Exhibit, plain
+from spool_report.evidence.exhibit import AFTER, BEFORE, DARK, DASHED, MEASURED, WIDTH, Exhibit, plain
 
 #: s of a piece at most: lines of 0.5 Hz, finer than the resonance of any spool is wide.
 LONGEST_PIECE = 2.0

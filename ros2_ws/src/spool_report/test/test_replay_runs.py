@@ -17,10 +17,10 @@ from spool_bag.writer import BagWriter
 from spool_core.block import Block
 from spool_core.cdr import OilTemperature, encode_block, encode_temperature
 from spool_estimator.identification.record import PartKeeper
+from spool_report.runs.record_replay import SHIPPED, replay_bag, replay_valve
 from spool_sim.excitation import PRESETS
 from spool_sim.simulator import Simulator
 from spool_sim.valve import find_valve
-from spool_tools.operations.record_replay import SHIPPED, replay_bag, replay_valve
 
 VALVE = find_valve("4weh10_soft")
 FAULTS = ("lost", "gap", "not a number", "jitter", "rate step", "second source", "clock back", "shuffled")

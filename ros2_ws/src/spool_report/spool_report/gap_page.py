@@ -14,9 +14,9 @@ from spool_gap.catalogue import EFFECTS
 from spool_gap.report import anomaly_sentence
 from spool_gap.result import RISE_95, Curves, GapResult, ProfileLikelihood, RankedHypothesis, Surface, Where
 
-from spool_tools.report import page as html
-from spool_tools.report.evidence.exhibit import AFTER, BEFORE, FLOOR, MEASURED, WIDTH, Exhibit, LeftOut
-from spool_tools.report.evidence.exhibit import plain as _plain
+from spool_report import page as html
+from spool_report.evidence.exhibit import AFTER, BEFORE, FLOOR, MEASURED, WIDTH, Exhibit, LeftOut
+from spool_report.evidence.exhibit import plain as _plain
 
 WHERE = (
     "Where the missing force sits, as shares of its energy before anything was added; after is drawn in the "

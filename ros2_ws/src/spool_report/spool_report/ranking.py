@@ -23,8 +23,8 @@ from spool_estimator.identification.fit_result import Agreement, Fit, FitSetting
 from spool_estimator.identification.record import Record
 from spool_sim.model import Model
 
-from spool_tools.operations.record_loading import FitData
-from spool_tools.report.fit_curves import Overlay, overlay, sensor_noise
+from spool_report.fit_curves import Overlay, overlay, sensor_noise
+from spool_report.records.record_loading import FitData
 
 #: Samples on each side of a jump of the friction that are left out.
 RINGING = 4

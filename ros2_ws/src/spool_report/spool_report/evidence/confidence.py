@@ -18,7 +18,7 @@ from spool_core.numbers import Array
 from spool_core.uncertainty import Z_95, Quantity, number, with_interval
 from spool_estimator.identification.spectra import density_of
 from spool_monitor.drift_trace import DriftPoint
-from spool_tools.report.evidence.exhibit import (
+from spool_report.evidence.exhibit import (
     AFTER,
     BEFORE,
     DARK,

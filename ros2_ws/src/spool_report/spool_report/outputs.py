@@ -303,7 +303,7 @@ def package_version() -> str:
         return ElementTree.parse(manifest).findtext("version", "unknown")
     from importlib.metadata import PackageNotFoundError, version  # noqa: PLC0415 - loads email and zipfile
 
-    for name in ("spool_tools", "spool-valves"):  # built by colcon, or the wheel
+    for name in ("spool_report", "spool-valves"):  # built by colcon, or the wheel
         try:
             return version(name)
         except PackageNotFoundError:

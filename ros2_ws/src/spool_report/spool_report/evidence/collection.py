@@ -20,11 +20,9 @@ from spool_gap.force.balance import ForceRecord
 from spool_gap.likelihood.structure import DELAY, GAIN
 from spool_gap.result import Curves, GapResult
 from spool_monitor.drift_trace import DriftTrace
-from spool_sim.model import Model, load_model
-from spool_sim.valve import Valve
-from spool_tools.report.evidence import confidence, motion
-from spool_tools.report.evidence.exhibit import Exhibit, LeftOut, Mark, made
-from spool_tools.report.evidence.spectra import (
+from spool_report.evidence import confidence, motion
+from spool_report.evidence.exhibit import Exhibit, LeftOut, Mark, made
+from spool_report.evidence.spectra import (
     BANDS_TITLE,
     CAMPBELL_TITLE,
     TITLE_FORCE,
@@ -37,6 +35,8 @@ from spool_tools.report.evidence.spectra import (
     rows_of,
     spectrogram,
 )
+from spool_sim.model import Model, load_model
+from spool_sim.valve import Valve
 
 #: Times the natural frequency that a spectrum over time shows at least, and of the excitation's limit.
 HARMONICS, BEYOND = 4.0, 1.2

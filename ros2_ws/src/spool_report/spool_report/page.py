@@ -15,8 +15,8 @@ from markupsafe import Markup
 from matplotlib.figure import Figure
 from spool_core.uncertainty import number
 
-from spool_tools.outputs import provenance
-from spool_tools.report.evidence.exhibit import Exhibit, LeftOut
+from spool_report.evidence.exhibit import Exhibit, LeftOut
+from spool_report.outputs import provenance
 
 #: What marks a figure that can be zoomed into.
 _ZOOM = '<figure class="zoom">'

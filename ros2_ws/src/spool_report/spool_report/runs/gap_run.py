@@ -22,23 +22,22 @@ from spool_gap.force.analyse import analyse_forces
 from spool_gap.force.balance import ForceRecord
 from spool_gap.report import anomaly_sentence, result_to_dict
 from spool_gap.result import GapResult, GapSettings
-from spool_sim.model import Model, load_model
-from spool_sim.valve import Valve, find_valve
-
-from spool_tools.operations.record_loading import (
+from spool_report.fit_tables import LONGEST_NAME, save_model
+from spool_report.outputs import ResultFiles, sources, write_file, write_json
+from spool_report.records.record_loading import (
     Selection,
     channel_doubts,
     check,
     load_recordings,
     stretches_of,
 )
-from spool_tools.operations.record_sources import is_table, record_of_table
-from spool_tools.outputs import ResultFiles, sources, write_file, write_json
-from spool_tools.report.fit_tables import LONGEST_NAME, save_model
-from spool_tools.terminal import progress, warn, wide_console
+from spool_report.records.record_sources import is_table, record_of_table
+from spool_report.terminal import progress, warn, wide_console
+from spool_sim.model import Model, load_model
+from spool_sim.valve import Valve, find_valve
 
 if TYPE_CHECKING:
-    from spool_tools.report.evidence.exhibit import Exhibit, LeftOut
+    from spool_report.evidence.exhibit import Exhibit, LeftOut
 
 #: Stretches of one kind of record.
 Measured: TypeAlias = Sequence[Record] | Sequence[ForceRecord]
@@ -149,7 +148,7 @@ def _evidence(
     result: GapResult, base: Model, valve: Valve | None, measured: Measured
 ) -> list[Exhibit | LeftOut]:
     """Return the pictures that let an expert check ``result``; libraries that draw are loaded here."""
-    from spool_tools.report.evidence.collection import gap_exhibits, gap_force_exhibits  # noqa: PLC0415
+    from spool_report.evidence.collection import gap_exhibits, gap_force_exhibits  # noqa: PLC0415
 
     forces = [entry for entry in measured if isinstance(entry, ForceRecord)]
     if forces or valve is None:
@@ -168,7 +167,7 @@ def _write(
     if outputs.json is not None:
         write_json(outputs.json, result_to_dict(result))
     if outputs.report is not None:
-        from spool_tools.report.gap_page import gap_page  # noqa: PLC0415 - matplotlib is needed here only
+        from spool_report.gap_page import gap_page  # noqa: PLC0415 - matplotlib is needed here only
 
         write_file(outputs.report, gap_page(result, made_from, evidence()), "--report")
         written.append(f"{outputs.report}: the report")

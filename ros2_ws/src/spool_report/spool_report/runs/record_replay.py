@@ -34,13 +34,12 @@ from spool_monitor.monitor import Monitor
 from spool_monitor.replay import Replay
 from spool_monitor.state_file import valve_folder
 from spool_monitor.valve_state import ValveState
+from spool_report.outputs import sources, write_file
+from spool_report.records.record_loading import ChosenValve, Source, choose_valves, open_source
+from spool_report.records.record_sources import TableSource, span_of
+from spool_report.terminal import cell, progress, warn
 from spool_sim.model import load_model
 from spool_sim.valve import Valve
-
-from spool_tools.operations.record_loading import ChosenValve, Source, choose_valves, open_source
-from spool_tools.operations.record_sources import TableSource, span_of
-from spool_tools.outputs import sources, write_file
-from spool_tools.terminal import cell, progress, warn
 
 #: Samples of a valve that its evidence is drawn from at most.
 SHOWN = 400_000
@@ -489,8 +488,8 @@ def _write_report(
     path: Path,
 ) -> None:
     """Write the page of a replay; libraries that draw are loaded here."""
-    from spool_tools.report.evidence.collection import Replayed, replay_exhibits  # noqa: PLC0415
-    from spool_tools.report.recording_report import replay_page  # noqa: PLC0415
+    from spool_report.evidence.collection import Replayed, replay_exhibits  # noqa: PLC0415
+    from spool_report.recording_report import replay_page  # noqa: PLC0415
 
     with progress("drawing"):
         evidence = {}

@@ -17,9 +17,9 @@ from spool_core.numbers import Array
 from spool_core.text import plural
 from spool_core.uncertainty import LEGEND, PLUS_MINUS, Z_95, interval, with_interval
 
-from spool_tools.outputs import sources
-from spool_tools.report import page as html
-from spool_tools.report.evidence.exhibit import Exhibit, LeftOut
+from spool_report import page as html
+from spool_report.evidence.exhibit import Exhibit, LeftOut
+from spool_report.outputs import sources
 
 #: Okabe and Ito's colours: apart for the colour-blind and in print.
 BODY, SPOOL, ESTIMATE, EVENT = "#0072B2", "#D55E00", "#009E73", "#E69F00"

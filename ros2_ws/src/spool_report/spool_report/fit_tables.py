@@ -26,15 +26,8 @@ from spool_core.uncertainty import (
 from spool_estimator.identification.fit_result import Fit
 from spool_sim.model import Model
 
-from spool_tools.outputs import write_file
-from spool_tools.report.ranking import (
-    WORTH,
-    FittedSeries,
-    Ranking,
-    ValidatedFit,
-    damping_ratio,
-    natural_frequency,
-)
+from spool_report.outputs import write_file
+from spool_report.ranking import WORTH, FittedSeries, Ranking, ValidatedFit, damping_ratio, natural_frequency
 
 #: What the columns of the ranking mean.
 COLUMNS = (

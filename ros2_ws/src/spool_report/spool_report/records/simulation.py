@@ -19,13 +19,12 @@ from spool_core.cdr import OilTemperature, encode_block, encode_temperature
 from spool_core.errors import InputError
 from spool_core.numbers import Array
 from spool_core.text import plural
+from spool_report.outputs import making_room
+from spool_report.records.record_sources import VALVE_DESCRIPTION, encode_valve, is_table, record_of_table
+from spool_report.terminal import progress
 from spool_sim.excitation import PRESETS, Excitation, Recorded, load_excitation
 from spool_sim.sensors import Sensor, Sensors, load_sensors
 from spool_sim.valve import find_valve, one_line, read_mapping
-
-from spool_tools.operations.record_sources import VALVE_DESCRIPTION, encode_valve, is_table, record_of_table
-from spool_tools.outputs import making_room
-from spool_tools.terminal import progress
 
 #: 2025-01-01 UTC: a simulated record has no time of its own.
 SIMULATION_START = 1_735_689_600_000_000_000

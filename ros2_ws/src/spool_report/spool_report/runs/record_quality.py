@@ -28,11 +28,10 @@ from spool_estimator.identification.channel_faults import at_rail
 from spool_estimator.identification.record import LARGEST, Record
 from spool_estimator.identification.spectra import cross_spectrum, noise_of
 from spool_gap.checks import THRESHOLDS, transfer, unchanging, unrelated
-
-from spool_tools.operations import record_loading
-from spool_tools.outputs import write_file, write_json
-from spool_tools.report import page as html
-from spool_tools.terminal import cell
+from spool_report import page as html
+from spool_report.outputs import write_file, write_json
+from spool_report.records import record_loading
+from spool_report.terminal import cell
 
 #: Squared coherence from which the spool follows the body, as the noise estimate has it.
 COHERENT = 0.5

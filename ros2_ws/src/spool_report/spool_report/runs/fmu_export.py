@@ -7,10 +7,9 @@ from pathlib import Path
 
 from spool_core.errors import InputError
 from spool_core.system import expanded
+from spool_report.outputs import check_output, write_file
 from spool_sim.model import MODELS, Model, load_model
 from spool_sim.valve import Valve, find_valve, read_mapping, shipped_valves
-
-from spool_tools.outputs import check_output, write_file
 
 #: Model of a valve where none is named: that of ``simulate``.
 DEFAULT_MODEL = "coulomb"

@@ -14,10 +14,7 @@ from spool_core.uncertainty import Z_95, number, percent
 from spool_estimator.identification.free_run import FreeRun, excitation_limit
 from spool_estimator.identification.record import Record, first_seconds
 from spool_estimator.identification.spectra import ZeroPhase, delayed, relative_motion
-from spool_sim.integration.composed_motion import ComposedMotion
-from spool_sim.model import Model
-from spool_sim.valve import Valve
-from spool_tools.report.evidence.exhibit import (
+from spool_report.evidence.exhibit import (
     AFTER,
     BEFORE,
     DARK,
@@ -32,7 +29,10 @@ from spool_tools.report.evidence.exhibit import (
     listed,
     plain,
 )
-from spool_tools.report.evidence.spectra import CrossSpectra, cross_spectra
+from spool_report.evidence.spectra import CrossSpectra, cross_spectra
+from spool_sim.integration.composed_motion import ComposedMotion
+from spool_sim.model import Model
+from spool_sim.valve import Valve
 
 #: s of data that are simulated at most, of a window, and Hz of the conditioning, as in the pictures of fits.
 LONGEST, WINDOW, LOW_CUT = 60.0, 8.0, 3.0

@@ -1,0 +1,24 @@
+"""Install spool_report as an ament_python package."""
+
+from xml.etree import ElementTree
+
+from setuptools import find_namespace_packages, setup
+
+PACKAGE = "spool_report"
+
+setup(
+    name=PACKAGE,
+    version=ElementTree.parse("package.xml").findtext("version"),
+    packages=find_namespace_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
+    package_data={PACKAGE: ["templates/*.html", "templates/*.js", "templates/vendor/*/*"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
+        (f"share/{PACKAGE}", ["package.xml"]),
+    ],
+    zip_safe=True,
+    extras_require={"test": ["pytest"]},
+    maintainer="Spool suite maintainers",
+    maintainer_email="maintainers@spool-suite.org",
+    description="Records read and analysed, results written and drawn.",
+    license="Apache-2.0",
+)

@@ -1,0 +1,1 @@
+"""Records loaded and analysed, and their results as text, JSON, pages and pictures."""

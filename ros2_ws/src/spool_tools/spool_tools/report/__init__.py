@@ -1,1 +1,0 @@
-"""Reports: fits judged and ranked, their pages, pictures and tables."""
