@@ -20,10 +20,10 @@ RESEARCH = {path.parent.name for path in (ROOT / "research").glob("*/__init__.py
 #: Lines and files may grow only in a change that adds a feature; its commit message says what that costs.
 RATCHETS = {
     "lines": 79_162,
-    "lines of code": 50_693,
-    "files": 377,
+    "lines of code": 50_709,
+    "files": 378,
     "lines of research": 14_529,
-    "lines up to the last import, %": 8.34,
+    "lines up to the last import, %": 8.33,
     "private functions with one caller, %": 16.96,
     "modules with one importer, %": 13.56,
 }
