@@ -31,8 +31,9 @@ from starlette.routing import Route
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
+from spool_view.acts import RateLimit
 from spool_view.kept import Records
-from spool_view.operator import Desk, Operating, RateLimit
+from spool_view.operator import Desk, Operating
 from spool_view.view import alarms_of, detail_of, row_of
 
 #: Requests a second, and at once; ten browsers that load a page together need a hundred.

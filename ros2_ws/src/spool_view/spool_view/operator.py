@@ -1,4 +1,4 @@
-"""Operator of the page: what can be asked for, by whom, how often, the log of it, and how it is done."""
+"""Operator of the page: who may act, how often, and the log of it."""
 
 from __future__ import annotations
 
@@ -6,122 +6,43 @@ import asyncio
 import contextlib
 import hmac
 import json
-import math
 import os
 import secrets
 import threading
-import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
-from spool_core.errors import operator_missing
 from spool_core.system import FILE_MODE, private_folder, restrict, write_durably
 from spool_monitor.listener import HeardValve
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 
+from spool_view.acts import (
+    MOST_LIST,
+    WRONG,
+    WRONG_AT_ONCE,
+    Act,
+    ActRefusedError,
+    Outcome,
+    RateLimit,
+    act_of,
+    acts_of,
+)
 from spool_view.metrics import Metrics
 from spool_view.view import shown_alarms
-
-ACKNOWLEDGE, SHELVE, UNSHELVE, RESET = "acknowledge", "shelve", "unshelve", "reset"
-MAINTAIN, RETURN = "maintain", "return_to_service"
-FREEZE, LEARN, ANALYSE, SNAPSHOT = "freeze_baseline", "learn_baseline", "analyse", "take_snapshot"
-#: Acts on alarms, and on the valve; out of service is one or all alarms of a valve.
-ON_ALARM = (ACKNOWLEDGE, SHELVE, UNSHELVE, RESET, MAINTAIN, RETURN)
-ON_VALVE = (FREEZE, LEARN, ANALYSE, SNAPSHOT, MAINTAIN, RETURN)
-#: Characters of who acts and of a comment; minutes of a shelf.
-MOST_WHO, MOST_COMMENT, MOST_MINUTES, MOST_SERVICE = 60, 200, 7 * 1440.0, 366 * 1440.0
-#: Alarms that one request acts on at most, and B of such a request.
-MOST_TARGETS, MOST_LIST = 500, 100_000
-_FIELDS = {"act", "valve", "alarm", "occurrence", "minutes", "who", "comment"}
 
 #: Random bytes of a token: it can't be guessed.
 RANDOM = 32
 
 #: B of a request, s that it may take to come in.
 MOST_BODY, BODY = 4096, 5.0
-#: Acts a second, and in one burst; the same limits hold for wrong tokens.
+#: Acts a second, and in one burst.
 ACTS, ACTS_AT_ONCE = 1.0, 10.0
-WRONG, WRONG_AT_ONCE = 0.2, 10.0
-
-
-class ActRefusedError(Exception):
-    """The request is none; the text says why, in one line."""
-
-
-@dataclass(frozen=True, slots=True)
-class Act:
-    """What ``who`` wants of ``valve``; ``alarm`` and its ``occurrence`` seen, ``minutes`` that it takes."""
-
-    act: str
-    valve: str
-    who: str
-    comment: str = ""
-    alarm: str = ""
-    occurrence: int = 0
-    minutes: float = 0.0
-
-
-@dataclass(frozen=True, slots=True)
-class Outcome:
-    """Outcome of an act: whether it was done, and one line for people."""
-
-    done: bool
-    text: str
-
-
-def act_of(given: Any, alarms: Mapping[str, frozenset[str]]) -> Act:
-    """Return the act that ``given`` (decoded JSON) asks for.
-
-    Args:
-        given: object with ``act``, ``valve``, ``who``, ``comment``; of an alarm ``alarm``, ``occurrence``; of
-            a shelf and of maintenance ``minutes``.
-        alarms: names of the alarms that are shown, by valve.
-
-    Raises:
-        ActRefusedError: it is no act, or one on something that is not there.
-    """
-    if not isinstance(given, dict) or not set(given) <= _FIELDS:
-        raise ActRefusedError("the request is not an object with the fields of an act")
-    act = given.get("act")
-    if act not in (*ON_ALARM, *ON_VALVE):
-        raise ActRefusedError("there is no such act")
-    valve = given.get("valve")
-    if not isinstance(valve, str) or valve not in alarms:
-        raise ActRefusedError("unknown valve: the page receives no data from it")
-    who = _text(given, "who", MOST_WHO)
-    if not who:
-        raise ActRefusedError(operator_missing())
-    comment = _text(given, "comment", MOST_COMMENT)
-    if act in ON_VALVE and "alarm" not in given:
-        return Act(act, valve, who, comment, minutes=_minutes(act, given))
-    alarm = given.get("alarm")
-    if not isinstance(alarm, str) or not alarm or alarm not in alarms[valve]:
-        raise ActRefusedError("no such alarm is shown")
-    occurrence = given.get("occurrence", 0)
-    if type(occurrence) is not int or not 0 <= occurrence < 2**32:
-        raise ActRefusedError("occurrence: must be a whole number from 0")
-    return Act(act, valve, who, comment, alarm, occurrence, _minutes(act, given))
-
-
-def acts_of(given: Any, alarms: Mapping[str, frozenset[str]]) -> list[Act]:
-    """Return the acts on several alarms that ``given`` asks for: as of one, with ``targets`` for the alarms.
-
-    Raises:
-        ActRefusedError: one of them is no act; nothing is done.
-    """
-    targets = given.get("targets") if isinstance(given, dict) else None
-    if not isinstance(targets, list) or not 0 < len(targets) <= MOST_TARGETS:
-        raise ActRefusedError(f"targets: 1 to {MOST_TARGETS} alarms")
-    if given.get("act") not in ON_ALARM or not all(isinstance(one, dict) for one in targets):
-        raise ActRefusedError("there is no such act on alarms")
-    common = {name: value for name, value in given.items() if name != "targets"}
-    return [act_of({**common, **one}, alarms) for one in targets]
 
 
 class OperatorToken:
@@ -147,30 +68,6 @@ class OperatorToken:
         with contextlib.suppress(OSError):
             if self.path.read_text(encoding="ascii").strip() == self._token:
                 self.path.unlink()
-
-
-@dataclass(slots=True)
-class RateLimit:
-    """``burst`` at once, refilled by ``rate`` a second (token bucket)."""
-
-    rate: float
-    burst: float
-    clock: Callable[[], float] = time.monotonic
-    _left: float = field(init=False)
-    _last: float = field(init=False)
-
-    def __post_init__(self) -> None:
-        self._left, self._last = self.burst, self.clock()
-
-    def take(self) -> bool:
-        """Return whether one more is within the limit, and count it if so."""
-        now = self.clock()
-        self._left = min(self.burst, self._left + self.rate * (now - self._last))
-        self._last = now
-        if self._left < 1.0:
-            return False
-        self._left -= 1.0
-        return True
 
 
 class ActLog:
@@ -306,27 +203,6 @@ class Desk:
     def operable(self) -> bool:
         """Whether an operator may act; else the page is read only."""
         return self.token is not None and self.log is not None
-
-
-def _text(given: Mapping[str, Any], name: str, most: int) -> str:
-    value = given.get(name, "")
-    if not isinstance(value, str) or len(value) > most:
-        raise ActRefusedError(f"{name}: must be a text of at most {most} characters")
-    if not value.isprintable():
-        raise ActRefusedError(f"{name}: must be one line without control characters")
-    return value.strip()
-
-
-def _minutes(act: str, given: Mapping[str, Any]) -> float:
-    """Return the minutes of a shelf or of maintenance; 0 of other acts."""
-    if act not in (SHELVE, MAINTAIN):
-        return 0.0
-    minutes, most = given.get("minutes"), MOST_MINUTES if act == SHELVE else MOST_SERVICE
-    if isinstance(minutes, bool) or not isinstance(minutes, int | float) or not math.isfinite(minutes):
-        raise ActRefusedError("minutes: a number, 0 without an end")
-    if not 0 <= minutes <= most:
-        raise ActRefusedError(f"minutes: must be from 0 to {most:g}")
-    return float(minutes)
 
 
 async def _content(request: Request, most: int) -> Any:

@@ -20,47 +20,23 @@ from spool_core.node.service_calls import ServiceCalls
 from spool_core.system import expanded
 from spool_monitor.listener import HeardValve, Listener
 from spool_monitor.state_file import default_folder
-from spool_msgs.srv import (
-    AcknowledgeAlarm,
-    ManageBaseline,
-    ResetAlarms,
-    ShelveAlarm,
-    SuppressAlarm,
-    TakeSnapshot,
-)
-from std_srvs.srv import Trigger
+from spool_msgs.srv import ManageBaseline
 
 from spool_view import operator as operating
+from spool_view.acts import FREEZE, LEARN, Act, Outcome, ask, do
 from spool_view.application import ServerThread, application
 from spool_view.metrics import Metrics
-from spool_view.operator import Act, Desk, Outcome
+from spool_view.operator import Desk
 from spool_view.view import BAND, spectrum_of
 
 #: Folder of token and log below the state folder.
 FOLDER = "web_page"
-
-#: Nodes that do what the monitor does not.
-_NODES = {operating.ANALYSE: "estimator", operating.SNAPSHOT: "recorder"}
 
 #: s between two askings for the baseline and the limits of a valve whose page is open.
 ASK_EVERY = 10.0
 
 #: s likewise of the others.
 ASK_ALL_EVERY = 600.0
-
-#: Services that can be called: node and type by name; there is no way to any other.
-SERVICES: dict[str, tuple[str, Any]] = {
-    "acknowledge_alarm": ("monitor", AcknowledgeAlarm),
-    "shelve_alarm": ("monitor", ShelveAlarm),
-    "reset_alarms": ("monitor", ResetAlarms),
-    "suppress_alarm": ("monitor", SuppressAlarm),
-    "manage_baseline": ("monitor", ManageBaseline),
-    "get_parameters": ("monitor", GetParameters),
-    "analyse_gap": ("estimator", Trigger),
-    "take_snapshot": ("recorder", TakeSnapshot),
-}
-#: Nodes that serve all valves, outside of their namespaces.
-SHARED = {"recorder"}
 
 #: Port of the page where nobody names one.
 PORT = 8765
@@ -219,21 +195,9 @@ class PageNode(ManagedNode):
         """Ask for ``act``; called by the server's thread."""
         assert self._calls is not None
         outcome = do(self._calls, act)
-        if act.act in (operating.FREEZE, operating.LEARN):
+        if act.act in (FREEZE, LEARN):
             outcome.add_done_callback(lambda _: self._changed.append(act.valve))
         return outcome
-
-
-def do(calls: ServiceCalls, act: Act) -> Future[Outcome]:
-    """Ask for ``act``; the outcome comes once the valve's node has answered, or is not there."""
-    service, request = _request(act)
-    outcome: Future[Outcome] = Future()
-
-    def take(answer: Future[Any]) -> None:
-        outcome.set_result(_outcome(act, answer.result()))
-
-    _ask(calls, act.valve, service, request).add_done_callback(take)
-    return outcome
 
 
 def serve(
@@ -259,12 +223,6 @@ def serve(
         raise SystemExit(code)
 
 
-def _ask(calls: ServiceCalls, valve: str, service: str, request: Any) -> Future[Any]:
-    """Return the answer to come, ``None`` in it where no node answers; from any thread."""
-    node, kind = SERVICES[service]
-    return calls.ask(f"/{node}" if node in SHARED else f"/{valve}/{node}", service, request, kind)
-
-
 def _ask_monitor(calls: ServiceCalls, valve: HeardValve) -> None:
     """Ask for the baseline and the limits of ``valve``."""
 
@@ -277,41 +235,6 @@ def _ask_monitor(calls: ServiceCalls, valve: HeardValve) -> None:
         valve.keep("limits", {BAND: float(got.values[0].double_value)} if got and got.values else {})
 
     show = ManageBaseline.Request(action=ManageBaseline.Request.SHOW)
-    _ask(calls, valve.name, "manage_baseline", show).add_done_callback(take_baseline)
+    ask(calls, valve.name, "manage_baseline", show).add_done_callback(take_baseline)
     limits = GetParameters.Request(names=[BAND])
-    _ask(calls, valve.name, "get_parameters", limits).add_done_callback(take_limits)
-
-
-def _request(act: Act) -> tuple[str, Any]:
-    by = {"who": act.who, "comment": act.comment}
-    if act.act == operating.ANALYSE:
-        return "analyse_gap", Trigger.Request()
-    if act.act == operating.SNAPSHOT:
-        return "take_snapshot", TakeSnapshot.Request(valve=act.valve, **by)
-    if act.act in (operating.FREEZE, operating.LEARN):
-        kind = ManageBaseline.Request
-        return "manage_baseline", kind(
-            action=kind.FREEZE if act.act == operating.FREEZE else kind.LEARN, **by
-        )
-    by["alarm"] = act.alarm
-    if act.act == operating.ACKNOWLEDGE:
-        return "acknowledge_alarm", AcknowledgeAlarm.Request(occurrence=act.occurrence, **by)
-    if act.act == operating.RESET:
-        return "reset_alarms", ResetAlarms.Request(**by)
-    if act.act in (operating.MAINTAIN, operating.RETURN):
-        out = act.act == operating.MAINTAIN
-        way, duration = SuppressAlarm.Request.OUT_OF_SERVICE, 60.0 * act.minutes
-        return "suppress_alarm", SuppressAlarm.Request(way=way, suppressed=out, duration=duration, **by)
-    shelved = act.act == operating.SHELVE
-    return "shelve_alarm", ShelveAlarm.Request(shelved=shelved, duration=60.0 * act.minutes, **by)
-
-
-def _outcome(act: Act, answer: Any) -> Outcome:
-    if answer is None:
-        node = _NODES.get(act.act, "monitor")
-        return Outcome(False, f"{act.valve}: its {node} does not answer")
-    if act.act == operating.ANALYSE:
-        return Outcome(bool(answer.success), str(answer.message))
-    if not answer.success:
-        return Outcome(False, str(answer.reason))
-    return Outcome(True, ", ".join(getattr(answer, "changed", ())) or str(getattr(answer, "stage", "")))
+    ask(calls, valve.name, "get_parameters", limits).add_done_callback(take_limits)

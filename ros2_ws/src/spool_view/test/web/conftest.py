@@ -28,8 +28,9 @@ from spool_core.uncertainty import Quantity as Measured
 from spool_core.uncertainty import Validity
 from spool_monitor.listener import HeardValve
 from spool_msgs.msg import Alarm, AlarmList, ModelEstimate, Quantity, ValveHealth
+from spool_view.acts import Act, Outcome
 from spool_view.application import Application, application
-from spool_view.operator import Act, ActLog, Desk, OperatorToken, Outcome
+from spool_view.operator import ActLog, Desk, OperatorToken
 from starlette.testclient import TestClient
 
 #: Fixtures that every package's tests of nodes have.

@@ -9,8 +9,8 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
+from spool_view.acts import Outcome
 from spool_view.application import own_host, same_origin
-from spool_view.operator import Outcome
 
 from .conftest import OWN, Station
 

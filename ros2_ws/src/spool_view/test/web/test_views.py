@@ -16,8 +16,8 @@ from spool_monitor.state_file import valve_folder
 from spool_monitor.trend import Sums, TrendStore
 from spool_msgs.msg import AlarmList, Quantity, ValveHealth
 from spool_msgs.srv import ManageBaseline
+from spool_view.acts import RateLimit
 from spool_view.application import LANGUAGES, SITE, language_of
-from spool_view.operator import RateLimit
 from spool_view.view import AT_REST, MOST, alarms_of, detail_of, row_of, shown, spectrum_of, trend_of
 
 from .conftest import alarm, good_health, quantity, tracking
