@@ -1,5 +1,7 @@
 """`./spool secure`: which node may use what, and the keystore that says so (OMG DDS-SECURITY 1.1).
 
+With --opcua: who may connect to the OPC UA server, and who may act there.
+
 ROS 2 names (design.ros2.org, "Topic and Service name mapping to DDS"): topics ``rt/``, requests of services
 ``rq/...Request``, replies ``rr/...Reply``.
 """
@@ -8,16 +10,19 @@ from __future__ import annotations
 
 import os
 import shutil
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta, timezone
 from enum import Enum
+from getpass import getpass
 from pathlib import Path
 from typing import Annotated, Any
 from xml.etree import ElementTree as Xml
 
 import typer
 from spool_core.errors import InputError
+from spool_core.opcua_folder import CERTIFICATE, keep_operator
 from spool_core.system import OPEN_FLAGS
 
 from spool_tools.command import Command, Force
@@ -57,12 +62,24 @@ class Source(Enum):
 
 
 def secure(
-    keystore: Annotated[Path, typer.Option(metavar="DIR", help="Keystore to make, or to add valves to.")],
+    keystore: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Keystore to make, or to add valves to.")
+    ] = None,
     valves: Annotated[
         list[str] | None, typer.Option("--valve", metavar="NAMESPACE", help="Valve; give it again for more.")
     ] = None,
     source: Annotated[
         Source | None, typer.Option("--hosted-source", help="Source of blocks that the host runs itself.")
+    ] = None,
+    opcua: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Security folder of the OPC UA server.")
+    ] = None,
+    trust: Annotated[
+        list[Path] | None,
+        typer.Option(metavar="CERTIFICATE", help="OPC UA client that may connect; repeatable."),
+    ] = None,
+    operator: Annotated[
+        str | None, typer.Option(metavar="NAME", help="OPC UA user who may act; asks for a password.")
     ] = None,
     _force: Force = False,
 ) -> None:
@@ -71,7 +88,43 @@ def secure(
     Only /operator may call the services of the nodes; the recorder and /viewer hear and change nothing.
 
     Example: ./spool secure --keystore keystore --valve valve_1 --valve valve_2
+
+    Example: ./spool secure --opcua opcua --trust scada.der --operator anna
     """
+    if opcua is not None:
+        _secure_opcua(opcua, trust or [], operator)
+    elif trust or operator:
+        raise InputError("--trust, --operator: name the folder of the OPC UA server with --opcua")
+    if keystore is not None:
+        _secure_nodes(keystore, valves, source)
+    elif opcua is None:
+        raise InputError("name a folder: --keystore for the nodes, --opcua for the OPC UA server")
+
+
+def _secure_opcua(folder: Path, trusted: Sequence[Path], operator: str | None) -> None:
+    """Make or extend the security folder of the OPC UA server."""
+    from spool_tools.operations.opcua_certificate import make_server, trust  # noqa: PLC0415
+
+    try:
+        made = make_server(folder)
+        print(f"{folder / CERTIFICATE}: {'made' if made else 'kept'}; clients have to trust it")
+        for file in trusted:
+            print(f"{file}: trusted, SHA-256 {trust(folder, file)}")
+        if operator is not None:
+            terminal = sys.stdin.isatty()
+            password = getpass(f"password of {operator}: ") if terminal else sys.stdin.readline().rstrip("\n")
+            if terminal and getpass("the same again: ") != password:
+                raise InputError("the passwords differ: nothing was changed")
+            keep_operator(folder, operator, password)
+            print(f"{operator}: may act on alarms")
+    except OSError as error:
+        raise InputError(f"{error.filename or folder}: {error.strerror}") from error
+    start = f"./spool run spool_view opcua --ros-args -p security_folder:={folder.absolute()}"
+    print(f"start the server with: {start}")
+
+
+def _secure_nodes(keystore: Path, valves: Sequence[str] | None, source: Source | None) -> None:
+    """Make the keystore of the nodes, or add valves to it."""
     from spool_bag import check_valve  # noqa: PLC0415 - slow to load
 
     names = [valve.strip("/") for valve in valves or ["valve_1"]]
