@@ -1,4 +1,6 @@
-"""Node ``opcua``: an OPC UA server with state and alarms of all valves; nothing comes in through it.
+"""Node ``opcua``: an OPC UA server with state and alarms of all valves.
+
+Nothing comes in through it but what operators do to alarms, where it has a security folder with operators.
 
 Node ids are strings made of names, so that a client that stored them finds them after a restart:
 ``ns=2;s=valve_1.health.level``. Quality is the status code: ``Good``, ``UncertainLastUsableValue`` (held),
@@ -8,30 +10,37 @@ Node ids are strings made of names, so that a client that stored them finds them
 from __future__ import annotations
 
 import asyncio
+import ipaddress
+import logging
 import math
 import threading
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from typing import Any, ClassVar
 
 from asyncua import Server, ua
-from asyncua.crypto.permission_rules import PermissionRuleset, User, UserRole
-from asyncua.server.user_managers import UserManager
 from spool_core.errors import InputError
 from spool_core.events.language import ENGLISH, Language
 from spool_core.events.sentences import details, headline, language_of
 from spool_core.node.managed_node import ManagedNode
 from spool_core.node.messages import from_event_message
-from spool_core.node.parameters import LANGUAGE, NodeParameter
+from spool_core.node.parameters import LANGUAGE, NodeParameter, Value
+from spool_core.node.service_calls import ServiceCalls
+from spool_core.system import expanded
 from spool_monitor.alarm import AlarmState
 from spool_monitor.listener import NO_WORD, HeardValve, Listener
 from spool_msgs.msg import Alarm, Quantity, ValveHealth
 
-#: s between updates of the address space, looks for valves that joined, and fetches of their health.
-PERIOD, LOOK, FETCH = 0.5, 1.0, 0.2
+from spool_view.acts import Act, Outcome, do
+from spool_view.opcua_alarms import Conditions
+from spool_view.opcua_security import PlantServer, Security
+
+#: s between updates of the address space, looks for valves that joined, fetches of their health, and steps
+#: of an operator's act.
+PERIOD, LOOK, FETCH, CALL = 0.5, 1.0, 0.2, 0.1
 #: s that the server may take to start.
 START = 20.0
 LOOPBACK = "127.0.0.1"
@@ -39,6 +48,8 @@ LOOPBACK = "127.0.0.1"
 NAMESPACE = "urn:spool-suite:valves"
 #: Numbers and alarms of one valve at most: what comes over the network is data.
 MOST = 64
+#: Characters of a line of asyncua's log: part of it is what a client sent.
+MOST_LINE = 300
 _NAMUR = {
     ValveHealth.NAMUR_UNKNOWN: "unknown",
     ValveHealth.NAMUR_NORMAL: "normal",
@@ -56,33 +67,21 @@ _QUALITY = {
     Quantity.VALIDITY_IMPLAUSIBLE: ua.StatusCodes.UncertainEngineeringUnitsExceeded,
 }
 
-_IDS = ua.ObjectIds
-#: Requests that are answered; writing, calling methods, history and changes of the address space are not.
-ALLOWED = frozenset(
-    ua.NodeId(number)
-    for number in (
-        _IDS.CreateSessionRequest_Encoding_DefaultBinary,
-        _IDS.CloseSessionRequest_Encoding_DefaultBinary,
-        _IDS.ActivateSessionRequest_Encoding_DefaultBinary,
-        _IDS.CloseSecureChannelRequest_Encoding_DefaultBinary,
-        _IDS.FindServersRequest_Encoding_DefaultBinary,
-        _IDS.GetEndpointsRequest_Encoding_DefaultBinary,
-        _IDS.ReadRequest_Encoding_DefaultBinary,
-        _IDS.BrowseRequest_Encoding_DefaultBinary,
-        _IDS.TranslateBrowsePathsToNodeIdsRequest_Encoding_DefaultBinary,
-        _IDS.RegisterNodesRequest_Encoding_DefaultBinary,
-        _IDS.UnregisterNodesRequest_Encoding_DefaultBinary,
-        _IDS.CreateSubscriptionRequest_Encoding_DefaultBinary,
-        _IDS.ModifySubscriptionRequest_Encoding_DefaultBinary,
-        _IDS.DeleteSubscriptionsRequest_Encoding_DefaultBinary,
-        _IDS.CreateMonitoredItemsRequest_Encoding_DefaultBinary,
-        _IDS.DeleteMonitoredItemsRequest_Encoding_DefaultBinary,
-        _IDS.SetMonitoringModeRequest_Encoding_DefaultBinary,
-        _IDS.SetPublishingModeRequest_Encoding_DefaultBinary,
-        _IDS.PublishRequest_Encoding_DefaultBinary,
-        _IDS.RepublishRequest_Encoding_DefaultBinary,
-    )
-)
+
+#: Everything that asyncua logs.
+_ASYNCUA = logging.getLogger("asyncua")
+
+
+class _OneLine(logging.Handler):
+    """Handler that gives warnings and errors to ``say``, without the traces that asyncua adds to refusals."""
+
+    def __init__(self, say: Callable[[str], object]) -> None:
+        super().__init__(logging.WARNING)
+        self._say = say
+
+    def emit(self, record: logging.LogRecord) -> None:
+        error = record.exc_info[1] if record.exc_info else None
+        self._say(" ".join(f"{record.getMessage()} {error or ''}".split())[:MOST_LINE])
 
 
 class OpcUaNode(ManagedNode):
@@ -91,7 +90,13 @@ class OpcUaNode(ManagedNode):
     PARAMETERS: ClassVar = (
         NodeParameter(
             "address", LOOPBACK,
-            "Listening address; any but loopback lets the network read without a password.",
+            "Listening address; any but loopback needs security_folder.",
+            structural=True,
+        ),
+        NodeParameter(
+            "security_folder", "",
+            "Folder made by ./spool secure --opcua, with the certificates and operators; channels are "
+            "signed and encrypted then. Empty: neither.",
             structural=True,
         ),
         NodeParameter("port", 4840, "TCP port.", "", 1, 65535, structural=True),
@@ -106,7 +111,10 @@ class OpcUaNode(ManagedNode):
         self._thread: threading.Thread | None = None
         self._server: Server | None = None
         self._space: AddressSpace | None = None
+        self._conditions: Conditions | None = None
+        self._calls: ServiceCalls | None = None
         self._update: Future[int] | None = None
+        self._log: logging.Handler | None = None
 
     def configure(self) -> None:
         """Start the server.
@@ -115,33 +123,53 @@ class OpcUaNode(ManagedNode):
             InputError: the address can't be listened on.
         """
         self._loop = asyncio.new_event_loop()
+        self._log = _OneLine(self.get_logger().warning)
+        _ASYNCUA.addHandler(self._log)
+        _ASYNCUA.propagate = False
         self._thread = threading.Thread(target=self._loop.run_forever, daemon=True)
         self._thread.start()
         address, port = self.value("address"), self.value("port")
         self._language = language_of(self.value(LANGUAGE.name))
-        if address != LOOPBACK:
-            self.get_logger().warning(f"address {address}: everyone there can read all valves, unencrypted")
+        folder = self.value("security_folder")
+        security = Security.read(expanded(folder)) if folder else None
         try:
-            asyncio.run_coroutine_threadsafe(self._serve(address, port), self._loop).result(START)
+            asyncio.run_coroutine_threadsafe(self._serve(address, port, security), self._loop).result(START)
         except OSError as error:
             raise InputError(f"port {port}: {error.strerror or error}: set another port") from error
-        self.get_logger().info(f"serving opc.tcp://{address}:{port}, read only")
+        self.get_logger().info(f"serving opc.tcp://{address}:{port}, {_described(security)}")
 
-    async def _serve(self, address: str, port: int) -> None:
-        server = Server(user_manager=Onlookers())
+    def refuse_change(self, changes: dict[str, Value]) -> str | None:
+        """Refuse what is no address, and the network where no channel is encrypted."""
+        address = str(changes.get("address", self.value("address")))
+        try:
+            loopback = ipaddress.ip_address(address).is_loopback
+        except ValueError:
+            return f"address: {address!r} is no IP address, e.g. {LOOPBACK}"
+        if not loopback and not changes.get("security_folder", self.value("security_folder")):
+            return (
+                f"address {address}: a network needs encryption: set security_folder (./spool secure --opcua)"
+            )
+        return None
+
+    async def _serve(self, address: str, port: int, security: Security | None) -> None:
+        server = PlantServer(security)
         await server.init()
-        server.set_endpoint(f"opc.tcp://{address}:{port}")
+        host = f"[{address}]" if ":" in address else address
+        server.set_endpoint(f"opc.tcp://{host}:{port}")
         server.set_server_name("spool valves")
-        server.set_security_policy([ua.SecurityPolicyType.NoSecurity], LookOnly())
-        server.set_identity_tokens([ua.AnonymousIdentityToken])
-        server.allow_remote_admin(False)
         index = await server.register_namespace(NAMESPACE)
+        space = AddressSpace(server, index, self._language)
+        conditions = Conditions(server, index, self._language, space.folder, self._do)
+        await conditions.build()
+        server.iserver.answer = conditions.answer
         await server.start()
-        self._server, self._space = server, AddressSpace(server, index, self._language)
+        self._server, self._space, self._conditions = server, space, conditions
 
     def activate(self) -> None:
         """Listen to every valve, those that join later as well."""
         self._listener = Listener(self)
+        self._calls = ServiceCalls(self)
+        self.every(CALL, self._calls.work, steady=True)
         self.every(LOOK, self._listener.look, steady=True)
         self.every(FETCH, self._listener.fetch, steady=True)
         self.every(PERIOD, self._push, steady=True)
@@ -150,18 +178,23 @@ class OpcUaNode(ManagedNode):
         """Listen to no valve any more."""
         if self._listener is not None:
             self._listener.close()
-        self._listener = None
+        if self._calls is not None:
+            self._calls.close()
+        self._listener = self._calls = None
 
     def cleanup(self) -> None:
         """Stop the server."""
         self.deactivate()  # activating may have failed half-way
         if self._server is not None:
             asyncio.run_coroutine_threadsafe(self._server.stop(), self._loop).result(5.0)
-        self._server = self._space = None
+        self._server = self._space = self._conditions = None
         if self._thread is not None:
             self._loop.call_soon_threadsafe(self._loop.stop)
             self._thread.join(timeout=5.0)
         self._thread = None
+        if self._log is not None:
+            _ASYNCUA.removeHandler(self._log)
+        self._log = None
 
     def _push(self) -> None:
         """Hand what was heard to the server, unless it still works on the last."""
@@ -170,8 +203,23 @@ class OpcUaNode(ManagedNode):
             return
         if self._update is not None and self._update.exception() is not None:
             self.get_logger().error(f"the address space was not updated: {self._update.exception()}")
-        work = self._space.update(list(self._listener.valves.values()), time.monotonic())
+        work = self._bring(list(self._listener.valves.values()), time.monotonic())
         self._update = asyncio.run_coroutine_threadsafe(work, self._loop)
+
+    async def _bring(self, valves: list[HeardValve], now: float) -> int:
+        """Bring alarms, then variables up to date; return how many events and values that were."""
+        assert self._space is not None
+        assert self._conditions is not None
+        sent = await self._conditions.update(valves, now, MOST)
+        return sent + await self._space.update(valves, now)
+
+    def _do(self, act: Act) -> Future[Outcome]:
+        """Ask for ``act``; called by the server's thread."""
+        if self._calls is None:
+            refused: Future[Outcome] = Future()
+            refused.set_result(Outcome(False, "the node is not active"))
+            return refused
+        return do(self._calls, act)
 
 
 @dataclass(frozen=True, slots=True)
@@ -210,16 +258,17 @@ class AddressSpace:
                 self._written[item.path] = item
                 identity = ua.NodeId(".".join(item.path), self._index)
                 if not known:
-                    folder = await self._folder(item.path[:-1])
+                    folder = await self.folder(item.path[:-1])
                     await folder.add_variable(identity, item.path[-1], item.value)
                 await self._server.write_attribute_value(identity, value)
                 written += 1
         return written
 
-    async def _folder(self, path: tuple[str, ...]) -> Any:
+    async def folder(self, path: tuple[str, ...]) -> Any:
+        """Return the folder ``path`` below Objects/Valves, which is made where it is missing."""
         if path not in self._folders:
             if path:
-                parent = await self._folder(path[:-1])
+                parent = await self.folder(path[:-1])
                 name, identity = path[-1], ".".join(path)
             else:
                 parent, name, identity = self._server.get_objects_node(), "Valves", "Valves"
@@ -255,22 +304,6 @@ def items_of(valve: HeardValve, now: float, language: Language = ENGLISH) -> Ite
     if valve.alarms is not None:
         for alarm in valve.alarms.alarms[:MOST]:
             yield from _alarm(name, alarm, language, lost=silent)
-
-
-class LookOnly(PermissionRuleset):  # type: ignore[misc]  # asyncua carries no types
-    """Ruleset of requests: those in ``ALLOWED``, from any client."""
-
-    def check_validity(self, user: object, action_type: ua.NodeId, body: object) -> bool:  # noqa: ARG002
-        """Return whether a request of that type is answered."""
-        return action_type in ALLOWED
-
-
-class Onlookers(UserManager):  # type: ignore[misc]  # asyncua carries no types
-    """User manager by whom nobody is an administrator, whatever name is given."""
-
-    def get_user(self, *_: object, **__: object) -> User:
-        """Return a user without any rights of administration."""
-        return User(role=UserRole.User)
 
 
 def _numbers(
@@ -327,3 +360,10 @@ def _time(stamp: object) -> datetime | None:
     if not seconds:
         return None
     return datetime.fromtimestamp(seconds + 1e-9 * getattr(stamp, "nanosec", 0), timezone.utc)
+
+
+def _described(security: Security | None) -> str:
+    if security is None:
+        return "read only, not encrypted"
+    names = ", ".join(sorted(security.operators)) or "nobody"
+    return f"encrypted, {len(security.trusted)} trusted clients; operators: {names}"

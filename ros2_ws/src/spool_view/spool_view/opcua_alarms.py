@@ -1,0 +1,480 @@
+"""Alarms of valves as OPC UA conditions (OPC 10000-9), of the alarm types of OPC 10000-100 (DI).
+
+A condition is a node without components, since a complete one costs asyncua 0.6 s or more; its events hold
+its state. Clients call the methods of the types on it (OPC 10000-9, 5.5.4). asyncua hands no event to the
+notifiers above, and its filters know no subtypes, so both is done here.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import hashlib
+import math
+import time
+from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
+from concurrent.futures import Future
+from dataclasses import dataclass, field
+from datetime import datetime, timezone
+from typing import Any, NamedTuple
+
+from asyncua import Server, ua
+from spool_core.events.language import ENGLISH, Language
+from spool_core.events.sentences import headline
+from spool_core.node.messages import from_event_message
+from spool_monitor.alarm import LONGEST_SHELF, AlarmState
+from spool_monitor.detectors import event_kind
+from spool_monitor.event import Namur, Severity
+from spool_monitor.listener import NO_WORD, HeardValve
+from spool_msgs.msg import Alarm
+
+from spool_view.acts import ACKNOWLEDGE, RESET, SHELVE, UNSHELVE, Act, ActRefusedError, Outcome, act_of
+from spool_view.opcua_security import PlantSession
+
+#: DI's namespace and the numbers of its alarm types (OPC 10000-100, 4.12, release 1.04).
+DI = "http://opcfoundation.org/UA/DI/"
+DEVICE_HEALTH = (15143, "DeviceHealthDiagnosticAlarmType")
+TYPES = {
+    Namur.FAILURE: (15292, "FailureAlarmType"),
+    Namur.FUNCTION_CHECK: (15441, "CheckFunctionAlarmType"),
+    Namur.OUT_OF_SPECIFICATION: (15590, "OffSpecAlarmType"),
+    Namur.MAINTENANCE_REQUIRED: (15739, "MaintenanceRequiredAlarmType"),
+}
+#: Severity of 1 to 1000: the middle of "high" and of "medium" (OPC 10000-9, table E.2).
+SEVERITIES = {Severity.ALARM: 834, Severity.WARNING: 500}
+#: Earlier events of a condition that a client may still acknowledge.
+MOST_EVENTS = 16
+
+_IDS, _CODES = ua.ObjectIds, ua.StatusCodes
+_ACTIVE = (AlarmState.UNACKNOWLEDGED, AlarmState.ACKNOWLEDGED)
+_LATCHED = (AlarmState.LATCHED_UNACKNOWLEDGED, AlarmState.LATCHED_ACKNOWLEDGED)
+_WAITING = (
+    AlarmState.UNACKNOWLEDGED, AlarmState.RETURNED_UNACKNOWLEDGED, AlarmState.LATCHED_UNACKNOWLEDGED
+)  # fmt: skip
+_NOTHING = ua.Variant(None)
+
+
+class _Method(NamedTuple):
+    """Method of a type: the act that it is, and the places of its arguments."""
+
+    act: str
+    event: int | None = None
+    time: int | None = None
+    comment: int | None = None
+
+
+def _shelving(name: str, method: _Method) -> dict[ua.NodeId, _Method]:
+    """Return both declarations of a method: in the state machine's type and in the alarm's."""
+    return {
+        ua.NodeId(getattr(_IDS, f"{owner}_{name}")): method
+        for owner in ("ShelvedStateMachineType", "AlarmConditionType_ShelvingState")
+    }
+
+
+METHODS: Mapping[ua.NodeId, _Method] = {
+    ua.NodeId(_IDS.AcknowledgeableConditionType_Acknowledge): _Method(ACKNOWLEDGE, event=0, comment=1),
+    ua.NodeId(_IDS.AcknowledgeableConditionType_Confirm): _Method(RESET, event=0, comment=1),
+    **_shelving("TimedShelve", _Method(SHELVE, time=0)),
+    **_shelving("TimedShelve2", _Method(SHELVE, time=0, comment=1)),
+    **_shelving("OneShotShelve", _Method(SHELVE)),
+    **_shelving("OneShotShelve2", _Method(SHELVE, comment=0)),
+    **_shelving("Unshelve", _Method(UNSHELVE)),
+    **_shelving("Unshelve2", _Method(UNSHELVE, comment=0)),
+}
+REFRESH = ua.NodeId(_IDS.ConditionType_ConditionRefresh)
+REFRESH_ONE = ua.NodeId(_IDS.ConditionType_ConditionRefresh2)
+
+
+class Notification:
+    """Event as asyncua's subscriptions take it: fields by browse path.
+
+    ``kinds`` are the event's type and those above it; a filter by one of the latter sees ``seen_as``.
+    """
+
+    def __init__(self, fields: Mapping[str, ua.Variant], kinds: Sequence[ua.NodeId]) -> None:
+        self.fields, self.kinds, self.seen_as = fields, kinds, kinds[0]
+
+    def __getattr__(self, name: str) -> Any:
+        if name == "EventType":
+            return self.seen_as
+        return self.fields.get(name, _NOTHING).Value
+
+    def to_event_fields(self, clauses: Iterable[Any]) -> list[ua.Variant]:
+        """Return the fields that a client selected; null where there is no such field."""
+        return [self.fields.get(_path(clause), _NOTHING) for clause in clauses]
+
+    def show_to(self, item: Any) -> None:
+        """Prepare for the filter of the monitored ``item``."""
+        self.seen_as = self.kinds[0]
+        for element in item.filter.WhereClause.Elements or ():
+            if element.FilterOperator == ua.FilterOperator.OfType:
+                wanted = getattr(element.FilterOperands[0], "Value", _NOTHING).Value
+                self.seen_as = wanted if wanted in self.kinds else self.seen_as
+
+
+def _path(clause: Any) -> str:
+    """Return the name of a selected field; ``NodeId`` is the condition's."""
+    if clause.BrowsePath:
+        return "/".join(str(one.Name) for one in clause.BrowsePath)
+    return "NodeId" if clause.AttributeId == ua.AttributeIds.NodeId else ""
+
+
+@dataclass(slots=True)
+class Condition:
+    """Condition of a valve's alarm for one NE 107 status; ``events`` are occurrences by EventId."""
+
+    node: ua.NodeId
+    valve: str
+    namur: Namur
+    alarm: Alarm
+    lost: bool = False
+    over: bool = False
+    events: dict[bytes, int] = field(default_factory=dict)
+    last_severity: int = 0
+
+    @property
+    def underlying(self) -> AlarmState:
+        """State beneath a cover; one whose cause became another is over."""
+        return AlarmState.NORMAL if self.over else AlarmState(self.alarm.underlying or self.alarm.state)
+
+    @property
+    def retained(self) -> bool:
+        """Whether an operator may still want to see it."""
+        return self.underlying not in (AlarmState.NORMAL, AlarmState.UNKNOWN)
+
+    @property
+    def severity(self) -> int:
+        """Severity of 1 to 1000."""
+        return SEVERITIES.get(Severity(self.alarm.severity), 1)
+
+    def key(self) -> tuple[object, ...]:
+        """Return what clients are notified of when it changes."""
+        alarm, stamp = self.alarm, self.alarm.header.stamp
+        return (
+            *(self.lost, self.over, alarm.state, alarm.underlying, alarm.severity, alarm.occurrence),
+            *(alarm.cause, alarm.comment, stamp.sec, stamp.nanosec, alarm.shelved_until.sec),
+        )
+
+    def event_id(self) -> bytes:
+        """Return the EventId of the present state, the same one in a refresh."""
+        return hashlib.blake2b(f"{self.node.Identifier}{self.key()}".encode(), digest_size=16).digest()
+
+
+class Conditions:
+    """Conditions of all valves below their nodes, with notifiers from server over machine to valve.
+
+    Args:
+        server: with its standard address space.
+        index: of the namespace of nodes.
+        language: for clients that ask for none of ours.
+        folder: of a path below Objects/Valves, made where it is missing.
+        do: does an act; from any thread.
+    """
+
+    def __init__(
+        self,
+        server: Server,
+        index: int,
+        language: Language,
+        folder: Callable[[tuple[str, ...]], Awaitable[Any]],
+        do: Callable[[Act], Future[Outcome]],
+    ) -> None:
+        self._server, self._index, self._language = server, index, language
+        self._folder, self._do = folder, do
+        self._kinds: dict[Namur, tuple[ua.NodeId, ...]] = {}
+        self._machine: Any = None
+        self._sources: dict[str, Any] = {}
+        self._current: dict[tuple[str, str], Condition] = {}
+        self._known: dict[ua.NodeId, Condition] = {}
+
+    async def build(self) -> None:
+        """Add the types that asyncua's address space lacks, and make the machine a notifier."""
+        di = await self._server.register_namespace(DI)
+        above = ua.NodeId(_IDS.InstrumentDiagnosticAlarmType)
+        parents = [
+            ua.NodeId(getattr(_IDS, name))
+            for name in (
+                *("InstrumentDiagnosticAlarmType", "OffNormalAlarmType", "DiscreteAlarmType"),
+                *("AlarmConditionType", "AcknowledgeableConditionType", "ConditionType", "BaseEventType"),
+            )
+        ]
+        health = await self._type(above, di, *DEVICE_HEALTH)
+        await health.write_attribute(ua.AttributeIds.IsAbstract, ua.DataValue(ua.Variant(True)))
+        for namur, (number, name) in TYPES.items():
+            made = await self._type(health.nodeid, di, number, name)
+            self._kinds[namur] = (made.nodeid, health.nodeid, *parents)
+        self._machine = await self._folder(())
+        await self._notifier(self._server.nodes.server, self._machine)
+
+    async def _type(self, above: ua.NodeId, index: int, number: int, name: str) -> Any:
+        parent = self._server.get_node(above)
+        return await parent.add_object_type(ua.NodeId(number, index), ua.QualifiedName(name, index))
+
+    async def _notifier(self, above: Any, node: Any) -> None:
+        await node.set_event_notifier([ua.EventNotifier.SubscribeToEvents])
+        await above.add_reference(node, ua.ObjectIds.HasNotifier)
+
+    async def update(self, valves: Iterable[HeardValve], now: float, most: int) -> int:
+        """Notify clients of what changed at ``now`` (s, monotonic); return how often.
+
+        Of a valve the first ``most`` alarms count.
+        """
+        sent = 0
+        for valve in valves:
+            if valve.alarms is None:
+                continue
+            lost = valve.condition(now) == NO_WORD
+            for alarm in valve.alarms.alarms[:most]:
+                sent += await self._follow(valve.name, alarm, lost=lost)
+        return sent
+
+    async def _follow(self, valve: str, alarm: Alarm, *, lost: bool) -> int:
+        namur = event_kind(alarm.kind).cause(alarm.cause).namur
+        namur = namur if namur in TYPES else Namur.OUT_OF_SPECIFICATION
+        sent, current = 0, self._current.get((valve, alarm.name))
+        if current is not None and current.namur is not namur:
+            if current.retained:
+                current.over = True
+                await self._notify(current)
+                sent += 1
+            current = None
+        if current is None:
+            current = await self._condition(valve, alarm, namur)
+            self._current[valve, alarm.name] = current
+            before, retained = None, False
+        else:
+            before, retained = current.key(), current.retained
+        current.alarm, current.lost, current.over = alarm, lost, False
+        if current.key() == before or not (retained or current.retained):
+            return sent
+        await self._notify(current)
+        current.last_severity = current.severity
+        return sent + 1
+
+    async def _condition(self, valve: str, alarm: Alarm, namur: Namur) -> Condition:
+        node = ua.NodeId(f"{valve}.conditions.{alarm.name}.{namur.letter}", self._index)
+        if node in self._known:
+            return self._known[node]
+        if valve not in self._sources:
+            source = self._sources[valve] = await self._folder((valve,))
+            await self._notifier(self._machine, source)
+        source = self._sources[valve]
+        name = f"{alarm.name} {namur.letter}"
+        item = ua.AddNodesItem(
+            ParentNodeId=source.nodeid,
+            ReferenceTypeId=ua.NodeId(_IDS.HasComponent),
+            RequestedNewNodeId=node,
+            BrowseName=ua.QualifiedName(name, self._index),
+            NodeClass=ua.NodeClass.Object,
+            NodeAttributes=ua.ObjectAttributes(DisplayName=ua.LocalizedText(name, ENGLISH.code)),
+            TypeDefinition=self._kinds[namur][0],
+        )
+        for result in await self._server.iserver.isession.add_nodes([item]):
+            result.StatusCode.check()
+        await source.add_reference(node, _IDS.HasCondition)
+        self._known[node] = Condition(node, valve, namur, alarm)
+        return self._known[node]
+
+    async def _notify(self, condition: Condition) -> None:
+        condition.events[condition.event_id()] = condition.alarm.occurrence
+        while len(condition.events) > MOST_EVENTS:
+            del condition.events[next(iter(condition.events))]
+        for subscription in list(self._server.iserver.subscription_service.subscriptions.values()):
+            await self._hand(condition, subscription)
+
+    async def _hand(self, condition: Condition, subscription: Any, only: int | None = None) -> None:
+        """Hand an event to the items of ``subscription`` that look at the valve or above, or to ``only``."""
+        language = self._server.iserver.language_of(subscription.session_id) or self._language
+        notifiers = (self._sources[condition.valve].nodeid, self._machine.nodeid, ua.NodeId(_IDS.Server))
+        event: Notification | None = None
+        service = subscription.monitored_item_srv
+        for notifier in notifiers:
+            for item in list(service._monitored_events.get(notifier, ())):
+                if only not in (None, item) or item not in service._monitored_items:
+                    continue
+                if event is None:
+                    source = self._sources[condition.valve].nodeid
+                    event = Notification(
+                        fields_of(condition, source, self._kinds[condition.namur][0], language),
+                        self._kinds[condition.namur],
+                    )
+                event.show_to(service._monitored_items[item])
+                await service._trigger_event(event, item)
+
+    async def answer(self, session: PlantSession, request: Any) -> int:
+        """Do what a method call asks for, acts for operators only; return the status code."""
+        arguments = [one.Value for one in request.InputArguments or ()]
+        if request.MethodId in (REFRESH, REFRESH_ONE):
+            wanted = 1 + (request.MethodId == REFRESH_ONE)
+            if len(arguments) != wanted or not all(isinstance(one, int) for one in arguments):
+                return int(_CODES.BadInvalidArgument)
+            return await self._refresh(session, *arguments)
+        method = METHODS.get(request.MethodId)
+        if method is None or session.user is None or session.user.name is None:
+            return int(_CODES.BadUserAccessDenied)
+        condition = self._known.get(request.ObjectId)
+        if condition is None:
+            return int(_CODES.BadNodeIdUnknown)
+        return await self._act(method, condition, arguments, session.user.name)
+
+    async def _refresh(self, session: PlantSession, number: int, only: int | None = None) -> int:
+        service = self._server.iserver.subscription_service
+        subscription = service.subscriptions.get(number)
+        if subscription is None or subscription.session_id != session.session_id:
+            return int(_CODES.BadSubscriptionIdInvalid)
+        items = subscription.monitored_item_srv
+        if only is not None and only not in items._monitored_items:
+            return int(_CODES.BadMonitoredItemIdInvalid)
+        await self._frame(items, _IDS.RefreshStartEventType, only)
+        for condition in list(self._current.values()):
+            if condition.retained:
+                await self._hand(condition, subscription, only)
+        await self._frame(items, _IDS.RefreshEndEventType, only)
+        return int(_CODES.Good)
+
+    async def _frame(self, items: Any, number: int, only: int | None) -> None:
+        """Hand the beginning or end of a refresh to all items: no filter by the client holds it back."""
+        now, kind = datetime.now(timezone.utc), ua.NodeId(number)
+        words = ua.LocalizedText("refresh", ENGLISH.code)
+        fields = _base(kind, ua.NodeId(_IDS.Server), "Server", now, words, 1)
+        fields["EventId"] = ua.Variant(hashlib.blake2b(str(time.time_ns()).encode(), digest_size=16).digest())
+        event = Notification(fields, (kind, ua.NodeId(_IDS.SystemEventType), ua.NodeId(_IDS.BaseEventType)))
+        listed = {item for found in items._monitored_events.values() for item in found}
+        for item in sorted(listed):
+            if only in (None, item) and item in items._monitored_items:
+                kept = items._monitored_items[item]
+                found = ua.EventFieldList(
+                    kept.client_handle, event.to_event_fields(kept.filter.SelectClauses)
+                )
+                await items.isub.enqueue_event(item, found, kept.queue_size)
+
+    async def _act(self, method: _Method, condition: Condition, arguments: Sequence[Any], who: str) -> int:
+        alarm = condition.alarm
+        given: dict[str, Any] = {"act": method.act, "valve": condition.valve, "alarm": alarm.name, "who": who}
+        wanted = [one for one in (method.event, method.time, method.comment) if one is not None]
+        if len(arguments) != len(wanted):
+            return int(_CODES.BadArgumentsMissing)
+        if method.event is not None:
+            if arguments[method.event] not in condition.events or condition.over:
+                return int(_CODES.BadEventIdUnknown)
+            given["occurrence"] = condition.events[arguments[method.event]]
+        if method.act == ACKNOWLEDGE and condition.underlying not in _WAITING:
+            return int(_CODES.BadConditionBranchAlreadyAcked)
+        if method.act == RESET and condition.underlying not in _LATCHED:
+            return int(_CODES.BadConditionBranchAlreadyConfirmed)
+        if method.act == UNSHELVE and alarm.state != AlarmState.SHELVED:
+            return int(_CODES.BadConditionNotShelved)
+        if method.act == SHELVE:
+            given["minutes"] = 0.0
+            if method.time is not None:
+                length = arguments[method.time]
+                if not isinstance(length, int | float) or not 0.0 < length <= 1e3 * LONGEST_SHELF:
+                    return int(_CODES.BadShelvingTimeOutOfRange)
+                given["minutes"] = length / 60e3
+        if method.comment is not None:
+            said = arguments[method.comment]
+            given["comment"] = (said.Text if isinstance(said, ua.LocalizedText) else said) or ""
+        try:
+            act = act_of(given, {condition.valve: frozenset((alarm.name,))})
+        except ActRefusedError:
+            return int(_CODES.BadInvalidArgument)
+        outcome = await asyncio.wrap_future(self._do(act))
+        return int(_CODES.Good if outcome.done else _CODES.BadInvalidState)
+
+
+def fields_of(
+    condition: Condition, source: ua.NodeId, kind: ua.NodeId, language: Language
+) -> dict[str, ua.Variant]:
+    """Return all fields of the event that shows ``condition`` as it is, by browse path.
+
+    Args:
+        condition: of a valve.
+        source: node of the valve.
+        kind: event type.
+        language: of the message.
+    """
+    alarm, underlying = condition.alarm, condition.underlying
+    at = _moment(alarm.header.stamp) or _moment(alarm.raised_at) or datetime.now(timezone.utc)
+    said = headline(from_event_message(alarm.event), language) if alarm.message else alarm.name
+    fields = _base(
+        kind, source, condition.valve, at, ua.LocalizedText(said, language.code), condition.severity
+    )
+    state = AlarmState(alarm.state)
+    shelved, timed = state is AlarmState.SHELVED, bool(alarm.shelved_until.sec)
+    acknowledged = _moment(alarm.acknowledged_at)
+    fields |= {
+        "EventId": ua.Variant(condition.event_id()),
+        "NodeId": ua.Variant(condition.node),
+        "ConditionClassId": ua.Variant(ua.NodeId(_IDS.MaintenanceConditionClassType)),
+        "ConditionClassName": _text("MaintenanceConditionClassType"),
+        "ConditionName": ua.Variant(alarm.name),
+        "BranchId": ua.Variant(ua.NodeId(), ua.VariantType.NodeId),
+        "Retain": ua.Variant(condition.retained),
+        "Quality": ua.Variant(ua.StatusCode(_CODES.BadNoCommunication if condition.lost else _CODES.Good)),
+        "Quality/SourceTimestamp": ua.Variant(at),
+        "LastSeverity": ua.Variant(condition.last_severity or condition.severity, ua.VariantType.UInt16),
+        "LastSeverity/SourceTimestamp": ua.Variant(at),
+        "Comment": _text(alarm.comment),
+        "Comment/SourceTimestamp": ua.Variant(acknowledged or at),
+        "ClientUserId": ua.Variant(alarm.acknowledged_by),
+        "InputNode": ua.Variant(ua.NodeId(), ua.VariantType.NodeId),
+        "NormalState": ua.Variant(ua.NodeId(), ua.VariantType.NodeId),
+        "SuppressedOrShelved": ua.Variant(state != underlying and not condition.over),
+        "MaxTimeShelved": ua.Variant(1e3 * LONGEST_SHELF),
+        **_state("EnabledState", "Enabled", "Disabled", on=True),
+        **_state("ActiveState", "Active", "Inactive", on=underlying in _ACTIVE),
+        **_state("AckedState", "Acknowledged", "Unacknowledged", on=underlying not in _WAITING),
+        **_state("ConfirmedState", "Confirmed", "Unconfirmed", on=underlying not in _LATCHED),
+        **_state("LatchedState", "Latched", "Not latched", on=underlying in _LATCHED),
+        **_state("SuppressedState", "Suppressed", "Unsuppressed", on=state is AlarmState.SUPPRESSED),
+        **_state("OutOfServiceState", "Out of service", "In service", on=state is AlarmState.OUT_OF_SERVICE),
+        **_shelving_state(shelved=shelved, left=_left(alarm) if shelved and timed else math.nan),
+    }
+    return fields
+
+
+def _base(
+    kind: ua.NodeId, source: ua.NodeId, name: str, at: datetime, message: ua.LocalizedText, severity: int
+) -> dict[str, ua.Variant]:
+    """Return the fields of BaseEventType but ``EventId``."""
+    return {
+        "EventType": ua.Variant(kind),
+        "SourceNode": ua.Variant(source),
+        "SourceName": ua.Variant(name),
+        "Time": ua.Variant(at),
+        "ReceiveTime": ua.Variant(datetime.now(timezone.utc)),
+        "Message": ua.Variant(message),
+        "Severity": ua.Variant(severity, ua.VariantType.UInt16),
+    }
+
+
+def _state(name: str, true: str, false: str, *, on: bool) -> dict[str, ua.Variant]:
+    """Return a two-state variable; the standard words are English in every language."""
+    return {name: _text(true if on else false), f"{name}/Id": ua.Variant(on)}
+
+
+def _shelving_state(*, shelved: bool, left: float) -> dict[str, ua.Variant]:
+    """Return the shelving's state; ``left`` s, NaN where no time is set."""
+    name, number = "Unshelved", _IDS.ShelvedStateMachineType_Unshelved
+    if shelved:
+        name, number = "OneShotShelved", _IDS.ShelvedStateMachineType_OneShotShelved
+    if math.isfinite(left):
+        name, number = "TimedShelved", _IDS.ShelvedStateMachineType_TimedShelved
+    return {
+        "ShelvingState/CurrentState": _text(name),
+        "ShelvingState/CurrentState/Id": ua.Variant(ua.NodeId(number)),
+        "ShelvingState/UnshelveTime": ua.Variant(1e3 * left if math.isfinite(left) else 0.0),
+    }
+
+
+def _left(alarm: Alarm) -> float:
+    end: float = alarm.shelved_until.sec + 1e-9 * alarm.shelved_until.nanosec
+    return max(0.0, end - time.time())
+
+
+def _text(words: str) -> ua.Variant:
+    return ua.Variant(ua.LocalizedText(words, ENGLISH.code))
+
+
+def _moment(stamp: Any) -> datetime | None:
+    seconds = stamp.sec + 1e-9 * stamp.nanosec
+    return datetime.fromtimestamp(seconds, timezone.utc) if seconds else None

@@ -1,0 +1,276 @@
+"""Alarms as OPC UA conditions: clients find, receive, refresh and acknowledge them, but only as operators."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from spool_core.opcua_folder import keep_operator
+from spool_msgs.msg import AlarmList, ValveHealth
+from spool_tools.operations.opcua_certificate import make_server, trust
+
+from .conftest import PATIENCE, Process, System
+from .test_bridge import free_port, until
+
+if TYPE_CHECKING:
+    from asyncua import Client
+
+OPERATOR, PASSWORD = "anna", "a good secret"
+SILENCE = "stale/acceleration"
+DI = "http://opcfoundation.org/UA/DI/"
+
+
+@dataclass
+class Plant:
+    """A monitor whose valve is silent, a secured OPC UA server, and certificates of two clients."""
+
+    system: System
+    port: int
+    server: Process
+    folder: Path
+    trusted: tuple[Path, Path]
+    stranger: tuple[Path, Path]
+
+    @property
+    def url(self) -> str:
+        return f"opc.tcp://127.0.0.1:{self.port}"
+
+    async def client(self, who: tuple[Path, Path], policy: str = "Basic256Sha256", **user: str) -> Client:
+        """Return a client that is not connected yet."""
+        from asyncua import Client, ua  # noqa: PLC0415 - slow to load
+        from asyncua.crypto import security_policies  # noqa: PLC0415
+
+        client = Client(self.url, timeout=PATIENCE)
+        client.application_uri = "urn:test:client"
+        await client.set_security(
+            getattr(security_policies, f"SecurityPolicy{policy}"), *map(str, who),
+            server_certificate=str(self.folder / "server.cert.pem"),
+            mode=ua.MessageSecurityMode.SignAndEncrypt,
+        )  # fmt: skip
+        if user:
+            client.set_user(user["name"])
+            client.set_password(user["password"])
+        return client
+
+
+@pytest.fixture(scope="module", name="plant")
+def _plant(
+    make_system: Callable[[Path], AbstractContextManager[System]], tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[Plant]:
+    folder = tmp_path_factory.mktemp("opcua")
+    own = folder / "security"
+    make_server(own)
+    keep_operator(own, OPERATOR, PASSWORD)
+    trusted, stranger = (asyncio.run(_identity(folder / name)) for name in ("trusted", "stranger"))
+    trust(own, trusted[0])
+    with make_system(tmp_path_factory.mktemp("conditions")) as system:
+        port = free_port()
+        alarms = system.listen(AlarmList, "/valve_1/alarms", latched=True)
+        health = system.listen(ValveHealth, "/valve_1/health", latched=True)
+        system.start("monitor")
+        system.start("estimator")
+        server = system.start("opcua", namespace="", port=port, security_folder=own)
+        source = system.start("simulator", excitation="multisine", wait_for_subscribers=2)
+        system.until(lambda: health.heard and health.last.level == ValveHealth.LEVEL_OK, "data are judged")
+        source.kill()
+        system.until(lambda: alarms.heard and SILENCE in _names(alarms.last), "the monitor misses its data")
+        system.until(lambda: _listens(port), "the server starts")
+        yield Plant(system, port, server, own, trusted, stranger)
+
+
+async def _identity(folder: Path) -> tuple[Path, Path]:
+    """Make key and certificate of a client; return certificate and key."""
+    from asyncua.crypto.cert_gen import setup_self_signed_certificate  # noqa: PLC0415 - slow to load
+    from cryptography.x509.oid import ExtendedKeyUsageOID  # noqa: PLC0415
+
+    folder.mkdir()
+    certificate, key = folder / "client.der", folder / "client.pem"
+    await setup_self_signed_certificate(
+        key, certificate, "urn:test:client", "localhost", [ExtendedKeyUsageOID.CLIENT_AUTH], {}
+    )
+    return certificate, key
+
+
+def _names(message: AlarmList) -> list[str]:
+    return [one.name for one in message.alarms if one.state != one.STATE_NORMAL]
+
+
+def _listens(port: int) -> bool:
+    with socket.socket() as probe:
+        return probe.connect_ex(("127.0.0.1", port)) == 0
+
+
+@dataclass
+class Heard:
+    """Events of a subscription."""
+
+    events: list[Any] = field(default_factory=list)
+
+    def event_notification(self, event: Any) -> None:
+        self.events.append(event)
+
+    def of(self, name: str) -> list[Any]:
+        return [one for one in self.events if getattr(one, "ConditionName", None) == name]
+
+
+async def _subscribed(client: Client, node: Any) -> tuple[Any, Heard]:
+    """Subscribe to all alarms of ``node`` by their type alone, and ask for a refresh."""
+    from asyncua import ua  # noqa: PLC0415 - slow to load
+
+    heard = Heard()
+    subscription = await client.create_subscription(50, heard)
+    await subscription.subscribe_alarms_and_conditions(node, ua.ObjectIds.AlarmConditionType)
+    kind = client.get_node(ua.ObjectIds.ConditionType)
+    number = ua.Variant(subscription.subscription_id, ua.VariantType.UInt32)
+    await kind.call_method("0:ConditionRefresh", number)
+    return subscription, heard
+
+
+async def _first(heard: Heard, name: str, met: Callable[[Any], bool]) -> Any:
+    async def found() -> Any:
+        return next((one for one in heard.of(name) if met(one)), None)
+
+    return await until(found, f"an event of {name}")
+
+
+def test_a_client_that_knows_the_standard_finds_conditions_and_gets_them_late(plant: Plant) -> None:
+    """It begins at the server and knows types of OPC 10000-9 and DI, none of our names."""
+    from asyncua import ua  # noqa: PLC0415 - slow to load
+
+    async def work() -> None:
+        async with await plant.client(plant.trusted, "Aes256Sha256RsaPss") as client:
+            notifiers = [client.nodes.server]
+            while found := [
+                below
+                for one in notifiers
+                for below in await one.get_referenced_nodes(
+                    ua.ObjectIds.HasNotifier, ua.BrowseDirection.Forward
+                )
+            ]:
+                notifiers = found
+            (valve,) = notifiers
+
+            async def conditions() -> Any:
+                forward = ua.BrowseDirection.Forward
+                return await valve.get_referenced_nodes(ua.ObjectIds.HasCondition, forward)
+
+            kinds = [await one.read_type_definition() for one in await until(conditions, "conditions")]
+            index = await client.get_namespace_index(DI)
+            names = [await client.get_node(one).read_browse_name() for one in kinds]
+            assert {(one.Name, one.NamespaceIndex) for one in names} <= {
+                (f"{name}AlarmType", index)
+                for name in ("Failure", "CheckFunction", "OffSpec", "MaintenanceRequired")
+            }
+            for node in (client.nodes.server, valve):
+                subscription, heard = await _subscribed(client, node)
+                event = await _first(heard, SILENCE, lambda one: True)
+                assert event.EventType in kinds
+                assert getattr(event, "ActiveState/Id") is True
+                assert getattr(event, "AckedState/Id") is False
+                assert event.Retain is True
+                assert event.SourceNode == valve.nodeid
+                assert getattr(event, "ShelvingState/CurrentState").Text == "Unshelved"
+                await subscription.delete()
+
+    asyncio.run(work())
+
+
+def test_only_the_operator_with_the_password_acts(plant: Plant) -> None:
+    from asyncua import ua  # noqa: PLC0415 - slow to load
+
+    acknowledge = ua.NodeId(ua.ObjectIds.AcknowledgeableConditionType_Acknowledge)
+    shelve = ua.NodeId(ua.ObjectIds.AlarmConditionType_ShelvingState_TimedShelve)
+    unshelve = ua.NodeId(ua.ObjectIds.ShelvedStateMachineType_Unshelve)
+    said = ua.LocalizedText("seen from the control room", "en")
+    alarms = plant.system.listen(AlarmList, "/valve_1/alarms", latched=True)
+
+    async def work() -> None:
+        async with await plant.client(plant.trusted) as onlooker:
+            _, heard = await _subscribed(onlooker, onlooker.nodes.server)
+            event = await _first(heard, SILENCE, lambda one: True)
+            for method, arguments in (
+                (acknowledge, (event.EventId, said)),
+                (shelve, (60e3,)),
+                (unshelve, ()),
+            ):
+                with pytest.raises(ua.uaerrors.BadUserAccessDenied):
+                    await onlooker.get_node(event.NodeId).call_method(method, *arguments)
+            async with await plant.client(plant.trusted, name=OPERATOR, password=PASSWORD) as operator:
+                condition = operator.get_node(event.NodeId)
+                with pytest.raises(ua.uaerrors.BadEventIdUnknown):
+                    await condition.call_method(acknowledge, b"none of its events", said)
+                await condition.call_method(acknowledge, event.EventId, said)
+                await _first(heard, SILENCE, lambda one: getattr(one, "AckedState/Id") is True)
+                with pytest.raises(ua.uaerrors.BadConditionBranchAlreadyAcked):
+                    await condition.call_method(acknowledge, event.EventId, said)
+                await condition.call_method(shelve, 60e3)
+                timed = ua.NodeId(ua.ObjectIds.ShelvedStateMachineType_TimedShelved)
+                state = "ShelvingState/CurrentState/Id"
+                await _first(heard, SILENCE, lambda one: getattr(one, state) == timed)
+                await condition.call_method(unshelve)
+                with pytest.raises(ua.uaerrors.BadUserAccessDenied):
+                    await operator.nodes.server.call_method("0:GetMonitoredItems", ua.UInt32(1))
+
+    asyncio.run(work())
+
+    def noted() -> bool:
+        return any(
+            one.name == SILENCE and one.acknowledged_by == OPERATOR and one.state == one.STATE_ACKNOWLEDGED
+            for message in alarms.messages
+            for one in message.alarms
+        )
+
+    plant.system.until(noted, "the monitor knows who it was")
+
+
+def test_strangers_wrong_passwords_and_open_channels_get_nothing(plant: Plant) -> None:
+    from asyncua import Client, ua  # noqa: PLC0415 - slow to load
+
+    async def work() -> None:
+        refused = (ua.UaError, ConnectionError, TimeoutError, asyncio.TimeoutError)
+        stranger = await plant.client(plant.stranger, name=OPERATOR, password=PASSWORD)
+        stranger.uaclient._timeout = 5.0
+        with pytest.raises(refused):
+            await stranger.connect()
+        wrong = await plant.client(plant.trusted, name=OPERATOR, password="a wrong secret")
+        with pytest.raises(ua.uaerrors.BadUserAccessDenied):
+            await wrong.connect()
+        open_one = Client(plant.url, timeout=5.0)
+        with pytest.raises(refused):
+            await open_one.connect()
+        endpoints = await Client(plant.url, timeout=PATIENCE).connect_and_get_server_endpoints()
+        assert {one.SecurityMode for one in endpoints} == {ua.MessageSecurityMode.SignAndEncrypt}
+        assert len({one.SecurityPolicyUri for one in endpoints}) == 2
+
+    asyncio.run(work())
+    assert plant.server.alive
+    assert "Traceback" not in plant.server.said
+
+
+def test_raise_and_clear_come_and_a_client_reads_its_own_language(plant: Plant) -> None:
+    """Last: data come, so that the alarm is over."""
+    from asyncua import ua  # noqa: PLC0415 - slow to load
+
+    async def work() -> None:
+        async with await plant.client(plant.trusted) as client:
+            client.set_locale(["de-DE"])
+            _, heard = await _subscribed(client, client.nodes.server)
+            await _first(heard, SILENCE, lambda one: True)
+            plant.system.start("simulator", excitation="multisine", wait_for_subscribers=2)
+            over = await _first(heard, SILENCE, lambda one: getattr(one, "ActiveState/Id") is False)
+            assert over.Retain is False
+            assert isinstance(over.Message, ua.LocalizedText)
+
+    asyncio.run(work())
+
+
+def test_a_network_address_without_encryption_is_refused(plant: Plant) -> None:
+    process = plant.system.start("opcua", namespace="other", port=free_port(), address="0.0.0.0")
+    plant.system.until(lambda: not process.alive or "needs encryption" in process.said, "it is refused")
+    assert "needs encryption: set security_folder" in process.said
