@@ -255,17 +255,18 @@ def test_strangers_wrong_passwords_and_open_channels_get_nothing(plant: Plant) -
 
 def test_raise_and_clear_come_and_a_client_reads_its_own_language(plant: Plant) -> None:
     """Last: data come, so that the alarm is over."""
-    from asyncua import ua  # noqa: PLC0415 - slow to load
 
     async def work() -> None:
-        async with await plant.client(plant.trusted) as client:
-            client.set_locale(["de-DE"])
+        german = await plant.client(plant.trusted)
+        german.set_locale(["de-DE"])
+        async with german as client:
             _, heard = await _subscribed(client, client.nodes.server)
             await _first(heard, SILENCE, lambda one: True)
             plant.system.start("simulator", excitation="multisine", wait_for_subscribers=2)
             over = await _first(heard, SILENCE, lambda one: getattr(one, "ActiveState/Id") is False)
             assert over.Retain is False
-            assert isinstance(over.Message, ua.LocalizedText)
+            assert over.Message.Locale == "de"
+            assert over.Message.Text
 
     asyncio.run(work())
 

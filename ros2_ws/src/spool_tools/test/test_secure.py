@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import shutil
 import subprocess
 from fnmatch import fnmatchcase
@@ -9,6 +10,7 @@ from pathlib import Path
 from xml.etree import ElementTree as Xml
 
 import pytest
+from spool_core.opcua_folder import operators
 from spool_tools.cli import main
 
 OPENSSL = shutil.which("openssl")
@@ -101,3 +103,22 @@ def test_a_folder_with_other_things_is_refused(tmp_path: Path, capsys: pytest.Ca
     (tmp_path / "something").write_text("mine")
     assert main(["secure", "--keystore", str(tmp_path)]) == 2
     assert "holds other things" in capsys.readouterr().err
+
+
+def test_a_folder_for_opc_ua_has_certificate_client_and_operator(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "opcua"
+    monkeypatch.setattr("sys.stdin", io.StringIO("a good secret\n"))
+    assert main(["secure", "--opcua", str(folder), "--operator", "anna"]) == 0
+    own = folder / "server.cert.pem"
+    assert main(["secure", "--opcua", str(folder), "--trust", str(own)]) == 0
+    assert operators(folder)["anna"].fits("a good secret")
+    assert len(list((folder / "trusted").iterdir())) == 1
+    assert "a good secret" not in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("arguments", [[], ["--operator", "anna"], ["--trust", "client.der"]])
+def test_secure_asks_for_a_folder(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["secure", *arguments]) == 2
+    assert "--opcua" in capsys.readouterr().err

@@ -25,7 +25,7 @@ from spool_monitor.alarm import LONGEST_SHELF, AlarmState
 from spool_monitor.detectors import event_kind
 from spool_monitor.event import Namur, Severity
 from spool_monitor.listener import NO_WORD, HeardValve
-from spool_msgs.msg import Alarm
+from spool_msgs.msg import Alarm, AlarmList
 
 from spool_view.acts import ACKNOWLEDGE, RESET, SHELVE, UNSHELVE, Act, ActRefusedError, Outcome, act_of
 from spool_view.opcua_security import PlantSession
@@ -40,7 +40,9 @@ TYPES = {
     Namur.MAINTENANCE_REQUIRED: (15739, "MaintenanceRequiredAlarmType"),
 }
 #: Severity of 1 to 1000: the middle of "high" and of "medium" (OPC 10000-9, table E.2).
-SEVERITIES = {Severity.ALARM: 834, Severity.WARNING: 500}
+SEVERITIES: Mapping[int, int] = {Severity.ALARM: 834, Severity.WARNING: 500}
+#: Alarms of one valve at most: what comes over the network is data.
+MOST = 64
 #: Earlier events of a condition that a client may still acknowledge.
 MOST_EVENTS = 16
 
@@ -134,7 +136,7 @@ class Condition:
     @property
     def underlying(self) -> AlarmState:
         """State beneath a cover; one whose cause became another is over."""
-        return AlarmState.NORMAL if self.over else AlarmState(self.alarm.underlying or self.alarm.state)
+        return AlarmState.NORMAL if self.over else _alarm_state(self.alarm.underlying or self.alarm.state)
 
     @property
     def retained(self) -> bool:
@@ -144,7 +146,7 @@ class Condition:
     @property
     def severity(self) -> int:
         """Severity of 1 to 1000."""
-        return SEVERITIES.get(Severity(self.alarm.severity), 1)
+        return SEVERITIES.get(self.alarm.severity, 1)
 
     def key(self) -> tuple[object, ...]:
         """Return what clients are notified of when it changes."""
@@ -183,6 +185,7 @@ class Conditions:
         self._kinds: dict[Namur, tuple[ua.NodeId, ...]] = {}
         self._machine: Any = None
         self._sources: dict[str, Any] = {}
+        self._seen: dict[str, tuple[AlarmList, bool]] = {}
         self._current: dict[tuple[str, str], Condition] = {}
         self._known: dict[ua.NodeId, Condition] = {}
 
@@ -213,18 +216,22 @@ class Conditions:
         await node.set_event_notifier([ua.EventNotifier.SubscribeToEvents])
         await above.add_reference(node, ua.ObjectIds.HasNotifier)
 
-    async def update(self, valves: Iterable[HeardValve], now: float, most: int) -> int:
-        """Notify clients of what changed at ``now`` (s, monotonic); return how often.
-
-        Of a valve the first ``most`` alarms count.
-        """
+    async def update(self, valves: Iterable[HeardValve], now: float) -> int:
+        """Notify clients of what changed at ``now`` (s, monotonic); return how often."""
         sent = 0
         for valve in valves:
             if valve.alarms is None:
                 continue
-            lost = valve.condition(now) == NO_WORD
-            for alarm in valve.alarms.alarms[:most]:
+            lost, (listed, before) = (
+                valve.condition(now) == NO_WORD,
+                self._seen.get(valve.name, (None, False)),
+            )
+            if listed is valve.alarms and lost is before:
+                continue
+            self._seen[valve.name] = valve.alarms, lost
+            for alarm in valve.alarms.alarms[:MOST]:
                 sent += await self._follow(valve.name, alarm, lost=lost)
+            await asyncio.sleep(0)
         return sent
 
     async def _follow(self, valve: str, alarm: Alarm, *, lost: bool) -> int:
@@ -398,7 +405,7 @@ def fields_of(
     fields = _base(
         kind, source, condition.valve, at, ua.LocalizedText(said, language.code), condition.severity
     )
-    state = AlarmState(alarm.state)
+    state = _alarm_state(alarm.state)
     shelved, timed = state is AlarmState.SHELVED, bool(alarm.shelved_until.sec)
     acknowledged = _moment(alarm.acknowledged_at)
     fields |= {
@@ -464,6 +471,11 @@ def _shelving_state(*, shelved: bool, left: float) -> dict[str, ua.Variant]:
         "ShelvingState/CurrentState/Id": ua.Variant(ua.NodeId(number)),
         "ShelvingState/UnshelveTime": ua.Variant(1e3 * left if math.isfinite(left) else 0.0),
     }
+
+
+def _alarm_state(number: int) -> AlarmState:
+    """Return the state with that number; one that a later version sends is unknown."""
+    return AlarmState(number) if number in set(AlarmState) else AlarmState.UNKNOWN
 
 
 def _left(alarm: Alarm) -> float:

@@ -15,7 +15,7 @@ import logging
 import math
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Coroutine, Iterable, Iterator
 from concurrent.futures import Future
 from dataclasses import dataclass
 from datetime import datetime, timezone
@@ -35,19 +35,17 @@ from spool_monitor.listener import NO_WORD, HeardValve, Listener
 from spool_msgs.msg import Alarm, Quantity, ValveHealth
 
 from spool_view.acts import Act, Outcome, do
-from spool_view.opcua_alarms import Conditions
+from spool_view.opcua_alarms import MOST, Conditions
 from spool_view.opcua_security import PlantServer, Security
 
-#: s between updates of the address space, looks for valves that joined, fetches of their health, and steps
-#: of an operator's act.
+#: s between updates of the address space, looks for valves that joined, fetches of their health and looks
+#: at their alarms, and steps of an operator's act.
 PERIOD, LOOK, FETCH, CALL = 0.5, 1.0, 0.2, 0.1
 #: s that the server may take to start.
 START = 20.0
 LOOPBACK = "127.0.0.1"
 
 NAMESPACE = "urn:spool-suite:valves"
-#: Numbers and alarms of one valve at most: what comes over the network is data.
-MOST = 64
 #: Characters of a line of asyncua's log: part of it is what a client sent.
 MOST_LINE = 300
 _NAMUR = {
@@ -113,7 +111,7 @@ class OpcUaNode(ManagedNode):
         self._space: AddressSpace | None = None
         self._conditions: Conditions | None = None
         self._calls: ServiceCalls | None = None
-        self._update: Future[int] | None = None
+        self._updates: dict[str, Future[int]] = {}
         self._log: logging.Handler | None = None
 
     def configure(self) -> None:
@@ -173,6 +171,7 @@ class OpcUaNode(ManagedNode):
         self.every(LOOK, self._listener.look, steady=True)
         self.every(FETCH, self._listener.fetch, steady=True)
         self.every(PERIOD, self._push, steady=True)
+        self.every(FETCH, self._announce, steady=True)
 
     def deactivate(self) -> None:
         """Listen to no valve any more."""
@@ -185,6 +184,9 @@ class OpcUaNode(ManagedNode):
     def cleanup(self) -> None:
         """Stop the server."""
         self.deactivate()  # activating may have failed half-way
+        for update in self._updates.values():
+            update.cancel()
+        self._updates.clear()
         if self._server is not None:
             asyncio.run_coroutine_threadsafe(self._server.stop(), self._loop).result(5.0)
         self._server = self._space = self._conditions = None
@@ -197,21 +199,25 @@ class OpcUaNode(ManagedNode):
         self._log = None
 
     def _push(self) -> None:
-        """Hand what was heard to the server, unless it still works on the last."""
-        assert self._listener is not None
-        if self._space is None or (self._update is not None and not self._update.done()):
-            return
-        if self._update is not None and self._update.exception() is not None:
-            self.get_logger().error(f"the address space was not updated: {self._update.exception()}")
-        work = self._bring(list(self._listener.valves.values()), time.monotonic())
-        self._update = asyncio.run_coroutine_threadsafe(work, self._loop)
-
-    async def _bring(self, valves: list[HeardValve], now: float) -> int:
-        """Bring alarms, then variables up to date; return how many events and values that were."""
+        """Hand what was heard to the variables."""
         assert self._space is not None
+        self._work("variables", self._space.update)
+
+    def _announce(self) -> None:
+        """Hand what was heard to the conditions: a pass over all variables takes much longer."""
         assert self._conditions is not None
-        sent = await self._conditions.update(valves, now, MOST)
-        return sent + await self._space.update(valves, now)
+        self._work("conditions", self._conditions.update)
+
+    def _work(self, what: str, update: Callable[[list[HeardValve], float], Coroutine[Any, Any, int]]) -> None:
+        """Start ``update`` on the server's thread, unless it still works on the last."""
+        assert self._listener is not None
+        last = self._updates.get(what)
+        if last is not None and not last.done():
+            return
+        if last is not None and last.exception() is not None:
+            self.get_logger().error(f"the {what} were not updated: {last.exception()}")
+        work = update(list(self._listener.valves.values()), time.monotonic())
+        self._updates[what] = asyncio.run_coroutine_threadsafe(work, self._loop)
 
     def _do(self, act: Act) -> Future[Outcome]:
         """Ask for ``act``; called by the server's thread."""
@@ -262,6 +268,7 @@ class AddressSpace:
                     await folder.add_variable(identity, item.path[-1], item.value)
                 await self._server.write_attribute_value(identity, value)
                 written += 1
+            await asyncio.sleep(0)  # alarms and clients do not wait for all valves
         return written
 
     async def folder(self, path: tuple[str, ...]) -> Any:

@@ -130,12 +130,21 @@ class PlantSession(InternalSession):  # type: ignore[misc]
     """Session that knows its client's language and decides on each method that it calls."""
 
     language: Language | None = None
+    _peer: bytes | None = None
 
     def activate_session(self, params: Any, peer_certificate: bytes | None) -> Any:
-        """Activate it: on a secured server only on an encrypted channel."""
-        if self.external and self.iserver.secured and peer_certificate is None:
+        """Activate it: on a secured server on an encrypted channel, later only for the same client.
+
+        asyncua numbers sessions in turn and would give one to whoever names its number.
+        """
+        if (
+            self.external
+            and self.iserver.secured
+            and (peer_certificate is None or self._peer not in (None, peer_certificate))
+        ):
             raise ServiceError(ua.StatusCodes.BadSecurityChecksFailed)
         result = super().activate_session(params, peer_certificate)
+        self._peer = peer_certificate
         codes = [str(one).partition("-")[0].lower() for one in params.LocaleIds or ()]
         if codes:  # none: as it was, says Part 4 (5.6.3)
             self.language = next((LANGUAGES[code] for code in codes if code in LANGUAGES), None)

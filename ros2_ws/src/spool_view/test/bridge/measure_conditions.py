@@ -20,7 +20,7 @@ from spool_monitor.detectors import KINDS
 from spool_monitor.listener import HeardValve
 from spool_msgs.msg import Alarm, AlarmList, ValveHealth
 from spool_view.opcua_alarms import Conditions
-from spool_view.opcua_node import MOST, NAMESPACE, AddressSpace
+from spool_view.opcua_node import NAMESPACE, AddressSpace
 from spool_view.opcua_security import PlantServer
 
 _PAGE = os.sysconf("SC_PAGE_SIZE")
@@ -67,11 +67,11 @@ async def _measure(valves: int, alarms: int) -> None:
     await space.update(heard, time.monotonic())
     print(f"variables again, nothing changed: {time.monotonic() - begin:.2f} s")
     before, begin = _memory(), time.monotonic()
-    await conditions.update(heard, time.monotonic(), MOST)
+    await conditions.update(heard, time.monotonic())
     print(f"{valves * alarms} conditions: {time.monotonic() - begin:.2f} s, {_memory() - before:.1f} MB")
     begin = time.monotonic()
     heard = [_valve(f"valve_{number}", alarms, active=True) for number in range(valves)]
-    sent = await conditions.update(heard, time.monotonic(), MOST)
+    sent = await conditions.update(heard, time.monotonic())
     print(f"{sent} events, no client: {time.monotonic() - begin:.2f} s, {_memory() - before:.1f} MB")
     await server.start()
     try:
@@ -99,7 +99,7 @@ async def _follow(server: PlantServer, conditions: Conditions, valves: list[Hear
         for valve in valves:
             quiet = _valve(valve.name, 1, active=False)
             said[valve.name] = time.monotonic()
-            await conditions.update([quiet], time.monotonic(), MOST)
+            await conditions.update([quiet], time.monotonic())
             await asyncio.sleep(1.0 / len(valves))
         while len(arrivals.arrived) < len(valves):
             await asyncio.sleep(0.01)

@@ -1,0 +1,61 @@
+"""Security folder of the OPC UA server: what it takes, and what it refuses in one line."""
+
+from __future__ import annotations
+
+import stat
+from pathlib import Path
+
+import pytest
+from spool_core.errors import InputError
+from spool_core.opcua_folder import KEY, OPERATORS, TRUSTED, keep_operator
+from spool_tools.operations.opcua_certificate import make_server
+from spool_view.opcua_security import Security
+
+
+@pytest.fixture(name="folder")
+def _folder(tmp_path: Path) -> Path:
+    make_server(tmp_path / "security")
+    return tmp_path / "security"
+
+
+def test_an_operator_is_known_by_the_password_alone(folder: Path) -> None:
+    keep_operator(folder, "anna", "first secret")
+    keep_operator(folder, "anna", "second secret")
+    keep_operator(folder, "jan", "another secret")
+    kept = Security.read(folder).operators
+    assert set(kept) == {"anna", "jan"}
+    assert kept["anna"].fits("second secret")
+    assert not kept["anna"].fits("first secret")
+    assert "secret" not in (folder / OPERATORS).read_text()
+
+
+def test_a_new_password_renews_no_certificate(folder: Path) -> None:
+    before = (folder / KEY).read_bytes()
+    assert not make_server(folder)
+    assert (folder / KEY).read_bytes() == before
+
+
+@pytest.mark.parametrize("name", [KEY, OPERATORS])
+def test_secrets_that_others_can_read_are_refused(folder: Path, name: str) -> None:
+    keep_operator(folder, "anna", "a good secret")
+    assert stat.S_IMODE((folder / name).stat().st_mode) == 0o600
+    (folder / name).chmod(0o644)
+    with pytest.raises(InputError, match=rf"{name}: others can read it .mode 644.: chmod 600"):
+        Security.read(folder)
+
+
+def test_what_cannot_be_used_is_named(folder: Path) -> None:
+    with pytest.raises(InputError, match="too short"):
+        keep_operator(folder, "anna", "short")
+    with pytest.raises(InputError, match="operator"):
+        keep_operator(folder, "anna\n", "a good secret")
+    (folder / OPERATORS).write_text("[1]")
+    (folder / OPERATORS).chmod(0o600)
+    with pytest.raises(InputError, match="not a list of operators"):
+        Security.read(folder)
+    (folder / OPERATORS).unlink()
+    (folder / TRUSTED / "client.pem").write_text("-----BEGIN nothing")
+    with pytest.raises(InputError, match="not a certificate"):
+        Security.read(folder)
+    with pytest.raises(InputError, match="make it with"):
+        Security.read(folder / "none")
