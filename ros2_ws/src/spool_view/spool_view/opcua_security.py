@@ -135,7 +135,7 @@ class PlantSession(InternalSession):  # type: ignore[misc]
     def activate_session(self, params: Any, peer_certificate: bytes | None) -> Any:
         """Activate it: on a secured server on an encrypted channel, later only for the same client.
 
-        asyncua numbers sessions in turn and would give one to whoever names its number.
+        asyncua numbers sessions in turn and would give one to any client that names its number.
         """
         if (
             self.external
