@@ -196,7 +196,7 @@ async function loadTrend() {
 /** Show the trend of what the headline alarm is about, until the reader chooses another one. */
 export function aimTrend(parameter, raised, marks, limits) {
   const before = JSON.stringify([asked.parameter, asked.raised, asked.marks, asked.known]);
-  asked = { parameter, raised, marks, limits, known: Boolean(limits(parameter)) };
+  asked = { parameter, raised, marks, limits, known: (limits(parameter)?.low ?? null) !== null };
   if (JSON.stringify([parameter, raised, marks, asked.known]) === before) return;
   if (!chosen) document.getElementById("trend_parameter").replaceChildren();
   loadTrend();
