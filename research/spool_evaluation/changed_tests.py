@@ -41,6 +41,7 @@ ABOUT: Mapping[str, tuple[str, ...]] = {
     "test_alarms": ("spool_monitor.alarm*", "spool_monitor.monitor_node", "spool_monitor.valve_*"),
     "test_bridge": ("spool_monitor.listener", "spool_view.opcua_node", "spool_view.plots_node"),
     "test_command_line": ("spool_tools.cli", "spool_tools.command", "spool_bringup.program", "setup.*"),
+    "test_conditions": ("spool_view.opcua_*", "spool_monitor.listener", "spool_core.opcua_folder"),
     "test_demo": ("spool_tools.operations.demo", "spool_tools.commands.demo_command"),
     "test_gap_live": ("spool_estimator.gap_*", "spool_estimator.estimator_node"),
     "test_host": ("spool_bringup.host.*", "spool_core.node.*"),
