@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from spool_estimator.identification.nuisances import frequencies_of_hum
 from spool_estimator.identification.record import Record
 from spool_gap.catalogue import RECORD_NUISANCES
 from spool_gap.evidence.analyse import analyse
@@ -140,6 +141,14 @@ def test_random_motion_has_no_hum_no_spikes_and_no_drift(seed: int, low: float, 
     record = Record("random", 0, 1.0 / RATE, body, spool)
     for nuisance in RECORD_NUISANCES:
         assert not nuisance.clean([record], VALVE).found, nuisance.id
+
+
+def test_every_harmonic_of_the_mains_is_hum_where_one_stands_out(clean: Record) -> None:
+    mains = 50.03
+    humming = replace(clean, spool=clean.spool + 0.3 * np.cos(3.0 * 2.0 * np.pi * mains * TIME))
+    lines = frequencies_of_hum(humming, VALVE)
+    assert lines == pytest.approx([mains * order for order in range(1, 9)], rel=1e-4)
+    assert frequencies_of_hum(clean, VALVE) == ()
 
 
 def test_motion_at_the_mains_frequency_is_no_hum(clean: Record) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -38,7 +39,7 @@ TRAVEL = 2.0
 #: Hz, of the mains of the world, and how far they stray from it together with a logger's clock, relative
 #: (EN 50160: 1 % at most; 0.2 % in practice, and 0.01 % of the clock).
 MAINS, STRAY = (50.0, 60.0), 2e-3
-#: Harmonics that are looked at: of rectifiers and saturated transformers.
+#: Harmonics of which one stands out where there is hum: of rectifiers and saturated transformers.
 HARMONICS = 8
 #: s of a piece, and share of it after which the next one begins.
 HUM_PIECE, HOP = 0.5, 0.25
@@ -212,8 +213,13 @@ class Hum(RecordNuisance):
 
 
 def frequencies_of_hum(record: Record, valve: Valve) -> tuple[float, ...]:
-    """Return the frequencies (Hz) of the lines of either channel of ``record`` that are mains hum."""
-    return tuple(sorted({line.frequency for _, line in _hum(record, valve)}))
+    """Return the frequencies (Hz) of ``record`` at which mains hum is, whether it stands out there or not.
+
+    Hum is periodic: where one harmonic stands out, the others are there as well, each as strong as it likes.
+    """
+    mains = {line.fundamental for _, line in _hum(record, valve)}
+    highest = _highest(record)
+    return tuple(sorted(line * order for line in mains for order in range(1, int(highest / line) + 1)))
 
 
 class BiasDrift(RecordNuisance):
@@ -320,11 +326,15 @@ def _of_motion(places: NDArray[np.int64], motion: Sequence[Array]) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class _Line:
-    """Hum in one channel: its frequency, Hz, complex amplitude (m/s^2) and standard deviation of that."""
+    """Hum in one channel: its frequency, Hz, complex amplitude (m/s^2) and standard deviation of that.
+
+    ``fundamental`` is the frequency of the mains, Hz, of which this line is a multiple.
+    """
 
     frequency: float
     amplitude: complex
     deviation: float
+    fundamental: float = 0.0
 
 
 def _hum(record: Record, valve: Valve) -> list[tuple[str, _Line]]:
@@ -332,17 +342,24 @@ def _hum(record: Record, valve: Valve) -> list[tuple[str, _Line]]:
     found: list[tuple[str, _Line]] = []
     for mains in MAINS:
         known = 0.0
-        for harmonic in range(1, HARMONICS + 1):
+        lines: list[tuple[str, _Line]] = []
+        for harmonic in itertools.count(1):
             # Harmonics stand at multiples of the frequency that the first line has, and share its error.
             centre = (known or mains) * harmonic
             stray = (0.0 if known else STRAY * mains) + (0.6 + 0.3 * harmonic) / record.duration
-            if centre + HUM_AROUND > 0.45 * record.sample_rate or record.duration < 16.0 * HUM_PIECE:
+            if centre > _highest(record) or (harmonic > HARMONICS and not known):
                 break
-            lines = _lines(record, valve, centre, stray)
-            found += lines.items()
-            if lines and not known:
-                known = next(iter(lines.values())).frequency / harmonic
+            here = _lines(record, valve, centre, stray)
+            lines += here.items()
+            if here and not known:
+                known = next(iter(here.values())).frequency / harmonic
+        found += [(name, replace(line, fundamental=known)) for name, line in lines]
     return found
+
+
+def _highest(record: Record) -> float:
+    """Return the highest frequency at which hum can be told in ``record``, Hz; 0 in a brief one."""
+    return 0.45 * record.sample_rate - HUM_AROUND if record.duration >= 16.0 * HUM_PIECE else 0.0
 
 
 def _lines(record: Record, valve: Valve, frequency: float, stray: float) -> dict[str, _Line]:
