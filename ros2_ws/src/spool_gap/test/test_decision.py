@@ -14,7 +14,15 @@ import pytest
 from spool_estimator.identification.record import Record
 from spool_gap.evidence import decision as decision_module
 from spool_gap.evidence import intervals
-from spool_gap.evidence.decision import BEYOND, OUTSIDE, RUNS, Decision, decide, probabilities_of
+from spool_gap.evidence.decision import (
+    BEYOND,
+    OUTSIDE,
+    RIGHTLY_UNEXPLAINED,
+    RUNS,
+    Decision,
+    decide,
+    probabilities_of,
+)
 from spool_gap.evidence.held_out import HeldOut, Judged
 from spool_gap.evidence.intervals import EXACT, Numbers, numbers_of, refined
 from spool_gap.evidence.look import Look, look_at
@@ -194,7 +202,7 @@ def test_no_verdict_is_surer_than_the_share_of_records_that_some_structure_fits(
     assert found.confidence == pytest.approx(1.0 - OUTSIDE, abs=1e-3)
     doubted = replace(found, probabilities={"none": 0.7, "unexplained": 0.3})
     assert doubted.confidence == pytest.approx(0.7 * (1.0 - OUTSIDE))
-    assert replace(doubted, unexplained=True).confidence == pytest.approx(0.3 * (1.0 - OUTSIDE))
+    assert replace(doubted, unexplained=True).confidence == pytest.approx(0.3 * RIGHTLY_UNEXPLAINED)
 
 
 @pytest.mark.parametrize(("own", "nearest"), [(0.1, (0.03,)), (0.03, (0.1, 0.01)), (0.01, (0.03,))])
