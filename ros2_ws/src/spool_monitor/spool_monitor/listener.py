@@ -109,6 +109,11 @@ class HeardValve:
         """Return the condition, one of ``CONDITIONS``, at ``now`` (s, monotonic)."""
         return condition_of(self.health, now - self.health_at)
 
+    def bound(self, parameter: str, end: str) -> float | None:
+        """Return the value of ``parameter`` beyond which it warns at the ``end``, one of ``ENDS``."""
+        begin = f"{parameter}_{end}"
+        return next((value for key, value in self.bounds.items() if key.startswith(begin)), None)
+
     def keep(self, what: str, value: object) -> None:
         """Replace the field ``what``."""
         setattr(self, what, value)
@@ -338,6 +343,12 @@ def condition_of(health: ValveHealth | None, age: float) -> str:
         return LEARNING
     said = dict(judgement.partition(": ")[::2] for judgement in health.judgements)
     return min((_drift(name, said) for name in DRIFT), key=CONDITIONS.index)
+
+
+def moves(health: ValveHealth) -> bool | None:
+    """Return whether the valve moves, by its detectors of drift; ``None``: not known."""
+    said = {judgement.rpartition(": ")[2] for judgement in health.judgements if judgement.startswith(DRIFT)}
+    return True if "judged" in said else False if "not enough excitation" in said else None
 
 
 def _drift(name: str, said: dict[str, str]) -> str:

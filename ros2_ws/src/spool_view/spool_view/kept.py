@@ -104,8 +104,8 @@ def limits_of(valve: HeardValve, parameter: str) -> dict[str, float | None]:
     values = [] if valve.baseline is None else valve.baseline.values
     found = {"baseline": next((rounded(one.value) for one in values if one.name == parameter), None)}
     for end in ENDS:
-        given = (value for key, value in valve.bounds.items() if key.startswith(f"{parameter}_{end}"))
-        found[end] = rounded(next(given, math.nan))
+        bound = valve.bound(parameter, end)
+        found[end] = rounded(math.nan if bound is None else bound)
     return found
 
 

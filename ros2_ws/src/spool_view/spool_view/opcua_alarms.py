@@ -28,16 +28,16 @@ from spool_monitor.listener import NO_WORD, HeardValve
 from spool_msgs.msg import Alarm, AlarmList
 
 from spool_view.acts import ACKNOWLEDGE, RESET, SHELVE, UNSHELVE, Act, ActRefusedError, Outcome, act_of
+from spool_view.opcua_machine import Machine
 from spool_view.opcua_security import PlantSession
 
-#: DI's namespace and the numbers of its alarm types (OPC 10000-100, 4.12, release 1.04).
-DI = "http://opcfoundation.org/UA/DI/"
-DEVICE_HEALTH = (15143, "DeviceHealthDiagnosticAlarmType")
+#: Numbers of DI's alarm types (OPC 10000-100, 4.12): what they are derived from, then one for each status.
+DEVICE_HEALTH = 15143
 TYPES = {
-    Namur.FAILURE: (15292, "FailureAlarmType"),
-    Namur.FUNCTION_CHECK: (15441, "CheckFunctionAlarmType"),
-    Namur.OUT_OF_SPECIFICATION: (15590, "OffSpecAlarmType"),
-    Namur.MAINTENANCE_REQUIRED: (15739, "MaintenanceRequiredAlarmType"),
+    Namur.FAILURE: 15292,  # FailureAlarmType
+    Namur.FUNCTION_CHECK: 15441,  # CheckFunctionAlarmType
+    Namur.OUT_OF_SPECIFICATION: 15590,  # OffSpecAlarmType
+    Namur.MAINTENANCE_REQUIRED: 15739,  # MaintenanceRequiredAlarmType
 }
 #: Severity of 1 to 1000: the middle of "high" and of "medium" (OPC 10000-9, table E.2).
 SEVERITIES: Mapping[int, int] = {Severity.ALARM: 834, Severity.WARNING: 500}
@@ -84,6 +84,7 @@ METHODS: Mapping[ua.NodeId, _Method] = {
 }
 REFRESH = ua.NodeId(_IDS.ConditionType_ConditionRefresh)
 REFRESH_ONE = ua.NodeId(_IDS.ConditionType_ConditionRefresh2)
+RESET_FIGURES = ua.NodeId(_IDS.AlarmMetricsType_Reset)
 
 
 class Notification:
@@ -167,6 +168,7 @@ class Conditions:
     Args:
         server: with its standard address space.
         index: of the namespace of nodes.
+        machine: that is built.
         language: for clients that ask for none of ours.
         folder: of a path below Objects/Valves, made where it is missing.
         do: does an act; from any thread.
@@ -176,23 +178,23 @@ class Conditions:
         self,
         server: Server,
         index: int,
+        machine: Machine,
         language: Language,
         folder: Callable[[tuple[str, ...]], Awaitable[Any]],
         do: Callable[[Act], Future[Outcome]],
     ) -> None:
         self._server, self._index, self._language = server, index, language
-        self._folder, self._do = folder, do
+        self._machine, self._folder, self._do = machine, folder, do
         self._kinds: dict[Namur, tuple[ua.NodeId, ...]] = {}
-        self._machine: Any = None
+        self._valves: Any = None
         self._sources: dict[str, Any] = {}
         self._seen: dict[str, tuple[AlarmList, bool]] = {}
         self._current: dict[tuple[str, str], Condition] = {}
         self._known: dict[ua.NodeId, Condition] = {}
 
     async def build(self) -> None:
-        """Add the types that asyncua's address space lacks, and make the machine a notifier."""
-        di = await self._server.register_namespace(DI)
-        above = ua.NodeId(_IDS.InstrumentDiagnosticAlarmType)
+        """Make the machine a notifier; the folder of valves is one as well, for clients that know it."""
+        health = ua.NodeId(DEVICE_HEALTH, self._machine.di)
         parents = [
             ua.NodeId(getattr(_IDS, name))
             for name in (
@@ -200,17 +202,11 @@ class Conditions:
                 *("AlarmConditionType", "AcknowledgeableConditionType", "ConditionType", "BaseEventType"),
             )
         ]
-        health = await self._type(above, di, *DEVICE_HEALTH)
-        await health.write_attribute(ua.AttributeIds.IsAbstract, ua.DataValue(ua.Variant(True)))
-        for namur, (number, name) in TYPES.items():
-            made = await self._type(health.nodeid, di, number, name)
-            self._kinds[namur] = (made.nodeid, health.nodeid, *parents)
-        self._machine = await self._folder(())
-        await self._notifier(self._server.nodes.server, self._machine)
-
-    async def _type(self, above: ua.NodeId, index: int, number: int, name: str) -> Any:
-        parent = self._server.get_node(above)
-        return await parent.add_object_type(ua.NodeId(number, index), ua.QualifiedName(name, index))
+        for namur, number in TYPES.items():
+            self._kinds[namur] = (ua.NodeId(number, self._machine.di), health, *parents)
+        await self._notifier(self._server.nodes.server, self._server.get_node(self._machine.node))
+        self._valves = await self._folder(())
+        await self._valves.set_event_notifier([ua.EventNotifier.SubscribeToEvents])
 
     async def _notifier(self, above: Any, node: Any) -> None:
         await node.set_event_notifier([ua.EventNotifier.SubscribeToEvents])
@@ -251,6 +247,14 @@ class Conditions:
         else:
             before, retained = current.key(), current.retained
         current.alarm, current.lost, current.over = alarm, lost, False
+        self._machine.figures.hear(
+            (valve, alarm.name),
+            alarm.occurrence,
+            alarm.raised_at.sec + 1e-9 * alarm.raised_at.nanosec,
+            shown=alarm.state in _ACTIVE and not lost,
+            active=current.underlying in _ACTIVE and not lost,
+            waiting=current.underlying in _WAITING and not lost,
+        )
         if current.key() == before or not (retained or current.retained):
             return sent
         await self._notify(current)
@@ -263,20 +267,10 @@ class Conditions:
             return self._known[node]
         if valve not in self._sources:
             source = self._sources[valve] = await self._folder((valve,))
-            await self._notifier(self._machine, source)
+            await self._notifier(self._server.get_node(self._machine.node), source)
         source = self._sources[valve]
-        name = f"{alarm.name} {namur.letter}"
-        item = ua.AddNodesItem(
-            ParentNodeId=source.nodeid,
-            ReferenceTypeId=ua.NodeId(_IDS.HasComponent),
-            RequestedNewNodeId=node,
-            BrowseName=ua.QualifiedName(name, self._index),
-            NodeClass=ua.NodeClass.Object,
-            NodeAttributes=ua.ObjectAttributes(DisplayName=ua.LocalizedText(name, ENGLISH.code)),
-            TypeDefinition=self._kinds[namur][0],
-        )
-        for result in await self._server.iserver.isession.add_nodes([item]):
-            result.StatusCode.check()
+        name = ua.QualifiedName(f"{alarm.name} {namur.letter}", self._index)
+        await self._machine.add(source.nodeid, name, self._kinds[namur][0], identity=node)
         await source.add_reference(node, _IDS.HasCondition)
         self._known[node] = Condition(node, valve, namur, alarm)
         return self._known[node]
@@ -291,7 +285,10 @@ class Conditions:
     async def _hand(self, condition: Condition, subscription: Any, only: int | None = None) -> None:
         """Hand an event to the items of ``subscription`` that look at the valve or above, or to ``only``."""
         language = self._server.iserver.language_of(subscription.session_id) or self._language
-        notifiers = (self._sources[condition.valve].nodeid, self._machine.nodeid, ua.NodeId(_IDS.Server))
+        notifiers = (
+            *(self._sources[condition.valve].nodeid, self._valves.nodeid),
+            *(self._machine.node, ua.NodeId(_IDS.Server)),
+        )
         event: Notification | None = None
         service = subscription.monitored_item_srv
         for notifier in notifiers:
@@ -316,8 +313,17 @@ class Conditions:
                 return int(_CODES.BadInvalidArgument)
             return await self._refresh(session, *arguments)
         method = METHODS.get(request.MethodId)
-        if method is None or session.user is None or session.user.name is None:
+        if (
+            not (method or request.MethodId == RESET_FIGURES)
+            or session.user is None
+            or session.user.name is None
+        ):
             return int(_CODES.BadUserAccessDenied)
+        if method is None:
+            if request.ObjectId != self._machine.figures_node:
+                return int(_CODES.BadNodeIdUnknown)
+            self._machine.figures = self._machine.figures.renewed()
+            return int(_CODES.Good)
         condition = self._known.get(request.ObjectId)
         if condition is None:
             return int(_CODES.BadNodeIdUnknown)

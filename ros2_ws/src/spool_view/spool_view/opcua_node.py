@@ -36,6 +36,7 @@ from spool_msgs.msg import Alarm, Quantity, ValveHealth
 
 from spool_view.acts import Act, Outcome, do
 from spool_view.opcua_alarms import MOST, Conditions
+from spool_view.opcua_machine import Machine, Nameplate, ends_of
 from spool_view.opcua_security import PlantServer, Security
 
 #: s between updates of the address space, looks for valves that joined, fetches of their health and looks
@@ -98,6 +99,14 @@ class OpcUaNode(ManagedNode):
             structural=True,
         ),
         NodeParameter("port", 4840, "TCP port.", "", 1, 65535, structural=True),
+        NodeParameter(
+            "machine", "machine", "Name of the machine that clients see in Objects/Machines.", structural=True
+        ),
+        NodeParameter("manufacturer", "", "Manufacturer of the machine.", structural=True),
+        NodeParameter("serial_number", "", "Serial number of the machine.", structural=True),
+        NodeParameter(
+            "product_uri", "", "URI of this machine (ProductInstanceUri, OPC 40001-1).", structural=True
+        ),
         LANGUAGE,
     )  # fmt: skip
 
@@ -156,8 +165,11 @@ class OpcUaNode(ManagedNode):
         server.set_endpoint(f"opc.tcp://{host}:{port}")
         server.set_server_name("spool valves")
         index = await server.register_namespace(NAMESPACE)
-        space = AddressSpace(server, index, self._language)
-        conditions = Conditions(server, index, self._language, space.folder, self._do)
+        names = ("machine", "manufacturer", "serial_number", "product_uri")
+        machine = Machine(server, index, Nameplate(*map(self.value, names)))
+        await machine.build()
+        space = AddressSpace(server, index, machine, self._language)
+        conditions = Conditions(server, index, machine, self._language, space.folder, self._do)
         await conditions.build()
         server.iserver.answer = conditions.answer
         await server.start()
@@ -170,6 +182,7 @@ class OpcUaNode(ManagedNode):
         self.every(CALL, self._calls.work, steady=True)
         self.every(LOOK, self._listener.look, steady=True)
         self.every(FETCH, self._listener.fetch, steady=True)
+        self.every(LOOK, self._listener.sample_bounds, steady=True)
         self.every(PERIOD, self._push, steady=True)
         self.every(FETCH, self._announce, steady=True)
 
@@ -230,27 +243,36 @@ class OpcUaNode(ManagedNode):
 
 @dataclass(frozen=True, slots=True)
 class Item:
-    """Variable of a valve: its place below the valve, value, quality and the source's time."""
+    """Variable of a valve: its place below the valve, value, quality and the source's time.
+
+    One with a ``unit`` is a process value, of the parameter ``parameter``.
+    """
 
     path: tuple[str, ...]
     value: str | float | int | bool
     quality: int
     time: datetime | None
+    unit: str = ""
+    parameter: str = ""
 
 
 class AddressSpace:
     """Variables of all valves; a write happens only where value, quality or time changed."""
 
-    def __init__(self, server: Server, index: int, language: Language = ENGLISH) -> None:
-        """Fill ``server`` below Objects/Valves, in the namespace ``index``; alarms speak ``language``."""
+    def __init__(self, server: Server, index: int, machine: Machine, language: Language = ENGLISH) -> None:
+        """Fill ``server`` below Objects/Valves, in the namespace ``index``; alarms speak ``language``.
+
+        Valves become components of ``machine``, which is built.
+        """
         self._server, self._index, self._language = server, index, language
+        self._machine = machine
         self._folders: dict[tuple[str, ...], Any] = {}
         self._written: dict[tuple[str, ...], Item] = {}
 
     async def update(self, valves: Iterable[HeardValve], now: float) -> int:
         """Bring all variables up to date at ``now`` (s, monotonic); return how many were written."""
-        written = 0
-        for valve in valves:
+        written, heard = 0, list(valves)
+        for valve in heard:
             for item in items_of(valve, now, self._language):
                 if self._written.get(item.path) == item:
                     continue
@@ -265,10 +287,19 @@ class AddressSpace:
                 identity = ua.NodeId(".".join(item.path), self._index)
                 if not known:
                     folder = await self.folder(item.path[:-1])
-                    await folder.add_variable(identity, item.path[-1], item.value)
+                    kind = ua.ObjectIds.AnalogUnitType if item.unit else ua.ObjectIds.BaseDataVariableType
+                    named = ua.QualifiedName(item.path[-1])
+                    await self._machine.add(
+                        folder.nodeid, named, kind, identity=identity, value=ua.Variant(item.value)
+                    )
+                    if item.unit:
+                        await self._machine.measure(valve.name, identity, item.unit)
+                if item.unit and (ends := ends_of(valve, item.parameter)):
+                    await self._machine.limit(identity, *ends)
                 await self._server.write_attribute_value(identity, value)
                 written += 1
             await asyncio.sleep(0)  # alarms and clients do not wait for all valves
+        await self._machine.update(heard, now)
         return written
 
     async def folder(self, path: tuple[str, ...]) -> Any:
@@ -280,6 +311,8 @@ class AddressSpace:
             else:
                 parent, name, identity = self._server.get_objects_node(), "Valves", "Valves"
             self._folders[path] = await parent.add_folder(ua.NodeId(identity, self._index), name)
+            if len(path) == 1:
+                await self._machine.join(name, self._folders[path])
         return self._folders[path]
 
 
@@ -320,7 +353,8 @@ def _numbers(
         quality = ua.StatusCodes.BadNoCommunication if lost else _QUALITY.get(one.validity)
         quality = ua.StatusCodes.BadWaitingForInitialData if quality is None else quality
         key = f"{one.name}" if one.unit in ("", "1") else f"{one.name} [{one.unit}]"
-        yield Item((valve, group, key), _finite(one.value), quality, at)
+        unit = one.unit or "1"
+        yield Item((valve, group, key), _finite(one.value), quality, at, unit, one.name)
         yield Item((valve, group, f"{key} standard deviation"), _finite(one.standard_deviation), quality, at)
 
 

@@ -74,6 +74,7 @@ def test_message_terminal_page_report_and_opc_ua_show_the_same_headline(
 
 def test_the_opc_ua_server_serves_the_fields_of_an_alarm() -> None:
     from asyncua import Client, Server, ua  # noqa: PLC0415 - slow to load
+    from spool_view.opcua_machine import Machine, Nameplate  # noqa: PLC0415 - slow to load
     from spool_view.opcua_node import NAMESPACE, AddressSpace  # noqa: PLC0415 - slow to load
 
     alarms = published(raised(KINDS["friction_drift"], "wear"), LANGUAGES["en"])
@@ -89,7 +90,9 @@ def test_the_opc_ua_server_serves_the_fields_of_an_alarm() -> None:
         async with server:
             health = ValveHealth(level=ValveHealth.LEVEL_WARNING)  # its monitor is heard
             valve = HeardValve("valve_1", health=health, alarms=alarms)
-            await AddressSpace(server, index).update([valve], 0.0)
+            machine = Machine(server, index, Nameplate("press 7"))
+            await machine.build()
+            await AddressSpace(server, index, machine).update([valve], 0.0)
             async with Client(f"opc.tcp://127.0.0.1:{port}") as client:
                 folder = client.get_node(ua.NodeId("valve_1.alarms.friction_drift", index))
                 found = {}
