@@ -7,6 +7,7 @@ import socket
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 OPERATOR, PASSWORD = "anna", "a good secret"
 SILENCE = "stale/acceleration"
 DI = "http://opcfoundation.org/UA/DI/"
+MACHINERY = "http://opcfoundation.org/UA/Machinery/"
 
 
 @dataclass
@@ -73,9 +75,10 @@ def _plant(
         port = free_port()
         alarms = system.listen(AlarmList, "/valve_1/alarms", latched=True)
         health = system.listen(ValveHealth, "/valve_1/health", latched=True)
-        system.start("monitor")
+        system.start("monitor", latched_kinds="[stale]")
         system.start("estimator")
-        server = system.start("opcua", namespace="", port=port, security_folder=own)
+        plate = {"machine": "press_7", "serial_number": "A-12"}
+        server = system.start("opcua", namespace="", port=port, security_folder=own, **plate)
         source = system.start("simulator", excitation="multisine", wait_for_subscribers=2)
         system.until(lambda: health.heard and health.last.level == ValveHealth.LEVEL_OK, "data are judged")
         source.kill()
@@ -108,8 +111,9 @@ def _listens(port: int) -> bool:
 
 @dataclass
 class Heard:
-    """Events of a subscription."""
+    """Events of a subscription, and the number of its item."""
 
+    item: int = 0
     events: list[Any] = field(default_factory=list)
 
     def event_notification(self, event: Any) -> None:
@@ -125,7 +129,7 @@ async def _subscribed(client: Client, node: Any) -> tuple[Any, Heard]:
 
     heard = Heard()
     subscription = await client.create_subscription(50, heard)
-    await subscription.subscribe_alarms_and_conditions(node, ua.ObjectIds.AlarmConditionType)
+    heard.item = await subscription.subscribe_alarms_and_conditions(node, ua.ObjectIds.AlarmConditionType)
     kind = client.get_node(ua.ObjectIds.ConditionType)
     number = ua.Variant(subscription.subscription_id, ua.VariantType.UInt32)
     await kind.call_method("0:ConditionRefresh", number)
@@ -145,19 +149,14 @@ def test_a_client_that_knows_the_standard_finds_conditions_and_gets_them_late(pl
 
     async def work() -> None:
         async with await plant.client(plant.trusted, "Aes256Sha256RsaPss") as client:
-            notifiers = [client.nodes.server]
-            while found := [
-                below
-                for one in notifiers
-                for below in await one.get_referenced_nodes(
-                    ua.ObjectIds.HasNotifier, ua.BrowseDirection.Forward
-                )
-            ]:
-                notifiers = found
-            (valve,) = notifiers
+            forward = ua.BrowseDirection.Forward
+            notifier = client.nodes.server
+            for _ in ("machine", "valve"):
+                below = partial(notifier.get_referenced_nodes, ua.ObjectIds.HasNotifier, forward)
+                (notifier,) = await until(below, "a notifier below")
+            valve = notifier
 
             async def conditions() -> Any:
-                forward = ua.BrowseDirection.Forward
                 return await valve.get_referenced_nodes(ua.ObjectIds.HasCondition, forward)
 
             kinds = [await one.read_type_definition() for one in await until(conditions, "conditions")]
@@ -167,7 +166,8 @@ def test_a_client_that_knows_the_standard_finds_conditions_and_gets_them_late(pl
                 (f"{name}AlarmType", index)
                 for name in ("Failure", "CheckFunction", "OffSpec", "MaintenanceRequired")
             }
-            for node in (client.nodes.server, valve):
+            folder = await client.nodes.objects.get_child("0:Valves")  # for those that knew it before
+            for node in (client.nodes.server, folder, valve):
                 subscription, heard = await _subscribed(client, node)
                 event = await _first(heard, SILENCE, lambda one: True)
                 assert event.EventType in kinds
@@ -176,7 +176,66 @@ def test_a_client_that_knows_the_standard_finds_conditions_and_gets_them_late(pl
                 assert event.Retain is True
                 assert event.SourceNode == valve.nodeid
                 assert getattr(event, "ShelvingState/CurrentState").Text == "Unshelved"
+                heard.events.clear()
+                kind = client.get_node(ua.ObjectIds.ConditionType)
+                number = ua.UInt32(subscription.subscription_id)
+                await kind.call_method("0:ConditionRefresh2", number, ua.UInt32(heard.item))
+                again = await _first(heard, SILENCE, lambda one: True)
+                assert again.EventId == event.EventId
                 await subscription.delete()
+
+    asyncio.run(work())
+
+
+def test_a_client_finds_machine_and_valves_by_the_types_of_opc_40001(plant: Plant) -> None:
+    """It knows OPC 40001-1, DI and the codes of UNECE, none of our names."""
+    from asyncua import Node, ua  # noqa: PLC0415 - slow to load
+
+    async def work() -> None:
+        async with await plant.client(plant.trusted) as client:
+            machinery, di = [await client.get_namespace_index(uri) for uri in (MACHINERY, DI)]
+
+            async def parts(node: Node, kind: int) -> list[Node]:
+                """Return what ``node`` has of that type of Machinery."""
+                found = await node.get_children()
+                kinds = [await one.read_type_definition() for one in found]
+                wanted = ua.NodeId(kind, machinery)
+                return [one for one, its in zip(found, kinds, strict=True) if its == wanted]
+
+            async def value(node: Node, *path: str) -> Any:
+                return (await (await node.get_child(list(path))).read_data_value(False)).Value.Value
+
+            listed = await client.get_node(ua.NodeId(1001, machinery)).get_children()
+            machines = [one for one in listed if await parts(one, 1012)]
+            (identified,) = await parts(machines[0], 1012)
+            assert len(machines) == 1
+            assert (await machines[0].read_display_name()).Text == "press_7"
+            assert await value(identified, f"{di}:SerialNumber") == "A-12"
+            (components,) = await parts(machines[0], 1006)
+            (valve,) = [one for one in await components.get_children() if await parts(one, 1005)]
+            notifiers = partial(machines[0].get_referenced_nodes, ua.ObjectIds.HasNotifier)
+            assert valve in await until(notifiers, "the valve notifies")
+            health = f"{machinery}:Monitoring", f"{machinery}:Health", f"{di}:DeviceHealth"
+            for node in (machines[0], valve):
+
+                async def failed(node: Node = node) -> bool:
+                    return bool(await value(node, *health) == 1)
+
+                await until(failed, "no data come")
+            (monitoring,) = await parts(valve, 1014)
+            process = await monitoring.get_child(f"{machinery}:Process")
+
+            async def known() -> bool:
+                units = [await value(one, "0:EngineeringUnits") for one in await process.get_children()]
+                codes = {one.UnitId.to_bytes(3, "big").strip(b"\0") for one in units}
+                return {b"HTZ", b"NEW", b"4P", b"C58", b"C62"} <= codes
+
+            await until(known, "all values")
+            for one in await process.get_children():
+                assert await one.read_type_definition() == ua.NodeId(ua.ObjectIds.AnalogUnitType)
+            (state,) = await parts(machines[0], 1002)
+            shown = await (await state.get_child("0:CurrentState")).read_data_value(False)
+            assert not shown.StatusCode.is_good()  # whether a silent valve moves is not known
 
     asyncio.run(work())
 
@@ -186,6 +245,8 @@ def test_only_the_operator_with_the_password_acts(plant: Plant) -> None:
 
     acknowledge = ua.NodeId(ua.ObjectIds.AcknowledgeableConditionType_Acknowledge)
     shelve = ua.NodeId(ua.ObjectIds.AlarmConditionType_ShelvingState_TimedShelve)
+    shelve_once = ua.NodeId(ua.ObjectIds.ShelvedStateMachineType_OneShotShelve)
+    confirm = ua.NodeId(ua.ObjectIds.AcknowledgeableConditionType_Confirm)
     unshelve = ua.NodeId(ua.ObjectIds.ShelvedStateMachineType_Unshelve)
     said = ua.LocalizedText("seen from the control room", "en")
     alarms = plant.system.listen(AlarmList, "/valve_1/alarms", latched=True)
@@ -196,7 +257,9 @@ def test_only_the_operator_with_the_password_acts(plant: Plant) -> None:
             event = await _first(heard, SILENCE, lambda one: True)
             for method, arguments in (
                 (acknowledge, (event.EventId, said)),
+                (confirm, (event.EventId, said)),
                 (shelve, (60e3,)),
+                (shelve_once, ()),
                 (unshelve, ()),
             ):
                 with pytest.raises(ua.uaerrors.BadUserAccessDenied):
@@ -213,6 +276,18 @@ def test_only_the_operator_with_the_password_acts(plant: Plant) -> None:
                 timed = ua.NodeId(ua.ObjectIds.ShelvedStateMachineType_TimedShelved)
                 state = "ShelvingState/CurrentState/Id"
                 await _first(heard, SILENCE, lambda one: getattr(one, state) == timed)
+                await condition.call_method(unshelve)
+                await _first(
+                    heard,
+                    SILENCE,
+                    lambda one: (
+                        getattr(one, "ShelvingState/CurrentState").Text == "Unshelved"
+                        and getattr(one, "AckedState/Id")
+                    ),
+                )
+                await condition.call_method(shelve_once)
+                once = ua.NodeId(ua.ObjectIds.ShelvedStateMachineType_OneShotShelved)
+                await _first(heard, SILENCE, lambda one: getattr(one, state) == once)
                 await condition.call_method(unshelve)
                 with pytest.raises(ua.uaerrors.BadUserAccessDenied):
                     await operator.nodes.server.call_method("0:GetMonitoredItems", ua.UInt32(1))
@@ -253,20 +328,58 @@ def test_strangers_wrong_passwords_and_open_channels_get_nothing(plant: Plant) -
     assert "Traceback" not in plant.server.said
 
 
-def test_raise_and_clear_come_and_a_client_reads_its_own_language(plant: Plant) -> None:
-    """Last: data come, so that the alarm is over."""
+def test_clear_and_raise_come_and_an_operator_confirms_and_resets_the_figures(plant: Plant) -> None:
+    """Last: data come, so that the alarm is over, and end again."""
+    from asyncua import ua  # noqa: PLC0415 - slow to load
+
+    confirm = ua.NodeId(ua.ObjectIds.AcknowledgeableConditionType_Confirm)
 
     async def work() -> None:
-        german = await plant.client(plant.trusted)
+        german = await plant.client(plant.trusted, name=OPERATOR, password=PASSWORD)
         german.set_locale(["de-DE"])
         async with german as client:
             _, heard = await _subscribed(client, client.nodes.server)
-            await _first(heard, SILENCE, lambda one: True)
-            plant.system.start("simulator", excitation="multisine", wait_for_subscribers=2)
+            shown = await _first(heard, SILENCE, lambda one: True)
+            condition = client.get_node(shown.NodeId)
+            with pytest.raises(ua.uaerrors.BadConditionBranchAlreadyConfirmed):  # its cause is there
+                await condition.call_method(confirm, shown.EventId, ua.LocalizedText("", "de"))
+            source = plant.system.start("simulator", excitation="multisine", wait_for_subscribers=2)
             over = await _first(heard, SILENCE, lambda one: getattr(one, "ActiveState/Id") is False)
-            assert over.Retain is False
+            assert (over.Retain, getattr(over, "ConfirmedState/Id")) == (True, False)
             assert over.Message.Locale == "de"
             assert over.Message.Text
+            await condition.call_method(confirm, over.EventId, ua.LocalizedText("erledigt", "de"))
+            await _first(heard, SILENCE, lambda one: one.Retain is False)
+
+            (machine,) = await client.nodes.server.get_referenced_nodes(
+                ua.ObjectIds.HasNotifier, ua.BrowseDirection.Forward
+            )
+            kinds = [(one, await one.read_type_definition()) for one in await machine.get_children()]
+            metrics = ua.NodeId(ua.ObjectIds.AlarmMetricsType)
+            (figures,) = [one for one, kind in kinds if kind == metrics]
+            reset = ua.NodeId(ua.ObjectIds.AlarmMetricsType_Reset)
+
+            async def figure(name: str) -> Any:
+                return await (await figures.get_child(f"0:{name}")).read_value()
+
+            before = await figure("StartTime")
+            await figures.call_method(reset)
+
+            async def renewed() -> bool:
+                return bool(await figure("StartTime") > before)
+
+            await until(renewed, "the figures begin again")
+            assert await figure("AlarmCount") == 0
+            async with await plant.client(plant.trusted) as onlooker:
+                with pytest.raises(ua.uaerrors.BadUserAccessDenied):
+                    await onlooker.get_node(figures.nodeid).call_method(reset)
+            heard.events.clear()
+            source.kill()
+            again = await _first(heard, SILENCE, lambda one: getattr(one, "ActiveState/Id") is True)
+            assert again.EventId not in (shown.EventId, over.EventId)
+            assert (again.Retain, getattr(again, "AckedState/Id")) == (True, False)
+            await until(lambda: figure("AlarmCount"), "it is counted")
+            assert await figure("MaximumAlarmRate") == await figure("CurrentAlarmRate") >= 1.0
 
     asyncio.run(work())
 
