@@ -213,19 +213,19 @@ class Conditions:
         await above.add_reference(node, ua.ObjectIds.HasNotifier)
 
     async def update(self, valves: Iterable[HeardValve], now: float) -> int:
-        """Notify clients of what changed at ``now`` (s, monotonic); return how often."""
-        sent = 0
+        """Notify clients of what changed at ``now`` (s, monotonic), oldest first; return how often."""
+        changed: list[tuple[HeardValve, AlarmList, bool]] = []
         for valve in valves:
             if valve.alarms is None:
                 continue
-            lost, (listed, before) = (
-                valve.condition(now) == NO_WORD,
-                self._seen.get(valve.name, (None, False)),
-            )
-            if listed is valve.alarms and lost is before:
-                continue
-            self._seen[valve.name] = valve.alarms, lost
-            for alarm in valve.alarms.alarms[:MOST]:
+            lost = valve.condition(now) == NO_WORD
+            listed, before = self._seen.get(valve.name, (None, False))
+            if listed is not valve.alarms or lost is not before:
+                changed.append((valve, valve.alarms, lost))
+        sent = 0
+        for valve, alarms, lost in sorted(changed, key=_published):
+            self._seen[valve.name] = alarms, lost
+            for alarm in alarms.alarms[:MOST]:
                 sent += await self._follow(valve.name, alarm, lost=lost)
             await asyncio.sleep(0)
         return sent
@@ -392,6 +392,11 @@ class Conditions:
             return int(_CODES.BadInvalidArgument)
         outcome = await asyncio.wrap_future(self._do(act))
         return int(_CODES.Good if outcome.done else _CODES.BadInvalidState)
+
+
+def _published(changed: tuple[HeardValve, AlarmList, bool]) -> tuple[int, int]:
+    stamp = changed[1].header.stamp
+    return stamp.sec, stamp.nanosec
 
 
 def fields_of(
