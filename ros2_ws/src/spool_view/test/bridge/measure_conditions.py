@@ -1,4 +1,4 @@
-"""Cost of conditions: processor time and memory of many valves, delay of alarms that come together.
+"""Cost of OPC UA: processor time and memory of many valves, delay of alarms that come together.
 
 ./spool python ros2_ws/src/spool_view/test/bridge/measure_conditions.py --valves 100 --alarms 8
 """
