@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from datetime import datetime, timezone
@@ -114,7 +115,8 @@ class Journal(StateDatabase):
             marks = ", ".join("?" * len(_FIELDS))
             self.base.executemany(f"INSERT INTO journal ({_COLUMNS}) VALUES ({marks})", rows)
             if self._writes % FORGET_EVERY == 0 and rows:
-                oldest = max(row[0] for row in rows) - round(self.days * _DAY)
+                # An entry of a source whose clock is ahead must not make all the others old.
+                oldest = min(max(row[0] for row in rows), time.time_ns()) - round(self.days * _DAY)
                 self.base.execute("DELETE FROM journal WHERE stamp < ?", (oldest,))
                 self.base.execute(
                     "DELETE FROM journal WHERE id <= (SELECT max(id) FROM journal) - ?", (MOST_ENTRIES,)

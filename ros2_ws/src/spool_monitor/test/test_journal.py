@@ -8,6 +8,8 @@ import signal
 import sqlite3
 import subprocess
 import sys
+import time
+from collections.abc import Iterable
 from pathlib import Path
 
 import pytest
@@ -122,6 +124,15 @@ def test_what_cannot_be_written_is_held_and_written_later(tmp_path: Path) -> Non
     assert [one.action for one in entries_in(tmp_path / FILE)] == ["raise", "clear"]
     assert "again" in warnings[1]
     state.close()
+
+
+def test_an_entry_of_a_clock_that_is_ahead_costs_no_other(tmp_path: Path) -> None:
+    journal = Journal(tmp_path / FILE, days=30.0)
+    now = time.time_ns()
+    journal.write([JournalEntry(now, "raise", "resonance"), JournalEntry(now + 9000 * DAY, "raise", "rate")])
+    assert [one.alarm for one in journal.entries()] == ["resonance", "rate"]
+    journal.close()
+
 
 
 WORKER = """
