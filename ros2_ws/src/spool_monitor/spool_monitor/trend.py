@@ -31,6 +31,7 @@ CREATE TABLE IF NOT EXISTS span (
     count INTEGER NOT NULL, total REAL NOT NULL, minimum REAL NOT NULL, maximum REAL NOT NULL,
     PRIMARY KEY (series, seconds, start)) WITHOUT ROWID;
 CREATE TABLE IF NOT EXISTS counter (series INTEGER PRIMARY KEY REFERENCES series, value REAL NOT NULL);
+CREATE TABLE IF NOT EXISTS newest (id INTEGER PRIMARY KEY CHECK (id = 1), writing TEXT NOT NULL);
 """
 _ADD = """
 INSERT INTO span VALUES ((SELECT id FROM series WHERE name = ?), ?, ?, ?, ?, ?, ?)
@@ -121,16 +122,20 @@ class TrendStore(StateDatabase):
         super().__init__(path, read_only=read_only, patience=patience)
         self._writes = 0
 
-    def write(self, sums: Sums, stamp: int = 0) -> None:
+    def write(self, sums: Sums, stamp: int = 0, writing: str = "") -> None:
         """Add ``sums`` to what there is, all or nothing; counters show at ``stamp`` (ns).
+
+        ``writing`` names it for :meth:`newest`.
 
         Raises:
             InputError: the file is damaged.
-            OSError: it could not be written; ``sums`` is as before.
+            OSError: it could not be written, or the disk did not answer: then it may be there all the same.
+                ``sums`` is as before.
 
         """
         self.check_file()
         with named(self.path), self.base:
+            self.base.execute("INSERT OR REPLACE INTO newest VALUES (1, ?)", (writing,))
             self.base.executemany(
                 "INSERT INTO series (name, unit) VALUES (?, ?) "
                 "ON CONFLICT DO UPDATE SET unit = excluded.unit",
@@ -152,6 +157,10 @@ class TrendStore(StateDatabase):
                     kept = [{"series": series, "seconds": one, "kept": most} for one, most in KEPT.items()]
                     self.base.executemany(_FORGET, kept)
         self._writes += 1
+
+    def newest(self) -> str:
+        """Return the name of the newest writing, empty before the first; errors as of :meth:`spans`."""
+        return next((str(name) for (name,) in self.ask("SELECT writing FROM newest", (str,))), "")
 
     def units(self) -> dict[str, str]:
         """Return the unit of every parameter by its name; errors as of :meth:`spans`."""

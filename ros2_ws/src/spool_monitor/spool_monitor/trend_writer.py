@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-import threading
+import secrets
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
@@ -55,8 +55,9 @@ class TrendWriter:
         self.trouble = ""
         self._path, self._warn, self._allowed, self._patience = (path, warn, allowed, patience)
         self._sums = Sums()
-        self._returned = Sums()
-        self._hand_back = threading.Lock()
+        # Of the worker: what was not tried yet, and a writing that failed, which may be there all the same.
+        self._held = Sums()
+        self._failed: tuple[str, Sums] | None = None
         self._written = 0
         self._counted = (0.0, 0)
         self._store: TrendStore | None = None
@@ -78,9 +79,6 @@ class TrendWriter:
         """Write what was gathered, unless the last writing still runs: it goes with the next one then."""
         if self._writing is not None and not self._writing.done():
             return
-        with self._hand_back:  # what could not be written the last time, the many first
-            self._returned.merge(self._sums)
-            self._sums, self._returned = self._returned, Sums()
         if not self._allowed():
             return
         way, turns = self.travel.travel, self.travel.reversals
@@ -91,13 +89,20 @@ class TrendWriter:
         self._writing = self._worker.submit(self._write, taken, stamp)
 
     def close(self) -> None:
-        """Write the rest and close the file; what could not be written by now is lost."""
+        """Write the rest and close the file; what can't be written now is lost, which is logged."""
         self._worker.shutdown()
         self._writing = None
-        if not self.trouble:  # the process that holds the file must not hold up the end of the node again
+        for _ in range(2):  # what fails once costs nothing
+            if self.trouble:  # the process that holds the file must not hold up the end of the node again
+                self._patience = 0.0
             self._worker = ThreadPoolExecutor(1, "trends")
             self.flush(self._written)
             self._worker.shutdown()
+            self._writing = None
+            if not self.trouble:
+                break
+        if self.trouble:
+            self._warn(f"trends: what the monitor kept in memory was not written and is lost: {self.trouble}")
         self._let_go()
 
     def _opened(self) -> TrendStore:
@@ -126,17 +131,15 @@ class TrendWriter:
         return self._store
 
     def _write(self, sums: Sums, stamp: int) -> None:
+        self._held.merge(sums)
         try:
             try:
-                self._opened().write(sums, stamp)
+                self._put(stamp)
             except InputError:  # damaged while it was in use: opening it again puts it aside
                 self._let_go()
-                self._opened().write(sums, stamp)
+                self._put(stamp)
         except (InputError, OSError) as error:
             self._let_go()
-            with self._hand_back:
-                sums.merge(self._returned)
-                self._returned = sums
             if not self.trouble:
                 self._warn(f"trends can't be written; the monitor keeps a day of them in memory: {error}")
             self.trouble = str(error)
@@ -144,6 +147,25 @@ class TrendWriter:
         if self.trouble:
             self.trouble = ""
             self._warn("trends are written again, including those kept in memory")
+
+    def _put(self, stamp: int) -> None:
+        """Write what is held, and what failed before where the file does not have it.
+
+        Raises:
+            InputError: the file is damaged.
+            OSError: it can't be written.
+
+        """
+        store = self._opened()
+        if self._failed is not None:
+            name, sums = self._failed
+            if store.newest() != name:
+                sums.merge(self._held)  # the many first
+                self._held = sums
+        name, sums = secrets.token_hex(8), self._held
+        self._failed, self._held = (name, sums), Sums()
+        store.write(sums, stamp, name)
+        self._failed = None
 
     def _let_go(self) -> None:
         if self._store is not None:

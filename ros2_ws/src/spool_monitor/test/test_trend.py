@@ -9,6 +9,7 @@ import stat
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import given, settings
@@ -172,6 +173,43 @@ def test_what_is_gathered_while_the_file_is_locked_is_written_afterwards(
     trends.close()
     assert count(path) == [3, 2]
     assert count(path, DAY) == [5]
+
+
+def test_a_writing_whose_end_was_not_heard_is_counted_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A sync that fails after the last page says nothing of what the disk holds."""
+    path = tmp_path / "t.sqlite"
+    trends, _ = writer(path)
+    write = TrendStore.write
+    for heard, fails in ((True, False), (False, True), (False, False)):
+        with monkeypatch.context() as disk:
+
+            def unheard(store: TrendStore, *given: Any, written: bool = not fails) -> None:
+                if written:
+                    write(store, *given)
+                raise OSError(5, "Input/output error")
+
+            if not heard:
+                disk.setattr(TrendStore, "write", unheard)
+            feed(trends, 0)
+        feed(trends, 1)
+    trends.close()
+    assert count(path) == [6]
+
+
+def test_what_a_disk_never_took_is_named_at_the_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for heals in (True, False):
+        trends, said = writer(tmp_path / "t.sqlite")
+        with monkeypatch.context() as disk:
+            disk.setattr(TrendStore, "write", lambda *_: (_ for _ in ()).throw(OSError(5, "no disk")))
+            feed(trends, 0)
+            if not heals:
+                trends.close()
+        if heals:
+            trends.close()
+        assert ("was not written and is lost" in said[-1]) is not heals
+    assert count(tmp_path / "t.sqlite") == [1]
 
 
 def test_the_file_removed_while_it_is_in_use_is_made_anew(tmp_path: Path) -> None:
