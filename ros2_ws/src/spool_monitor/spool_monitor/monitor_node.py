@@ -151,10 +151,10 @@ class MonitorNode(ManagedNode):
         self.destroy_publisher(self._health_publisher)
         self.destroy_publisher(self._event_publisher)
         self._diagnostics.destroy()
-        self._alarms.close()
         if self._trends is not None:
-            self._trends.close()
+            self._trends.close()  # before the folder is another monitor's to write in
         self._trends = None
+        self._alarms.close()
 
     def refuse_change(self, changes: dict[str, Value]) -> str | None:
         """Refuse limits that contradict each other, and kinds that there are not."""
