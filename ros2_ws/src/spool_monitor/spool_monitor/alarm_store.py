@@ -117,7 +117,7 @@ class AlarmStore:
         """Let ``conditions`` go on as active where their alarms are, so that their end is seen too."""
         for condition in conditions:
             alarm = self.alarms.get(condition.name)
-            if alarm is not None and alarm.active:
+            if alarm is not None and alarm.active and condition.active is None:
                 facts = Facts() if alarm.event is None else alarm.event.facts
                 condition.restore(alarm.severity, alarm.cause, facts)
 

@@ -136,6 +136,11 @@ class Journal(StateDatabase):
         question = f"SELECT {_COLUMNS} FROM journal WHERE stamp >= ? AND stamp < ? ORDER BY id"
         return [JournalEntry(*row) for row in self.ask(question, _KINDS, (since, until))]
 
+    def newest(self, count: int) -> list[JournalEntry]:
+        """Return the last ``count`` entries in the order of writing; errors as of :meth:`entries`."""
+        question = f"SELECT {_COLUMNS} FROM journal ORDER BY id DESC LIMIT ?"
+        return [JournalEntry(*row) for row in reversed(self.ask(question, _KINDS, (count,)))]
+
 
 def entries_in(path: Path, since: int = 0, until: int = 2**63 - 1) -> list[JournalEntry]:
     """Return the entries of a valve's file; see :meth:`Journal.entries`."""

@@ -521,7 +521,8 @@ class AlarmServices:
         self._settle(ended)
         for one in ended:
             self._node.get_logger().info(f"{one.after.name}: {one.input.value}, its time is over")
-        self._state.retry(self._now())
+        if self._state.retry(self._now()):
+            self._publish()
 
     def _settle(self, transitions: Sequence[Transition], operator: Operator | None = None) -> None:
         if not any(transition.changed for transition in transitions):

@@ -219,7 +219,12 @@ class StateFile:
         self._sound = True
 
     def load(self) -> Any | None:
-        """Return the newest whole state, ``None`` where there is none; never raises for what it finds."""
+        """Return the newest whole state, ``None`` where there is none; never raises for what it finds.
+
+        Raises:
+            OSError: a file that is there can't be read now, which is no damage; nothing was decided.
+
+        """
         self.warnings.clear()
         self._target = self.path
         found = self._look(self.path)
@@ -234,7 +239,7 @@ class StateFile:
         pattern = re.compile(re.escape(self.path.name) + r"\.format(\d+)")
         try:
             names = os.listdir(self.path.parent)
-        except OSError:  # not there, or not to be read: what was looked for above says so
+        except OSError:  # not there, or not to be listed: what can't be read was looked for above
             names = []
         numbers = [match[1] for match in map(pattern.fullmatch, names) if match]
         for number in sorted(numbers):
@@ -261,9 +266,9 @@ class StateFile:
         for one in (path, _beside(path, NEW), _beside(path, LAST)):
             try:
                 found[one] = _read(one)
-            except FileNotFoundError:
+            except (FileNotFoundError, NotADirectoryError):
                 continue
-            except (OSError, ValueError) as error:
+            except ValueError as error:
                 if one != _beside(path, NEW):  # half a new one is what a power loss leaves
                     self.warnings.append(f"{one}: damaged: {error}")
         return found

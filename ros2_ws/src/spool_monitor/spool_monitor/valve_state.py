@@ -6,6 +6,7 @@ import json
 import math
 from collections import deque
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -52,8 +53,9 @@ _NOT_MEASURED = (math.nan, math.nan)
 class ValveState:
     """State of one valve's ``monitor``: its alarms and baselines, kept in ``folder`` (``None``: not at all).
 
-    ``warn`` is called with one line for people. A folder that can't be written is warned of once; the monitor
-    goes on without it, and :meth:`retry` writes what is due as soon as that is possible again.
+    ``warn`` is called with one line for people. A folder that can't be written or read is warned of once; the
+    monitor goes on without it, and :meth:`retry` writes what is due as soon as that is possible again. A file
+    that could not be read is not replaced before it was.
     """
 
     monitor: Monitor
@@ -65,9 +67,11 @@ class ValveState:
     _files: dict[str, StateFile] = field(default_factory=dict, init=False)
     _lock: FolderLock | None = field(default=None, init=False)
     _due: set[str] = field(default_factory=set, init=False)
+    _unread: set[str] = field(default_factory=set, init=False)
     _held: deque[JournalEntry] = field(default_factory=lambda: deque(maxlen=MOST_HELD), init=False)
+    _unsure: int = field(default=0, init=False)
     _journal: Journal | None = field(default=None, init=False)
-    _trouble: str = field(default="", init=False)
+    _trouble: set[str] = field(default_factory=set, init=False)
     _tried: int | None = field(default=None, init=False)
 
     def __post_init__(self) -> None:
@@ -88,8 +92,9 @@ class ValveState:
         if self.folder is not None:
             self._files = {name: StateFile(self.folder / name) for name in (ALARMS, BASELINE)}
             self._take_lock()
-            self._read(ALARMS, self.alarms.load)
-            self._read(BASELINE, self.baseline.load)
+            self._unread = {ALARMS, BASELINE}
+            for name in (ALARMS, BASELINE):
+                self._read(name)
         self.alarms.expect(self.monitor.conditions)
         self.alarms.restore(self.monitor.conditions)
 
@@ -109,25 +114,33 @@ class ValveState:
         """Bring the baselines to the disk, or leave them due."""
         self._write(BASELINE)
 
-    def retry(self, now: int) -> None:
-        """Say what time it is (ns): what could not be written is tried again now and then."""
+    def retry(self, now: int) -> bool:
+        """Say what time it is (ns): what could not be written or read is tried again now and then.
+
+        Returns:
+            Whether alarms of before were taken up now.
+
+        """
         if self.folder is None or self.writable:
-            return
+            return False
         if self._tried is not None and 0 <= now - self._tried < RETRY:
-            return
+            return False
         self._tried = now
         if not self.owned and self._take_lock():
             # The monitor that held the folder until now may have changed what it keeps.
-            self._read(ALARMS, self.alarms.join)
-            self.alarms.restore(self.monitor.conditions)
-            if not self.baseline.records:
-                self._read(BASELINE, self.baseline.load)
+            self._unread |= {ALARMS} if self.baseline.records else {ALARMS, BASELINE}
             self._due |= {ALARMS, BASELINE}
+        unread = ALARMS in self._unread
         for name in sorted(self._due):
             self._write(name)
+        return unread and ALARMS not in self._unread
 
     def close(self) -> None:
-        """Let others write in the folder."""
+        """Write what is due, if that is possible now, and let others write in the folder."""
+        self._tried = None
+        self.retry(0)
+        if self._due and self.owned:
+            self.warn(f"state_folder: {self.folder}: not written and lost: {', '.join(sorted(self._due))}")
         self._close_journal()
         if self._lock is not None:
             self._lock.release()
@@ -143,19 +156,36 @@ class ValveState:
             self._say_unwritable(error)
         return self.owned
 
-    def _read(self, name: str, take: Callable[[Any], None]) -> None:
+    def _read(self, name: str) -> bool:
+        """Take up what a file holds, if that was not done yet; return whether it may be written now."""
+        if name not in self._unread:
+            return True
         file = self._files[name]
-        content = file.load()
+        try:
+            content = file.load()
+        except OSError as error:
+            self._due.add(name)
+            self._warn_once(
+                f"state_folder: {self.folder} can't be read ({error.strerror or error}): alarms and baseline "
+                "of before are not known; the monitor tries again every 10 s and replaces nothing"
+            )
+            return False
+        self._unread.discard(name)
         if content is not None:
             try:
-                take(content)
+                if name == ALARMS:
+                    self.alarms.join(content)
+                    self.alarms.restore(self.monitor.conditions)
+                else:
+                    self.baseline.load(content)
             except InputError as error:
                 file.refuse(str(error))
         for warning in file.warnings:
             self.warn(warning)
+        return True
 
     def _write(self, name: str) -> None:
-        if not self.owned:
+        if not self.owned or not self._read(name):
             return
         try:
             if name == JOURNAL:
@@ -171,7 +201,7 @@ class ValveState:
             self.warn(
                 f"state_folder: {self.folder} can be written again: alarms, baseline and journal are kept"
             )
-            self._trouble = ""
+            self._trouble.clear()
 
     def _write_journal(self) -> None:
         """Write the entries that are held.
@@ -186,7 +216,14 @@ class ValveState:
             if self._journal is None:
                 path = own_file(self.folder / FILE, PATIENCE)
                 self._journal = Journal(path, self.journal_days, patience=PATIENCE)
+                # A writing that failed may be on the disk all the same.
+                if self._journal.newest(self._unsure) == list(self._held)[: self._unsure]:
+                    for _ in range(self._unsure):
+                        self._held.popleft()
+                self._unsure = 0
+            self._unsure = len(self._held)
             self._journal.write(self._held)
+            self._unsure = 0
         except (InputError, OSError):
             self._close_journal()
             raise
@@ -205,8 +242,8 @@ class ValveState:
         )
 
     def _warn_once(self, text: str) -> None:
-        if self._trouble != text:
-            self._trouble = text
+        if text not in self._trouble:
+            self._trouble.add(text)
             self.warn(text)
 
 
@@ -348,6 +385,10 @@ class BaselineKeeper:
             self.records, self.anew = records[-KEPT:], bool(content["anew"])
         except (ValidationError, TypeError, KeyError) as error:
             raise InputError(f"the kept baseline can't be read: {str(error).splitlines()[0]}") from error
+        if self._valve is not None:  # it was read late: what was learned meanwhile gives way to it
+            valve, self._valve = self._valve, ("", "")
+            with suppress(InputError):  # another valve's: this one learns on
+                self.identify(*valve)
 
     def _use(self, record: BaselineRecord) -> None:
         self.current = record

@@ -250,3 +250,17 @@ def test_a_value_of_an_unknown_name_is_left_alone() -> None:
     take_up(detection, (HealthyValue("mood", "1", 1.0, 0.1, 1.0, 0.1, 5),))
     assert healthy_values(detection) == ()
     detection.relearn()
+
+
+def test_a_baseline_that_is_read_late_takes_the_place_of_what_was_learned() -> None:
+    before = BaselineKeeper(Detection(MonitorSettings(baseline_time=10.0)))
+    before.identify("a", "HL68")
+    assert any(learned(before))
+    before.freeze(EVA)
+    after = BaselineKeeper(Detection(MonitorSettings(baseline_time=10.0)))
+    after.identify("a", "HL68")
+    assert any(learned(after, shift=1.2))
+    after.load(json.loads(json.dumps(before.dump())))
+    assert after.current is not None
+    assert (after.current.who, len(after.records)) == ("Eva", 1)
+    assert healthy_values(after.detection)[0].value == before.records[0].values[0].value

@@ -134,6 +134,24 @@ def test_an_entry_of_a_clock_that_is_ahead_costs_no_other(tmp_path: Path) -> Non
     journal.close()
 
 
+def test_a_writing_whose_end_was_not_heard_is_in_the_journal_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A sync that fails after the last page says nothing of what the disk holds."""
+    state, _ = opened(tmp_path)
+    write = Journal.write
+
+    def unheard(journal: Journal, entries: Iterable[JournalEntry]) -> None:
+        write(journal, entries)
+        raise OSError(5, "Input/output error")
+
+    with monkeypatch.context() as disk:
+        disk.setattr(Journal, "write", unheard)
+        state.note([JournalEntry(1, "raise", "a")])
+    state.note([JournalEntry(2, "clear", "a"), JournalEntry(3, "raise", "a")])
+    state.close()
+    assert [one.stamp for one in entries_in(tmp_path / FILE)] == [1, 2, 3]
+
 
 WORKER = """
 import sys

@@ -9,12 +9,16 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
+from spool_core import system
 from spool_core.uncertainty import Quantity
 from spool_monitor.alarm import Operator
 from spool_monitor.event import Event, EventState, Severity
+from spool_monitor.journal import JournalEntry
 from spool_monitor.monitor import Monitor
+from spool_monitor.state_database import FILE
 from spool_monitor.state_file import StateFile
 from spool_monitor.valve_state import ALARMS, RETRY, ValveState
 
@@ -191,6 +195,78 @@ def test_a_folder_that_another_monitor_leaves_is_taken_over_with_what_it_holds(t
     # Its end is seen, too.
     assert second.monitor.detection.conditions["stuck_spool"].active is Severity.ALARM
     second.close()
+
+
+def unreadable(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    """Let a disk refuse to read the files whose names begin so."""
+    read = Path.read_text
+
+    def failing(path: Path, *arguments: Any, **named: Any) -> str:
+        if path.name.startswith(name):
+            raise OSError(5, "Input/output error", str(path))
+        return read(path, *arguments, **named)
+
+    monkeypatch.setattr(Path, "read_text", failing)
+
+
+def test_a_file_that_can_t_be_read_for_a_while_is_no_damage(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    state, _ = opened(tmp_path)
+    state.alarms.update(stuck(EventState.RAISED, 1))
+    state.alarms.acknowledge("stuck_spool", Operator("Eva", 2))
+    state.alarms.update(stuck(EventState.CLEARED, 3))
+    state.keep_alarms()
+    state.close()
+    with monkeypatch.context() as disk:
+        unreadable(disk, ALARMS)
+        again, warnings = opened(tmp_path)
+        again.keep_alarms()
+        assert not again.retry(0)
+        assert len(warnings) == 1
+        assert "can't be read (Input/output error)" in warnings[0]
+    assert not again.writable
+    assert again.retry(RETRY)
+    alarm = again.alarms.alarms["stuck_spool"]
+    assert (alarm.latched, alarm.acknowledged_by) == (True, "Eva")
+    assert again.writable
+    again.close()
+    assert not list(tmp_path.glob("*.damaged"))
+
+
+def test_what_is_due_is_written_at_the_end_or_named_as_lost(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for healed in (False, True):
+        state, warnings = opened(tmp_path)
+        with monkeypatch.context() as full:
+            full.setattr(system, "write_synced", lambda *_: (_ for _ in ()).throw(OSError(28, "full")))
+            state.alarms.update(stuck(EventState.RAISED, 1))
+            state.keep_alarms()
+            if not healed:
+                state.close()
+        if healed:
+            state.close()
+        again, _ = opened(tmp_path)
+        assert again.alarms.alarms["stuck_spool"].active is healed
+        again.close()
+        assert any("not written and lost: alarms.json" in line for line in warnings) is not healed
+
+
+def test_a_disk_that_fails_in_two_ways_is_said_once_each(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    state, warnings = opened(tmp_path)
+    state.note([JournalEntry(1, "raise", "stuck_spool")])
+    monkeypatch.setattr(os, "fsync", lambda _: (_ for _ in ()).throw(OSError(5, "Input/output error")))
+    (tmp_path / FILE).unlink()
+    state.keep_alarms()
+    (tmp_path / FILE).mkdir()
+    state.note([JournalEntry(2, "clear", "stuck_spool")])
+    for number in range(5):
+        state.retry(number * RETRY)
+    assert len(set(warnings)) == len(warnings) >= 2
+    state.close()
 
 
 @pytest.mark.parametrize("folder", [None, Path("/proc/nowhere")])
