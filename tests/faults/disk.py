@@ -10,7 +10,7 @@ import tempfile
 from pathlib import Path
 
 NONE, FULL, BROKEN, READ_ONLY = range(4)
-_CONTROL = struct.Struct("<iiiiqq")
+_CONTROL = struct.Struct("<iiiiqqqq")
 
 
 @functools.cache
@@ -26,7 +26,8 @@ class Disk:
     """Disk under ``folder``, healthy until told otherwise, of processes in its ``environment``."""
 
     def __init__(self, folder: Path, control: Path, log: Path | None = None) -> None:
-        control.write_bytes(bytes(_CONTROL.size))
+        if not control.exists():
+            control.write_bytes(bytes(_CONTROL.size))
         with control.open("r+b") as stream:
             self._map = mmap.mmap(stream.fileno(), _CONTROL.size)
         self.environment = {
@@ -42,7 +43,16 @@ class Disk:
     ) -> None:
         """Let the disk behave like that from now on; times in s."""
         delays = round(sync_delay * 1e3), round(write_delay * 1e3)
-        self._map[:] = _CONTROL.pack(mode, *delays, 0, round(clock * 1e9), 0)
+        self._map[:] = _CONTROL.pack(mode, *delays, 0, round(clock * 1e9), 0, 0, 0)
+
+    def fail(self, first: int, last: int, mode: int = BROKEN) -> None:
+        """Let calls fail from number ``first`` to ``last``, counted from now on."""
+        self._map[:] = _CONTROL.pack(mode, 0, 0, 0, 0, first, last, 0)
+
+    @property
+    def calls(self) -> int:
+        """Calls that changed or opened a file since the last command."""
+        return int(_CONTROL.unpack(self._map)[-1])
 
     def close(self) -> None:
         """Forget the control."""

@@ -1,8 +1,10 @@
 /* Faults of a disk and a clock, put between a process and the C library by LD_PRELOAD.
  *
- * Files whose path begins with SPOOL_FAULTS_PREFIX meet them. What happens is said by the 32 bytes of the
+ * Files whose path begins with SPOOL_FAULTS_PREFIX meet them. What happens is said by the 56 bytes of the
  * file SPOOL_FAULTS_CONTROL, which is mapped, so that it changes while the process runs. With
  * SPOOL_FAULTS_LOG every change of these files is written there, in order, to be replayed up to any moment.
+ * Calls that open, write, sync, rename or remove such a file are counted; between "first" and "last", where
+ * these are given, exactly the calls of these numbers fail, opening for reading as well.
  */
 #define _GNU_SOURCE
 #include <dlfcn.h>
@@ -31,7 +33,9 @@ struct control {
     int32_t write_delay_ms;
     int32_t unused;
     int64_t clock_offset_ns;
-    int64_t unused_too;
+    int64_t first;
+    int64_t last;
+    int64_t calls;
 };
 
 static struct control none;
@@ -47,9 +51,9 @@ __attribute__((constructor)) static void begin(void) {
     prefix = getenv("SPOOL_FAULTS_PREFIX");
     const char *place = getenv("SPOOL_FAULTS_CONTROL");
     if (place) {
-        int descriptor = (int)syscall(SYS_openat, AT_FDCWD, place, O_RDONLY | O_CLOEXEC, 0);
+        int descriptor = (int)syscall(SYS_openat, AT_FDCWD, place, O_RDWR | O_CLOEXEC, 0);
         if (descriptor >= 0) {
-            void *mapped = mmap(NULL, sizeof(struct control), PROT_READ, MAP_SHARED, descriptor, 0);
+            void *mapped = mmap(NULL, sizeof(struct control), PROT_READ | PROT_WRITE, MAP_SHARED, descriptor, 0);
             if (mapped != MAP_FAILED) control = mapped;
             syscall(SYS_close, descriptor);
         }
@@ -92,6 +96,8 @@ static void wait_ms(int milliseconds) {
 
 /* The error that a change of a file meets, 0 for none. */
 static int fault(int takes_room) {
+    int64_t number = __atomic_add_fetch(&control->calls, 1, __ATOMIC_RELAXED);
+    if (control->first && (number < control->first || number > control->last)) return 0;
     switch (control->mode) {
     case FULL: return takes_room ? ENOSPC : 0;
     case BROKEN: return EIO;
@@ -117,9 +123,10 @@ static int opened(int descriptor, const char *path, int flags, int fresh) {
 
 static int open_any(const char *path, int flags, mode_t mode) {
     int fresh = 0;
-    if (ours(path) && (flags & (O_WRONLY | O_RDWR | O_CREAT))) {
+    int changes = flags & (O_WRONLY | O_RDWR | O_CREAT);
+    if (ours(path) && (changes || control->first)) {
         struct stat about;
-        fresh = stat(path, &about) != 0;
+        fresh = changes && stat(path, &about) != 0;
         int error = fault(fresh);
         if (error) return refuse(error);
     }
@@ -164,6 +171,18 @@ ssize_t write(int descriptor, const void *data, size_t size) {
     return written;
 }
 
+ssize_t pwrite64(int descriptor, const void *data, size_t size, off64_t at) {
+    if (name_of(descriptor)) {
+        int error = fault(1);
+        if (error) return refuse(error);
+        wait_ms(control->write_delay_ms);
+    }
+    return syscall(SYS_pwrite64, descriptor, data, size, at);
+}
+ssize_t pwrite(int descriptor, const void *data, size_t size, off_t at) {
+    return pwrite64(descriptor, data, size, at);
+}
+
 int fsync(int descriptor) {
     const char *name = name_of(descriptor);
     if (name) {
@@ -175,6 +194,8 @@ int fsync(int descriptor) {
     }
     return (int)syscall(SYS_fsync, descriptor);
 }
+
+int fdatasync(int descriptor) { return fsync(descriptor); }
 
 static int truncate_any(int descriptor, off_t size) {
     const char *name = name_of(descriptor);
