@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import signal
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -233,6 +233,24 @@ def until_stale(system: System, tasks: list[str], after: float) -> Callable[[], 
     return stale
 
 
+def memory(statuses: Iterable[DiagnosticStatus], *keys: str) -> dict[str, tuple[int, bool]]:
+    """Return the faults that ros2_medkit has of ``statuses``: by code the worst level, and whether it stands.
+
+    Its bridge takes the code from the first of ``keys`` that a task has, without keys from the task's name,
+    and calls STALE critical; its fault manager knows a fault by the code alone: an OK of it ends it.
+    """
+    faults: dict[str, tuple[int, bool]] = {}
+    for one in statuses:
+        values = {pair.key: pair.value for pair in one.values}
+        own = re.sub("[^A-Z0-9]+", "_", one.name.upper()).strip("_")
+        code = next((values[key] for key in keys if key in values), "" if keys else own)
+        level = int.from_bytes(one.level, "little")
+        if code and (level or code in faults):
+            assert re.fullmatch(r"[A-Za-z0-9_.-]{1,128}", code)
+            faults[code] = (max(level, faults.get(code, (0, False))[0]), level > 0)
+    return faults
+
+
 def test_a_fault_memory_has_a_fault_an_alarm_and_silence_by_order_is_no_fault(system: System) -> None:
     """As a bridge reads it: a fault for each task that is not OK, at the node that hardware_id names."""
     _ = system.diagnostics
@@ -253,6 +271,9 @@ def test_a_fault_memory_has_a_fault_an_alarm_and_silence_by_order_is_no_fault(sy
     assert system.numbers(task)["code"] == "801"
     everything = [one for heard in system.diagnostics.messages for one in heard.status]
     assert {one.name for one in everything if any(pair.key == "code" for pair in one.values)} == {task}
+    assert memory(everything, "fault_code") == {"valve_1.stale.acceleration": (2, True)}
+    critical = {code for code, (level, _) in memory(everything).items() if level == 3}
+    assert critical <= {"VALVE_1_MONITOR_DATA", "VALVE_1_MONITOR_CONDITION"}
     estimator = [one for one in everything if one.name == "valve_1/estimator: estimate"]
     assert DiagnosticStatus.STALE not in {one.level for one in estimator}
 
@@ -262,10 +283,17 @@ def test_a_fault_memory_has_a_fault_an_alarm_and_silence_by_order_is_no_fault(sy
     for name in (task, *judged):
         system.until(lambda name=name: last(name, ordered).level == DiagnosticStatus.OK, "no fault any more")
         assert "out of service" in last(name).message
+    put_aside = time.monotonic()
+    everything = [one for heard in system.diagnostics.messages for one in heard.status]
+    assert memory(everything, "fault_code") == {"valve_1.stale.acceleration": (2, False)}
     system.change(MONITOR, "deactivate")
     asleep = "not monitored: the monitor is inactive"
     system.until(lambda: all(last(name).message == asleep for name in judged), "it says that it sleeps")
     assert {last(name).level for name in judged} == {DiagnosticStatus.OK}
+    since = [
+        one for heard in system.diagnostics.heard if heard.arrival > put_aside for one in heard.message.status
+    ]
+    assert DiagnosticStatus.STALE not in {one.level for one in since}
 
 
 class Unkept(NamedTuple):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
@@ -76,6 +77,9 @@ STARTS = 180.0
 
 #: s between two looks at what arrives.
 LOOK = 0.2
+
+#: What a fault code of ros2_medkit's fault manager can't hold, and how many characters it may have.
+_FAULT_CODE, LONGEST_FAULT_CODE = re.compile(r"[^A-Za-z0-9_-]+"), 128
 
 _QUANTITIES = ("dominant_frequency", "amplification", "natural_frequency", "viscous_drift", "coulomb_drift")
 
@@ -377,8 +381,12 @@ def condition_status(detection: Detection, health: Health) -> Status:
     return replace(status, values={**status.values, **warns})
 
 
-def alarm_status(alarm: Alarm) -> Status:
-    """Return what ``/diagnostics`` shows of ``alarm``: not OK while it stands and is not put aside."""
+def alarm_status(alarm: Alarm, namespace: str) -> Status:
+    """Return what ``/diagnostics`` shows of ``alarm``: not OK while it stands and is not put aside.
+
+    ``fault_code`` is for fault memories that know a fault by its code alone, as ros2_medkit's does: it is the
+    same whatever the cause, and no other alarm of any valve has it.
+    """
     level = Level.OK
     if not alarm.hidden and (alarm.active or alarm.latched):
         severe = alarm.active and alarm.severity is Severity.ALARM
@@ -388,6 +396,7 @@ def alarm_status(alarm: Alarm) -> Status:
         told = headline(alarm.event)
     values = {
         "code": alarm.code,
+        "fault_code": _FAULT_CODE.sub(".", f"{namespace}/{alarm.name}").strip(".")[-LONGEST_FAULT_CODE:],
         "ne_107": alarm.kind_namur.letter,
         "state": _words(alarm.state),
         "occurrence": alarm.occurrence,
@@ -483,7 +492,8 @@ class AlarmServices:
         """
         alarms = self._state.alarms
         self._stood |= {alarm.name for alarm in alarms.shown}
-        return [alarm_status(alarms.alarms[name]) for name in sorted(self._stood)]
+        namespace = self._node.get_namespace()
+        return [alarm_status(alarms.alarms[name], namespace) for name in sorted(self._stood)]
 
     def status(self, namur: Namur, trends: TrendWriter | None) -> Status:
         """Return what ``/diagnostics`` shows of the alarms: what is put aside does not raise its level."""

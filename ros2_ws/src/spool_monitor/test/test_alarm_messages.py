@@ -11,7 +11,7 @@ from spool_core.uncertainty import Quantity
 from spool_monitor.alarm import AlarmState, Operator
 from spool_monitor.alarm_store import AlarmStore
 from spool_monitor.event import Event, EventState, Facts, Namur, Severity
-from spool_monitor.monitor_node import to_alarm_list
+from spool_monitor.monitor_node import alarm_status, to_alarm_list
 from spool_msgs.msg import Alarm, AlarmList, ValveHealth
 
 SECOND = 1_000_000_000
@@ -62,3 +62,14 @@ def test_alarms_go_through_their_message_in_their_order() -> None:
     assert second.event.limit == 0.2
     said = headline(from_event_message(second.event), LANGUAGES["de"])
     assert second.message == second.event.message == said
+
+
+def test_a_fault_code_is_one_alarm_s_whatever_its_cause() -> None:
+    codes = []
+    for namespace in ("/valve_1", "/press/left"):
+        for cause in ("wear", "oil_contamination"):
+            store = AlarmStore()
+            quantity = Quantity("change", "N", 0.25)
+            store.update(Event(SECOND, "friction_drift", EventState.RAISED, Severity.ALARM, cause, quantity))
+            codes.append(alarm_status(store.alarms["friction_drift"], namespace).values["fault_code"])
+    assert codes == ["valve_1.friction_drift"] * 2 + ["press.left.friction_drift"] * 2
