@@ -67,7 +67,9 @@ def operators(folder: Path) -> dict[str, KeptPassword]:
             str(name): KeptPassword(base64.b64decode(one["salt"]), base64.b64decode(one["scrypt"]))
             for name, one in kept.items()
         }
-    except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
+    except OSError as error:
+        raise InputError(f"{path}: it can't be read: {error.strerror or error}") from error
+    except (ValueError, TypeError, KeyError, AttributeError) as error:
         raise InputError(f"{path}: not a list of operators: remove it and add them again") from error
 
 

@@ -206,6 +206,8 @@ class PlantServer(Server):  # type: ignore[misc]
             try:
                 await self.load_certificate(self._security.certificate)
                 await self.load_private_key(self._security.key)
+            except OSError as error:
+                raise InputError(f"{error.filename}: it can't be read: {error.strerror or error}") from error
             except (ValueError, TypeError) as error:
                 raise InputError(f"{self._security.key}: not a private key in PEM") from error
             await self.set_application_uri(_application(self.iserver.certificate))
@@ -260,6 +262,7 @@ def _der(path: Path) -> bytes:
         content = path.read_bytes()
         return ssl.PEM_cert_to_DER_cert(content.decode("ascii")) if b"-----BEGIN" in content else content
     except OSError as error:
-        raise InputError(f"{path}: {error.strerror}: make it with ./spool secure --opcua") from error
+        advice = ": make it with ./spool secure --opcua" if isinstance(error, FileNotFoundError) else ""
+        raise InputError(f"{path}: {error.strerror}{advice}") from error
     except ValueError as error:
         raise InputError(f"{path}: not a certificate") from error

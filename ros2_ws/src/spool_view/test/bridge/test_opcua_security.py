@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from spool_core.errors import InputError
-from spool_core.opcua_folder import KEY, OPERATORS, TRUSTED, keep_operator
+from spool_core.opcua_folder import CERTIFICATE, KEY, OPERATORS, TRUSTED, keep_operator
 from spool_tools.operations.opcua_certificate import make_server
 from spool_view.opcua_security import Security
 
@@ -59,3 +59,17 @@ def test_what_cannot_be_used_is_named(folder: Path) -> None:
         Security.read(folder)
     with pytest.raises(InputError, match="make it with"):
         Security.read(folder / "none")
+
+
+@pytest.mark.parametrize("name", [OPERATORS, CERTIFICATE])
+def test_a_disk_that_fails_is_no_reason_to_make_it_again(
+    folder: Path, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    keep_operator(folder, "anna", "first secret")
+
+    def failing(path: Path, **_: object) -> str:
+        raise OSError(5, "Input/output error", str(path))
+
+    monkeypatch.setattr(Path, "read_text" if name == OPERATORS else "read_bytes", failing)
+    with pytest.raises(InputError, match=f"{name}: .*Input/output error$"):
+        Security.read(folder)
