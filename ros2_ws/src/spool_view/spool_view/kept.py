@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from datetime import datetime, timezone
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 from spool_core.errors import InputError
 from spool_core.events.language import LANGUAGES
@@ -44,8 +44,14 @@ MOST_READINGS = 2
 #: Characters of a search.
 LONGEST = 200
 Found = TypeVar("Found")
+#: Called with a valve whose trends or journal can't be read, and why.
+Failed: TypeAlias = Callable[[str, InputError | OSError], object]
 
 RANGES = {"day": 86400, "week": 7 * 86400, "month": 30 * 86400, "all": 0}
+
+
+def _ignored(_valve: str, _error: InputError | OSError) -> None:
+    pass
 
 
 @dataclass(slots=True)
@@ -54,9 +60,11 @@ class Sparks:
 
     Attributes:
         base: the monitors' ``state_folder``.
+        failed: called with a valve that can't be read, and why.
     """
 
     base: Path
+    failed: Failed = _ignored
     _read: float = field(default=-HELD, init=False)
     _held: dict[str, list[dict[str, Any]]] = field(default_factory=dict, init=False)
 
@@ -78,7 +86,8 @@ class Sparks:
         courses = []
         try:
             store = TrendStore(own_file(valve_folder(self.base, name) / FILE, PATIENCE), read_only=True)
-        except (InputError, OSError):
+        except (InputError, OSError) as error:
+            self.failed(name, error)
             return []
         try:
             for parameter in SPARKS:
@@ -92,7 +101,8 @@ class Sparks:
                         **limits_of(valve, parameter),
                     }
                 )
-        except (InputError, OSError):
+        except (InputError, OSError) as error:
+            self.failed(name, error)
             return []
         finally:
             store.close()
@@ -109,7 +119,9 @@ def limits_of(valve: HeardValve, parameter: str) -> dict[str, float | None]:
     return found
 
 
-def history(base: Path, valves: Iterable[str], search: str, length: str, language: str) -> dict[str, Any]:
+def history(
+    base: Path, valves: Iterable[str], search: str, length: str, language: str, failed: Failed = _ignored
+) -> dict[str, Any]:
     """Return the newest entries of the journals of ``valves`` that hold ``search``, and the alarms' figures.
 
     Args:
@@ -118,10 +130,11 @@ def history(base: Path, valves: Iterable[str], search: str, length: str, languag
         search: words; each has to be in an entry.
         length: one of :data:`RANGES`.
         language: of the headlines.
+        failed: called with a valve whose journal can't be read, and why.
     """
     now = time.time_ns()
     since = now - RANGES[length] * 1_000_000_000 if RANGES[length] else 0
-    journals = _journals(base, valves)
+    journals = _journals(base, valves, failed)
     rows = _found(journals, search, since, language)
     entries = [
         {
@@ -158,13 +171,15 @@ def history(base: Path, valves: Iterable[str], search: str, length: str, languag
     }
 
 
-def history_table(base: Path, valves: Iterable[str], search: str, length: str, language: str) -> str:
+def history_table(
+    base: Path, valves: Iterable[str], search: str, length: str, language: str, failed: Failed = _ignored
+) -> str:
     """Return what :func:`history` finds as CSV, all of it, oldest first; times in UTC."""
     since = time.time_ns() - RANGES[length] * 1_000_000_000 if RANGES[length] else 0
     text = io.StringIO()
     table = csv.writer(text, lineterminator="\n")
     table.writerow(COLUMNS)
-    for valve, one in _found(_journals(base, valves), search, since, language):
+    for valve, one in _found(_journals(base, valves, failed), search, since, language):
         table.writerow(cells(valve, one, LANGUAGES[language]))
     return text.getvalue()
 
@@ -180,7 +195,8 @@ class Records:
     def __init__(self, desk: Desk, language: Callable[[Request], str]) -> None:
         self._desk, self._language = desk, language
         self._free: asyncio.Semaphore | None = None
-        self._sparks = Sparks(desk.state_folder)
+        self._sparks = Sparks(desk.state_folder, self._failed)
+        self._unread: set[str] = set()
 
     async def trend(self, request: Request) -> Response:
         """Answer with a trend."""
@@ -192,7 +208,8 @@ class Records:
         base = self._desk.state_folder
         try:
             found = await self._read(lambda: trend_of(base, valve, parameter, length, int(since)))
-        except (InputError, OSError):  # names files: not for browsers
+        except (InputError, OSError) as error:  # names files: not for browsers
+            self._failed(valve, error)
             return _nothing()
         return JSONResponse(found, headers={"cache-control": "no-store"})
 
@@ -219,14 +236,22 @@ class Records:
         headers = {"cache-control": "no-store", "content-disposition": f'attachment; filename="{name}"'}
         return Response(found, media_type="text/csv; charset=utf-8", headers=headers)
 
+    def _failed(self, valve: str, error: InputError | OSError) -> None:
+        """Log once for each valve what can't be read; a file that is not there yet is no fault."""
+        if isinstance(error, OSError) and valve not in self._unread:
+            self._unread.add(valve)
+            self._desk.warn(f"trends and journal of {valve} can't be read, the page shows none: {error}")
+
     async def _searched(
-        self, request: Request, read: Callable[[Path, list[str], str, str, str], Found]
+        self, request: Request, read: Callable[[Path, list[str], str, str, str, Failed], Found]
     ) -> Found | Response:
         search, length = request.query_params.get("search", ""), request.query_params.get("range", "week")
         if len(search) > LONGEST or length not in RANGES:
             return PlainTextResponse("no such search", 400)
         names, language = list(self._desk.valves), self._language(request)
-        return await self._read(lambda: read(self._desk.state_folder, names, search, length, language))
+        return await self._read(
+            lambda: read(self._desk.state_folder, names, search, length, language, self._failed)
+        )
 
     async def _read(self, read: Callable[[], Found]) -> Found:
         """Read what the monitors keep in a thread, few at a time."""
@@ -245,14 +270,14 @@ class Records:
         return Response(message.json, media_type="application/json", headers=headers)
 
 
-def _journals(base: Path, valves: Iterable[str]) -> dict[str, list[JournalEntry]]:
+def _journals(base: Path, valves: Iterable[str], failed: Failed) -> dict[str, list[JournalEntry]]:
     journals = {}
     for name in valves:
         path = own_file(valve_folder(base, name) / FILE, PATIENCE)
         try:
             journals[name] = entries_in(path)
-        except (InputError, OSError):  # not kept yet, or damaged: its monitor says so
-            continue
+        except (InputError, OSError) as error:
+            failed(name, error)
     return journals
 
 

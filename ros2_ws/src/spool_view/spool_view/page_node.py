@@ -97,8 +97,14 @@ class PageNode(ManagedNode):
         folder = self._folder()
         address, port = self._socket.getsockname()[:2]
         if self.value("operator"):
-            self._token = operating.OperatorToken(folder / FOLDER / f"token_{port}")
-            self._log = operating.ActLog(folder / FOLDER / "operator_log.jsonl")
+            try:
+                self._token = operating.OperatorToken(folder / FOLDER / f"token_{port}")
+                self._log = operating.ActLog(folder / FOLDER / "operator_log.jsonl")
+            except OSError as error:
+                raise InputError(
+                    f"state_folder: {folder / FOLDER} can't be written ({error.strerror or error}): "
+                    "the page needs it for operators' token and log"
+                ) from error
         names = tuple(name.strip("/") for name in self.value("valves") if name.strip("/"))
         self._calls = ServiceCalls(self)
         self._listener = Listener(self, names, light=True, metrics=self.value("metrics"))

@@ -5,14 +5,17 @@ from __future__ import annotations
 import socket
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Any
 
 import pytest
 from spool_monitor.listener import HeardValve
+from spool_monitor.state_database import StateDatabase
 from spool_view import application
 from spool_view.application import MOST_BEHIND, MOST_STREAMS, Reader, ServerThread
+from starlette.testclient import TestClient
 
-from .conftest import PATIENCE, Station, good_health, until
+from .conftest import OWN, PATIENCE, Station, good_health, until
 
 
 class Served:
@@ -155,3 +158,21 @@ def test_who_is_behind_is_dropped_once(monkeypatch: pytest.MonkeyPatch) -> None:
     assert not large.ended  # the first event, all there is, may be large
     large.offer(b"x")
     assert large.ended
+
+
+def test_what_of_a_valve_can_t_be_read_is_in_the_page_s_log_once(
+    station: Station, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    said: list[str] = []
+    client = TestClient(application.application(replace(station.desk, warn=said.append)).asgi, base_url=OWN)
+    assert client.get("/trend?valve=valve_1").status_code == 200
+    assert said == []  # nothing is kept yet, which is no fault
+
+    def failing(*_: object, **__: object) -> None:
+        raise OSError(5, "Input/output error")
+
+    monkeypatch.setattr(StateDatabase, "__init__", failing)
+    for path in ("/trend?valve=valve_1", "/history.json", "/history.csv", "/sparks"):
+        assert client.get(path).status_code == 200
+    (line,) = said
+    assert line.startswith("trends and journal of valve_1 can't be read, the page shows none")
