@@ -17,6 +17,8 @@ from .story import PLOTS, STEP, VALVE, told
 STORIES = tuple(name for name in PLOTS if name != "dead twice")
 SETTINGS = MonitorSettings(natural_frequency=VALVE.natural_frequency, baseline_time=4.0)
 FAULTS = ("lost", "doubled", "late", "exchanged")
+#: Estimates after which the healthy valve is known: nothing can be found to have changed before.
+LEARNED = 13
 #: Estimates of which one fault takes at most.
 LONGEST = 12
 #: s after which a silence is one, with what the fault itself may add.
@@ -74,7 +76,11 @@ def arrivals(seed: int, story: str) -> tuple[list[list[Estimate]], tuple[str, ..
     marks = ["" for _ in sent]
     said = []
     for _ in range(chance.randint(1, 4)):
-        fault, begin, count = chance.choice(FAULTS), chance.randrange(len(sent)), chance.randint(1, LONGEST)
+        fault, begin, count = (
+            chance.choice(FAULTS),
+            chance.randrange(LEARNED, len(sent)),
+            chance.randint(1, LONGEST),
+        )
         marks[begin : begin + count] = [fault] * len(marks[begin : begin + count])
         said.append(f"{count} {fault} from estimate {begin}")
     held: list[Estimate] = []

@@ -56,6 +56,8 @@ def _written(node: MonitorNode) -> None:
 class MonitorLife:
     """Monitor's node with blocks and estimates as fast as it takes them."""
 
+    excuses = ("can't be read",)
+
     def load(self) -> None:
         """Simulate the valve and load the kernels."""
         told(PLOT)

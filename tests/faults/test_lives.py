@@ -33,7 +33,7 @@ def lived(process: str, folder: Path, begin: int, step: int) -> None:
     assert lost["once"] * 10 <= len(lives)
 
 
-@pytest.mark.parametrize(("process", "step"), [("monitor", 47)])
+@pytest.mark.parametrize(("process", "step"), [("monitor", 47), ("page", 83)])
 def test_a_call_that_fails_costs_no_alarm_and_nothing_unstated(
     process: str, step: int, tmp_path: Path
 ) -> None:
@@ -41,6 +41,6 @@ def test_a_call_that_fails_costs_no_alarm_and_nothing_unstated(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("process", ["monitor"])
+@pytest.mark.parametrize("process", ["monitor", "page"])
 def test_any_call_that_fails_costs_no_alarm_and_nothing_unstated(process: str, tmp_path: Path) -> None:
     lived(process, tmp_path, 1, 1)
