@@ -20,7 +20,9 @@ from typing import Any, Protocol
 from .disk import Disk
 
 #: Calls that fail from the n-th on, by mode; a journal's entry takes ten.
-MODES = {"once": 1, "for a while": 30, "for ever": 1 << 40}
+MODES = {"once": 1, "for a while": 30, "permanently": 1 << 40}
+#: Number of a call that no process reaches.
+NEVER = 1 << 50
 #: Keys of what is kept of which more than without a fault is as wrong as less.
 ADDED = ("journal", "trends")
 #: s after which a life is given up.
@@ -81,13 +83,13 @@ class Rig:
         self._forked(process.prepare)
         shutil.rmtree(folder / "found", ignore_errors=True)
         self.place.rename(folder / "found")
-        self.got, self.kept, self.calls = self.lived(0, 0)
+        self.got, self.kept, self.calls = self.lived(NEVER, NEVER)
 
     def lived(self, first: int, last: int) -> tuple[object, dict[str, dict[str, Any]], int]:
         """Live with calls ``first`` to ``last`` failing; return what others got, what is kept, all calls."""
         shutil.rmtree(self.place, ignore_errors=True)
         shutil.copytree(self.folder / "found", self.place)
-        self.disk.fail(first, last) if first else self.disk.tell()
+        self.disk.fail(first, last)
         got = self._forked(self.process.live)
         calls = self.disk.calls
         self.disk.tell()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 from collections import Counter
-from concurrent.futures import Future
 from pathlib import Path
 from typing import Any
 
@@ -48,9 +47,8 @@ ACTS: dict[int, tuple[tuple[Any, str, dict[str, Any]], ...]] = {
 
 def _written(node: MonitorNode) -> None:
     """Wait for the writer of trends, whose calls are then in their order; what it raised is raised."""
-    writing: Future[None] | None = node._trends and node._trends._writing
-    if writing is not None:
-        writing.result()
+    if node._trends is not None and node._trends._writing is not None:
+        node._trends._writing.result()
 
 
 class MonitorLife:

@@ -23,7 +23,7 @@ STEP, PERIOD = 0.1, 0.5
 
 @dataclass(frozen=True)
 class Plot:
-    """Plot: parameters that change at a block, and blocks in which the body's accelerometer stands still."""
+    """Parameters that change at a block, and blocks in which the body's accelerometer stands still."""
 
     blocks: int
     changes: Mapping[int, tuple[str, float]] = field(default_factory=dict)
@@ -32,7 +32,7 @@ class Plot:
 
 @dataclass(frozen=True)
 class Story:
-    """Story: each block with the estimates that fall due then; the stamps begin now."""
+    """Each block with the estimates that fall due then; the stamps begin now."""
 
     blocks: list[Block]
     estimates: list[tuple[Estimate, ...]]
