@@ -21,7 +21,6 @@ from urllib.parse import urlsplit
 import uvicorn
 from jinja2 import BaseLoader, Environment, StrictUndefined
 from spool_core.faults import unexpected
-from spool_monitor.listener import HeardValve
 from starlette.applications import Starlette
 from starlette.datastructures import Headers
 from starlette.middleware import Middleware
@@ -32,9 +31,9 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from spool_view.acts import RateLimit
+from spool_view.channels import FALL, PERIOD, Fall, MachineChannel, Reader, ValveChannel, encode
 from spool_view.kept import Records
 from spool_view.operator import Desk, Operating
-from spool_view.view import alarms_of, detail_of, row_of
 
 #: Requests a second, and at once; ten browsers that load a page together need a hundred.
 RATE, BURST = 100.0, 400.0
@@ -66,21 +65,16 @@ _OWN_PAGE = re.compile(r"/(alarms|history|valve/[A-Za-z0-9_/]{1,200})?")
 #: Connections that may be open; s that requests under way get at the end.
 MOST_CONNECTIONS, GRACE = 256, 1
 
-#: s between two steps, and between two signs of life: what a page does not hear it does not believe.
-PERIOD, BEAT = 0.5, 2.0
-#: Spectra of a waterfall, and valves whose waterfalls are held while no page shows them.
-FALL, MOST_FALLS = 120, 16
-#: Streams that may be open.
-MOST_STREAMS = 64
+#: s between two signs of life: what a page does not hear it does not believe.
+BEAT = 2.0
+#: Valves whose waterfalls are held while no page shows them, and streams that may be open.
+MOST_FALLS, MOST_STREAMS = 16, 64
 
 _STREAM_HEADERS = [
     (b"content-type", b"text/event-stream; charset=utf-8"),
     (b"cache-control", b"no-store"),
     (b"x-accel-buffering", b"no"),
 ]
-
-#: Events that a reader may be behind (4 s), and bytes of them.
-MOST_BEHIND, MOST_BYTES = 8, 2_000_000
 
 #: s that the head of a request may take.
 HEAD = 10.0
@@ -327,7 +321,8 @@ class Streams:
         self._desk = desk
         self._machine = MachineChannel(desk)
         self._valves: dict[str, ValveChannel] = {}
-        self._falls: OrderedDict[str, deque[list[float]]] = OrderedDict()
+        self._falls: OrderedDict[str, Fall] = OrderedDict()
+        self._reading = asyncio.Semaphore(1)
         self._readers: set[Reader] = set()
         self._closed = False
         self._trouble = 0.0
@@ -367,7 +362,10 @@ class Streams:
         name = request.path_params["name"]
 
         def join(reader: Reader) -> None:
-            self._valves.setdefault(name, ValveChannel(self._desk, name, self._fall(name))).join(reader)
+            channel = self._valves.get(name)
+            if channel is None:
+                channel = self._valves[name] = ValveChannel(self._desk, name, self._fall(name), self._reading)
+            channel.join(reader)
 
         def leave(reader: Reader) -> None:
             channel = self._valves.get(name)
@@ -378,7 +376,7 @@ class Streams:
 
         return self._stream(request, join, leave)
 
-    def _fall(self, name: str) -> deque[list[float]]:
+    def _fall(self, name: str) -> Fall:
         """Return the spectra of the valve ``name`` that were shown last, for a page that is opened again."""
         fall = self._falls.setdefault(name, deque(maxlen=FALL))
         self._falls.move_to_end(name)
@@ -400,152 +398,6 @@ class Streams:
             leave(reader)
 
         return _EventStream(reader, lambda: join(reader), left)
-
-
-class MachineChannel:
-    """Machine's channel: rows and alarms that changed since the last step."""
-
-    def __init__(self, desk: Desk) -> None:
-        self._desk = desk
-        self.readers: set[Reader] = set()
-        self._rows: dict[str, dict[str, Any]] = {}
-        self._alarms: dict[str, list[dict[str, Any]]] = {}
-        self._heard: dict[str, object] = {}  # messages that the alarms were made of
-        self._seen: dict[str, tuple[int, str]] = {}
-
-    def join(self, reader: Reader) -> None:
-        """Give ``reader`` all there is, and what changes from now on."""
-        if not self.readers:
-            self._seen.clear()
-        self.step()
-        reader.offer(
-            encode("machine", {"whole": True, "rows": list(self._rows.values()), "alarms": self._alarms})
-        )
-        self.readers.add(reader)
-
-    def leave(self, reader: Reader) -> None:
-        """Take note that ``reader`` is gone."""
-        self.readers.discard(reader)
-
-    def step(self) -> None:
-        """Send what changed."""
-        now = time.monotonic()
-        rows, alarms = [], {}
-        for name, valve in list(self._desk.valves.items()):
-            seen = (valve.changes, valve.condition(now))
-            if self._seen.get(name) == seen:
-                continue
-            self._seen[name] = seen
-            row = row_of(valve, now)
-            if self._rows.get(name) != row:
-                self._rows[name] = row
-                rows.append(row)
-            message = valve.alarms
-            if self._heard.get(name) is not message:
-                self._heard[name], listed = message, alarms_of(message)
-                if self._alarms.get(name, []) != listed:
-                    self._alarms[name] = alarms[name] = listed
-        if (rows or alarms) and self.readers:
-            event = encode("machine", {"whole": False, "rows": rows, "alarms": alarms})
-            for reader in tuple(self.readers):
-                reader.offer(event)
-
-
-class ValveChannel:
-    """Valve's channel: its view where it changed, and its spectrum."""
-
-    def __init__(self, desk: Desk, name: str, fall: deque[list[float]]) -> None:
-        self._desk, self._name, self._fall = desk, name, fall
-        self.readers: set[Reader] = set()
-        self._detail: dict[str, Any] = {}
-        self._seen: tuple[int, str] | None = None
-        self._event = b""
-        self._newest: bytes | None = None
-
-    def join(self, reader: Reader) -> None:
-        """Give ``reader`` all there is, and what changes from now on."""
-        self.step()
-        reader.offer(self._event)
-        if self._fall:
-            reader.offer(encode("waterfall", {"spool": list(self._fall)}))
-        if not self.readers:
-            self._desk.open.append(self._name)
-        self.readers.add(reader)
-
-    def leave(self, reader: Reader) -> None:
-        """Take note that ``reader`` is gone."""
-        if reader in self.readers:
-            self.readers.discard(reader)
-            if not self.readers:
-                self._desk.open.remove(self._name)
-
-    def step(self) -> None:
-        """Send what changed."""
-        valve, now = self._desk.valves.get(self._name) or HeardValve(self._name), time.monotonic()
-        events = []
-        seen = (valve.changes, valve.condition(now))
-        if seen != self._seen:
-            self._seen, detail = seen, detail_of(valve, now)
-            if detail != self._detail:
-                self._detail, self._event = detail, encode("valve", detail)
-                events.append(self._event)
-        blocks = list(valve.blocks)
-        if self.readers and blocks and blocks[-1] is not self._newest:
-            self._newest = blocks[-1]
-            found = self._desk.spectrum(blocks)
-            if found is not None:
-                self._fall.append(found["spool"])
-                events.append(encode("spectrum", found))
-        for event in events:
-            for reader in tuple(self.readers):
-                reader.offer(event)
-
-
-def encode(event: str, data: Any) -> bytes:
-    """Return a server-sent event (WHATWG HTML, 9.2)."""
-    text = json.dumps(data, separators=(",", ":"), ensure_ascii=True, allow_nan=False)
-    return f"event: {event}\ndata: {text}\n\n".encode("ascii")
-
-
-class Reader:
-    """A browser's open stream; ``drop`` ends its connection at once."""
-
-    def __init__(self, drop: Callable[[], object]) -> None:
-        self._drop = drop
-        self._waiting: deque[bytes] = deque()
-        self._bytes = 0
-        self._news = asyncio.Event()
-        self.ended = False
-
-    def offer(self, event: bytes) -> None:
-        """Hand over an event; a reader that is too far behind is dropped."""
-        if self.ended:
-            return
-        self._waiting.append(event)
-        self._bytes += len(event)
-        if len(self._waiting) > MOST_BEHIND or (self._bytes > MOST_BYTES and len(self._waiting) > 1):
-            self.end()
-            self._drop()
-        self._news.set()
-
-    def end(self) -> None:
-        """End the stream after what is being sent."""
-        self.ended = True
-        self._waiting.clear()
-        self._bytes = 0
-        self._news.set()
-
-    async def next(self) -> bytes | None:
-        """Return all that waits, ``None`` at the end."""
-        while not self._waiting and not self.ended:
-            self._news.clear()
-            await self._news.wait()
-        if self.ended:
-            return None
-        events = b"".join(self._waiting) if len(self._waiting) > 1 else self._waiting[0]
-        self._waiting.clear()
-        self._bytes = 0
-        return events
 
 
 class PageProtocol(H11Protocol):

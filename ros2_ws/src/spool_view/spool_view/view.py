@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -58,6 +58,8 @@ _LONGEST = 2000
 
 #: s of samples that are looked at; lines lie 0.5 Hz apart.
 WINDOW = 2.0
+#: Relative distance of lines below which the last line moves by less than four of :data:`MOST_LINES`.
+LINES_APART = 0.01
 #: Hz, above which no line is shown, and lines that are sent at most.
 HIGHEST, MOST_LINES = 200.0, 400
 #: Samples of a block, and per second, that are taken at most.
@@ -226,6 +228,11 @@ def spectrum_of(blocks: Sequence[Block]) -> dict[str, Any] | None:
         lines = np.abs(np.fft.rfft((samples - samples.mean()) * taper))[:count] * scale
         found[name] = [float(f"{value:.2e}") for value in lines.tolist()]
     return found
+
+
+def is_whole(spectrum: Mapping[str, Any]) -> bool:
+    """Return whether a spectrum is of a whole window: its lines lie where those of a waterfall do."""
+    return bool(abs(WINDOW * spectrum["step"] - 1.0) < LINES_APART)
 
 
 def trend_of(base: Path, valve: str, parameter: str, length: str, begin: int = 0) -> dict[str, Any]:

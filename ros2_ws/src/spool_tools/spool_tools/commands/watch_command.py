@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from importlib.metadata import entry_points
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -27,6 +28,10 @@ def watch(
     metrics: Annotated[
         bool, typer.Option("--metrics", help="The page serves /metrics for Prometheus.")
     ] = False,
+    bags: Annotated[
+        Path | None,
+        typer.Option(help="Recording, or folder of recordings, that fills the page's waterfalls."),
+    ] = None,
     who: Annotated[str, typer.Option(help="Who acknowledges and shelves; default: the user's name.")] = "",
     seconds: Annotated[
         float | None, typer.Option(help="Off a terminal: end after so many seconds.", min=0.0)
@@ -39,18 +44,20 @@ def watch(
 
     Example: ./spool watch
 
-    Example: ./spool watch --web --port 8765
+    Example: ./spool watch --web --port 8765 --bags recordings
     """
     if web:
         page = next(iter(entry_points(group=PAGES)), None)
         if page is None:
             raise InputError("--web: the package spool_view is not installed here")
-        page.load()(port=port, operator=operator, metrics=metrics, names=tuple(valves or ()))
+        page.load()(port=port, operator=operator, metrics=metrics, names=tuple(valves or ()), bags=bags)
         return
     if operator:
         raise InputError("--operator: is of the page, with --web; on the terminal the keys are there anyway")
     if metrics:
         raise InputError("--metrics: the page serves them: add --web")
+    if bags is not None:
+        raise InputError("--bags: the page shows them: add --web")
     from spool_tools.operations.watch import watch as run  # noqa: PLC0415 - slow to load
 
     run(tuple(valves or ()), who, seconds, language)

@@ -28,9 +28,11 @@ function follow(chart, place, height) {
   new ResizeObserver(() => chart().setSize(size(place, height))).observe(place);
 }
 
-/** Fill the waterfall with what the page's server saw before this page was opened. */
-export function fillWaterfall(data) {
+/** Fill the waterfall with what was recorded, or what the page's server saw, before this page was opened. */
+export function fillWaterfall(data, natural) {
   fall.splice(0, fall.length, ...data.spool.slice(-SPAN));
+  setText(document.getElementById("waterfall_text"), data.until === null ? "" : fill(texts.waterfall_until, { time: clock(data.until) }));
+  drawWaterfall(data.step, natural);
 }
 
 /** Show the spectrum (peak acceleration by line) with the natural frequency (Hz, or null); within `band` per cent of it the monitor warns. */
@@ -77,14 +79,15 @@ export function showSpectrum(data, natural, band) {
   spectrum.warns = band;
   spectrum.setData(values);
   place.setAttribute("aria-label", said);
-  showWaterfall(data, natural);
-}
-
-function showWaterfall(data, natural) {
   fall.push(data.spool);
   if (fall.length > SPAN) fall.shift();
+  if (fall.every((lines) => lines.length)) setText(document.getElementById("waterfall_text"), "");
+  drawWaterfall(data.step, natural);
+}
+
+function drawWaterfall(step, natural) {
   const canvas = document.getElementById("waterfall");
-  const count = Math.round(200 / data.step);
+  const count = Math.round(200 / step);
   if (canvas.width !== count) canvas.width = count;
   const context = canvas.getContext("2d");
   const picture = context.createImageData(count, SPAN);
@@ -92,7 +95,7 @@ function showWaterfall(data, natural) {
     const y = SPAN - fall.length + row;
     for (let i = 0; i < count; i++) {
       // Three decades up to 10 m/s^2, black over blue and yellow to white: brightness alone tells it.
-      const level = Math.min(1, Math.max(0, (Math.log10((lines[i] ?? 0) + 1e-9) + 2) / 3));
+      const level = lines.length === 0 ? 1 : Math.min(1, Math.max(0, (Math.log10((lines[i] ?? 0) + 1e-9) + 2) / 3));
       const place = 4 * (y * count + i);
       picture.data[place] = 255 * Math.min(1, Math.max(0, 2 * level - 0.6));
       picture.data[place + 1] = 255 * Math.min(1, Math.max(0, 1.6 * level - 0.25));
@@ -103,7 +106,7 @@ function showWaterfall(data, natural) {
   context.putImageData(picture, 0, 0);
   if (natural !== null) {
     context.fillStyle = "#ffffff";
-    for (let y = 0; y < SPAN; y += 6) context.fillRect(Math.round(natural / data.step), y, 1, 3);
+    for (let y = 0; y < SPAN; y += 6) context.fillRect(Math.round(natural / step), y, 1, 3);
   }
 }
 

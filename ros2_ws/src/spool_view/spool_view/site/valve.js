@@ -146,7 +146,7 @@ export function start() {
       last = data;
       show(data);
     },
-    waterfall: fillWaterfall,
+    waterfall: (data) => fillWaterfall(data, natural),
     spectrum: (data) => showSpectrum(data, natural, band),
   }, () => {
     if (last) show({ ...last, condition: "no_word", summary: null, resonance: null, judgements: [], estimate: last.estimate && { ...last.estimate, state: "stale" } });

@@ -11,8 +11,9 @@ from typing import Any
 import pytest
 from spool_monitor.listener import HeardValve
 from spool_monitor.state_database import StateDatabase
-from spool_view import application
-from spool_view.application import MOST_BEHIND, MOST_STREAMS, Reader, ServerThread
+from spool_view import application, channels
+from spool_view.application import MOST_STREAMS, ServerThread
+from spool_view.channels import MOST_BEHIND, Reader
 from starlette.testclient import TestClient
 
 from .conftest import OWN, PATIENCE, Station, good_health, until
@@ -152,7 +153,7 @@ def test_who_is_behind_is_dropped_once(monkeypatch: pytest.MonkeyPatch) -> None:
     for _ in range(MOST_BEHIND + 5):
         reader.offer(b"x")
     assert (reader.ended, len(dropped)) == (True, 1)
-    monkeypatch.setattr(application, "MOST_BYTES", 10)
+    monkeypatch.setattr(channels, "MOST_BYTES", 10)
     large = Reader(drop)
     large.offer(b"x" * 100)
     assert not large.ended  # the first event, all there is, may be large
