@@ -13,6 +13,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from spool_bag.reader import BagReader
+from spool_monitor.journal import JournalEntry, entries_in
+from spool_monitor.state_database import FILE
+from spool_monitor.state_file import valve_folder
 from spool_msgs.msg import Alarm, AlarmList, HealthEvent, ValveHealth
 from spool_msgs.srv import AcknowledgeAlarm, ManageBaseline, ResetAlarms, ShelveAlarm, SuppressAlarm
 
@@ -139,6 +142,44 @@ def test_operators_acknowledge_shelve_suppress_and_are_refused_with_a_reason(sys
     system.until(lambda: state(alarms) == Alarm.STATE_UNACKNOWLEDGED, "it returns by itself")
     assert ask(system, AcknowledgeAlarm, "acknowledge_alarm", alarm="", who="Eva").success
     system.until(lambda: state(alarms) == Alarm.STATE_ACKNOWLEDGED, "it is acknowledged")
+
+
+def test_out_of_service_for_a_time_ends_by_itself_across_a_kill(system: System) -> None:
+    """The monitor that ends it is not the one that began it: no sample, no estimate, no operator."""
+    alarms = system.listen(AlarmList, "/valve_1/alarms", latched=True)
+    system.forks = False
+    monitor = system.start("monitor")
+    out = SuppressAlarm.Request.OUT_OF_SERVICE
+    asked = ask(
+        system, SuppressAlarm, "suppress_alarm", way=out, duration=4.0, who="Eva", comment="pump replacement"
+    )
+    assert asked.success
+    system.until(lambda: state(alarms) == Alarm.STATE_OUT_OF_SERVICE, "it is out of service")
+    end = alarm(alarms).shelved_until
+    monitor.kill()
+    alarms.heard.clear()
+    system.start("monitor")
+    system.until(
+        lambda: alarms.heard and state(alarms) != Alarm.STATE_OUT_OF_SERVICE, "it is back in service"
+    )
+    back = [
+        message.header.stamp
+        for message in alarms.messages
+        for one in message.alarms
+        if one.name == SILENCE and one.state != Alarm.STATE_OUT_OF_SERVICE
+    ]
+    assert back
+    assert all((stamp.sec, stamp.nanosec) >= (end.sec, end.nanosec) for stamp in back)
+    journal = valve_folder(system.folder / "state" / "spool", "valve_1") / FILE
+
+    def told() -> list[JournalEntry]:
+        return [one for one in entries_in(journal) if one.alarm == SILENCE]
+
+    system.until(lambda: len(told()) >= 2, "its end is in the journal")
+    began, ended = told()
+    assert (began.action, began.who, began.comment) == ("remove from service", "Eva", "pump replacement")
+    assert (ended.action, ended.who) == ("return to service", "")
+    assert ended.stamp >= end.sec * 10**9 + end.nanosec
 
 
 @pytest.mark.slow
