@@ -4,20 +4,28 @@ from __future__ import annotations
 
 import math
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from spool_core.block import Block
-from spool_monitor.detectors import DETECTORS, JUDGEMENT_TEXTS
+from spool_core.events.event import Severity as MonitorSeverity
+from spool_core.uncertainty import Quantity as Measured
+from spool_core.uncertainty import Validity
+from spool_estimator.estimate import Estimate, State
+from spool_monitor.detectors import DETECTORS, JUDGEMENT_TEXTS, MonitorSettings
 from spool_monitor.listener import CONDITIONS, DRIFT, HeardValve, bounds_of, condition_of
+from spool_monitor.monitor import Monitor
+from spool_monitor.monitor_node import condition_status
 from spool_monitor.state_file import valve_folder
 from spool_monitor.trend import Sums, TrendStore
 from spool_msgs.msg import AlarmList, Quantity, ValveHealth
 from spool_msgs.srv import ManageBaseline
 from spool_view.acts import RateLimit
 from spool_view.application import LANGUAGES, SITE, language_of
+from spool_view.kept import limits_of
 from spool_view.view import AT_REST, MOST, alarms_of, detail_of, row_of, shown, spectrum_of, trend_of
 
 from .conftest import alarm, good_health, quantity, tracking
@@ -231,3 +239,55 @@ def test_the_limits_are_those_that_the_monitor_itself_tells() -> None:
         repr(bounds_of(statuses, "valve_1")) == "{'coulomb_force_low_N': 0.09, 'coulomb_force_high_N': nan}"
     )
     assert bounds_of(statuses[:2], "valve_1") is None
+
+
+HEALTHY = {
+    "viscous_coefficient": (8.0, "N s/m"),
+    "coulomb_force": (0.5, "N"),
+    "spring_stiffness": (5860.0, "N/m"),
+}
+
+
+def estimated(second: int, **changed: float) -> Estimate:
+    """Return an estimate of a healthy valve in oil of a constant temperature, with what ``changed``."""
+    found = {
+        name: Measured(name, unit, changed.get(name, value), 1e-3 * value, Validity.VALID)
+        for name, (value, unit) in HEALTHY.items()
+    }
+    nothing, oil = Measured("", "1"), Measured("oil_temperature", "deg C", 40.0, 0.5, Validity.VALID)
+    referred = replace(found["viscous_coefficient"], name="referred_viscous_coefficient")
+    return Estimate(
+        stamp=second * 10**9, model="coulomb", state=State.TRACKING, last_sequence=0, samples=0, delay=0.375,
+        memory=4.0, parameters=tuple(found.values()), natural_frequency=nothing, damping_ratio=nothing,
+        residual=nothing, excitation=nothing, relative_displacement=nothing, oil_temperature=oil,
+        referred_viscous_coefficient=referred,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("name", tuple(Monitor().detection.parameters))
+@pytest.mark.parametrize(("end", "sign"), [("low", -1.0), ("high", 1.0)])
+def test_the_band_of_the_page_ends_at_the_limit_that_the_event_states(
+    name: str, end: str, sign: float
+) -> None:
+    """Estimates drift by 0.2 % a second until the monitor warns; the page gets its limits by messages."""
+    monitor, events, second = Monitor(MonitorSettings(natural_frequency=28.7)), [], 0
+    start, unit = HEALTHY[name]
+    while not events:
+        second += 1
+        assert second < 600
+        drifted = start * (1.0 + sign * 2e-3 * max(0, second - 40))
+        events = monitor.update_estimate(estimated(second, **{name: drifted}))
+    facts = events[0].facts
+    assert (facts.parameter, events[0].severity) == (name, MonitorSeverity.WARNING)
+    status = condition_status(monitor.detection, monitor.health)
+    pairs = [
+        KeyValue(key=key, value=f"{value:.6g}" if isinstance(value, float) else str(value))
+        for key, value in status.values.items()
+    ]
+    one = valve()
+    one.bounds = bounds_of([DiagnosticStatus(name="v/monitor: condition", values=pairs)], "v") or {}
+    one.estimate = tracking()
+    one.baseline = ManageBaseline.Response(success=True, values=[quantity(name, unit, start)])
+    (shown_there,) = (one for one in detail_of(one, 100.0)["estimate"]["parameters"] if one["name"] == name)
+    assert shown_there[end] == pytest.approx(facts.limit, rel=1e-5)
+    assert limits_of(one, name)[end] == shown_there[end]
