@@ -113,8 +113,11 @@ function drawWaterfall(step, natural) {
 /** The parameter that the alarm is about, from before it began; `limits` has baseline and limits of a parameter. */
 let asked = { parameter: "", raised: 0, marks: [], limits: () => null };
 let chosen = false;
+/** Loads so far: an answer that comes after that of a later load is out of date. */
+let loads = 0;
 
 async function loadTrend() {
+  const own = ++loads;
   const parameter = document.getElementById("trend_parameter");
   const range = document.getElementById("trend_range").value;
   const place = document.getElementById("trend");
@@ -128,6 +131,7 @@ async function loadTrend() {
   } catch {
     data = null;
   }
+  if (own !== loads) return;
   if (data?.parameters.length && parameter.options.length !== data.parameters.length) {
     parameter.replaceChildren(...data.parameters.map((name) => new Option(nameOf(name), name, false, name === data.parameter)));
   }

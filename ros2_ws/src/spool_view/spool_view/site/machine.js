@@ -30,7 +30,7 @@ function tileOf(row, where) {
   if (!found) {
     const [machine, own] = [row.name.split("/").slice(0, -1).join("/"), row.name.split("/").at(-1)];
     found = { light: make("span"), picture: make("span", { class: "margin_place" }), margin: make("span", { class: "margin_text" }), sparks: make("span", { class: "sparks" }), news: make("span", { class: "news" }) };
-    const name = make("span", { class: "name" }, machine ? make("span", { class: "machine_name" }, machine + "/") : null, make("wbr"), make("b", {}, own));
+    const name = make("span", { class: "name" }, machine ? make("span", { class: "machine_name" }, make("bdi", { dir: "ltr" }, machine + "/")) : null, make("wbr"), make("b", {}, own));
     found.tile = make("a", { class: "tile", href: `/valve/${row.name}`, "data-valve": row.name }, make("span", { class: "head" }, found.light, name), found.news, make("span", { class: "margin_row" }, found.picture, found.margin), found.sparks);
     shown.set(key, found);
   }

@@ -23,9 +23,10 @@ from spool_monitor.state_database import FILE
 from spool_monitor.state_file import valve_folder
 from spool_monitor.trend import Sums, TrendStore
 from spool_msgs.msg import Alarm, AlarmList, ValveHealth
+from spool_msgs.srv import ManageBaseline
 from spool_view.application import ServerThread
 
-from .conftest import Station, good_health, tracking, until
+from .conftest import Station, good_health, quantity, tracking, until
 
 VALVES = tuple(f"press_{number // 10 + 1}/valve_{number % 10 + 1}" for number in range(100))
 NOW = int(time.time())
@@ -192,6 +193,34 @@ def test_after_a_reload_waterfall_and_trend_are_there(
     assert page.evaluate(lit) >= before
     page.wait_for_selector("text=Coulomb force: 0.1000 to 0.1000 N")
     page.wait_for_selector("#trend canvas")
+
+
+def test_the_trend_is_of_the_alarms_parameter_also_where_an_earlier_answer_is_late(
+    machine: tuple[Station, str], open_page: Callable[..., Any]
+) -> None:
+    station, address = machine
+    name = VALVES[0]
+    path = valve_folder(station.desk.state_folder, name) / FILE
+    path.parent.mkdir(parents=True)
+    store, sums = TrendStore(path), Sums()
+    for minute in range(5):
+        for parameter, unit in (("natural_frequency", "Hz"), ("coulomb_force", "N")):
+            sums.add((NOW - 60 * minute) * 10**9, parameter, unit, 0.1)
+    store.write(sums)
+    store.close()
+    one = station.desk.valves[name]
+    one.alarms = AlarmList(alarms=[alarm_of(202, "friction_drift", parameter="coulomb_force")])
+    one.baseline = ManageBaseline.Response(success=True, values=[quantity("coulomb_force", "N", 0.1)])
+    page = open_page("about:blank")
+    late: list[Any] = []
+    page.route("**/trend?*", lambda route: route.continue_() if late else late.append(route))
+    page.goto(f"{address}valve/{name}")
+    page.wait_for_selector("#trend_text >> text=Coulomb force: 0.1000")
+    with page.expect_event("requestfinished", lambda request: request == late[0].request):
+        late[0].continue_()
+    page.wait_for_function("new Promise(done => setTimeout(() => done(true)))")  # the answer was taken
+    assert page.inner_text("#trend_text").startswith("Coulomb force")
+    assert page.input_value("#trend_parameter") == "coulomb_force"
 
 
 def test_the_history_is_searched_counted_and_printed(

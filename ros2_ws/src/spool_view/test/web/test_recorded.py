@@ -129,5 +129,5 @@ def test_after_a_restart_the_waterfall_shows_what_the_recorder_wrote(
     _, address = domain.page(bags=bag.parent)
     page = open_page(f"{address}valve/valve_1", locale="en-GB")
     until(lambda: page.evaluate(LIT) >= 4, "recorded spectra are drawn")
-    page.wait_for_selector("#waterfall_text >> text=Data are missing at the white line")
+    page.wait_for_selector("#waterfall_text >> text=Data are missing at each white line")
     assert page.query_selector("#spectrum canvas") is None
