@@ -37,17 +37,18 @@ export function gauge(one, label) {
 /** Range of the margin to resonance that is drawn, per cent either way. */
 const WIDEST = 60;
 
-/** Margin to resonance (per cent; null: none) as a pointer; the band within which the monitor warns is `band` either way. */
-export function marginPicture(margin, band) {
-  const picture = part("svg", { class: "margin", viewBox: "0 0 112 12", preserveAspectRatio: "xMinYMid meet", "aria-hidden": "true" });
+/** Margin to resonance (per cent; null: none) as a pointer; the band within which the monitor warns is `band` either way. A picture that is given moves: to make them all again twice a second costs memory. */
+export function marginPicture(margin, band, picture = null) {
   const x = (v) => 56 + (52 * Math.max(-WIDEST, Math.min(WIDEST, v))) / WIDEST;
-  picture.append(part("line", { class: "edge", x1: 4, x2: 108, y1: 9, y2: 9 }));
-  if (known(band)) picture.append(part("rect", { class: "warns", x: x(-band), y: 6, width: x(band) - x(-band), height: 6 }));
-  picture.append(part("line", { class: "base", x1: 56, x2: 56, y1: 5, y2: 12 }));
-  if (!known(margin)) return picture;
-  const inside = known(band) && Math.abs(margin) <= band ? " outside" : "";
-  const at = x(margin);
-  picture.append(part("path", { class: "dot" + inside, d: `M${at - 4} 0H${at + 4}L${at} 8Z` }));
+  if (!picture) {
+    picture = part("svg", { class: "margin", viewBox: "0 0 112 12", preserveAspectRatio: "xMinYMid meet", "aria-hidden": "true" });
+    picture.append(part("line", { class: "edge", x1: 4, x2: 108, y1: 9, y2: 9 }), part("rect", { class: "warns", y: 6, height: 6 }), part("line", { class: "base", x1: 56, x2: 56, y1: 5, y2: 12 }), part("path", {}));
+  }
+  const [, warns, , pointer] = picture.children;
+  warns.setAttribute("x", x(-(band ?? 0)));
+  warns.setAttribute("width", x(band ?? 0) - x(-(band ?? 0)));
+  pointer.setAttribute("class", known(margin) && known(band) && Math.abs(margin) <= band ? "dot outside" : "dot");
+  pointer.setAttribute("d", known(margin) ? `M${x(margin) - 4} 0H${x(margin) + 4}L${x(margin)} 8Z` : "");
   return picture;
 }
 

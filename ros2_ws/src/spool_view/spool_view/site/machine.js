@@ -42,7 +42,8 @@ function tileOf(row, where) {
   const state = JSON.stringify([row.margin, row.band, unknown]);
   if (found.state !== state) {
     found.state = state;
-    found.picture.replaceChildren(marginPicture(unknown ? null : row.margin, row.band));
+    const picture = marginPicture(unknown ? null : row.margin, row.band, found.picture.firstChild);
+    if (!found.picture.firstChild) found.picture.append(picture);
   }
   setText(found.margin, unknown ? "" : marginText(row.margin));
   found.tile.title = unknown ? row.name : `${row.name}: ${texts.columns.margin} ${marginText(row.margin)}`;
