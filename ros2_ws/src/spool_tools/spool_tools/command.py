@@ -244,6 +244,7 @@ class Command:
         line: what it does, for the list that is shown before anything is installed.
         settings: of the context in which its arguments are parsed.
         live: whether it starts nodes or talks to them.
+        offline: commands of a ``live`` group that read files only, so that they need no ROS 2.
     """
 
     run: Callable[..., None] | Typer
@@ -251,6 +252,7 @@ class Command:
     line: str
     settings: Mapping[str, object] = field(default_factory=dict)
     live: bool = False
+    offline: tuple[str, ...] = ()
 
 
 @cache
@@ -292,7 +294,11 @@ class CommandGroup(TyperGroup):
             InputError: ROS 2 cannot start in this environment, and the command needs it.
         """
         found = super().resolve_command(ctx, args)
-        if found[0] in command_modules() and declaration(found[0]).live and "--help" not in args:
+        declared = declaration(found[0]) if found[0] in command_modules() else None
+        live = (
+            declared is not None and declared.live and found[2][:1] not in ([one] for one in declared.offline)
+        )
+        if live and "--help" not in args:
             from spool_core.node.network import check_middleware  # noqa: PLC0415 - of live commands alone
 
             check_middleware()

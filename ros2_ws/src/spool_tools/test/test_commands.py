@@ -16,6 +16,9 @@ from spool_bag.metadata import typestore
 from spool_bag.reader import BagReader
 from spool_core.block import Block
 from spool_core.errors import InputError
+from spool_monitor.journal import Journal, JournalEntry
+from spool_monitor.state_database import FILE
+from spool_monitor.state_file import valve_folder
 from spool_report.records.record_sources import VALVE_DESCRIPTION, encode_valve, recorded_valve
 from spool_report.records.simulation import SIMULATION_START, SimulationSettings, simulate
 from spool_sim.excitation import PRESETS
@@ -170,3 +173,19 @@ def test_recover_lists_what_was_lost(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert "missing by sequence numbers: " in told
     assert "was not finished" in told
     assert main(["info", str(tmp_path / "saved")]) == 1  # the lost blocks stay lost
+
+
+def test_the_history_of_alarms_is_read_where_ros_cannot_start(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", "none")
+    path = valve_folder(tmp_path, "valve_1") / FILE
+    path.parent.mkdir(parents=True)
+    journal = Journal(path)
+    journal.write([JournalEntry(10**18, "raise", "resonance", 100, "S", "alarm", "unacknowledged", 1)])
+    journal.close()
+    for command in ("history", "statistics"):
+        assert main(["alarm", command, "--state-folder", str(tmp_path)]) in (0, 1)
+        assert "resonance" in capsys.readouterr().out
+    assert main(["alarm", "list", "valve_1"]) == 2
+    assert "ROS_DOMAIN_ID=none is no domain" in capsys.readouterr().err

@@ -179,4 +179,10 @@ def _ask(valve: str, service: str, **fields: Any) -> None:
     ask(valve, service, **fields)
 
 
-COMMAND = Command(app, place=160, line="an operator's part: acknowledge, shelve, reset", live=True)
+COMMAND = Command(
+    app,
+    place=160,
+    line="an operator's part: acknowledge, shelve, reset",
+    live=True,
+    offline=("history", "statistics"),
+)
