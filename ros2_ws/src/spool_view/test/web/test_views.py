@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from spool_core.block import Block
+from spool_core.events.event import Event
 from spool_core.events.event import Severity as MonitorSeverity
 from spool_core.uncertainty import Quantity as Measured
 from spool_core.uncertainty import Validity
@@ -270,7 +271,8 @@ def test_the_band_of_the_page_ends_at_the_limit_that_the_event_states(
     name: str, end: str, sign: float
 ) -> None:
     """Estimates drift by 0.2 % a second until the monitor warns; the page gets its limits by messages."""
-    monitor, events, second = Monitor(MonitorSettings(natural_frequency=28.7)), [], 0
+    monitor, second = Monitor(MonitorSettings(natural_frequency=28.7)), 0
+    events: list[Event] = []
     start, unit = HEALTHY[name]
     while not events:
         second += 1
