@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 
 import pytest
+from spool_core.record_limits import limits_table
 from spool_evaluation.bench import markdown_of
 from spool_evaluation.results.timing import Timing
 from spool_evaluation.studies import records, steps
@@ -18,7 +19,6 @@ from spool_evaluation.studies.gap import page_parts as gap_parts
 from spool_evaluation.studies.gap_limit import DetectionLimit, sentence, within
 from spool_evaluation.studies.gap_limit import page_parts as limit_parts
 from spool_evaluation.studies.monitor import ScenarioOutcome, table
-from spool_gap.checks import thresholds_table
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
@@ -65,7 +65,7 @@ EXPLAINING = {
     "python.md": [("question", "where"), ("call", "gives"), ("name", "number")],
     "watch.md": [("state", "meaning")],
     "methods/estimation.md": [("question", "answer")],
-    "methods/gap.md": [("in `result.json`", "rule"), ("threshold", "value")],
+    "methods/gap.md": [("in `result.json`", "rule"), ("limit", "value")],
     "methods/monitoring.md": [
         ("detector", "what it judges"),
         ("to change", "parameter of the monitor"),
@@ -111,8 +111,8 @@ def test_tables_elsewhere_only_explain(page: Path) -> None:
     assert measured == []
 
 
-def test_the_method_page_of_the_gap_holds_the_thresholds_that_decide() -> None:
-    assert thresholds_table() in (DOCS / "methods" / "gap.md").read_text(encoding="utf-8")
+def test_the_method_page_of_the_gap_holds_the_limits_that_decide() -> None:
+    assert limits_table() in (DOCS / "methods" / "gap.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda path: str(path.relative_to(ROOT)))

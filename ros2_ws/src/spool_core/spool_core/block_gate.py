@@ -11,10 +11,10 @@ import numpy as np
 from spool_core.block import Block, BlockRun, RecentCounts, joined, joined_runs
 from spool_core.one_source import OneSource, Place, Standing
 from spool_core.rate_check import RateCheck, RateState
-from spool_core.record_needs import LEAST_RATE
+from spool_core.record_limits import LIMITS
 
 #: s, sample periods that a source can have; the lower one bounds what consumers set aside per second.
-SHORTEST_PERIOD, LONGEST_PERIOD = 1.0e-6, 1.0 / LEAST_RATE
+SHORTEST_PERIOD, LONGEST_PERIOD = 1.0e-6, 1.0 / LIMITS.rate
 
 #: m/s^2, beyond what any accelerometer reads: a broken word, which integrals would carry on.
 LARGEST_SAMPLE = 1.0e6

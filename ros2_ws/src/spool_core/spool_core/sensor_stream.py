@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from spool_core.block_gate import LARGEST_SAMPLE
 from spool_core.numbers import Array
-from spool_core.record_needs import LEAST_RATE
+from spool_core.record_limits import LIMITS
 from spool_core.sensor_clock import LEAST_STEP, Change, Line, SampleClock, Step, StepWatch
 from spool_core.stamps import Rhythm, Stamps, judge_stamps, repeated
 
@@ -66,7 +66,7 @@ class Refusal(enum.Enum):
     NOT_FINITE = "the value is NaN, infinite or beyond 1e6 m/s^2"
     DUPLICATE = "stamp and value repeated"
     STRAY = "stamp that the next ones do not confirm"
-    RATE = f"sampled slower than {LEAST_RATE:g} Hz or faster than {1e-3 * HIGHEST_RATE:g} kHz"
+    RATE = f"sampled slower than {LIMITS.rate:g} Hz or faster than {1e-3 * HIGHEST_RATE:g} kHz"
     RHYTHM = "stamps that show no sample rate"
 
 
@@ -417,7 +417,7 @@ class SensorStream:
         clock = SampleClock.through(stamps, indices)
         if found.rhythm in (Rhythm.COARSE, Rhythm.BURSTS):
             clock.turn(1e9 / found.rate, indices)
-        if not LEAST_RATE <= clock.rate <= HIGHEST_RATE:
+        if not LIMITS.rate <= clock.rate <= HIGHEST_RATE:
             self.refused[Refusal.RATE] += len(first)
             self.doubt = f"{clock.rate:.3g} Hz: {Refusal.RATE.value}"
             return

@@ -40,8 +40,8 @@ LAGGING = 0.1
 STICKING = 3.0
 #: Stiffness over the median one, either way, that is no spring's: channels are exchanged or read wrongly.
 NO_SPRING = 3.0
-#: s of samples that are looked at for a channel that clips, and the share of flat samples that is too much.
-LOOKED_AT, CLIPS = 1.0, 0.006
+#: s of samples that are looked at for a channel that clips.
+LOOKED_AT = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,7 +189,7 @@ class GapWatch:
         if self._faults or not 1.0 / NO_SPRING < ratio < NO_SPRING:
             return False
         clips = self._recent and any(
-            flat_share(np.concatenate([getattr(block, name) for block in self._recent])) >= CLIPS
+            flat_share(np.concatenate([getattr(block, name) for block in self._recent])) > 0.0
             for name in ("body", "spool")
         )
         return not clips

@@ -14,7 +14,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from spool_core.errors import InputError
-from spool_core.record_needs import Analysis, least_rate, slowness
 from spool_core.uncertainty import Z_95, compared
 from spool_sim.valve import FILM, OILS, Valve
 
@@ -36,8 +35,6 @@ TOLERANCE = 0.10
 HOTTEST, WORN = 100.0, 3.0
 #: Law by which the viscosity falls where a file names none: the steeper of those that are shipped.
 COMMON_OIL = "HL68"
-#: Hz, faster than loggers of accelerometers are.
-FASTEST = 1e5
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,22 +144,6 @@ def _quantile(ordered: Sequence[float], share: float) -> float:
     place = share * (len(ordered) - 1)
     low = min(int(place), len(ordered) - 2)
     return ordered[low] + (place - low) * (ordered[low + 1] - ordered[low])
-
-
-def check_rate(name: str, sample_rate: float, valve: Valve) -> None:
-    """Refuse a record that is sampled too slowly to show the valve's natural frequency.
-
-    Raises:
-        InputError: it is; where times in milliseconds or microseconds explain that, they are named.
-    """
-    slow = slowness(Analysis.ESTIMATE, sample_rate, valve.natural_frequency)
-    if not slow:
-        return
-    needed = least_rate(Analysis.ESTIMATE, valve.natural_frequency).rate
-    units = (("milliseconds", 1e3), ("microseconds", 1e6))
-    guess = next((unit for unit, factor in units if sample_rate * factor <= FASTEST), "")
-    asked = f"; are its times {guess} instead of seconds?" if guess and sample_rate * 1e3 >= needed else ""
-    raise InputError(f"{name}: '{valve.id}': {slow}{asked}")
 
 
 def check_records(valve: Valve, records: Sequence[Record]) -> list[str]:

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 from spool_core.block import Block
 from spool_estimator.identification.record import PART, PartKeeper, records_from_blocks
-from spool_gap.checks import usable
+from spool_estimator.record_judgement import usable
 
 PERIOD = 1e-3
 SIZE = 100

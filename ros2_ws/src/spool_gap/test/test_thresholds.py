@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import Field, fields
 from types import SimpleNamespace
 
 import pytest
+from spool_core.record_limits import Limits
 from spool_estimator.identification.nuisances import Nuisance
-from spool_gap.checks import described
 from spool_gap.result import GapResult
 
 
-@pytest.mark.parametrize("name", sorted(described()))
-def test_a_threshold_tells_its_unit_its_use_and_its_origin(name: str) -> None:
-    value, unit, decides, origin = described()[name]
-    assert value
-    assert unit in {"1", "s", "ln"}
-    assert len(decides.split()) > 3
-    assert len(origin.split()) > 3 or origin == "95 % interval"
+@pytest.mark.parametrize("limit", fields(Limits), ids=lambda limit: limit.name)
+def test_a_limit_states_its_unit_its_use_and_its_origin(limit: Field[float]) -> None:
+    assert limit.default
+    assert limit.metadata["unit"] in {"1", "s", "Hz", "ln"}
+    assert len(limit.metadata["decides"].split()) > 3
+    assert len(limit.metadata["origin"].split()) > 3
 
 
 @pytest.mark.parametrize(("frequency", "found"), [(110.0, 110.0), (601.0, None)])

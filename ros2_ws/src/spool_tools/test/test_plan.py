@@ -111,7 +111,8 @@ def test_the_gap_workflow_names_a_large_friction_of_a_planned_record(tmp_path: P
     ("arguments", "said"),
     [
         (["--question", "colour"], f"there are {', '.join(QUESTIONS)}, which_effect"),
-        (["--question", "coulomb_friction", "--seconds", "2"], "plan 8 to 600 s"),
+        (["--question", "coulomb_friction", "--seconds", "1"], "record 20 s or more"),
+        (["--question", "coulomb_friction", "--seconds", "601"], "plan 600 s or less"),
         (["--question", "coulomb_friction", "--sample-rate", "150"], "cannot hold an excitation of up to"),
         (["--question", "which_effect", "--effect", "spool_delay"], "it is no force; use one of"),
         (["--question", "which_effect", "--effect", "colour"], "unknown effect 'colour'"),

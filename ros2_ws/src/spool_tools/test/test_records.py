@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from spool_core.errors import InputError
 from spool_estimator.identification.record import Record
-from spool_gap.checks import usable
+from spool_estimator.record_judgement import usable
 from spool_report.records.record_loading import (
     Recording,
     Selection,
@@ -204,7 +204,7 @@ def test_records_named_to_be_held_out_leave_the_others_whole() -> None:
 
 def test_noise_is_no_motion_and_a_shaken_body_is() -> None:
     noise = Recording(Path("still"), (record(20_000, noise=0.05),), None)
-    with pytest.raises(InputError, match="still: nothing but noise in both accelerations"):
+    with pytest.raises(InputError, match="still: no excitation: body has"):
         check(noise)
     still = record(20_000, noise=0.05)
     shaken = still.body + 0.05 * np.sin(2.0 * np.pi * 30.0 * 1e-3 * np.arange(20_000))

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from scipy import fft, optimize, signal
 from spool_core.errors import InputError
 from spool_core.numbers import Array, Complex
+from spool_core.record_limits import LIMITS
 from spool_estimator.identification.fit import fit
 from spool_estimator.identification.fit_result import SPOOL_DELAY, FitSettings
 from spool_estimator.identification.record import Record
@@ -44,9 +45,6 @@ FIRST_PIECE = 40.0
 COARSE_ERROR = 0.35
 #: Natural frequencies (Hz) and damping ratios from which the search begins.
 FREQUENCIES, DAMPINGS = np.geomspace(4.0, 80.0, 40), (0.05, 0.15, 0.4, 0.9)
-#: Squared coherence below which two channels have too little in common to tell of their clocks: 0.1 is what
-#: chance gives with 20 segments in 1 of 10 lines (1 - 0.1^(1/19)).
-COHERENT = 0.3
 #: Share of the best agreement that another offset may reach.
 AMBIGUOUS = 0.97
 
@@ -206,7 +204,7 @@ def _fine(first: Array, second: Array, rate: float, begin: float, label: str) ->
     # About the line that was found nothing is left to interpolate; dry friction damps each piece differently.
     spectra = _spectra(first, second, rate, overlap, line)
     alike, free = (_adjusted(spectra, motion, alike=one) for one in (True, False))
-    if free.coherence < COHERENT:
+    if free.coherence < LIMITS.incoherent:
         raise InputError(
             f"{label}: body and spool have too little in common (coherence {free.coherence:.2f}) to "
             "bring their "

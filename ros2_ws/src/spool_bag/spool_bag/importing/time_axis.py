@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from spool_core.block_gate import SHORTEST_PERIOD
 from spool_core.errors import InputError
 from spool_core.numbers import Array
-from spool_core.record_needs import LEAST_RATE
+from spool_core.record_limits import LIMITS
 from spool_core.stamps import JITTER, first_step, number_error, ticks
 from spool_core.text import printable
 
@@ -25,7 +25,7 @@ from spool_bag.importing.table import STAMP, Values
 LARGEST_NUMBER = 1e19
 
 #: s, of accelerations of any valve, live ones too.
-LONGEST_USUAL_PERIOD = 1.0 / LEAST_RATE
+LONGEST_USUAL_PERIOD = 1.0 / LIMITS.rate
 #: s, of a force record, which may be as slow as its machine.
 LONGEST_PERIOD = 10.0
 #: s: 100 kHz is beyond what accelerometers of valves are sampled with.
@@ -234,7 +234,7 @@ def period_check(path: Path, name: str, period: float, kind: str) -> str:
         raise InputError(
             f"{path}: {name} steps by {period:g} s: are these {_usual(period)}? give the unit with "
             "--unit time=ms, "
-            f"and the samples of a valve at {LEAST_RATE:g} Hz or more"
+            f"and the samples of a valve at {LIMITS.rate:g} Hz or more"
         )
     return (
         f"{name} steps by {period:g} s: are these {_usual(period)}?" if period > LONGEST_USUAL_PERIOD else ""

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from spool_core.kernels.compiled import compiled
 from spool_core.kernels.samples import impossible
 from spool_core.numbers import GRAVITY, Array
+from spool_core.record_limits import LIMITS
 
 from spool_estimator.identification.channel_pair import (
     CORNER,
@@ -76,8 +77,6 @@ STEP_BETTER, STEP_SHARE = 2.0, 0.8
 #: Spread (natural logarithm) of the body's frequencies below which some spring accounts for any gain: a
 #: second order with 2 % of the power of the first one has 0.1.
 SPREAD = 0.1
-#: Share of samples on a flat top from which a channel clips.
-CLIPS = 0.002
 #: s of a record that are looked at together, pieces at most, and s without which nothing is fitted.
 PIECE, PIECES, SHORTEST = 60.0, 10, 6.0
 
@@ -86,8 +85,8 @@ Row = NDArray[np.floating[Any]]
 #: Depths, as a share of half the span, of the strip at a channel's extremes that a flat top fills.
 DEPTHS = (0.002, 0.02)
 
-#: Times as long in that strip as in those below it that no wave spends there.
-FLATTER = 6
+#: Times as long in that strip as in those below it that no wave spends there, and share of samples in it.
+FLATTER, FLAT = 6, LIMITS.clipped
 
 #: Samples at a rail from which a channel clips, and how many times as many as at levels below it.
 COUNT, PILED = 12, 10.0
@@ -333,7 +332,7 @@ def look_at_pair(body: Array, spool: Array, period: float, start: float = 0.0) -
     """
     pair = pair_of(body, spool, period)
     # A clipped channel has another gain at its tops.
-    if pair is None or max(flat_share(body), flat_share(spool)) > CLIPS:
+    if pair is None or flat_share(body) + flat_share(spool) > 0.0:
         return None
     seen = pair.glance()
     # A delay may be so large that nothing of first order shows it.
@@ -541,7 +540,7 @@ def flat_top(samples: Row, peak: float, half: float) -> float:
                 pairs += run > 1
                 triples += run > 2
         # A wave whose period is a whole number of samples may show the same two of each top.
-        long_enough = pairs >= max(4.0, 0.005 * samples.size) and triples >= 0.02 * pairs
+        long_enough = pairs >= max(4.0, FLAT * samples.size) and triples >= 0.02 * pairs
         if long_enough and count > FLATTER * (below + 1):
             return count / samples.size
     return 0.0

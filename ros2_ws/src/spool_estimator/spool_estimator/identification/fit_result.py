@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from spool_core.numbers import Array
+from spool_core.record_limits import LIMITS
 from spool_core.uncertainty import Quantity
 
 if TYPE_CHECKING:  # slow to load
@@ -16,13 +17,11 @@ if TYPE_CHECKING:  # slow to load
 
 #: Nuisance parameters of the spool's measuring chain, by name.
 SPOOL_GAIN, SPOOL_DELAY = "spool_gain", "spool_delay"
-#: Error from which a model explains nothing: chosen on blind cases other than the published, not derived.
-EXPLAINS_NOTHING = 0.8
 
 
 def explains_nothing(what: str, error: float) -> tuple[str, ...]:
     """Return the warning that ``what`` leaves nearly all of the motion; empty where it does not."""
-    if not error > EXPLAINS_NOTHING:
+    if not error > LIMITS.explains_nothing:
         return ()
     return (
         f"{what} leaves {100.0 * error:.3g} % of the spool's acceleration: units of both channels, order and "

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 from spool_core.numbers import Array, Complex
+from spool_core.record_limits import LIMITS
 from spool_sim.valve import Valve
 
 from spool_estimator.identification.record import Record
@@ -53,8 +54,6 @@ ALONE = 4.0
 #: Share by which lines of the two channels may differ from what motion leaves between them, by the transfer
 #: at the neighbouring frequencies; factor by which by the valve's description, where there is no motion.
 AS_MOTION, AS_DESCRIBED = 0.3, 4.0
-#: Squared coherence from which the neighbouring frequencies show motion.
-COHERENT = 0.5
 
 #: s of the means that show a drift, and their number at least.
 DRIFT_PIECE, DRIFT_FEWEST = 2.0, 5
@@ -366,7 +365,7 @@ def _lines(record: Record, valve: Valve, frequency: float, stray: float) -> dict
     """Return the lines within ``stray`` of ``frequency`` (Hz) that are no motion, by channel."""
     body, spool = (_envelope(row, record, frequency) for row in (record.body, record.spool))
     ratio, coherence = _transfer(body, spool, stray)
-    described = coherence < COHERENT
+    described = coherence < LIMITS.coherent
     if described:
         turn = 2j * np.pi * frequency
         force = valve.spring_stiffness + valve.likely_viscous_coefficient * turn

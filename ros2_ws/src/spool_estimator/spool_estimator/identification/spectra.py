@@ -17,6 +17,7 @@ import numpy as np
 from numpy import fft
 from numpy.typing import NDArray
 from spool_core.numbers import Array, Complex
+from spool_core.record_limits import LIMITS
 
 #: Quantile of a smoothed density that stands for its noise floor: harmonics reach into the other lines.
 QUANTILE = 0.25
@@ -34,9 +35,6 @@ ABOVE = (1.3, 4.0)
 #: Density over that of white noise from which noise is coloured, or cut off by a filter: 10 dB are more than
 #: the density of any white noise scatters.
 LOUDER = 10.0
-#: Squared coherence of both channels from which the spool follows the body: chance gives as much to the mean
-#: of 5 lines in 20 pieces in none of 1e9.
-COHERENT = 0.5
 #: Lines that the coherence is averaged over, and lines at least from which a level is taken.
 NEIGHBOURS, FEWEST = 5, 8
 #: Standard deviations by which the density below exceeds the one above where it is not of white noise alone,
@@ -419,7 +417,7 @@ def _coherent_from(both: CrossSpectrum) -> float:
         np.convolve(row, width, mode="same")
         for row in (both.body, both.spool, both.cross.real, both.cross.imag)
     )
-    coherent = (real**2 + imaginary**2) / np.maximum(one * other, 1e-300) > COHERENT
+    coherent = (real**2 + imaginary**2) / np.maximum(one * other, 1e-300) > LIMITS.coherent
     return float(both.frequency[np.argmax(coherent)]) if coherent.any() else 0.0
 
 

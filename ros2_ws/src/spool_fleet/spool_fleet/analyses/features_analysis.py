@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
-from spool_core import record_needs
 from spool_core.errors import InputError
-from spool_estimator.identification.spectra import cross_spectrum
+from spool_estimator.identification.spectra import cross_spectrum, noise_of
+from spool_estimator.record_judgement import Analysis as Work
+from spool_estimator.record_judgement import resonance_of, shortness
 from spool_report.records.record_loading import Selection, load_recording
 
 from spool_fleet.analyses.base import Analysis, Rows, Subject, parameter
@@ -14,10 +17,6 @@ from spool_fleet.analyses.base import Analysis, Rows, Subject, parameter
 LONGEST = 1_200_000
 #: s of a segment of Welch's method: 0.5 Hz between two lines.
 SEGMENT = 2.0
-#: Band, Hz, in which the resonance of the spool on its springs is looked for, as the monitor does.
-BAND = (5.0, 100.0)
-#: Coherence from which a transmissibility is one.
-COHERENT = 0.8
 
 
 def run(subject: Subject) -> Rows:
@@ -29,7 +28,7 @@ def run(subject: Subject) -> Rows:
     selection = Selection(subject.namespace, longest=LONGEST, described=False)
     recording = load_recording(subject.path, selection)
     longest = max(recording.stretches, key=lambda stretch: stretch.duration)
-    short = record_needs.shortness(record_needs.Analysis.ESTIMATE, [longest.duration])
+    short = shortness(Work.ESTIMATE, [longest.duration])
     if short:
         raise InputError(short)
     rows = []
@@ -43,17 +42,15 @@ def run(subject: Subject) -> Rows:
         shape = (("rms", rms, "m/s^2"), ("crest_factor", crest, "1"), ("kurtosis", kurtosis, "1"))
         for name, value, unit in shape:
             rows.append(parameter("features", "", f"{channel}_{name}", {"value": value, "unit": unit}))
-    # The highest peak of spool over body where the two are coherent.
     length = min(longest.body.size, round(SEGMENT * longest.sample_rate))
     both = cross_spectrum(longest.body, longest.spool, longest.sample_rate, length)
-    frequency = both.frequency
-    seen = (frequency >= BAND[0]) & (frequency <= BAND[1]) & (both.coherence >= COHERENT)
-    if seen.any():
-        height = np.where(seen, both.amplification, 0.0)
-        peak = int(np.argmax(height))
+    noise = noise_of(longest.body, longest.spool, longest.sample_rate)
+    frequency, height = resonance_of(both, noise)
+    # A single segment is coherent throughout.
+    if longest.body.size >= 2 * length and math.isfinite(frequency):
         for name, value, unit in (
-            ("transmissibility_peak_frequency", float(frequency[peak]), "Hz"),
-            ("transmissibility_peak", float(height[peak]), "1"),
+            ("transmissibility_peak_frequency", frequency, "Hz"),
+            ("transmissibility_peak", height, "1"),
         ):
             rows.append(parameter("features", "", name, {"value": value, "unit": unit}))
     return {"parameters": rows}

@@ -23,12 +23,11 @@ from spool_sim.terms import term
 from spool_sim.valve import Valve
 
 from spool_gap.catalogue import EFFECTS
-from spool_gap.checks import as_stuck
 from spool_gap.evidence.decision import Decision, decide
 from spool_gap.evidence.explanations import said_by
 from spool_gap.evidence.held_out import HeldOut, Judged
 from spool_gap.evidence.intervals import Numbers, numbers_of, profiles_of
-from spool_gap.evidence.look import Look, jitter_of, look_at, sentence
+from spool_gap.evidence.look import Look, as_stuck, jitter_of, look_at, sentence
 from spool_gap.likelihood.kernel import motions_for
 from spool_gap.likelihood.prediction import Prediction, Predictions
 from spool_gap.likelihood.search import COMPARED, Search, senseless

@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from spool_core.numbers import Array
+from spool_core.record_limits import LIMITS
 
-from spool_gap.checks import THRESHOLDS
 from spool_gap.likelihood.prediction import Predictions
 from spool_gap.likelihood.structure import Structure
 from spool_gap.likelihood.structure_fit import StructureFit, fit_structure
@@ -20,9 +20,6 @@ from spool_gap.result import Curves, HeldOutAgreement, Surface, Where
 
 Mask = NDArray[np.bool_]
 
-#: Largest noise floor: a record whose spool reads less than five times its noise is refused. Hits on a stop
-#: look like louder noise than that.
-LOUDEST = 1.0 / THRESHOLDS.excited
 #: Windows from which their scatter is judged.
 FEWEST = 5
 #: Steps of a refit on the data that are not held out.
@@ -142,7 +139,9 @@ class HeldOut:
         left = np.concatenate(windows)
         agreement = HeldOutAgreement(math.sqrt(left.sum() / size), _amplitude_ratio(ratios))
         bound = any(part.readings.noise.spool_is_bound for part in self._predictions.parts)
-        return Judged(one, agreement, rows, min(math.sqrt(noise / size), LOUDEST), left, bound)
+        # Louder noise is refused, but hits on a stop look like it.
+        floor = min(math.sqrt(noise / size), 1.0 / LIMITS.excited)
+        return Judged(one, agreement, rows, floor, left, bound)
 
     def located(self, judged: Judged) -> tuple[Where, Surface]:
         """Return where the gap of ``judged`` sits: the force that is missing along the measured motion."""

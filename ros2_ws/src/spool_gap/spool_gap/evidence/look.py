@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -12,16 +12,18 @@ from numpy.typing import NDArray
 from scipy import fft
 from scipy.optimize import minimize
 from spool_core.numbers import Array
+from spool_core.record_limits import LIMITS
+from spool_estimator import record_judgement
 from spool_estimator.identification.nuisances import Nuisance, frequencies_of_hum
 from spool_estimator.identification.record import Record
+from spool_estimator.identification.spectra import cross_spectrum, noise_of
 from spool_sim.valve import Valve
 
-from spool_gap import checks as conditions
 from spool_gap.catalogue import RECORD_NUISANCES
-from spool_gap.checks import dithered, is_stuck
 from spool_gap.likelihood.prediction import Prediction
 from spool_gap.likelihood.readings import Readings, readings_of
 from spool_gap.report import CHECK_CLIPPING
+from spool_gap.result import GapResult
 
 Mask = NDArray[np.bool_]
 
@@ -41,6 +43,11 @@ NARROWEST = 0.15
 #: jitter: chosen on blind cases other than the published ones.
 EVIDENCE, SHARE = 60.0, 0.2
 CHECK = "sampling clock: use a separate timer instead of a program's loop"
+#: Share of the body's rms that noise is given in a record whose channels read the same numbers: so little
+#: moves no number of the fit.
+DITHER = 1e-4
+#: Confidence of the verdict on a stuck spool: as others which one clear fact decides.
+CONFIDENCE = 0.99
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,9 +79,9 @@ def look_at(records: Sequence[Record], holdout: Sequence[Record], valve: Valve) 
     Raises:
         InputError: the records cannot be analysed; what is wrong is named.
     """
-    usable, warnings = conditions.usable(records)
-    held = list(conditions.usable(holdout)[0]) if holdout else []
-    stuck = is_stuck(usable, valve)
+    usable, warnings = record_judgement.usable(records)
+    held = list(record_judgement.usable(holdout)[0]) if holdout else []
+    stuck = all(is_stuck(record, valve) for record in usable)
     longest = STUCK_LONGEST if stuck else LONGEST
     usable, held = _parts(usable, longest), _parts(held, longest)
     if stuck:
@@ -85,11 +92,11 @@ def look_at(records: Sequence[Record], holdout: Sequence[Record], valve: Valve) 
         readings_of(record, missing=missing, hum=hum)
         for record, missing, hum in zip(everything, spiked, hums, strict=True)
     )
-    limits, clips = _limits(readings)
-    warnings += clips
+    limits = _limits(readings)
+    warnings += record_judgement.clipping(everything)
     trusted = True
     for record in whole[:3]:
-        told, good = conditions.judge(record, valve)
+        told, good = record_judgement.judge(record, valve)
         # Flat tops spoil the coherence of channels that belong together; they have a warning themselves.
         told = told if good or not limits else []
         warnings += [line for line in told if line not in warnings]
@@ -101,6 +108,35 @@ def look_at(records: Sequence[Record], holdout: Sequence[Record], valve: Valve) 
     kept = [one for one in found if one.channel not in limits or one.id == "spikes"]
     nuisances = () if stuck else (*kept, *clipping)
     return Look(readings, len(held), limits, nuisances, tuple(warnings), trusted, stuck)
+
+
+def dithered(records: Sequence[Record]) -> tuple[Record, ...]:
+    """Return ``records`` with a little noise on the spool's channel, without which nothing can be fitted."""
+    generator = np.random.default_rng(0)
+    return tuple(
+        replace(one, spool=one.spool + DITHER * one.body.std() * generator.standard_normal(one.spool.size))
+        for one in records
+    )
+
+
+def as_stuck(result: GapResult) -> GapResult:
+    """Return ``result`` with the verdict on a stuck spool."""
+    return replace(
+        result,
+        verdict="unexplained",
+        confidence=CONFIDENCE,
+        effects=(),
+        alternatives=(),
+        candidates=(),
+        nuisances=(),
+        remainder=None,
+        sentence=(
+            "The spool is stuck: it moves with its body, so this record contains no information on its "
+            "spring and friction. Check for silting, dirt, a bent spool, a deformed bore or a solenoid that "
+            "holds the spool. Also check whether both sensors sit on the body."
+        ),
+        advice="a stronger excitation near the natural frequency, or moving the spool by its solenoid",
+    )
 
 
 def jitter_of(parts: Sequence[Prediction], rows: Sequence[Array]) -> Nuisance | None:
@@ -181,17 +217,13 @@ def _by_themselves(
     return whole, missing, hums, found
 
 
-def _limits(readings: Sequence[Readings]) -> tuple[dict[str, float], list[str]]:
-    limits: dict[str, float] = {}
-    warnings = []
-    for name in ("spool", "body"):
-        own = [(getattr(one, f"{name}_limit"), getattr(one, f"{name}_clipped")) for one in readings]
-        clipped = [(limit, share) for limit, share in own if limit > 0.0]
-        if clipped:
-            limits[name] = clipped[0][0]
-            share = 100.0 * max(share for _, share in clipped)
-            warnings.append(f"{name} clips at {limits[name]:.4g} m/s^2 in {share:.2g} % of the samples")
-    return limits, warnings
+def _limits(readings: Sequence[Readings]) -> dict[str, float]:
+    """Return the limit of each channel that clips, m/s^2, by its name."""
+    first = {
+        name: next(filter(None, (getattr(one, f"{name}_limit") for one in readings)), 0.0)
+        for name in ("spool", "body")
+    }
+    return {name: limit for name, limit in first.items() if limit > 0.0}
 
 
 def _parts(records: Sequence[Record], longest: float) -> list[Record]:
@@ -215,3 +247,18 @@ def _parts(records: Sequence[Record], longest: float) -> list[Record]:
             first = max(starts, key=lambda start: float(record.body[start : start + length].std()))
             found.append(record.part(first, min(first + length, record.body.size)))
     return found
+
+
+def is_stuck(record: Record, valve: Valve) -> bool:
+    """Whether the spool of ``valve`` moves with its body throughout ``record``."""
+    rate = record.sample_rate
+    noise = noise_of(record.body, record.spool, rate)
+    piece = int(min(record.body.size, max(256, 2 ** round(np.log2(rate)))))
+    both = cross_spectrum(record.body, record.spool - record.body, rate, piece)
+    frequency, body, moved = both.frequency, both.body, both.spool
+    driven = (frequency >= noise.low) & (frequency <= noise.high) & (frequency > 0.0)
+    if not driven.any():
+        return False
+    expected = np.abs(record_judgement.expected_transfer(frequency[driven], valve) - 1.0) ** 2 * body[driven]
+    shown = np.maximum(moved[driven] - noise.body - noise.spool, 0.0)
+    return float(shown.sum()) < LIMITS.stuck**2 * float(expected.sum())

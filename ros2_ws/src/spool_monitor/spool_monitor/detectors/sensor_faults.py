@@ -11,6 +11,7 @@ from typing import ClassVar
 import numpy as np
 from spool_core.kernels.compiled import compiled
 from spool_core.numbers import Array, Complex
+from spool_core.record_limits import LIMITS
 from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.estimate import Estimate, State
 
@@ -33,9 +34,6 @@ CLIPPING_KIND = sensor_fault(EventCause("clipping", 602))
 #: Windows that are looked back on, and how many of them must show a flat top.
 WINDOWS, FLAT = 6, 3
 
-#: Share of flat samples below which a window shows none.
-LEAST = 0.006
-
 DEAD_KIND = sensor_fault(EventCause("dead", 601))
 
 #: Share of what is due below which a channel is dead, and above which it lives.
@@ -45,9 +43,9 @@ DEAD, ALIVE = 0.12, 0.25
 #: from which both channels have something in common: then neither is dead.
 FOLLOWS, COMMON = 0.3, 0.4
 
-#: Squared coherence with what is due, from which a channel follows the other one, and share of what is due
-#: below which it is dead all the same: so much crosses over between the cables of two channels.
-COHERENT, DEAF = 0.5, 0.04
+#: Share of what is due below which a channel is dead although it follows the other one: so much crosses over
+#: between the cables of two channels.
+DEAF = 0.04
 
 #: s without a change from which a channel stands still, and from which it is suspicious; with the delay of
 #: the condition and a look every half second the fault is raised 1.25 s to 1.75 s after the last change.
@@ -122,7 +120,7 @@ class SensorClipping(Detector):
         share, loud = (channels[name].flat_top, channels[name].rms >= self.settings[MINIMUM_BODY])
         self.judgement = Judgement.JUDGED if loud else Judgement.NOT_EXCITED
         self._flat.append((name, share if loud else 0.0))
-        flat = [(one, value) for one, value in self._flat if value >= LEAST]
+        flat = [(one, value) for one, value in self._flat if value > 0.0]
         self.suspicious = f"the {flat[-1][0]} accelerometer clips" if flat else ""
         latest = flat[-1] if flat else (name, 0.0)
         flatness = Quantity("flat_share", "1", latest[1], validity=Validity.VALID)
@@ -132,7 +130,7 @@ class SensorClipping(Detector):
             not flat,
             "clipping",
             flatness,
-            lambda: Facts.of(flatness, LEAST, latest[0]),
+            lambda: Facts.of(flatness, LIMITS.clipped, latest[0]),
         )
 
     def restart(self) -> None:
@@ -228,7 +226,7 @@ class SensorDead(Detector):
                 name: seen[name] / due[name] for name in due if due[name] >= self.settings[MINIMUM_BODY]
             }
             # A channel that follows the other, however little it shows, has a wrong sensitivity.
-            follows = common > COHERENT and min(shares.values(), default=0.0) > DEAF
+            follows = common > LIMITS.coherent and min(shares.values(), default=0.0) > DEAF
             if follows or abs(signals.dissipation) > COMMON * reference.damping:
                 shares = dict.fromkeys(shares, 1.0)
         self.judgement = Judgement.JUDGED if shares else Judgement.NOT_EXCITED

@@ -18,13 +18,12 @@ from spool_bag.metadata import rate_std
 from spool_bag.reader import BagReader
 from spool_core.block import Block
 from spool_core.errors import InputError
-from spool_core.record_needs import LENGTHS, Analysis, shortness
+from spool_core.record_limits import LIMITS
 from spool_core.text import did_you_mean
 from spool_estimator.identification.channel_faults import ChannelFault, faults_of, without_outliers
 from spool_estimator.identification.record import PartKeeper, Record, records_from_blocks
-from spool_estimator.identification.spectra import cross_spectrum
-from spool_estimator.plausibility import check_rate, check_records
-from spool_gap.checks import reading_doubts, unchanging
+from spool_estimator.plausibility import check_records
+from spool_estimator.record_judgement import changing, check_rate, check_samples, doubts_of
 from spool_report.records.record_sources import (
     TableSource,
     is_table,
@@ -44,8 +43,6 @@ MOST_STRETCHES = 8
 
 DEFAULT_VALVE = "4weh10_soft"
 
-#: How far a spectrum must stand out of its median to be motion: noise by itself stays below 6.
-STANDS_OUT = 10.0
 #: s of the pieces that are held out, at least, and one piece of how many is.
 PIECE, EVERY = 2.5, 4
 #: Pieces a record is divided into at most.
@@ -210,7 +207,7 @@ def outliers_text(count: int) -> str:
 
 def channel_faults(stretches: Sequence[Record]) -> list[ChannelFault]:
     """Return what the samples of the longest stretches show of sensors and clocks, each cause once."""
-    longest = sorted(stretches, key=lambda one: -one.body.size)[:MOST_STRETCHES]
+    longest = sorted(_changing(stretches), key=lambda one: -one.body.size)[:MOST_STRETCHES]
     found: dict[str, ChannelFault] = {}
     for one in longest:
         for fault in faults_of(one.body, one.spool, one.sample_period):
@@ -405,40 +402,21 @@ def load_data(
             check_rate(str(recording.path), stretch.sample_rate, described)
     records = stretches_of(recordings)
     name = ", ".join(path.name for path in paths)
-    doubts = (
-        *channel_doubts(recordings),
-        *reading_doubts(records, described),
-        *check_records(described, records),
-    )
+    doubts = (*channel_doubts(recordings), *doubts_of(records, described), *check_records(described, records))
+    records = _changing(records) or records
     if not held_out:
         return FitData(name, tuple(paths), described, *divided(records), doubts=doubts)
     others: list[Record] = []
     for path in held_out:
         recording = load_recording(path, Selection(selection.name, selection.columns))
         check(recording)
-        others += recording.stretches
+        others += _changing(recording.stretches)
     return FitData(name, tuple(paths), described, tuple(records), tuple(others), tuple(held_out), doubts)
 
 
 def check(recording: Recording) -> None:
-    """Refuse what nothing can be learnt from.
-
-    Raises:
-        InputError: no stretch is long enough, a channel is dead, or neither body nor spool moves.
-    """
-    short = shortness(Analysis.ESTIMATE, [stretch.duration for stretch in recording.stretches])
-    if short:
-        raise InputError(f"{recording.path}: {short}")
-    least = LENGTHS[Analysis.ESTIMATE].stretch
-    if not any(excited(stretch) for stretch in recording.stretches if stretch.duration >= least):
-        raise InputError(
-            f"{recording.path}: nothing but noise in both accelerations: without excitation there is nothing "
-            "to fit; shake the body at 10 to 100 Hz"
-        )
-    for stretch in recording.stretches:
-        dead = unchanging(stretch)[0] if stretch.duration >= least else []
-        if dead:
-            raise InputError(f"{recording.path}: {dead[0]}")
+    """Refuse what nothing can be learnt from; see ``check_samples``."""
+    check_samples(str(recording.path), recording.stretches)
 
 
 def channel_doubts(recordings: Sequence[Recording]) -> tuple[str, ...]:
@@ -457,17 +435,6 @@ def channel_doubts(recordings: Sequence[Recording]) -> tuple[str, ...]:
                 raise InputError(f"{recording.path}: {fault.sentence}")
             doubts.append(f"{name}: {fault.sentence}")
     return tuple(doubts)
-
-
-def excited(record: Record) -> bool:
-    """Return whether something stands out of the noise in the body's or the spool's acceleration."""
-    piece = min(record.body.size // 4, max(32, round(0.5 / record.sample_period)))
-    both = cross_spectrum(record.body, record.spool, record.sample_rate, piece)
-    for density in (both.body, both.spool):
-        median = float(np.median(density[1:]))
-        if float(density[1:].max()) > STANDS_OUT * median:
-            return True
-    return False
 
 
 def divided(records: Sequence[Record]) -> tuple[tuple[Record, ...], tuple[Record, ...]]:
@@ -492,6 +459,10 @@ def divided(records: Sequence[Record]) -> tuple[tuple[Record, ...], tuple[Record
         if begin < count:
             fitted.append(entry.part(edges[begin], entry.body.size))
     return tuple(fitted), tuple(held)
+
+
+def _changing(stretches: Iterable[Record]) -> list[Record]:
+    return [part for one in stretches for part in changing(one, LIMITS.seconds_of_estimate)]
 
 
 def _blocks_between(blocks: Iterable[Block], start: float, stop: float) -> Iterator[Block]:

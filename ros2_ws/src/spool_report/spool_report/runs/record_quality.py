@@ -10,10 +10,8 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
-from scipy import signal
 from spool_bag.importing.choices import Choices
 from spool_bag.importing.formats.format import format_of, open_table
 from spool_bag.importing.logger_record import read_record
@@ -22,24 +20,18 @@ from spool_bag.importing.table import Table as Channels
 from spool_bag.importing.units import quantity_of
 from spool_core.errors import InputError
 from spool_core.numbers import Array
-from spool_core.record_needs import Analysis, shortness, slowness
+from spool_core.record_limits import LIMITS
 from spool_core.uncertainty import BY_NAME, LEFT_OUT, as_json, named, number
-from spool_estimator.identification.channel_faults import at_rail
+from spool_estimator import record_judgement as judgement
 from spool_estimator.identification.record import LARGEST, Record
 from spool_estimator.identification.spectra import cross_spectrum, noise_of
-from spool_gap.checks import THRESHOLDS, transfer, unchanging, unrelated
 from spool_report import page as html
 from spool_report.outputs import write_file, write_json
 from spool_report.records import record_loading
 from spool_report.terminal import cell
 
-#: Squared coherence from which the spool follows the body, as the noise estimate has it.
-COHERENT = 0.5
 #: s of the pieces that spectra are averaged over: lines 0.5 Hz apart.
 PIECE = 2.0
-#: Share of samples at a rail from which fits lose what they need: half a per cent of a sine's time are the
-#: outer 0.01 % of its height.
-CLIPPED = 0.005
 #: Noise that cannot be seen.
 COVERED = "masked by motion"
 _BODY, _SPOOL, _LINE = "#0072B2", "#D55E00", "#000000"
@@ -136,13 +128,13 @@ def quality_page(quality: RecordQuality, notes: Sequence[str]) -> str:
     density.loglog(frequency, found.spool[1:], color=_SPOOL, label="spool")
     density.set_ylabel("density ((m/s²)²/Hz)")
     density.legend(loc="upper right")
-    known = found.coherence[1:] > COHERENT
+    known = found.coherence[1:] > LIMITS.coherent
     amplification.semilogx(
         frequency, np.where(known, found.amplification[1:], np.nan), color=_LINE, marker=".", ms=3
     )
     amplification.set_ylabel("spool over body")
     coherence.semilogx(frequency, found.coherence[1:], color=_LINE, lw=0.9)
-    coherence.axhline(COHERENT, color=_LINE, ls="--", lw=0.8)
+    coherence.axhline(LIMITS.coherent, color=_LINE, ls="--", lw=0.8)
     coherence.set_ylim(0.0, 1.02)
     coherence.set_ylabel("coherence")
     coherence.set_xlabel("frequency (Hz)")
@@ -169,7 +161,7 @@ def quality_page(quality: RecordQuality, notes: Sequence[str]) -> str:
             "Top: power density of both channels; what lies flat at high frequencies is noise. "
             "Middle: how much "
             "more the spool moves than the body; its peak is the resonance. Bottom: squared coherence; below "
-            f"{COHERENT:g} (dashed) nothing is known of the spool's response.",
+            f"{LIMITS.coherent:g} (dashed) nothing is known of the spool's response.",
         ),
     ]
     if notes:
@@ -364,9 +356,8 @@ def quality_of(
     several = longest.body.size >= 2 * piece
     squared = both.coherence if several else np.zeros_like(both.body)
     response = Response(both.frequency, both.body, both.spool, both.amplification, squared)
-    inside = (response.frequency >= noise.low) & (response.frequency <= noise.high)
-    judged = several and all(one.rms > 0.0 for one in channels)
-    ratio, coherence, _ = transfer(longest, noise) if judged else ((), 0.0, ())
+    alive = all(one.rms > 0.0 for one in channels)
+    ratio, coherence, _ = judgement.transfer(longest, noise) if several and alive else ((), 0.0, ())
     ends = [one.start * 1e-9 + one.duration for one in stretches]
     missing = sum(
         max(0.0, after.start * 1e-9 - end) for end, after in zip(ends[:-1], stretches[1:], strict=True)
@@ -380,64 +371,28 @@ def quality_of(
         channels,
         Excitation(noise.low, noise.high),
         coherence if len(ratio) else 0.0,
-        _resonance(response, inside),
+        Resonance(*judgement.resonance_of(both, noise)) if several else Resonance(),
         response,
         longest,
     )
     outliers = [record_loading.outliers_text(left_out)] if left_out else []
     faults = [one.sentence for one in record_loading.channel_faults(stretches)]
-    still = dict.fromkeys(text for one in stretches for texts in unchanging(one) for text in texts)
+    still = dict.fromkeys(text for one in stretches for texts in judgement.unchanging(one) for text in texts)
+    natural = found.resonance.frequency if math.isfinite(found.resonance.frequency) else 0.0
+    seen = judgement.sampling(longest, noise, natural, judgement.Analysis) if alive else ()
     lengths = [one.duration for one in stretches]
-    found.doubts = [*warnings, *outliers, *faults, *still, *_doubts(found, lengths)]
+    short = next(filter(None, (judgement.shortness(one, lengths) for one in judgement.Analysis)), "")
+    apart = judgement.unrelated(found.coherence) if found.coherence > 0.0 else ""
+    if not apart and not math.isfinite(found.resonance.frequency):
+        apart = "no resonance is seen: the natural frequency may lie outside the band, or friction damps it"
+    seen = (*still, *judgement.clipping(stretches), *seen, short, apart)
+    found.doubts = [one for one in (*warnings, *outliers, *faults, *seen) if one]
     return found
 
 
 def _channel(name: str, rows: Sequence[Array], noise: float) -> ChannelQuality:
     row = np.concatenate(rows)
     mean = float(row.mean())
-    rail = at_rail(row - mean)
-    clipped = 0.0 if rail is None else float(np.count_nonzero(rail)) / row.size
-    return ChannelQuality(name, mean, float(np.std(row)), float(np.abs(row - mean).max()), noise, clipped)
-
-
-def _resonance(response: Response, inside: NDArray[np.bool_]) -> Resonance:
-    """Return the highest coherent peak that is not at the band's edge."""
-    usable = inside & (response.coherence > COHERENT)
-    if np.count_nonzero(usable) < 3:
-        return Resonance()
-    peaks = signal.find_peaks(np.where(usable, response.amplification, 0.0))[0]
-    peaks = [at for at in peaks if usable[max(at - 1, 0) : at + 2].all()]
-    if not peaks:
-        return Resonance()
-    best = max(peaks, key=lambda at: response.amplification[at])
-    size = float(response.amplification[best])
-    return Resonance(float(response.frequency[best]), size) if size > 1.1 else Resonance()
-
-
-def _doubts(found: RecordQuality, durations: Sequence[float]) -> list[str]:
-    said = []
-    moving = [one for one in found.channels if one.rms > 0.0]
-    for one in moving:
-        if one.clipped > 0.0:
-            grave = "more than a fit can do without" if one.clipped > CLIPPED else "left out by fits"
-            said.append(f"{one.name}: {100.0 * one.clipped:.2g} % of the samples are clipped, {grave}")
-        if one.rms < THRESHOLDS.excited * one.noise_rms:
-            said.append(
-                f"{one.name}: its noise of {one.noise_rms:.2g} m/s^2 (rms) "
-                f"drowns the motion of "
-                f"{one.rms:.2g} m/s^2: "
-                "shake harder, or use a finer sensor"
-            )
-    said += list(filter(None, (shortness(one, durations) for one in Analysis)))[:1]
-    body = found.channels[0]
-    if body.rms > THRESHOLDS.excited * body.noise_rms:  # band and peaks of noise alone are any
-        natural = found.resonance.frequency if math.isfinite(found.resonance.frequency) else 0.0
-        slow = (slowness(one, found.rate, natural, found.excitation.high) for one in Analysis)
-        said += list(filter(None, slow))[:1]
-    if found.coherence > 0.0 and unrelated(found.coherence):
-        said.append(unrelated(found.coherence))
-    elif not math.isfinite(found.resonance.frequency):
-        said.append(
-            "no resonance is seen: the natural frequency may lie outside the band, or friction damps it"
-        )
-    return said
+    return ChannelQuality(
+        name, mean, float(np.std(row)), float(np.abs(row - mean).max()), noise, judgement.rail_of(rows)[0]
+    )

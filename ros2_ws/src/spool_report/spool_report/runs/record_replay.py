@@ -23,7 +23,8 @@ from spool_estimator.estimate import Estimate
 from spool_estimator.estimator import make_estimator, phase_of, settings_for
 from spool_estimator.gap_watch import GapWatch
 from spool_estimator.identification.record import PartKeeper, Record
-from spool_estimator.plausibility import ValveCheck, check_rate
+from spool_estimator.plausibility import ValveCheck
+from spool_estimator.record_judgement import check_rate
 from spool_estimator.refit import Refit, RefitSettings, WindowRefits
 from spool_estimator.stream_estimator import StreamEstimator
 from spool_monitor.detectors import JUDGEMENT_TEXTS, LIMITS, MonitorSettings, check_settings

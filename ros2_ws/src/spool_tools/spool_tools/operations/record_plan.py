@@ -15,6 +15,8 @@ from spool_core.uncertainty import LEGEND, Z_95, Quantity, as_json, number, perc
 from spool_estimator.identification.fit import fit
 from spool_estimator.identification.fit_result import Fit, FitSettings
 from spool_estimator.identification.record import Record
+from spool_estimator.identification.spectra import noise_of
+from spool_estimator.record_judgement import Analysis, check_rate, noisiness, shortness
 from spool_gap.catalogue import EFFECTS
 from spool_gap.catalogue import effect as find_effect
 from spool_gap.effect import Effect
@@ -29,8 +31,8 @@ from spool_sim.simulator import Simulator
 from spool_sim.terms import term
 from spool_sim.valve import FILM, Valve, find_valve
 
-#: s: shorter records hold no window of a fit (4 s) and a piece to judge it by; longer ones cost minutes.
-SHORTEST, LONGEST = 8.0, 600.0
+#: s: longer records cost minutes.
+LONGEST = 600.0
 #: Ranges that accelerometers come in, g, and how far above the largest sample of a plan one is chosen.
 RANGES, MARGIN = (2, 4, 8, 16, 25, 50, 100, 200, 500), 2.0
 
@@ -306,22 +308,29 @@ def plan_record(
     Raises:
         InputError: valve, question, excitation or numbers cannot be used.
     """
-    if not SHORTEST <= seconds <= LONGEST:
-        raise InputError(f"--seconds {seconds:g}: plan {SHORTEST:g} to {LONGEST:g} s")
+    if not seconds <= LONGEST:
+        raise InputError(f"--seconds {seconds:g}: plan {LONGEST:g} s or less")
     ask = None if name == WHICH_EFFECT else question(name)
+    short = shortness(Analysis.GAP if ask is None else Analysis.ESTIMATE, [seconds])
+    if short:
+        raise InputError(f"--seconds {seconds:g}: {short}")
     described = find_valve(valve)
+    check_rate(f"--sample-rate {sample_rate:g}", sample_rate, described)
     plan = Plan(described, find_excitation(excitation), seconds, sample_rate, noise, seed)
-    quiet = plan.record(load_model("fluid"), {}, noisy=False)
+    quiet, noisy = (plan.record(load_model("fluid"), {}, noisy=one) for one in (False, True))
+    unseen = "".join(noisiness(noisy, noise_of(noisy.body, noisy.spool, noisy.sample_rate)))
     answer, found = Answer(), list[Named]()
     with progress(f"planning {name}", 1.0, steady=False) as advance:
         if float(np.sqrt(np.mean((quiet.spool - quiet.body) ** 2))) <= noise:
-            answer = Answer(reason="this excitation moves the spool by less than the sensors' noise")
+            less = "this excitation moves the spool by less than the sensors' noise"
+            answer, unseen = Answer(reason=unseen or less), ""
         elif ask is not None:
             answer = ask(plan)
         else:
             for one in named_effects(plan, effects or USUAL):
                 found.append(one)
                 advance(1.0 / (len(effects or USUAL) * len(SHARES)))
+    answer = replace(answer, notes=(*answer.notes, unseen)) if unseen else answer
     result = _dictionary(plan, valve, name, excitation, quiet, answer, found)
     if json is not None:
         write_json(json, result)

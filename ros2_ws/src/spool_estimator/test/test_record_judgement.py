@@ -7,17 +7,10 @@ import re
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from spool_core.record_needs import (
-    LEAST_RATE,
-    LENGTHS,
-    SLOWEST_VALVE,
-    Analysis,
-    least_rate,
-    shortness,
-    slowness,
-)
+from spool_core.record_limits import LIMITS
+from spool_estimator.record_judgement import LENGTHS, Analysis, least_rate, shortness, slowness
 
-NATURAL = st.floats(SLOWEST_VALVE, 250.0)
+NATURAL = st.floats(LIMITS.slowest_valve, 250.0)
 HIGHEST = st.one_of(st.just(0.0), st.floats(1.0, 1000.0))
 
 
@@ -31,7 +24,7 @@ def advised(text: str) -> float:
 def test_every_analysis_gives_the_same_advice_for_a_record_and_takes_the_advised_rate(
     natural: float, highest: float, share: float
 ) -> None:
-    rate = LEAST_RATE + share * (least_rate(Analysis.SHAPE, natural, highest).rate - LEAST_RATE)
+    rate = LIMITS.rate + share * (least_rate(Analysis.SHAPE, natural, highest).rate - LIMITS.rate)
     texts = [slowness(analysis, rate, natural, highest) for analysis in Analysis]
     advice = {advised(text) for text in texts if text}
     assert len(advice) <= 1
@@ -56,7 +49,7 @@ def test_a_text_names_the_analysis_its_need_and_the_reason() -> None:
 
 
 def test_no_analysis_of_any_valve_needs_less_than_streams_and_files_must_have() -> None:
-    assert min(least_rate(analysis, SLOWEST_VALVE).rate for analysis in Analysis) == LEAST_RATE
+    assert min(least_rate(analysis, LIMITS.slowest_valve).rate for analysis in Analysis) == LIMITS.rate
 
 
 @given(durations=st.lists(st.floats(0.0, 40.0), max_size=8))
@@ -77,7 +70,6 @@ def test_every_analysis_advises_the_same_length_and_takes_it(durations: list[flo
     ],
 )
 def test_stretches_that_hold_too_little_are_too_short(analysis: Analysis, durations: list[float]) -> None:
-    need = LENGTHS[analysis]
     text = shortness(analysis, durations)
     assert text.startswith(f"too short for {analysis.value}")
-    assert not shortness(analysis, [*durations, need.total])
+    assert not shortness(analysis, [*durations, LENGTHS[analysis][1]])

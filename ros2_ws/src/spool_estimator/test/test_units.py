@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from spool_gap.checks import GRAVITY, expected_transfer, like_no_valve, unit_or_exchange
+from spool_core.numbers import GRAVITY
+from spool_estimator.record_judgement import expected_transfer, like_no_valve, unit_or_exchange
 from spool_sim.valve import Valve, find_valve
 
 VALVE = find_valve("4weh10_soft")
