@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from spool_core.uncertainty import LEGEND, interval, number, with_interval
 from spool_gap.catalogue import EFFECTS
 from spool_gap.report import anomaly_sentence
-from spool_gap.result import RISE_95, Curves, GapResult, ProfileLikelihood, RankedHypothesis, Surface, Where
+from spool_gap.result import RISE_95, Curves, GapResult, ProfileLikelihood, Surface, Where
 
 from spool_report import page as html
 from spool_report.evidence.exhibit import AFTER, BEFORE, FLOOR, MEASURED, WIDTH, Exhibit, LeftOut
@@ -202,7 +202,7 @@ def _hypotheses(result: GapResult) -> list[Markup]:
     rows = [
         {
             "hypothesis": _said(row.id),
-            "jointly with": _beside(row),
+            "jointly with": ", ".join(map(_said, (*row.jointly_with, *row.measuring_chain))) or "the base",
             "error, %": 100.0 * row.nrmse_after,
             "evidence": f"{row.evidence:.0f}",
             "verdict": result.verdict_of(row),
@@ -215,11 +215,6 @@ def _hypotheses(result: GapResult) -> list[Markup]:
         html.paragraph(EVIDENCE_OF["accelerations" if result.kind == "accelerations" else "force"]),
     ]
     return [html.section("Hypotheses", parts)]
-
-
-def _beside(row: RankedHypothesis) -> str:
-    """Return what else is in the structure of a hypothesis."""
-    return ", ".join(map(_said, (*row.jointly_with, *row.measuring_chain))) or "the base"
 
 
 def _evidence(items: Sequence[Exhibit | LeftOut]) -> list[Markup]:
