@@ -14,6 +14,9 @@ TIME = "time_s"
 BODY = "body_m_s2"
 SPOOL = "spool_m_s2"
 OIL_TEMPERATURE = "oil_temperature_C"
+SPEED = "speed_rpm"
+#: Columns of slow readings beside the accelerations; each may be missing, or have empty cells.
+SLOW = (OIL_TEMPERATURE, SPEED)
 DISPLACEMENT = "displacement_m"
 FORCE = "force_N"
 

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from spool_core.block import LARGEST, Block, BlockRun
 from spool_core.block_gate import LONGEST_PERIOD
-from spool_core.cdr import LITTLE_ENDIAN, NANOSECONDS, CdrError, OilTemperature, decode_block
+from spool_core.cdr import LITTLE_ENDIAN, NANOSECONDS, CdrError, Reading, decode_block
 
 #: Messages below which each is decoded by itself: comparing them all costs as much.
 FEW = 8
@@ -33,7 +33,7 @@ LARGEST_QUEUE = 80_000_000
 LARGEST_QUEUES = 4 * LARGEST_QUEUE
 OVERHEAD = 1000
 
-Item = Block | BlockRun | OilTemperature
+Item = Block | BlockRun | Reading
 
 _STAMP, _KEY = itemgetter(0), itemgetter(0, 1, 2)
 
@@ -110,7 +110,7 @@ class Keyed(NamedTuple):
 
 def keyed_of(item: Item, arrival: int, size: int, count: int) -> Keyed:
     """Return an item with its key; ``count`` messages of ``size`` B each, the ``arrival``-th to arrive."""
-    if isinstance(item, OilTemperature):
+    if isinstance(item, Reading):
         return Keyed(item.stamp, -1, arrival, item, size)
     step = item.step if isinstance(item, BlockRun) else 0
     return Keyed(item.stamp, item.sequence, arrival, item, size, count, step)

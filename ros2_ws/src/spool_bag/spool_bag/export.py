@@ -14,11 +14,12 @@ import pyarrow.csv as pa_csv
 import pyarrow.parquet as pa_parquet
 from spool_core.block import Block
 from spool_core.block_gate import BlockGate, Verdict
+from spool_core.cdr import OilTemperature, Speed
 from spool_core.errors import InputError
 from spool_core.system import staged
 from spool_core.text import plural, printable
 
-from spool_bag import BODY, OIL_TEMPERATURE, SPOOL, TIME
+from spool_bag import BODY, OIL_TEMPERATURE, SPEED, SPOOL, TIME
 from spool_bag.blocks import Span
 from spool_bag.information import Timeline, step_text
 from spool_bag.reader import BagReader
@@ -48,10 +49,10 @@ def export_bag(
 ) -> ExportResult:
     """Write the samples of ``bag`` to ``out`` (.parquet, .csv or .csv.gz), one row per sample.
 
-    Columns are the contract's: ``time_s`` from the bag's first stamp, float32 accelerations, the oil
-    temperature where it is recorded (the last one known, empty before the first), and ``valve`` where there
-    are several; their rows follow one another. Where a clock was set, time is counted on. ``progress`` gets
-    the number of rows of each batch. Of ``span`` only what lies in it.
+    Columns are the contract's: ``time_s`` from the bag's first stamp, float32 accelerations, oil
+    temperature and speed where they are recorded (the last one known, empty before the first), and ``valve``
+    where there are several; their rows follow one another. Where a clock was set, time is counted on.
+    ``progress`` gets the number of rows of each batch. Of ``span`` only what lies in it.
 
     Raises:
         InputError: the bag, a valve or the target's name cannot be used.
@@ -68,10 +69,12 @@ def export_bag(
     starts = [start for start in (_first_stamp(reader, valve) for valve in chosen) if start is not None]
     if not starts:
         raise InputError(f"{bag}: no usable block in it, so there is nothing to export")
-    thermal = any(f"/{valve}/oil_temperature" in reader.topics for valve in chosen)
     fields = [(TIME, pa.float64()), (BODY, pa.float32()), (SPOOL, pa.float32())]
-    if thermal:
-        fields.append((OIL_TEMPERATURE, pa.float64()))
+    fields += [
+        (column, pa.float64())
+        for column, topic in ((OIL_TEMPERATURE, "oil_temperature"), (SPEED, "speed"))
+        if any(f"/{valve}/{topic}" in reader.topics for valve in chosen)
+    ]
     schema = pa.schema([(VALVE, pa.string()), *fields] if len(chosen) > 1 else fields)
     rows = 0
     sources = {valve: _ValveTable(min(starts), _cell(out, valve)) for valve in chosen}
@@ -169,24 +172,27 @@ def _batches(
     reader: BagReader, valve: str, source: _ValveTable, schema: pa.Schema
 ) -> Iterator[pa.RecordBatch]:
     blocks: list[tuple[int, Block]] = []
-    temperatures: list[float] = []
-    celsius, rows = float("nan"), 0
+    readings: dict[str, list[float]] = {OIL_TEMPERATURE: [], SPEED: []}
+    newest, rows = dict.fromkeys(readings, float("nan")), 0
     for item in reader.stream(valve):
-        if not isinstance(item, Block):
-            celsius = item.celsius
+        if isinstance(item, OilTemperature):
+            newest[OIL_TEMPERATURE] = item.celsius
+        elif isinstance(item, Speed):
+            newest[SPEED] = item.rpm
         elif source.usable(item):
             blocks.append((source.since(item), item))
-            temperatures.append(celsius)
+            for column, value in newest.items():
+                readings[column].append(value)
             rows += item.body.size
             if rows >= BATCH_ROWS:
-                yield _batch(source.cell, schema, blocks, temperatures)
-                blocks, temperatures, rows = [], [], 0
+                yield _batch(source.cell, schema, blocks, readings)
+                blocks, readings, rows = [], {column: [] for column in readings}, 0
     if blocks:
-        yield _batch(source.cell, schema, blocks, temperatures)
+        yield _batch(source.cell, schema, blocks, readings)
 
 
 def _batch(
-    valve: str, schema: pa.Schema, timed: list[tuple[int, Block]], temperatures: list[float]
+    valve: str, schema: pa.Schema, timed: list[tuple[int, Block]], readings: dict[str, list[float]]
 ) -> pa.RecordBatch:
     # Whole nanoseconds divided once: the printed time is the shortest that names the stamp.
     blocks = [block for _, block in timed]
@@ -201,6 +207,6 @@ def _batch(
     sizes = [block.body.size for block in blocks]
     if VALVE in schema.names:
         columns[VALVE] = pa.array([valve] * sum(sizes))
-    if OIL_TEMPERATURE in schema.names:
-        columns[OIL_TEMPERATURE] = pa.array(np.repeat(temperatures, sizes), from_pandas=True)
+    for column in set(readings).intersection(schema.names):
+        columns[column] = pa.array(np.repeat(readings[column], sizes), from_pandas=True)
     return pa.record_batch([columns[name] for name in schema.names], schema=schema)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from spool_core.block import Block, BlockRun
 from spool_core.block_gate import LONGEST_PERIOD, SHORTEST_PERIOD, BlockGate, Verdict
-from spool_core.cdr import OilTemperature
+from spool_core.cdr import OilTemperature, Reading, Speed
 from spool_core.text import plural, printable
 from spool_core.uncertainty import BY_NAME, named
 
@@ -60,6 +60,7 @@ class ValveSummary:
     duration_s: float
     first_stamp_ns: int | None
     end_stamp_ns: int | None
+    speeds: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,7 +138,7 @@ def describe(path: Path | str, span: Span | None = None) -> BagInformation:
     )
 
 
-def summarise(name: str, items: Iterable[Block | OilTemperature]) -> ValveSummary:
+def summarise(name: str, items: Iterable[Block | Reading]) -> ValveSummary:
     """Return what ``items`` hold of the valve ``name``, whatever they were read from."""
     one = _Pass()
     for item in items:
@@ -273,12 +274,14 @@ class _Pass:
     timeline: Timeline = field(default_factory=Timeline)
     samples: int = 0
     temperatures: int = 0
+    speeds: int = 0
     rate: float | None = None
 
-    def take(self, item: Block | OilTemperature) -> None:
-        """Take a block or an oil temperature."""
+    def take(self, item: Block | Reading) -> None:
+        """Take a block or a slow reading."""
         if not isinstance(item, Block):
-            self.temperatures += 1
+            self.temperatures += isinstance(item, OilTemperature)
+            self.speeds += isinstance(item, Speed)
             return
         self.timeline.take(item)
         if self.gate.judge(item) is not Verdict.REFUSED:
@@ -302,6 +305,7 @@ class _Pass:
             self.timeline.duration / 1e9,
             min((span.first for span in spans), default=None),
             max((span.end for span in spans), default=None),
+            self.speeds,
         )
 
 

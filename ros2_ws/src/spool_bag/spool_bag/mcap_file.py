@@ -83,6 +83,11 @@ class MessageBatch:
     records: bytes
     places: list[tuple[int, int, int]] = field(default_factory=list)
 
+    def log_time(self, start: int) -> int:
+        """Return when the message whose bytes begin at ``start`` was received, ns."""
+        time: int = MESSAGE.unpack_from(self.records, start - MESSAGE.size)[2]
+        return time
+
     def messages(self) -> Iterator[McapMessage]:
         """Yield the messages one by one."""
         for _, start, end in self.places:

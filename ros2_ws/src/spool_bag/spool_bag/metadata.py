@@ -54,6 +54,7 @@ STORED = (".mcap", ".db3")
 
 ACCELERATION_BLOCK = "spool_msgs/msg/AccelerationBlock"
 TEMPERATURE = "sensor_msgs/msg/Temperature"
+FLOAT64 = "std_msgs/msg/Float64"
 OUR_PACKAGE = "spool_msgs"
 SEPARATOR = "=" * 80
 

@@ -1,4 +1,4 @@
-"""Reader of a bag by acquisition time: blocks, oil temperature and any other message."""
+"""Reader of a bag by acquisition time: blocks, oil temperature, speed and any other message."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 from spool_core.block import Block, BlockRun
-from spool_core.cdr import CdrError, OilTemperature, decode_temperature
+from spool_core.cdr import CdrError, OilTemperature, Reading, Speed, decode_speed, decode_temperature
 from spool_core.errors import InputError
 from spool_core.text import printable
 
@@ -21,14 +21,25 @@ from spool_bag import no_such_bag
 from spool_bag.blocks import Item, OrderingWindows, Span, decode_blocks, keyed_of
 from spool_bag.mcap_file import Damage, McapFile, McapMessage, MessageBatch, decompressed
 from spool_bag.mcap_record import Topic
-from spool_bag.metadata import ACCELERATION_BLOCK, COMPRESSED, TEMPERATURE, is_unfinished, storage_files
+from spool_bag.metadata import (
+    ACCELERATION_BLOCK,
+    COMPRESSED,
+    FLOAT64,
+    TEMPERATURE,
+    is_unfinished,
+    storage_files,
+)
 from spool_bag.part_chain import begin_of, losses_of
 
 _ALL = Span()
 #: Names of topics that one line lists.
 MOST_LISTED = 12
 
-_Decode = Callable[[Sequence[bytes]], Iterator[tuple[Block | BlockRun | OilTemperature | None, int]]]
+#: ns by which blocks arrive late at most where sensor and recorder share a clock.
+SHARED_CLOCK = 1_000_000_000
+
+#: Messages of one length and their times of reception on the sensor's clock (ns) to items, with their counts.
+_Decode = Callable[[Sequence[bytes], Sequence[int]], Iterator[tuple[Item | None, int]]]
 
 
 class _Source(NamedTuple):
@@ -39,18 +50,25 @@ class _Source(NamedTuple):
     decode: _Decode
 
 
-_ACCELERATION = _Source("acceleration", ACCELERATION_BLOCK, decode_blocks)
+_ACCELERATION = _Source("acceleration", ACCELERATION_BLOCK, lambda messages, _: decode_blocks(messages))
 
 
-def _temperatures(messages: Sequence[bytes]) -> Iterator[tuple[OilTemperature | None, int]]:
-    for data in messages:
-        try:
-            yield decode_temperature(data), 1
-        except CdrError:
-            yield None, 1
+def _readings(read: Callable[[bytes, int], Reading]) -> _Decode:
+    """Return what decodes messages one by one with ``read``."""
+
+    def decode(messages: Sequence[bytes], received: Sequence[int]) -> Iterator[tuple[Item | None, int]]:
+        for data, stamp in zip(messages, received, strict=True):
+            try:
+                yield read(data, stamp), 1
+            except CdrError:
+                yield None, 1
+
+    return decode
 
 
-_OIL = _Source("oil_temperature", TEMPERATURE, _temperatures)
+_OIL = _Source("oil_temperature", TEMPERATURE, _readings(lambda data, _: decode_temperature(data)))
+_SPEED = _Source("speed", FLOAT64, _readings(decode_speed))
+_READINGS = (_OIL, _SPEED)
 
 
 class TopicInformation(NamedTuple):
@@ -206,19 +224,25 @@ class BagReader:
             assert isinstance(item, OilTemperature)
             yield item.stamp, item.celsius
 
-    def stream(self, valve: str) -> Iterator[Block | OilTemperature]:
-        """Yield blocks and oil temperatures of ``valve`` by stamp, at equal stamps the temperature first."""
-        for _, item in self._singles({self._known(valve)}, (_ACCELERATION, _OIL)):
+    def speeds(self, valve: str) -> Iterator[tuple[int, float]]:
+        """Yield (stamp in ns, rev/min) of the shaft beside ``valve``; nothing where no speed is recorded."""
+        for _, item in self._singles({valve.strip("/")}, (_ACCELERATION, _SPEED)):
+            if isinstance(item, Speed):
+                yield item.stamp, item.rpm
+
+    def stream(self, valve: str) -> Iterator[Block | Reading]:
+        """Yield blocks and slow readings of ``valve`` by stamp, at equal stamps the reading first."""
+        for _, item in self._singles({self._known(valve)}, (_ACCELERATION, *_READINGS)):
             yield item
 
-    def runs(self, valve: str) -> Iterator[Block | BlockRun | OilTemperature]:
+    def runs(self, valve: str) -> Iterator[Item]:
         """Yield what ``stream`` yields; blocks that follow each other to the nanosecond come as runs."""
-        for _, item in self._ordered({self._known(valve)}, (_ACCELERATION, _OIL)):
+        for _, item in self._ordered({self._known(valve)}, (_ACCELERATION, *_READINGS)):
             yield item
 
-    def streams(self) -> Iterator[tuple[str, Block | OilTemperature]]:
+    def streams(self) -> Iterator[tuple[str, Block | Reading]]:
         """Yield what ``stream`` yields, of all valves in one pass, with the valve's name."""
-        yield from self._singles(set(self.valves), (_ACCELERATION, _OIL))
+        yield from self._singles(set(self.valves), (_ACCELERATION, *_READINGS))
 
     def records(self, topic: str | None = None) -> Iterator[tuple[Topic, McapMessage]]:
         """Yield the messages of ``topic`` (all topics without it) as recorded, in the order of recording."""
@@ -271,7 +295,7 @@ class BagReader:
 
     def _singles(
         self, valves: set[str], sources: tuple[_Source, ...]
-    ) -> Iterator[tuple[str, Block | OilTemperature]]:
+    ) -> Iterator[tuple[str, Block | Reading]]:
         """Yield what ``_ordered`` yields, runs block by block."""
         for valve, item in self._ordered(valves, sources):
             if isinstance(item, BlockRun):
@@ -281,7 +305,11 @@ class BagReader:
                 yield valve, item
 
     def _ordered(self, valves: set[str], sources: tuple[_Source, ...]) -> Iterator[tuple[str, Item]]:
-        """Yield decoded messages by valve in order of (stamp, sequence, arrival) in a window."""
+        """Yield decoded messages by valve in order of (stamp, sequence, arrival) in a window.
+
+        A speed has no stamp: it holds when it was received. Where the sensor's clock is not the recorder's,
+        the newest block before it gives the difference.
+        """
         decoders = {(source.name, source.type): source.decode for source in sources}
 
         def wanted(topic: Topic) -> bool:
@@ -289,22 +317,29 @@ class BagReader:
             return valve in valves and (leaf, topic.type) in decoders
 
         windows, bad, arrival, whole = OrderingWindows(), dict[str, int](), 0, self.span.is_all
+        late = dict[str, int]()
         for file in self.files:
             channels: dict[int, tuple[str, _Decode]] = {}
             for batch in file.batches(wanted, self._damage_of(file)):
-                for channel, size, messages in _alike(batch):
+                for channel, size, messages, starts in _alike(batch):
                     found = channels.get(channel)
                     if found is None:
                         topic = file.topics[channel]
                         valve, leaf = _parts(topic.name)
                         found = channels[channel] = valve, decoders[leaf, topic.type]
                     valve, decode = found
-                    for item, count in decode(messages):
+                    blocks, behind = decode is _ACCELERATION.decode, late.get(valve, 0)
+                    received = [batch.log_time(one) - behind for one in (starts[-1:] if blocks else starts)]
+                    for item, count in decode(messages, received):
                         if item is None:
                             name = file.topics[channel].name
                             bad[name] = bad.get(name, 0) + 1
                             self._left_out(name, bad[name])
                             continue
+                        if blocks:
+                            newest = item.last.stamp if isinstance(item, BlockRun) else item.stamp
+                            step = received[0] + behind - newest
+                            late[valve] = step if abs(step) > SHARED_CLOCK else 0
                         for part, messages_of in ((item, count),) if whole else self.span.cut(item):
                             arrival += 1
                             yield from windows.take(valve, keyed_of(part, arrival, size, messages_of))
@@ -395,15 +430,17 @@ def _parts(topic: str) -> tuple[str, str]:
     return namespace.strip("/"), leaf
 
 
-def _alike(batch: MessageBatch) -> Iterator[tuple[int, int, list[bytes]]]:
-    """Yield channel, length and bytes of messages in a row that have both in common."""
+def _alike(batch: MessageBatch) -> Iterator[tuple[int, int, list[bytes], list[int]]]:
+    """Yield channel, length, bytes and places of messages in a row that have the first two in common."""
     messages: list[bytes] = []
+    starts: list[int] = []
     data, present, size = batch.records, -1, -1
     for channel, start, end in batch.places:
         if channel != present or end - start != size:
             if messages:
-                yield present, size, messages
-            present, size, messages = channel, end - start, []
+                yield present, size, messages, starts
+            present, size, messages, starts = channel, end - start, [], []
         messages.append(data[start:end])
+        starts.append(start)
     if messages:
-        yield present, size, messages
+        yield present, size, messages, starts

@@ -16,7 +16,7 @@ from rosbags.interfaces import Qos
 from spool_core.errors import InputError
 from spool_core.system import expanded
 
-from spool_bag.metadata import ACCELERATION_BLOCK, TEMPERATURE
+from spool_bag.metadata import ACCELERATION_BLOCK, FLOAT64, TEMPERATURE
 
 DIAGNOSTICS = "/diagnostics"
 #: Changes of limits belong to what was judged by them.
@@ -30,6 +30,7 @@ TOPICS = {
     "refit": "spool_msgs/msg/WindowRefit",
     "gap": "spool_msgs/msg/GapAnalysis",
     "oil_temperature": TEMPERATURE,
+    "speed": FLOAT64,
 }
 #: Topics that the suite's nodes offer latched.
 LATCHED = ("estimate", "health", "events", "valve", "refit", "gap")

@@ -1,4 +1,4 @@
-"""CDR of an AccelerationBlock: written and read without ROS.
+"""CDR of an AccelerationBlock and of what is measured beside it: written and read without ROS.
 
 Layout: OMG DDSI-RTPS 2.5, 10.2 (encapsulation) and XCDR1; every primitive is aligned to its own size
 counted from the end of the four encapsulation bytes.
@@ -27,6 +27,7 @@ class _Order:
         self.head = struct.Struct(mark + "iII")
         self.counts = struct.Struct(mark + "QdI")
         self.count = struct.Struct(mark + "I")
+        self.number = struct.Struct(mark + "d")
         self.pair = struct.Struct(mark + "dd")
         self.samples = np.dtype(mark + "f4")
 
@@ -45,6 +46,18 @@ class OilTemperature:
     stamp: int
     celsius: float
     variance: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Speed:
+    """``stamp`` in ns, ``rpm`` of the machine's shaft in rev/min."""
+
+    stamp: int
+    rpm: float
+
+
+#: Slow readings beside the blocks.
+Reading = OilTemperature | Speed
 
 
 def header_stamp(data: bytes) -> int:
@@ -117,14 +130,36 @@ def decode_temperature(data: bytes) -> OilTemperature:
         raise CdrError(f"not a Temperature: {error}") from error
 
 
+def encode_speed(item: Speed) -> bytes:
+    """Return ``item`` as little-endian CDR of a std_msgs/Float64, which has no stamp."""
+    return LITTLE_ENDIAN + struct.pack("<d", item.rpm)
+
+
+def decode_speed(data: bytes, stamp: int) -> Speed:
+    """Return the speed at ``stamp`` (ns) in the CDR of a std_msgs/Float64.
+
+    Raises:
+        CdrError: the bytes are too short or not XCDR1.
+    """
+    order = _order(data)
+    try:
+        return Speed(stamp, order.number.unpack_from(data, 4)[0])
+    except struct.error as error:
+        raise CdrError(f"not a Float64: {error}") from error
+
+
+def _order(data: bytes) -> _Order:
+    """Return the byte order of a message."""
+    if data[:4] == LITTLE_ENDIAN:  # as nearly all are
+        return _LITTLE
+    if len(data) < 4 or data[0] != 0 or data[1] > 1:
+        raise CdrError("unknown CDR encapsulation")
+    return _LITTLE if data[1] else _BIG
+
+
 def _header(data: bytes) -> tuple[_Order, int, int, int]:
     """Return byte order, stamp (ns), length of the ``frame_id``, where an 8-byte field behind it starts."""
-    if data[:4] == LITTLE_ENDIAN:  # as nearly all are
-        order = _LITTLE
-    elif len(data) < 4 or data[0] != 0 or data[1] > 1:
-        raise CdrError("unknown CDR encapsulation")
-    else:
-        order = _LITTLE if data[1] else _BIG
+    order = _order(data)
     try:
         seconds, nanoseconds, length = order.head.unpack_from(data, 4)
     except struct.error as error:

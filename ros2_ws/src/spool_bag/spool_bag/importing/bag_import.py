@@ -10,15 +10,15 @@ from pathlib import Path
 
 import numpy as np
 from spool_core.block import Block
-from spool_core.cdr import OilTemperature, encode_block, encode_temperature
+from spool_core.cdr import OilTemperature, Reading, Speed, encode_block, encode_speed, encode_temperature
 from spool_core.errors import InputError
 from spool_core.text import printable
 
-from spool_bag import BODY, OIL_TEMPERATURE, SPOOL, check_valve
+from spool_bag import BODY, OIL_TEMPERATURE, SPEED, SPOOL, check_valve
 from spool_bag.importing.choices import Choices
 from spool_bag.importing.logger_record import LoggerRecord, read_record
 from spool_bag.importing.time_axis import ClockOffset
-from spool_bag.metadata import ACCELERATION_BLOCK, RATE_STD, TEMPERATURE, custom_data
+from spool_bag.metadata import ACCELERATION_BLOCK, FLOAT64, RATE_STD, TEMPERATURE, custom_data
 from spool_bag.writer import BagWriter
 
 #: Begin of the keys of ``custom_data`` that hold columns and their conversions.
@@ -34,6 +34,8 @@ LONGEST_RECORD = 1e8
 LATEST_STAMP = 2**31 * 1_000_000_000
 #: ns between oil temperatures: once a second, as a valve publishes it.
 TEMPERATURE_INTERVAL = 1_000_000_000
+#: ns between speeds: orders are tracked between them along straight lines.
+SPEED_INTERVAL = 100_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,12 +87,16 @@ def import_record(
     blocks = newest = temperatures = 0
     with BagWriter(out, staged=True, custom=provenance(record)) as writer:
         channel = writer.add_topic(f"/{valve}/acceleration", ACCELERATION_BLOCK)
-        thermal = OIL_TEMPERATURE in record.columns
+        thermal, turning = OIL_TEMPERATURE in record.columns, SPEED in record.columns
         oil = writer.add_topic(f"/{valve}/oil_temperature", TEMPERATURE) if thermal else 0
+        speed = writer.add_topic(f"/{valve}/speed", FLOAT64) if turning else 0
         for item in stream_of(record, begin, block_duration):
             if isinstance(item, OilTemperature):
                 writer.write(oil, item.stamp, encode_temperature(item, valve))
                 temperatures += 1
+                continue
+            if isinstance(item, Speed):
+                writer.write(speed, item.stamp, encode_speed(item))
                 continue
             writer.write(channel, item.stamp, encode_block(item, valve), sequence=item.sequence & 0xFFFFFFFF)
             blocks += 1
@@ -191,12 +197,15 @@ def blocks_of(
 
 def stream_of(
     record: LoggerRecord, start: int, block_duration: float = BLOCK_DURATION
-) -> Iterator[Block | OilTemperature]:
-    """Yield blocks, and before each second of them the oil's temperature where it is known."""
-    oil = record.columns.get(OIL_TEMPERATURE)
-    due = -1
+) -> Iterator[Block | Reading]:
+    """Yield blocks, and before them the oil's temperature each second and the speed, where they are known."""
+    oil, speed = record.columns.get(OIL_TEMPERATURE), record.columns.get(SPEED)
+    due = next_speed = -1
     for first, block in blocks_of(record, start, block_duration):
         if oil is not None and block.stamp >= due and math.isfinite(oil[first]):
             yield OilTemperature(block.stamp, float(oil[first]))
             due = block.stamp + TEMPERATURE_INTERVAL
+        if speed is not None and block.stamp >= next_speed and math.isfinite(speed[first]):
+            yield Speed(block.stamp, float(speed[first]))
+            next_speed = block.stamp + SPEED_INTERVAL
         yield block

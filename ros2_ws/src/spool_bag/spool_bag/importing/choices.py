@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from spool_core.errors import InputError
 from spool_core.text import printable
 
-from spool_bag import BODY, DISPLACEMENT, FORCE, OIL_TEMPERATURE, SPOOL, TIME
+from spool_bag import BODY, DISPLACEMENT, FORCE, OIL_TEMPERATURE, SPEED, SPOOL, TIME
 from spool_bag.importing.units import READINGS, Sensitivity, quantity_of
 
 #: What each role measures; accelerations may come as readings of a sensor, by its sensitivity.
@@ -19,6 +19,7 @@ QUANTITIES = {
     BODY: "acceleration",
     SPOOL: "acceleration",
     OIL_TEMPERATURE: "temperature",
+    SPEED: "frequency",
     DISPLACEMENT: "length",
     FORCE: "force",
 }
@@ -28,6 +29,7 @@ SHORT = {
     "body": BODY,
     "spool": SPOOL,
     "oil": OIL_TEMPERATURE,
+    "speed": SPEED,
     "displacement": DISPLACEMENT,
     "force": FORCE,
 }

@@ -15,7 +15,7 @@ from spool_core.errors import InputError
 from spool_core.numbers import GRAVITY
 from spool_core.text import plural, printable
 
-from spool_bag import BODY, OIL_TEMPERATURE, SPOOL, TIME
+from spool_bag import BODY, SLOW, SPOOL, TIME
 from spool_bag.importing import time_axis, time_base
 from spool_bag.importing.channel_use import ChannelUse, ClockRoles, Role, assigned
 from spool_bag.importing.choices import Choices, choices, short, typed
@@ -165,10 +165,10 @@ def _of_clock(clock: ClockRoles, kind: str, asked: Choices, *, regular: bool, si
     found: dict[str, Array] = {}
     for role, one in measured.items():
         numbers = one.use.applied(np.asarray(values[one.name]))
-        found[role] = time_axis.finite(path, one.name, numbers, where, holes=role == OIL_TEMPERATURE)
+        found[role] = time_axis.finite(path, one.name, numbers, where, holes=role in SLOW)
     values.clear()
     _check_one_source(clock, timed, found)
-    rows = [row for role, row in found.items() if role != OIL_TEMPERATURE]
+    rows = [row for role, row in found.items() if role not in SLOW]
     given = asked.rate if axis is not None else None
     base = _base_of(table, group, timed, rows, given, regular=regular)
     if base.kept is not None:
@@ -291,7 +291,7 @@ def _check_one_source(clock: ClockRoles, timed: time_axis.TimeAxis, found: Mappi
             held = {}
         return {name: row.astype(np.float64) for name, row in held.items() if row.size == timed.time.size}
 
-    why = mixed(timed.time, [row for role, row in found.items() if role != OIL_TEMPERATURE], others)
+    why = mixed(timed.time, [row for role, row in found.items() if role not in SLOW], others)
     if why:
         raise InputError(
             f"{clock.table.path}: {why}: rows of several sensors, or of several publishers on one topic: "
@@ -374,12 +374,14 @@ def _read(clock: ClockRoles, names: Sequence[str], small: Sequence[str]) -> dict
     try:
         return read_channels(table, group, names, small)
     except InputError as error:
-        oil = clock.measured.get(OIL_TEMPERATURE)
-        if oil is None:
-            raise
-        read_channels(table, group, [name for name in names if name != oil.name], small)
-        way = shlex.quote(clock.channels.reference(oil.source))
-        raise InputError(f"{error}: correct it, or leave the column out with --exclude {way}") from error
+        for slow in (one for role, one in clock.measured.items() if role in SLOW):
+            try:
+                read_channels(table, group, [name for name in names if name != slow.name], small)
+            except InputError:
+                continue
+            way = shlex.quote(clock.channels.reference(slow.source))
+            raise InputError(f"{error}: correct it, or leave the column out with --exclude {way}") from error
+        raise
 
 
 def _together(sides: Sequence[LoggerRecord], first: Source, second: Source, asked: Choices) -> LoggerRecord:

@@ -9,14 +9,14 @@ from dataclasses import dataclass
 from spool_core.errors import InputError
 from spool_core.text import printable
 
-from spool_bag import BODY, DISPLACEMENT, FORCE, OIL_TEMPERATURE, SPOOL, TIME
+from spool_bag import BODY, DISPLACEMENT, FORCE, SLOW, SPOOL, TIME
 from spool_bag.importing.choices import QUANTITIES, Choices, role_of, short, typed
 from spool_bag.importing.csv_layout import listed
 from spool_bag.importing.table import LOG_TIME, STAMP, Channel, Group, Table
 from spool_bag.importing.units import READINGS, WORDS, quantity_of, split_header
 
 REQUIRED = {"accelerations": (BODY, SPOOL), "driven": (DISPLACEMENT, FORCE), "imposed": (DISPLACEMENT, FORCE)}
-OPTIONAL = {"accelerations": (OIL_TEMPERATURE,), "driven": (), "imposed": ()}
+OPTIONAL = {"accelerations": SLOW, "driven": (), "imposed": ()}
 #: Names of a column that counts samples.
 COUNTERS = ("sample", "samples", "index", "nr", "no", "n", "count", "number", "abtastwert", "sequence")
 #: What may stand in a name that is typed on the command line.

@@ -64,12 +64,13 @@ degree_Fahrenheit = 5 / 9 * kelvin; offset: 233.15 + 200 / 9 = degF
 """
 
 #: Unit in which each quantity is kept, and the units to choose from where a file names none.
-KEPT = {"acceleration": "m/s**2", "time": "s", "temperature": "degC", "length": "m", "force": "N"}
+KEPT = {"acceleration": "m/s**2", "time": "s", "temperature": "degC", "length": "m", "force": "N",
+        "frequency": "rpm"}  # fmt: skip
 #: What a sensor puts out before its sensitivity is applied, and the unit of each.
 READINGS = {"voltage": "V", "reading": "FS", "count": "count", "current": "A", "charge": "coulomb"}
 #: Quantities that are recognised, so that a message can name them, and a unit of each.
 _OTHERS = {
-    "velocity": "m/s", "pressure": "Pa", "frequency": "Hz", "angle": "rad", "angular velocity": "rad/s",
+    "velocity": "m/s", "pressure": "Pa", "angle": "rad", "angular velocity": "rad/s",
     "flow": "l/min", "mass": "kg", "power": "W", "torque or energy": "N*m", "resistance": "ohm",
     "ratio": "percent", "strain": "strain", "magnetic field": "T", "illuminance": "lux", "level": "dB",
     "stiffness": "N/m", "jerk": "m/s**3",
@@ -145,6 +146,7 @@ WORDS = {
         "阀芯", "スプール", "золотник",
     ),
     "oil": ("oil", "öl", "oel", "öltemperatur", "oeltemperatur"),
+    "speed": ("speed", "rpm", "drehzahl", "tacho", "obroty", "转速", "回転数", "обороты"),
     "displacement": ("displacement", "weg", "position", "stroke", "verschiebung"),
     "force": ("force", "kraft"),
 }  # fmt: skip

@@ -123,8 +123,8 @@ def test_names_are_mapped(tmp_path: Path) -> None:
         read_csv(path)
     found = read_csv(path, columns={"time_s": "t", "body_m_s2": "ch1", "spool_m_s2": "ch2"})
     np.testing.assert_array_equal(found.columns["body_m_s2"], signal(4000)[0])
-    with pytest.raises(InputError, match="'speed' is not one of time_s"):
-        read_csv(path, columns={"speed": "t"})
+    with pytest.raises(InputError, match="'pace' is not one of time_s"):
+        read_csv(path, columns={"pace": "t"})
     with pytest.raises(InputError, match="no column ch7"):
         read_csv(path, columns={"time_s": "t", "body_m_s2": "ch7", "spool_m_s2": "ch2"})
 
