@@ -65,6 +65,10 @@ class Excitation(BaseModel, ABC):
     def highest_frequency(self) -> float:
         """Highest frequency the excitation contains, Hz."""
 
+    def speed(self, _t: float) -> float | None:
+        """Return the speed (rev/min) of the machine's shaft at a time (s), ``None`` where no shaft turns."""
+        return None
+
     @abstractmethod
     def _steady(self, t: Array) -> Array:
         """Return the acceleration without the soft start."""
@@ -305,6 +309,10 @@ class MachineOrders(Excitation):
         orders = max((order for order, amplitude in self.orders if amplitude > 0.0), default=0.0) * fastest
         return max(orders, self.broadband_high if self.broadband_rms > 0.0 else 0.0)
 
+    def speed(self, t: float) -> float:
+        """Return the shaft's speed at a time; see the base class."""
+        return float(np.interp(t, *np.transpose(self.speed_profile)))
+
     def revolutions(self, t: Array) -> Array:
         """Return the shaft's revolutions since t = 0: the exact integral of the speed."""
         return self._integral(t) - self._integral(np.zeros(1))
@@ -503,6 +511,12 @@ PRESETS: dict[str, Excitation] = {
         speed_profile=((0.0, 600.0), (20.0, 2400.0), (40.0, 2400.0), (60.0, 600.0)),
         orders=((1.0, 6.0), (2.0, 3.0)),
         broadband_rms=4.0,
+    ),
+    # Order 1 passes 15 Hz, then order 2 passes 29 Hz.
+    "run_up": MachineOrders(
+        speed_profile=((0.0, 600.0), (10.0, 600.0), (75.0, 1250.0)),
+        orders=((1.0, 4.0), (2.0, 6.0)),
+        broadband_rms=1.0,
     ),
 }
 

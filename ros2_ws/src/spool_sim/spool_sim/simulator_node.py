@@ -16,6 +16,7 @@ from spool_core.node.messages import to_time
 from spool_core.node.parameters import NodeParameter, Value
 from spool_core.node.running import run
 from spool_core.text import plural
+from std_msgs.msg import Float64
 
 from spool_sim.excitation import load_excitation
 from spool_sim.sensors import Sensor
@@ -24,6 +25,9 @@ from spool_sim.valve import find_valve
 
 #: Blocks sent in one turn when the node fell behind; what is older is dropped, with its sequence numbers.
 _CATCH_UP = 25
+
+#: Hz at which the speed of a machine is sent.
+SPEED_RATE = 10.0
 
 #: s, for which those that are waited for are seen before the first block: one that is seen by us may not have
 #: seen us yet, and drops what it gets until then.
@@ -96,6 +100,7 @@ class SimulatorNode(ManagedNode):
         self._thermometer = self.create_lifecycle_publisher(
             Temperature, "oil_temperature", qos.samples_offered(10.0)
         )
+        self._tachometer = self.create_lifecycle_publisher(Float64, "speed", qos.samples_offered(SPEED_RATE))
         self._diagnostics = DiagnosticPublisher(self, self._simulator.valve.id)
         self.get_logger().info(
             f"configured: valve {self._simulator.valve.id} ({self.value('valve_file')}), "
@@ -114,6 +119,7 @@ class SimulatorNode(ManagedNode):
         """Release publisher and valve."""
         self._publisher.destroy()
         self.destroy_publisher(self._thermometer)
+        self.destroy_publisher(self._tachometer)
         self._diagnostics.destroy()
         self._simulator = None
 
@@ -198,6 +204,9 @@ class SimulatorNode(ManagedNode):
                 message.header.frame_id = valve.id
                 message.header.stamp = to_time(self._simulator.stamp)
                 self._thermometer.publish(message)
+            rpm = self._simulator.excitation.speed((self._simulator.stamp - self._started) * 1e-9)
+            if rpm is not None and self._sent % max(1, round(self.value("block_rate") / SPEED_RATE)) == 0:
+                self._tachometer.publish(Float64(data=rpm))
             block = self._simulator.next_block()
             self._sent += 1
             due -= 1

@@ -11,11 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from spool_bag import BODY, check_valve
-from spool_bag.metadata import ACCELERATION_BLOCK, TEMPERATURE, is_bag_file
+from spool_bag.importing.bag_import import SPEED_INTERVAL
+from spool_bag.metadata import ACCELERATION_BLOCK, FLOAT64, TEMPERATURE, is_bag_file
 from spool_bag.reader import BagReader
 from spool_bag.writer import BagWriter
 from spool_core.block_gate import BlockGate, Verdict
-from spool_core.cdr import OilTemperature, encode_block, encode_temperature
+from spool_core.cdr import OilTemperature, Speed, encode_block, encode_speed, encode_temperature
 from spool_core.errors import InputError
 from spool_core.numbers import Array
 from spool_core.text import plural
@@ -110,7 +111,14 @@ def simulate(out: Path, settings: SimulationSettings) -> None:
         channel = writer.add_topic(f"/{name}/acceleration", ACCELERATION_BLOCK)
         writer.write(description, SIMULATION_START, encode_valve(simulator.valve, SIMULATION_START))
         thermal = writer.add_topic(f"/{name}/oil_temperature", TEMPERATURE) if temperatures else 0
+        turning = shaking.speed(0.0) is not None
+        shaft = writer.add_topic(f"/{name}/speed", FLOAT64) if turning else 0
+        next_speed = SIMULATION_START
         for block in blocks:
+            rpm = shaking.speed((block.stamp - SIMULATION_START) * 1e-9)
+            if rpm is not None and block.stamp >= next_speed:
+                writer.write(shaft, block.stamp, encode_speed(Speed(block.stamp, rpm)))
+                next_speed = block.stamp + SPEED_INTERVAL
             if temperatures and block.sequence % max(1, round(block_rate)) == 0:
                 share = (block.stamp - SIMULATION_START) * 1e-9 / seconds
                 celsius = temperatures[0] * (1.0 - share) + temperatures[-1] * share
