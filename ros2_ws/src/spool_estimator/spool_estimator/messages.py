@@ -73,9 +73,13 @@ def to_refit_message(refit: Refit, valve_id: str, *, refits: int, skipped: int) 
 
 def to_description(valve: Valve) -> ValveDescription:
     """Return ``valve`` as a message, NaN for what is not known; the stamp is the caller's."""
+    from spool_sim.valve import components_text  # noqa: PLC0415 - as below
+
     given = valve.given
     message = ValveDescription(
-        oil=valve.oil or "", **{name: given.get(name, math.nan) for name in _VALVE_NUMBERS}
+        oil=valve.oil or "",
+        components=components_text(valve),
+        **{name: given.get(name, math.nan) for name in _VALVE_NUMBERS},
     )
     message.header.frame_id = valve.id
     return message
@@ -88,10 +92,10 @@ def from_description(message: ValveDescription) -> Valve:
         InputError: a value is out of range; the key is named.
 
     """
-    from spool_sim.valve import valve_from_mapping  # noqa: PLC0415 - pydantic; a monitor may never need it
+    from spool_sim.valve import components_of, valve_from_mapping  # noqa: PLC0415 - pydantic; a monitor may never need it
 
     numbers = {name: getattr(message, name) for name in _VALVE_NUMBERS}
     mapping = {name: value for name, value in numbers.items() if not math.isnan(value)}
-    return valve_from_mapping(
-        {"id": message.header.frame_id, "oil": message.oil or None, **mapping}, "valve description"
-    )
+    where = "valve description"
+    mapping["components"] = components_of(message.components, where)
+    return valve_from_mapping({"id": message.header.frame_id, "oil": message.oil or None, **mapping}, where)

@@ -10,13 +10,14 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import (
     BaseModel,
     BeforeValidator,
     ConfigDict,
     Field,
+    TypeAdapter,
     ValidationError,
     field_validator,
     model_validator,
@@ -159,6 +160,49 @@ Positive = Annotated[Number, Field(gt=0.0)]
 NotNegative = Annotated[Number, Field(ge=0.0)]
 
 
+class Component(BaseModel):
+    """Part of the machine that turns with the measured shaft and may shake the valve. Frozen.
+
+    Attributes:
+        name: one word, as events show it, e.g. ``pump``.
+        ratio: its speed over the measured one.
+        pistons: of a piston pump or motor, or teeth of a gear pump: pressure pulses per revolution.
+        strokes, cylinders: of a combustion engine; it fires ``2 cylinders / strokes`` times per revolution.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    name: str = Field(pattern=r"^[^\W\d_][\w-]*$", max_length=30)
+    ratio: Annotated[Positive, Field(ge=0.01, le=100.0)] = 1.0
+    pistons: Annotated[int, Field(ge=1, le=200)] | None = None
+    strokes: Literal[2, 4] | None = None
+    cylinders: Annotated[int, Field(ge=1, le=48)] | None = None
+
+    @model_validator(mode="after")
+    def _engine_or_pump(self) -> Component:
+        if (self.strokes is None) != (self.cylinders is None):
+            raise ValueError("strokes and cylinders describe an engine together: give both or neither")
+        if self.pistons is not None and self.strokes is not None:
+            raise ValueError("give pistons of a pump, or strokes and cylinders of an engine")
+        return self
+
+    @property
+    def orders(self) -> dict[float, bool]:
+        """Orders of its own revolutions that it shakes with; whether each is its own and not any shaft's.
+
+        A shaft shakes with 1 (unbalance) and 2 (misalignment, joints), a pump with its pistons, an engine of
+        four strokes with halves, too, and with each firing; pulses come with their first two harmonics.
+        """
+        found = {1.0: False, 2.0: False}
+        if self.strokes is not None and self.cylinders is not None:
+            pulses = 2.0 * self.cylinders / self.strokes
+            first = 2.0 / self.strokes
+            found |= {first * number: False for number in range(1, round(2.0 * pulses / first) + 1)}
+        else:
+            pulses = float(self.pistons or 0)
+        return found | {pulses * harmonic: True for harmonic in (1, 2, 3) if pulses}
+
+
 class Valve(BaseModel):
     """A spool with its centring springs, its land and its oil. Frozen; SI units.
 
@@ -175,6 +219,7 @@ class Valve(BaseModel):
         dynamic_viscosity: Pa s, holds at ``oil_temperature``.
         oil: name of the viscosity-temperature law, or ``None``.
         oil_temperature: deg C.
+        components: what turns with the machine's shaft; events name the one whose order shakes the valve.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -189,6 +234,15 @@ class Valve(BaseModel):
     dynamic_viscosity: Annotated[Positive, Field(ge=1e-5, le=100.0)] = Field(default=_LEFT_OUT)
     oil: str | None = None
     oil_temperature: Annotated[Number, Field(ge=-60.0, le=250.0)] = Field(default=_LEFT_OUT)
+    components: Annotated[tuple[Component, ...], Field(max_length=20)] = ()
+
+    @field_validator("components")
+    @classmethod
+    def _own_names(cls, components: tuple[Component, ...]) -> tuple[Component, ...]:
+        names = [one.name for one in components]
+        if len(set(names)) < len(names):
+            raise ValueError("two components have one name")
+        return components
 
     @field_validator("oil")
     @classmethod
@@ -299,6 +353,9 @@ class Valve(BaseModel):
         return self.viscous_coefficient / (2.0 * math.sqrt(self.spring_stiffness * self.moving_mass))
 
 
+_COMPONENTS = TypeAdapter(tuple[Component, ...])
+
+
 def valve_from_mapping(mapping: dict[str, Any], where: str = "valve") -> Valve:
     """Return the valve that ``mapping`` describes.
 
@@ -311,6 +368,23 @@ def valve_from_mapping(mapping: dict[str, Any], where: str = "valve") -> Valve:
         guesses = unit_guesses(mapping, _out_of_range(error))
         said = str(one_line(error, where, tuple(Valve.model_fields)))
         raise InputError("; ".join([said, *guesses])) from None
+
+
+def components_text(valve: Valve) -> str:
+    """Return the components of ``valve`` as JSON, empty where it has none: what messages and bags hold."""
+    return _COMPONENTS.dump_json(valve.components, exclude_none=True).decode() if valve.components else ""
+
+
+def components_of(text: str, where: str) -> tuple[Component, ...]:
+    """Return the components that ``text``, of :func:`components_text`, describes.
+
+    Raises:
+        InputError: it describes none; ``where`` is named.
+    """
+    try:
+        return _COMPONENTS.validate_json(text) if text else ()
+    except ValidationError as error:
+        raise one_line(error, f"{where}: components", tuple(Component.model_fields)) from None
 
 
 def load_valve(path: str | Path) -> Valve:

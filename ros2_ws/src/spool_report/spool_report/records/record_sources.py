@@ -10,18 +10,18 @@ from datetime import datetime, timezone
 from itertools import islice
 from pathlib import Path
 
-from spool_bag.blocks import ALWAYS, Span
+from spool_bag.blocks import ALWAYS, Item, Span
 from spool_bag.importing.bag_import import BLOCK_DURATION, start_of, stream_of
 from spool_bag.importing.choices import Choices
 from spool_bag.importing.logger_record import LoggerRecord, read_record
 from spool_bag.information import BagInformation, summarise
 from spool_bag.metadata import is_bag_file, typestore
 from spool_bag.reader import BagReader
-from spool_core.block import Block, BlockRun
-from spool_core.cdr import OilTemperature
+from spool_core.block import Block
+from spool_core.cdr import Reading
 from spool_core.errors import InputError
 from spool_core.text import printable, seconds_of
-from spool_sim.valve import Valve, valve_from_mapping
+from spool_sim.valve import Valve, components_of, components_text, valve_from_mapping
 
 #: s before and after an alarm, as a snapshot of it keeps.
 AROUND = 60.0
@@ -29,7 +29,7 @@ _RAISED = 1
 
 VALVE_DESCRIPTION = "spool_msgs/msg/ValveDescription"
 
-_NUMBERS = tuple(name for name in Valve.model_fields if name not in ("id", "oil"))
+_NUMBERS = tuple(name for name in Valve.model_fields if name not in ("id", "oil", "components"))
 
 
 def split_name(text: str) -> tuple[str, str]:
@@ -162,12 +162,12 @@ class TableSource:
             warnings=tuple(self.warnings),
         )
 
-    def stream(self, valve: str) -> Iterator[Block | OilTemperature]:
-        """Yield blocks, and before each second of them the oil's temperature, as `import` writes them."""
+    def stream(self, valve: str) -> Iterator[Block | Reading]:
+        """Yield blocks, and before them slow readings, as `import` writes them."""
         assert valve in self.valves
         yield from stream_of(self.record, self._start)
 
-    def runs(self, valve: str) -> Iterator[Block | BlockRun | OilTemperature]:
+    def runs(self, valve: str) -> Iterator[Item]:
         """Yield what ``stream`` yields, as a bag's reader does."""
         yield from self.stream(valve)
 
@@ -180,6 +180,7 @@ def encode_valve(valve: Valve, stamp: int) -> bytes:
     message = types[VALVE_DESCRIPTION](
         header=types["std_msgs/msg/Header"](stamp=time, frame_id=valve.id),
         oil=valve.oil or "",
+        components=components_text(valve),
         **{name: valve.given.get(name, math.nan) for name in _NUMBERS},
     )
     return bytes(typestore().serialize_cdr(message, VALVE_DESCRIPTION))
@@ -199,6 +200,8 @@ def recorded_valve(reader: BagReader, name: str) -> Valve | None:
     numbers = {key: getattr(last, key) for key in _NUMBERS}
     mapping = {key: value for key, value in numbers.items() if not math.isnan(value)}
     where = f"{reader.path}: {topic}"
+    # Bags of earlier versions have no components.
+    mapping["components"] = components_of(getattr(last, "components", ""), where)
     return valve_from_mapping({"id": last.header.frame_id, "oil": last.oil or None, **mapping}, where)
 
 
