@@ -21,6 +21,7 @@ from spool_monitor.detectors.base import (
     judgement,
 )
 from spool_monitor.event import Condition, Event, condition_name
+from spool_monitor.orders import OrderTracker
 from spool_monitor.parameter_drift import VISCOSITY_PER_KELVIN, VISCOUS, ParameterDrift
 from spool_monitor.state_file import Baseline
 from spool_monitor.window import Line, WindowTracker, find_line
@@ -62,6 +63,7 @@ class Detection:
         learned: start values of what the channels show, by name.
         units: of both, by name.
         conditions: delays and state of each detector's event, by the detector's name.
+        orders: speed and body of the last seconds, and what turns with the shaft.
         doubt: why nothing that depends on time or frequency can be judged now, empty where it can.
 
     """
@@ -70,6 +72,7 @@ class Detection:
     windows: WindowTracker = field(default_factory=WindowTracker)
     response: ResponseTracker = field(default_factory=ResponseTracker)
     channels: ChannelWatch = field(default_factory=ChannelWatch)
+    orders: OrderTracker = field(default_factory=OrderTracker)
     reference: ValveResponse = field(init=False)
     detectors: tuple[Detector, ...] = field(init=False)
     parameters: dict[str, ParameterDrift] = field(init=False)
@@ -175,12 +178,14 @@ class Detection:
         self.windows.restart(period)
         self.response.restart()
         self.channels.restart(period)
+        self.orders.restart(period)
         for one in self.detectors:
             one.restart()
 
     def update(self, block: Block, natural_frequency: float) -> list[Event]:
         """Take a block that continues the last one; return what began or ended with it."""
         events: list[Event] = []
+        self.orders.take(block)
         for window in self.windows.update(block):
             self._stamp = window.stamp
             seen = self.channels.update(window, self.windows.fresh)
@@ -303,7 +308,7 @@ class Detection:
         return Moment(
             stamp, natural_frequency, self._reference_now(), self.parameters, self.learned,
             line, silent, signals, response, estimate, self._velocity,
-            unjudged=self._unjudged, explained=explained, channels=channels,
+            unjudged=self._unjudged, explained=explained, channels=channels, orders=self.orders,
         )  # fmt: skip
 
     def _show(self, what: str, moment: Moment) -> list[Event]:

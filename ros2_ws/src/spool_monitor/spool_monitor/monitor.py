@@ -111,6 +111,10 @@ class Monitor:
         self._stamp = max(self._stamp, estimate.stamp)
         return events + self.detection.update_estimate(estimate, self._natural_frequency.value)
 
+    def update_speed(self, stamp: int, rpm: float) -> None:
+        """Take the speed (rev/min) of the machine's shaft at ``stamp`` (ns)."""
+        self.detection.orders.take_speed(stamp, rpm)
+
     def idle(
         self, without_blocks: float, without_estimates: float, now: int = 0, nobody: str = ""
     ) -> list[Event]:

@@ -28,6 +28,7 @@ from spool_estimator.messages import from_description, from_message
 from spool_msgs.msg import Alarm as AlarmMessage
 from spool_msgs.msg import AlarmList, HealthEvent, ModelEstimate, ValveDescription, ValveHealth
 from spool_msgs.srv import AcknowledgeAlarm, ManageBaseline, ResetAlarms, ShelveAlarm, SuppressAlarm
+from std_msgs.msg import Float64
 
 from spool_monitor.alarm import Action, Alarm, AlarmRefusedError, AlarmState, Operator, Transition
 from spool_monitor.alarm_store import AlarmStore
@@ -137,6 +138,7 @@ class MonitorNode(ManagedNode):
         self.subscribe(ValveDescription, "valve", self._take_description, qos.state())
         self.subscribe_blocks("acceleration", self._take_blocks, self._room)
         self.subscribe(ModelEstimate, "estimate", self._take_estimate, qos.state(depth=10))
+        self.subscribe(Float64, "speed", self._take_speed, qos.samples_wanted())
         self.every(LOOK, self._watch, steady=True)
         self.every(1.0, self._report, steady=True)
 
@@ -214,6 +216,8 @@ class MonitorNode(ManagedNode):
         self._alarms.identify(message.header.frame_id, message.oil)
         if self.value(NATURAL_FREQUENCY.name) == 0.0:
             self._core.set_natural_frequency(from_description(message).natural_frequency)
+        if message.components:
+            self._core.detection.orders.components = from_description(message).components
 
     def _room(self) -> int:
         """Return the samples that may be judged together."""
@@ -235,6 +239,12 @@ class MonitorNode(ManagedNode):
             if gate.before is None:
                 self._no_estimates.end()
             self._publish(events)
+
+    def _take_speed(self, message: Float64) -> None:
+        """Take the shaft's speed, which has no stamp: it holds at the end of the newest block."""
+        last = self._core.gate.last
+        if last is not None:
+            self._core.update_speed(last.end, message.data)
 
     def _take_estimate(self, message: ModelEstimate) -> None:
         estimate = from_message(message)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import NamedTuple
 
 from spool_core.errors import InputError
@@ -103,9 +104,28 @@ def title(code: int, kind: str, language: Language = ENGLISH) -> str:
 
 def _title(event: Event, language: Language) -> str:
     own, subject = title(event.code, event.kind, language), event.facts.subject
+    order = _order(event.facts, language)
+    if order:
+        return f"{own} ({order})"
     # A subject without an entry is a name: one word, whatever another program called its valve.
     word = language.words.get(subject) or "_".join(subject.split())
     return f"{own} ({word})" if subject else own
+
+
+def _order(facts: Facts, language: Language) -> str:
+    """Return the order of a component, or of the shaft, that shakes, and its speed; empty where unknown."""
+    known = {one.name: one for one in facts.evidence}
+    if "order" not in known or "speed" not in known:
+        return ""
+    order, labels = known["order"].value, language.labels
+    shown = _marked(exact(float(number(order, DIGITS))), language)
+    if order.is_integer():
+        tens, ones = divmod(int(order), 10)
+        key = f"order_{ones}" if ones in (1, 2, 3) and tens % 10 != 1 else "order_th"
+        shown = labels[key].format(order=shown)
+    template = labels["order_of" if facts.subject else "order_of_shaft"]
+    speed = _quantity(replace(known["speed"], unit=""), language)
+    return template.format(order=shown, component="_".join(facts.subject.split()), speed=speed)
 
 
 def _lines(event: Event, language: Language) -> Iterator[tuple[str, str]]:

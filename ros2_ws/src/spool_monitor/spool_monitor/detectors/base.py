@@ -16,6 +16,7 @@ from spool_estimator.estimate import Estimate
 from spool_monitor.channels import ChannelLook, Signals, ValveResponse
 from spool_monitor.detectors.data_fault import KIND as DATA_FAULT
 from spool_monitor.event import EventKind, Facts, Finding, Severity
+from spool_monitor.orders import OrderTracker
 from spool_monitor.parameter_drift import ParameterDrift
 from spool_monitor.state_file import Baseline
 from spool_monitor.window import Line
@@ -120,6 +121,7 @@ class Moment(NamedTuple):
         explained: whether a fault of a sensor or of the data is raised, which says why.
         parameters: tests of the parameters, by name.
         learned: start values of what the channels show, by name.
+        orders: names the order of the machine that a line is.
 
     """
 
@@ -138,6 +140,7 @@ class Moment(NamedTuple):
     unjudged: tuple[float, str] = (0.0, "")
     explained: bool = False
     channels: ChannelLook | None = None
+    orders: OrderTracker | None = None
 
     @property
     def described(self) -> bool:

@@ -118,8 +118,17 @@ class Resonance(Detector):
                 ("relative_displacement", "m", line.relative_displacement),
             )
             evidence = (frequency, *(Quantity(*one, validity=Validity.VALID) for one in further))
-            note = "" if strong else "at_rest"
-            return replace(Facts.of(compared, limit, note=note), began=began, evidence=evidence)
+            note, subject = "" if strong else "at_rest", ""
+            if not released and moment.orders is not None:
+                found, note = moment.orders.named(line.frequency, line.stamp)
+                if found is not None:
+                    subject = found.component
+                    known = Validity.VALID
+                    evidence += (
+                        Quantity("order", "1", found.order, validity=known),
+                        Quantity("speed", "rev/min", found.rpm, validity=known),
+                    )
+            return replace(Facts.of(compared, limit, subject, note), began=began, evidence=evidence)
 
         if released:
             self._since, self.dwell = None, 0.0

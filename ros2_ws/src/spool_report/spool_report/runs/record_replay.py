@@ -13,7 +13,7 @@ from rich.console import Console
 from spool_bag.information import MOST_STEPS, Timeline, duration_of, step_text
 from spool_bag.metadata import rate_std
 from spool_core.block import BlockRun
-from spool_core.cdr import OilTemperature
+from spool_core.cdr import OilTemperature, Speed
 from spool_core.errors import InputError
 from spool_core.events.language import ENGLISH, Language
 from spool_core.events.sentences import details, headline, language_of
@@ -301,6 +301,7 @@ def replay_valve(
     estimator = settings.make_estimator(valve, name)
     trace = DriftTrace() if parts is not None else None
     monitor = Monitor(settings.limits(valve))
+    monitor.detection.orders.components = valve.components
     kept = None if state is None else ValveState(monitor, valve_folder(state, name), warn)
     if kept is not None:
         kept.open()
@@ -315,6 +316,10 @@ def replay_valve(
             if isinstance(item, OilTemperature):
                 deviation = math.sqrt(item.variance) if item.variance > 0.0 else math.nan
                 one.update_temperature(item.stamp, item.celsius, deviation)
+                continue
+            if isinstance(item, Speed):
+                # The order tracker looks up speeds by their stamps: blocks that wait need not be passed on.
+                monitor.update_speed(item.stamp, item.rpm)
                 continue
             if one.samples == 0 and item.sample_period > 0.0:
                 check_rate(f"{reader.path}: {name}", 1.0 / item.sample_period, valve)
