@@ -50,6 +50,8 @@ SKIRT, PURE = 6, 0.8
 KEPT = 0.9
 #: Hz by which the strongest line of a second may lie beside an order.
 BESIDE = 1.0
+#: Revolutions of a piece of an order spectrum, and the highest order that it shows.
+TURNS, MOST_ORDERS = 64, 30
 #: Orders of a shaft of which nobody said what turns with it.
 SHAFT_ORDERS = tuple(float(order) for order in range(1, 13))
 
@@ -182,19 +184,20 @@ def line_powers(samples: Array) -> Array:
     return np.asarray(2.0 * np.abs(spectrum) ** 2 / (samples.shape[-1] * float(taper @ taper)))
 
 
-def false_probability(powers: Array, places: Array, averages: int = 1) -> Array:
-    """Return for each line the probability that Gaussian noise, flat around it, shows it as strong.
-
-    A line of such noise over the mean of those around it has the F distribution.
+def contrast(powers: Array, places: Array) -> Array:
+    """Return each line's power over the mean of the noise around it.
 
     Args:
-        powers: shape (lines,), each the mean of ``averages`` independent spectra.
-        places: of the lines, at least ``REACH`` from both ends.
-        averages: number of independent spectra.
+        powers: shape (..., lines).
+        places: of the lines that are asked for, (n,), at least ``REACH`` from both ends.
     """
-    noise = powers[places[:, np.newaxis] + _AROUND].mean(axis=1)
-    ratio = np.divide(powers[places], noise, out=np.full(places.size, np.inf), where=noise > 0.0)
-    return np.asarray(stats.f.sf(ratio, 2 * averages, 2 * averages * _AROUND.size))
+    line, noise = powers[..., places], powers[..., places[:, np.newaxis] + _AROUND].mean(axis=-1)
+    return np.divide(line, noise, out=np.full(line.shape, np.inf), where=noise > 0.0)
+
+
+def false_probability(contrasts: Array) -> Array:
+    """Return the probability that Gaussian noise, flat around a line, shows it as strong: F of 2 and 2 n."""
+    return np.asarray(stats.f.sf(contrasts, 2, 2 * _AROUND.size))
 
 
 def candidates(components: Iterable[Component]) -> dict[float, list[tuple[float, float, str, bool]]]:
@@ -260,7 +263,7 @@ def name_of(
             continue
         # Each of the lines within the lobe of each order could have been the peak.
         trials = (2 * LOBE + 1) * orders.size
-        if float(false_probability(powers, np.array([peak]))[0]) * trials > FALSE_LINE:
+        if float(false_probability(contrast(powers, np.array([peak])))[0]) * trials > FALSE_LINE:
             continue
         around = float(powers[peak - SKIRT : peak + SKIRT + 1].sum())
         if _sine_power(even, place) < PURE * around:
@@ -273,6 +276,96 @@ def name_of(
         return None
     own, ratio, name = attributed(known[best[1]])
     return OrderName(own, name, ratio * rpm)
+
+
+@dataclass(frozen=True, slots=True)
+class OrderLine:
+    """Line of an order spectrum.
+
+    ``order`` per revolution of the measured shaft, mean peak accelerations ``body`` and ``spool`` in m/s^2,
+    and the speed (rev/min) at which the spool's was highest.
+    """
+
+    order: float
+    body: float
+    spool: float
+    loudest_rpm: float
+
+
+@dataclass(frozen=True, slots=True)
+class OrderSpectrum:
+    """Mean spectrum over angle; its arrays have shape (lines,).
+
+    Attributes:
+        order: per revolution, ``1 / TURNS`` apart.
+        body, spool: power, (m/s^2)^2; the lines of a sine add up to half its amplitude squared.
+        lines: that noise does not show (``FALSE_LINE``, over all orders).
+        slowest, fastest: rev/min in what was used.
+        fault: code of why some of the record, or all of it, was not used; empty for nothing.
+    """
+
+    order: Array
+    body: Array
+    spool: Array
+    lines: tuple[OrderLine, ...] = ()
+    slowest: float = math.nan
+    fastest: float = math.nan
+    fault: str = ""
+
+
+def order_spectrum(
+    stretches: Iterable[tuple[int, float, Array, Array]], speeds: Sequence[tuple[int, float]]
+) -> OrderSpectrum:
+    """Return the spectrum over angle of all pieces of ``TURNS`` revolutions that overlap by half.
+
+    Args:
+        stretches: stamp (ns), period (s), body and spool (m/s^2, shape (n,)) of what has no gap.
+        speeds: stamps (ns) and rev/min, by stamp.
+    """
+    found: list[tuple[float, Array]] = []
+    fault = "" if speeds else "speed_stale"
+    stamps = np.array([stamp for stamp, _ in speeds], dtype=np.int64)
+    values = np.array([rpm for _, rpm in speeds], dtype=np.float64)
+    for start, period, body, spool in stretches:
+        inside = np.flatnonzero((stamps >= start) & (stamps <= start + body.size * period * 1e9))
+        faulty = [speed_fault(speeds[at : at + 2], speeds[at][0]) for at in inside[:-1]]
+        fault = next(filter(None, faulty), fault)
+        for run in np.split(inside, np.flatnonzero([bool(one) for one in faulty]) + 1):
+            if run.size < 2:
+                continue
+            times, rpm = (stamps[run] - start) * 1e-9, values[run]
+            part = slice(math.ceil(times[0] / period), math.floor(times[-1] / period) + 1)
+            both = np.stack((body[part], spool[part]))
+            time = period * np.arange(part.start, part.start + both.shape[1])
+            turns = revolutions(time, times, rpm)
+            for last in np.arange(TURNS, turns[-1], 0.5 * TURNS):
+                piece = slice(np.searchsorted(turns, last - TURNS), np.searchsorted(turns, last) + 1)
+                powers = line_powers(by_angle(both[:, piece], turns[piece], min(TURNS, np.ptp(turns[piece]))))
+                speed = float(np.interp(time[piece], times, rpm).mean())
+                found.append((speed, powers[:, : MOST_ORDERS * TURNS]))
+    if not found:
+        return OrderSpectrum(np.zeros(0), np.zeros(0), np.zeros(0), fault=fault or "order_unknown")
+    size = min(powers.shape[1] for _, powers in found)
+    every = np.stack([powers[:, :size] for _, powers in found])
+    mean = every.mean(axis=0)
+    places = np.arange(REACH + LOBE, size - REACH - LOBE)
+    # What does not follow the shaft lies elsewhere in each piece: half of them must show a line. Every other
+    # piece is independent.
+    half = np.sort(contrast(every[:, 0], places), axis=0)[(len(found) - 1) // 2]
+    apart = (len(found) + 1) // 2
+    false = stats.binom.sf((apart + 1) // 2 - 1, apart, false_probability(half))
+    sure = false * places.size <= FALSE_LINE
+    peaks = [at for at in places[sure] if mean[0, at] == mean[0, at - LOBE : at + LOBE + 1].max()]
+    lines = []
+    for peak in peaks:
+        lobe = peak + np.arange(-LOBE, LOBE + 1)
+        size_of = np.sqrt(2.0 * mean[:, lobe].sum(axis=1))
+        loudest = found[int(np.argmax(every[:, 1, lobe].sum(axis=1)))][0]
+        place = float(lobe @ mean[0, lobe] / mean[0, lobe].sum())
+        lines.append(OrderLine(place / TURNS, float(size_of[0]), float(size_of[1]), loudest))
+    rpms = [rpm for rpm, _ in found]
+    order = np.arange(size) / TURNS
+    return OrderSpectrum(order, mean[0], mean[1], tuple(lines), min(rpms), max(rpms), fault)
 
 
 def _sine_power(even: Array, cycles: float) -> float:

@@ -15,7 +15,14 @@ from spool_core.numbers import Array
 from spool_estimator.estimator import Estimator, settings_for
 from spool_monitor import orders
 from spool_monitor.monitor import Monitor
-from spool_monitor.orders import OrderName, OrderTracker, false_probability, line_powers
+from spool_monitor.orders import (
+    OrderName,
+    OrderTracker,
+    contrast,
+    false_probability,
+    line_powers,
+    order_spectrum,
+)
 from spool_monitor.replay import Replay
 from spool_sim.excitation import PRESETS, MachineOrders
 from spool_sim.simulator import Simulator
@@ -104,7 +111,7 @@ def test_a_thousand_blocks_of_broadband_name_nothing(noise: str, speed: Rpm) -> 
 def test_the_false_alarm_probability_is_the_stated_one() -> None:
     powers = line_powers(np.random.default_rng(2).normal(size=(200, 2000)))
     places = np.arange(orders.REACH, 1000 - orders.REACH)
-    found = np.concatenate([false_probability(row, places) for row in powers])
+    found = false_probability(contrast(powers, places))
     for wanted in (0.1, 0.01, 0.001):
         assert np.mean(found < wanted) == pytest.approx(wanted, rel=0.25)
 
@@ -154,6 +161,20 @@ def test_an_order_of_several_components_names_none_of_them() -> None:
     assert firing == OrderName(3.0, "engine", 580.0)
     geared = names(body, lambda _: 580.0, 29.0, Component(name="fan", ratio=3.0))[-1][0]
     assert geared == OrderName(1.0, "fan", 1740.0)
+
+
+def test_an_order_spectrum_shows_the_orders_of_a_run_up_and_nothing_else() -> None:
+    shaking, time = run_up(2.0), PERIOD * np.arange(150_000)
+    body = shaking.acceleration(time) + 2.0 * np.sin(2.0 * np.pi * 41.0 * time)
+    speeds = [(10**9 + n * 10**8, shaking.speed(0.1 * n)) for n in range(750)]
+    found = order_spectrum([(10**9, PERIOD, body, 2.0 * body)], speeds)
+    assert [round(one.order, 3) for one in found.lines] == [1.0, 2.0]
+    assert [one.body for one in found.lines] == pytest.approx([2.0, 5.0], rel=0.05)
+    assert [one.spool for one in found.lines] == pytest.approx([4.0, 10.0], rel=0.05)
+    assert (found.slowest, found.fastest) == pytest.approx((600.0, 1250.0), rel=0.03)
+    broken = [(stamp, math.nan if n % 20 == 0 else rpm) for n, (stamp, rpm) in enumerate(speeds)]
+    nothing = order_spectrum([(10**9, PERIOD, body, body)], broken)
+    assert (nothing.lines, nothing.fault) == ((), "speed_invalid")
 
 
 def test_what_is_kept_is_bounded() -> None:

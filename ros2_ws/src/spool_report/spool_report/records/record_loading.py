@@ -9,14 +9,15 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from spool_bag import BODY, OIL_TEMPERATURE, SPOOL
+from spool_bag import BODY, OIL_TEMPERATURE, SPEED, SPOOL
 from spool_bag.blocks import Span
-from spool_bag.importing.bag_import import import_notes, start_of
+from spool_bag.importing.bag_import import import_notes, start_of, stream_of
 from spool_bag.importing.choices import Choices, choices, columns_of
 from spool_bag.importing.logger_record import LoggerRecord
 from spool_bag.metadata import rate_std
 from spool_bag.reader import BagReader
 from spool_core.block import Block
+from spool_core.cdr import Speed
 from spool_core.errors import InputError
 from spool_core.record_limits import LIMITS
 from spool_core.text import did_you_mean
@@ -62,6 +63,7 @@ class Recording:
         described: the valve's description in the bag, ``None`` without one.
         notes: how the file was understood, or that of which the bag was imported: columns and conversions.
         left_out: single impossible samples of either channel, which lines between their neighbours replace.
+        speeds: stamps (ns) and rev/min of the machine's shaft, as recorded.
     """
 
     path: Path
@@ -69,6 +71,7 @@ class Recording:
     described: Valve | None
     notes: tuple[str, ...] = ()
     left_out: int = 0
+    speeds: tuple[tuple[int, float], ...] = ()
 
     @property
     def duration(self) -> float:
@@ -149,6 +152,8 @@ def load_recording(path: Path, selection: Selection | None = None) -> Recording:
     if is_table(path):
         table = record_of_table(path, columns=chosen.columns, how=chosen.how)
         stretches, notes = stretches_of_table(table, str(path)), table.notes
+        items = stream_of(table, start_of(table)) if SPEED in table.columns else ()
+        speeds = [(one.stamp, one.rpm) for one in items if isinstance(one, Speed)]
     else:
         if chosen.how is not None:
             raise InputError(
@@ -166,6 +171,7 @@ def load_recording(path: Path, selection: Selection | None = None) -> Recording:
             stretches = keeper.records(str(path), reader.temperatures(name))
         stretches = [replace(one, rate_std=rate_std(path)) for one in stretches]
         described = recorded_valve(reader, name) if chosen.described else None
+        speeds = list(reader.speeds(name)) if f"/{name}/speed" in reader.topics else []
     if not stretches:
         raise InputError(f"{path}: no sample in it that can be used")
     # What lies between start and stop, s since the first sample.
@@ -183,7 +189,7 @@ def load_recording(path: Path, selection: Selection | None = None) -> Recording:
         ends = (last.start - stretches[0].start) * 1e-9 + last.duration
         raise InputError(f"{path}: no sample from --start {chosen.start:g} s on: it is {ends:.1f} s long")
     cleaned, left_out = cleaned_stretches(kept)
-    return Recording(path, cleaned, described, notes, left_out)
+    return Recording(path, cleaned, described, notes, left_out, tuple(speeds))
 
 
 def cleaned_stretches(stretches: Sequence[Record]) -> tuple[tuple[Record, ...], int]:

@@ -19,12 +19,14 @@ from spool_bag.importing.table import STAMP
 from spool_bag.importing.table import Table as Channels
 from spool_bag.importing.units import quantity_of
 from spool_core.errors import InputError
+from spool_core.events.language import ENGLISH
 from spool_core.numbers import Array
 from spool_core.record_limits import LIMITS
 from spool_core.uncertainty import BY_NAME, LEFT_OUT, as_json, named, number
 from spool_estimator import record_judgement as judgement
 from spool_estimator.identification.record import LARGEST, Record
 from spool_estimator.identification.spectra import cross_spectrum, noise_of
+from spool_monitor.orders import OrderLine, OrderSpectrum, order_spectrum
 from spool_report import page as html
 from spool_report.outputs import write_file, write_json
 from spool_report.records import record_loading
@@ -35,6 +37,10 @@ PIECE = 2.0
 #: Noise that cannot be seen.
 COVERED = "masked by motion"
 _BODY, _SPOOL, _LINE = "#0072B2", "#D55E00", "#000000"
+ORDERS_CAPTION = (
+    "Power of both channels over the angle of the shaft. What turns with it stands as a line at any speed; "
+    "dotted: lines that noise shows once in a million records."
+)
 #: Points of a drawn line, minimum and maximum of each piece beyond.
 _POINTS = 4000
 
@@ -114,6 +120,10 @@ def quality_of_record(
     """
     recording = record_loading.load_recording(record, replace(selection, longest=LARGEST, described=False))
     found = quality_of(recording.stretches, str(record), left_out=recording.left_out)
+    if recording.speeds:
+        rows = [(one.start, one.sample_period, one.body, one.spool) for one in recording.stretches]
+        found.orders = order_spectrum(rows, recording.speeds)
+        found.order_lines = found.orders.lines
     return found, recording.notes
 
 
@@ -164,6 +174,8 @@ def quality_page(quality: RecordQuality, notes: Sequence[str]) -> str:
             f"{LIMITS.coherent:g} (dashed) nothing is known of the spool's response.",
         ),
     ]
+    if quality.orders is not None and quality.orders.order.size:
+        sections += [html.heading("Orders"), html.drawing(orders_figure(quality.orders), ORDERS_CAPTION)]
     if notes:
         sections += [html.heading("How the record was understood"), html.listing(notes)]
     return html.page(f"Quality of {quality.record}", sections, [("record", quality.record)])
@@ -184,7 +196,44 @@ def facts(quality: RecordQuality) -> list[dict[str, object]]:
         {"what": "excitation", "value": f"{number(band.low)} to {number(band.high)} Hz"},
         {"what": "coherence of the channels", "value": f"{quality.coherence:.2f}"},
         {"what": "resonance", "value": seen},
+        *_order_facts(quality.orders),
     ]
+
+
+def _order_facts(found: OrderSpectrum | None) -> list[dict[str, object]]:
+    """Return speed and orders as rows; a record without a speed has none."""
+    if found is None:
+        return []
+    fault = f"; in part not used: {ENGLISH.word(found.fault)}" if found.fault else ""
+    speed = f"{number(found.slowest)} to {number(found.fastest)} rev/min{fault}"
+    lines: list[dict[str, object]] = [
+        {
+            "what": f"order {one.order:.3g}",
+            "value": f"body {one.body:.3g}, spool {one.spool:.3g} m/s², most at "
+            f"{one.loudest_rpm:.0f} rev/min",
+        }
+        for one in found.lines
+    ]
+    return [
+        {"what": "speed", "value": speed if found.order.size else ENGLISH.word(found.fault)},
+        *(lines or [{"what": "orders", "value": "none above the noise"}]),
+    ]
+
+
+def orders_figure(found: OrderSpectrum) -> Figure:
+    """Return the spectra of body and spool over the angle of the shaft."""
+    figure = Figure(figsize=(10.0, 3.5), layout="constrained")
+    axis = figure.subplots()
+    for row, colour, name in ((found.spool, _SPOOL, "spool"), (found.body, _BODY, "body")):
+        axis.semilogy(found.order[2:], row[2:], color=colour, lw=0.9, label=name)
+    for line in found.lines:
+        axis.axvline(line.order, color=_LINE, ls=":", lw=0.8)
+    axis.set_xlim(0.0, max([6.0, *(1.5 * line.order for line in found.lines)]))
+    axis.set_xlabel("order (per revolution of the shaft)")
+    axis.set_ylabel("power ((m/s²)²)")
+    axis.grid(alpha=0.3)
+    axis.legend(loc="upper right")
+    return figure
 
 
 def channel_rows(quality: RecordQuality) -> list[dict[str, object]]:
@@ -316,7 +365,8 @@ class RecordQuality:
     """Quality of the record of a name, as ``check --json`` writes it.
 
     ``rate``: Hz. ``coherence``: share of the spool's power in the band of the excitation that the body
-    accounts for, 0 where it is not known. ``doubts``: what an estimate would suffer from.
+    accounts for, 0 where it is not known. ``doubts``: what an estimate would suffer from. ``orders``: the
+    spectrum over the angle of the shaft, ``None`` without a speed; ``order_lines`` are those of it.
     """
 
     record: str
@@ -331,6 +381,8 @@ class RecordQuality:
     response: Response = field(metadata=LEFT_OUT)
     longest: Record = field(metadata=LEFT_OUT)
     doubts: list[str] = field(default_factory=list)
+    orders: OrderSpectrum | None = field(default=None, metadata=LEFT_OUT)
+    order_lines: tuple[OrderLine, ...] = ()
 
 
 def quality_of(
