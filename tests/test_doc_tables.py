@@ -56,6 +56,7 @@ EXPLAINING = {
     "commissioning.md": [("`replay` reports", "meaning and action")],
     "fleet.md": [("`--analysis`", "gives"), ("table", "columns")],
     "fmu.md": [("name", "causality"), ("program", "tried")],
+    "orders.md": [("where", "name"), ("key", "is"), ("remark", "reason")],
     "recording.md": [("fault", "what the recorder keeps")],
     "gap.md": [("verdict",), ("problem", "what happens"), ("nuisance", "how it is detected")],
     "measure.md": [("matter", "what to choose"), ("question", "excitation")],

@@ -10,6 +10,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import fft, stats
 from scipy.interpolate import CubicSpline
 from spool_core.block import Block
@@ -120,8 +121,9 @@ class OrderTracker:
         first = max(0, math.ceil((begin - self._blocks[0][0]) * 1e-9 / self._period))
         count = math.floor((speeds[-1][0] - self._blocks[0][0]) * 1e-9 / self._period) + 1
         body = np.concatenate([samples for _, samples in self._blocks])[first:count]
-        at = self._blocks[0][0] - stamp + (first + np.arange(body.size)) * self._period * 1e9
-        turns = revolutions(at * 1e-9, (times - stamp) * 1e-9, rpm)
+        begins = (self._blocks[0][0] - stamp) * 1e-9
+        at: Array = np.asarray(begins + (first + np.arange(body.size)) * self._period, dtype=np.float64)
+        turns = revolutions(at, np.asarray((times - stamp) * 1e-9, dtype=np.float64), rpm)
         if body.size < 4 * REACH or turns[-1] < 4.0:
             return None, "order_unknown"
         speed = float(rpm[-1])
@@ -184,7 +186,7 @@ def line_powers(samples: Array) -> Array:
     return np.asarray(2.0 * np.abs(spectrum) ** 2 / (samples.shape[-1] * float(taper @ taper)))
 
 
-def contrast(powers: Array, places: Array) -> Array:
+def contrast(powers: Array, places: NDArray[np.int64]) -> Array:
     """Return each line's power over the mean of the noise around it.
 
     Args:
@@ -192,7 +194,7 @@ def contrast(powers: Array, places: Array) -> Array:
         places: of the lines that are asked for, (n,), at least ``REACH`` from both ends.
     """
     line, noise = powers[..., places], powers[..., places[:, np.newaxis] + _AROUND].mean(axis=-1)
-    return np.divide(line, noise, out=np.full(line.shape, np.inf), where=noise > 0.0)
+    return np.asarray(np.divide(line, noise, out=np.full(line.shape, np.inf), where=noise > 0.0))
 
 
 def false_probability(contrasts: Array) -> Array:
@@ -333,7 +335,8 @@ def order_spectrum(
         for run in np.split(inside, np.flatnonzero([bool(one) for one in faulty]) + 1):
             if run.size < 2:
                 continue
-            times, rpm = (stamps[run] - start) * 1e-9, values[run]
+            times: Array = np.asarray((stamps[run] - start) * 1e-9, dtype=np.float64)
+            rpm = values[run]
             part = slice(math.ceil(times[0] / period), math.floor(times[-1] / period) + 1)
             both = np.stack((body[part], spool[part]))
             time = period * np.arange(part.start, part.start + both.shape[1])
@@ -348,10 +351,10 @@ def order_spectrum(
     size = min(powers.shape[1] for _, powers in found)
     every = np.stack([powers[:, :size] for _, powers in found])
     mean = every.mean(axis=0)
-    places = np.arange(REACH + LOBE, size - REACH - LOBE)
+    places = np.arange(REACH + LOBE, size - REACH - LOBE, dtype=np.int64)
     # What does not follow the shaft lies elsewhere in each piece: half of them must show a line. Every other
     # piece is independent.
-    half = np.sort(contrast(every[:, 0], places), axis=0)[(len(found) - 1) // 2]
+    half = np.sort([contrast(row, places) for row in every[:, 0]], axis=0)[(len(found) - 1) // 2]
     apart = (len(found) + 1) // 2
     false = stats.binom.sf((apart + 1) // 2 - 1, apart, false_probability(half))
     sure = false * places.size <= FALSE_LINE
