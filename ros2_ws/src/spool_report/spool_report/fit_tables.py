@@ -8,8 +8,10 @@ from itertools import combinations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from rich.console import Console
 from rich.table import Table
+from spool_core.numbers import Array
 from spool_core.uncertainty import (
     LEGEND,
     PLUS_MINUS,
@@ -275,7 +277,13 @@ def print_comparison(series: Sequence[FittedSeries], ranking: Ranking, console: 
 
 
 def save_model(
-    path: Path, model: Model, name: str, values: Mapping[str, float], fitted: Sequence[Quantity], comment: str
+    path: Path,
+    model: Model,
+    name: str,
+    values: Mapping[str, float],
+    fitted: Sequence[Quantity],
+    comment: str,
+    correlated: tuple[Sequence[str], Array] = ((), np.empty((0, 0))),
 ) -> None:
     """Write ``model`` with ``values``.
 
@@ -286,6 +294,8 @@ def save_model(
         values: by parameter, in its unit; parameters that are not among them are left out.
         fitted: what was fitted; the deviations of these stand next to their values.
         comment: first line, says where it comes from.
+        correlated: names and matrix of the correlations, shape (p, p); without them the file states no
+            uncertainty that a program could use.
 
     Raises:
         InputError: the file cannot be written, or is there already.
@@ -304,6 +314,21 @@ def save_model(
             if found is not None and math.isfinite(found.value):
                 note = width(found.value, found.standard_deviation)
             lines.append(f"  {parameter.name}: {float(values[parameter.name])!r}  # {parameter.unit}, {note}")
+    names, matrix = correlated
+    kept = [
+        place
+        for place, one in enumerate(names)
+        if one in values and one in known and math.isfinite(known[one].standard_deviation)
+    ]
+    if kept:
+        deviations = [float(known[names[place]].standard_deviation) for place in kept]
+        lines += [
+            "uncertainty:  # standard deviations, and the correlation matrix row by row",
+            f"  parameters: [{', '.join(names[place] for place in kept)}]",
+            f"  std: {deviations}",
+            "  correlation:",
+            *(f"    - {matrix[place, kept].tolist()}" for place in kept),
+        ]
     write_file(path, "\n".join(lines) + "\n", "--save-model")
 
 

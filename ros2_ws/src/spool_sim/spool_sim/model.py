@@ -7,16 +7,57 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 from spool_core.errors import InputError
+from spool_core.numbers import Array
 from spool_core.system import expanded
 from spool_core.text import did_you_mean
 
 from spool_sim.integration.composition import unique_parameters
 from spool_sim.terms import Parameter, Term, term
-from spool_sim.valve import Number, Valve, one_line, read_mapping
+from spool_sim.valve import NotNegative, Number, Valve, one_line, read_mapping
 
 NEEDED: tuple[str, ...] = ("inertia", "spring")
+#: By which a correlation matrix that was written with all its digits may be off.
+_ROUNDING = 1e-6
+
+
+class Uncertainty(BaseModel):
+    """Uncertainty of fitted parameters, normally distributed around their values.
+
+    Attributes:
+        parameters: names.
+        std: standard deviations, in the parameters' units.
+        correlation: rows of the correlation matrix.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    parameters: tuple[str, ...] = Field(min_length=1)
+    std: tuple[NotNegative, ...]
+    correlation: tuple[tuple[Number, ...], ...]
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> Uncertainty:
+        count = len(self.parameters)
+        if len(set(self.parameters)) != count:
+            raise ValueError("parameters: a name stands there twice")
+        if len(self.std) != count or [len(row) for row in self.correlation] != [count] * count:
+            raise ValueError(f"std and correlation must have {count} rows, one for each parameter")
+        matrix = np.array(self.correlation)
+        if not np.allclose(matrix, matrix.T, atol=_ROUNDING) or not np.allclose(matrix.diagonal(), 1.0):
+            raise ValueError("correlation: must be symmetric with 1 on its diagonal")
+        if float(np.linalg.eigvalsh(matrix)[0]) < -_ROUNDING * count:
+            raise ValueError("correlation: no parameters can vary together like this (negative eigenvalue)")
+        return self
+
+    def deviations(self, count: int, seed: int = 0) -> Array:
+        """Return draws of what the parameters deviate by, in their units, shape (count, parameters)."""
+        levels, vectors = np.linalg.eigh(np.array(self.correlation))
+        root = vectors * np.sqrt(np.maximum(levels, 0.0))
+        drawn = np.random.default_rng(seed).standard_normal((count, len(self.std)))
+        return np.asarray(drawn @ root.T * np.array(self.std))
 
 
 @dataclass(frozen=True)
@@ -27,11 +68,13 @@ class Model:
         name: as in reports.
         terms: in the order of the list.
         values: parameter values by name, in their units.
+        uncertainty: of those that were fitted, ``None`` where it is not known.
     """
 
     name: str
     terms: tuple[Term, ...]
     values: Mapping[str, float] = field(default_factory=dict)
+    uncertainty: Uncertainty | None = None
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -160,10 +203,12 @@ class _ModelFile(BaseModel):
     name: str = Field(min_length=1, max_length=100)
     terms: tuple[str, ...] = Field(min_length=1)
     parameters: dict[str, Number] = Field(default_factory=dict)
+    uncertainty: Uncertainty | None = None
 
 
 def model_from_mapping(mapping: Mapping[str, Any], where: str = "model") -> Model:
-    """Return the model that ``mapping`` describes: ``name``, ``terms`` and, where wished, ``parameters``.
+    """Return the model that ``mapping`` describes: ``name``, ``terms`` and, where wished, ``parameters``
+    and their ``uncertainty``.
 
     Raises:
         InputError: unknown key, term or parameter, or a value out of range.
@@ -176,12 +221,15 @@ def model_from_mapping(mapping: Mapping[str, Any], where: str = "model") -> Mode
         if content.terms.count(name) != 1:
             raise InputError(f"{where}: terms: '{name}' must stand in the list exactly once")
     try:
-        model = Model(content.name, tuple(term(name) for name in content.terms), content.parameters)
+        terms = tuple(term(name) for name in content.terms)
+        model = Model(content.name, terms, content.parameters, content.uncertainty)
         unique_parameters(model.terms)
     except InputError as error:
         raise InputError(f"{where}: {error}") from None
     for name, value in content.parameters.items():
         model.parameter(name, where).check(value, where)
+    for name in () if content.uncertainty is None else content.uncertainty.parameters:
+        model.parameter(name, f"{where}: uncertainty")
     return model
 
 

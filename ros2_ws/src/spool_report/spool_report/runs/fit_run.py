@@ -113,7 +113,8 @@ def save_fit(path: Path, validated: ValidatedFit) -> None:
     found = validated.fit
     name = f"{found.model.name[: tables.LONGEST_NAME]}_fitted"
     comment = f"{found.model.name}, fitted to {', '.join(map(str, validated.data.paths))}"
-    tables.save_model(path, found.model, name, found.values, found.parameters, comment)
+    correlated = (found.observable, found.correlation)
+    tables.save_model(path, found.model, name, found.values, found.parameters, comment, correlated)
 
 
 def fit_settings(

@@ -174,7 +174,10 @@ def _write(
     if outputs.model is not None:
         found = f"{result.base_model} with what the gap analysis of {result.record} found: {result.verdict}"
         name = f"{result.model.name[:LONGEST_NAME]}_gap"
-        save_model(outputs.model, result.model, name, result.model.values, result.parameters, found)
+        correlated = (result.correlated, result.correlation)
+        save_model(
+            outputs.model, result.model, name, result.model.values, result.parameters, found, correlated
+        )
         written.append(f"{outputs.model}: the model with what was found")
     return written
 
