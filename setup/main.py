@@ -86,7 +86,7 @@ def commands(root: Path) -> dict[str, str]:
         *(root / "ros2_ws" / "src").glob(f"*/*/**/commands/*{SUFFIX}"),
         *(root / "research").glob(f"*/commands/*{SUFFIX}"),
     ]
-    found = [(file.name.removesuffix(SUFFIX), *_declared(file)) for file in files]
+    found = [(file.name.removesuffix(SUFFIX).replace("_", "-"), *_declared(file)) for file in files]
     return {name: line for name, _, line in sorted([*OWN, *found], key=lambda entry: entry[1])}
 
 

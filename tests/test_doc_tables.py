@@ -55,6 +55,7 @@ EXPLAINING = {
     "evidence.md": [("the model is", "cause"), ("the missing force looks like", "cause")],
     "commissioning.md": [("`replay` reports", "meaning and action")],
     "fleet.md": [("`--analysis`", "gives"), ("table", "columns")],
+    "what_if.md": [("option", "changes"), ("option", "excitation")],
     "fmu.md": [("name", "causality"), ("program", "tried")],
     "orders.md": [("where", "name"), ("key", "is"), ("remark", "reason")],
     "recording.md": [("fault", "what the recorder keeps")],

@@ -21,10 +21,10 @@ from typing import TYPE_CHECKING
 
 from spool_core.errors import InputError
 
-from spool.analysis import compare, fit, gap, replay
+from spool.analysis import compare, fit, gap, replay, what_if
 from spool.fleet_store import Fleet, fleet
 from spool.record import Record, export_fmu, read, simulate, valve
-from spool.results import Comparison, Fit, Gap, Picture, Quality, Replay, Result
+from spool.results import Comparison, Fit, Gap, Picture, Quality, Replay, Result, WhatIf
 
 if TYPE_CHECKING:
     __version__: str
@@ -40,6 +40,7 @@ __all__ = [
     "Record",
     "Replay",
     "Result",
+    "WhatIf",
     "compare",
     "export_fmu",
     "fit",
@@ -49,6 +50,7 @@ __all__ = [
     "replay",
     "simulate",
     "valve",
+    "what_if",
 ]
 
 

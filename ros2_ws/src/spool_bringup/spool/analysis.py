@@ -7,7 +7,7 @@ import io
 import json
 import tempfile
 import warnings
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import cast
 
@@ -17,7 +17,7 @@ from spool_core.text import did_you_mean
 
 from spool.errors import in_python, one_error
 from spool.record import AnyRecord, AnyValve, Part, listed, part_of, path_of, valve_files
-from spool.results import Comparison, Fit, Gap, Replay, keeping_backend, text_console, text_of
+from spool.results import Comparison, Fit, Gap, Replay, WhatIf, keeping_backend, text_console, text_of
 
 #: What ``gap`` takes for its kind.
 KINDS = ("accelerations", "driven", "imposed")
@@ -243,6 +243,70 @@ def replay(
         with keeping_backend() if report else contextlib.nullcontext():
             found = replay_bag(path, [] if file is None else [file], options)
         return Replay(found, page.read_text(encoding="utf-8") if report else "")
+
+
+@one_error
+def what_if(
+    valve: AnyValve,
+    model: Fit | Gap | str | Path | None = None,
+    *,
+    spring_stiffness: float | None = None,
+    changed: Mapping[str, float] | None = None,
+    oil: str | None = None,
+    oil_temperature: float | None = None,
+    mount_frequency: float | None = None,
+    mount_damping: float | None = None,
+    excitation: str | Path | None = None,
+    amplitude: float | None = None,
+    frequency_range: tuple[float, float] | None = None,
+    speed_range: tuple[float, float] | None = None,
+    orders: Sequence[float] = (),
+) -> WhatIf:
+    """Predict the response of a valve under changed conditions, and compare it with today.
+
+    Example:
+        >>> import spool
+        >>> found = spool.what_if("4weh10_soft", spring_stiffness=5846.0, speed_range=(600, 2400), orders=[1])
+        >>> [round(one["frequency_Hz"], 1) for one in found.after["resonances"]]
+        [28.2]
+        >>> [round(one["low"]) for one in found.after["avoid"]]
+        [1171]
+
+    Args:
+        valve: description, name or file.
+        model: result of ``spool.fit`` or ``spool.gap``, name, or YAML file; a result or a file of one gives
+            95 % intervals. Default: ``fluid``, which a valve file describes.
+        spring_stiffness: both springs together, N/m.
+        changed: other values of parameters in SI units, by name, such as ``{"mass": 0.2}``.
+        oil: name of another oil.
+        oil_temperature: deg C.
+        mount_frequency, mount_damping: natural frequency (Hz) and damping ratio of an isolating mount.
+        excitation: preset or YAML file of sines or machine orders, in place of what follows.
+        amplitude: peak acceleration of the machine, m/s^2; default: 10.
+        frequency_range: Hz; default: around the resonances.
+        speed_range: of the shaft, rev/min.
+        orders: of the shaft.
+
+    Raises:
+        InputError: valve, model, change or excitation cannot be used.
+    """
+    with valve_files([valve]) as (file,), tempfile.TemporaryDirectory() as folder:
+        from spool_report.runs.what_if import WhatIfRequest  # noqa: PLC0415
+        from spool_report.runs.what_if import what_if as predict  # noqa: PLC0415
+
+        given: object = model
+        if isinstance(model, (Fit, Gap)):
+            given = Path(folder) / "model.yaml"
+            model.save_model(given)
+        request = WhatIfRequest(
+            str(file), None if given is None else str(given), spring_stiffness,
+            [f"{name}={value!r}" for name, value in (changed or {}).items()], oil, oil_temperature,
+            mount_frequency, mount_damping, None if excitation is None else str(excitation), amplitude,
+            None if frequency_range is None else ":".join(map(str, frequency_range)),
+            None if speed_range is None else ":".join(map(str, speed_range)),
+            ",".join(map(str, orders)) or None,
+        )  # fmt: skip
+        return WhatIf(predict(request))
 
 
 def _held_out(holdout: AnyRecord | Sequence[AnyRecord]) -> list[Path]:

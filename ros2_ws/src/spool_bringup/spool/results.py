@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from rich.console import Console
     from spool_report.ranking import FittedSeries, Ranking, ValidatedFit
     from spool_report.runs.record_quality import RecordQuality
+    from spool_report.runs.what_if import WhatIf as Prediction
 
 #: Characters of a line of ``summary()`` and in a notebook.
 WIDTH = 120
@@ -374,3 +375,44 @@ class Replay(Result):
         if not self._html:
             raise InputError("this replay has no page: call spool.replay with report=True")
         return self._html
+
+
+class WhatIf(Result):
+    """Response of a valve under changed conditions, beside that of today."""
+
+    def __init__(self, found: Prediction) -> None:
+        self._found = found
+
+    @property
+    def before(self) -> dict[str, Any]:
+        """Response today: lists over ``frequency_Hz``, ``resonances`` and what to ``avoid``."""
+        return dict(self.to_dict()["before"])
+
+    @property
+    def after(self) -> dict[str, Any]:
+        """Response after the change, as ``before``."""
+        return dict(self.to_dict()["after"])
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what ``what-if --json`` writes."""
+        found: dict[str, Any] = as_json(self._found)
+        return found
+
+    @one_error
+    def plot(self) -> Picture:
+        """Return amplitude ratio and stroke over frequency, today and after the change."""
+        with keeping_backend():
+            from spool_report.what_if_page import response_figure  # noqa: PLC0415
+
+            return Picture(response_figure(self._found))
+
+    def _print(self, console: Console) -> None:
+        from spool_report.runs.what_if import print_what_if  # noqa: PLC0415
+
+        print_what_if(self._found, console)
+
+    def _page(self) -> str:
+        with keeping_backend():
+            from spool_report.what_if_page import what_if_page  # noqa: PLC0415
+
+            return what_if_page(self._found)

@@ -237,6 +237,8 @@ PASSING_ON = {"allow_extra_args": True, "ignore_unknown_options": True, "allow_i
 class Command:
     """Command, declared as ``COMMAND`` by a module ``NAME_command.py``; there is no other list of commands.
 
+    ``_`` in the module's name is ``-`` in the command's.
+
     Attributes:
         run: function with options and arguments in its annotations, or a group of such functions; its
             docstring is the help, with an example.
@@ -264,7 +266,7 @@ def command_modules() -> dict[str, str]:
     if find_spec(RESEARCH) is not None:
         packages.add(f"{RESEARCH}.commands")
     return {
-        found.name.removesuffix(SUFFIX): f"{package}.{found.name}"
+        found.name.removesuffix(SUFFIX).replace("_", "-"): f"{package}.{found.name}"
         for package in sorted(packages)
         for found in pkgutil.iter_modules(import_module(package).__path__)
         if found.name.endswith(SUFFIX)
