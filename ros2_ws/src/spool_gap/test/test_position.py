@@ -13,7 +13,7 @@ from spool_gap.force import analyse as workflow
 from spool_gap.force.analyse import analyse_forces
 from spool_gap.force.balance import ForceBalance, ForceFit, ForceRecord
 from spool_gap.force.position import Chosen, cross_validated, position_rmse, position_run, speed_at
-from spool_gap.result import RankedHypothesis
+from spool_gap.result import GapSettings, RankedHypothesis
 from spool_sim.model import MODELS, Model
 from spool_sim.terms import term
 
@@ -56,6 +56,24 @@ def test_coulomb_friction_and_a_constant_force_are_named_and_the_position_is_fol
     assert numbers["push"] == pytest.approx(-4.0, rel=0.05)
     assert "spring_stiffness" not in numbers
     assert result.after.position_rmse < 0.02 * result.before.position_rmse
+
+
+@pytest.mark.parametrize("stiffness", [0.0, 20.0])
+def test_a_force_that_wanders_over_seconds_is_no_spring_and_hides_no_spring(stiffness: float) -> None:
+    """A free run alone takes 2 N that the load cell does not measure for a spring of 9 ± 4 N/m."""
+    terms = (*AXIS.terms, term("coulomb_friction"), term("spring"))
+    hidden = Model("hidden", terms, {**AXIS.values, "coulomb_force": 20.0, "spring_stiffness": stiffness})
+    generator = np.random.default_rng(0)
+    knots = np.arange(0.0, 27.0, 3.0)
+    wanders = np.interp(TIME, knots, 2.0 * generator.standard_normal(knots.size))
+    still = ForceRecord("axis", 0.0, PERIOD, np.zeros(TIME.size), FORCE + wanders)
+    place = position_run(still, (0.0, 0.0), hidden, 0.0)
+    force = FORCE + 0.5 * generator.standard_normal(TIME.size)
+    record = ForceRecord("axis", 0.0, PERIOD, place, force)
+    result = analyse_forces(
+        [record], MODELS["fluid"], "driven", holdout=[record], mass=MASS, settings=GapSettings(most_effects=0)
+    )
+    assert ("spring_stiffness" in {quantity.name for quantity in result.parameters}) == (stiffness > 0.0)
 
 
 def hardening(force: Array, seed: int) -> ForceRecord:

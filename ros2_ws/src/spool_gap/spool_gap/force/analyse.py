@@ -100,7 +100,10 @@ def analyse_forces(
         check_mass(balance, balance.fit([]), train[0].name, mass)
     if kind == "driven" and "stiffness" in columns and not _has_spring(train, balance, base):
         columns.remove("stiffness")
-        warnings.append("no spring detected: a free run without one fits as well, so the base omits it")
+        warnings.append(
+            "no spring detected: its stiffness may be zero, or a free run without one fits as well; "
+            "the base omits it"
+        )
         balance = ForceBalance(train, held, [*columns, "zero"], driven=True, mass=mass)
     alike = _cannot_tell(balance)
     tried = searched(balance, kind, chosen_settings.most_effects, tell)
@@ -170,13 +173,20 @@ def _cannot_tell(balance: ForceBalance) -> tuple[str, ...]:
 
 
 def _has_spring(train: Sequence[ForceRecord], balance: ForceBalance, base: Model) -> bool:
-    """Whether a spring is needed: by covariance, and by free runs over parts that no fit has seen."""
+    """Whether a spring is needed: by both covariances, and by free runs over parts that no fit has seen.
+
+    A free run takes any slow disturbance for a weak spring. The balance of forces does not: its interval of
+    such a spring contains zero.
+    """
     coulomb = EFFECTS["coulomb_friction"]
     chosen: Chosen = ((coulomb, {}),) if balance.plausible(coulomb, [], {}) else ()
-    fit = balance.fit(chosen)
-    fit = fitted_by_position(base, balance, chosen, fit) or fit
     place = balance.base.index("stiffness")
-    if abs(float(fit.coefficients[place])) < TWO_NUMBERS * float(fit.deviations[place]):
+
+    def may_be_zero(fit: ForceFit) -> bool:
+        return abs(float(fit.coefficients[place])) < TWO_NUMBERS * float(fit.deviations[place])
+
+    fit = balance.fit(chosen)
+    if may_be_zero(fit) or may_be_zero(fitted_by_position(base, balance, chosen, fit) or fit):
         return False
     without = [name for name in balance.base if name != "stiffness"]
     errors = [cross_validated(train, names, chosen, base, balance.mass) for names in (balance.base, without)]
