@@ -76,6 +76,19 @@ def test_a_force_that_wanders_over_seconds_is_no_spring_and_hides_no_spring(stif
     assert ("spring_stiffness" in {quantity.name for quantity in result.parameters}) == (stiffness > 0.0)
 
 
+@pytest.mark.parametrize("push", [-4.0, -6.0])
+def test_a_constant_force_differs_between_records_only_beyond_its_interval(push: float) -> None:
+    fitted, held = part(driven(AXIS, -4.0, 0.5), 0, 8000), part(driven(AXIS, push, 0.5), 8000, 16_000)
+    result = analyse_forces(
+        [fitted], MODELS["fluid"], "driven", holdout=[held], mass=MASS, settings=GapSettings(most_effects=0)
+    )
+    assert "constant_force" in result.verdict
+    differing = [line for line in result.warnings if line.startswith("no parameters fit all records")]
+    assert len(differing) == (push != -4.0)
+    assert all("force zero 4.0" in line and "against 6.0" in line for line in differing)
+    assert not any("± 0 " in line for line in result.warnings)
+
+
 def hardening(force: Array, seed: int) -> ForceRecord:
     """Return the record of a light mass on a hardening spring (68.6 Hz, 4.7 % of critical damping)."""
     period = 1.0 / 610.35

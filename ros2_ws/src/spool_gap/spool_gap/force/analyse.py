@@ -453,7 +453,9 @@ def _differing(balance: ForceBalance, chosen: Chosen) -> list[str]:
     """Return a line on the numbers that differ between the fitted records and those held out.
 
     Both are fitted alike, by the balance of forces; a number differs where its 95 % intervals do not overlap.
+    The zero of the force is in the base of both, so a constant force takes no second part of it.
     """
+    chosen = tuple(pair for pair in chosen if pair[0].id != CONSTANT)
     other = ForceBalance(balance.held, balance.train, balance.base, driven=balance.driven, mass=balance.mass)
     if other.sign != balance.sign:
         return []
