@@ -10,7 +10,7 @@ import pytest
 from spool_core.numbers import Array
 from spool_gap.catalogue import EFFECTS
 from spool_gap.force import analyse as workflow
-from spool_gap.force.analyse import analyse_forces
+from spool_gap.force.analyse import analyse_forces, searched
 from spool_gap.force.balance import ForceBalance, ForceFit, ForceRecord
 from spool_gap.force.position import Chosen, cross_validated, position_rmse, position_run, speed_at
 from spool_gap.result import GapSettings, RankedHypothesis
@@ -87,6 +87,19 @@ def test_a_constant_force_differs_between_records_only_beyond_its_interval(push:
     assert len(differing) == (push != -4.0)
     assert all("force zero 4.0" in line and "against 6.0" in line for line in differing)
     assert not any("± 0 " in line for line in result.warnings)
+
+
+def test_the_zero_that_friction_by_direction_takes_for_itself_is_not_taken_off_the_force(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Both directions of friction and the zero are two numbers: errors stay shares of one force."""
+    monkeypatch.setattr(workflow, "EFFECTS", {"asymmetric_friction": EFFECTS["asymmetric_friction"]})
+    hidden = Model("hidden", (*AXIS.terms, term("coulomb_friction")), {**AXIS.values, "coulomb_force": 20.0})
+    records = [driven(hidden, -4.0, 2.0)]
+    balance = ForceBalance(records, records, ["damping", "zero"], driven=True, mass=MASS)
+    base, friction = searched(balance, "driven", 1, lambda _what, _share: None)
+    assert friction.error < 0.5 * base.error
+    assert friction.nrmse / base.nrmse == pytest.approx(friction.error / base.error)
 
 
 def hardening(force: Array, seed: int) -> ForceRecord:

@@ -369,6 +369,9 @@ def _extended(balance: ForceBalance, one: TriedForces, kind: str) -> Iterator[Tr
         chosen = (*one.chosen, (entry, shape))
         fit = balance.fit(chosen)
         more = TriedForces(chosen, fit, balance.nrmse(fit), one)
+        if entry.load_cell_zero:
+            # The record shows only its sum with the zero: the zero of ``one`` is taken off the force.
+            more = replace(more, nrmse=one.nrmse * more.error / one.error)
         gain = _evidence(more, one, independent)
         reason = ""
         if more.error > (1.0 - SMALLEST) * one.error or gain < DECISIVE:
