@@ -326,7 +326,7 @@ def sampling(
 def noisiness(record: Record, noise: ChannelNoise) -> tuple[str, str]:
     """Return that a channel shows only noise, and that noise drowns the spool's motion; "" where not."""
     body, spool = float(record.body.std()), float(record.spool.std())
-    moves = body >= LIMITS.excited * noise.body_rms and noise.high > noise.low and _stands_out(record)
+    moves = body >= LIMITS.excited * noise.body_rms and noise.high > noise.low
     missing = "is its sensor dead, or not mounted?"
     if not moves and spool > LIMITS.excited * max(noise.spool_rms, noise.body_rms):
         return f"body shows only noise ({body:.3g} m/s^2) while spool moves: {missing}", ""
@@ -377,10 +377,10 @@ def check_samples(name: str, records: Sequence[Record]) -> None:
     dead = next((dead for record in used for dead in unchanging(record)[0]), "")
     if dead:
         raise InputError(f"{name}: {dead}")
-    if not any(_stands_out(record) for record in used):
-        longest = max(used, key=lambda record: record.body.size)
-        noise = noise_of(longest.body, longest.spool, longest.sample_rate)
-        raise InputError(f"{name}: {noisiness(longest, noise)[0]}")
+    longest = max(used, key=lambda record: record.body.size)
+    unseen, _ = noisiness(longest, noise_of(longest.body, longest.spool, longest.sample_rate))
+    if unseen and not any(_stands_out(record) for record in used):
+        raise InputError(f"{name}: {unseen}")
 
 
 def misread(ratio: Complex, coherent: float, frequency: Array, valve: Valve) -> tuple[str, str]:
@@ -488,7 +488,14 @@ def _without_still(record: Record, row: Array) -> list[Record]:
 
 
 def _stands_out(record: Record) -> bool:
-    """Whether something stands out of the noise in the body's acceleration."""
+    """Whether something stands out of the noise in the body's acceleration, or the spool follows it.
+
+    Of a body that is shaken at all frequencies alike nothing stands out.
+    """
     piece = max(4, min(record.body.size // 4, max(32, round(0.5 / record.sample_period))))
-    density = cross_spectrum(record.body, record.spool, record.sample_rate, piece).body[1:]
-    return float(density.max()) > LIMITS.stands_out * float(np.median(density))
+    both = cross_spectrum(record.body, record.spool, record.sample_rate, piece)
+    body, spool = (
+        float(row[1:].max()) > LIMITS.stands_out * float(np.median(row[1:]))
+        for row in (both.body, both.spool)
+    )
+    return body or (spool and float(np.median(both.coherence[1:])) > LIMITS.coherent)

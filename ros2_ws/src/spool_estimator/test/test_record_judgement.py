@@ -1,14 +1,26 @@
-"""Sample rate and length: what each analysis needs, and one advice for one record."""
+"""What a record must have: sample rate, length, motion; one advice for one record."""
 
 from __future__ import annotations
 
 import re
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from spool_core.errors import InputError
 from spool_core.record_limits import LIMITS
-from spool_estimator.record_judgement import LENGTHS, Analysis, least_rate, shortness, slowness
+from spool_estimator.identification.record import Record
+from spool_estimator.record_judgement import (
+    LENGTHS,
+    Analysis,
+    check_samples,
+    expected_transfer,
+    least_rate,
+    shortness,
+    slowness,
+)
+from spool_sim.valve import find_valve
 
 NATURAL = st.floats(LIMITS.slowest_valve, 250.0)
 HIGHEST = st.one_of(st.just(0.0), st.floats(1.0, 1000.0))
@@ -73,3 +85,16 @@ def test_stretches_that_hold_too_little_are_too_short(analysis: Analysis, durati
     text = shortness(analysis, durations)
     assert text.startswith(f"too short for {analysis.value}")
     assert not shortness(analysis, [*durations, LENGTHS[analysis][1]])
+
+
+def test_a_body_shaken_at_all_frequencies_alike_is_no_noise_alone() -> None:
+    """Nothing stands out of its spectrum, but the spool follows; of noise alone it does not."""
+    generator = np.random.default_rng(3)
+    body, noise = generator.normal(0.0, 5.0, (2, 12_000))
+    frequency = np.maximum(np.fft.rfftfreq(body.size, 1.0 / 400.0), 0.1)
+    spool = np.fft.irfft(
+        np.fft.rfft(body) * expected_transfer(frequency, find_valve("4weh10_soft")), body.size
+    )
+    check_samples("white", [Record("white", 0, 1.0 / 400.0, body, spool)])
+    with pytest.raises(InputError, match=r"^strange: no excitation"):
+        check_samples("strange", [Record("strange", 0, 1.0 / 400.0, noise, spool)])

@@ -430,7 +430,9 @@ def quality_of(
     outliers = [record_loading.outliers_text(left_out)] if left_out else []
     faults = [one.sentence for one in record_loading.channel_faults(stretches)]
     still = dict.fromkeys(text for one in stretches for texts in judgement.unchanging(one) for text in texts)
-    natural = found.resonance.frequency if math.isfinite(found.resonance.frequency) else 0.0
+    # Noise alone has peaks anywhere.
+    peak = math.nan if judgement.noisiness(longest, noise)[0] else found.resonance.frequency
+    natural = peak if math.isfinite(peak) else 0.0
     seen = judgement.sampling(longest, noise, natural, judgement.Analysis) if alive else ()
     lengths = [one.duration for one in stretches]
     short = next(filter(None, (judgement.shortness(one, lengths) for one in judgement.Analysis)), "")
