@@ -32,6 +32,7 @@ def fit(
     holdout: Sequence[AnyRecord] = (),
     free: Sequence[str] = (),
     fix: Sequence[str] = (),
+    force_free: bool = False,
     sensor_gain: bool = False,
     sensor_delay: bool = False,
     name: str | None = None,
@@ -50,6 +51,7 @@ def fit(
         holdout: records to judge errors by; default: pieces of ``records``.
         free: parameters to fit though the valve file gives them, ``"moving_mass"`` or ``"moving_mass=0.18"``.
         fix: parameters to hold, ``"coulomb_force=0.3"``, or as the valve file has them.
+        force_free: hold nothing that the records do not determine.
         sensor_gain: fit the gain of the spool's sensor.
         sensor_delay: fit its delay.
         name, start, stop, since, until, around: part of the records, as of ``spool.read``; default: as read.
@@ -65,7 +67,7 @@ def fit(
 
         request = FitRequest(
             paths, file, str(model), part.selection(), held_out, _listed(free), _listed(fix),
-            sensor_gain, sensor_delay,
+            sensor_gain, sensor_delay, force_free,
         )  # fmt: skip
         validated = fit_records(request)
     for doubt in (*validated.data.doubts, *validated.fit.warnings):

@@ -21,7 +21,16 @@ _TYPES: dict[str, type] = {
     "bool": bool, "int": Integral, "float": Real, "str": str, "Path": os.PathLike, "None": type(None),
 }  # fmt: skip
 #: Options of commands that are true or false, that hold pairs, and those of another name here.
-_SWITCHES = ("thorough", "profiles", "sensor_gain", "sensor_delay", "empty_as_gap", "together", "refits")
+_SWITCHES = (
+    "thorough",
+    "profiles",
+    "sensor_gain",
+    "sensor_delay",
+    "force_free",
+    "empty_as_gap",
+    "together",
+    "refits",
+)
 _PAIRS = ("columns", "unit", "scale", "topic")
 _OTHER_NAMES = {"force": "replace"}
 _VALUE = r"""'[^']*'|[^\s'"=]+=[^\s;]*[^\s;,.:]|(?<=--id )\w+|\d[\d.]*(?=[\s,;:]|$)"""

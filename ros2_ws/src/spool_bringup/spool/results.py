@@ -176,6 +176,12 @@ class Fit(Result):
         return found
 
     @property
+    def determined(self) -> dict[str, dict[str, Any]]:
+        """Judgement of what the records determine of each parameter: ``verdict``, ``sentence`` and more."""
+        found: dict[str, dict[str, Any]] = self.to_dict()["determined"]
+        return found
+
+    @property
     def reason(self) -> str | None:
         """Why there is no result, ``None`` if there is one."""
         return self._validated.fit.reason

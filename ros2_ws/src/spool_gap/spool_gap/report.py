@@ -212,6 +212,7 @@ def result_to_dict(result: GapResult) -> dict[str, Any]:
             },
             "predictable_share": result.predictable,
             "profiles": by_name(result.profiles),
+            "determined": by_name(result.determinations),
             "warnings": result.warnings,
             "advice": result.advice or None,
             "seconds_of_data": result.seconds,

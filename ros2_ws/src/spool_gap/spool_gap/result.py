@@ -5,13 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
 from typing import ClassVar
 
 import numpy as np
-from scipy.special import chdtri
 from spool_core.numbers import Array
-from spool_core.uncertainty import BY_NAME, EMPTY_IS_NULL, LEFT_OUT, Quantity
+from spool_core.uncertainty import BY_NAME, LEFT_OUT, Quantity
+from spool_estimator.identification.determination import Determination, ProfileLikelihood
 from spool_estimator.identification.nuisances import Nuisance
 from spool_sim.model import Model
 
@@ -19,10 +18,7 @@ from spool_gap.catalogue import EFFECTS, group_of
 
 Progress = Callable[[str, float], None]
 
-#: Twice the fall of the log likelihood at the ends of a 95 % interval of one number (Wilks, 1938).
-RISE_95 = float(chdtri(1, 0.05))
 UNEXPLAINED = "unexplained"
-IDENTIFIABLE, ONE_SIDED, TOGETHER, NOT = "identifiable", "one-sided", "only together", "not identifiable"
 
 
 @dataclass(frozen=True, slots=True)
@@ -243,38 +239,12 @@ class Explanation:
 
 
 @dataclass(frozen=True, slots=True)
-class ProfileLikelihood:
-    """Profile likelihood of a number.
-
-    Attributes:
-        name, unit: of the number.
-        verdict: ``identifiable``, ``one-sided``, ``only together`` (``together_with``), ``not identifiable``.
-        sentence: the verdict in words.
-        low, high: ends of its 95 % interval, ``None`` where the record sets no bound on that side.
-        together_with: the number that moves most along with it, empty where none does.
-        values: at which it was held, in rising order, SI, shape (n,).
-        rises: of twice the negative log likelihood over its least, all other numbers fitted, shape (n,).
-        best: the estimate.
-    """
-
-    name: str
-    verdict: str
-    sentence: str
-    low: float | None
-    high: float | None
-    unit: str
-    together_with: str = field(metadata=EMPTY_IS_NULL)
-    values: tuple[float, ...]
-    rises: tuple[float, ...]
-    best: float = field(metadata=LEFT_OUT)
-
-
-@dataclass(frozen=True, slots=True)
 class GapResult:
     """The outcome of an analysis; ``nrmse`` are on data held out from the fit throughout.
 
     Attributes:
         record: what was analysed.
+        determinations: what the records determine of the base model, worked out before the search.
         kind: ``accelerations``, ``driven`` or ``imposed``.
         base_model: name.
         verdict: effect ids joined by ``+``, ``none`` or ``unexplained``; the last one after names where
@@ -343,6 +313,7 @@ class GapResult:
     confidence_note: str = ""
     signs: Mapping[str, float] = field(default_factory=dict)
     profiles: tuple[ProfileLikelihood, ...] = ()
+    determinations: tuple[Determination, ...] = ()
     correlation: Array = field(default_factory=lambda: np.empty((0, 0)))
     correlated: tuple[str, ...] = ()
     alternatives: tuple[Explanation, ...] = ()
@@ -398,39 +369,3 @@ class GapResult:
 
 def _apart(name: str) -> str:
     return EFFECTS[name].distinguished_by
-
-
-def verdict_of(
-    name: str, unit: str, values: tuple[float, ...], rises: tuple[float, ...], best: float, partner: str = ""
-) -> ProfileLikelihood:
-    """Return the profile with its verdict; ``values`` in rising order, with ``best`` among them."""
-    low, high = _crossing(values, rises, best, -1), _crossing(values, rises, best, 1)
-    own, other = name.replace("_", " "), partner.replace("_", " ")
-    shown = f"{best:.4g} {unit}".removesuffix(" 1")
-    if low is not None and high is not None:
-        verdict = IDENTIFIABLE
-        text = f"{own} is identifiable: {low:.4g} to {high:.4g} (95 %), best {shown}"
-    elif low is not None or high is not None:
-        verdict = ONE_SIDED
-        bound = f"at least {low:.4g}" if low is not None else f"at most {high:.4g}"
-        text = f"{own} is bounded on one side: {bound} (95 %); the record sets no bound on the other side"
-        text += f", since {other} compensates for it" if other else ""
-    elif partner:
-        verdict = TOGETHER
-        text = f"{own} is known only together with {other}: each compensates for a change of the other"
-    else:
-        verdict = NOT
-        text = f"{own} is not identifiable: the record hardly depends on it"
-    return ProfileLikelihood(name, verdict, text, low, high, unit, partner, values, rises, best)
-
-
-def _crossing(values: tuple[float, ...], rises: tuple[float, ...], best: float, side: int) -> float | None:
-    """Return where the profile first crosses ``RISE_95`` going to ``side`` of ``best``, interpolated."""
-    points = sorted(zip(values, rises, strict=True), reverse=side < 0)
-    walk = [(value, rise) for value, rise in points if (value - best) * side >= 0.0]
-    for (near, below), (far, above) in pairwise(walk):
-        if below < RISE_95 <= above:
-            # The root of a rise is nearly linear.
-            inner = math.sqrt(max(below, 0.0))
-            return near + (math.sqrt(RISE_95) - inner) / (math.sqrt(above) - inner) * (far - near)
-    return None

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from spool_estimator.identification.determination import RISE_95, verdict_of
 from spool_estimator.identification.record import Record
 from spool_gap.evidence.analyse import analyse
 from spool_gap.force.analyse import analyse_forces
 from spool_gap.force.balance import ForceRecord
-from spool_gap.result import RISE_95, GapSettings, verdict_of
+from spool_gap.result import GapSettings
 from spool_sim.excitation import SweptSine
 from spool_sim.model import MODELS
 from spool_sim.sensors import Sensor

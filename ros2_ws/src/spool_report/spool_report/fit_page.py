@@ -16,6 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from spool_core.numbers import Array
 from spool_core.uncertainty import LEGEND
+from spool_estimator.identification.determination import sentences
 from spool_estimator.identification.fit_result import Agreement
 
 from spool_report import fit_curves as curves
@@ -65,6 +66,7 @@ def fit_page(validated: ValidatedFit) -> str:
         ),
         waveform,
         html.heading("Parameters"),
+        html.listing(sentences(found.determinations)),
         html.table(list(rows[0]), rows),
         html.paragraph(
             f"{LEGEND}; the true value lies within it in 95 of 100 such records, if the model is right."

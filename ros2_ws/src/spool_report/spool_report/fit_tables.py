@@ -25,6 +25,7 @@ from spool_core.uncertainty import (
     width,
     with_interval,
 )
+from spool_estimator.identification.determination import sentences
 from spool_estimator.identification.fit_result import Fit
 from spool_sim.model import Model
 
@@ -68,6 +69,7 @@ def to_dictionary(validated: ValidatedFit) -> dict[str, Any]:
         "combinations": by_name(found.combinations),
         "not_observable": found.not_observable,
         "at_bound": found.at_bound,
+        "determined": by_name(found.determinations),
         "held": {
             name: {"value": value, "unit": found.model.parameter(name).unit}
             for name, value in found.held.items()
@@ -155,6 +157,8 @@ def print_fit(validated: ValidatedFit, console: Console) -> None:
     """Show a fit as the paper's tables 3 to 6 have it."""
     found = validated.fit
     console.print(f"{found.model.name} fitted to {validated.data.name} ({found.valve})", highlight=False)
+    for line in sentences(found.determinations):
+        console.print(line, highlight=False, soft_wrap=True)
     table = Table("parameter", box=None, pad_edge=False)
     for column, justify in (("value", "right"), (PLUS_MINUS, "right"), ("unit", "left"), ("", "left")):
         table.add_column(column, justify="right" if justify == "right" else "left")

@@ -10,9 +10,10 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.figure import Figure
 from spool_core.uncertainty import LEGEND, interval, number, with_interval
+from spool_estimator.identification.determination import RISE_95, ProfileLikelihood
 from spool_gap.catalogue import EFFECTS
 from spool_gap.report import anomaly_sentence
-from spool_gap.result import RISE_95, Curves, GapResult, ProfileLikelihood, Surface, Where
+from spool_gap.result import Curves, GapResult, Surface, Where
 
 from spool_report import page as html
 from spool_report.evidence.exhibit import AFTER, BEFORE, FLOOR, MEASURED, WIDTH, Exhibit, LeftOut

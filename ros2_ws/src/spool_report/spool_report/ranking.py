@@ -243,7 +243,7 @@ def fit_and_validate(data: FitData, model: Model, settings: FitSettings) -> Vali
         further = fit(data.fitted, model, data.valve, replace(settings, start=reached, starts=1))
         if further.agreement is None:
             break
-        found = further
+        found = replace(further, notes=found.notes)
     if found.agreement is None or not data.held_out:
         return ValidatedFit(data, found, None)
     try:

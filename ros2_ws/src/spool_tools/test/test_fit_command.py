@@ -34,6 +34,17 @@ class Number(Strict):
     unit: str
 
 
+class Determined(Strict):
+    unit: str
+    verdict: str
+    low: float | None
+    high: float | None
+    together_with: list[str]
+    at_start: str | None
+    held_at: float | None
+    sentence: str
+
+
 class Held(Strict):
     value: float
     unit: str
@@ -62,6 +73,7 @@ class FitResult(Strict):
     combinations: dict[str, Number]
     not_observable: list[str]
     at_bound: list[str]
+    determined: dict[str, Determined]
     held: dict[str, Held]
     correlation: Correlation
     objective: float | None

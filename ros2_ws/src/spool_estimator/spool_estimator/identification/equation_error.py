@@ -23,7 +23,7 @@ from scipy import fft
 from scipy.optimize import least_squares, lsq_linear
 from spool_core.numbers import Array
 
-from spool_estimator.identification.fit_result import SPOOL_DELAY, SPOOL_GAIN
+from spool_estimator.identification.fit_result import MASS, SPOOL_DELAY, SPOOL_GAIN
 from spool_estimator.identification.free_run import FALL, FreeRun, excitation_gain, excitation_limit
 from spool_estimator.identification.least_squares import Unknown, bounds_of, sizes_of
 from spool_estimator.identification.record import Record, first_seconds
@@ -69,7 +69,7 @@ class EquationError:
         self._columns = [run.names.index(unknown.name) for unknown in own]
         self._low, self._high = bounds_of(own)
         self._scale = np.array([unknown.scale for unknown in own])
-        mass = float(values[0, run.names.index("mass")])
+        mass = float(values[0, run.names.index(MASS)])
         self._stretches = []
         for number, some in first_seconds(run.records, LONGEST, shortest=4.0 / low_cut):
             high = 1.5 * max(run.highest_frequency[number], 30.0)
@@ -120,7 +120,8 @@ class EquationError:
         """Return the slopes of the forces at the measured motion and at rest, shape (rows, all unknowns).
 
         Not filtered and not simulated, hence smooth: their rank shows which unknowns act only together. A
-        sensor's unknowns have rows of their own.
+        sensor's unknowns have rows of their own. The inertia balances the forces: that is the column of a
+        mass, as two accelerometers show forces over the mass only.
         """
         own = np.array([point[self._unknowns.index(unknown)] for unknown in self._own])
         step = SLOPE_STEP * sizes_of(self._own, own)
@@ -131,6 +132,8 @@ class EquationError:
             ends[:, place] = lows[place], highs[place]
             rows = self._unfiltered_forces(ends)
             columns.append((rows[1] - rows[0]) / (highs[place] - lows[place]))
+            if self._own[place].name == MASS:
+                columns[-1] = -self._unfiltered_forces(own[np.newaxis])[0] / own[place]
         slopes = np.zeros((columns[0].size + len(self._unknowns), len(self._unknowns)))
         for unknown, column in zip(self._own, columns, strict=True):
             slopes[: column.size, self._unknowns.index(unknown)] = column

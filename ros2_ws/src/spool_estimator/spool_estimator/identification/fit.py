@@ -16,14 +16,30 @@ from dataclasses import replace
 import numpy as np
 from spool_core.errors import InputError
 from spool_core.numbers import Array
-from spool_core.uncertainty import Quantity, Validity, rate_power
+from spool_core.uncertainty import Z_95, Quantity, Validity, rate_power
 from spool_sim.model import Model
 from spool_sim.sensors import PAPER_CHAIN
 from spool_sim.valve import Valve
 
 from spool_estimator.identification import least_squares
+from spool_estimator.identification.determination import NOT, TOGETHER, Determination, hidden_by_name
 from spool_estimator.identification.equation_error import EquationError, input_noise_effect
-from spool_estimator.identification.fit_result import SPOOL_DELAY, SPOOL_GAIN, Agreement, Fit, FitSettings
+from spool_estimator.identification.fit_check import (
+    UnusedParameterError,
+    at_result,
+    before_fit,
+    check_applied,
+    scale_of,
+    to_hold,
+)
+from spool_estimator.identification.fit_result import (
+    MASS,
+    SPOOL_DELAY,
+    SPOOL_GAIN,
+    Agreement,
+    Fit,
+    FitSettings,
+)
 from spool_estimator.identification.free_run import FreeRun, Response
 from spool_estimator.identification.record import Record
 from spool_estimator.identification.residuals import (
@@ -89,7 +105,8 @@ def fit(records: Sequence[Record], model: Model, valve: Valve, settings: FitSett
         settings: what is free, the band, the windows.
 
     Raises:
-        InputError: the settings name parameters that the model does not have, or values out of their range.
+        InputError: the settings name parameters that the model does not have, or values out of their range;
+            with ``check``, a parameter that the law does not use.
     """
     chosen = settings or FitSettings()
     unknowns = unknowns_of(model, valve, chosen)
@@ -97,11 +114,36 @@ def fit(records: Sequence[Record], model: Model, valve: Valve, settings: FitSett
     held = {name: value for name, value in values.items() if name not in {u.name for u in unknowns}}
     failed = Fit(model, valve.id, held=held)
     try:
-        return _fit(records, model, valve, chosen, unknowns, values, held)
+        found = _fit(records, model, valve, chosen, unknowns, values, held)
+        return _held_back(found, records, valve, chosen) if chosen.check else found
+    except UnusedParameterError:
+        raise
     except InputError as error:
         return replace(failed, reason=str(error))
     except (np.linalg.LinAlgError, FloatingPointError, OverflowError, ValueError) as error:
         return replace(failed, reason=f"the numbers broke down: {error}")
+
+
+def determined_before(records: Sequence[Record], model: Model, valve: Valve) -> tuple[Determination, ...]:
+    """Return what ``records`` determine of ``model`` at the start values, before any fit.
+
+    Empty where no fit can begin.
+    """
+    settings = FitSettings()
+    unknowns = unknowns_of(model, valve, settings)
+    values = model.values_for(valve)
+    try:
+        run = FreeRun(
+            records, model, valve, window=settings.window, run_in=settings.run_in, longest=FIRST_SECONDS
+        )
+        balance = EquationError(run, unknowns, run.sets(values), settings.low_cut)
+        point = _starts(run, balance, unknowns, values, settings)[0]
+        found = before_fit(run, unknowns, point, values, settings)
+        silent = {one.name for one in found if one.verdict == NOT}
+        seen = [unknown for unknown in unknowns if unknown.name not in silent]
+        return (*found, *scale_of(run, seen, values, settings))
+    except (InputError, np.linalg.LinAlgError, FloatingPointError, OverflowError):
+        return ()
 
 
 def free_run_agreement(
@@ -194,13 +236,21 @@ def _fit(
     given = _inside(np.array([values.get(unknown.name, 0.0) for unknown in unknowns]), unknowns)
     law = EquationError(run, unknowns, run.sets(values), settings.low_cut)
     unseen = least_squares.unseen_directions(law.force_slopes(given), least_squares.sizes_of(unknowns, given))
-    gauge = least_squares.to_hold(unseen, [unknown.name for unknown in unknowns])
+    # What the valve's description gives is held first.
+    order = sorted(range(len(unknowns)), key=lambda n: unknowns[n].name in settings.free)
+    gauge = least_squares.to_hold(unseen[:, order], [unknowns[n].name for n in order])
+    if settings.force_free:
+        gauge = ()
     free = tuple(unknown for unknown in unknowns if unknown.name not in gauge)
     balance = EquationError(run, free, run.sets(values), settings.low_cut) if gauge else law
     points = _starts(run, balance, free, values, settings)
     first = {unknown.name: float(value) for unknown, value in zip(free, points[0], strict=True)}
     run.choose_substeps({**values, **{name: value for name, value in first.items() if name in values}})
     band = (settings.low_cut, settings.high_cut)
+    before: list[Determination] = []
+    if settings.check:
+        start = np.array([first.get(unknown.name, values.get(unknown.name, 0.0)) for unknown in unknowns])
+        before = before_fit(run.fewer(FIRST_SECONDS), unknowns, start, values, settings)
     some = Residuals(run.fewer(FIRST_SECONDS), free, values, band)
     best = least_squares.descend(some, np.array(points), FIRST_ROUNDS, ENOUGH, len(points))
     residuals = Residuals(run, free, values, band)
@@ -216,7 +266,64 @@ def _fit(
     else:
         residuals.band_limited = rings
         best = _refine(residuals, best, REWEIGHED)
-    return _result(run, residuals, best, unknowns, law, values, held, valve, settings, doubts)
+    return _result(run, residuals, best, unknowns, law, values, held, valve, settings, doubts, before)
+
+
+def _held_back(found: Fit, records: Sequence[Record], valve: Valve, settings: FitSettings) -> Fit:
+    """Return ``found`` with what the records do not determine at the values of model and valve.
+
+    Intervals stay those of the fit in which everything was free.
+    """
+    if settings.force_free or found.reason is not None:
+        return found
+    model = found.model
+    if any(one.name == MASS and one.verdict == TOGETHER for one in found.determinations) and (
+        MASS in settings.free
+    ):
+        # All other numbers are known over the mass: a fit as if it had not been freed.
+        start = {name: value for name, value in settings.start.items() if name != MASS}
+        free = tuple(name for name in settings.free if name != MASS)
+        again = fit(records, model, valve, replace(settings, free=free, start=start))
+        if again.reason is not None:
+            return again
+        return replace(
+            again,
+            parameters=(Quantity(MASS, model.parameter(MASS).unit), *again.parameters),
+            not_observable=(MASS, *again.not_observable),
+            held={name: value for name, value in again.held.items() if name != MASS},
+        )
+    chosen = {one.name: one for one in to_hold(found.determinations, model, valve)}
+    chosen.pop(MASS, None)
+    if not chosen:
+        return found
+    held = {name: one.held_at for name, one in chosen.items() if one.held_at is not None}
+    start = {name: value for name, value in found.values.items() if name not in {**held, **found.held}}
+    again = fit(
+        records, model, valve,
+        replace(settings, held={**settings.held, **held}, start=start, starts=1, check=False,
+                free=tuple(name for name in settings.free if name not in held)),
+    )  # fmt: skip
+    if again.reason is not None:
+        return found
+    return replace(
+        found,
+        values=again.values,
+        agreement=again.agreement,
+        determinations=tuple(chosen.get(one.name, one) for one in found.determinations),
+    )
+
+
+def _moved_starts(model: Model, settings: FitSettings) -> tuple[str, ...]:
+    """Return a line for each start value of the settings that lies at a bound and was moved inside."""
+    found = []
+    for name, value in settings.start.items():
+        one = model.parameter(name)
+        if value in (one.low, one.high) and name not in settings.held:
+            found.append(
+                f"{name}: the start value {value:g} {one.unit} lies at its bound, where a fit may stall; "
+                "the fit started a little inside"
+            )
+    return tuple(found)
 
 
 def _refine(residuals: Residuals, start: least_squares.Descent, rounds: int) -> least_squares.Descent:
@@ -278,7 +385,9 @@ def _result(
     valve: Valve,
     settings: FitSettings,
     doubts: Sequence[Array],
+    before: Sequence[Determination],
 ) -> Fit:
+    ended = best.point
     free = residuals.unknowns
     names = [unknown.name for unknown in unknowns]
     rate_std = max(entry.rate_std for entry in run.records)
@@ -314,6 +423,8 @@ def _result(
         np.concatenate([scales, np.zeros(len(constants))]),
     )
     deviations = dict(zip(named, standard_deviations(covariance).tolist(), strict=True))
+    determinations = _judged(residuals, unknowns, ended, ends, covariance, unseen, before, final, settings)
+    judged = {one.name: one for one in determinations}
     parameters = []
     unclear = list(lost)
     for unknown in unknowns:
@@ -323,9 +434,14 @@ def _result(
             parameters.append(Quantity(unknown.name, unknown.unit))
             unclear += [unknown.name] if unknown.name not in unclear else []
         else:
-            parameters.append(
-                Quantity(unknown.name, unknown.unit, named[unknown.name], deviation, Validity.VALID)
-            )
+            value = named[unknown.name]
+            one = judged.get(unknown.name)
+            if one is not None and not (one.low or -math.inf) <= value <= (one.high or math.inf):
+                # Too far moved by the noise of the excitation for one step to be right.
+                value = float(ended[[u.name for u in free].index(unknown.name)])
+                ends_of = [end for end in (one.low, one.high) if end is not None]
+                deviation = max((abs(end - value) / Z_95 for end in ends_of), default=deviation)
+            parameters.append(Quantity(unknown.name, unknown.unit, value, deviation, Validity.VALID))
     observable = [n for n, unknown in enumerate(free) if unknown.name not in unclear]
     spread = standard_deviations(covariance)[observable]
     at_bound = tuple(
@@ -358,7 +474,37 @@ def _result(
         ),
         information_criterion=criterion,
         effective_samples=samples,
+        determinations=tuple(determinations),
+        notes=_moved_starts(run.model, settings),
     )  # fmt: skip
+
+
+def _judged(
+    residuals: Residuals,
+    unknowns: Sequence[least_squares.Unknown],
+    ended: Array,
+    ends: Array,
+    covariance: Array,
+    unseen: Array,
+    before: Sequence[Determination],
+    values: Mapping[str, float],
+    settings: FitSettings,
+) -> list[Determination]:
+    """Return the judgement at the result, nothing without one ``before``.
+
+    Raises:
+        UnusedParameterError: the law does not use a parameter.
+    """
+    if not before:
+        return []
+    names = [unknown.name for unknown in unknowns]
+    found = at_result(residuals, unknowns, ended, covariance, hidden_by_name(unseen, names), before)
+    silent = {one.name for one in found if one.verdict == NOT}
+    check_applied(residuals, unknowns, ends, silent)
+    if MASS not in names:
+        seen = [unknown for unknown in unknowns if unknown.name not in silent]
+        found += scale_of(residuals.run, seen, values, settings)
+    return found
 
 
 def _told(combination: least_squares.Combination, covariance: Array, places: Sequence[int]) -> Quantity:

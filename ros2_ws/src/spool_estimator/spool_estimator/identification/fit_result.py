@@ -12,11 +12,15 @@ from spool_core.numbers import Array
 from spool_core.record_limits import LIMITS
 from spool_core.uncertainty import Quantity
 
+from spool_estimator.identification.determination import Determination
+
 if TYPE_CHECKING:  # slow to load
     from spool_sim.model import Model
 
 #: Nuisance parameters of the spool's measuring chain, by name.
 SPOOL_GAIN, SPOOL_DELAY = "spool_gain", "spool_delay"
+#: The parameter that scales all forces.
+MASS = "mass"
 
 
 def explains_nothing(what: str, error: float) -> tuple[str, ...]:
@@ -48,6 +52,8 @@ class FitSettings:
             deviations. 0 where both are known to be sampled at one instant.
         starts: how many different starts are followed by simulation.
         noise_seconds: s of data on which the effect of the excitation's noise is simulated at most.
+        check: judge what the records determine, and hold the rest at the values of model and valve.
+        force_free: hold nothing that the records do not determine.
     """
 
     held: Mapping[str, float] = field(default_factory=dict)
@@ -63,6 +69,8 @@ class FitSettings:
     timing: float = 0.01
     starts: int = 2
     noise_seconds: float = 40.0
+    check: bool = False
+    force_free: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,6 +124,8 @@ class Fit:
         information_criterion: BIC of the residual with its spectrum, see :mod:`.residuals`; smaller is
             better.
         effective_samples: independent samples that the coloured residual is worth.
+        determinations: judgement of each parameter, empty without ``FitSettings.check``.
+        notes: what the fit changed of its settings, one line each.
     """
 
     model: Model
@@ -134,11 +144,15 @@ class Fit:
     agreement: Agreement | None = None
     information_criterion: float = math.nan
     effective_samples: float = math.nan
+    determinations: tuple[Determination, ...] = ()
+    notes: tuple[str, ...] = ()
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """What a reader should know, one line each."""
-        return () if self.agreement is None else explains_nothing("the model", self.agreement.nrmse)
+        if self.agreement is None:
+            return self.notes
+        return (*self.notes, *explains_nothing("the model", self.agreement.nrmse))
 
     def parameter(self, name: str) -> Quantity:
         """Return a fitted parameter or a combination by its name.

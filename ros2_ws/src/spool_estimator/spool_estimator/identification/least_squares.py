@@ -119,7 +119,7 @@ class Combination:
     """A function of several unknowns that the records tell.
 
     Attributes:
-        name: as text, ``a*b`` or ``a*(b - c)``.
+        name: as text, ``a*b``, ``a*(b - c)`` or ``a/b``.
         unit: of it, put together from theirs.
         value: at the point.
         gradient: with respect to all names, shape (u,).
@@ -262,7 +262,7 @@ def _follow(problem: LeastSquares, x: Array, residual: Array, rounds: int, enoug
 def _candidates(
     involved: Sequence[int], names: Sequence[str], units: Sequence[str], values: Mapping[str, float]
 ) -> Iterator[Combination]:
-    """Yield products, differences, products with differences, differences with products."""
+    """Yield products, differences, products with differences, differences with products, quotients."""
     count = len(names)
     point = np.array([values[name] for name in names])
 
@@ -303,6 +303,14 @@ def _candidates(
                     point[i] - point[j] * point[k],
                     {i: 1.0, j: -point[k], k: -point[j]},
                 )
+    for j, i in itertools.permutations(involved, 2):
+        if point[j] != 0.0:
+            yield made(
+                f"{names[i]}/{names[j]}",
+                f"({units[i]})/{units[j]}" if "/" in units[i] else f"{units[i]}/{units[j]}",
+                point[i] / point[j],
+                {i: 1.0 / point[j], j: -point[i] / point[j] ** 2},
+            )
 
 
 def _product(first: str, second: str) -> str:

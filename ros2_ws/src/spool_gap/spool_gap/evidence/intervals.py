@@ -22,11 +22,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from spool_core.numbers import Array
 from spool_core.uncertainty import Quantity, Validity
+from spool_estimator.identification.determination import RISE_95, ProfileLikelihood, verdict_of
 
 from spool_gap.likelihood.prediction import Predictions
 from spool_gap.likelihood.search import COMPARED
 from spool_gap.likelihood.structure_fit import LOOSENESS, Curvature, StructureFit, curvature_of, fit_structure
-from spool_gap.result import RISE_95, ProfileLikelihood, verdict_of
 
 #: Lengths of the steps that slopes of intervals are taken over, in those of a fit.
 WIDENED = (1.0, 10.0)

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from spool_core.errors import InputError
 from spool_core.uncertainty import Z_95, percent, with_interval
+from spool_estimator.identification.determination import ProfileLikelihood, verdict_of
 from spool_sim.model import Model
 
 from spool_gap.catalogue import EFFECTS, FRICTIONS
@@ -27,15 +28,7 @@ from spool_gap.force.balance import (
 from spool_gap.force.position import CONSTANT, Chosen, cross_validated, fitted_by_position, free_run_error
 from spool_gap.force.result import quantities_of, result_of
 from spool_gap.likelihood.search import DECISIVE
-from spool_gap.result import (
-    GapResult,
-    GapSettings,
-    NamedEffect,
-    ProfileLikelihood,
-    Progress,
-    RankedHypothesis,
-    verdict_of,
-)
+from spool_gap.result import GapResult, GapSettings, NamedEffect, Progress, RankedHypothesis
 
 #: s of the stretches that are fitted and held out by turns.
 STRETCH = 4.0

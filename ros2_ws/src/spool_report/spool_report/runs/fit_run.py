@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from rich.console import Console
@@ -30,6 +30,7 @@ class FitRequest:
         model: name or YAML file.
         free, fixed: parameters, as in ``fit_settings``.
         sensor_gain, sensor_delay: fit the gain or the delay of the spool's sensor as well.
+        force_free: hold nothing that the records do not determine.
     """
 
     records: Sequence[Path]
@@ -41,6 +42,7 @@ class FitRequest:
     fixed: Sequence[str] = ()
     sensor_gain: bool = False
     sensor_delay: bool = False
+    force_free: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +107,7 @@ def fit_records(request: FitRequest) -> ValidatedFit:
         model, data.valve, request.free, request.fixed, gain=request.sensor_gain, delay=request.sensor_delay
     )
     with progress(f"fitting {model.name}"):
-        return fit_and_validate(data, model, settings)
+        return fit_and_validate(data, model, replace(settings, check=True, force_free=request.force_free))
 
 
 def save_fit(path: Path, validated: ValidatedFit) -> None:

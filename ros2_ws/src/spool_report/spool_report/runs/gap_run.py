@@ -15,6 +15,8 @@ from rich.table import Table
 from spool_bag import DISPLACEMENT, FORCE
 from spool_core.errors import InputError
 from spool_core.uncertainty import LEGEND, PLUS_MINUS, interval, number, percent, with_interval
+from spool_estimator.identification.determination import sentences
+from spool_estimator.identification.fit import determined_before
 from spool_estimator.identification.record import LARGEST, Record
 from spool_estimator.plausibility import check_records
 from spool_gap.evidence.analyse import analyse
@@ -88,7 +90,7 @@ def run_gap(request: GapRequest, outputs: ResultFiles, console: Console | None =
         tell = Shares(advance).tell
         if kind == "accelerations":
             measured: Measured
-            result, described, measured = _of_accelerations(request, model, tell)
+            result, described, measured = _of_accelerations(request, model, tell, console)
         else:
             # Who imposes a motion measures the force on whatever is moved: no mass is known.
             described = find_valve(valve) if valve is not None and kind == "driven" else None
@@ -129,7 +131,7 @@ class Shares:
 
 
 def _of_accelerations(
-    request: GapRequest, model: Model, tell: Callable[[str, float], None]
+    request: GapRequest, model: Model, tell: Callable[[str, float], None], console: Console | None
 ) -> tuple[GapResult, Valve, list[Record]]:
     """Return what ``model`` lacks in records of two accelerometers, their valve, and all of them."""
     bounded = replace(request.selection, longest=LARGEST)
@@ -139,8 +141,11 @@ def _of_accelerations(
         check(recording)
     fitted, others = stretches_of(recordings), stretches_of(held)
     doubts = channel_doubts([*recordings, *held])
+    determined = determined_before(fitted, model, described)
+    for line in sentences(determined):
+        (console or wide_console(140)).print(line, markup=False, soft_wrap=True, highlight=False)
     result = analyse(fitted, described, model, holdout=others, settings=request.settings, progress=tell)
-    result = replace(result, warnings=(*doubts, *result.warnings))
+    result = replace(result, warnings=(*doubts, *result.warnings), determinations=determined)
     return doubted(result, check_records(described, fitted)), described, [*fitted, *others]
 
 

@@ -26,6 +26,9 @@ def fit(
     fix: Annotated[
         list[str] | None, typer.Option(help="Hold it: PARAMETER=VALUE, or as the valve file has it.")
     ] = None,
+    force_free: Annotated[
+        bool, typer.Option("--force-free", help="Do not hold parameters that the records do not determine.")
+    ] = False,
     sensor_gain: cli.SensorGain = False,
     sensor_delay: cli.SensorDelay = False,
     holdout: cli.HoldoutOption = None,
@@ -39,7 +42,8 @@ def fit(
 ) -> None:
     """Fit a model to records: parameters with standard deviations, objective, amplitude ratio.
 
-    Several records are one set of data. Exit 1 where there is no result.
+    Several records are one set of data. The first lines report which parameters these records determine; the
+    others keep the values of the valve file and the model. Exit 1 where there is no result.
 
     Example: ./spool fit bags/practice_03 --valve 4weh10_soft --model coulomb --report fit.html
 
@@ -52,7 +56,7 @@ def fit(
     part = selection(name, columns, start, stop, (since, until, around))
     request = FitRequest(
         records, valve, model, part, holdout or (), free or (), fix or (),
-        sensor_gain=sensor_gain, sensor_delay=sensor_delay,
+        sensor_gain=sensor_gain, sensor_delay=sensor_delay, force_free=force_free,
     )  # fmt: skip
     raise typer.Exit(run_fit(request, ResultFiles(json, report, save_model, out)))
 

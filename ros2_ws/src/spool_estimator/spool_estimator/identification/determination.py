@@ -1,0 +1,337 @@
+"""Judgement of what a record determines: the rule that `fit`, `gap` and `plan` share.
+
+A number is *identifiable* where its 95 % interval ends within its bounds on both sides, bounded *on one side*
+where only one end does. Where none does, the record still may show it once others are held: then it is known
+*only together* with these. Else it is *not identifiable*.
+
+The information (slopes of the weighted residual) gives the intervals where the residual is nearly linear in
+the number. The weak ones, whose interval so found leaves the bounds, are decided by the profile likelihood:
+the number is held at other values, and the others are fitted again.
+
+Sources: Wilks, Ann. Math. Stat. 9, 1938 (rise of a profile); Raue and others, Bioinformatics 25, 2009 (what
+a profile shows).
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+from scipy.special import chdtri
+from spool_core.numbers import Array
+from spool_core.uncertainty import EMPTY_IS_NULL, LEFT_OUT, Z_95, number, unit_text
+
+from spool_estimator.identification.least_squares import IN_LINE, Unknown, bounds_of, descend
+
+if TYPE_CHECKING:
+    from spool_estimator.identification.residuals import Residuals
+
+#: Twice the fall of the log likelihood at the ends of a 95 % interval of one number (Wilks, 1938).
+RISE_95 = float(chdtri(1, 0.05))
+IDENTIFIABLE, ONE_SIDED, TOGETHER, NOT = "identifiable", "one-sided", "only together", "not identifiable"
+#: Standard deviations, each at most its size, at which a weak number is held until the likelihood fell.
+STEPS = (1.0, 2.0, 3.0, 5.0, 10.0, 30.0, 100.0)
+#: Rise over that at the end of an interval up to which it is interpolated, and halvings on the way there.
+NEAR, HALVINGS = 3.0, 8
+#: Rise where a run failed.
+FAILED = 1e300
+#: Rounds of the fit of the others at each, and the fall of the cost that ends it.
+ROUNDS, ENOUGH = 6, 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class Determination:
+    """Judgement of what records determine of a parameter.
+
+    Attributes:
+        name, unit: of the parameter.
+        verdict: ``identifiable``, ``one-sided``, ``only together`` or ``not identifiable``.
+        low, high: ends of its 95 % interval, ``None`` where the records set no bound on that side.
+        together_with: parameters that compensate for a change of it.
+        at_start: the verdict at the start values, before the fit; empty where it was not worked out.
+        held_at: value at which it was held, as the records do not determine it; ``None`` where it was fitted.
+    """
+
+    JSON_PROPERTIES: ClassVar = ("sentence",)
+
+    name: str
+    unit: str
+    verdict: str
+    low: float | None = None
+    high: float | None = None
+    together_with: tuple[str, ...] = ()
+    at_start: str = field(default="", metadata=EMPTY_IS_NULL)
+    held_at: float | None = None
+
+    @property
+    def lost(self) -> bool:
+        """Whether the records set no bound on either side."""
+        return self.verdict in (TOGETHER, NOT)
+
+    @property
+    def sentence(self) -> str:
+        """The judgement in words."""
+        own = self.name.replace("_", " ")
+        held = ""
+        if self.held_at is not None:
+            held = f"; held at {number(self.held_at)}{unit_text(self.unit)}"
+        if self.verdict == IDENTIFIABLE:
+            return f"{own}: determined{held}"
+        if self.verdict == ONE_SIDED:
+            end, value = ("at least", self.low) if self.low is not None else ("at most", self.high)
+            bound = f"{end} {number(value or 0.0)}{unit_text(self.unit)}"
+            return f"{own}: bounded on one side, {bound} (95 %){held}"
+        if self.verdict == TOGETHER:
+            others = ", ".join(name.replace("_", " ") for name in self.together_with)
+            return f"{own}: known only together with {others or 'other parameters'}{held}"
+        return f"{own}: not determined, the record does not depend on it{held}"
+
+
+def sentences(found: Sequence[Determination]) -> list[str]:
+    """Return the judgement of all parameters in words: the determined ones in one sentence, then the rest."""
+    known = [one.name.replace("_", " ") for one in found if one.verdict == IDENTIFIABLE]
+    rest = [one.sentence for one in found if one.verdict != IDENTIFIABLE]
+    return [f"The record determines: {', '.join(known) or 'no parameter'}.", *rest] if found else []
+
+
+def by_information(
+    unknowns: Sequence[Unknown],
+    point: Array,
+    slopes: Array,
+    hidden: Mapping[str, tuple[str, ...]],
+    covariance: Array | None = None,
+) -> list[Determination]:
+    """Return the judgement from the slopes of the weighted residual, a normal distribution supposed.
+
+    Args:
+        unknowns: u numbers.
+        point: their values, shape (u,).
+        slopes: of the residual with variance 1, shape (n, u).
+        hidden: numbers that nothing shows by themselves, as of ``hidden_by_name``.
+        covariance: of the point where it is known better than from the slopes, shape (u, u).
+    """
+    low, high = bounds_of(unknowns)
+    found = information_covariance(slopes, high - low)
+    spread = np.sqrt(np.maximum(np.diag(found if covariance is None else covariance), 0.0))
+    spread = np.where([one.name in hidden for one in unknowns] | ~np.isfinite(spread), math.inf, spread)
+    with np.errstate(divide="ignore"):
+        alone = 1.0 / np.linalg.norm(slopes, axis=0)
+    judged = []
+    for place, unknown in enumerate(unknowns):
+        ends = point[place] - Z_95 * spread[place], point[place] + Z_95 * spread[place]
+        room = max(point[place] - low[place], high[place] - point[place])
+        by_itself = bool(Z_95 * alone[place] < room)
+        # What would be noticed if it did not follow a change by a standard deviation.
+        moved = np.abs(found[place]) / math.sqrt(found[place, place])
+        followers = np.flatnonzero(moved >= Z_95 * alone).tolist()
+        names = hidden.get(unknown.name) or tuple(unknowns[n].name for n in followers if n != place)
+        judged.append(
+            judgement(
+                unknown,
+                float(ends[0]) if ends[0] > low[place] else None,
+                float(ends[1]) if ends[1] < high[place] else None,
+                names if by_itself else (),
+            )
+        )
+    return judged
+
+
+def hidden_by_name(unseen: Array, names: Sequence[str]) -> dict[str, tuple[str, ...]]:
+    """Return the numbers that take part in ``unseen`` directions (d, u), each with those that compensate."""
+    found = {}
+    for place, name in enumerate(names):
+        part = unseen.T @ unseen[:, place]
+        if np.abs(unseen[:, place]).max(initial=0.0) >= IN_LINE:
+            others = np.flatnonzero(np.abs(part) >= IN_LINE * float(np.abs(part).max())).tolist()
+            found[name] = tuple(names[other] for other in others if other != place)
+    return found
+
+
+def judgement(
+    unknown: Unknown, low: float | None, high: float | None, together_with: tuple[str, ...]
+) -> Determination:
+    """Return the verdict from the ends of an interval, ``None`` where it leaves the bounds of ``unknown``."""
+    if low is not None or high is not None:
+        verdict = IDENTIFIABLE if low is not None and high is not None else ONE_SIDED
+        return Determination(unknown.name, unknown.unit, verdict, low, high)
+    verdict = TOGETHER if together_with else NOT
+    return Determination(unknown.name, unknown.unit, verdict, together_with=together_with)
+
+
+def information_covariance(slopes: Array, ranges: Array) -> Array:
+    """Return the covariance (u, u) from ``slopes`` (n, u), each number known to its ``ranges`` (u,)."""
+    scaled = np.vstack([np.linalg.qr(slopes * ranges, mode="r"), np.eye(ranges.size)])
+    _, strength, directions = np.linalg.svd(scaled, full_matrices=False)
+    columns = (directions.T / strength) * ranges[:, np.newaxis]
+    return np.asarray(columns @ columns.T)
+
+
+def by_profile(
+    residuals: Residuals, point: Array, first: Determination, spread: float, dispersion: float
+) -> Determination:
+    """Return the judgement of a weak number by its profile likelihood.
+
+    Args:
+        residuals: weighed by their spectrum.
+        point: where the descent ended, shape (u,).
+        first: the judgement by the information.
+        spread: standard deviation of the number, infinite or NaN where the residual has no slope.
+        dispersion: variance of the point over what the information gives, 1 at least.
+    """
+    place = [one.name for one in residuals.unknowns].index(first.name)
+    unknown = residuals.unknowns[place]
+    step = unknown.size(float(point[place]))
+    if math.isfinite(spread) and spread > 0.0:
+        step = min(step, spread)
+    profile = _Profile(residuals, point, place, dispersion)
+    rows = sorted([*profile.side(-step), (float(point[place]), 0.0), *profile.side(step)])
+    values, rises = zip(*rows, strict=True)
+    low, high = (crossing(values, rises, float(point[place]), side) for side in (-1, 1))
+    partners = tuple(one.name for one in residuals.unknowns if one.name in profile.partners)
+    return judgement(unknown, low, high, (partners or first.together_with) if profile.noticed else ())
+
+
+class _Profile:
+    """Profile likelihood of the unknown at ``place`` of a fit that ended at ``point``.
+
+    Attributes:
+        partners: names of unknowns that compensated for a change that would have been noticed.
+        noticed: such a change was tried.
+    """
+
+    def __init__(self, residuals: Residuals, point: Array, place: int, dispersion: float) -> None:
+        self.partners: set[str] = set()
+        self.noticed = False
+        self._residuals, self._point, self._place = residuals, point, place
+        self._dispersion = dispersion
+        self._cost = float(residuals.costs(residuals.residuals(point[np.newaxis]))[0])
+        self._others = [other for other in range(point.size) if other != place]
+
+    def side(self, step: float) -> list[tuple[float, float]]:
+        """Return values and rises on one side, in ``step`` (signed) until it is decided."""
+        unknown = self._residuals.unknowns[self._place]
+        inside = self._point.copy()
+        rows: list[tuple[float, float]] = []
+        for factor in STEPS:
+            held = inside.copy()
+            held[self._place] = np.clip(self._point[self._place] + factor * step, unknown.low, unknown.high)
+            if held[self._place] == inside[self._place]:
+                break
+            rise = self._rise_at(held, rows)
+            # Where the rise is not nearly a parabola: between here and the last value that is possible.
+            for _ in range(HALVINGS if rise > NEAR * RISE_95 else 0):
+                middle = inside.copy()
+                middle[self._place] = 0.5 * (inside[self._place] + held[self._place])
+                found = self._rise_at(middle, rows)
+                if RISE_95 <= found <= NEAR * RISE_95 or math.isnan(found):
+                    break
+                inside, held = (middle, held) if found < RISE_95 else (inside, middle)
+            if not rise < RISE_95:
+                break
+            inside = held
+        return rows
+
+    def _rise_at(self, held: Array, rows: list[tuple[float, float]]) -> float:
+        """Return the rise at ``held``, whose other numbers become the fitted ones, and add it to ``rows``.
+
+        NaN where the motion cannot be followed there.
+        """
+        rise = self._rise(held)
+        if rise >= RISE_95:
+            self.noticed = True
+            free = copy.copy(self._residuals)
+            unknowns = self._residuals.unknowns
+            free.unknowns = tuple(unknowns[other] for other in self._others)
+            free.values = {**free.values, unknowns[self._place].name: float(held[self._place])}
+            try:
+                fitted = descend(free, held[self._others][np.newaxis], ROUNDS, ENOUGH)
+            except np.linalg.LinAlgError:
+                return math.nan
+            held[self._others] = fitted.point
+            rise = max(0.0, fitted.cost - self._cost) / self._dispersion
+            if rise < RISE_95:
+                self.partners |= self._moved(held)
+        rows.append((float(held[self._place]), rise))
+        return rise
+
+    def _moved(self, held: Array) -> set[str]:
+        """Return the names of others that had to follow to ``held``: one left behind is noticed."""
+        found = set()
+        for other in self._others:
+            behind = held.copy()
+            behind[other] = self._point[other]
+            if self._rise(behind) >= RISE_95:
+                found.add(self._residuals.unknowns[other].name)
+        return found
+
+    def _rise(self, point: Array) -> float:
+        rise = float(self._residuals.costs(self._residuals.residuals(point[np.newaxis]))[0]) - self._cost
+        return max(0.0, rise) / self._dispersion if math.isfinite(rise) else FAILED
+
+
+@dataclass(frozen=True, slots=True)
+class ProfileLikelihood:
+    """Profile likelihood of a number.
+
+    Attributes:
+        name, unit: of the number.
+        verdict: ``identifiable``, ``one-sided``, ``only together`` (``together_with``), ``not identifiable``.
+        sentence: the verdict in words.
+        low, high: ends of its 95 % interval, ``None`` where the record sets no bound on that side.
+        together_with: the number that moves most along with it, empty where none does.
+        values: at which it was held, in rising order, SI, shape (n,).
+        rises: of twice the negative log likelihood over its least, all other numbers fitted, shape (n,).
+        best: the estimate.
+    """
+
+    name: str
+    verdict: str
+    sentence: str
+    low: float | None
+    high: float | None
+    unit: str
+    together_with: str = field(metadata=EMPTY_IS_NULL)
+    values: tuple[float, ...]
+    rises: tuple[float, ...]
+    best: float = field(metadata=LEFT_OUT)
+
+
+def verdict_of(
+    name: str, unit: str, values: tuple[float, ...], rises: tuple[float, ...], best: float, partner: str = ""
+) -> ProfileLikelihood:
+    """Return the profile with its verdict; ``values`` in rising order, with ``best`` among them."""
+    low, high = crossing(values, rises, best, -1), crossing(values, rises, best, 1)
+    own, other = name.replace("_", " "), partner.replace("_", " ")
+    shown = f"{best:.4g} {unit}".removesuffix(" 1")
+    if low is not None and high is not None:
+        verdict = IDENTIFIABLE
+        text = f"{own} is identifiable: {low:.4g} to {high:.4g} (95 %), best {shown}"
+    elif low is not None or high is not None:
+        verdict = ONE_SIDED
+        bound = f"at least {low:.4g}" if low is not None else f"at most {high:.4g}"
+        text = f"{own} is bounded on one side: {bound} (95 %); the record sets no bound on the other side"
+        text += f", since {other} compensates for it" if other else ""
+    elif partner:
+        verdict = TOGETHER
+        text = f"{own} is known only together with {other}: each compensates for a change of the other"
+    else:
+        verdict = NOT
+        text = f"{own} is not identifiable: the record hardly depends on it"
+    return ProfileLikelihood(name, verdict, text, low, high, unit, partner, values, rises, best)
+
+
+def crossing(values: tuple[float, ...], rises: tuple[float, ...], best: float, side: int) -> float | None:
+    """Return where the profile first crosses ``RISE_95`` going to ``side`` of ``best``, interpolated."""
+    points = sorted(zip(values, rises, strict=True), reverse=side < 0)
+    walk = [(value, rise) for value, rise in points if (value - best) * side >= 0.0]
+    for (near, below), (far, above) in pairwise(walk):
+        if below < RISE_95 <= above:
+            # The root of a rise is nearly linear.
+            inner = math.sqrt(max(below, 0.0))
+            return near + (math.sqrt(RISE_95) - inner) / (math.sqrt(above) - inner) * (far - near)
+    return None

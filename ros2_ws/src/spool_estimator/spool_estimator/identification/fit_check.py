@@ -1,0 +1,201 @@
+"""Check of a fit: what its records determine, before it begins and at its result."""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from spool_core.errors import InputError
+from spool_core.numbers import Array
+from spool_sim.model import Model
+from spool_sim.valve import Valve
+
+from spool_estimator.identification import least_squares
+from spool_estimator.identification.determination import (
+    IDENTIFIABLE,
+    NOT,
+    TOGETHER,
+    Determination,
+    by_information,
+    by_profile,
+    hidden_by_name,
+    judgement,
+)
+from spool_estimator.identification.equation_error import EquationError
+from spool_estimator.identification.fit_result import MASS, SPOOL_DELAY, SPOOL_GAIN, FitSettings
+from spool_estimator.identification.free_run import FreeRun
+from spool_estimator.identification.residuals import Residuals
+
+
+class UnusedParameterError(InputError):
+    """A parameter that its model's law does not use."""
+
+
+#: Factors on the excitation at which a parameter must show somewhere, or its law does not use it: from hardly
+#: moving to far beyond what a machine does.
+EXCITATIONS = (0.01, 0.1, 1.0, 10.0, 100.0)
+
+
+def before_fit(
+    run: FreeRun,
+    unknowns: Sequence[least_squares.Unknown],
+    point: Array,
+    values: Mapping[str, float],
+    settings: FitSettings,
+) -> list[Determination]:
+    """Return the judgement at the start values ``point`` (u,); all that is left there counts as noise.
+
+    It is worked out on the windows of ``run``, and holds for as much data as these are.
+    """
+    residuals = Residuals(run, unknowns, values, (settings.low_cut, settings.high_cut))
+    residuals.take_spectrum(residuals.differences(residuals.respond(point[np.newaxis])))
+    hidden = hidden_at(run, unknowns, point, values, settings)
+    return by_information(unknowns, point, residuals.central_slopes(point), hidden)
+
+
+def at_result(
+    residuals: Residuals,
+    unknowns: Sequence[least_squares.Unknown],
+    point: Array,
+    covariance: Array,
+    hidden: Mapping[str, tuple[str, ...]],
+    first: Sequence[Determination],
+) -> list[Determination]:
+    """Return the judgement at the end of a descent.
+
+    Args:
+        residuals: weighed by their spectrum; its u unknowns were fitted.
+        unknowns: all that are judged.
+        point: where the descent ended, shape (u,).
+        covariance: of the fit, shape (u, u).
+        hidden: numbers that nothing shows by themselves, as of ``hidden_by_name``.
+        first: the judgement before the fit.
+    """
+    slopes = residuals.central_slopes(point)
+    own = dict(
+        zip(
+            (unknown.name for unknown in residuals.unknowns),
+            by_information(residuals.unknowns, point, slopes, hidden, covariance),
+            strict=True,
+        )
+    )
+    spreads = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    alone = np.diag(np.linalg.pinv(slopes.T @ slopes))
+    for place, (name, one) in enumerate(own.items()):
+        # A sensor's numbers have bounds that are no limits of physics.
+        if one.verdict != IDENTIFIABLE and not hidden.get(name) and name not in (SPOOL_GAIN, SPOOL_DELAY):
+            spread = float(spreads[place])
+            known = math.isfinite(spread) and alone[place] > 0.0
+            dispersion = max(1.0, spread**2 / float(alone[place])) if known else 1.0
+            own[name] = by_profile(residuals, point, one, spread, dispersion)
+    for unknown in unknowns:
+        if unknown.name in own:
+            continue
+        if hidden.get(unknown.name):
+            own[unknown.name] = judgement(unknown, None, None, hidden[unknown.name])
+        elif unknown.name not in (SPOOL_GAIN, SPOOL_DELAY):
+            # No slope at all, as of a stop that was not reached: a nearer one would show.
+            wider = copy.copy(residuals)
+            wider.unknowns = (*residuals.unknowns, unknown)
+            blind = judgement(unknown, None, None, ())
+            wide = np.append(point, residuals.values[unknown.name])
+            own[unknown.name] = by_profile(wider, wide, blind, math.inf, 1.0)
+    return [replace(own.get(one.name, one), at_start=one.verdict) for one in first]
+
+
+def scale_of(
+    run: FreeRun,
+    unknowns: Sequence[least_squares.Unknown],
+    values: Mapping[str, float],
+    settings: FitSettings,
+) -> tuple[Determination, ...]:
+    """Return the judgement of a mass that is held: accelerations show forces over the mass only.
+
+    Empty where another number that is held sets the scale.
+    """
+    mass = run.model.parameter(MASS)
+    every = (*unknowns, least_squares.Unknown(MASS, mass.unit, mass.low, mass.high, values[MASS]))
+    point = np.array([values.get(unknown.name, 0.0) for unknown in every])
+    partners = hidden_at(run, every, point, values, settings).get(MASS)
+    if not partners:
+        return ()
+    return (Determination(MASS, mass.unit, TOGETHER, together_with=partners, held_at=values[MASS]),)
+
+
+def hidden_at(
+    run: FreeRun,
+    unknowns: Sequence[least_squares.Unknown],
+    point: Array,
+    values: Mapping[str, float],
+    settings: FitSettings,
+) -> dict[str, tuple[str, ...]]:
+    """Return which ``unknowns`` the law at ``point`` (u,) hides, each with those that compensate for it."""
+    names = [unknown.name for unknown in unknowns]
+    full = {**values, **{n: float(v) for n, v in zip(names, point, strict=True) if n in values}}
+    law = EquationError(run, unknowns, run.sets(full), settings.low_cut)
+    sizes = least_squares.sizes_of(unknowns, point)
+    return hidden_by_name(least_squares.unseen_directions(law.force_slopes(point), sizes), names)
+
+
+def to_hold(found: Sequence[Determination], model: Model, valve: Valve) -> list[Determination]:
+    """Return which of the parameters without a bound to hold, at the values of ``model`` and ``valve``.
+
+    Of those that are known only together one is enough, first one that the valve's description gives.
+    """
+    described = model.values_for(valve)
+    lost = [one for one in found if one.lost and one.name in described]
+    together = [one for one in lost if one.verdict == TOGETHER]
+    given = [one for one in together if model.parameter(one.name).valve_attribute is not None]
+    chosen = [*(one for one in lost if one.verdict == NOT), *(given or together)[-1:]]
+    return [replace(one, held_at=described[one.name]) for one in chosen]
+
+
+def check_applied(
+    residuals: Residuals, unknowns: Sequence[least_squares.Unknown], point: Array, names: Collection[str]
+) -> None:
+    """Refuse ``unknowns`` of these ``names`` whose change changes no sample, however the valve moves.
+
+    Args:
+        residuals: of the fit.
+        unknowns: all of the fit.
+        point: their values, shape (u,).
+        names: of those that are looked at.
+
+    Raises:
+        UnusedParameterError: the model's law does not use such a parameter.
+    """
+    run = residuals.run.fewer(0.0)
+    low, high = least_squares.bounds_of(unknowns)
+    scales = np.array([unknown.scale for unknown in unknowns])
+    for place, unknown in enumerate(unknowns):
+        if unknown.name not in names:
+            continue
+        # Others may have to act first: a frequency shows where its force has an amplitude.
+        sets = np.array(
+            [
+                np.where(np.arange(point.size) == place, value, np.clip(point + shift, low, high))
+                for shift in (0.0 * scales, 0.5 * scales)
+                for value in (unknown.low, unknown.low + unknown.scale, point[place])
+            ]
+        )
+        if not any(_shows(residuals, run, unknowns, sets, factor) for factor in EXCITATIONS):
+            raise UnusedParameterError(
+                f"{unknown.name}: a change of it changes no sample, however the valve moves: the law of "
+                f"model '{run.model.name}' does not use it; correct the law, or remove the parameter"
+            )
+
+
+def _shows(
+    residuals: Residuals, run: FreeRun, unknowns: Sequence[least_squares.Unknown], sets: Array, factor: float
+) -> bool:
+    """Return whether a half of ``sets`` (2 n, u) moves differently; ``factor``: on the excitation."""
+    windows = [
+        replace(one, excitation=factor * one.excitation, state=(factor * one.state[0], factor * one.state[1]))
+        for one in run.windows
+    ]
+    driven = Residuals(run.driven_by(windows), unknowns, residuals.values, residuals.band)
+    halves = np.split(driven.respond(sets)[0].acceleration, 2)
+    return any(not np.array_equal(half, half[[0] * len(half)], equal_nan=True) for half in halves)
