@@ -95,6 +95,23 @@ def test_mass_and_springs_are_enough_to_plan(tmp_path: Path) -> None:
     assert found["notes"] == ["without the oil's name and temperature, warm oil looks like wear"]
 
 
+def test_the_truth_of_a_drawn_valve_lies_in_the_intervals_of_a_blind_fit(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, found = planned(tmp_path, "--recover", "--model", "coulomb", "--noise", "0.1")
+    rows = found["recovered"]
+    assert sorted(rows) == ["coulomb_force", "spring_stiffness", "viscous_coefficient"]
+    assert code == 0
+    for one in rows.values():
+        assert one["holds"] == (abs(one["value"] - one["truth"]) <= 1.96 * one["std"])
+        assert one["value"] == pytest.approx(one["truth"], rel=0.02)
+    # Blind: the fit starts from the valve file, the truth is another.
+    assert rows["spring_stiffness"]["truth"] != 1632.0
+    shown = capsys.readouterr().out
+    assert "The record determines: spring stiffness, viscous coefficient, coulomb force." in shown
+    assert "mass: known only together with" in shown
+
+
 @pytest.mark.slow
 def test_the_gap_workflow_names_a_large_friction_of_a_planned_record(tmp_path: Path) -> None:
     code, found = planned(
@@ -110,6 +127,9 @@ def test_the_gap_workflow_names_a_large_friction_of_a_planned_record(tmp_path: P
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
+        ([], "--question: name one, or pass --recover"),
+        (["--recover", "--question", "end_stop"], "pass one of them"),
+        (["--recover", "--seconds", "700"], "plan 600 s or less"),
         (["--question", "colour"], f"there are {', '.join(QUESTIONS)}, which_effect"),
         (["--question", "coulomb_friction", "--seconds", "1"], "record 20 s or more"),
         (["--question", "coulomb_friction", "--seconds", "601"], "plan 600 s or less"),

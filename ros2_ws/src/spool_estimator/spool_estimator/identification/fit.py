@@ -22,7 +22,13 @@ from spool_sim.sensors import PAPER_CHAIN
 from spool_sim.valve import Valve
 
 from spool_estimator.identification import least_squares
-from spool_estimator.identification.determination import NOT, TOGETHER, Determination, hidden_by_name
+from spool_estimator.identification.determination import (
+    IDENTIFIABLE,
+    NOT,
+    TOGETHER,
+    Determination,
+    hidden_by_name,
+)
 from spool_estimator.identification.equation_error import EquationError, input_noise_effect
 from spool_estimator.identification.fit_check import (
     UnusedParameterError,
@@ -138,7 +144,11 @@ def determined_before(records: Sequence[Record], model: Model, valve: Valve) -> 
         )
         balance = EquationError(run, unknowns, run.sets(values), settings.low_cut)
         point = _starts(run, balance, unknowns, values, settings)[0]
-        found = before_fit(run, unknowns, point, values, settings)
+        # The ends of intervals at the start values are no result.
+        found = [
+            replace(one, low=None, high=None) if one.verdict == IDENTIFIABLE else one
+            for one in before_fit(run, unknowns, point, values, settings)
+        ]
         silent = {one.name for one in found if one.verdict == NOT}
         seen = [unknown for unknown in unknowns if unknown.name not in silent]
         return (*found, *scale_of(run, seen, values, settings))

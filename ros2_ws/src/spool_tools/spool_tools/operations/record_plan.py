@@ -11,7 +11,8 @@ from typing import Any, ClassVar
 import numpy as np
 from spool_core.errors import InputError
 from spool_core.numbers import GRAVITY
-from spool_core.uncertainty import LEGEND, Z_95, Quantity, as_json, number, percent, with_interval
+from spool_core.uncertainty import LEGEND, Z_95, Quantity, as_json, by_name, number, percent, with_interval
+from spool_estimator.identification.determination import Determination, sentences
 from spool_estimator.identification.fit import fit
 from spool_estimator.identification.fit_result import Fit, FitSettings
 from spool_estimator.identification.record import Record
@@ -195,13 +196,16 @@ class Answer:
     limit: Limit | None = None
     reason: str | None = None
     notes: tuple[str, ...] = ()
+    determinations: tuple[Determination, ...] = ()
 
 
 def _fitted(
     plan: Plan, model: Model, values: Mapping[str, float], start: Mapping[str, float] | None = None
 ) -> tuple[Fit, dict[str, float]]:
     truth = model.values_for(plan.valve, plan.values(values))
-    return fit([plan.record(model, values)], model, plan.valve, FitSettings(start=start or {})), truth
+    return fit(
+        [plan.record(model, values)], model, plan.valve, FitSettings(start=start or {}, check=True)
+    ), truth
 
 
 def _smallest(
@@ -269,7 +273,9 @@ def _answer(found: Fit, truth: Mapping[str, float], limit: Limit | None) -> Answ
         return Answer(truth=truth, limit=limit, reason=found.reason)
     untold = [name for name in found.not_observable if name not in found.held]
     reason = f"{', '.join(untold)}: such a record does not tell" if limit is None and untold else None
-    return Answer((*found.parameters, *found.combinations), truth, limit, reason)
+    return Answer(
+        (*found.parameters, *found.combinations), truth, limit, reason, determinations=found.determinations
+    )
 
 
 QUESTIONS: Mapping[str, Callable[[Plan], Answer]] = {
@@ -308,14 +314,9 @@ def plan_record(
     Raises:
         InputError: valve, question, excitation or numbers cannot be used.
     """
-    if not seconds <= LONGEST:
-        raise InputError(f"--seconds {seconds:g}: plan {LONGEST:g} s or less")
     ask = None if name == WHICH_EFFECT else question(name)
-    short = shortness(Analysis.GAP if ask is None else Analysis.ESTIMATE, [seconds])
-    if short:
-        raise InputError(f"--seconds {seconds:g}: {short}")
     described = find_valve(valve)
-    check_rate(f"--sample-rate {sample_rate:g}", sample_rate, described)
+    check_plan(Analysis.GAP if ask is None else Analysis.ESTIMATE, seconds, sample_rate, described)
     plan = Plan(described, find_excitation(excitation), seconds, sample_rate, noise, seed)
     quiet, noisy = (plan.record(load_model("fluid"), {}, noisy=one) for one in (False, True))
     unseen = "".join(noisiness(noisy, noise_of(noisy.body, noisy.spool, noisy.sample_rate)))
@@ -337,6 +338,20 @@ def plan_record(
     _show(result, answer, found)
     told = answer.limit is not None or (answer.parameters and answer.reason is None)
     return 0 if told or any(one.named for one in found) else 1
+
+
+def check_plan(analysis: Analysis, seconds: float, sample_rate: float, valve: Valve) -> None:
+    """Refuse a length or a rate that ``analysis`` does not take.
+
+    Raises:
+        InputError: too short, too long or too slow.
+    """
+    if not seconds <= LONGEST:
+        raise InputError(f"--seconds {seconds:g}: plan {LONGEST:g} s or less")
+    short = shortness(analysis, [seconds])
+    if short:
+        raise InputError(f"--seconds {seconds:g}: {short}")
+    check_rate(f"--sample-rate {sample_rate:g}", sample_rate, valve)
 
 
 def question(name: str) -> Callable[[Plan], Answer]:
@@ -410,6 +425,7 @@ def _dictionary(
             "excitation": excitation,
         },
         "parameters": {one.name: {"truth": truth.get(one.name), **as_json(one)} for one in answer.parameters},
+        "determined": by_name(answer.determinations),
         "limit": answer.limit,
         "reason": answer.reason,
         "notes": answer.notes,
@@ -438,6 +454,8 @@ def _show(result: dict[str, Any], answer: Answer, found: Sequence[Named]) -> Non
         f"{record['spool_peak']:.3g} m/s^2 at most: sensors of {record['range_g']:g} g; the spool moves "
         f"{1e3 * record['travel_m']:.3g} mm from its centre"
     )
+    for line in sentences(answer.determinations):
+        print(line)
     if answer.parameters:
         print(LEGEND)
     for one in answer.parameters:
