@@ -143,13 +143,13 @@ def planned(item: tuple[int, int], *, weak: bool) -> tuple[Plan, str]:
     seed, number = item
     generator = np.random.default_rng([seed, number, int(weak)])
     noise = float(np.exp(generator.uniform(math.log(NOISE[0]), math.log(NOISE[1]))))
-    amplitude = float(generator.uniform(2.0 if weak else 5.0, 12.0))
+    amplitude = float(generator.uniform(5.0 if weak else 6.0, 12.0))
     drives: tuple[Excitation, ...] = (
         SweptSine(
             start_frequency=8.0, stop_frequency=80.0, duration=0.5 * SECONDS, amplitude=amplitude,
             soft_start=0.2,
         ),
-        Multisine(low_frequency=6.0, high_frequency=60.0, rms=(0.1 if weak else 0.6) * amplitude),
+        Multisine(low_frequency=6.0, high_frequency=60.0, rms=(0.4 if weak else 0.6) * amplitude),
         SteadySine(frequency=float(generator.uniform(12.0, 40.0)), amplitude=amplitude),
     )  # fmt: skip
     drive = drives[number % (3 if weak else 2)]

@@ -17,10 +17,11 @@ from spool_estimator.identification import least_squares
 from spool_estimator.identification.determination import (
     IDENTIFIABLE,
     NOT,
+    RISE_95,
     TOGETHER,
     Determination,
     by_information,
-    by_profile,
+    crossing,
     hidden_by_name,
     judgement,
 )
@@ -28,6 +29,15 @@ from spool_estimator.identification.equation_error import EquationError
 from spool_estimator.identification.fit_result import MASS, SPOOL_DELAY, SPOOL_GAIN, FitSettings
 from spool_estimator.identification.free_run import FreeRun
 from spool_estimator.identification.residuals import Residuals
+
+#: Standard deviations, each at most its size, at which a weak number is held until the likelihood fell.
+STEPS = (1.0, 2.0, 3.0, 5.0, 10.0)
+#: Rise over that at the end of an interval up to which it is interpolated, and halvings on the way there.
+NEAR, HALVINGS = 3.0, 8
+#: Rise where a run failed.
+FAILED = 1e300
+#: Rounds of the fit of the others at each, and the fall of the cost that ends it.
+ROUNDS, ENOUGH = 6, 1e-6
 
 
 class UnusedParameterError(InputError):
@@ -173,11 +183,12 @@ def check_applied(
     for place, unknown in enumerate(unknowns):
         if unknown.name not in names:
             continue
-        # Others may have to act first: a frequency shows where its force has an amplitude.
+        # Others may have to act first (a frequency shows where its force has an amplitude), or may hold the
+        # valve (a spring shows where friction lets it move).
         sets = np.array(
             [
-                np.where(np.arange(point.size) == place, value, np.clip(point + shift, low, high))
-                for shift in (0.0 * scales, 0.5 * scales)
+                np.where(np.arange(point.size) == place, value, np.clip(others, low, high))
+                for others in (point, point + 0.5 * scales, scales, 0.01 * scales)
                 for value in (unknown.low, unknown.low + unknown.scale, point[place])
             ]
         )
@@ -191,11 +202,116 @@ def check_applied(
 def _shows(
     residuals: Residuals, run: FreeRun, unknowns: Sequence[least_squares.Unknown], sets: Array, factor: float
 ) -> bool:
-    """Return whether a half of ``sets`` (2 n, u) moves differently; ``factor``: on the excitation."""
+    """Return whether three ``sets`` (3 n, u) in turn move differently; ``factor``: on the excitation."""
     windows = [
         replace(one, excitation=factor * one.excitation, state=(factor * one.state[0], factor * one.state[1]))
         for one in run.windows
     ]
     driven = Residuals(run.driven_by(windows), unknowns, residuals.values, residuals.band)
-    halves = np.split(driven.respond(sets)[0].acceleration, 2)
-    return any(not np.array_equal(half, half[[0] * len(half)], equal_nan=True) for half in halves)
+    parts = np.split(driven.respond(sets)[0].acceleration, len(sets) // 3)
+    return any(not np.array_equal(part, part[[0] * len(part)], equal_nan=True) for part in parts)
+
+
+def by_profile(
+    residuals: Residuals, point: Array, first: Determination, spread: float, dispersion: float
+) -> Determination:
+    """Return the judgement of a weak number by its profile likelihood.
+
+    Args:
+        residuals: weighed by their spectrum.
+        point: where the descent ended, shape (u,).
+        first: the judgement by the information.
+        spread: standard deviation of the number, infinite or NaN where the residual has no slope.
+        dispersion: variance of the point over what the information gives, 1 at least.
+    """
+    place = [one.name for one in residuals.unknowns].index(first.name)
+    unknown = residuals.unknowns[place]
+    step = unknown.size(float(point[place]))
+    if math.isfinite(spread) and spread > 0.0:
+        step = min(step, spread)
+    profile = _Profile(residuals, point, place, dispersion)
+    rows = sorted([*profile.side(-step), (float(point[place]), 0.0), *profile.side(step)])
+    values, rises = zip(*rows, strict=True)
+    low, high = (crossing(values, rises, float(point[place]), side) for side in (-1, 1))
+    partners = tuple(one.name for one in residuals.unknowns if one.name in profile.partners)
+    return judgement(unknown, low, high, (partners or first.together_with) if profile.noticed else ())
+
+
+class _Profile:
+    """Profile likelihood of the unknown at ``place`` of a fit that ended at ``point``.
+
+    Attributes:
+        partners: names of unknowns that compensated for a change that would have been noticed.
+        noticed: such a change was tried.
+    """
+
+    def __init__(self, residuals: Residuals, point: Array, place: int, dispersion: float) -> None:
+        self.partners: set[str] = set()
+        self.noticed = False
+        self._residuals, self._point, self._place = residuals, point, place
+        self._dispersion = dispersion
+        self._cost = float(residuals.costs(residuals.residuals(point[np.newaxis]))[0])
+        self._others = [other for other in range(point.size) if other != place]
+
+    def side(self, step: float) -> list[tuple[float, float]]:
+        """Return values and rises on one side, in ``step`` (signed) until it is decided."""
+        unknown = self._residuals.unknowns[self._place]
+        inside = self._point.copy()
+        rows: list[tuple[float, float]] = []
+        for factor in STEPS:
+            held = inside.copy()
+            held[self._place] = np.clip(self._point[self._place] + factor * step, unknown.low, unknown.high)
+            if held[self._place] == inside[self._place]:
+                break
+            rise = self._rise_at(held, rows)
+            # Where the rise is not nearly a parabola: between here and the last value that is possible.
+            for _ in range(HALVINGS if rise > NEAR * RISE_95 else 0):
+                middle = inside.copy()
+                middle[self._place] = 0.5 * (inside[self._place] + held[self._place])
+                found = self._rise_at(middle, rows)
+                if RISE_95 <= found <= NEAR * RISE_95 or math.isnan(found):
+                    break
+                inside, held = (middle, held) if found < RISE_95 else (inside, middle)
+            if not rise < RISE_95:
+                break
+            inside = held
+        return rows
+
+    def _rise_at(self, held: Array, rows: list[tuple[float, float]]) -> float:
+        """Return the rise at ``held``, whose other numbers become the fitted ones, and add it to ``rows``.
+
+        NaN where the motion cannot be followed there.
+        """
+        rise = self._rise(held)
+        if rise == FAILED:
+            return math.nan
+        if rise >= RISE_95:
+            self.noticed = True
+            free = copy.copy(self._residuals)
+            unknowns = self._residuals.unknowns
+            free.unknowns = tuple(unknowns[other] for other in self._others)
+            free.values = {**free.values, unknowns[self._place].name: float(held[self._place])}
+            try:
+                fitted = least_squares.descend(free, held[self._others][np.newaxis], ROUNDS, ENOUGH)
+            except np.linalg.LinAlgError:
+                return math.nan
+            held[self._others] = fitted.point
+            rise = max(0.0, fitted.cost - self._cost) / self._dispersion
+            if rise < RISE_95:
+                self.partners |= self._moved(held)
+        rows.append((float(held[self._place]), rise))
+        return rise
+
+    def _moved(self, held: Array) -> set[str]:
+        """Return the names of others that had to follow to ``held``: one left behind is noticed."""
+        found = set()
+        for other in self._others:
+            behind = held.copy()
+            behind[other] = self._point[other]
+            if self._rise(behind) >= RISE_95:
+                found.add(self._residuals.unknowns[other].name)
+        return found
+
+    def _rise(self, point: Array) -> float:
+        rise = float(self._residuals.costs(self._residuals.residuals(point[np.newaxis]))[0]) - self._cost
+        return max(0.0, rise) / self._dispersion if math.isfinite(rise) else FAILED

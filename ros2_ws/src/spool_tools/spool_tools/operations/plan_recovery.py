@@ -24,7 +24,7 @@ from spool_sim.valve import find_valve
 from spool_tools.operations.record_plan import Plan, check_plan
 
 #: Shares of its start value between which the true stiffness is drawn, and factors for other parameters.
-STIFFNESS, OTHERS = (0.9, 1.1), (0.5, 2.0)
+STIFFNESS, OTHERS = (0.9, 1.1), (0.7, 1.4)
 
 
 @dataclass(frozen=True, slots=True)
