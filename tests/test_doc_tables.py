@@ -60,7 +60,7 @@ EXPLAINING = {
     "orders.md": [("where", "name"), ("key", "is"), ("remark", "reason")],
     "recording.md": [("fault", "what the recorder keeps")],
     "gap.md": [("verdict",), ("problem", "what happens"), ("nuisance", "how it is detected")],
-    "measure.md": [("matter", "what to choose"), ("question", "excitation")],
+    "measure.md": [("matter", "what to choose"), ("question", "excitation"), ("report", "condition")],
     "glossary.md": [("term", "meaning")],
     "index.md": [("you want to", "page")],
     "laptop.md": [("extra", "adds"), ("system", "what was done")],
