@@ -256,13 +256,15 @@ class OrderLine:
     """Line of an order spectrum.
 
     ``order`` per revolution of the measured shaft, mean peak accelerations ``body`` and ``spool`` in m/s^2,
-    and the speed (rev/min) at which the spool's was highest.
+    and the speed (rev/min) at which the spool's was highest; ``component``: name of the one that is known to
+    shake with this order, empty where none or several are.
     """
 
     order: float
     body: float
     spool: float
     loudest_rpm: float
+    component: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -287,14 +289,18 @@ class OrderSpectrum:
 
 
 def order_spectrum(
-    stretches: Iterable[tuple[int, float, Array, Array]], speeds: Sequence[tuple[int, float]]
+    stretches: Iterable[tuple[int, float, Array, Array]],
+    speeds: Sequence[tuple[int, float]],
+    components: Sequence[Component] = (),
 ) -> OrderSpectrum:
     """Return the spectrum over angle of all pieces of ``TURNS`` revolutions that overlap by half.
 
     Args:
         stretches: stamp (ns), period (s), body and spool (m/s^2, shape (n,)) of what has no gap.
         speeds: stamps (ns) and rev/min, by stamp.
+        components: what turns with the shaft.
     """
+    known = candidates(components)
     found: list[tuple[float, Array]] = []
     fault = "" if speeds else "speed_stale"
     stamps = np.array([stamp for stamp, _ in speeds], dtype=np.int64)
@@ -336,10 +342,12 @@ def order_spectrum(
         size_of = np.sqrt(2.0 * mean[:, lobe].sum(axis=1))
         loudest = found[int(np.argmax(every[:, 1, lobe].sum(axis=1)))][0]
         place = float(lobe @ mean[0, lobe] / mean[0, lobe].sum())
-        lines.append(OrderLine(place / TURNS, float(size_of[0]), float(size_of[1]), loudest))
+        order = min(known, key=lambda one: abs(one - place / TURNS))
+        on_it = abs(order - place / TURNS) <= 0.5 / TURNS + SPEED_ERROR * order
+        name = attributed(known[order])[2] if on_it else ""
+        lines.append(OrderLine(place / TURNS, float(size_of[0]), float(size_of[1]), loudest, name))
     rpms = [rpm for rpm, _ in found]
-    order = np.arange(size) / TURNS
-    return OrderSpectrum(order, mean[0], mean[1], tuple(lines), min(rpms), max(rpms), fault)
+    return OrderSpectrum(np.arange(size) / TURNS, mean[0], mean[1], tuple(lines), min(rpms), max(rpms), fault)
 
 
 def _steady_power(body: Array, turns: Array, whole: float, period: float, frequency: float) -> float:
