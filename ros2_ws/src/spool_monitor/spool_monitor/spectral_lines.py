@@ -17,9 +17,12 @@ _OFFSETS = LOBE + 1 + NOISE_STEP * np.arange(NOISE_LINES)
 _AROUND = np.concatenate((-_OFFSETS[::-1], _OFFSETS))
 #: Lines from one that a test needs on each side.
 REACH = int(_OFFSETS[-1])
-#: Lines on each side of an order, and the share of their power that one sine of constant amplitude must hold:
-#: a lightly damped structure that noise shakes spreads wider, and its phase wanders.
-SKIRT, PURE = 6, 0.8
+#: Lines on each side of an order, and the share of their power that one sine of constant amplitude must hold.
+#: The weakest line that noise does not show has 1.5 / (1.5 + 13 / 33) = 0.8: 33 is its contrast under
+#: FALSE_LINE, 1.5 the noise bandwidth of the taper in lines, 13 the lines. Of noise through a structure of
+#: 0.5 % damping at 29 Hz, 2.3 lines wide, 3 to 4 % of the pieces reach that, and at most 1 % reach 0.9 (study
+#: `orders`); a line needs 1.5 times the least amplitude for it.
+SKIRT, PURE = 6, 0.9
 
 
 def line_powers(samples: Array) -> Array:

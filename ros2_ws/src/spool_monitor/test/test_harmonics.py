@@ -34,7 +34,7 @@ def test_shaft_and_pistons_show_the_speed(orders: tuple[float, ...]) -> None:
     found = speed_from_harmonics(shaken(871.3, *orders), PERIOD, PUMP)
     assert found is not None
     assert found.rpm == pytest.approx(871.3, rel=1e-4)
-    assert 0.95 <= found.confidence < 1.0
+    assert 0.99 <= found.confidence < 1.0
     assert tuple(found.lines) == orders
 
 
@@ -95,7 +95,7 @@ def test_an_event_says_that_its_speed_is_estimated() -> None:
     assert headline(raised[-1]).startswith("Resonance (2nd order of the pump, 870 rev/min)")
     text = described(raised[-1])
     assert "Remark: speed estimated from harmonics" in text
-    assert "confidence of the speed 0.9" in text
+    assert "confidence of the speed 0.99" in text
 
 
 def test_a_tracker_names_the_component_of_a_line_without_a_speed() -> None:
