@@ -23,6 +23,7 @@ def study(
             "records: is the truth of bags/ found? steps: what does a step cost? "
             "monitor: events found in time? operation: false alarms and delays over valve-days? "
             "operation-fit, operation-agreement: its surrogate. operation-gap: model gaps found online? "
+            "orders: false orders and speeds? "
             "fleet: drift found over a year? fleet-cost: what does a bag cost? "
             "stale: which pages of docs/results are older than the code that they measured?"
         ),

@@ -16,6 +16,7 @@ STUDIES = {
     "operation-fit": ("spool_operation.surrogate", "run"),
     "operation-agreement": ("spool_operation.agreement", "run"),
     "operation-gap": ("spool_operation.gap_peer", "run"),
+    "orders": ("studies.orders", "run"),
     "fleet": ("studies.fleet", "run"),
     "fleet-cost": ("studies.fleet", "run_cost"),
 }

@@ -15,8 +15,10 @@ BODY = "body_m_s2"
 SPOOL = "spool_m_s2"
 OIL_TEMPERATURE = "oil_temperature_C"
 SPEED = "speed_rpm"
+#: Pulses of a tacho in any unit; their speed takes the place of the column.
+TACHO = "tacho_pulse"
 #: Columns of slow readings beside the accelerations; each may be missing, or have empty cells.
-SLOW = (OIL_TEMPERATURE, SPEED)
+SLOW = (OIL_TEMPERATURE, SPEED, TACHO)
 DISPLACEMENT = "displacement_m"
 FORCE = "force_N"
 

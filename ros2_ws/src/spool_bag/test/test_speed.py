@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from spool_bag.export import export_bag
 from spool_bag.importing.bag_import import DEFAULT_START, import_record
+from spool_bag.importing.choices import choices
 from spool_bag.metadata import ACCELERATION_BLOCK, FLOAT64
 from spool_bag.reader import BagReader
 from spool_bag.writer import BagWriter
 from spool_core.block import Block
 from spool_core.cdr import CdrError, Speed, decode_speed, encode_block, encode_speed
+from spool_core.errors import InputError
+from spool_core.numbers import Array
 
 
 def save(path: Path, header: str, speeds: list[str], period: float = 0.001) -> Path:
@@ -73,3 +78,89 @@ def test_bytes_that_are_no_speed_are_refused() -> None:
     for data in (b"", b"\0\1\0\0\0", b"\7\7\7\7" + bytes(8)):
         with pytest.raises(CdrError):
             decode_speed(data, 0)
+
+
+def pulsed(
+    path: Path,
+    per_revolution: int,
+    *,
+    noise: float = 0.0,
+    without: tuple[int, ...] = (),
+    twice: tuple[int, ...] = (),
+) -> Path:
+    """Write 12 s of a run-up from 600 to 1200 rev/min with a tacho of 5 V that is high for a third."""
+    time = np.arange(0.0, 12.0, 0.0002)
+    turns = per_revolution * (10.0 * time + 10.0 * time**2 / 24.0)
+    tacho = 5.0 * (turns % 1.0 < 0.35)
+    tacho[np.isin(turns.astype(int), without)] = 0.0
+    tacho[np.isin(turns.astype(int), twice) & (turns % 1.0 > 0.12) & (turns % 1.0 < 0.18)] = 0.0
+    tacho += np.random.default_rng(1).normal(0.0, 1e-9 + noise, time.size)
+    rows = [f"{t:.4f},{n % 7},{n % 5},{one:.3f}" for n, (t, one) in enumerate(zip(time, tacho, strict=True))]
+    path.write_text("\n".join(["time_s,body_m_s2,spool_m_s2,tacho_pulse", *rows]) + "\n")
+    return path
+
+
+def read_speeds(bag: Path) -> tuple[Array, Array]:
+    stamps, rpm = np.array(list(BagReader(bag).speeds("valve_1"))).T
+    return (stamps - DEFAULT_START) * 1e-9, rpm
+
+
+@pytest.mark.parametrize(("per_revolution", "noise"), [(1, 0.0), (1, 0.3), (7, 0.3), (30, 0.0)])
+def test_pulses_of_a_tacho_become_the_speed(tmp_path: Path, per_revolution: int, noise: float) -> None:
+    path = pulsed(tmp_path / "a.csv", per_revolution, noise=noise)
+    found = import_record(path, tmp_path / "bag", how=choices(pulses=per_revolution))
+    at, rpm = read_speeds(tmp_path / "bag")
+    inner = (at > 0.3) & (at < 11.7)
+    assert rpm[inner] == pytest.approx(600.0 + 50.0 * at[inner], rel=0.005)
+    assert np.mean(rpm[inner] / (600.0 + 50.0 * at[inner])) == pytest.approx(1.0, abs=2e-4)
+    assert not [text for text in found.warnings if "tacho" in text]
+
+
+def test_missing_and_double_pulses_are_reported_and_repaired(tmp_path: Path) -> None:
+    path = pulsed(tmp_path / "a.csv", 6, without=(100, 500, 501), twice=(300, 700, 800, 900))
+    found = import_record(path, tmp_path / "bag", how=choices(pulses=6))
+    tacho = [text for text in found.warnings if "tacho" in text]
+    assert tacho == ["tacho: 3 missing pulses filled in", "tacho: 4 double pulses left out"]
+    at, rpm = read_speeds(tmp_path / "bag")
+    inner = (at > 0.3) & (at < 11.7)
+    assert rpm[inner] == pytest.approx(600.0 + 50.0 * at[inner], rel=0.01)
+
+
+def test_a_pause_of_the_shaft_has_no_speed(tmp_path: Path) -> None:
+    found = import_record(
+        pulsed(tmp_path / "a.csv", 6, without=tuple(range(200, 260))), tmp_path / "bag", how=choices(pulses=6)
+    )
+    assert "tacho: 1 pause of more than 3 pulses: no speed there" in found.warnings
+    at, rpm = read_speeds(tmp_path / "bag")
+    assert np.diff(at).max() == pytest.approx(0.9, abs=0.2)
+    inner = (at > 0.3) & (at < 11.7)
+    assert rpm[inner] == pytest.approx(600.0 + 50.0 * at[inner], rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("tacho", "given", "wrong"),
+    [
+        (lambda n: 0.0, {"pulses": 1}, "it is constant"),
+        (lambda n: float(np.random.default_rng(n).normal()), {"pulses": 1}, "it has no two levels"),
+        (lambda n: float(n % 3 == 0), {"pulses": 1}, "too dense for 1000 Hz"),
+        (lambda n: float(n % 10 < 4), {"pulses": 100}, "fewer than one revolution of 100"),
+        (lambda n: float(n % 10 < 4), {"pulses": 0}, "from 1 to 10000"),
+        (lambda n: float(n % 10 < 4), {"columns": "tacho=tacho_pulse"}, "add --pulses-per-revolution"),
+    ],
+)
+def test_what_is_no_tacho_is_refused(
+    tmp_path: Path, tacho: Callable[[int], float], given: dict[str, Any], wrong: str
+) -> None:
+    path = save(tmp_path / "a.csv", "tacho_pulse", [f"{tacho(n):.4f}" for n in range(900)])
+    with pytest.raises(InputError, match=wrong):
+        import_record(path, tmp_path / "bag", how=choices(**given))
+    with pytest.raises(InputError, match="no column tacho_pulse"):
+        import_record(save(tmp_path / "b.csv", "x", ["1"] * 900), tmp_path / "bag", how=choices(pulses=1))
+
+
+def test_a_speed_that_contradicts_the_pulses_is_reported(tmp_path: Path) -> None:
+    rows = [f"{n * 0.001:.3f},{n % 7},{n % 5},{5 * (n % 50 < 20)},1200" for n in range(2000)]
+    (tmp_path / "a.csv").write_text("time_s,body_m_s2,spool_m_s2,ch3,speed_rpm\n" + "\n".join(rows) + "\n")
+    found = import_record(tmp_path / "a.csv", tmp_path / "bag", how=choices(columns="tacho=ch3", pulses=2))
+    assert any("speed_rpm is 2 times it" in text for text in found.warnings)
+    assert read_speeds(tmp_path / "bag")[1] == pytest.approx(600.0, rel=1e-3)

@@ -10,11 +10,23 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import fft, stats
 from scipy.interpolate import CubicSpline
 from spool_core.block import Block
 from spool_core.numbers import Array
+
+from spool_monitor.harmonics import attributed, candidates, speed_from_harmonics
+from spool_monitor.spectral_lines import (
+    FALSE_LINE,
+    LOBE,
+    PURE,
+    REACH,
+    SKIRT,
+    contrast,
+    false_probability,
+    line_powers,
+    sine_power,
+)
 
 if TYPE_CHECKING:  # slow to load
     from spool_sim.valve import Component
@@ -30,39 +42,28 @@ SLOWEST = 5.0
 #: Share by which a speed may change within a second, and at once: no machine is faster, a faulty sensor is.
 FASTEST, STEP = 3.0, 0.1
 
-#: Probability that noise alone shows a line in a look, over all orders that are looked at.
-FALSE_LINE = 1e-6
 #: Probability that a vibration of another origin lies on an order by chance.
 MOST_CHANCE = 0.05
 #: Relative error of a measured speed: the last digit of 600 rev/min as a drive reports it.
 SPEED_ERROR = 0.001
-#: Lines of the spectrum that a sine spreads to on each side under a Hann taper.
-LOBE = 2
-#: Lines of noise on each side, every other one: a Hann taper correlates neighbours.
-NOISE_LINES, NOISE_STEP = 8, 2
-_OFFSETS = LOBE + 1 + NOISE_STEP * np.arange(NOISE_LINES)
-_AROUND = np.concatenate((-_OFFSETS[::-1], _OFFSETS))
-#: Lines from one that a test needs on each side.
-REACH = int(_OFFSETS[-1])
-#: Lines on each side of an order, and the share of their power that one sine of constant amplitude must hold:
-#: a lightly damped structure that noise shakes spreads wider, and its phase wanders.
-SKIRT, PURE = 6, 0.8
 #: Share of the power that a line keeps over angle, of its power over time, where both tell the same.
 KEPT = 0.9
 #: Hz by which the strongest line of a second may lie beside an order.
 BESIDE = 1.0
 #: Revolutions of a piece of an order spectrum, and the highest order that it shows.
 TURNS, MOST_ORDERS = 64, 30
-#: Orders of a shaft of which nobody said what turns with it.
-SHAFT_ORDERS = tuple(float(order) for order in range(1, 13))
 
 
 class OrderName(NamedTuple):
-    """Name of what shakes: ``order`` of ``component`` (empty: the shaft) at ``rpm``, its own speed."""
+    """Name of what shakes: ``order`` of ``component`` (empty: the shaft) at ``rpm``, its own speed.
+
+    ``confidence`` is that of a speed estimated from harmonics, ``None`` for a measured one.
+    """
 
     order: float
     component: str
     rpm: float
+    confidence: float | None = None
 
 
 @dataclass(slots=True)
@@ -96,7 +97,7 @@ class OrderTracker:
 
     def take(self, block: Block) -> None:
         """Take a block that continues the last one."""
-        if not self._speeds:
+        if not self._speeds and not self.components:
             self._blocks.clear()
             return
         self._blocks.append((block.stamp, block.body.astype(np.float64)))
@@ -107,10 +108,12 @@ class OrderTracker:
     def named(self, frequency: float, stamp: int) -> tuple[OrderName | None, str]:
         """Return the order that a line of ``frequency`` (Hz) at ``stamp`` (ns) is, and the code of a remark.
 
-        The remark says why there is no name; it is empty where no speed is measured.
+        The remark says why there is no name, or that the speed was estimated; it is empty where no speed is
+        measured and harmonics do not show it.
         """
         if not self._speeds:
-            return None, ""
+            found = self._estimated(frequency, stamp)
+            return found, "" if found is None else "speed_estimated"
         begin = stamp - round(MEMORY * 1e9)
         speeds = [one for one in self._speeds if begin - STALE * 1e9 <= one[0] <= stamp]
         fault = speed_fault(speeds, stamp)
@@ -129,6 +132,26 @@ class OrderTracker:
         speed = float(rpm[-1])
         found = name_of(body, turns, self._period, 60.0 * frequency / speed, speed, self.components)
         return found, "" if found is not None else "order_unknown"
+
+    def _estimated(self, frequency: float, stamp: int) -> OrderName | None:
+        """Return the order of a line where its harmonics show the speed."""
+        if not self.components or not self._blocks:
+            return None
+        body = np.concatenate([samples for _, samples in self._blocks])
+        count = round(MEMORY / self._period)
+        end = round((stamp - self._blocks[0][0]) * 1e-9 / self._period)
+        if not count <= end <= body.size:
+            return None
+        family = speed_from_harmonics(body[end - count : end], self._period, self.components)
+        if family is None:
+            return None
+        beside = {order: abs(line - frequency) for order, line in family.lines.items()}
+        order = min(beside, key=beside.__getitem__)
+        known = candidates(self.components)
+        if beside[order] > BESIDE or order not in known:
+            return None
+        own, ratio, name = attributed(known[order])
+        return OrderName(own, name, ratio * family.rpm, family.confidence)
 
 
 def speed_fault(speeds: Sequence[tuple[int, float]], stamp: int) -> str:
@@ -175,58 +198,6 @@ def by_angle(samples: Array, turns: Array, whole: float) -> Array:
     return np.asarray(CubicSpline(turns, samples, axis=-1)(angles))
 
 
-def line_powers(samples: Array) -> Array:
-    """Return the power of each line under a Hann taper; a sine's lines add up to half its amplitude squared.
-
-    Args:
-        samples: shape (..., n); the result has (..., n // 2 + 1).
-    """
-    taper = np.hanning(samples.shape[-1])
-    spectrum = fft.rfft((samples - samples.mean(axis=-1, keepdims=True)) * taper)
-    return np.asarray(2.0 * np.abs(spectrum) ** 2 / (samples.shape[-1] * float(taper @ taper)))
-
-
-def contrast(powers: Array, places: NDArray[np.int64]) -> Array:
-    """Return each line's power over the mean of the noise around it.
-
-    Args:
-        powers: shape (..., lines).
-        places: of the lines that are asked for, (n,), at least ``REACH`` from both ends.
-    """
-    line, noise = powers[..., places], powers[..., places[:, np.newaxis] + _AROUND].mean(axis=-1)
-    return np.asarray(np.divide(line, noise, out=np.full(line.shape, np.inf), where=noise > 0.0))
-
-
-def false_probability(contrasts: Array) -> Array:
-    """Return the probability that Gaussian noise, flat around a line, shows it as strong: F of 2 and 2 n."""
-    return np.asarray(stats.f.sf(contrasts, 2, 2 * _AROUND.size))
-
-
-def candidates(components: Iterable[Component]) -> dict[float, list[tuple[float, float, str, bool]]]:
-    """Return who may shake with each order of the measured shaft, the lowest first.
-
-    Of each: its own order, its speed over that of the shaft, its name, and whether the order is its own
-    (pistons, firing) and not that of any shaft. Of unknown components it is the shaft, whose name is empty.
-    """
-    found: dict[float, list[tuple[float, float, str, bool]]] = {}
-    for one in components:
-        for order, own in one.orders.items():
-            found.setdefault(round(order * one.ratio, 9), []).append((order, one.ratio, one.name, own))
-    if not found:
-        found = {order: [(order, 1.0, "", False)] for order in SHAFT_ORDERS}
-    return dict(sorted(found.items()))
-
-
-def attributed(sources: Sequence[tuple[float, float, str, bool]]) -> tuple[float, float, str]:
-    """Return own order, ratio and name of the only one of ``sources`` that the order is typical of.
-
-    Where several are, none is named: then order and speed are those of the measured shaft.
-    """
-    typical = [one for one in sources if one[3]] or list(sources)
-    order, ratio, name, _ = typical[0]
-    return (order, ratio, name) if len(typical) == 1 else (order * ratio, 1.0, "")
-
-
 def name_of(
     body: Array, turns: Array, period: float, order: float, rpm: float, components: Sequence[Component]
 ) -> OrderName | None:
@@ -268,7 +239,7 @@ def name_of(
         if float(false_probability(contrast(powers, np.array([peak])))[0]) * trials > FALSE_LINE:
             continue
         around = float(powers[peak - SKIRT : peak + SKIRT + 1].sum())
-        if _sine_power(even, place) < PURE * around:
+        if sine_power(even, place) < PURE * around:
             continue
         if power < KEPT * _steady_power(body, turns, whole, period, orders[number] * rpm / 60.0):
             continue
@@ -285,13 +256,15 @@ class OrderLine:
     """Line of an order spectrum.
 
     ``order`` per revolution of the measured shaft, mean peak accelerations ``body`` and ``spool`` in m/s^2,
-    and the speed (rev/min) at which the spool's was highest.
+    and the speed (rev/min) at which the spool's was highest; ``component``: name of the one that is known to
+    shake with this order, empty where none or several are.
     """
 
     order: float
     body: float
     spool: float
     loudest_rpm: float
+    component: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -316,14 +289,18 @@ class OrderSpectrum:
 
 
 def order_spectrum(
-    stretches: Iterable[tuple[int, float, Array, Array]], speeds: Sequence[tuple[int, float]]
+    stretches: Iterable[tuple[int, float, Array, Array]],
+    speeds: Sequence[tuple[int, float]],
+    components: Sequence[Component] = (),
 ) -> OrderSpectrum:
     """Return the spectrum over angle of all pieces of ``TURNS`` revolutions that overlap by half.
 
     Args:
         stretches: stamp (ns), period (s), body and spool (m/s^2, shape (n,)) of what has no gap.
         speeds: stamps (ns) and rev/min, by stamp.
+        components: what turns with the shaft.
     """
+    known = candidates(components)
     found: list[tuple[float, Array]] = []
     fault = "" if speeds else "speed_stale"
     stamps = np.array([stamp for stamp, _ in speeds], dtype=np.int64)
@@ -365,17 +342,12 @@ def order_spectrum(
         size_of = np.sqrt(2.0 * mean[:, lobe].sum(axis=1))
         loudest = found[int(np.argmax(every[:, 1, lobe].sum(axis=1)))][0]
         place = float(lobe @ mean[0, lobe] / mean[0, lobe].sum())
-        lines.append(OrderLine(place / TURNS, float(size_of[0]), float(size_of[1]), loudest))
+        order = min(known, key=lambda one: abs(one - place / TURNS))
+        on_it = abs(order - place / TURNS) <= 0.5 / TURNS + SPEED_ERROR * order
+        name = attributed(known[order])[2] if on_it else ""
+        lines.append(OrderLine(place / TURNS, float(size_of[0]), float(size_of[1]), loudest, name))
     rpms = [rpm for rpm, _ in found]
-    order = np.arange(size) / TURNS
-    return OrderSpectrum(order, mean[0], mean[1], tuple(lines), min(rpms), max(rpms), fault)
-
-
-def _sine_power(even: Array, cycles: float) -> float:
-    """Return the power of a sine of constant amplitude with so many ``cycles`` in ``even``, under a taper."""
-    taper = np.hanning(even.size)
-    sine = np.exp(-2j * np.pi * cycles / even.size * np.arange(even.size))
-    return float(2.0 * np.abs(sine @ ((even - even.mean()) * taper)) ** 2 / taper.sum() ** 2)
+    return OrderSpectrum(np.arange(size) / TURNS, mean[0], mean[1], tuple(lines), min(rpms), max(rpms), fault)
 
 
 def _steady_power(body: Array, turns: Array, whole: float, period: float, frequency: float) -> float:

@@ -15,15 +15,9 @@ from spool_core.numbers import Array
 from spool_estimator.estimator import Estimator, settings_for
 from spool_monitor import orders
 from spool_monitor.monitor import Monitor
-from spool_monitor.orders import (
-    OrderName,
-    OrderTracker,
-    contrast,
-    false_probability,
-    line_powers,
-    order_spectrum,
-)
+from spool_monitor.orders import OrderName, OrderTracker, order_spectrum
 from spool_monitor.replay import Replay
+from spool_monitor.spectral_lines import REACH, contrast, false_probability, line_powers
 from spool_sim.excitation import PRESETS, MachineOrders
 from spool_sim.simulator import Simulator
 from spool_sim.valve import Component, find_valve
@@ -110,7 +104,7 @@ def test_a_thousand_blocks_of_broadband_name_nothing(noise: str, speed: Rpm) -> 
 
 def test_the_false_alarm_probability_is_the_stated_one() -> None:
     powers = line_powers(np.random.default_rng(2).normal(size=(200, 2000)))
-    places = np.arange(orders.REACH, 1000 - orders.REACH)
+    places = np.arange(REACH, 1000 - REACH)
     found = false_probability(contrast(powers, places))
     for wanted in (0.1, 0.01, 0.001):
         assert np.mean(found < wanted) == pytest.approx(wanted, rel=0.25)

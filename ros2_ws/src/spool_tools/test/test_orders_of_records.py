@@ -22,6 +22,8 @@ def test_a_run_up_shows_its_orders_and_resonance_names_the_component(tmp_path: P
         main(["check", record, "--json", str(found), "--force"])
         lines = json.loads(found.read_text())["order_lines"]
         assert [round(one["order"], 3) for one in lines] == [1.0, 2.0]
+        names = ["pump", "pump"] if record == bag else ["", ""]  # a table has no description of a valve
+        assert [one["component"] for one in lines] == names
         assert [one["body"] for one in lines] == pytest.approx([4.0, 6.0], rel=0.02)
         valves = [] if record == bag else ["--valve", str(valve)]
         assert main(["replay", record, *valves, "--json", str(found), "--force"]) == 0

@@ -11,7 +11,7 @@ from spool_core.errors import InputError
 from spool_core.text import printable
 from spool_core.uncertainty import EMPTY_IS_NULL
 
-from spool_bag import BODY, SPOOL, TIME
+from spool_bag import BODY, SPOOL, TACHO, TIME
 from spool_bag.importing import roles
 from spool_bag.importing.choices import QUANTITIES, Choices, short, typed
 from spool_bag.importing.roles import Channels, Source
@@ -66,7 +66,7 @@ class ChannelUse:
 
     def __str__(self) -> str:
         """Column and conversion, for people."""
-        kept = KEPT[QUANTITIES[self.role]].replace("**", "^")
+        kept = KEPT.get(QUANTITIES[self.role], "any unit").replace("**", "^")
         number = f"column #{self.number} " if self.number >= 0 else "column "
         said = f"{short(self.role)}: {number}'{printable(self.column, 60)}'"
         if self.unit == STAMP:
@@ -230,6 +230,8 @@ def _use_of(role: str, source: Source, asked: Choices) -> ChannelUse:
     own = "" if channel.unit.strip().casefold() in NO_UNIT else channel.unit
     unit = asked.units.get(role) or own
     scale = asked.scales.get(role)
+    if role == TACHO:
+        return ChannelUse.of(source, role, "", 1.0, f"--pulses-per-revolution {asked.pulses}")
     why = f"--unit {way}={unit}" if role in asked.units else ""
     if why and own and own != unit:
         why += f" instead of the file's {printable(own, 20)}"

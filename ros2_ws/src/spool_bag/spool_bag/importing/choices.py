@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from spool_core.errors import InputError
 from spool_core.text import printable
 
-from spool_bag import BODY, DISPLACEMENT, FORCE, OIL_TEMPERATURE, SPEED, SPOOL, TIME
+from spool_bag import BODY, DISPLACEMENT, FORCE, OIL_TEMPERATURE, SPEED, SPOOL, TACHO, TIME
 from spool_bag.importing.units import READINGS, Sensitivity, quantity_of
 
 #: What each role measures; accelerations may come as readings of a sensor, by its sensitivity.
@@ -20,6 +20,7 @@ QUANTITIES = {
     SPOOL: "acceleration",
     OIL_TEMPERATURE: "temperature",
     SPEED: "frequency",
+    TACHO: "pulses",
     DISPLACEMENT: "length",
     FORCE: "force",
 }
@@ -30,6 +31,7 @@ SHORT = {
     "spool": SPOOL,
     "oil": OIL_TEMPERATURE,
     "speed": SPEED,
+    "tacho": TACHO,
     "displacement": DISPLACEMENT,
     "force": FORCE,
 }
@@ -51,6 +53,7 @@ class Choices:
     ``stamps``: which time of a bag's messages counts, one of ``STAMPS``; ``None``: that of the header.
     ``dates``: order of day, month and year in dates like 05/04/2026 or 26/05/04: ``dmy``, ``mdy`` or ``ymd``.
     ``empty_as_gap``: whether a row without a value in a channel is a gap in all of them.
+    ``pulses``: of a tacho per revolution; without them such a channel is not read.
     """
 
     columns: Mapping[str, str] = field(default_factory=dict)
@@ -63,6 +66,7 @@ class Choices:
     stamps: str | None = None
     dates: str = ""
     empty_as_gap: bool = False
+    pulses: int | None = None
 
     def states_unit(self, role: str) -> bool:
         """Return whether ``--columns`` names a column by the role with its unit, e.g. ``body_m_s2``."""
@@ -88,6 +92,7 @@ def choices(
     stamps: str | None = None,
     dates: str = "",
     empty_as_gap: bool = False,
+    pulses: int | None = None,
 ) -> Choices:
     """Return what the options of the same names say.
 
@@ -113,6 +118,8 @@ def choices(
         topics[role_of(name, "--topic")] = (path, axis)
     if rate is not None and not 0.0 < rate < 1e7:
         raise InputError(f"--rate {rate:g}: give samples a second, above 0")
+    if pulses is not None and not 1 <= pulses <= 10_000:
+        raise InputError(f"--pulses-per-revolution {pulses}: give a number from 1 to 10000")
     named = columns_of(columns) or {}
     left_out = tuple(name.strip() for text in _texts(exclude) for name in text.split(",") if name.strip())
     if stamps is not None and stamps not in STAMPS:
@@ -121,7 +128,9 @@ def choices(
         )
     if dates not in ("", "dmy", "mdy", "ymd"):
         raise InputError(f"--dates {printable(dates, 20)!r}: write dmy, mdy or ymd")
-    return Choices(named, units, scales, topics, rate, align == "auto", left_out, stamps, dates, empty_as_gap)
+    return Choices(
+        named, units, scales, topics, rate, align == "auto", left_out, stamps, dates, empty_as_gap, pulses
+    )
 
 
 def role_of(name: str, option: str = "--columns") -> str:

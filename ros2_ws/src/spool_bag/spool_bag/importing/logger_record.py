@@ -15,7 +15,7 @@ from spool_core.errors import InputError
 from spool_core.numbers import GRAVITY
 from spool_core.text import plural, printable
 
-from spool_bag import BODY, SLOW, SPOOL, TIME
+from spool_bag import BODY, SLOW, SPEED, SPOOL, TACHO, TIME
 from spool_bag.importing import time_axis, time_base
 from spool_bag.importing.channel_use import ChannelUse, ClockRoles, Role, assigned
 from spool_bag.importing.choices import Choices, choices, short, typed
@@ -24,6 +24,7 @@ from spool_bag.importing.formats.format import open_table, read_channels
 from spool_bag.importing.mixed_sources import mixed
 from spool_bag.importing.roles import REQUIRED, Source
 from spool_bag.importing.table import STAMP, Group, Table, Values
+from spool_bag.importing.tacho import TachoSpeed, speed_from_pulses
 from spool_bag.importing.two_clocks import Series, TopicTimes, check_one_time, merged
 
 #: Relative deviation of a rate below which it is not stated: stamps do not show the error of their own clock,
@@ -36,6 +37,8 @@ EARLIEST = 946_684_800_000_000_000
 #: Gravity in units in which drivers publish, beyond that of the format, and how far off it a sensor may be.
 GRAVITY_IN = {"g": 1.0, "mg": 1000.0, "mm/s^2": 9806.65}
 GRAVITY_OFF = 0.07
+#: Relative difference of a recorded speed from that of the pulses, beyond which it is a warning.
+SPEEDS_OFF = 0.02
 #: Rows without a time below the samples.
 MOST_FOOTER = 50
 #: Relative difference of a duration that is stated from that of the samples, beyond which it is a warning.
@@ -117,6 +120,8 @@ def read_record(
     else:
         sides = [_of_clock(one, kind, asked, regular=True, single=False) for one in clocks]
         record = _together(sides, clocks[0].measured[BODY].source, clocks[1].measured[SPOOL].source, asked)
+    if asked.pulses is not None and not any(use.role == TACHO for use in record.uses):
+        raise InputError(f"{files[0]}: the tacho must be sampled together with body and spool, on one clock")
     notes = [
         f"{table.path.name}: {note}" if len(tables) > 1 else note for table in tables for note in table.notes
     ]
@@ -178,6 +183,11 @@ def _of_clock(clock: ClockRoles, kind: str, asked: Choices, *, regular: bool, si
         warnings.append(
             f"--rate {asked.rate:g} is used, and {group.source or 'the file'} states {group.rate:g} Hz"
         )
+    repairs = dict(base.repairs)
+    if TACHO in found:
+        turning = _with_speed(found, base, asked.pulses or 1, f"{path}: {measured[TACHO].name}")
+        warnings, notes = [*warnings, *turning.warnings], [*notes, str(turning)]
+        repairs |= turning.repairs
     notes.append(_rate_note(path, axis, group, asked, base))
     table.account(group.name, "s", group.span, base.time.size * base.period, off=SPAN_OFF)
     channels = [one.source.channel for one in measured.values()]
@@ -196,7 +206,7 @@ def _of_clock(clock: ClockRoles, kind: str, asked: Choices, *, regular: bool, si
         group.start if timed.start is None else timed.start,
         tuple(warnings),
         tuple(notes),
-        base.repairs,
+        repairs,
         uses=tuple(
             one.use for one in (axis, *measured.values()) if one and (one is not axis or one.use.unit)
         ),
@@ -345,6 +355,19 @@ def _filtered_apart(clocks: Sequence[ClockRoles]) -> list[str]:
         f"body and spool were filtered or decimated differently ({shown}): the delay between them looks like "
         "friction and drag; record both alike"
     ]
+
+
+def _with_speed(found: dict[str, Array], base: time_base.TimeBase, pulses: int, label: str) -> TachoSpeed:
+    """Replace the tacho in ``found`` by the speed of its pulses, and return it."""
+    label = printable(label)
+    turning = speed_from_pulses(found.pop(TACHO), base.time, base.gaps, pulses, label)
+    ratio = float(np.nanmedian(found[SPEED] / turning.rpm)) if SPEED in found else 1.0
+    if abs(ratio - 1.0) > SPEEDS_OFF:
+        turning.warnings.append(
+            f"{label}: its speed is used; {SPEED} is {ratio:.3g} times it: check --pulses-per-revolution"
+        )
+    found[SPEED] = turning.rpm
+    return turning
 
 
 def _rate_note(path: Path, axis: Role | None, group: Group, asked: Choices, base: time_base.TimeBase) -> str:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from spool_core.errors import InputError
 from spool_core.text import printable
 
-from spool_bag import BODY, DISPLACEMENT, FORCE, SLOW, SPOOL, TIME
+from spool_bag import BODY, DISPLACEMENT, FORCE, SLOW, SPOOL, TACHO, TIME
 from spool_bag.importing.choices import QUANTITIES, Choices, role_of, short, typed
 from spool_bag.importing.csv_layout import listed
 from spool_bag.importing.table import LOG_TIME, STAMP, Channel, Group, Table
@@ -155,6 +155,9 @@ def chosen(channels: Channels, kind: str, asked: Choices) -> dict[str, Source]:
     stray = [role for role in wanted if role not in (*roles, TIME)]
     if stray:
         raise InputError(f"--columns: {stray[0]!r} is not one of {', '.join((TIME, *roles))}")
+    if TACHO in wanted and asked.pulses is None:
+        raise InputError("--columns: a tacho needs its pulses: add --pulses-per-revolution, e.g. 60")
+    roles = tuple(role for role in roles if role != TACHO or asked.pulses is not None)
     found: dict[str, Source] = {}
     for role in roles:
         if role in asked.topics:
@@ -167,7 +170,7 @@ def chosen(channels: Channels, kind: str, asked: Choices) -> dict[str, Source]:
             source = _recognised(channels, role, list(found.values()), asked, required=role in REQUIRED[kind])
             if source is not None:
                 found[role] = source
-            elif role in REQUIRED[kind]:
+            elif role in (*REQUIRED[kind], TACHO):
                 missing.append(role)
     if missing:
         raise _missing(channels, missing, found, asked)
@@ -241,8 +244,8 @@ def _recognised(
     channels: Channels, role: str, taken: Sequence[Source], asked: Choices, *, required: bool
 ) -> Source | None:
     """Return the channel that has a role by its name and unit."""
-    free = [one for one in channels.sources if one not in taken]
-    fitting = [one for one in free if role in (one.channel.role, one.channel.header)]
+    free = [one for one in channels.sources if one not in taken and (role == TACHO or one.name != TACHO)]
+    fitting = [one for one in free if role in (one.channel.role, one.channel.header, one.name)]
     called = [one for one in free if _is_called(one, role) and one.channel.unit != STAMP]
     fitting = fitting or [one for one in called if asked.gives(role) or _may_be(one, role)]
     beside = [one for one in fitting if one.group in [other.group for other in taken]]

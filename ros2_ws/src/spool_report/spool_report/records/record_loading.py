@@ -17,7 +17,7 @@ from spool_bag.importing.logger_record import LoggerRecord
 from spool_bag.metadata import rate_std
 from spool_bag.reader import BagReader
 from spool_core.block import Block
-from spool_core.cdr import Speed
+from spool_core.cdr import Reading, Speed
 from spool_core.errors import InputError
 from spool_core.record_limits import LIMITS
 from spool_core.text import did_you_mean
@@ -149,6 +149,8 @@ def load_recording(path: Path, selection: Selection | None = None) -> Recording:
     """
     chosen = selection or Selection()
     described = None
+    oil: list[tuple[int, float]] = []
+    speeds: list[tuple[int, float]] = []
     if is_table(path):
         table = record_of_table(path, columns=chosen.columns, how=chosen.how)
         stretches, notes = stretches_of_table(table, str(path)), table.notes
@@ -162,16 +164,16 @@ def load_recording(path: Path, selection: Selection | None = None) -> Recording:
         notes = import_notes(path)
         reader = BagReader(path, span=span_of(path, *chosen.when))
         name = _valve_in(reader, chosen.name)
+        blocks = _blocks_beside(reader.stream(name), oil, speeds)
         if chosen.longest is None:
-            stretches = records_from_blocks(reader.blocks(name), str(path), reader.temperatures(name))
+            stretches = records_from_blocks(blocks, str(path), oil)
         else:
             keeper = PartKeeper(chosen.longest)
-            for block in _blocks_between(reader.blocks(name), chosen.start, chosen.stop):
+            for block in _blocks_between(blocks, chosen.start, chosen.stop):
                 keeper.take(block)
-            stretches = keeper.records(str(path), reader.temperatures(name))
+            stretches = keeper.records(str(path), oil)
         stretches = [replace(one, rate_std=rate_std(path)) for one in stretches]
         described = recorded_valve(reader, name) if chosen.described else None
-        speeds = list(reader.speeds(name)) if f"/{name}/speed" in reader.topics else []
     if not stretches:
         raise InputError(f"{path}: no sample in it that can be used")
     # What lies between start and stop, s since the first sample.
@@ -469,6 +471,19 @@ def divided(records: Sequence[Record]) -> tuple[tuple[Record, ...], tuple[Record
 
 def _changing(stretches: Iterable[Record]) -> list[Record]:
     return [part for one in stretches for part in changing(one, LIMITS.seconds_of_estimate)]
+
+
+def _blocks_beside(
+    stream: Iterable[Block | Reading], oil: list[tuple[int, float]], speeds: list[tuple[int, float]]
+) -> Iterator[Block]:
+    """Yield the blocks of a stream; its slow readings are appended to ``oil`` and ``speeds``."""
+    for item in stream:
+        if isinstance(item, Block):
+            yield item
+        elif isinstance(item, Speed):
+            speeds.append((item.stamp, item.rpm))
+        else:
+            oil.append((item.stamp, item.celsius))
 
 
 def _blocks_between(blocks: Iterable[Block], start: float, stop: float) -> Iterator[Block]:

@@ -118,11 +118,12 @@ def quality_of_record(
     Raises:
         InputError: the record cannot be read.
     """
-    recording = record_loading.load_recording(record, replace(selection, longest=LARGEST, described=False))
+    recording = record_loading.load_recording(record, replace(selection, longest=LARGEST))
     found = quality_of(recording.stretches, str(record), left_out=recording.left_out)
     if recording.speeds:
         rows = [(one.start, one.sample_period, one.body, one.spool) for one in recording.stretches]
-        found.orders = order_spectrum(rows, recording.speeds)
+        components = recording.described.components if recording.described else ()
+        found.orders = order_spectrum(rows, recording.speeds, components)
         found.order_lines = found.orders.lines
     return found, recording.notes
 
@@ -208,7 +209,7 @@ def _order_facts(found: OrderSpectrum | None) -> list[dict[str, object]]:
     speed = f"{number(found.slowest)} to {number(found.fastest)} rev/min{fault}"
     lines: list[dict[str, object]] = [
         {
-            "what": f"order {one.order:.3g}",
+            "what": f"order {one.order:.3g}" + (f", {one.component}" if one.component else ""),
             "value": f"body {one.body:.3g}, spool {one.spool:.3g} m/s², most at "
             f"{one.loudest_rpm:.0f} rev/min",
         }

@@ -40,6 +40,12 @@ def import_(
     empty_as_gap: Annotated[
         bool, typer.Option("--empty-as-gap", help="Leave out rows in which body or spool has no value.")
     ] = False,
+    pulses: Annotated[
+        int | None,
+        typer.Option(
+            "--pulses-per-revolution", help="Pulses of the column tacho_pulse, or of --columns tacho=ch3."
+        ),
+    ] = None,
     topic: Annotated[
         list[str] | None, typer.Option(help="Topics and axes of a bag: body=/imu_1:z,spool=/imu_2:z")
     ] = None,
@@ -78,7 +84,7 @@ def import_(
     from spool_report.records.record_sources import iso_time  # noqa: PLC0415
     from spool_report.terminal import progress  # noqa: PLC0415
 
-    how = choices(columns, unit, scale, topic, rate, align, exclude, stamps, dates, empty_as_gap)
+    how = choices(columns, unit, scale, topic, rate, align, exclude, stamps, dates, empty_as_gap, pulses)
     if len(files) > 2:
         raise InputError(f"{files[2]}: two files at most, body and spool; import each record by itself")
     if look:
