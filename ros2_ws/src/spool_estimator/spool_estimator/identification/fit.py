@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from spool_core.errors import InputError
@@ -50,6 +50,7 @@ from spool_estimator.identification.free_run import FreeRun, Response
 from spool_estimator.identification.record import Record
 from spool_estimator.identification.residuals import (
     Residuals,
+    Weighted,
     fit_covariance,
     information_criterion,
     standard_deviations,
@@ -120,7 +121,8 @@ def fit(records: Sequence[Record], model: Model, valve: Valve, settings: FitSett
     held = {name: value for name, value in values.items() if name not in {u.name for u in unknowns}}
     failed = Fit(model, valve.id, held=held)
     try:
-        found = _fit(records, model, valve, chosen, unknowns, values, held)
+        ended = follow(records, model, valve, chosen, unknowns, values)
+        found = _result(ended, unknowns, values, held, valve, chosen)
         return _held_back(found, records, valve, chosen) if chosen.check else found
     except UnusedParameterError:
         raise
@@ -223,15 +225,38 @@ def agreement(run: FreeRun, responses: Sequence[Response]) -> Agreement:
     )
 
 
-def _fit(
+@dataclass(frozen=True, slots=True)
+class Ended:
+    """End of the descents of a fit.
+
+    Attributes:
+        residuals: weighed by their spectrum; its unknowns are those that were fitted.
+        best: where the descent ended.
+        law: balance of forces with all unknowns.
+        doubts: changes of the point that another reading of the record gives.
+        before: the judgement at the start values, empty without ``FitSettings.check``.
+    """
+
+    residuals: Residuals
+    best: least_squares.Descent
+    law: EquationError
+    doubts: list[Array]
+    before: list[Determination]
+
+
+def follow(
     records: Sequence[Record],
     model: Model,
     valve: Valve,
     settings: FitSettings,
     unknowns: tuple[least_squares.Unknown, ...],
     values: Mapping[str, float],
-    held: Mapping[str, float],
-) -> Fit:
+) -> Ended:
+    """Return where the fit of ``unknowns`` ends; what no force shows by itself is held at ``values``.
+
+    Raises:
+        InputError: the records are too short, or the spool's acceleration is 0.
+    """
     run = FreeRun(
         records,
         model,
@@ -243,7 +268,7 @@ def _fit(
     )
     if not any(np.any(window.measured) for window in run.windows):
         raise InputError(f"{records[0].name}: the spool's acceleration is 0 throughout; check the sensor")
-    given = _inside(np.array([values.get(unknown.name, 0.0) for unknown in unknowns]), unknowns)
+    given = inside(np.array([values.get(unknown.name, 0.0) for unknown in unknowns]), unknowns)
     law = EquationError(run, unknowns, run.sets(values), settings.low_cut)
     unseen = least_squares.unseen_directions(law.force_slopes(given), least_squares.sizes_of(unknowns, given))
     # What the valve's description gives is held first.
@@ -269,14 +294,14 @@ def _fit(
     if rings and residuals.has_jumps:
         # The filter's shape is not known: what the other reading gives is a measure of its effect.
         residuals.band_limited = False
-        other = _refine(residuals, best, 1)
+        other = refine(residuals, best, 1)
         residuals.read_as_means()
-        best = _refine(residuals, best, REWEIGHED)
+        best = refine(residuals, best, REWEIGHED)
         doubts.append(other.point - best.point)
     else:
         residuals.band_limited = rings
-        best = _refine(residuals, best, REWEIGHED)
-    return _result(run, residuals, best, unknowns, law, values, held, valve, settings, doubts, before)
+        best = refine(residuals, best, REWEIGHED)
+    return Ended(residuals, best, law, doubts, before)
 
 
 def _held_back(found: Fit, records: Sequence[Record], valve: Valve, settings: FitSettings) -> Fit:
@@ -336,12 +361,11 @@ def _moved_starts(model: Model, settings: FitSettings) -> tuple[str, ...]:
     return tuple(found)
 
 
-def _refine(residuals: Residuals, start: least_squares.Descent, rounds: int) -> least_squares.Descent:
+def refine(residuals: Weighted, start: least_squares.Descent, rounds: int) -> least_squares.Descent:
+    """Return the end of ``rounds`` descents, each with weights from where the one before ended."""
     best = start
     for _ in range(rounds):
-        responses = residuals.respond(best.point[np.newaxis])
-        residuals.leave_jumps_out(responses)
-        residuals.take_spectrum(residuals.differences(responses))
+        residuals.reweigh(best.point)
         best = least_squares.descend(residuals, best.point[np.newaxis], ROUNDS, ENOUGH)
     return best
 
@@ -367,7 +391,7 @@ def _starts(
             for point in points
             for factor in BLIND_FACTORS
         ]
-    points = [_inside(point, unknowns) for point in points]
+    points = [inside(point, unknowns) for point in points]
     if len(points) == 1:
         return points
     named_best = {u.name: float(v) for u, v in zip(unknowns, points[0], strict=True) if u.name in values}
@@ -377,7 +401,7 @@ def _starts(
     return [points[number] for number in order[: max(1, settings.starts)].tolist()]
 
 
-def _inside(point: Array, unknowns: Sequence[least_squares.Unknown]) -> Array:
+def inside(point: Array, unknowns: Sequence[least_squares.Unknown]) -> Array:
     """Return ``point`` a little inside of the bounds, where slopes to both sides exist."""
     low, high = least_squares.bounds_of(unknowns)
     room = np.minimum(1e-3 * np.array([unknown.scale for unknown in unknowns]), 0.1 * (high - low))
@@ -385,19 +409,15 @@ def _inside(point: Array, unknowns: Sequence[least_squares.Unknown]) -> Array:
 
 
 def _result(
-    run: FreeRun,
-    residuals: Residuals,
-    best: least_squares.Descent,
+    ended: Ended,
     unknowns: Sequence[least_squares.Unknown],
-    law: EquationError,
     values: Mapping[str, float],
     held: Mapping[str, float],
     valve: Valve,
     settings: FitSettings,
-    doubts: Sequence[Array],
-    before: Sequence[Determination],
 ) -> Fit:
-    ended = best.point
+    residuals, best, law = ended.residuals, ended.best, ended.law
+    run, descended, doubts = residuals.run, best.point, ended.doubts
     free = residuals.unknowns
     names = [unknown.name for unknown in unknowns]
     rate_std = max(entry.rate_std for entry in run.records)
@@ -415,7 +435,7 @@ def _result(
         )
         point = best.point.copy()
         point[shown] = moved
-        best = replace(best, point=_inside(point, free))
+        best = replace(best, point=inside(point, free))
     named = {unknown.name: float(value) for unknown, value in zip(free, best.point, strict=True)}
     final = {**values, **{name: value for name, value in named.items() if name in values}}
     sensor = {name: named[name] for name in (SPOOL_GAIN, SPOOL_DELAY) if name in named}
@@ -424,7 +444,7 @@ def _result(
     ending = {SPOOL_GAIN: 0.0, SPOOL_DELAY: 0.0, **final, **sensor}
     ends = np.array([ending[name] for name in names])
     scales = least_squares.sizes_of(unknowns, ends)
-    unseen = least_squares.unseen_directions(law.force_slopes(_inside(ends, unknowns)), scales)
+    unseen = least_squares.unseen_directions(law.force_slopes(inside(ends, unknowns)), scales)
     lost, told = least_squares.combinations(
         np.hstack([unseen, np.zeros((unseen.shape[0], len(constants)))]),
         [*names, *(constant.name for constant in constants)],
@@ -433,7 +453,9 @@ def _result(
         np.concatenate([scales, np.zeros(len(constants))]),
     )
     deviations = dict(zip(named, standard_deviations(covariance).tolist(), strict=True))
-    determinations = _judged(residuals, unknowns, ended, ends, covariance, unseen, before, final, settings)
+    determinations = _judged(
+        residuals, unknowns, descended, ends, covariance, unseen, ended.before, final, settings
+    )
     judged = {one.name: one for one in determinations}
     parameters = []
     unclear = list(lost)
@@ -448,7 +470,7 @@ def _result(
             one = judged.get(unknown.name)
             if one is not None and not (one.low or -math.inf) <= value <= (one.high or math.inf):
                 # Too far moved by the noise of the excitation for one step to be right.
-                value = float(ended[[u.name for u in free].index(unknown.name)])
+                value = float(descended[[u.name for u in free].index(unknown.name)])
                 ends_of = [end for end in (one.low, one.high) if end is not None]
                 deviation = max((abs(end - value) / Z_95 for end in ends_of), default=deviation)
             parameters.append(Quantity(unknown.name, unknown.unit, value, deviation, Validity.VALID))

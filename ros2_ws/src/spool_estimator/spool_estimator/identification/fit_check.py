@@ -28,7 +28,7 @@ from spool_estimator.identification.determination import (
 from spool_estimator.identification.equation_error import EquationError
 from spool_estimator.identification.fit_result import MASS, SPOOL_DELAY, SPOOL_GAIN, FitSettings
 from spool_estimator.identification.free_run import FreeRun
-from spool_estimator.identification.residuals import Residuals
+from spool_estimator.identification.residuals import Residuals, Weighted
 
 #: Standard deviations, each at most its size, at which a weak number is held until the likelihood fell.
 STEPS = (1.0, 2.0, 3.0, 5.0, 10.0)
@@ -67,7 +67,7 @@ def before_fit(
 
 
 def at_result(
-    residuals: Residuals,
+    residuals: Weighted,
     unknowns: Sequence[least_squares.Unknown],
     point: Array,
     covariance: Array,
@@ -213,7 +213,7 @@ def _shows(
 
 
 def by_profile(
-    residuals: Residuals, point: Array, first: Determination, spread: float, dispersion: float
+    residuals: Weighted, point: Array, first: Determination, spread: float, dispersion: float
 ) -> Determination:
     """Return the judgement of a weak number by its profile likelihood.
 
@@ -245,7 +245,7 @@ class _Profile:
         noticed: such a change was tried.
     """
 
-    def __init__(self, residuals: Residuals, point: Array, place: int, dispersion: float) -> None:
+    def __init__(self, residuals: Weighted, point: Array, place: int, dispersion: float) -> None:
         self.partners: set[str] = set()
         self.noticed = False
         self._residuals, self._point, self._place = residuals, point, place

@@ -20,6 +20,7 @@ timing is not known, and other doubts, are added.
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -51,13 +52,65 @@ BLOCK = 0.5
 SHOWS = 1e-2
 
 
-class Residuals:
+class Weighted(ABC):
+    """Weighted residual with its slopes.
+
+    Attributes:
+        unknowns: what is fitted, the order of every point.
+        values: the numbers that a point does not hold.
+    """
+
+    unknowns: tuple[Unknown, ...]
+    values: dict[str, float]
+
+    @abstractmethod
+    def residuals(self, points: Array) -> Array:
+        """Return the weighted residuals at ``points`` (s, u), shape (s, all samples)."""
+
+    @abstractmethod
+    def late(self, point: Array, samples: float) -> Array:
+        """Return the weighted residual at ``point`` with the spool's sensor later by ``samples``."""
+
+    @abstractmethod
+    def reweigh(self, point: Array) -> None:
+        """Leave out jumps and take the weights from what is left at ``point`` (u,)."""
+
+    @property
+    @abstractmethod
+    def blocks(self) -> list[slice]:
+        """Pieces of all samples that hardly depend on each other."""
+
+    def at(self, point: Array) -> Array:
+        """Return the weighted residual at ``point`` (u,)."""
+        return np.asarray(self.residuals(point[np.newaxis])[0])
+
+    @staticmethod
+    def costs(residuals: Array) -> Array:
+        """Return the sums of squares of ``residuals`` (s, m), shape (s,); infinite where a run failed."""
+        return np.asarray(np.nan_to_num(np.sum(residuals**2, axis=1), nan=np.inf))
+
+    def at_with_slopes(self, point: Array) -> tuple[Array, Array]:
+        """Return ``at`` and its Jacobian, shape (all samples, u); all perturbed sets run in one call."""
+        steps = STEP * sizes_of(self.unknowns, point)
+        steps = np.where(point + steps > bounds_of(self.unknowns)[1], -steps, steps)
+        runs = self.residuals(np.vstack([point, point + np.diag(steps)]))
+        return runs[0], np.asarray(((runs[1:] - runs[0]) / steps[:, np.newaxis]).T)
+
+    def central_slopes(self, point: Array) -> Array:
+        """Return the Jacobian by differences to both sides where the bounds leave room."""
+        steps = STEP * sizes_of(self.unknowns, point)
+        low, high = bounds_of(self.unknowns)
+        lows, highs = np.maximum(point - steps, low), np.minimum(point + steps, high)
+        runs = self.residuals(np.vstack([point + np.diag(highs - point), point + np.diag(lows - point)]))
+        count = len(self.unknowns)
+        return np.asarray(((runs[:count] - runs[count:]) / (highs - lows)[:, np.newaxis]).T)
+
+
+class Residuals(Weighted):
     """Differences between a model and the records over the windows of a free run.
 
     Attributes:
         run: the windows.
-        unknowns: what is fitted, the order of every point.
-        values: the model's parameters that a point does not hold.
         band_limited: compare means over the sample intervals, not samples.
         kept: weight 0 or 1 of each sample, one array for each window.
         spectrum: of the residual, one for each record, or ``None`` for equal weights.
@@ -90,9 +143,32 @@ class Residuals:
         self.band_limited = True
         self.kept = [np.ones(kept.size) for kept in self.kept]
 
-    def at_delay(self, point: Array, delay: float) -> Array:
-        """Return the weighted residual at ``point`` with the spool's sensor later by ``delay`` s."""
+    def late(self, point: Array, samples: float) -> Array:
+        """Return the weighted residual at ``point`` with the spool's sensor later by ``samples``."""
+        delay = samples * self.run.records[0].sample_period
         return np.asarray(self.weighted(self.differences(self.respond(point[np.newaxis], delay)))[0])
+
+    def reweigh(self, point: Array) -> None:
+        """Leave out jumps and take the weights from what is left at ``point`` (u,)."""
+        responses = self.respond(point[np.newaxis])
+        self.leave_jumps_out(responses)
+        self.take_spectrum(self.differences(responses))
+
+    @property
+    def blocks(self) -> list[slice]:
+        """Pieces of all samples, ``BLOCK`` long, that hardly depend on each other."""
+        blocks: list[slice] = []
+        offset = 0
+        for window in self.run.windows:
+            size = int(fft.next_fast_len(window.measured.size, real=True))
+            length = max(8, round(BLOCK / self.run.records[window.record].sample_period))
+            count = max(1, window.measured.size // length)
+            edges = offset + size * np.arange(count + 1) // count
+            blocks += [
+                slice(low, high) for low, high in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True)
+            ]
+            offset += size
+        return blocks
 
     def respond(self, points: Array, delay: float = 0.0) -> list[Response]:
         """Return the response at ``points`` (s, u) in each window, the sensor ``delay`` s later still."""
@@ -135,34 +211,9 @@ class Residuals:
             rows.append(fft.irfft(fft.rfft(inside, length, axis=-1) * gain, length, axis=-1))
         return np.concatenate(rows, axis=-1)
 
-    def at(self, point: Array) -> Array:
-        """Return the weighted residual at ``point`` (u,)."""
-        return np.asarray(self.residuals(point[np.newaxis])[0])
-
     def residuals(self, points: Array) -> Array:
         """Return the weighted residuals at ``points`` (s, u), shape (s, all samples)."""
         return self.weighted(self.differences(self.respond(points)))
-
-    @staticmethod
-    def costs(residuals: Array) -> Array:
-        """Return the sums of squares of ``residuals`` (s, m), shape (s,); infinite where a run failed."""
-        return np.asarray(np.nan_to_num(np.sum(residuals**2, axis=1), nan=np.inf))
-
-    def at_with_slopes(self, point: Array) -> tuple[Array, Array]:
-        """Return ``at`` and its Jacobian, shape (all samples, u); all perturbed sets run in one call."""
-        steps = STEP * sizes_of(self.unknowns, point)
-        steps = np.where(point + steps > bounds_of(self.unknowns)[1], -steps, steps)
-        runs = self.residuals(np.vstack([point, point + np.diag(steps)]))
-        return runs[0], np.asarray(((runs[1:] - runs[0]) / steps[:, np.newaxis]).T)
-
-    def central_slopes(self, point: Array) -> Array:
-        """Return the Jacobian by differences to both sides where the bounds leave room."""
-        steps = STEP * sizes_of(self.unknowns, point)
-        low, high = bounds_of(self.unknowns)
-        lows, highs = np.maximum(point - steps, low), np.minimum(point + steps, high)
-        runs = self.residuals(np.vstack([point + np.diag(highs - point), point + np.diag(lows - point)]))
-        count = len(self.unknowns)
-        return np.asarray(((runs[:count] - runs[count:]) / (highs - lows)[:, np.newaxis]).T)
 
     def leave_jumps_out(self, responses: Sequence[Response]) -> None:
         """Leave out the samples next to jumps of the friction in the first set of ``responses``."""
@@ -240,7 +291,7 @@ def information_criterion(residuals: Residuals, point: Array, parameters: int) -
 
 
 def fit_covariance(
-    residuals: Residuals, point: Array, scales: Array, settings: FitSettings, doubts: Sequence[Array] = ()
+    residuals: Weighted, point: Array, scales: Array, settings: FitSettings, doubts: Sequence[Array] = ()
 ) -> Array:
     """Return the covariance of the u unknowns at ``point`` (u,), shape (u, u).
 
@@ -258,10 +309,10 @@ def fit_covariance(
     slopes = slopes[:, shown]
     if not shown.any():
         return covariance
-    told = covariance_of(slopes, residual, _blocks(residuals.run, residual.size))
+    told = covariance_of(slopes, residual, residuals.blocks)
     shifts = [doubt[shown] for doubt in doubts]
     if settings.timing > 0.0 and not settings.fit_delay:
-        late = residuals.at_delay(point, settings.timing * residuals.run.records[0].sample_period)
+        late = residuals.late(point, settings.timing)
         shifts.append(np.linalg.lstsq(slopes, late - residual, rcond=None)[0])
     for shift in shifts:
         told += np.outer(shift, shift)
@@ -319,19 +370,3 @@ def _bridged(columns: Array, kept: Array) -> Array:
     share = np.where(place == 0, 1.0, np.where(place == known.size, 0.0, share))
     columns[:, left_out] = columns[:, before] * (1.0 - share) + columns[:, after] * share
     return columns
-
-
-def _blocks(run: FreeRun, total: int) -> list[slice]:
-    blocks: list[slice] = []
-    offset = 0
-    for window in run.windows:
-        size = int(fft.next_fast_len(window.measured.size, real=True))
-        length = max(8, round(BLOCK / run.records[window.record].sample_period))
-        count = max(1, window.measured.size // length)
-        edges = offset + size * np.arange(count + 1) // count
-        blocks += [
-            slice(low, high) for low, high in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True)
-        ]
-        offset += size
-    assert offset == total
-    return blocks
