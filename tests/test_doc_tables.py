@@ -65,6 +65,7 @@ EXPLAINING = {
     "index.md": [("you want to", "page")],
     "laptop.md": [("extra", "adds"), ("system", "what was done")],
     "python.md": [("question", "where"), ("call", "gives"), ("name", "number")],
+    "setups.md": [("key of `known`", "unit")],
     "watch.md": [("state", "meaning")],
     "methods/estimation.md": [("question", "answer")],
     "methods/gap.md": [("in `result.json`", "rule"), ("limit", "value")],

@@ -21,10 +21,10 @@ from typing import TYPE_CHECKING
 
 from spool_core.errors import InputError
 
-from spool.analysis import compare, fit, gap, replay, what_if
+from spool.analysis import compare, fit, fit_setups, gap, replay, what_if
 from spool.fleet_store import Fleet, fleet
 from spool.record import Record, export_fmu, read, simulate, valve
-from spool.results import Comparison, Fit, Gap, Picture, Quality, Replay, Result, WhatIf
+from spool.results import Comparison, Fit, Gap, Picture, Quality, Replay, Result, SetUpsFit, WhatIf
 
 if TYPE_CHECKING:
     __version__: str
@@ -40,10 +40,12 @@ __all__ = [
     "Record",
     "Replay",
     "Result",
+    "SetUpsFit",
     "WhatIf",
     "compare",
     "export_fmu",
     "fit",
+    "fit_setups",
     "fleet",
     "gap",
     "read",

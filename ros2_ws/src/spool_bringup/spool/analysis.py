@@ -9,7 +9,7 @@ import tempfile
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 from spool_core.errors import InputError
 from spool_core.system import expanded
@@ -17,7 +17,17 @@ from spool_core.text import did_you_mean
 
 from spool.errors import in_python, one_error
 from spool.record import AnyRecord, AnyValve, Part, listed, part_of, path_of, valve_files
-from spool.results import Comparison, Fit, Gap, Replay, WhatIf, keeping_backend, text_console, text_of
+from spool.results import (
+    Comparison,
+    Fit,
+    Gap,
+    Replay,
+    SetUpsFit,
+    WhatIf,
+    keeping_backend,
+    text_console,
+    text_of,
+)
 
 #: What ``gap`` takes for its kind.
 KINDS = ("accelerations", "driven", "imposed")
@@ -73,6 +83,62 @@ def fit(
     for doubt in (*validated.data.doubts, *validated.fit.warnings):
         warnings.warn(in_python(doubt), stacklevel=3)
     return Fit(validated)
+
+
+@one_error
+def fit_setups(
+    setups: str | Path | Mapping[str, Any],
+    valve: AnyValve,
+    model: str | Path = "coulomb",
+    *,
+    free: Sequence[str] = (),
+    fix: Sequence[str] = (),
+    force_free: bool = False,
+    sensor_gain: bool = False,
+    sensor_delay: bool = False,
+) -> SetUpsFit:
+    """Fit one model to records of several set-ups of one valve together.
+
+    Example:
+        >>> import spool
+        >>> valve = spool.valve("4weh10_soft")
+        >>> loaded = valve.model_copy(update={"moving_mass": 0.24})
+        >>> setups = [
+        ...     {"records": [spool.simulate(valve, "fluid", seconds=6)]},
+        ...     {"records": [spool.simulate(loaded, "fluid", seconds=6)], "known": {"added_mass": 0.06}},
+        ... ]
+        >>> shared = ["mass", "spring_stiffness", "viscous_coefficient", "spool_gain"]
+        >>> found = spool.fit_setups({"setups": setups, "shared": shared}, valve, "fluid")
+        >>> round(found.parameters["mass"]["value"], 3)
+        0.18
+
+    Args:
+        setups: YAML file of the set-ups, or its content; records may then be what ``spool.read`` returns.
+        valve: description of the valve that all set-ups are of.
+        model: name or YAML file.
+        free, fix, force_free, sensor_gain, sensor_delay: as of ``spool.fit``, in each set-up.
+
+    Raises:
+        InputError: set-ups, records, valve, model or parameters cannot be used.
+    """
+    from spool_report.records.record_loading import Selection  # noqa: PLC0415 - slow to load, as below
+    from spool_report.runs.setups_run import SetUpsRequest, fit_setups_of, setups_file  # noqa: PLC0415
+
+    if isinstance(setups, Mapping):
+        content, where, folder = _with_paths(setups), "spool.fit_setups", Path()
+    else:
+        file = expanded(setups)
+        content, where, folder = setups_file(file), str(file), file.parent
+    with valve_files([valve]) as (described,):
+        request = SetUpsRequest(
+            content, where, folder, described, str(model), Selection(), _listed(free), _listed(fix),
+            sensor_gain=sensor_gain, sensor_delay=sensor_delay, force_free=force_free,
+        )  # fmt: skip
+        found = fit_setups_of(request)
+    for one in found.data:
+        for doubt in one.doubts:
+            warnings.warn(in_python(f"{one.name}: {doubt}"), stacklevel=3)
+    return SetUpsFit(found)
 
 
 @one_error
@@ -309,6 +375,20 @@ def what_if(
             ",".join(map(str, orders)) or None,
         )  # fmt: skip
         return WhatIf(predict(request))
+
+
+def _with_paths(setups: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the content of a file of set-ups with records as their paths."""
+    entries = setups.get("setups")
+    if not isinstance(entries, (list, tuple)):
+        return dict(setups)
+    changed = [
+        {**entry, "records": [path_of(one) for one in listed(entry["records"])]}
+        if isinstance(entry, Mapping) and entry.get("records")
+        else entry
+        for entry in entries
+    ]
+    return {**setups, "setups": changed}
 
 
 def _held_out(holdout: AnyRecord | Sequence[AnyRecord]) -> list[Path]:

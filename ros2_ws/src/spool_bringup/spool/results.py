@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from spool_report.ranking import FittedSeries, Ranking, ValidatedFit
     from spool_report.runs.record_quality import RecordQuality
     from spool_report.runs.what_if import WhatIf as Prediction
+    from spool_report.setups import FittedSetUps
 
 #: Characters of a line of ``summary()`` and in a notebook.
 WIDTH = 120
@@ -260,6 +261,62 @@ class Fit(Result):
             from spool_report.fit_page import fit_page  # noqa: PLC0415
 
             return fit_page(self._validated)
+
+
+class SetUpsFit(Result):
+    """Parameters of one model, fitted to several set-ups of one valve together."""
+
+    def __init__(self, found: FittedSetUps) -> None:
+        self._found = found
+
+    @property
+    def parameters(self) -> dict[str, dict[str, Any]]:
+        """Value, standard deviation and unit by name; ``spring_stiffness[soft, loaded]`` is of these two."""
+        found: dict[str, dict[str, Any]] = self.to_dict()["parameters"]
+        return found
+
+    @property
+    def determined(self) -> dict[str, dict[str, Any]]:
+        """Judgement of what all set-ups together determine of each parameter."""
+        found: dict[str, dict[str, Any]] = self.to_dict()["determined"]
+        return found
+
+    @property
+    def alone(self) -> dict[str, dict[str, dict[str, Any]]]:
+        """Judgement of what each set-up by itself determines, by its name."""
+        found: dict[str, dict[str, dict[str, Any]]] = self.to_dict()["alone"]
+        return found
+
+    @property
+    def reason(self) -> str | None:
+        """Why there is no result, ``None`` if there is one."""
+        return self._found.joint.reason
+
+    @property
+    def fits(self) -> dict[str, Fit]:
+        """What the joint fit reports of each set-up, by its name; empty without a result."""
+        pairs = zip(self._found.setups, self._found.validated, strict=False)
+        return {setup.name: Fit(one) for setup, one in pairs}
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what ``fit --setups --json`` writes."""
+        from spool_report.setups_tables import to_dictionary  # noqa: PLC0415
+
+        found: dict[str, Any] = as_json(to_dictionary(self._found))
+        return found
+
+    def _print(self, console: Console) -> None:
+        from spool_report.setups_tables import print_setups  # noqa: PLC0415
+
+        print_setups(self._found, console)
+
+    def _page(self) -> str:
+        if self.reason is not None:
+            raise InputError(f"no result to save as a page: {self.reason}")
+        with keeping_backend():
+            from spool_report.setups_page import setups_page  # noqa: PLC0415
+
+            return setups_page(self._found)
 
 
 class Comparison(Result):

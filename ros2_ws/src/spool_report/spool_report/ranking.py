@@ -244,11 +244,16 @@ def fit_and_validate(data: FitData, model: Model, settings: FitSettings) -> Vali
         if further.agreement is None:
             break
         found = replace(further, notes=found.notes)
+    return validated(data, found, settings)
+
+
+def validated(data: FitData, found: Fit, settings: FitSettings) -> ValidatedFit:
+    """Return a fit with its agreement with what was held out of ``data``."""
     if found.agreement is None or not data.held_out:
         return ValidatedFit(data, found, None)
     try:
         held_out = free_run_agreement(
-            data.held_out, model, data.valve, found.values, sensor=found.sensor, run_in=settings.run_in,
+            data.held_out, found.model, data.valve, found.values, sensor=found.sensor, run_in=settings.run_in,
             low_cut=settings.low_cut,
         )  # fmt: skip
     except InputError:  # every held-out stretch is shorter than what settling takes

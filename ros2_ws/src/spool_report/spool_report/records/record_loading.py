@@ -224,14 +224,14 @@ def channel_faults(stretches: Sequence[Record]) -> list[ChannelFault]:
 
 
 def load_recordings(
-    paths: Sequence[Path], valve: str | None, selection: Selection | None = None
+    paths: Sequence[Path], valve: str | Valve | None, selection: Selection | None = None
 ) -> tuple[list[Recording], Valve]:
     """Return the records and the valve that all of them are of.
 
     Args:
         paths: bags and loggers' files, in any mixture.
-        valve: a valve file, a shipped valve's name, or the namespace of a valve that the bags describe;
-            ``None`` takes the bags' description.
+        valve: a description, a valve file, a shipped valve's name, or the namespace of a valve that the bags
+            describe; ``None`` takes the bags' description.
         selection: what to take of each.
 
     Raises:
@@ -239,7 +239,9 @@ def load_recordings(
     """
     chosen = selection or Selection()
     given = None
-    if valve is not None:
+    if isinstance(valve, Valve):
+        given, chosen = valve, replace(chosen, described=False)
+    elif valve is not None:
         given, name = _valve_or_name(valve, paths, chosen.name)
         chosen = replace(chosen, name=name, described=given is None)
     recordings = [load_recording(path, chosen) for path in paths]
@@ -390,7 +392,12 @@ class FitData:
 
 
 def load_data(
-    paths: Sequence[Path], valve: str | None, selection: Selection, held_out: Sequence[Path] = ()
+    paths: Sequence[Path],
+    valve: str | Valve | None,
+    selection: Selection,
+    held_out: Sequence[Path] = (),
+    *,
+    springs: bool = True,
 ) -> FitData:
     """Return the records ``paths`` as one set of data of one valve.
 
@@ -399,6 +406,7 @@ def load_data(
         valve: as in ``load_recordings``.
         selection: what to take of each of ``paths``; of records held out all is taken.
         held_out: records to judge errors by; without any, pieces of ``paths`` are held out.
+        springs: doubt the description where the records show another natural frequency.
 
     Raises:
         InputError: unreadable, too short, or nothing moves in them.
@@ -410,7 +418,11 @@ def load_data(
             check_rate(str(recording.path), stretch.sample_rate, described)
     records = stretches_of(recordings)
     name = ", ".join(path.name for path in paths)
-    doubts = (*channel_doubts(recordings), *doubts_of(records, described), *check_records(described, records))
+    doubts = (
+        *channel_doubts(recordings),
+        *doubts_of(records, described),
+        *(check_records(described, records) if springs else ()),
+    )
     records = _changing(records) or records
     if not held_out:
         return FitData(name, tuple(paths), described, *divided(records), doubts=doubts)

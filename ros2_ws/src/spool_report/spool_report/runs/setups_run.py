@@ -1,0 +1,150 @@
+"""`./spool fit --setups`: one model fitted to several set-ups of one valve, and what is written."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from spool_core.errors import InputError
+from spool_estimator.identification.setups import SetUp, fit_setups
+from spool_report import setups_tables as tables
+from spool_report.fit_tables import LONGEST_NAME, save_model
+from spool_report.outputs import ResultFiles, check_output, write_file, write_json
+from spool_report.ranking import validated
+from spool_report.records.record_loading import FitData, Selection, load_data
+from spool_report.runs.fit_run import fit_settings
+from spool_report.setups import DescribedSetUp, FittedSetUps, read_setups
+from spool_report.terminal import progress, warn
+from spool_sim.model import load_model
+from spool_sim.valve import Valve, find_valve, read_mapping
+
+
+@dataclass(frozen=True, slots=True)
+class SetUpsRequest:
+    """Request to fit one model to several set-ups.
+
+    Attributes:
+        content: what the file of the set-ups holds.
+        where: name of the file, for messages.
+        folder: that the paths of records start from.
+        valve: file or name of the valve that all set-ups are of.
+        model, selection, free, fixed, sensor_gain, sensor_delay, force_free: as of ``FitRequest``.
+    """
+
+    content: Mapping[str, Any]
+    where: str
+    folder: Path
+    valve: str | None
+    model: str
+    selection: Selection
+    free: Sequence[str] = ()
+    fixed: Sequence[str] = ()
+    sensor_gain: bool = False
+    sensor_delay: bool = False
+    force_free: bool = False
+
+
+def run_setups(request: SetUpsRequest, outputs: ResultFiles) -> int:
+    """Fit a model to set-ups and report the result; return 1 if there is none.
+
+    Raises:
+        InputError: the file of the set-ups, records, valve, model or parameters cannot be used.
+    """
+    load_model(request.model)  # refused before the files are made
+    wanted = outputs.within("fit", model=True)
+    found = fit_setups_of(request)
+    for one in found.data:
+        for doubt in one.doubts:
+            warn(f"{one.name}: {doubt}")
+    if wanted.json is not None:
+        write_json(wanted.json, tables.to_dictionary(found))
+    console = Console()
+    tables.print_setups(found, console)
+    if found.joint.reason is not None:
+        return 1
+    if wanted.model is not None:
+        for path in save_models(wanted.model, found):
+            print(f"{path}: the fitted model")
+    if wanted.report is not None:
+        from spool_report.setups_page import setups_page  # noqa: PLC0415 - matplotlib is needed here only
+
+        with progress("drawing"):
+            write_file(wanted.report, setups_page(found), "--report")
+        print(f"{wanted.report}: pictures and tables")
+    return 0
+
+
+def setups_file(path: Path) -> dict[str, Any]:
+    """Return the content of a file of set-ups.
+
+    Raises:
+        InputError: it cannot be read as YAML.
+    """
+    return read_mapping(path, "set-ups")
+
+
+def fit_setups_of(request: SetUpsRequest) -> FittedSetUps:
+    """Return a model fitted to set-ups, with its errors on held-out data.
+
+    Raises:
+        InputError: the file of the set-ups, records, valve, model or parameters cannot be used.
+    """
+    if request.valve is None:
+        raise InputError(
+            "--setups: name the valve that all set-ups are of with --valve; the file states what differs"
+        )
+    valve, model = find_valve(request.valve), load_model(request.model)
+    setups, shared = read_setups(request.content, request.where, request.folder, valve, model)
+    settings = fit_settings(
+        model, valve, request.free, request.fixed, gain=request.sensor_gain, delay=request.sensor_delay
+    )
+    settings = replace(settings, force_free=request.force_free)
+    both = sorted(set(settings.held) & set(shared))
+    if both:
+        raise InputError(f"{request.where}: shared: {both[0]}: --fix holds it: remove one of them")
+    data = tuple(
+        load_data(one.records, one.valve, request.selection, springs=one.known.spring_stiffness is not None)
+        for one in setups
+    )
+    with progress(f"fitting {model.name} to {len(setups)} set-ups"):
+        joint = fit_setups(
+            [_setup(one, part, valve) for one, part in zip(setups, data, strict=True)],
+            model,
+            shared,
+            settings,
+        )
+        fits = tuple(validated(part, one, settings) for part, one in zip(data, joint.fits, strict=False))
+    return FittedSetUps(valve, setups, data, shared, joint, fits)
+
+
+def save_models(path: Path, found: FittedSetUps) -> list[Path]:
+    """Write the fitted model of each set-up beside ``path``, the set-up's name added; return the files.
+
+    Raises:
+        InputError: a file is there already, or cannot be written.
+    """
+    paths = [path.with_name(f"{path.stem}_{one.name}{path.suffix}") for one in found.setups]
+    for file in paths:
+        check_output(file, "--save-model")
+    for file, setup, one in zip(paths, found.setups, found.validated, strict=True):
+        name = f"{one.name[: LONGEST_NAME - 51]}_{setup.name}_fitted"
+        comment = f"{one.name}, set-up {setup.name} of {', '.join(other.name for other in found.setups)}"
+        save_model(file, one.fit.model, name, one.fit.values, one.fit.parameters, comment)
+    return paths
+
+
+def _setup(one: DescribedSetUp, data: FitData, valve: Valve) -> SetUp:
+    oil = (one.known.dynamic_viscosity, one.known.oil, one.known.oil_temperature)
+    changed = any(value is not None for value in oil)
+    stiffness = one.known.spring_stiffness
+    return SetUp(
+        one.name,
+        data.fitted,
+        one.valve,
+        {} if stiffness is None else {"spring_stiffness": stiffness},
+        one.known.added_mass or 0.0,
+        one.valve.dynamic_viscosity / valve.dynamic_viscosity if changed else 1.0,
+    )

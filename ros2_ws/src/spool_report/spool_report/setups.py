@@ -1,0 +1,167 @@
+"""File of several set-ups of one valve, and the joint fit of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from spool_core.errors import InputError
+from spool_core.text import did_you_mean
+from spool_estimator.identification.fit_result import SPOOL_DELAY, SPOOL_GAIN
+from spool_estimator.identification.setups import JointFit
+from spool_sim.model import Model
+from spool_sim.valve import Number, Valve, one_line, valve_from_mapping
+
+from spool_report.ranking import ValidatedFit
+from spool_report.records.record_loading import FitData
+
+#: Fewer set-ups are what `fit` without `--setups` takes.
+LEAST = 2
+
+
+class Known(BaseModel):
+    """What is known in one set-up, in the units of a valve file; ``added_mass``: kg over the valve's."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    spring_stiffness: Number | None = None
+    added_mass: Number | None = Field(default=None, gt=-1e3, lt=1e3)
+    dynamic_viscosity: Number | None = None
+    oil: str | None = None
+    oil_temperature: Number | None = None
+
+
+class _SetUpEntry(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    name: str | None = Field(default=None, pattern=r"^[A-Za-z0-9_.\-]+$", max_length=50)
+    records: tuple[Path, ...] = Field(min_length=1)
+    known: dict[str, Any] = Field(default_factory=dict)
+
+
+class _SetUpsFile(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    setups: tuple[dict[str, Any], ...] = Field(min_length=LEAST)
+    shared: tuple[str | dict[str, tuple[str, ...]], ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class DescribedSetUp:
+    """A set-up as a file describes it; ``valve`` has what is known here."""
+
+    name: str
+    records: tuple[Path, ...]
+    known: Known
+    valve: Valve
+
+
+@dataclass(frozen=True, slots=True)
+class FittedSetUps:
+    """A joint fit with what it was made of; ``validated`` is empty where it has no result."""
+
+    valve: Valve
+    setups: tuple[DescribedSetUp, ...]
+    data: tuple[FitData, ...]
+    shared: Mapping[str, tuple[tuple[str, ...], ...]]
+    joint: JointFit
+    validated: tuple[ValidatedFit, ...]
+
+
+def read_setups(
+    content: Mapping[str, Any], where: str, folder: Path, valve: Valve, model: Model
+) -> tuple[tuple[DescribedSetUp, ...], dict[str, tuple[tuple[str, ...], ...]]]:
+    """Return the set-ups that ``content`` describes, and which of them share each parameter.
+
+    Raises:
+        InputError: unknown or missing key, value out of range, or what is shared and known does not fit.
+    """
+    try:
+        file = _SetUpsFile.model_validate(dict(content))
+    except ValidationError as error:
+        raise one_line(error, where, tuple(_SetUpsFile.model_fields)) from None
+    setups: list[DescribedSetUp] = []
+    for number, entry in enumerate(file.setups, 1):
+        given = entry.get("name")
+        place = f"{where}: set-up {number}" + (f" '{given}'" if isinstance(given, str) else "")
+        try:
+            one = _SetUpEntry.model_validate(entry)
+        except ValidationError as error:
+            raise one_line(error, place, tuple(_SetUpEntry.model_fields)) from None
+        try:
+            known = Known.model_validate(one.known)
+        except ValidationError as error:
+            raise one_line(error, f"{place}: known", tuple(Known.model_fields)) from None
+        name = one.name or f"setup_{number}"
+        if any(name == other.name for other in setups):
+            raise InputError(f"{place}: another set-up has the name '{name}': give each its own")
+        described = _valve_in(valve, known, f"{place}: known")
+        setups.append(DescribedSetUp(name, tuple(folder / path for path in one.records), known, described))
+    return tuple(setups), _shared(file.shared, setups, model, f"{where}: shared")
+
+
+def _valve_in(valve: Valve, known: Known, where: str) -> Valve:
+    """Return ``valve`` with what is known in a set-up.
+
+    Raises:
+        InputError: a value out of range, or the oil's viscosity does not follow.
+    """
+    given: dict[str, Any] = {
+        name: valve.__dict__[name] for name in Valve.model_fields if valve.__dict__.get(name) is not None
+    }
+    if known.oil not in (None, valve.oil) and known.dynamic_viscosity is None:
+        raise InputError(
+            f"{where}: oil: '{known.oil}' is not the valve file's: add its dynamic_viscosity (Pa s) at "
+            "oil_temperature (deg C)"
+        )
+    if known.oil_temperature is not None and known.dynamic_viscosity is None:
+        try:
+            given["dynamic_viscosity"] = valve.dynamic_viscosity_at(known.oil_temperature)
+        except InputError as error:
+            raise InputError(f"{where}: oil_temperature: {error}") from None
+    given.update(known.model_dump(exclude_none=True, exclude={"added_mass"}))
+    given["moving_mass"] += known.added_mass or 0.0
+    return valve_from_mapping(given, where)
+
+
+def _shared(
+    entries: Sequence[str | Mapping[str, Sequence[str]]],
+    setups: Sequence[DescribedSetUp],
+    model: Model,
+    where: str,
+) -> dict[str, tuple[tuple[str, ...], ...]]:
+    """Return by parameter which groups of set-ups share it.
+
+    Raises:
+        InputError: no such parameter or set-up, one set-up in two groups, or a parameter that one knows.
+    """
+    every = tuple(setup.name for setup in setups)
+    found: dict[str, tuple[tuple[str, ...], ...]] = {}
+    for entry in entries:
+        for name, group in {entry: every}.items() if isinstance(entry, str) else entry.items():
+            if name not in (SPOOL_GAIN, SPOOL_DELAY):
+                model.parameter(name, where)
+            if len(group) < LEAST:
+                raise InputError(f"{where}: {name}: name {LEAST} set-ups at least, of {', '.join(every)}")
+            for setup in group:
+                if setup not in every:
+                    raise InputError(
+                        f"{where}: {name}: no set-up '{setup}', there are {', '.join(every)}"
+                        f"{did_you_mean(setup, every)}"
+                    )
+                if any(setup in other for other in found.get(name, ())) or list(group).count(setup) > 1:
+                    raise InputError(f"{where}: {name}: set-up '{setup}' stands there twice: name it once")
+            for one in setups:
+                if (
+                    one.name in group
+                    and name == "spring_stiffness"
+                    and one.known.spring_stiffness is not None
+                ):
+                    raise InputError(
+                        f"{where}: {name}: set-up '{one.name}' has it among what is known: remove one of them"
+                    )
+            found[name] = (*found.get(name, ()), tuple(group))
+    return found
