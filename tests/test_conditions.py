@@ -79,6 +79,8 @@ def _plant(
         system.start("estimator")
         plate = {"machine": "press_7", "serial_number": "A-12"}
         server = system.start("opcua", namespace="", port=port, security_folder=own, **plate)
+        listeners = partial(system.node.count_subscribers, "/valve_1/estimate")
+        system.until(lambda: listeners() >= 2, "monitor and server listen")
         source = system.start("simulator", excitation="multisine", wait_for_subscribers=2)
         system.until(lambda: health.heard and health.last.level == ValveHealth.LEVEL_OK, "data are judged")
         source.kill()

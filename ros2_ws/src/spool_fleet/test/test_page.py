@@ -348,7 +348,7 @@ def test_a_value_beyond_the_scale_is_drawn_at_its_edge(tmp_path: Path, open_page
     high = numbers["scales"]["viscous_coefficient"][1]
     assert numbers["charts"]["valve-1-viscous_coefficient"]["value"][-1] > high
     page = open_page(out, watch=WATCH)
-    page.wait_for_function("plots.length > 0")
+    page.wait_for_selector("canvas")
     rows = page.evaluate("plots[0].data.slice(1)")
     assert [row[-1] for row in rows] == [high] * 3, "value and both ends of its interval"
 

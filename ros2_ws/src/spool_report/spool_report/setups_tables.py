@@ -53,7 +53,7 @@ def alone_text(one: Determination | None) -> str:
     if one is None:
         return ""
     if one.verdict == IDENTIFIABLE and one.low is not None and one.high is not None:
-        return f"± {number(0.5 * (one.high - one.low), 2)}"
+        return number(0.5 * (one.high - one.low), 2)
     if one.verdict == ONE_SIDED:
         return f"≥ {number(one.low, 2)}" if one.low is not None else f"≤ {number(one.high or 0.0, 2)}"
     return "no"

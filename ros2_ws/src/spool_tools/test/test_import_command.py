@@ -60,7 +60,8 @@ def test_g_millivolts_and_si_give_the_same_fit(
         results[name] = fitted(tmp_path / name, capsys)
     for name in ("g", "mv", "v"):
         for parameter, value in results["si"].items():
-            assert results[name][parameter] == pytest.approx(value, rel=1e-6), (name, parameter)
+            # Friction that is not there ends anywhere within a fit's tolerance of 0.
+            assert results[name][parameter] == pytest.approx(value, rel=1e-6, abs=1e-7), (name, parameter)
 
 
 def test_a_look_says_what_is_understood_and_writes_no_bag(
@@ -119,7 +120,7 @@ def test_other_commands_read_units_too_and_say_where_they_are_told(
     path = table(tmp_path, "g.csv", "time [s],body [g],spool [g]", practice, 1.0 / GRAVITY)
     same = table(tmp_path, "si.csv", "time [s],body [m/s^2],spool [m/s^2]", practice, 1.0)
     first, second = fitted(path, capsys), fitted(same, capsys)
-    assert first == pytest.approx(second, rel=1e-6)
+    assert first == pytest.approx(second, rel=1e-6, abs=1e-7)
     bare = table(tmp_path, "bare.csv", "time [s],body,spool", practice, 1.0)
     assert main(["fit", str(bare), "--valve", "4weh10_soft"]) == 2
     assert "these are options of ./spool import" in capsys.readouterr().err

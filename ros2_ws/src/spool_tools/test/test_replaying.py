@@ -97,7 +97,10 @@ def test_the_valves_description_is_taken_from_the_bag(
 def heavier(folder: Path, name: str, factor: float) -> str:
     """Write a description whose mass is ``factor`` times the soft valve's; return its path."""
     path = folder / f"{name}.yaml"
-    described = SOFT.model_dump(exclude_none=True) | {"id": name, "moving_mass": factor * SOFT.moving_mass}
+    described = SOFT.model_dump(exclude_defaults=True) | {
+        "id": name,
+        "moving_mass": factor * SOFT.moving_mass,
+    }
     path.write_text("".join(f"{key}: {value}\n" for key, value in described.items()))
     return str(path)
 

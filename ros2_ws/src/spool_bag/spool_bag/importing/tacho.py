@@ -8,7 +8,6 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import median_filter
 from spool_core.errors import InputError
 from spool_core.numbers import Array
 from spool_core.text import plural
@@ -145,6 +144,8 @@ def _edges(signal: Array, time: Array, low: float, high: float) -> Array:
 
 def _repaired(pulses: Array) -> tuple[list[Array], int, int]:
     """Return the runs of pulses (s) between pauses, and how many were filled in and left out."""
+    from scipy.ndimage import median_filter  # noqa: PLC0415 - who only needs the bag's speed needs no scipy
+
     if pulses.size < 3:
         return [pulses], 0, 0
     usual = median_filter(np.diff(pulses), BESIDE, mode="nearest")

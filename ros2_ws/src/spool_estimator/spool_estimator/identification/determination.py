@@ -21,14 +21,13 @@ from itertools import pairwise
 from typing import ClassVar
 
 import numpy as np
-from scipy.special import chdtri
 from spool_core.numbers import Array
 from spool_core.uncertainty import EMPTY_IS_NULL, LEFT_OUT, Z_95, number, unit_text
 
 from spool_estimator.identification.least_squares import IN_LINE, Unknown, bounds_of
 
 #: Twice the fall of the log likelihood at the ends of a 95 % interval of one number (Wilks, 1938).
-RISE_95 = float(chdtri(1, 0.05))
+RISE_95 = Z_95**2
 IDENTIFIABLE, ONE_SIDED, TOGETHER, NOT = "identifiable", "one-sided", "only together", "not identifiable"
 
 
