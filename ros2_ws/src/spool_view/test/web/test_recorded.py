@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 import signal
+import time
 from collections import deque
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -126,6 +127,11 @@ def test_after_a_restart_the_waterfall_shows_what_the_recorder_wrote(
 
     until(lambda: recorded() >= 200, "four seconds are recorded")
     simulator.send_signal(signal.SIGKILL)
+
+    def age() -> float:
+        return time.time() - recorded_spectra(bag.parent, "valve_1", FALL, PERIOD)[-1][0]
+
+    until(lambda: age() > BROKEN, "data are missing")
     _, address = domain.page(bags=bag.parent)
     page = open_page(f"{address}valve/valve_1", locale="en-GB")
     until(lambda: page.evaluate(LIT) >= 4, "recorded spectra are drawn")
