@@ -126,6 +126,7 @@ class Prediction:
         self._edges = _edges(self.lines)
         self._hum = _waves(readings.hum, self._window, self.period)
         self._taper = signal.windows.tukey(self._window, 0.1)
+        self._lines_of_hum: Spectrum = fft.rfft(self._hum.T * self._taper, axis=-1)[..., self._places]
         self._whole_windows: Mask = np.ones(self.windows, dtype=np.bool_)
         self._whole_windows[[0, -1]] = False
         self.inside: Mask = self._whole_windows
@@ -355,9 +356,9 @@ class Prediction:
         return rows[..., : self.windows * self._window].reshape(*rows.shape[:-1], self.windows, self._window)
 
     def _spectra(self, cut: Array) -> Spectrum:
-        if self._hum.size:
-            cut = cut - (cut @ self._hum) @ self._hum.T
         lines: Spectrum = fft.rfft(cut * self._taper, axis=-1)[..., self._places]
+        if self._hum.size:
+            lines -= (cut @ self._hum) @ self._lines_of_hum
         return lines
 
     def lines_of_part(
