@@ -21,8 +21,8 @@ IMPORTS = "import rclpy, spool_msgs.msg as m; m.AccelerationBlock()"
 HELP = """Usage: ./spool doctor [--live [--seconds S]]
 
 Checks machine and installation; each line is ok, warning or problem, with what to do.
-With --live it listens to the running nodes and says what they and this machine are short of.
-Exit code 1 where there is a problem.
+With --live it also listens to the running nodes and reports which resources are short.
+Exit code 1 if there is a problem.
 Example: ./spool doctor --live --seconds 10
 """
 

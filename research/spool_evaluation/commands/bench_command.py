@@ -31,7 +31,7 @@ def bench(
     ] = None,
     against: Annotated[
         Path | None,
-        typer.Option(help="Published page; report what costs over 1.3 times as much.", metavar="FILE"),
+        typer.Option(help="Published page; report rows that cost over 1.3 times as much.", metavar="FILE"),
     ] = None,
     _force: Force = False,
 ) -> None:

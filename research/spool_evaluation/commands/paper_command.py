@@ -16,7 +16,7 @@ def paper(
 ) -> None:
     """Run the paper's four series and four models; write figures and tables with the printed numbers.
 
-    The authors' measurements are not published: the data are made by a stated truth.
+    The authors' measurements are not published: the data are simulated with stated parameters.
 
     Example: ./spool paper --out my_paper
     """

@@ -42,7 +42,7 @@ def everywhere(
         bool, typer.Option("--version", help="Show the version and exit.", is_eager=True, callback=_version)
     ] = False,
 ) -> None:
-    """Watch hydraulic spool valves: simulate, estimate, monitor, record and replay.
+    """Monitor hydraulic spool valves: simulate, estimate, monitor, record and replay.
 
     Example: [bold]./spool demo --seconds 60 --out demo_output[/bold]
     """

@@ -204,7 +204,8 @@ AroundOption = Annotated[
 HoldoutOption = Annotated[
     list[Path] | None,
     typer.Option(
-        help="Record to judge the error by; default: a quarter of each record is held out.", metavar="RECORD"
+        help="Held-out record for validation; default: a quarter of each record is held out.",
+        metavar="RECORD",
     ),
 ]
 SensorGain = Annotated[

@@ -14,7 +14,7 @@ from spool_tools.command import Command
 
 fleet = typer.Typer(
     no_args_is_help=True,
-    help="Many bags of many valves: catalogue, analyse, ask, show.\n\n"
+    help="Catalogue and analyse many bags of many valves, query the results, show them on a page.\n\n"
     "Example: ./spool fleet run --store fleet",
 )
 
@@ -53,7 +53,7 @@ def add_bags(
 ) -> None:
     """Bring bags into the catalogue: machine, valve, time, rate, gaps, oil temperature.
 
-    What is damaged or there twice is reported and left out of the analyses.
+    Damaged and duplicate bags are reported and left out of the analyses.
 
     Dates are YYYY-MM-DD, YYYYMMDD or a month, YYYY-MM. Bags whose path does not fit are reported with the
     reason, and left out where nothing else states their machine.
@@ -94,7 +94,7 @@ def run_analyses(
     ] = None,
     params_file: cli.ParamsFile = None,
 ) -> None:
-    """Analyse the bags of the catalogue that are not analysed yet; a run that was ended goes on.
+    """Analyse the catalogue's new bags; continues an interrupted run.
 
     Example: ./spool fleet run --store fleet --analysis fit,monitor --workers 2
     """
@@ -122,7 +122,7 @@ def query_tables(
     json: cli.JsonFile = None,
     _force: cli.Force = False,
 ) -> None:
-    """Ask the tables: bags, analyses, parameters, events, gaps, trends, services.
+    """Query the tables: bags, analyses, parameters, events, gaps, trends, services.
 
     Example: ./spool fleet query --store fleet --question worst
 
@@ -175,7 +175,7 @@ def make_page(
     params_file: cli.ParamsFile = None,
     _force: cli.Force = False,
 ) -> None:
-    """Make a page of the fleet: a light for each valve, what changed this month, courses of the parameters.
+    """Write a page of the fleet: state of each valve, changes of this month, trends of the parameters.
 
     Example: ./spool fleet page --store fleet --out fleet.html
     """

@@ -7,7 +7,7 @@ from spool_tools.command import Command
 
 
 def analyse(valve: cli.RunningValve, json: cli.JsonFile = None, _force: cli.Force = False) -> None:
-    """Let a running valve's estimator look for what its model lacks in the last minute, and say it.
+    """Run the gap analysis of a running valve's last minute in its estimator, and show the result.
 
     Example: ./spool analyse valve_1 --json gap.json
     """

@@ -16,7 +16,7 @@ app = typer.Typer(
 
 @app.command()
 def show(valve: RunningValve) -> None:
-    """Show the start values that drift is judged against.
+    """Show the baseline: the values that drift is judged against.
 
     Example: ./spool baseline show valve_1
     """
@@ -25,7 +25,7 @@ def show(valve: RunningValve) -> None:
 
 @app.command()
 def learn(valve: RunningValve, who: WhoOption = "", comment: CommentOption = "") -> None:
-    """Forget them and learn new ones from here on, as after a repair.
+    """Learn a new baseline from now on, as after a repair.
 
     Example: ./spool baseline learn valve_1 --comment "new spool fitted"
     """
@@ -34,7 +34,7 @@ def learn(valve: RunningValve, who: WhoOption = "", comment: CommentOption = "")
 
 @app.command()
 def freeze(valve: RunningValve, who: WhoOption = "", comment: CommentOption = "") -> None:
-    """Confirm what was learned.
+    """Confirm the learned baseline.
 
     Example: ./spool baseline freeze valve_1 --who Eva
     """
@@ -48,7 +48,7 @@ def restore(
     who: WhoOption = "",
     comment: CommentOption = "",
 ) -> None:
-    """Take an older version back.
+    """Restore an older version.
 
     Example: ./spool baseline restore valve_1 2
     """

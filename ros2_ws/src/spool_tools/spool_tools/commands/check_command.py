@@ -19,9 +19,9 @@ def check(
     report: cli.ReportFile = None,
     _force: cli.Force = False,
 ) -> None:
-    """Tell the quality of a record: rate, gaps, clipping, noise, coherence, resonance, doubts.
+    """Report the quality of a record: rate, gaps, clipping, noise, coherence, resonance, doubts.
 
-    Exit 1 where something speaks against an estimate from it.
+    Exit 1 if the record is not fit for an estimate.
 
     Example: ./spool check bags/practice_01 --report quality.html
     """

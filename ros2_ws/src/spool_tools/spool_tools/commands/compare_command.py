@@ -24,11 +24,11 @@ def compare(
     models: Annotated[
         str | None,
         typer.Option(
-            help="Names or YAML files with commas between; default: the paper's, coulomb, stribeck."
+            help="Names or YAML files, separated by commas; default: the paper's models, coulomb, stribeck."
         ),
     ] = None,
     together: Annotated[
-        bool, typer.Option("--together", help="All records are one set of data, not a series each.")
+        bool, typer.Option("--together", help="Treat all records as one set of data.")
     ] = False,
     json: cli.JsonFile = None,
     report: cli.ReportFile = None,
@@ -45,9 +45,9 @@ def compare(
     until: cli.UntilOption = None,
     around: cli.AroundOption = None,
 ) -> None:
-    """Fit several models to records and say which one the data prefer; exit 1 where none has a result.
+    """Fit several models to records and report which one the data prefer; exit 1 without a result.
 
-    Each record is a series of its own, as in the paper; the ranking is over all of them.
+    Each record is a separate series, as in the paper; the ranking covers all of them.
 
     Example: ./spool compare bags/practice_03 --valve 4weh10_soft --report compare.html
 

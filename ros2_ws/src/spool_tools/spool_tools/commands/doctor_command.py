@@ -10,12 +10,12 @@ from spool_tools.command import Command
 
 
 def doctor(
-    live: Annotated[bool, typer.Option("--live", help="Ask the running nodes and look at what limits them.")],
+    live: Annotated[bool, typer.Option("--live", help="Check the running nodes and their limits, too.")],
     seconds: Annotated[float, typer.Option(help="How long they are listened to.", min=1.0, max=600.0)] = 3.0,
 ) -> None:
-    """Say what is wrong with machine and installation; with --live, what limits the nodes that run now.
+    """Report problems of machine and installation; with --live, of the running nodes too.
 
-    Exit code 1 where there is a problem.
+    Exit code 1 if there is a problem.
 
     Example: ./spool doctor --live --seconds 10
     """

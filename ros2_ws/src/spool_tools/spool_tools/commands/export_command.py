@@ -47,11 +47,11 @@ def export(
         str | None,
         typer.Option(
             "--model",
-            help="Of a valve's FMU: name or YAML file; default: coulomb.",
+            help="Model of a valve's FMU: name or YAML file; default: coulomb.",
             autocompletion=model_names,
         ),
     ] = None,
-    fmi: Annotated[int | None, typer.Option(help="Of an FMU: version of FMI, 2 or 3 (default).")] = None,
+    fmi: Annotated[int | None, typer.Option(help="Version of FMI, 2 or 3 (default).")] = None,
     _force: Force = False,
 ) -> None:
     """Write a bag's samples as a table, or a valve as an FMU for other simulators.

@@ -25,10 +25,12 @@ def fit(
     out: cli.OutFolder = None,
     _force: cli.Force = False,
     free: Annotated[
-        list[str] | None, typer.Option(help="Fit it though the valve file gives it; =VALUE to start from.")
+        list[str] | None,
+        typer.Option(help="Parameter to fit although the valve file states it; =VALUE is its start value."),
     ] = None,
     fix: Annotated[
-        list[str] | None, typer.Option(help="Hold it: PARAMETER=VALUE, or as the valve file has it.")
+        list[str] | None,
+        typer.Option(help="Parameter to hold, at VALUE (PARAMETER=VALUE) or at the valve file's value."),
     ] = None,
     force_free: Annotated[
         bool, typer.Option("--force-free", help="Do not hold parameters that the records do not determine.")
@@ -52,7 +54,7 @@ def fit(
 
     Several records are one set of data. The first lines report which parameters these records determine; the
     others keep the values of the valve file and the model. --setups fits records of several set-ups (springs,
-    oil, added mass) together, with shared parameters. Exit 1 where there is no result.
+    oil, added mass) together, with shared parameters. Exit 1 without a result.
 
     Example: ./spool fit bags/practice_03 --valve 4weh10_soft --model coulomb --report fit.html
 

@@ -18,11 +18,16 @@ def import_(
     files: Annotated[
         list[Path],
         typer.Argument(
-            metavar="FILE...", help="What a logger wrote, or a foreign bag; two where clocks differ."
+            metavar="FILE...", help="Logger files or a foreign bag; two files if their clocks differ."
         ),
     ],
     out: Annotated[Path | None, typer.Option("--out", help="Bag to be made.", metavar="BAG")] = None,
-    look: Annotated[bool, typer.Option("--look", help="Say what is understood; write no bag.")] = False,
+    look: Annotated[
+        bool,
+        typer.Option(
+            "--look", help="Show the detected channels, units, rate, noise and resonance; write no bag."
+        ),
+    ] = False,
     columns: Annotated[
         list[str] | None,
         typer.Option(help="Columns by name or by number from 0, e.g. time=t,body=ch1,spool=#5"),
@@ -60,14 +65,14 @@ def import_(
     start: Annotated[
         str | None,
         typer.Option(
-            help="Time of the record's 0 s, ISO 8601, UTC; default: what the file states, else 2025-01-01."
+            help="Time of the record's 0 s, ISO 8601, UTC; default: time in the file, else 2025-01-01."
         ),
     ] = None,
     json: JsonFile = None,
     report: ReportFile = None,
     _force: Force = False,
 ) -> None:
-    """Turn what a logger wrote, or a bag of other topics, into a bag.
+    """Convert a logger's file, or a bag of other topics, to a bag of this suite.
 
     Reads CSV of any dialect, oscilloscopes' CSV, LabVIEW LVM, Excel, Parquet, Feather, MATLAB, HDF5, NumPy,
     WAV, TDMS, MF4, UFF 58, and bags of ROS 1 and ROS 2. The columns used, each conversion and what the file

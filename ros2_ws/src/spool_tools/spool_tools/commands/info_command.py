@@ -26,7 +26,7 @@ def info(
     json: cli.JsonFile = None,
     _force: cli.Force = False,
 ) -> None:
-    """Say what is in a record and what was lost on the way into it; exit 1 where something was.
+    """Show the content of a record and its lost samples; exit 1 if samples were lost.
 
     Example: ./spool info record_bag
     """

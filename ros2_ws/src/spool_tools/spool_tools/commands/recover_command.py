@@ -14,7 +14,7 @@ MOST_PLACES = 20
 
 
 def recover(bag: BagArgument, out: NewBag, _force: Force = False) -> None:
-    """Make a damaged bag readable and count what was saved; exit 1 where something was lost.
+    """Make a damaged bag readable and count the saved messages; exit 1 if messages were lost.
 
     Example: ./spool recover killed_bag --out saved_bag
     """

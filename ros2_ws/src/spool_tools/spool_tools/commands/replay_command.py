@@ -46,7 +46,9 @@ def replay(
             help="Estimator: prediction or equation; default: that of --params-file, else prediction."
         ),
     ] = None,
-    refits: Annotated[bool, typer.Option("--refits", help="Refit the last 4 s again and again.")] = False,
+    refits: Annotated[
+        bool, typer.Option("--refits", help="Refit the last 4 s at regular intervals.")
+    ] = False,
     refit_model: Annotated[
         str, typer.Option(help="Model of the refits: name or YAML file.", autocompletion=model_names)
     ] = "coulomb",

@@ -14,7 +14,7 @@ def run(
     package: Annotated[str, typer.Argument(metavar="PACKAGE", help="e.g. spool_sim")],
     executable: Annotated[str, typer.Argument(metavar="EXECUTABLE", help="e.g. simulator")],
 ) -> None:
-    """Start a node as `ros2 run` does; what follows is passed on.
+    """Start a node as `ros2 run` does; all further arguments go to the node.
 
     Example: ./spool run spool_sim simulator --ros-args -r __ns:=/valve_1 -p excitation:=sweep
     """

@@ -66,7 +66,8 @@ def secure(
         Path | None, typer.Option(metavar="DIR", help="Keystore to make, or to add valves to.")
     ] = None,
     valves: Annotated[
-        list[str] | None, typer.Option("--valve", metavar="NAMESPACE", help="Valve; give it again for more.")
+        list[str] | None,
+        typer.Option("--valve", metavar="NAMESPACE", help="Namespace of a valve; repeatable."),
     ] = None,
     source: Annotated[
         Source | None, typer.Option("--hosted-source", help="Source of blocks that the host runs itself.")
@@ -83,9 +84,9 @@ def secure(
     ] = None,
     _force: Force = False,
 ) -> None:
-    """Make certificates and permissions for every node: who may hear, who may send, who may operate.
+    """Make certificates and permissions for every node: who may receive, send and operate.
 
-    Only /operator may call the services of the nodes; the recorder and /viewer hear and change nothing.
+    Only /operator may call the services of the nodes; the recorder and /viewer only receive.
 
     Example: ./spool secure --keystore keystore --valve valve_1 --valve valve_2
 

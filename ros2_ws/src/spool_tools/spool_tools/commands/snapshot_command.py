@@ -6,7 +6,7 @@ from spool_tools.command import Command, CommentOption, RunningValve, WhoOption
 
 
 def snapshot(valve: RunningValve, who: WhoOption = "", comment: CommentOption = "") -> None:
-    """Let the running recorder keep what came before and comes after this moment, as it does on an alarm.
+    """Keep the data around this moment in the running recorder, as it does on an alarm.
 
     Example: ./spool snapshot valve_1 --who Eva
     """

@@ -24,7 +24,7 @@ def trend(
     json: JsonFile = None,
     _force: Force = False,
 ) -> None:
-    """Show what the monitor kept of a valve: minimum, mean, maximum per minute, hour or day, and counters.
+    """Show the stored trends of a valve: minimum, mean, maximum per minute, hour or day, and counters.
 
     Example: ./spool trend valve_1 --since 7d --out valve_1.html
     """

@@ -105,7 +105,7 @@ def check(
     json: JsonFile = None,
     _force: Force = False,
 ) -> None:
-    """Show what follows from a valve file, and whether a record agrees; exit 1 where something looks wrong.
+    """Show the properties of a valve file, and whether a record agrees; exit 1 if a value looks wrong.
 
     Example: ./spool valve check 4weh10_soft --record bags/practice_03
     """

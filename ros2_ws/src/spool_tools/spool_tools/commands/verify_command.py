@@ -25,7 +25,7 @@ def verify(
     json: JsonFile = None,
     _force: Force = False,
 ) -> None:
-    """Name what was edited, removed or reordered in a recording; exit 1 where something was.
+    """List edited, removed or reordered parts of a recording; exit 1 if there are any.
 
     Example: ./spool verify recordings/press_4
     Example: ./spool verify recordings/press_4 --key keys/spool_public.pem

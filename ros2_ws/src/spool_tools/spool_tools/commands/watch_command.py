@@ -18,29 +18,29 @@ PAGES = "spool.pages"
 def watch(
     valves: Annotated[
         list[str] | None,
-        typer.Argument(metavar="[VALVE]...", help="Namespaces of valves; default: all that are heard."),
+        typer.Argument(metavar="[VALVE]...", help="Namespaces of valves; default: all running valves."),
     ] = None,
-    web: Annotated[bool, typer.Option("--web", help="As a page, for browsers on this host.")] = False,
+    web: Annotated[bool, typer.Option("--web", help="Serve a page for browsers on this host.")] = False,
     port: Annotated[int, typer.Option(help="Port of the page.", min=1, max=65535)] = 8765,
     operator: Annotated[
-        bool, typer.Option("--operator", help="The page may acknowledge and shelve, with a token.")
+        bool, typer.Option("--operator", help="Allow the page to acknowledge and shelve, with a token.")
     ] = False,
     metrics: Annotated[
-        bool, typer.Option("--metrics", help="The page serves /metrics for Prometheus.")
+        bool, typer.Option("--metrics", help="Serve /metrics for Prometheus on the page's port.")
     ] = False,
     bags: Annotated[
         Path | None,
         typer.Option(help="Recording, or folder of recordings, that fills the page's waterfalls."),
     ] = None,
-    who: Annotated[str, typer.Option(help="Who acknowledges and shelves; default: the user's name.")] = "",
+    who: Annotated[str, typer.Option(help="Name of the operator; default: your user name.")] = "",
     seconds: Annotated[
-        float | None, typer.Option(help="Off a terminal: end after so many seconds.", min=0.0)
+        float | None, typer.Option(help="Without a terminal: end after this many seconds.", min=0.0)
     ] = None,
     language: LanguageOption = "",
 ) -> None:
     """Watch running valves: a table, worst first, their alarms, and keys to acknowledge, shelve and reset.
 
-    Off a terminal a line for each valve every 5 s, and each event at once.
+    Without a terminal: one line per valve every 5 s, and each event immediately.
 
     Example: ./spool watch
 
