@@ -82,7 +82,7 @@ def _installation(layout: Layout, done: SetupState, environment: Mapping[str, st
         yield Finding("warning", f"{reason}: the next call sets up again")
         return
     if not done.lock:
-        yield Finding("warning", "the set-up is half finished: the next call goes on with it")
+        yield Finding("warning", "the set-up is not finished: the next call continues it")
         return
     yield from _packages(layout)
     if not done.environment:

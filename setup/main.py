@@ -29,7 +29,7 @@ LOCAL_BY_DEFAULT = (
     "watch",
     "doctor",
 )
-HELP = """Usage: ./spool COMMAND [arguments]       ./spool COMMAND --help says more, with an example
+HELP = """Usage: ./spool COMMAND [arguments]       ./spool COMMAND --help shows details and an example
 
 {commands}
 The first call sets the project up (one to three minutes): it needs Linux x86-64, Python 3.10 to 3.13 with

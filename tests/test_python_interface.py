@@ -64,7 +64,7 @@ def test_a_notebook_gets_a_result_once_and_as_its_own_text(
 def test_a_result_is_saved_once_and_by_its_ending(fitted: spool.Fit, tmp_path: Path) -> None:
     fitted.save(tmp_path / "fit.json")
     assert json.loads((tmp_path / "fit.json").read_text()) == fitted.to_dict()
-    with pytest.raises(spool.InputError, match="it is there already"):
+    with pytest.raises(spool.InputError, match="already exists"):
         fitted.save(tmp_path / "fit.json")
     fitted.save(tmp_path / "fit.json", replace=True)
     with pytest.raises(spool.InputError, match=r"\.json or \.html"):
@@ -171,7 +171,7 @@ def test_every_option_that_a_message_names_becomes_an_argument() -> None:
         ("type --unit body=g,spool=g, or", "pass unit={'body': 'g', 'spool': 'g'}, or"),
         ("e.g. --rate 2000 for 2000 Hz", "e.g. rate=2000 for 2000 Hz"),
         ("e.g. --columns 'body=a [g],spool=b [g]'.", "e.g. columns={'body': 'a [g]', 'spool': 'b [g]'}."),
-        ("say which with --valve", "pass valve="),
+        ("choose one with --valve", "choose one with valve="),
         ("give --thorough", "pass thorough=True"),
         ("valve new: give --id, e.g. --id press", "spool.valve: pass id=, e.g. id=press"),
     ],

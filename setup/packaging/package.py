@@ -71,7 +71,7 @@ def package(root: Path, environment: dict[str, str], arguments: list[str]) -> in
     bill = out / f"{NAME}_{version}.cdx.json"
     bill.write_text(json.dumps(bill_of_materials(root, version), indent=1) + "\n")
     say(f"{target}: {target.stat().st_size / 1e6:.0f} MB, {sizes / 1e6:.0f} MB installed")
-    say(f"{bill}: what is in it (CycloneDX)")
+    say(f"{bill}: its contents (CycloneDX)")
     return 0
 
 
@@ -173,7 +173,7 @@ def _build(root: Path, stage: Path, environment: dict[str, str]) -> None:
     )
     unneeded = " ".join(sorted(locked(root / "requirements" / "development.in")))
     own = [] if os.geteuid() == 0 else ["--map-root-user"]
-    say("setting the suite up at /opt/spool, in a name space of its own")
+    say("setting the suite up at /opt/spool, in a separate name space")
     _run(["unshare", "--mount", *own, "sh", "-c", script, "sh", str(place), unneeded], environment)
     # What is installed links to the folders it was built in: these stay, without the compiler's own files.
     waste = [place / "ros2_ws/log", place / ".setup/on_wheels/logs"]

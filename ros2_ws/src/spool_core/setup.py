@@ -19,7 +19,7 @@ setup(
     extras_require={"test": ["pytest"]},
     maintainer="Spool suite maintainers",
     maintainer_email="maintainers@spool-suite.org",
-    description="What every part of the suite shares.",
+    description="Shared parts of the suite.",
     license="Apache-2.0",
     entry_points={"console_scripts": []},
 )

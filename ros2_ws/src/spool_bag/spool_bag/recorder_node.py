@@ -98,7 +98,7 @@ class RecorderNode(ManagedNode):
         NodeParameter(
             "max_part_size",
             200_000_000,
-            "Size of a part; a quarter of max_total_size where that is less.",
+            "Size of a part, at most a quarter of max_total_size.",
             unit="B",
             minimum=1_000_000,
             structural=True,

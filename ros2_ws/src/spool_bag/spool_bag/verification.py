@@ -82,7 +82,7 @@ def make_keys(folder: Path) -> tuple[Path, Path]:
             with os.fdopen(descriptor, "wb") as stream:
                 stream.write(content)
     except FileExistsError as error:
-        raise InputError(f"{error.filename}: is there already: name another folder") from error
+        raise InputError(f"{error.filename}: already exists: name another folder") from error
     except OSError as error:
         raise InputError(f"{folder}: cannot be written to: {error.strerror}") from error
     return private, public
@@ -295,7 +295,7 @@ class _Chain:
             return
         for path in self.unsigned:
             if path == self.last:
-                self.found.notes.append(f"{path.name}: nobody has signed it yet")
+                self.found.notes.append(f"{path.name}: not signed yet")
             else:
                 said = f"{path.name}: it was never finished, and no later signed part names it"
                 self.found.wrong.append(said)

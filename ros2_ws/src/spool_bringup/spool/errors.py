@@ -70,7 +70,7 @@ def in_python(text: str) -> str:
     text = re.sub(r"; these are options of \./spool import .* of it$", "; pass it to spool.read", text)
     text = re.sub(r"^valve new:", "spool.valve:", text)
     said = _OPTION.sub(_argument, text)
-    return re.sub(r"\b(?:[Tt]ype|say which with|give) (?=\w+=)", "pass ", said)
+    return re.sub(r"\b(?:[Tt]ype|give) (?=\w+=)", "pass ", said)
 
 
 def _argument(option: re.Match[str]) -> str:

@@ -143,7 +143,7 @@ class Record:
 
         target = Path(path)
         if target.exists():
-            raise InputError(f"{target}: it is there already: name another one")
+            raise InputError(f"{target}: already exists: name another file")
         (shutil.copytree if self.path.is_dir() else shutil.copyfile)(self.path, target)
 
     def _joined(self, name: str) -> Array:
@@ -410,7 +410,7 @@ def path_of(record: AnyRecord) -> Path:
     if hasattr(record, "moving_mass"):
         raise InputError("a valve was given in place of a record: records come first, then the valve")
     if not isinstance(record, (str, Path)):
-        raise InputError(f"{type(record).__name__}: no record: pass what spool.read returns, or a path")
+        raise InputError(f"{type(record).__name__}: not a record: pass the result of spool.read, or a path")
     return expanded(record)
 
 
@@ -426,7 +426,7 @@ def listed(records: AnyRecord | Iterable[AnyRecord]) -> list[AnyRecord]:
         path_of(cast("AnyRecord", records))
     every = list(records)
     if not every:
-        raise InputError("no record was given: pass what spool.read returns, or a path")
+        raise InputError("no record given: pass the result of spool.read, or a path")
     return every
 
 

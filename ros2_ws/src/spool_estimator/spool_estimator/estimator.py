@@ -287,5 +287,5 @@ def make_estimator(name: str, settings: EstimatorSettings) -> StreamEstimator:
         InputError: there is none of that name.
     """
     if name not in ESTIMATORS:
-        raise InputError(f"estimator {name}: there is no such method; there are {', '.join(ESTIMATORS)}")
+        raise InputError(f"estimator {name}: unknown method; known: {', '.join(ESTIMATORS)}")
     return ESTIMATORS[name](settings)

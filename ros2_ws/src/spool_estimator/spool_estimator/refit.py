@@ -178,7 +178,7 @@ def refit(task: WindowTask) -> Refit:
     if not explains:
         said.append("the model explains nothing of the spool's acceleration")
     if found.not_observable:
-        said.append(f"the window does not tell {', '.join(found.not_observable)}")
+        said.append(f"the window does not determine {', '.join(found.not_observable)}")
     if found.at_bound:
         said.append(f"at its bound: {', '.join(found.at_bound)}")
     fitted = {one.name: one for one in found.parameters}

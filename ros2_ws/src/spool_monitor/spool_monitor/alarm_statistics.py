@@ -162,7 +162,7 @@ def statistics(journals: Mapping[str, Sequence[JournalEntry]], since: int, until
 
     """
     if until <= since:
-        raise InputError("statistics: the span is empty: let it end after it begins")
+        raise InputError("statistics: the span is empty: it must end after its beginning")
     announced: list[tuple[int, str, JournalEntry]] = []
     chattering: set[tuple[str, str]] = set()
     stale: set[tuple[str, str]] = set()

@@ -46,7 +46,7 @@ class StateDatabase:
     def __init__(self, path: Path, *, read_only: bool = False, patience: float = PATIENCE) -> None:
         self.path = path
         if read_only and not path.is_file():
-            raise InputError(f"{path}: there is no such file")
+            raise InputError(f"{path}: no such file")
         mode = "ro" if read_only else "rwc"
         if not read_only:
             private_file(path)  # SQLite gives the files next to it the same permissions

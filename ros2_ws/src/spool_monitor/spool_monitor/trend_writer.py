@@ -102,7 +102,7 @@ class TrendWriter:
             if not self.trouble:
                 break
         if self.trouble:
-            self._warn(f"trends: what the monitor kept in memory was not written and is lost: {self.trouble}")
+            self._warn(f"trends: unwritten data in memory are lost: {self.trouble}")
         self._let_go()
 
     def _opened(self) -> TrendStore:

@@ -208,7 +208,7 @@ def test_what_a_disk_never_took_is_named_at_the_end(tmp_path: Path, monkeypatch:
                 trends.close()
         if heals:
             trends.close()
-        assert ("was not written and is lost" in said[-1]) is not heals
+        assert ("unwritten data in memory are lost" in said[-1]) is not heals
     assert count(tmp_path / "t.sqlite") == [1]
 
 
@@ -327,7 +327,7 @@ def test_killed_while_writing_it_holds_all_that_was_written_and_no_half(tmp_path
 
 
 def test_what_is_no_trend_file_is_refused_by_name(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"missing\.sqlite: there is no such file"):
+    with pytest.raises(InputError, match=r"missing\.sqlite: no such file"):
         TrendStore(tmp_path / "missing.sqlite", read_only=True)
     (tmp_path / "text.sqlite").write_text("no data base at all, but long enough to look at" * 50)
     with pytest.raises(InputError, match=r"text\.sqlite: it is damaged"):

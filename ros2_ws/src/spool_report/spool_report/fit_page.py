@@ -134,7 +134,7 @@ def compare_page(series: Sequence[FittedSeries], ranking: Ranking) -> str:
     best = ranking.preferred
     errors = [entry.held_out_error for entry in shown if entry.model == best]
     sure = f"{100.0 * errors[0]:.2g} % of its rms" if errors and math.isfinite(errors[0]) else "not known"
-    use = f"Use {_said(best)}." if best is not None else "Use none of them yet: see the reasons below."
+    use = f"Use {_said(best)}." if best is not None else "Do not use them yet: see the reasons below."
     first, *rest = [_series(one, ranking) for one in series]
     sections: list[str] = [
         html.verdict(" ".join(ranking.sentences)),

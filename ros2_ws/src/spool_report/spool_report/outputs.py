@@ -94,9 +94,9 @@ def check_output(path: Path | None, option: str) -> Path | None:
     if path.is_dir():
         raise InputError(f"{option} {path}: it is a folder: name a file")
     if path.exists() and not _force.get():
-        raise InputError(f"{option} {path}: it is there already: name another file, or replace it by --force")
+        raise InputError(f"{option} {path}: already exists: name another file, or overwrite it with --force")
     if not path.parent.is_dir():
-        raise InputError(f"{option} {path}: there is no folder {path.parent}: make it first")
+        raise InputError(f"{option} {path}: missing folder {path.parent}: make it first")
     return path
 
 
@@ -130,7 +130,7 @@ def write_file(path: Path, content: str | bytes, option: str = "output") -> None
             write_durably(path, data, replace=_force.get())
     except FileExistsError:  # it came up since
         check_output(path, option)
-        raise InputError(f"{option} {path}: it is there already") from None
+        raise InputError(f"{option} {path}: already exists") from None
     except OSError as error:
         raise InputError(f"{option} {path}: cannot be written: {error.strerror}") from error
 
@@ -150,7 +150,7 @@ def making_room(path: Path) -> Iterator[None]:
         yield
         return
     if not _force.get():
-        raise InputError(f"--out {path}: it is there already: name another one, or replace it by --force")
+        raise InputError(f"--out {path}: already exists: name another folder, or overwrite it with --force")
     if path.is_dir() and not any(path.glob("*.mcap")):
         raise InputError(f"--out {path}: a folder that is no bag is not replaced: name another one")
     aside = path.with_name(f".{path.name}.replaced-{os.getpid()}")

@@ -153,7 +153,7 @@ def _shared(
                         f"{did_you_mean(setup, every)}"
                     )
                 if any(setup in other for other in found.get(name, ())) or list(group).count(setup) > 1:
-                    raise InputError(f"{where}: {name}: set-up '{setup}' stands there twice: name it once")
+                    raise InputError(f"{where}: {name}: set-up '{setup}' is listed twice: list it once")
             for one in setups:
                 if (
                     one.name in group

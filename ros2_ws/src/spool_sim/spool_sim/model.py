@@ -42,7 +42,7 @@ class Uncertainty(BaseModel):
     def _fits_together(self) -> Uncertainty:
         count = len(self.parameters)
         if len(set(self.parameters)) != count:
-            raise ValueError("parameters: a name stands there twice")
+            raise ValueError("parameters: a name is listed twice")
         if len(self.std) != count or [len(row) for row in self.correlation] != [count] * count:
             raise ValueError(f"std and correlation must have {count} rows, one for each parameter")
         matrix = np.array(self.correlation)

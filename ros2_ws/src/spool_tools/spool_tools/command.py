@@ -175,7 +175,7 @@ CommentOption = Annotated[str, typer.Option("--comment", help="Comment.")]
 LanguageOption = Annotated[
     str,
     typer.Option(
-        "--language", help="Language of alarms: en, de or pl; default: that of SPOOL_LANGUAGE, else English."
+        "--language", help="Language of alarms: en, de or pl; default: SPOOL_LANGUAGE, else English."
     ),
 ]
 NameOption = Annotated[

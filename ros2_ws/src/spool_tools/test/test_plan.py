@@ -130,7 +130,7 @@ def test_the_gap_workflow_names_a_large_friction_of_a_planned_record(tmp_path: P
         ([], "--question: name one, or pass --recover"),
         (["--recover", "--question", "end_stop"], "pass one of them"),
         (["--recover", "--seconds", "700"], "plan 600 s or less"),
-        (["--question", "colour"], f"there are {', '.join(QUESTIONS)}, which_effect"),
+        (["--question", "colour"], f"known: {', '.join(QUESTIONS)}, which_effect"),
         (["--question", "coulomb_friction", "--seconds", "1"], "record 20 s or more"),
         (["--question", "coulomb_friction", "--seconds", "601"], "plan 600 s or less"),
         (["--question", "coulomb_friction", "--sample-rate", "150"], "cannot hold an excitation of up to"),

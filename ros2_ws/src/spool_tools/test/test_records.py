@@ -120,7 +120,7 @@ def test_oil_temperature_comes_along_and_its_holes_are_filled(tmp_path: Path) ->
 def test_of_several_valves_one_must_be_named(make_bag: MakeBag, recorded: Any, tmp_path: Path) -> None:
     held = {"left": recorded(seconds=1.0), "right": recorded("4weh10_stiff", seconds=1.5)}
     bag = make_bag(tmp_path / "bag", held)
-    with pytest.raises(InputError, match="it holds left, right: say which with --name"):
+    with pytest.raises(InputError, match="it holds left, right: choose one with --name"):
         load_recordings([bag], None)
     with pytest.raises(InputError, match="no valve 'middle': the bag has left, right"):
         load_recordings([bag], None, Selection("middle"))
@@ -145,7 +145,7 @@ def test_a_valve_that_nothing_describes_is_asked_for() -> None:
 def test_bags_of_different_valves_are_not_mixed(make_bag: MakeBag, recorded: Any, tmp_path: Path) -> None:
     soft = make_bag(tmp_path / "soft", {"valve_1": recorded(seconds=1.0)})
     stiff = make_bag(tmp_path / "stiff", {"valve_1": recorded("4weh10_stiff", seconds=1.0)})
-    with pytest.raises(InputError, match="describe different valves: say which with --valve"):
+    with pytest.raises(InputError, match="describe different valves: choose one with --valve"):
         load_recordings([soft, stiff], None)
     assert len(load_recordings([soft, stiff], "4weh10_soft")[0]) == 2
 

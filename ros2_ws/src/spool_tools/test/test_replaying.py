@@ -142,7 +142,7 @@ def test_valves_are_given_by_their_namespaces(
     assert sources == {"a": "recorded", "b": "given"}
     for given, said in (
         (["c=4weh10_soft"], "has no valve c: it has a, b"),
-        (["a=4weh10_soft", "a=4weh10_stiff"], "stands there twice"),
+        (["a=4weh10_soft", "a=4weh10_stiff"], "given twice"),
         (["a=4weh10_soft", "4weh10_stiff"], "write NAME=4weh10_stiff"),
         (["a=4weh10_sof"], "did you mean 4weh10_soft"),
     ):

@@ -105,7 +105,7 @@ def entry(name: str, **known: object) -> dict[str, Any]:
         (
             [entry("a"), entry("b")],
             ["mass", {"mass": ["a", "b"]}],
-            "shared: mass: set-up 'a' stands there twice",
+            "shared: mass: set-up 'a' is listed twice",
         ),
         (
             [entry("a", spring_stiffness=1632.0), entry("b")],

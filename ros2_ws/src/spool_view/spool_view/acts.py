@@ -119,7 +119,7 @@ def act_of(given: Any, alarms: Mapping[str, frozenset[str]]) -> Act:
         raise ActRefusedError("the request is not an object with the fields of an act")
     act = given.get("act")
     if act not in (*ON_ALARM, *ON_VALVE):
-        raise ActRefusedError("there is no such act")
+        raise ActRefusedError("unknown action")
     valve = given.get("valve")
     if not isinstance(valve, str) or valve not in alarms:
         raise ActRefusedError("unknown valve: the page receives no data from it")
@@ -148,7 +148,7 @@ def acts_of(given: Any, alarms: Mapping[str, frozenset[str]]) -> list[Act]:
     if not isinstance(targets, list) or not 0 < len(targets) <= MOST_TARGETS:
         raise ActRefusedError(f"targets: 1 to {MOST_TARGETS} alarms")
     if given.get("act") not in ON_ALARM or not all(isinstance(one, dict) for one in targets):
-        raise ActRefusedError("there is no such act on alarms")
+        raise ActRefusedError("unknown action on alarms")
     common = {name: value for name, value in given.items() if name != "targets"}
     return [act_of({**common, **one}, alarms) for one in targets]
 

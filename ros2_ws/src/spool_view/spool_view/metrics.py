@@ -25,7 +25,7 @@ _LIST = ", ".join(f"{number} {name.replace('_', ' ')}" for name, number in NUMBE
 
 #: Type and help of each metric; those of estimates (:func:`estimates_name`) join them.
 METRICS = {
-    "spool_valves": ("gauge", "Valves whose monitors were heard."),
+    "spool_valves": ("gauge", "Valves with a running monitor."),
     "spool_valve_condition": ("gauge", f"Condition: {_LIST}."),
     "spool_valve_namur_status": (
         "gauge", "Status by NAMUR NE 107: 0 unknown, 1 normal, 2 maintenance required, 3 out of "

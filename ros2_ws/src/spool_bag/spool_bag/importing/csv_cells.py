@@ -40,7 +40,7 @@ HOLES = (
 _HOLES = frozenset(HOLES)
 #: Counts as they are in a register of a converter, and why they are not read: their sign is not known.
 HEXADECIMAL = re.compile(r"(?:0[xX])?[0-9A-Fa-f]{3,}")
-NOT_DECIMAL = "hexadecimal numbers, whose sign is not known: write them as decimal ones"
+NOT_DECIMAL = "hexadecimal numbers of unknown sign: write them as decimal numbers"
 _CLOCK = r"\d{1,2}:\d{2}:\d{2}(?:[.,:]\d{1,9})?(?:\s*[AaPp]\.?[Mm]\.?)?"
 _MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
 _DATES = (

@@ -122,7 +122,7 @@ class ForeignBag:
         self._packed = storage.packed
         self._files = [self._opened(one) for one in storage.files]
         self.warnings += [
-            f"{file.path.name}: the recording was not finished: what was not on the disk then is missing"
+            f"{file.path.name}: the recording was not finished: data not yet written to the disk are missing"
             for file in self._files
             if not file.closed
         ]

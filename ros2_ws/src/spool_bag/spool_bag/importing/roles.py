@@ -255,7 +255,7 @@ def _recognised(
         return fitting[0]
     if fitting and required:
         raise InputError(
-            f"{fitting[0].table.path}: {listed([one.label for one in fitting])} could be {role}: say which "
+            f"{fitting[0].table.path}: {listed([one.label for one in fitting])} could be {role}: choose one "
             f"with {channels.proposed(role, fitting)}"
         )
     if required and len(called) == 1:

@@ -192,7 +192,7 @@ def _settled(
     if found.reason == BACKWARDS:
         raise InputError(
             f"{label}: {where(found.at)}: {name} does not increase ({time[found.at]:g} s): a clock that was "
-            "set, or two runs in one file: import each by itself"
+            "set, or two runs in one file: import each separately"
         )
     if late is not None and _few_late(time, late):
         return late

@@ -140,7 +140,7 @@ REFUSED: list[tuple[str, Maker, dict[str, object], str]] = [
     ("lists.parquet", made.lists, {}, "body .several values in a row: write one sample a row"),
     ("formulas.xlsx", made.formulas, {}, r"row 2: body .m/s\^2. is the formula =B2\*1 without a value: open the workbook"),
     ("which.csv", made.text("t [s],body 1 [g],body 2 [g],spool [g]\n", made.rows().replace("\n", ",0\n")), {},
-     "body 1 .g., body 2 .g. could be body_m_s2: say which with --columns .body=body 1 .g.., or --columns"),
+     "body 1 .g., body 2 .g. could be body_m_s2: choose one with --columns .body=body 1 .g.., or --columns"),
     ("names.csv", made.text("t [s],a [g],b [g]\n", made.rows()), {}, r"name columns, e\.g\. --columns .body=a .g.,spool=b .g.."),
     ("headless.csv", made.text("", made.rows()), {}, r"name columns, e\.g\. --columns time=0,body=1,spool=2"),
     ("rate.csv", made.text("t [s],body [g],spool [g]\n", made.rows()), {"rate": 1000.0}, "shows 2000 Hz: leave --rate out"),

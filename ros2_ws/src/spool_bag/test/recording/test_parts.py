@@ -651,7 +651,7 @@ def test_parts_without_an_end_are_vouched_for_by_a_later_signature_only(
         forged.abandon()
     found = verify(tmp_path / "bag", public)
     assert [line.partition(":")[0] for line in found.wrong] == ["bag_2.mcap"]
-    assert "bag_3.mcap: nobody has signed it yet" in found.notes
+    assert "bag_3.mcap: not signed yet" in found.notes
 
 
 def test_one_recorder_writes_in_a_folder(tmp_path: Path, block: MakeBlock) -> None:

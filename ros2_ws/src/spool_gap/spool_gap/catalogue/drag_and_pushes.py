@@ -103,7 +103,7 @@ class PeriodicForce(Effect):
     scanned = ("force_frequency",)
     picture = "time"
     confusable_with = ()
-    distinguished_by = "a record long enough to tell its frequency from the excitation's"
+    distinguished_by = "a record long enough to distinguish its frequency from the excitation's"
 
     def unknowns(self, values: Mapping[str, float], seconds: float) -> list[Unknown]:
         """Return its numbers; a line of a record of ``seconds`` is as wide as steps of its frequency."""

@@ -123,7 +123,7 @@ def of_one_rate(records: Sequence[Record]) -> tuple[Record, ...]:
         InputError: there is none.
     """
     if not records:
-        raise InputError("there is no stretch of the record without gaps")
+        raise InputError("the record has no stretch without gaps")
     seconds: dict[float, float] = {}
     for entry in records:
         seconds[entry.sample_period] = seconds.get(entry.sample_period, 0.0) + entry.duration

@@ -257,7 +257,7 @@ def load_recordings(
         )
     if len(described) > 1:
         first, second = list(described.values())[:2]
-        raise InputError(f"{first} and {second} describe different valves: say which with --valve")
+        raise InputError(f"{first} and {second} describe different valves: choose one with --valve")
     return recordings, next(iter(described))
 
 
@@ -346,7 +346,7 @@ def choose_valves(source: Source, names: Sequence[str], given: Sequence[str]) ->
                 f"{did_you_mean(name, names)}"
             )
         if sum(name == other for other, _ in pairs) > 1:
-            raise InputError(f"--valve {name}=...: it stands there twice: give it once")
+            raise InputError(f"--valve {name}=...: given twice: give it once")
     if len(unnamed) == 1:
         unnamed = unnamed * len(names)
     elif unnamed and len(unnamed) != len(names):
@@ -516,7 +516,7 @@ def _valve_or_name(valve: str, paths: Sequence[Path], name: str | None) -> tuple
     own, file = split_name(valve)
     if own:
         if name is not None and name.strip("/") != own:
-            raise InputError(f"--valve {valve}: --name says {name}: leave one of them out")
+            raise InputError(f"--valve {valve}: --name is {name}: leave one of them out")
         return find_valve(file), own
     if valve not in shipped_valves() and not Path(valve).exists() and name is None:
         held = {entry for path in paths if not is_table(path) for entry in BagReader(path).valves}
@@ -534,7 +534,7 @@ def _valve_in(reader: BagReader, name: str | None) -> str:
             raise InputError(f"{reader.path}: no valve {name!r}: the bag has {', '.join(known)}")
         return name.strip("/")
     if len(known) > 1:
-        raise InputError(f"{reader.path}: it holds {', '.join(known)}: say which with --name")
+        raise InputError(f"{reader.path}: it holds {', '.join(known)}: choose one with --name")
     return known[0]
 
 

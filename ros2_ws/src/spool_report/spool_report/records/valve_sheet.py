@@ -112,7 +112,7 @@ WIDEST_SHARE = 0.01
 _SLIPS: Mapping[float, str] = {
     1e3: "a factor of 1000: N/mm in place of N/m, or g in place of kg",
     1e6: "a factor of a million: N/mm in place of N/m, and g in place of kg",
-    2.0: "a factor of 2: one spring's rate in place of that of both",
+    2.0: "a factor of 2: the rate of one spring instead of both",
     0.5: "a factor of 1/2: both springs' rate counted twice",
 }
 
@@ -222,7 +222,9 @@ def described(answers: Mapping[str, str]) -> tuple[Valve, dict[str, str]]:
 def file_text(valve: Valve, how: Mapping[str, str]) -> str:
     """Return the YAML file of ``valve`` with a comment to each line; what is not known is left to fill in."""
     given: dict[str, object] = {"id": valve.id, **valve.given, **({"oil": valve.oil} if valve.oil else {})}
-    lines = ["# Valve, by `./spool valve new`. SI units; `./spool valve check` says what looks wrong."]
+    lines = [
+        "# Valve, by `./spool valve new`. SI units; `./spool valve check` reports values that look wrong."
+    ]
     for key, (unit, meaning) in _COMMENTS.items():
         entry = f"{key}: {given[key]!r}".replace("'", "") if key in given else f"# {key}:"
         origin = f" ({how[key]})" if key in how else ""
@@ -236,7 +238,7 @@ def quantities(valve: Valve) -> Iterator[str]:
     yield f"undamped natural frequency: {valve.natural_frequency:.4g} Hz"
     lacking = [name for name in (*FILM, "oil_temperature") if not valve.knows(name)]
     if lacking:
-        yield f"not given: {', '.join(lacking)}: fits need none of them, a simulation and the drag do"
+        yield f"not given: {', '.join(lacking)}: fits do not need them, a simulation and the drag do"
         return
     yield f"damping ratio: {valve.damping_ratio:.3g}, of the oil alone"
     yield f"viscous coefficient: {valve.viscous_coefficient:.4g} N s/m at {valve.oil_temperature:g} deg C"

@@ -196,7 +196,7 @@ def chosen_models(models: Sequence[str]) -> list[Model]:
     names = [model.name for model in chosen]
     doubled = next((name for name in names if names.count(name) > 1), None)
     if doubled is not None:
-        raise InputError(f"--models: '{doubled}' stands there {names.count(doubled)} times: give each once")
+        raise InputError(f"--models: '{doubled}' is listed {names.count(doubled)} times: list each once")
     return chosen
 
 
@@ -221,7 +221,7 @@ def load_series(
     if together or len(records) == 1:
         return [load_data(records, valves[0] if valves else None, selection, held_out)]
     if held_out:
-        raise InputError("--holdout: several records are series of their own: give --together, or one record")
+        raise InputError("--holdout: several records are separate series: pass --together, or one record")
     given: Sequence[str | None] = valves if len(valves) == len(records) else [*valves[:1]] or [None]
     given = given if len(given) == len(records) else [given[0]] * len(records)
     return [load_data([path], valve, selection) for path, valve in zip(records, given, strict=True)]

@@ -177,13 +177,15 @@ def _write(
         write_file(outputs.report, gap_page(result, made_from, evidence()), "--report")
         written.append(f"{outputs.report}: the report")
     if outputs.model is not None:
-        found = f"{result.base_model} with what the gap analysis of {result.record} found: {result.verdict}"
+        found = (
+            f"{result.base_model} with the findings of the gap analysis of {result.record}: {result.verdict}"
+        )
         name = f"{result.model.name[:LONGEST_NAME]}_gap"
         correlated = (result.correlated, result.correlation)
         save_model(
             outputs.model, result.model, name, result.model.values, result.parameters, found, correlated
         )
-        written.append(f"{outputs.model}: the model with what was found")
+        written.append(f"{outputs.model}: model with the named effects")
     return written
 
 

@@ -158,7 +158,7 @@ def quality_page(quality: RecordQuality, notes: Sequence[str]) -> str:
         html.verdict(doubts[0] if len(doubts) == 1 else f"{len(doubts)} doubts, the first: {doubts[0]}"),
         html.table(["what", "value"], facts(quality)),
         html.table(list(channel_rows(quality)[0]), channel_rows(quality)),
-        html.heading("What speaks against an estimate from it"),
+        html.heading("Reasons against an estimate from this record"),
         html.listing(doubts),
         html.heading("Signals"),
         html.drawing(

@@ -94,7 +94,7 @@ def fit_setups_of(request: SetUpsRequest) -> FittedSetUps:
     """
     if request.valve is None:
         raise InputError(
-            "--setups: name the valve that all set-ups are of with --valve; the file states what differs"
+            "--setups: pass the valve of all set-ups with --valve; the file states the differences"
         )
     valve, model = find_valve(request.valve), load_model(request.model)
     setups, shared = read_setups(request.content, request.where, request.folder, valve, model)

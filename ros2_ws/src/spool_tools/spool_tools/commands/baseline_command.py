@@ -62,5 +62,5 @@ def _manage(valve: str, action: str, *, version: int = 0, who: str = "", comment
 
 
 COMMAND = Command(
-    app, place=165, line="what the healthy valve is held to be: show, learn, confirm, restore", live=True
+    app, place=165, line="baseline of the healthy valve: show, learn, confirm, restore", live=True
 )

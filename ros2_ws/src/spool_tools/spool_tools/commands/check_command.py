@@ -35,4 +35,8 @@ def check(
     raise typer.Exit(0 if fine else 1)
 
 
-COMMAND = Command(check, place=45, line="the quality of a record: what an estimate from it would suffer from")
+COMMAND = Command(
+    check,
+    place=45,
+    line="the quality of a record: rate, gaps, clipping, noise, coherence, and how they affect an estimate",
+)

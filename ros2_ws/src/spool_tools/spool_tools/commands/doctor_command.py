@@ -33,5 +33,5 @@ def doctor(
 COMMAND = Command(
     doctor,
     place=1000,
-    line="what is wrong with this machine or installation, and what to do; --live: the nodes",
+    line="problems of this machine or installation and their remedies; --live: of the nodes",
 )

@@ -105,4 +105,4 @@ def gap(
     raise typer.Exit(run_gap(request, ResultFiles(json, report, save_model)))
 
 
-COMMAND = Command(gap, place=110, line="what the model lacks: named, added and measured again")
+COMMAND = Command(gap, place=110, line="missing effects of the model: named, added and measured again")

@@ -91,7 +91,7 @@ def import_(
 
     how = choices(columns, unit, scale, topic, rate, align, exclude, stamps, dates, empty_as_gap, pulses)
     if len(files) > 2:
-        raise InputError(f"{files[2]}: two files at most, body and spool; import each record by itself")
+        raise InputError(f"{files[2]}: two files at most, body and spool; import each record separately")
     if look:
         from spool_report.runs.record_quality import look as looked  # noqa: PLC0415
 
@@ -99,9 +99,9 @@ def import_(
             fine = looked(files, how, json, report)
         raise typer.Exit(0 if fine else 1)
     if out is None:
-        raise InputError("--out: name the bag to be made, or --look to see what is understood")
+        raise InputError("--out: name the bag to write, or pass --look to see the detected channels")
     if json is not None or report is not None:
-        raise InputError("--json and --report show what --look finds: add --look")
+        raise InputError("--json and --report contain the result of --look: add --look")
     moment = None
     if start is not None:
         try:

@@ -48,7 +48,7 @@ def info(
     _show(found)
     if not found.valves:
         held = ", ".join(f"{topic.name} ({topic.type})" for topic in found.topics[:5]) or "nothing"
-        text = f"no valve in it: it holds {held}; what is looked for is a topic NAME/acceleration of "
+        text = f"no valve found: the bag contains {held}; a valve has a topic NAME/acceleration of "
         raise typer.Exit(fail(f"{record}: {text}{ACCELERATION_BLOCK}"))
     broken = not found.closed or found.damages or found.undecodable_messages
     lost = any(valve.lost_blocks or valve.refused_blocks for valve in found.valves)
@@ -85,4 +85,4 @@ def _show(found: BagInformation) -> None:
         warn(warning)
 
 
-COMMAND = Command(info, place=60, line="what is in a bag and what was lost")
+COMMAND = Command(info, place=60, line="the content of a bag and its lost samples")

@@ -66,4 +66,4 @@ def plan(
     )
 
 
-COMMAND = Command(plan, place=25, line="what a planned record could tell, before it is measured")
+COMMAND = Command(plan, place=25, line="what a planned record can determine")

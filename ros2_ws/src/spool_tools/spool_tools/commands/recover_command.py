@@ -36,7 +36,7 @@ def recover(bag: BagArgument, out: NewBag, _force: Force = False) -> None:
     for valve, missing in result.missing.items():
         print(f"  /{printable(valve)}: missing by sequence numbers: {plural(missing, 'block')}")
     if not result.closed:
-        print("  the recording was not finished: what was not yet on the disk at its end is not counted")
+        print("  the recording was not finished: data not yet written to the disk are not counted")
     for warning in result.warnings:
         warn(warning)
     raise typer.Exit(1 if result.lost or bad or result.damages else 0)

@@ -21,7 +21,7 @@ def replay(
         typer.Option(
             "--valve",
             help="YAML file of the valve, or name of a shipped valve; NAME=FILE for each of several valves. "
-            "Default: what the bag says of its valves.",
+            "Default: description in the bag.",
             autocompletion=valve_names,
         ),
     ] = None,
@@ -43,7 +43,7 @@ def replay(
     method: Annotated[
         str | None,
         typer.Option(
-            help="Estimator: prediction or equation; default: that of --params-file, else prediction."
+            help="Estimator: prediction or equation; default: as in --params-file, else prediction."
         ),
     ] = None,
     refits: Annotated[

@@ -18,6 +18,6 @@ def snapshot(valve: RunningValve, who: WhoOption = "", comment: CommentOption = 
 COMMAND = Command(
     snapshot,
     place=167,
-    line="the minutes around this moment of a running valve, as a bag of its own",
+    line="the minutes around this moment of a running valve, as a separate bag",
     live=True,
 )

@@ -77,7 +77,7 @@ def new(
     }  # fmt: skip
     answers = {key: value for key, value in flags.items() if value is not None}
     if sys.stdin.isatty():
-        print("Answers with their units; Enter where the data sheet does not say.")
+        print("Answer with units; press Enter if the data sheet does not state the value.")
         try:
             answers = sheet.asked(answers, lambda question: input(f"{question}: "), warn)
         except EOFError:
@@ -136,4 +136,4 @@ def check(
     raise typer.Exit(1 if verdict.wrong else 0)
 
 
-COMMAND = Command(app, place=140, line="a valve file from a data sheet, and what looks wrong in one")
+COMMAND = Command(app, place=140, line="valve files: write one from a data sheet, check one")

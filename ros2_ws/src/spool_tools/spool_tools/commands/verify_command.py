@@ -37,7 +37,7 @@ def verify(
 
     if make_keys is not None:
         private, public = made(make_keys)
-        print(f"{private}: for the recorder's signing_key; keep it where nobody else reads it")
+        print(f"{private}: for the recorder's signing_key; keep it secret")
         print(f"{public}: for --key, where the recording is verified")
         return
     if folder is None:
@@ -54,4 +54,4 @@ def verify(
     raise typer.Exit(1 if found.wrong else 0)
 
 
-COMMAND = Command(verify, place=65, line="what was edited, removed or reordered in a recording")
+COMMAND = Command(verify, place=65, line="edited, removed or reordered parts of a recording")

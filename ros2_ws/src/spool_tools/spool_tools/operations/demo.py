@@ -359,7 +359,7 @@ def _wait_for_data(node: Node, nodes: Nodes, display: Display, asked: list[int])
 def _check(nodes: Nodes) -> None:
     dead = nodes.dead()
     if dead:
-        raise InputError(f"node {dead[0]} ended by itself: see {nodes.log}")
+        raise InputError(f"node {dead[0]} ended unexpectedly: see {nodes.log}")
 
 
 def _let_drift(node: Node, valve: DemoValve, duration: float) -> None:

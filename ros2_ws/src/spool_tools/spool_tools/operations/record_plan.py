@@ -120,7 +120,7 @@ def end_stop(plan: Plan) -> Answer:
     # From the truth: the gap workflow, unlike a plain fit, tries many stops.
     start = {name: model.values_for(plan.valve, plan.values(values))[name] for name in STOP}
     found, truth = _fitted(plan, model, values, start)
-    meaning = "travel of the spool: stops beyond it are not met, so this record cannot tell of them"
+    meaning = "travel of the spool: it does not reach stops beyond, so this record cannot show them"
     return _answer(found, truth, Limit("stop_gap", reach, "m", meaning))
 
 
@@ -272,7 +272,9 @@ def _answer(found: Fit, truth: Mapping[str, float], limit: Limit | None) -> Answ
     if found.reason is not None:
         return Answer(truth=truth, limit=limit, reason=found.reason)
     untold = [name for name in found.not_observable if name not in found.held]
-    reason = f"{', '.join(untold)}: such a record does not tell" if limit is None and untold else None
+    reason = (
+        f"{', '.join(untold)}: such a record does not determine them" if limit is None and untold else None
+    )
     return Answer(
         (*found.parameters, *found.combinations), truth, limit, reason, determinations=found.determinations
     )
@@ -361,9 +363,7 @@ def question(name: str) -> Callable[[Plan], Answer]:
         InputError: there is none of that name.
     """
     if name not in QUESTIONS:
-        raise InputError(
-            f"--question {name}: there is none of that name; there are {', '.join(QUESTIONS)}, {WHICH_EFFECT}"
-        )
+        raise InputError(f"--question {name}: unknown; known: {', '.join(QUESTIONS)}, {WHICH_EFFECT}")
     return QUESTIONS[name]
 
 
@@ -468,16 +468,16 @@ def _show(result: dict[str, Any], answer: Answer, found: Sequence[Named]) -> Non
         value = percent(limit.value) if limit.unit == "1" else f"{number(limit.value)} {limit.unit}"
         print(f"{limit.meaning}: {value}")
     elif answer.reason is None and not found:
-        print("no limit: what the record tells stands above")
+        print("no limit: see the results above")
     if answer.reason is not None:
-        print(f"such a record does not tell: {answer.reason}")
+        print(f"such a record does not determine it: {answer.reason}")
     for note in answer.notes:
         print(note)
     for tried in found:
         said = "named" if tried.named else f"not named, but {tried.verdict}"
         own = ", ".join(f"{key} {number(value)}" for key, value in tried.parameters.items())
         print(f"  {tried.id:<20} that changes {percent(tried.share)} of the motion: {said} ({own})")
-    print("noise alone is counted: what no model knows of a real valve comes on top")
+    print("only noise is counted: unmodelled effects of a real valve add to it")
 
 
 def _values_for_share(

@@ -102,8 +102,8 @@ class BagTable(Table):
             cells = self._cells(kind, message.received, message.content)
             if cells is None:
                 raise InputError(
-                    f"{self.path}: {title}: these messages say that they measure no acceleration (covariance "
-                    f"{NOT_MEASURED:g}): name the topic of the accelerometer with --topic"
+                    f"{self.path}: {title}: these messages state that they contain no acceleration "
+                    f"(covariance {NOT_MEASURED:g}): name the topic of the accelerometer with --topic"
                 )
             rows += np.size(cells[_STAMP])
             if rows > MOST_SAMPLES:
@@ -154,7 +154,7 @@ class BagTable(Table):
         if several:
             raise InputError(
                 f"{self.path}: {title}: several publishers wrote this topic ({several}): their "
-                "samples cannot be separated: record each sensor on a topic of its own"
+                "samples cannot be separated: record each sensor on a separate topic"
             )
 
     def _in_order(
