@@ -1,4 +1,4 @@
-"""One record, one advice: what `check` says of a faulty record, `import --look`, `fit` and `gap` say, too."""
+"""One record, one advice: what `check` reports of a faulty record, the other commands report, too."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def clipped(body: Array, spool: Array) -> Pair:
     return body, np.clip(spool, -limit, limit)
 
 
-ALL = ("check", "look", "fit", "gap")
+ALL = ("check", "look", "fit", "gap", "valve check")
 #: Samples with a fault and their rate, the advice, and who gives it.
 CASES: dict[str, tuple[Callable[[Array, Array], Pair], float, str, tuple[str, ...]]] = {
     "short": (
@@ -103,7 +103,7 @@ CASES: dict[str, tuple[Callable[[Array, Array], Pair], float, str, tuple[str, ..
         lambda body, spool: (spool, body),
         RATE,
         "body and spool look exchanged: the one that should follow leads: swap the columns",
-        ("fit", "gap"),
+        ("fit", "gap", "valve check"),
     ),
 }
 
@@ -134,7 +134,12 @@ def of_gap(path: Path) -> str:
         return str(error)
 
 
-COMMANDS = {"check": of_check, "look": of_look, "fit": of_fit, "gap": of_gap}
+def of_valve_check(path: Path) -> str:
+    main(["valve", "check", "4weh10_soft", "--record", str(path)])
+    return ""
+
+
+COMMANDS = {"check": of_check, "look": of_look, "fit": of_fit, "gap": of_gap, "valve check": of_valve_check}
 
 
 @pytest.mark.parametrize("fault", CASES)
@@ -151,7 +156,8 @@ def test_each_command_gives_the_same_advice_for_a_record(
     heard = {}
     for name in speakers:
         text = COMMANDS[name](path)
-        lines = [line for line in (text + capfd.readouterr().out).splitlines() if advice in line]
+        printed = capfd.readouterr()
+        lines = [line for line in (text + printed.out + printed.err).splitlines() if advice in line]
         assert lines, (name, text)
         # Without a valve file the natural frequency is that of the record.
         heard[name] = re.sub(r"[\d.]+", "#", lines[0][lines[0].index(advice) :])

@@ -141,6 +141,24 @@ def open_source(path: Path, columns: str | None = None, span: Span | None = None
     return BagReader(path, span=span or Span())
 
 
+def valve_in(reader: Source, name: str | None) -> str:
+    """Return the valve ``name`` of a record, or its only one.
+
+    Raises:
+        InputError: it has no such valve, or several and ``name`` is ``None``.
+    """
+    known = reader.valves
+    if not known:
+        raise InputError(f"{reader.path}: no acceleration topic in it")
+    if name is not None:
+        if name.strip("/") not in known:
+            raise InputError(f"{reader.path}: no valve {name!r}: the bag has {', '.join(known)}")
+        return name.strip("/")
+    if len(known) > 1:
+        raise InputError(f"{reader.path}: it holds {', '.join(known)}: choose one with --name")
+    return known[0]
+
+
 def load_recording(path: Path, selection: Selection | None = None) -> Recording:
     """Return what ``path`` (rosbag2 directory, .mcap, any file that `import` reads) holds of one valve.
 
@@ -163,7 +181,7 @@ def load_recording(path: Path, selection: Selection | None = None) -> Recording:
             )
         notes = import_notes(path)
         reader = BagReader(path, span=span_of(path, *chosen.when))
-        name = _valve_in(reader, chosen.name)
+        name = valve_in(reader, chosen.name)
         blocks = _blocks_beside(reader.stream(name), oil, speeds)
         if chosen.longest is None:
             stretches = records_from_blocks(blocks, str(path), oil)
@@ -523,19 +541,6 @@ def _valve_or_name(valve: str, paths: Sequence[Path], name: str | None) -> tuple
         if valve.strip("/") in held:
             return None, valve
     return find_valve(valve), name
-
-
-def _valve_in(reader: BagReader, name: str | None) -> str:
-    known = reader.valves
-    if not known:
-        raise InputError(f"{reader.path}: no acceleration topic in it")
-    if name is not None:
-        if name.strip("/") not in known:
-            raise InputError(f"{reader.path}: no valve {name!r}: the bag has {', '.join(known)}")
-        return name.strip("/")
-    if len(known) > 1:
-        raise InputError(f"{reader.path}: it holds {', '.join(known)}: choose one with --name")
-    return known[0]
 
 
 def _without_file(source: Source, name: str) -> ChosenValve:

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 from rich.console import Console
+from spool_bag.importing.choices import columns_of
 from spool_bag.information import MOST_STEPS, Timeline, duration_of, step_text
 from spool_bag.metadata import rate_std
 from spool_core.block import BlockRun
@@ -22,7 +23,7 @@ from spool_core.uncertainty import LEGEND, as_json, at_uncertain_rate, by_name, 
 from spool_estimator.estimate import Estimate
 from spool_estimator.estimator import make_estimator, phase_of, settings_for
 from spool_estimator.gap_watch import GapWatch
-from spool_estimator.identification.record import PartKeeper, Record
+from spool_estimator.identification.record import LARGEST, PartKeeper, Record
 from spool_estimator.plausibility import ValveCheck
 from spool_estimator.record_judgement import check_rate
 from spool_estimator.refit import Refit, RefitSettings, WindowRefits
@@ -36,7 +37,15 @@ from spool_monitor.replay import Replay
 from spool_monitor.state_file import valve_folder
 from spool_monitor.valve_state import ValveState
 from spool_report.outputs import sources, write_file
-from spool_report.records.record_loading import ChosenValve, Source, choose_valves, open_source
+from spool_report.records.record_loading import (
+    ChosenValve,
+    Selection,
+    Source,
+    choose_valves,
+    load_data,
+    open_source,
+    valve_in,
+)
 from spool_report.records.record_sources import TableSource, span_of
 from spool_report.terminal import cell, progress, warn
 from spool_sim.model import load_model
@@ -262,19 +271,20 @@ def _number(quantity: Mapping[str, Any]) -> str:
     return with_interval(quantity["value"], quantity["std"], quantity["unit"])
 
 
-def check_of_record(path: Path, valve: Valve, name: str | None, columns: str | None) -> ValveCheck | None:
-    """Return what a record shows of ``valve``: the check of a replay of its valve ``name``, or its only one.
+def check_of_record(
+    path: Path, valve: Valve, name: str | None, columns: str | None
+) -> tuple[ValveCheck | None, tuple[str, ...]]:
+    """Return what a record shows of ``valve``, and what is doubtful about the record, a sentence each.
+
+    The check is that of a replay of the record's valve ``name``, or of its only one.
 
     Raises:
-        InputError: no such record, or none or several valves in it and no ``name``.
+        InputError: as ``load_data``.
     """
+    selection = Selection(name, columns_of(columns), longest=LARGEST)
+    doubts = load_data([path], valve, selection, springs=False).doubts
     reader = open_source(path, columns)
-    names = reader.valves
-    if name is not None and name.strip("/") not in names:
-        raise InputError(f"{path}: no valve {name} in it; there are {', '.join(names) or 'none'}")
-    if name is None and len(names) != 1:
-        raise InputError(f"{path}: {len(names)} valves in it: name one with --name: {', '.join(names)}")
-    return replay_valve(reader, names[0] if name is None else name.strip("/"), valve).check
+    return replay_valve(reader, valve_in(reader, name), valve).check, doubts
 
 
 def replay_valve(

@@ -115,10 +115,12 @@ def check(
 
     verdict = sheet.judged(file)
     if verdict.valve is not None:
-        if record is not None:
-            sheet.against_record(verdict, check_of_record(record, verdict.valve, name, columns), record)
         for line in sheet.quantities(verdict.valve):
             print(line)
+        if record is not None:
+            shows, doubts = check_of_record(record, verdict.valve, name, columns)
+            verdict.wrong += doubts
+            sheet.against_record(verdict, shows, record)
     shown = verdict.shown
     if shown is not None:
         frequency = shown["natural_frequency_Hz"]
