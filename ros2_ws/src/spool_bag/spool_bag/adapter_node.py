@@ -226,9 +226,6 @@ class AdapterNode(ManagedNode):
             self._setting("sample_rate", changes),
         )
 
-    def _frame(self, channel: Channel) -> str:
-        return str(self.value(f"{channel.value}_frame"))
-
     def _new_aligner(self) -> Aligner:
         names = ("block_rate", "sample_rate", "settle", "longest_wait", "spool_delay")
         return Aligner(
@@ -266,7 +263,11 @@ class AdapterNode(ManagedNode):
         self._report.silent = {one: now - self._heard.get(one, self._begin) for one in Channel}
         self._report.listeners = self._publisher.listeners
         self._report.count_publishers(
-            {one: self.count_publishers(self._report.topics[one]) for one in Channel if not self._frame(one)},
+            {
+                one: self.count_publishers(self._report.topics[one])
+                for one in Channel
+                if not str(self.value(f"{one.value}_frame"))
+            },
             LOOK,
         )
         self._report.advance(self._aligner, LOOK)
@@ -440,7 +441,41 @@ class SensorReport:
     def status(self, aligner: Aligner, now: int) -> Status:
         """Return the state of the sensors at ``now`` (ns, on the clock that stamps them)."""
         level, message = self._judgement(aligner)
-        return Status("sensors", level, message, self._values(aligner, now))
+        values: dict[str, object] = {}
+        for channel, stream in aligner.streams.items():
+            name, clock = channel.value, stream.clock
+            values |= {
+                key(f"{name}_rate", "Hz"): clock.rate if clock else math.nan,
+                key(f"{name}_jitter", "s"): 1e-9 * clock.jitter if clock else math.nan,
+                key(f"{name}_step_limit", "s"): 1e-9 * stream.step_limit,
+                f"{name}_received": stream.received,
+                f"{name}_lost": stream.lost,
+                f"{name}_restarts": stream.restarts,
+                f"{name}_clock_steps": stream.steps,
+                **{f"{name}_refused_{one.name.lower()}": stream.refused[one] for one in Refusal},
+                f"{name}_unusable": self.unusable[channel],
+                f"{name}_publishers": self.publishers.get(channel, 0),
+                key(f"{name}_silent", "s"): self.silent[channel],
+                key(f"{name}_age", "s"): 1e-9 * (now - stream.newest) if stream.newest else math.nan,
+            }
+        return Status(
+            "sensors",
+            level,
+            message,
+            values
+            | {
+                key("sample_rate", "Hz"): aligner.sample_rate,
+                key("offset", "s"): aligner.offset,
+                key("drift", "ppm"): 1e6 * aligner.drift,
+                key("spool_behind", "s"): aligner.apart,
+                key("clock_step", "s"): aligner.clock_step,
+                key("wandered", "s"): aligner.wandered,
+                "late_samples": aligner.late,
+                "blocks_sent": aligner.sent,
+                "blocks_dropped": aligner.dropped,
+                "listeners": self.listeners,
+            },
+        )
 
     def _judgement(self, aligner: Aligner) -> tuple[Level, str]:
         faults = [self._silence(aligner, channel) for channel in Channel]
@@ -512,37 +547,6 @@ class SensorReport:
             advice = "synchronise their clocks, or set stamps to arrival"
             return Level.ERROR, f"the sensors' stamps are {abs(aligner.apart):.6g} s apart: {advice}"
         return None
-
-    def _values(self, aligner: Aligner, now: int) -> dict[str, object]:
-        values: dict[str, object] = {}
-        for channel, stream in aligner.streams.items():
-            name, clock = channel.value, stream.clock
-            values |= {
-                key(f"{name}_rate", "Hz"): clock.rate if clock else math.nan,
-                key(f"{name}_jitter", "s"): 1e-9 * clock.jitter if clock else math.nan,
-                key(f"{name}_step_limit", "s"): 1e-9 * stream.step_limit,
-                f"{name}_received": stream.received,
-                f"{name}_lost": stream.lost,
-                f"{name}_restarts": stream.restarts,
-                f"{name}_clock_steps": stream.steps,
-                **{f"{name}_refused_{one.name.lower()}": stream.refused[one] for one in Refusal},
-                f"{name}_unusable": self.unusable[channel],
-                f"{name}_publishers": self.publishers.get(channel, 0),
-                key(f"{name}_silent", "s"): self.silent[channel],
-                key(f"{name}_age", "s"): 1e-9 * (now - stream.newest) if stream.newest else math.nan,
-            }
-        return values | {
-            key("sample_rate", "Hz"): aligner.sample_rate,
-            key("offset", "s"): aligner.offset,
-            key("drift", "ppm"): 1e6 * aligner.drift,
-            key("spool_behind", "s"): aligner.apart,
-            key("clock_step", "s"): aligner.clock_step,
-            key("wandered", "s"): aligner.wandered,
-            "late_samples": aligner.late,
-            "blocks_sent": aligner.sent,
-            "blocks_dropped": aligner.dropped,
-            "listeners": self.listeners,
-        }
 
 
 if __name__ == "__main__":

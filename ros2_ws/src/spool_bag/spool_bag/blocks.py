@@ -16,7 +16,6 @@ from operator import itemgetter
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from spool_core.block import LARGEST, Block, BlockRun
 from spool_core.block_gate import LONGEST_PERIOD
 from spool_core.cdr import LITTLE_ENDIAN, NANOSECONDS, CdrError, Reading, decode_block
@@ -262,7 +261,12 @@ def _like(first: Block, messages: Sequence[bytes]) -> Iterator[Block | BlockRun]
         return
     layout = _layout(int.from_bytes(messages[0][12:16], "little"), first.body.size, len(messages[0]))
     rows = np.frombuffer(b"".join(messages), layout)
-    same = _same(rows)
+    # Those that have all that makes a layout, and sequences that fit.
+    alike = (rows["sequence"] < LARGEST) & (rows["count"] == rows["count"][0])
+    for name in ("mark", "name", "period"):
+        alike &= (rows[name] == rows[name][0]).all(axis=1)
+    alike &= rows["other_count"] == rows["count"][0]
+    same = rows.size if alike.all() else int(np.argmin(alike))
     stamps = rows["seconds"].astype(np.int64) * NANOSECONDS + rows["nanoseconds"]
     sequences = rows["sequence"].astype(np.int64)
     follows = (np.diff(stamps[:same]) == step) & (np.diff(sequences[:same]) == 1)
@@ -290,15 +294,6 @@ def _step(block: Block) -> int:
     if not (regular and nanoseconds.is_integer() and 0 <= block.sequence < LARGEST):
         return 0
     return block.body.size * int(nanoseconds)
-
-
-def _same(rows: NDArray[np.void]) -> int:
-    """Return how many of ``rows`` from the first on have all that makes a layout, and sequences that fit."""
-    same = (rows["sequence"] < LARGEST) & (rows["count"] == rows["count"][0])
-    for name in ("mark", "name", "period"):
-        same &= (rows[name] == rows[name][0]).all(axis=1)
-    same &= rows["other_count"] == rows["count"][0]
-    return rows.size if same.all() else int(np.argmin(same))
 
 
 @functools.lru_cache(maxsize=64)

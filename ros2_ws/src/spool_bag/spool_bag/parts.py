@@ -60,7 +60,11 @@ class RepeatingChunks(ChunkBuilder):
             uses = self._uses.get(channel, 0)
             self._uses[channel] = uses + 1
             if uses < FIRST or uses % EVERY == 0:
-                self._define(self._channels[channel])
+                registered = self._channels[channel]
+                if registered.schema_id and registered.schema_id not in self._here:
+                    super().add_schema(self._schemas[registered.schema_id])
+                    self._here.add(registered.schema_id)
+                super().add_channel(registered)
         time, records = message.log_time, self.record_writer
         index = self.message_indices.get(channel)
         if index is None:
@@ -77,12 +81,6 @@ class RepeatingChunks(ChunkBuilder):
         super().reset()  # type: ignore[no-untyped-call]
         self._here.clear()
         self._used.clear()
-
-    def _define(self, channel: Channel) -> None:
-        if channel.schema_id and channel.schema_id not in self._here:
-            super().add_schema(self._schemas[channel.schema_id])
-            self._here.add(channel.schema_id)
-        super().add_channel(channel)
 
 
 class Output:

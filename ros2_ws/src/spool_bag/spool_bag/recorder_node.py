@@ -297,7 +297,12 @@ class RecorderNode(ManagedNode):
         message_type = _message_type(kind)
         namespace, _, name = topic.rpartition("/")
         one = _Intake(topic, kind, namespace, starts_with_header(kind), name in recorder.LATCHED)
-        wanted = _wanted(offered, self.value("depth"), latched=one.latched)
+        # The strongest quality of service that every publisher offers.
+        latched = one.latched
+        reliable = all(profile.reliability == ReliabilityPolicy.RELIABLE for profile in offered)
+        if offered:
+            latched = all(profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for profile in offered)
+        wanted = qos.profile(self.value("depth"), reliable=reliable, latched=latched)
 
         def keep(data: bytes) -> None:
             self._keep(one, data)
@@ -324,7 +329,21 @@ class RecorderNode(ManagedNode):
         offers = self._offered.get(topic)
         if offers is None:  # what its publishers offer, asked with its first message
             profiles = [info.qos_profile for info in self.get_publishers_info_by_topic(topic)]
-            offers = self._offered[topic] = [_recorded(profile) for profile in profiles]
+            # Times are left unlimited, as ROS 2 does by default.
+            offers = self._offered[topic] = [
+                Qos(
+                    history=QosHistory[profile.history.name],
+                    depth=profile.depth,
+                    reliability=QosReliability[profile.reliability.name],
+                    durability=QosDurability[profile.durability.name],
+                    deadline=UNLIMITED,
+                    lifespan=UNLIMITED,
+                    liveliness=QosLiveliness.AUTOMATIC,
+                    liveliness_lease_duration=UNLIMITED,
+                    avoid_ros_namespace_conventions=False,
+                )
+                for profile in profiles
+            ]
         message = recorder.Recorded(topic, one.kind, received, max(published, 0), data, one.latched, offers)
         recording.put(message)
         if one.kind == ACCELERATION_BLOCK:
@@ -453,17 +472,6 @@ def _message_type(kind: str) -> Any:
         raise InputError(f"type {kind} is not installed") from error
 
 
-def _wanted(offered: Sequence[QoSProfile], depth: int, *, latched: bool) -> QoSProfile:
-    """Return the strongest quality of service that every publisher offers.
-
-    ``latched`` says what to expect while nobody publishes yet.
-    """
-    reliable = all(profile.reliability == ReliabilityPolicy.RELIABLE for profile in offered)
-    if offered:
-        latched = all(profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for profile in offered)
-    return qos.profile(depth, reliable=reliable, latched=latched)
-
-
 def _compatible(wanted: QoSProfile, offered: Sequence[QoSProfile]) -> bool:
     strict = wanted.reliability == ReliabilityPolicy.RELIABLE
     latched = wanted.durability == DurabilityPolicy.TRANSIENT_LOCAL
@@ -471,21 +479,6 @@ def _compatible(wanted: QoSProfile, offered: Sequence[QoSProfile]) -> bool:
         (not strict or profile.reliability == ReliabilityPolicy.RELIABLE)
         and (not latched or profile.durability == DurabilityPolicy.TRANSIENT_LOCAL)
         for profile in offered
-    )
-
-
-def _recorded(profile: QoSProfile) -> Qos:
-    """Return what the bag says of an offered profile; times are left unlimited, as ROS 2 does by default."""
-    return Qos(
-        history=QosHistory[profile.history.name],
-        depth=profile.depth,
-        reliability=QosReliability[profile.reliability.name],
-        durability=QosDurability[profile.durability.name],
-        deadline=UNLIMITED,
-        lifespan=UNLIMITED,
-        liveliness=QosLiveliness.AUTOMATIC,
-        liveliness_lease_duration=UNLIMITED,
-        avoid_ros_namespace_conventions=False,
     )
 
 

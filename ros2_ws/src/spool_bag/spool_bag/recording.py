@@ -236,7 +236,20 @@ class Recording:
             and (now := time.monotonic()) < end
             and (message := self._queue.take()) is not None
         ):
-            self._take(writer, message, flush=now - begin >= TURN)
+            try:
+                channel = writer.add_topic(message.topic, message.kind, message.qos, latched=message.latched)
+                writer.write(
+                    channel, message.received, message.data, message.published, flush=now - begin >= TURN
+                )
+            except RecordingError as error:
+                self._fail(str(error), writer)
+            except InputError as error:
+                self._log.error(f"a message is not recorded: {error}")
+                self._queue.drop()
+                self._lose(message.topic, 1, str(error))
+            else:
+                if writer.synced != self._confirmed:
+                    self._confirm(writer)
         self._attempt(BagWriter.flush_if_due)
         # What was lost is written into the bag while it can be written on.
         with self._lock:
@@ -246,20 +259,6 @@ class Recording:
             if self._writer is not None:
                 with self._lock:
                     self._unstated -= count
-
-    def _take(self, writer: BagWriter, message: Recorded, *, flush: bool) -> None:
-        try:
-            channel = writer.add_topic(message.topic, message.kind, message.qos, latched=message.latched)
-            writer.write(channel, message.received, message.data, message.published, flush=flush)
-        except RecordingError as error:
-            self._fail(str(error), writer)
-        except InputError as error:
-            self._log.error(f"a message is not recorded: {error}")
-            self._queue.drop()
-            self._lose(message.topic, 1, str(error))
-        else:
-            if writer.synced != self._confirmed:
-                self._confirm(writer)
 
     def _attempt(self, action: Callable[[BagWriter], object]) -> None:
         """Do something with the writer; a failing disk makes it pause, and what was not on it waits.

@@ -129,7 +129,25 @@ class SnapshotKeeper:
         for snapshot in self._waiting:
             if snapshot.valve == valve and message.received <= snapshot.end:
                 snapshot.add(message)
-        self._hold(ring, message)
+        now = time.monotonic()
+        ring.messages.append(message)
+        ring.arrived.append(now)
+        ring.bytes += len(message.data)
+        if message.kind == ACCELERATION_BLOCK:
+            ring.blocks.append(message.published)
+        oldest = message.received - round(self.before * 1e9)
+        while ring.messages and (
+            ring.messages[0].received < oldest
+            or now - ring.arrived[0] > SLOWEST * self.before
+            or ring.bytes > MOST_BYTES
+        ):
+            gone = ring.messages.popleft()
+            ring.arrived.popleft()
+            ring.bytes -= len(gone.data)
+            if gone.kind == ACCELERATION_BLOCK:
+                ring.blocks.popleft()
+            elif gone.topic.rpartition("/")[2] in LATCHED:
+                ring.latched[gone.topic] = gone
         if message.kind == HEALTH_EVENT and message.topic == f"{valve}/events":
             self._judge(valve, ring, message)
 
@@ -166,27 +184,6 @@ class SnapshotKeeper:
             self._valves[topic] = namespace
             return namespace
         return next((valve for valve in self._rings if topic.startswith(f"{valve}/")), None)
-
-    def _hold(self, ring: _Ring, message: Recorded) -> None:
-        now = time.monotonic()
-        ring.messages.append(message)
-        ring.arrived.append(now)
-        ring.bytes += len(message.data)
-        if message.kind == ACCELERATION_BLOCK:
-            ring.blocks.append(message.published)
-        oldest = message.received - round(self.before * 1e9)
-        while ring.messages and (
-            ring.messages[0].received < oldest
-            or now - ring.arrived[0] > SLOWEST * self.before
-            or ring.bytes > MOST_BYTES
-        ):
-            gone = ring.messages.popleft()
-            ring.arrived.popleft()
-            ring.bytes -= len(gone.data)
-            if gone.kind == ACCELERATION_BLOCK:
-                ring.blocks.popleft()
-            elif gone.topic.rpartition("/")[2] in LATCHED:
-                ring.latched[gone.topic] = gone
 
     def _judge(self, valve: str, ring: _Ring, message: Recorded) -> None:
         try:

@@ -17,7 +17,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import fft, optimize, signal
 from spool_core.errors import InputError
 from spool_core.numbers import Array, Complex
@@ -129,21 +128,17 @@ def _common(row: Array, period: float, rate: float) -> Array:
     at = np.minimum(places.astype(np.int64), row.size - 2)
     share = places - at
     if period * rate > 0.2:  # linear interpolation would weaken the upper band
-        return np.asarray(_cubic(filtered, at, share))
+        # Cubic convolution (Keys 1981).
+        last = filtered.size - 1
+        before, here = filtered[np.maximum(at - 1, 0)], filtered[at]
+        after, second = filtered[np.minimum(at + 1, last)], filtered[np.minimum(at + 2, last)]
+        slope = 0.5 * (after - before)
+        return np.asarray(
+            here
+            + share * (slope + share * (before - 2.5 * here + 2.0 * after - 0.5 * second))
+            + share**3 * (0.5 * (second - before) + 1.5 * (here - after))
+        )
     return np.asarray((1.0 - share) * filtered[at] + share * filtered[at + 1])
-
-
-def _cubic(row: Array, at: NDArray[np.int64], share: Array) -> Array:
-    """Return values between samples by cubic convolution (Keys 1981)."""
-    last = row.size - 1
-    before, here = row[np.maximum(at - 1, 0)], row[at]
-    after, second = row[np.minimum(at + 1, last)], row[np.minimum(at + 2, last)]
-    slope = 0.5 * (after - before)
-    return np.asarray(
-        here
-        + share * (slope + share * (before - 2.5 * here + 2.0 * after - 0.5 * second))
-        + share**3 * (0.5 * (second - before) + 1.5 * (here - after))
-    )
 
 
 def _coarse(first: Array, second: Array, rate: float, label: str) -> float:

@@ -72,7 +72,10 @@ class _SqliteFile:
                     rows = base.execute(
                         "SELECT topic_type, encoded_message_definition FROM message_definitions"
                     )
-                    described |= {name: _text(text) for name, text in rows}
+                    described |= {
+                        name: (text.decode("utf-8", "replace") if isinstance(text, bytes) else str(text))
+                        for name, text in rows
+                    }
                 topics = {
                     number: Topic(name, kind, described[kind], "ros2msg", encoding, "", "")
                     for number, name, kind, encoding in base.execute(
@@ -264,7 +267,3 @@ def _with_folder(kind: str) -> str:
     """Return a type as ROS 2 writes it."""
     package, _, name = kind.rpartition("/")
     return kind if "/" in package or not package else f"{package}/msg/{name}"
-
-
-def _text(content: Any) -> str:
-    return content.decode("utf-8", "replace") if isinstance(content, bytes) else str(content)

@@ -39,7 +39,15 @@ def mixed(time: Array, rows: Rows, others: Callable[[], dict[str, Array]]) -> st
     size = _group_size(time)
     if size > 1:
         for name, values in others().items():
-            if _numbers_sensors(values, size):
+            # As many whole numbers as samples share a stamp, in turn.
+            kept = values[: values.size // size * size].reshape(-1, size)
+            turn = kept[0]
+            whole = bool(np.all(np.isfinite(turn)) and np.all(turn == np.rint(turn)))
+            if (
+                whole
+                and np.unique(turn).size == size
+                and float(np.mean(np.all(kept == turn, axis=1))) >= ALIKE
+            ):
                 shown = ", ".join(f"{one:g}" for one in values[:size].tolist())
                 return f"each time is there {size} times, and {printable(name, 40)} is {shown} in turn"
     for row in rows:
@@ -70,14 +78,6 @@ def _in_pairs(time: Array) -> bool:
     even, odd = steps[0 : steps.size // 2 * 2 : 2], steps[1 : steps.size // 2 * 2 : 2]
     in_turn = max(np.count_nonzero(even < odd), np.count_nonzero(even > odd))
     return bool(first < (1.0 - PAIRED) * second and in_turn >= ALIKE * even.size)
-
-
-def _numbers_sensors(values: Array, size: int) -> bool:
-    """Return whether a channel holds as many whole numbers as samples share a stamp, in turn."""
-    kept = values[: values.size // size * size].reshape(-1, size)
-    turn = kept[0]
-    whole = bool(np.all(np.isfinite(turn)) and np.all(turn == np.rint(turn)))
-    return whole and np.unique(turn).size == size and float(np.mean(np.all(kept == turn, axis=1))) >= ALIKE
 
 
 def _alternates(row: NDArray[np.floating], size: int) -> bool:

@@ -183,7 +183,7 @@ class Settings:
             if size is None:
                 unit = self._held.get(self._unit_path(one), one.value)
                 doubtful.append(f"{printable(one.path, 60)} = {number:.7g} in {printable(unit, 20)}")
-            elif _base(one.name, _SURE):
+            elif one.name in _SURE or _with_unit(one.name)[0] in _SURE:
                 sure.append((one, (number * size) ** power))
             elif one.depth >= 0:
                 doubtful.append(f"{printable(one.path, 60)} = {number:.7g}")
@@ -367,10 +367,6 @@ def _placed(path: str) -> str:
     """Return a path whose last name is plain."""
     parent, mark, name = path.rpartition("/")
     return f"{parent}{mark}{_plain_name(name)}"
-
-
-def _base(name: str, known: Mapping[str, float]) -> bool:
-    return name in known or _with_unit(name)[0] in known
 
 
 def _with_unit(name: str) -> tuple[str, str]:

@@ -311,7 +311,13 @@ def array_table(
     single = {key: value for key, value in arrays.items() if np.size(value) == 1}
     known = Settings({**stated, **single})
     channels = {name: _channel(name, row, units or {}, known) for name, row in rows.items()}
-    times = {name for name, channel in channels.items() if _is_time(channel)}
+    times = {
+        name
+        for name, channel in channels.items()
+        if channel.time
+        or quantity_of(channel.unit) == "time"
+        or channel.name.rpartition("/")[2].lower() in TIMES
+    }
     timed = {rows[name].size for name in times}
     rates = {name: known.rate(name) for name in rows}
     # Channels that have a column of times begin with it.
@@ -391,15 +397,6 @@ def _channel(name: str, row: Any, units: Mapping[str, str], known: Settings) -> 
 def _only(found: set[Any]) -> Any:
     """Return the only one of ``found``, ``None`` where there is none or more."""
     return next(iter(found)) if len(found) == 1 else None
-
-
-def _is_time(channel: Channel) -> bool:
-    """Return whether a channel may be a time axis, which all channels of its length share."""
-    return (
-        channel.time
-        or quantity_of(channel.unit) == "time"
-        or channel.name.rpartition("/")[2].lower() in TIMES
-    )
 
 
 def _rows(name: str, value: Any) -> list[tuple[str, Any]]:

@@ -167,7 +167,13 @@ def compared(found: TimeAxis, column: TimeColumn) -> tuple[TimeAxis, str]:
     except InputError:
         return found, ""  # a time without a unit that could be several
     apart = found.time - found.time[0] - (second.time - second.time[0])
-    drift, allowed = float(np.ptp(apart)), _allowed(found.time, second.time)
+    # Columns of one clock may differ by their rounding, or by a part of a period.
+    period = float(found.time[-1] - found.time[0]) / max(found.time.size - 1, 1)
+    noise = [number_error(time) for time in (found.time, second.time)]
+    tick = max(
+        float(ticks(time, one).max()) for time, one in zip((found.time, second.time), noise, strict=True)
+    )
+    drift, allowed = float(np.ptp(apart)), (1.01 * tick if tick > 1.01 * period else JITTER * period)
     # Dates and times since the start of a logger count from different moments, others from one.
     begun = float(found.time[0] - second.time[0])
     begun += 0.0 if found.start is None or second.start is None else (found.start - second.start) * 1e-9
@@ -239,14 +245,6 @@ def period_check(path: Path, name: str, period: float, kind: str) -> str:
     return (
         f"{name} steps by {period:g} s: are these {_usual(period)}?" if period > LONGEST_USUAL_PERIOD else ""
     )
-
-
-def _allowed(first: Array, second: Array) -> float:
-    """Return by how much (s) two columns of one clock may differ: their rounding, or a part of a period."""
-    period = float(first[-1] - first[0]) / max(first.size - 1, 1)
-    noise = [number_error(time) for time in (first, second)]
-    tick = max(float(ticks(time, one).max()) for time, one in zip((first, second), noise, strict=True))
-    return 1.01 * tick if tick > 1.01 * period else JITTER * period
 
 
 def _dated(column: TimeColumn) -> TimeAxis:
