@@ -10,3 +10,6 @@ Complex = NDArray[np.complex128]
 
 #: m/s^2, standard gravity: converts g, and the weight of a mass. CGPM 1901.
 GRAVITY = 9.80665
+
+#: Standard deviations in a median absolute deviation of normal errors.
+MEDIAN_TO_DEVIATION = 1.4826

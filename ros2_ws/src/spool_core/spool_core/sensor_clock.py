@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from spool_core.numbers import Array
+from spool_core.numbers import MEDIAN_TO_DEVIATION, Array
 
 #: s of stamps that the phase and the rate are averaged over once there are so many. Stamps that jitter by J
 #: leave the phase 2 J / sqrt(samples in it) (standard error of a line's end), 10 us of 0.5 ms at 1 kHz, and
@@ -26,8 +26,6 @@ MEMORY = 10.0
 #: Samples over which the size of the jitter is averaged, and how many times its size a stamp counts with.
 JITTER_SAMPLES, JITTER_CLIP = 500, 5.0
 
-#: Standard deviations in a median absolute deviation of normal errors.
-MEDIAN_TO_DEVIATION = 1.4826
 #: Share of changes that a large one exceeds, and standard deviations in it: 1 / 1.645 for normal errors.
 LARGE, LARGE_TO_DEVIATION = 0.9, 0.608
 

@@ -14,7 +14,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from spool_core.numbers import Array
+from spool_core.numbers import MEDIAN_TO_DEVIATION, Array
 
 #: Periods: a longer step is a gap, one missing sample makes two; a sample further off its place is not
 #: explained by the rounding of printed times.
@@ -672,7 +672,7 @@ def _jumps(phase: Array, places: Indices) -> Array:
 def _back_by_jitter(time: Array, usual: float) -> bool:
     """Return whether times go back no further than the jitter of all their steps explains."""
     steps = np.diff(time)
-    usual_error = 1.4826 * float(np.median(np.abs(steps - usual)))
+    usual_error = MEDIAN_TO_DEVIATION * float(np.median(np.abs(steps - usual)))
     return float(steps.min()) > usual - JITTER_REACH * usual_error
 
 

@@ -9,6 +9,7 @@ from statistics import fmean, median
 import numpy as np
 from spool_core.block import Block
 from spool_core.events.event import Event, EventState, Facts, Namur, Severity, Urgency, urgency_of
+from spool_core.numbers import MEDIAN_TO_DEVIATION
 
 from spool_estimator.estimate import Estimate, State
 from spool_estimator.identification.channel_faults import flat_share
@@ -23,8 +24,6 @@ LEARNED = 20
 IN_A_ROW = 3
 #: Deviations above the median that an estimate must reach, too, and the smallest deviation over the median.
 DEVIATIONS, LEAST_DEVIATION = 6.0, 0.05
-#: Standard deviation of normal numbers over their median deviation.
-NORMAL = 1.4826
 #: Share of the force below which what is left worries nobody: where the spool sticks at every turn the
 #: online estimator itself leaves up to 3 %.
 MATTERS = 0.04
@@ -55,7 +54,7 @@ class ResidualLevel:
     def learned(cls, values: list[float], growth: float, least: float = 0.0) -> ResidualLevel:
         """Return the level of ``values``; its limit is ``growth`` times the median and ``least``, or more."""
         middle = median(values)
-        deviation = NORMAL * median(abs(one - middle) for one in values)
+        deviation = MEDIAN_TO_DEVIATION * median(abs(one - middle) for one in values)
         deviation = max(deviation, LEAST_DEVIATION * middle)
         return cls(middle, max(growth * middle, middle + DEVIATIONS * deviation, least))
 

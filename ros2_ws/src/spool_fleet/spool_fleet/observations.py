@@ -10,7 +10,7 @@ from statistics import median
 
 import numpy as np
 from numpy.typing import NDArray
-from spool_core.numbers import Array
+from spool_core.numbers import MEDIAN_TO_DEVIATION, Array
 
 from spool_fleet.analyses.base import REFERRED
 from spool_fleet.query import ask
@@ -23,8 +23,6 @@ UNCERTAIN = 0.35
 
 #: Days of a bin: a week evens out shifts and weekends.
 BIN = 7.0
-#: Standard deviations per median absolute deviation of a normal distribution.
-MAD = 1.4826
 #: Standard deviations beyond which a value is clipped, and what that leaves of the mean square of a normal
 #: distribution (by integration).
 CLIP, CLIPPED_SQUARE = 2.5, 0.977
@@ -190,12 +188,16 @@ def week_of(day: float) -> int:
 
 def spread(values: Array) -> float:
     """Return the robust standard deviation of ``values`` around their median; NaN for fewer than two."""
-    return float(MAD * np.median(np.abs(values - np.median(values)))) if values.size > 1 else float("nan")
+    return (
+        float(MEDIAN_TO_DEVIATION * np.median(np.abs(values - np.median(values))))
+        if values.size > 1
+        else float("nan")
+    )
 
 
 def mean_square(values: Array) -> float:
     """Return the mean square of ``values`` with outliers clipped."""
-    limit = CLIP * MAD * float(np.median(np.abs(values)))
+    limit = CLIP * MEDIAN_TO_DEVIATION * float(np.median(np.abs(values)))
     return float(np.mean(np.minimum(np.abs(values), limit) ** 2)) / CLIPPED_SQUARE
 
 

@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from spool_core import system
 from spool_core.errors import InputError
+from spool_core.numbers import MEDIAN_TO_DEVIATION
 
 #: s, estimates do not come closer; it bounds how many are kept for a start value.
 SHORTEST_PERIOD = 0.1
@@ -93,8 +94,7 @@ class Baseline:
         # Half a period less: stamps jitter.
         if len(self._seen) >= 3 and (len(self._seen) + 0.5) * self._period >= self.duration:
             self.value = float(np.median(self._seen))
-            # 1.4826: median absolute deviation to standard deviation of a normal distribution.
-            self.spread = 1.4826 * float(np.median(np.abs(np.array(self._seen) - self.value)))
+            self.spread = MEDIAN_TO_DEVIATION * float(np.median(np.abs(np.array(self._seen) - self.value)))
             seen = np.array(self._seen)
             self.count, self.mean, self.deviation = seen.size, float(seen.mean()), float(seen.std(ddof=1))
             around = seen - self.mean

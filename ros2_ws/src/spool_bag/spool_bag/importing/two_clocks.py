@@ -17,17 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 from spool_core.aligner import margin, resampled
 from spool_core.errors import InputError
-from spool_core.numbers import Array
-from spool_core.sensor_clock import (
-    CERTAIN,
-    CHUNK,
-    LAG_CERTAIN,
-    LEAST_STEP,
-    LUMP,
-    MEDIAN_TO_DEVIATION,
-    SLEW,
-    SPAN,
-)
+from spool_core.numbers import MEDIAN_TO_DEVIATION, Array
+from spool_core.sensor_clock import CERTAIN, CHUNK, LAG_CERTAIN, LEAST_STEP, LUMP, SLEW, SPAN
 from spool_core.stamps import JITTER, Rhythm, Stamps, judge_stamps, unpaired
 from spool_core.text import printable
 
