@@ -6,7 +6,7 @@ A few hundred bytes of YAML can stand for gigabytes, or end the stack.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ import yaml
 
 from spool_core.errors import InputError
 from spool_core.system import expanded
+from spool_core.text import did_you_mean
 
 #: Characters; the largest file that users write, a launch file's list of 1000 valves, has some 100 kB.
 LARGEST = 1_000_000
@@ -57,7 +58,18 @@ def load_yaml(text: str, *, largest: int = LARGEST, most_values: int = MOST_VALU
     if len(text) > largest:
         raise YamlError(f"it has more than {largest} characters: give a shorter one")
     try:
-        _check_events(yaml.parse(text, Loader=_Loader), most_values)
+        # What would cost more than its size to compose is refused.
+        depth = values = 0
+        for event in yaml.parse(text, Loader=_Loader):
+            depth += isinstance(event, yaml.CollectionStartEvent)
+            depth -= isinstance(event, yaml.CollectionEndEvent)
+            values += isinstance(event, yaml.NodeEvent)
+            if isinstance(event, yaml.AliasEvent):
+                raise _refusal("aliases (*) are not supported, write the value out", event)
+            if depth > DEEPEST:
+                raise _refusal(f"it is nested deeper than {DEEPEST} levels", event)
+            if values > most_values:
+                raise _refusal(f"it has more than {most_values} values", event)
         loader = _Loader(text)
         try:
             node = loader.get_single_node()
@@ -75,6 +87,21 @@ def load_yaml(text: str, *, largest: int = LARGEST, most_values: int = MOST_VALU
     except (ValueError, TypeError, LookupError, AttributeError, OverflowError) as error:
         # What PyYAML makes of a value that looks like a date or carries a tag, e.g. 2020-99-99.
         raise YamlError(f"not valid YAML: a value can't be read ({_short(error)}); correct it") from None
+
+
+def file_of(name_or_path: str | Path, what: str, known: Iterable[str]) -> Path:
+    """Return the file that a user names in place of one of the ``known`` names of a ``what``.
+
+    Raises:
+        InputError: there is no such file; the known names are listed, and the nearest one is suggested.
+    """
+    path, names = expanded(name_or_path), list(known)
+    if not path.exists():
+        raise InputError(
+            f"{path}: no such {what}; give one of {', '.join(names)} or a YAML file"
+            f"{did_you_mean(str(path), names)}"
+        )
+    return path
 
 
 def read_yaml(path: str | Path, what: str) -> Any:
@@ -171,21 +198,6 @@ def _holds_parameters(content: dict[Any, Any]) -> bool:
     return NODE_PARAMETERS in content or any(
         _holds_parameters(one) for one in content.values() if isinstance(one, dict)
     )
-
-
-def _check_events(events: Iterator[yaml.Event], most_values: int) -> None:
-    """Raise MarkedYAMLError for what would cost more than its size to compose."""
-    depth = values = 0
-    for event in events:
-        depth += isinstance(event, yaml.CollectionStartEvent)
-        depth -= isinstance(event, yaml.CollectionEndEvent)
-        values += isinstance(event, yaml.NodeEvent)
-        if isinstance(event, yaml.AliasEvent):
-            raise _refusal("aliases (*) are not supported, write the value out", event)
-        if depth > DEEPEST:
-            raise _refusal(f"it is nested deeper than {DEEPEST} levels", event)
-        if values > most_values:
-            raise _refusal(f"it has more than {most_values} values", event)
 
 
 def _refusal(problem: str, event: Any) -> yaml.MarkedYAMLError:

@@ -21,9 +21,8 @@ from pydantic import (
     model_validator,
 )
 from spool_core.errors import InputError
+from spool_core.files import file_of
 from spool_core.numbers import Array
-from spool_core.system import expanded
-from spool_core.text import did_you_mean
 
 from spool_sim.valve import NotNegative, Number, Positive, one_line, read_mapping
 
@@ -609,12 +608,7 @@ def load_excitation(name_or_path: str | Path) -> Excitation:
     preset = PRESETS.get(str(name_or_path))
     if preset is not None:
         return preset
-    path = expanded(name_or_path)
-    if not path.exists():
-        raise InputError(
-            f"{path}: no such excitation; give one of {', '.join(PRESETS)} or a YAML file"
-            f"{did_you_mean(str(path), PRESETS)}"
-        )
+    path = file_of(name_or_path, "excitation", PRESETS)
     return from_mapping(read_mapping(path, "excitation"), str(path))
 
 

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 from spool_core.errors import InputError
+from spool_core.files import file_of
 from spool_core.numbers import Array
-from spool_core.system import expanded
 from spool_core.text import did_you_mean
 
 from spool_sim.integration.composition import unique_parameters
@@ -242,10 +242,5 @@ def load_model(name_or_path: str | Path) -> Model:
     known = MODELS.get(str(name_or_path))
     if known is not None:
         return known
-    path = expanded(name_or_path)
-    if not path.exists():
-        raise InputError(
-            f"{path}: no such model; give one of {', '.join(MODELS)} or a YAML file"
-            f"{did_you_mean(str(path), MODELS)}"
-        )
+    path = file_of(name_or_path, "model", MODELS)
     return model_from_mapping(read_mapping(path, "model"), str(path))

@@ -23,10 +23,8 @@ from pydantic import (
     model_validator,
 )
 from spool_core.errors import InputError
-from spool_core.files import read_yaml
+from spool_core.files import file_of, read_yaml
 from spool_core.numbers import GRAVITY
-from spool_core.system import expanded
-from spool_core.text import did_you_mean
 
 CELSIUS_ZERO = 273.15
 _OFFSET = 0.7
@@ -407,15 +405,17 @@ def find_valve(name: str | Path) -> Valve:
     Raises:
         InputError: neither, or the file is not a valve's description.
     """
+    return load_valve(valve_file(name))
+
+
+def valve_file(name: str | Path) -> Path:
+    """Return the file of a shipped valve by its name, or the file that ``name`` names.
+
+    Raises:
+        InputError: there is neither.
+    """
     shipped = shipped_valves()
-    if str(name) in shipped:
-        return load_valve(shipped[str(name)])
-    if not expanded(name).exists():
-        raise InputError(
-            f"{name}: no such valve file; shipped valves: {', '.join(shipped)}"
-            f"{did_you_mean(str(name), shipped)}"
-        )
-    return load_valve(name)
+    return shipped.get(str(name)) or file_of(name, "valve file", shipped)
 
 
 def implausible(given: Mapping[str, float]) -> list[str]:

@@ -138,7 +138,7 @@ def test_of_several_valves_one_must_be_named(make_bag: MakeBag, recorded: Any, t
 def test_a_valve_that_nothing_describes_is_asked_for() -> None:
     with pytest.raises(InputError, match="does not describe its valve: name a valve file with --valve"):
         load_recordings([BAGS / "practice_03"], None)
-    with pytest.raises(InputError, match="no such valve file; shipped valves: 4weh10_soft"):
+    with pytest.raises(InputError, match="no such valve file; give one of 4weh10_soft"):
         load_recordings([BAGS / "practice_03"], "4weh10_sft")
 
 

@@ -22,7 +22,7 @@ from spool_sim.valve import (
     STEEL,
     Valve,
     read_mapping,
-    shipped_valves,
+    valve_file,
     valve_from_mapping,
 )
 
@@ -300,10 +300,7 @@ def judged(file: str) -> ValveVerdict:
     Raises:
         InputError: no such file, unknown or needed keys that are missing.
     """
-    path = shipped_valves().get(file, Path(file))
-    if not path.exists():
-        raise InputError(f"{file}: no such valve file; shipped valves: {', '.join(shipped_valves())}")
-    mapping = read_mapping(path, "valve")
+    mapping = read_mapping(valve_file(file), "valve")
     needed = {name for name, one in Valve.model_fields.items() if one.is_required()}
     try:
         valve = valve_from_mapping(mapping, str(file))
