@@ -14,13 +14,11 @@ from spool_core.numbers import Array
 from spool_monitor.spectral_lines import (
     FALSE_LINE,
     LOBE,
-    PURE,
     REACH,
-    SKIRT,
     contrast,
     false_probability,
+    is_one_sine,
     line_powers,
-    sine_power,
 )
 
 if TYPE_CHECKING:  # slow to load
@@ -127,8 +125,7 @@ def sharp_lines(body: Array, period: float) -> list[SharpLine]:
         side = 1 if powers[peak + 1] > powers[peak - 1] else -1
         ratio = math.sqrt(float(powers[peak + side] / powers[peak]))
         place = peak + side * (2.0 * ratio - 1.0) / (ratio + 1.0)  # of a sine under a Hann taper
-        around = float(powers[peak - SKIRT : peak + SKIRT + 1].sum())
-        if sine_power(body, place) >= PURE * around:
+        if is_one_sine(body, powers, peak, place):
             std = max(STEADIEST, PLACE / math.sqrt(float(contrasts[at])))
             found.append(SharpLine(place / (body.size * period), std / (body.size * period)))
     return found

@@ -17,13 +17,11 @@ from spool_monitor.harmonics import attributed, candidates, speed_from_harmonics
 from spool_monitor.spectral_lines import (
     FALSE_LINE,
     LOBE,
-    PURE,
     REACH,
-    SKIRT,
     contrast,
     false_probability,
+    is_one_sine,
     line_powers,
-    sine_power,
 )
 
 if TYPE_CHECKING:  # slow to load
@@ -239,8 +237,7 @@ def name_of(
         trials = (2 * LOBE + 1) * orders.size
         if float(false_probability(contrast(powers, np.array([peak])))[0]) * trials > FALSE_LINE:
             continue
-        around = float(powers[peak - SKIRT : peak + SKIRT + 1].sum())
-        if sine_power(even, place) < PURE * around:
+        if not is_one_sine(even, powers, peak, place):
             continue
         if power < KEPT * _steady_power(body, turns, whole, period, orders[number] * rpm / 60.0):
             continue

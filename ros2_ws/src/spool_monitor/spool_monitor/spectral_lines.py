@@ -52,8 +52,17 @@ def false_probability(contrasts: Array) -> Array:
     return np.asarray((1.0 + contrasts / _AROUND.size) ** -float(_AROUND.size))
 
 
-def sine_power(samples: Array, cycles: float) -> float:
-    """Return the power of a sine of constant amplitude that has ``cycles`` in ``samples``, under a taper."""
+def is_one_sine(samples: Array, powers: Array, peak: int, cycles: float) -> bool:
+    """Whether one sine of constant amplitude holds nearly all power around a line (``SKIRT``, ``PURE``).
+
+    Args:
+        samples: shape (n,).
+        powers: of their lines.
+        peak: the line.
+        cycles: of the sine in ``samples``.
+    """
+    around = float(powers[peak - SKIRT : peak + SKIRT + 1].sum())
     taper = np.hanning(samples.size)
     sine = np.exp(-2j * np.pi * cycles / samples.size * np.arange(samples.size))
-    return float(2.0 * np.abs(sine @ ((samples - samples.mean()) * taper)) ** 2 / taper.sum() ** 2)
+    power = float(2.0 * np.abs(sine @ ((samples - samples.mean()) * taper)) ** 2 / taper.sum() ** 2)
+    return power >= PURE * around
