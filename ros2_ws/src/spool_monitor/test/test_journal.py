@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import os
 import random
-import signal
 import sqlite3
-import subprocess
-import sys
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import pytest
@@ -171,21 +167,12 @@ while True:
 
 
 @pytest.mark.slow
-def test_each_entry_that_was_noted_survives_kills(tmp_path: Path) -> None:
+def test_each_entry_that_was_noted_survives_kills(
+    tmp_path: Path, killed: Callable[[str, list[str], int], list[str]]
+) -> None:
     chance, told = random.Random(2), 0
     for _ in range(4):
-        worker = subprocess.Popen(
-            [sys.executable, "-c", WORKER, str(tmp_path), str(told)],
-            stdout=subprocess.PIPE,
-            text=True,
-            env={**os.environ, "PYTHONPATH": ":".join(filter(None, sys.path))},
-        )
-        assert worker.stdout is not None
-        lines = [worker.stdout.readline() for _ in range(chance.randrange(1, 60))]
-        worker.send_signal(signal.SIGKILL)
-        lines += worker.stdout.read().splitlines(keepends=True)
-        worker.wait()
-        told = int([line for line in lines if line.endswith("\n")][-1])
+        told = int(killed(WORKER, [str(tmp_path), str(told)], chance.randrange(1, 60))[-1])
         kept = [int(one.alarm) for one in entries_in(tmp_path / FILE)]
         # The one under way when the process was killed may be there, unsaid.
         assert kept in (list(range(1, told + 1)), list(range(1, told + 2)))

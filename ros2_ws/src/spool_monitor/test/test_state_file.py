@@ -5,10 +5,8 @@ from __future__ import annotations
 import json
 import os
 import random
-import signal
 import stat
-import subprocess
-import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -193,28 +191,19 @@ for count in range(first + 1, first + 1000000):
 """
 
 
-def test_killed_at_random_moments_it_keeps_the_last_state_that_was_reported(tmp_path: Path) -> None:
+def test_killed_at_random_moments_it_keeps_the_last_state_that_was_reported(
+    tmp_path: Path, killed: Callable[[str, list[str], int], list[str]]
+) -> None:
     """What was said to be saved is there after every kill, and nothing is ever torn."""
     path = tmp_path / "a.json"
     chance = random.Random(1)
     for _ in range(12):
-        writer = subprocess.Popen(
-            [sys.executable, "-c", WRITER, str(path)],
-            stdout=subprocess.PIPE,
-            env={**os.environ, "PYTHONPATH": ":".join(filter(None, sys.path))},
-        )
-        assert writer.stdout is not None
-        for _ in range(chance.randrange(1, 60)):
-            writer.stdout.readline()
-        writer.send_signal(signal.SIGKILL)
-        told = writer.stdout.read().split()
-        writer.wait()
+        told = killed(WRITER, [str(path)], chance.randrange(1, 60))
         file = StateFile(path)
         content: Any = file.load()
         assert file.warnings == []
         assert content["ballast"] == "x" * (content["count"] % 7000)
-        if told:
-            assert content["count"] in (int(told[-1]), int(told[-1]) + 1)
+        assert content["count"] in (int(told[-1]), int(told[-1]) + 1)
 
 
 @pytest.mark.parametrize("step", range(1, 5))

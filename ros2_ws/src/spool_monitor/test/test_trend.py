@@ -1,13 +1,10 @@
 from __future__ import annotations
 
 import math
-import os
 import random
-import signal
 import sqlite3
 import stat
-import subprocess
-import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -303,22 +300,13 @@ while True:
 """
 
 
-def test_killed_while_writing_it_holds_all_that_was_written_and_no_half(tmp_path: Path) -> None:
+def test_killed_while_writing_it_holds_all_that_was_written_and_no_half(
+    tmp_path: Path, killed: Callable[[str, list[str], int], list[str]]
+) -> None:
     path, told = tmp_path / "t.sqlite", 0
     chance = random.Random(1)
     for _ in range(5):
-        writer = subprocess.Popen(
-            [sys.executable, "-c", WRITER, str(path)],
-            stdout=subprocess.PIPE,
-            env={**os.environ, "PYTHONPATH": ":".join(filter(None, sys.path))},
-        )
-        assert writer.stdout is not None
-        for _ in range(chance.randrange(1, 40)):
-            writer.stdout.readline()
-            told += 1
-        writer.send_signal(signal.SIGKILL)
-        told += len(writer.stdout.read().split())
-        writer.wait()
+        told += len(killed(WRITER, [str(path)], chance.randrange(1, 40)))
     store = TrendStore(path)
     counts = {seconds: sum(span.count for span in store.spans("x", seconds)) for seconds in KEPT}
     assert len(set(counts.values())) == 1

@@ -5,9 +5,7 @@ from __future__ import annotations
 import json
 import os
 import random
-import signal
-import subprocess
-import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -64,21 +62,12 @@ while True:
 
 
 @pytest.mark.slow
-def test_latch_and_acknowledgement_survive_kills_at_random_moments(tmp_path: Path) -> None:
+def test_latch_and_acknowledgement_survive_kills_at_random_moments(
+    tmp_path: Path, killed: Callable[[str, list[str], int], list[str]]
+) -> None:
     chance = random.Random(1)
     for _ in range(4):
-        worker = subprocess.Popen(
-            [sys.executable, "-c", WORKER, str(tmp_path)],
-            stdout=subprocess.PIPE,
-            text=True,
-            env={**os.environ, "PYTHONPATH": ":".join(filter(None, sys.path))},
-        )
-        assert worker.stdout is not None
-        lines = [worker.stdout.readline() for _ in range(chance.randrange(1, 60))]
-        worker.send_signal(signal.SIGKILL)
-        lines += worker.stdout.read().splitlines(keepends=True)
-        worker.wait()
-        told = [line.split() for line in lines if line.endswith("\n")][-1]
+        told = killed(WORKER, [str(tmp_path)], chance.randrange(1, 60))[-1].split()
         state, warnings = opened(tmp_path)
         state.close()
         assert warnings == []
