@@ -295,15 +295,7 @@ class SlidingLeastSquares:
         return other
 
     def advance(self, gram: Array, score: Array, mean_score: Array, weight: float = 1.0) -> Array:
-        """Take a chunk by its sums over scaled rows: row row^T, and row times the present error.
-
-        ``mean_score`` is the part of ``score`` that a known cause makes on average: it goes into ``bias``.
-        Each sample counts ``weight``.
-
-        Returns:
-            The change of the parameters, shape (p,).
-
-        """
+        """Take a chunk and return the change, with sums as of :meth:`RecursiveLeastSquares.advance`."""
         present = self.parameters / self.scale
         if not np.any(gram):
             return np.zeros(self.scale.size)
@@ -317,11 +309,7 @@ class SlidingLeastSquares:
         return np.asarray(moved)
 
     def begin(self, parameters: Array, grams: Array, scores: Array, mean_score: Array) -> None:
-        """Begin again with ``parameters`` that fit n chunks.
-
-        ``grams`` (n, p, p) and ``scores`` (n, p) are as for ``advance``, but weighted;
-        ``mean_score`` is that of all, (p,).
-        """
+        """Begin again, as :meth:`RecursiveLeastSquares.begin` does."""
         given = parameters / self.scale
         self.parameters = np.array(parameters)
         self._kept.clear()
