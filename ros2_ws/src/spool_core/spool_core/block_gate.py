@@ -165,7 +165,17 @@ class BlockGate:
         fault = departure(last, place)
         rival = self._sources.rival(last, place, fault)
         if rival is not None:
-            return self._elsewhere(self._sources.follow(rival, place), block)
+            # It is of another stream than the first one.
+            standing = self._sources.follow(rival, place)
+            if standing is Standing.MOVED:
+                self._count(Fault.NEW_TIME)
+                self.rate.go_on(block)
+                return self._accept(block, Verdict.RESTARTS)
+            if standing is Standing.RESTARTED:
+                self._count(Fault.NEW_SOURCE)
+                self.rate.begin(block)
+                return self._accept(block, Verdict.RESTARTS)
+            return self._refuse(Fault.SECOND_SOURCE if standing is Standing.SECOND else Fault.ELSEWHERE)
         if fault is None:
             return self._accept(block, Verdict.CONTINUES)
         if fault is Fault.LOST:
@@ -181,18 +191,6 @@ class BlockGate:
         verdict = self._refuse(fault)
         self.certain = self._sources.take_settled()
         return verdict
-
-    def _elsewhere(self, standing: Standing, block: Block) -> Verdict:
-        """Judge a block of another stream than the first one."""
-        if standing is Standing.MOVED:
-            self._count(Fault.NEW_TIME)
-            self.rate.go_on(block)
-            return self._accept(block, Verdict.RESTARTS)
-        if standing is Standing.RESTARTED:
-            self._count(Fault.NEW_SOURCE)
-            self.rate.begin(block)
-            return self._accept(block, Verdict.RESTARTS)
-        return self._refuse(Fault.SECOND_SOURCE if standing is Standing.SECOND else Fault.ELSEWHERE)
 
     def _hold_back(self, block: Block) -> Verdict:
         self._held_back = place_of(block)

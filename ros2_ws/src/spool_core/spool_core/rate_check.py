@@ -102,7 +102,20 @@ class RateCheck:
             self.begin(block)
             return True
         if block.sample_period != previous[3] or not _follows(previous, block):
-            return self._strays(block)
+            # It does not follow: it is taken once its own stream has lasted.
+            stray = self._stray
+            if stray is None or block.sample_period != stray[3] or not _follows(stray, block):
+                self._stray_since = block.stamp
+                self._direct = block.sequence == previous[1] + 1
+            lasted = block.stamp - self._stray_since >= STRAY * 1e9
+            if lasted or (self._direct and self._stray_since != block.stamp):
+                if self._direct:
+                    self.go_on(block)
+                else:
+                    self.begin(block)
+                return True
+            self._stray = (block.stamp, block.sequence, block.body.size, block.sample_period)
+            return False
         _, sequence, size, period = previous
         self._stray = None
         self._samples += (block.sequence - sequence) * size
@@ -148,23 +161,6 @@ class RateCheck:
         while points[0][0] < oldest:
             points.popleft()
         return True
-
-    def _strays(self, block: Block) -> bool:
-        """Follow a block that does not follow once its own stream has lasted."""
-        assert self._previous is not None
-        stray = self._stray
-        if stray is None or block.sample_period != stray[3] or not _follows(stray, block):
-            self._stray_since = block.stamp
-            self._direct = block.sequence == self._previous[1] + 1
-        lasted = block.stamp - self._stray_since >= STRAY * 1e9
-        if lasted or (self._direct and self._stray_since != block.stamp):
-            if self._direct:
-                self.go_on(block)
-            else:
-                self.begin(block)
-            return True
-        self._stray = (block.stamp, block.sequence, block.body.size, block.sample_period)
-        return False
 
     def _follow_from(self, block: Block) -> None:
         self._previous = (block.stamp, block.sequence, block.body.size, block.sample_period)

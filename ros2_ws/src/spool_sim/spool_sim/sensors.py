@@ -70,7 +70,11 @@ class FractionalDelay:
         nearest = max(0, math.floor(samples) - (_NODES // 2 - 1))
         whole = samples == math.floor(samples)
         places = [math.floor(samples)] if whole else [nearest + node for node in range(_NODES)]
-        self._taps = [(place, _weight(samples, place, places)) for place in places]
+        # Lagrange's weights.
+        self._taps = [
+            (place, math.prod((samples - other) / (place - other) for other in places if other != place))
+            for place in places
+        ]
         self._history: Array = np.zeros(max(places))
 
     def apply(self, signal: Array) -> Array:
@@ -82,11 +86,6 @@ class FractionalDelay:
             delayed += weight * known[before - place : before - place + signal.size]
         self._history = known[known.size - before :]
         return delayed
-
-
-def _weight(position: float, place: int, places: list[int]) -> float:
-    """Return Lagrange's weight of node ``place`` at ``position``."""
-    return math.prod((position - other) / (place - other) for other in places if other != place)
 
 
 class MeasuringChain(BaseModel):

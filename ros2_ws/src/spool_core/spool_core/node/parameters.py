@@ -168,7 +168,10 @@ def rule(name: str, value: Value) -> list[str]:
 
 def _wrong_type(parameter: NodeParameter, given: Any) -> str:
     """Return what is wrong with a value of the wrong type, and what to type instead."""
-    name, text = parameter.name, _typed(parameter.name)
+    name = parameter.name
+    # The text that this process was started with as its value.
+    found = reversed([word.partition(":=") for word in sys.argv])
+    text = next((text for key, mark, text in found if mark and key.split(":")[-1] == name), None)
     wanted = _converted(given, parameter.default, text)
     said = f"{name} must be of type {parameter.type_name}, not {text or given!r}"
     if wanted is None:
@@ -177,12 +180,6 @@ def _wrong_type(parameter: NodeParameter, given: Any) -> str:
         value = json.dumps(wanted, ensure_ascii=False)
         return f"{said}; write {name}: {value} in the parameter file"
     return f"{said}; type {' '.join(map(shlex.quote, rule(name, wanted)))}"
-
-
-def _typed(name: str) -> str | None:
-    """Return the text that this process was started with as the value of parameter ``name``."""
-    found = [word.partition(":=") for word in sys.argv]
-    return next((text for key, mark, text in reversed(found) if mark and key.split(":")[-1] == name), None)
 
 
 def _converted(given: Any, default: Value, text: str | None) -> Value | None:

@@ -73,21 +73,15 @@ class ServiceCalls:
         elif time.monotonic() > call.due:
             call.end(None)
         elif call.sent is None:
-            self._greet(call)
+            # A node drops answers to clients that it does not know yet: it is asked for its state first.
+            client, greeter = self._clients_of(call)
+            now = time.monotonic()
+            if any(one.done() for one in call.greetings) and client.service_is_ready():
+                call.sent, call.due = client.call_async(call.request), now + self._patience
+            elif now - call.greeted > GREET and greeter.service_is_ready():
+                call.greeted = now
+                call.greetings.append(greeter.call_async(GetState.Request()))
         return call.answer.done()
-
-    def _greet(self, call: _Call) -> None:
-        """Ask the node for its state until it answers: it drops answers to clients that it does not know yet.
-
-        Clients become known in the order they were made, so it knows all earlier ones then.
-        """
-        client, greeter = self._clients_of(call)
-        now = time.monotonic()
-        if any(one.done() for one in call.greetings) and client.service_is_ready():
-            call.sent, call.due = client.call_async(call.request), now + self._patience
-        elif now - call.greeted > GREET and greeter.service_is_ready():
-            call.greeted = now
-            call.greetings.append(greeter.call_async(GetState.Request()))
 
     def _clients_of(self, call: _Call) -> tuple[Any, Any]:
         """Return the clients of the service and, made last, of its node's state."""
