@@ -164,7 +164,12 @@ def difference(size: Array, frequency: Array, valve: Valve, factor: float, sprin
     if springs is not ANY_SPRING:
         return apart
     floating, _ = _nearest(size, frequency, valve, factor, NO_SPRING, SAME_DRAG)
-    return min(apart, floating, _floating_above(size, frequency, valve, factor))
+    # A valve whose spool floats in its play above some frequency.
+    swings = _apart(size, frequency, valve, factor, ANY_SPRING, ANY_DRAG)
+    floats = _apart(size, frequency, valve, factor, NO_SPRING[:1], ANY_DRAG)
+    below = np.cumsum(swings, axis=-1)
+    above = np.cumsum(floats[..., ::-1], axis=-1)[..., ::-1]
+    return min(apart, floating, float((below[..., :-1] + above[..., 1:]).min()) / swings.shape[-1])
 
 
 def opposite(ratio: Complex, frequency: Array, valve: Valve) -> bool:
@@ -210,15 +215,6 @@ def _transfer(frequency: Array, valve: Valve, spring: Array, drag: Array) -> Arr
         angular * valve.likely_viscous_coefficient * drag[..., np.newaxis]
     )
     return np.asarray(force / (force + valve.moving_mass * angular**2))
-
-
-def _floating_above(size: Array, frequency: Array, valve: Valve, factor: float) -> float:
-    """Return the difference from the nearest valve whose spool floats in its play above some frequency."""
-    swings = _apart(size, frequency, valve, factor, ANY_SPRING, ANY_DRAG)
-    floats = _apart(size, frequency, valve, factor, NO_SPRING[:1], ANY_DRAG)
-    below = np.cumsum(swings, axis=-1)
-    above = np.cumsum(floats[..., ::-1], axis=-1)[..., ::-1]
-    return float((below[..., :-1] + above[..., 1:]).min()) / swings.shape[-1]
 
 
 def _nearest(
