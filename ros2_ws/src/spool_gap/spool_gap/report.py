@@ -194,7 +194,14 @@ def result_to_dict(result: GapResult) -> dict[str, Any]:
             "explanations": result.explanations,
             "remainder": result.remainder,
             "nuisances": result.nuisances,
-            "linear_anomaly": None if result.linear_anomaly is None else _anomaly(result.linear_anomaly),
+            "linear_anomaly": None
+            if result.linear_anomaly is None
+            else {
+                "frequency_Hz": result.linear_anomaly,
+                "group": "linear anomaly",
+                "told_apart_by": "a tap test of the sensors' brackets; the record repeated with a "
+                "sensor moved",
+            },
             "small_effects": result.small_effects,
             "confidence": result.confidence,
             "confidence_note": result.confidence_note or None,
@@ -228,14 +235,6 @@ def anomaly_sentence(frequency: float) -> str:
         f"The valve's description lacks a resonance near {number(frequency, 3)} Hz. "
         "Possible causes: sensor bracket, spring surge or oil column. A tap test distinguishes them."
     )
-
-
-def _anomaly(frequency: float) -> dict[str, Any]:
-    return {
-        "frequency_Hz": frequency,
-        "group": "linear anomaly",
-        "told_apart_by": "a tap test of the sensors' brackets; the record repeated with a sensor moved",
-    }
 
 
 def _edges(values: Array, top: float) -> list[float]:

@@ -325,7 +325,7 @@ class GapResult:
         names = tuple(one.id for one in self.effects)
         numbers = tuple(number for one in self.effects for number in one.parameters)
         share = 1.0 - sum(one.probability for one in self.alternatives)
-        told = "; ".join(dict.fromkeys(_apart(name) for name in names))
+        told = "; ".join(dict.fromkeys(EFFECTS[name].distinguished_by for name in names))
         first = Explanation(names, share, numbers, self.nuisances, told if self.alternatives else "")
         if self.alternatives or UNEXPLAINED not in self.verdict.split("+"):
             found = [
@@ -365,7 +365,3 @@ class GapResult:
             for one in self.ranking
         )
         return "another one is better" if better else ""
-
-
-def _apart(name: str) -> str:
-    return EFFECTS[name].distinguished_by

@@ -48,11 +48,10 @@ def said_by(members: Sequence[Sequence[str]]) -> tuple[str, ...]:
         ('unexplained',)
     """
     shared = [name for name in members[0] if all(name in one for one in members)]
-    groups = {tuple(sorted(_group_id(name) for name in one if name not in shared)) for one in members}
+    groups = {
+        tuple(sorted(EFFECTS[name].group.replace(" ", "_") for name in one if name not in shared))
+        for one in members
+    }
     if len(groups) > 1:
         return (*shared, UNEXPLAINED)
     return (*shared, *groups.pop())
-
-
-def _group_id(name: str) -> str:
-    return EFFECTS[name].group.replace(" ", "_")

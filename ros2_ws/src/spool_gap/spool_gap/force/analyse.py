@@ -242,7 +242,11 @@ def without_growth(
     while len(kept) > 1 and _grows(balance, kept[-1][1], kept[-2][1]):
         (chosen, fit), (others, before) = kept.pop(), kept[-1]
         names = [entry.id for entry, _ in chosen if entry.id not in {one.id for one, _ in others}]
-        refused.append(_refused(names, balance.nrmse(before), balance.nrmse(fit)))
+        told = " and ".join(name.replace("_", " ") for name in names)
+        refused.append(
+            f"Refused: {told}; on held-out data the error rises with it, from "
+            f"{percent(balance.nrmse(before), 3)} to {percent(balance.nrmse(fit), 3)}."
+        )
         for place, row in enumerate(ranking):
             if row.accepted and row.id in names:
                 ranking[place] = replace(row, accepted=False, reason=GROWS)
@@ -473,15 +477,6 @@ def _differing(balance: ForceBalance, chosen: Chosen) -> list[str]:
     ]
 
 
-def _refused(names: Sequence[str], before: float, after: float) -> str:
-    """Return the sentence on effects ``names`` with which the held-out error grows."""
-    told = " and ".join(name.replace("_", " ") for name in names)
-    return (
-        f"Refused: {told}; on held-out data the error rises with it, from {percent(before, 3)} to "
-        f"{percent(after, 3)}."
-    )
-
-
 # Profile likelihood -----------------------------------------------------------------------------------------
 
 
@@ -497,15 +492,15 @@ def force_profiles(
             if quantity.name in shape:
                 values, rises = _shaped(balance, chosen, fit, entry, quantity.name)
             else:
-                steps = [step for step in DEVIATIONS if _possible(entry, value, value + step * deviation)]
+                # The law has to exist: friction below zero does not.
+                steps = [
+                    step
+                    for step in DEVIATIONS
+                    if (entry.load_cell_zero or value * (value + step * deviation) > 0.0 or not entry.terms)
+                ]
                 values, rises = tuple(value + step * deviation for step in steps), tuple(s**2 for s in steps)
             found.append(verdict_of(quantity.name, quantity.unit, values, rises, value))
     return tuple(found)
-
-
-def _possible(entry: Effect, value: float, other: float) -> bool:
-    """Whether the law of ``entry`` exists with ``other`` for ``value``: friction below zero does not."""
-    return entry.load_cell_zero or value * other > 0.0 or not entry.terms
 
 
 def _shaped(

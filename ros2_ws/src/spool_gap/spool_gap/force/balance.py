@@ -179,7 +179,11 @@ class ForceBalance:
         self.train, self.held = tuple(train), tuple(held)
         self.base = tuple(base)
         self.driven, self.mass = driven, mass
-        self.centre = _centre(train)
+        # The middle of the motion, m; 0 where the rig's own zero lies near it.
+        low = min(float(record.displacement.min()) for record in train)
+        high = max(float(record.displacement.max()) for record in train)
+        middle = 0.5 * (low + high)
+        self.centre = 0.0 if abs(middle) < 0.2 * (high - low) else middle
         self.motions = {id(r): _motion(r, self.centre, driven=driven) for r in (*train, *held)}
         self.known = {id(r): _known(r, self.motions[id(r)]) for r in (*train, *held)} if driven else {}
         # The reaction to friction has the velocity's sign; a rig may count it the other way round.
@@ -348,14 +352,6 @@ class ForceBalance:
 @dataclass(frozen=True, slots=True)
 class _Oriented:
     force_at: Array
-
-
-def _centre(records: Sequence[ForceRecord]) -> float:
-    """Return the middle of the motion, m; 0 where the rig's own zero lies near it."""
-    low = min(float(record.displacement.min()) for record in records)
-    high = max(float(record.displacement.max()) for record in records)
-    middle = 0.5 * (low + high)
-    return 0.0 if abs(middle) < 0.2 * (high - low) else middle
 
 
 def _known(record: ForceRecord, motion: Motion) -> Array:

@@ -212,7 +212,8 @@ class SwitchableMotion(ComposedMotion):
         for name in active:
             if name in self.switches:
                 row[self.switches[name]] = 1.0
-                if _pushes(term(name)):
+                # Anything but sliding and holding at rest.
+                if set(term(name).laws) - {"sliding_law", "rest_law"}:
                     row[self.switches[PUSHING]] = 1.0
         return row
 
@@ -245,11 +246,6 @@ def transition(mass: float, stiffness: float, drag: float, period: float) -> Arr
 def _remembers_or_hits(entry: Term) -> bool:
     contact = "levels_law" in entry.laws and depends_on(entry, ("v",))
     return "memory_law" in entry.laws or contact
-
-
-def _pushes(entry: Term) -> bool:
-    """Whether ``entry`` does anything but slide and hold at rest."""
-    return bool(set(entry.laws) - {"sliding_law", "rest_law"})
 
 
 def _places(terms: Sequence[Term]) -> tuple[dict[tuple[str, str], int], dict[str, int], int]:
@@ -375,11 +371,8 @@ def _one_by_one(terms: Sequence[Term]) -> list[str]:
 @lru_cache(maxsize=16)
 def _kernel(names: tuple[str, ...]) -> ModuleType:
     stepping = composition.kernel_with(laws_source([term(name) for name in names]))
-    return composition.load_kernel(f"{stepping}\n\n{_slope_stepping()}")
-
-
-def _slope_stepping() -> str:
-    """Return the source of the slopes' kernel without what laws and stepping bring."""
+    # The slopes' kernel without what laws and stepping bring.
     text = Path(slope_stepping.__file__).read_text("utf-8")
     stand_in = next(node for node in ast.parse(text).body if isinstance(node, ast.FunctionDef))
-    return "\n".join(text.splitlines()[stand_in.end_lineno :])
+    own = "\n".join(text.splitlines()[stand_in.end_lineno :])
+    return composition.load_kernel(f"{stepping}\n\n{own}")

@@ -138,7 +138,9 @@ class Prediction:
         self._spools: dict[tuple[float, ...], Array] = {}
         self._corrections: dict[float, Correction] = {}
         self.work = 0.0
-        self._floor = self._noise_floor()
+        # Power of a line that rounding stands for.
+        density = self.readings.noise.spool * LEAST_POWER
+        self._floor = max(density * 0.5 / self.period * float(np.sum(self._taper**2)), 1e-12)
         self.body: Array = body[: self.size]
         self._length = fft.next_fast_len(self.size, real=True)
         self._every_line: Array = np.maximum(fft.rfftfreq(self._length, self.period), 0.3)
@@ -293,7 +295,14 @@ class Prediction:
     def _run_by(self, one: Structure) -> tuple[SwitchableMotion, int]:
         """Return the kernel that runs ``one``, and its steps a sample."""
         motion = next(entry for entry in self.motions if entry.has(one.terms))
-        return motion, self._substeps(one, min(self.readings.noise.high, 0.4 / self.period))
+        # Within a tenth of each number the same steps will do.
+        rounded = tuple((name, float(f"{one.values[name]:.1g}")) for name in sorted(one.values))
+        key = (one.terms, rounded)
+        if key not in self._steps:
+            self._steps[key] = steps_a_sample(
+                Point(one.terms, one.values), self.period, min(self.readings.noise.high, 0.4 / self.period)
+            )
+        return motion, self._steps[key]
 
     def _as_read(self, row: Array, one: Structure) -> Array:
         """Return errors ``row`` (n,) as the spool's channel shows them, but for its gain.
@@ -310,14 +319,6 @@ class Prediction:
         """Return ``rows`` (..., n) times ``transfer`` at every frequency of them."""
         lines = fft.rfft(rows, self._length, axis=-1) * transfer
         return np.asarray(fft.irfft(lines, self._length, axis=-1)[..., : self.size])
-
-    def _substeps(self, one: Structure, fastest: float) -> int:
-        # Within a tenth of each number the same steps will do.
-        rounded = tuple((name, float(f"{one.values[name]:.1g}")) for name in sorted(one.values))
-        key = (one.terms, rounded)
-        if key not in self._steps:
-            self._steps[key] = steps_a_sample(Point(one.terms, one.values), self.period, fastest)
-        return self._steps[key]
 
     def free_run(self, one: Structure, looseness: float) -> tuple[Array, Errors]:
         """Return the reading that ``one`` predicts, m/s^2, (n,), and its motion; free in ``held`` windows."""
@@ -608,11 +609,6 @@ class Prediction:
         """Return how many real numbers each tile holds, shape (windows, bands)."""
         kept = self._kept * self.inside
         return np.asarray(2.0 * np.diff(self._edges)[np.newaxis, :] * kept[:, np.newaxis])
-
-    def _noise_floor(self) -> float:
-        """Return the power of a line that rounding stands for."""
-        density = self.readings.noise.spool * LEAST_POWER
-        return max(density * 0.5 / self.period * float(np.sum(self._taper**2)), 1e-12)
 
 
 class Predictions:

@@ -21,7 +21,7 @@ likelihood); Fisher, Tests of significance in harmonic analysis, 1929.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -76,7 +76,13 @@ def patterns_of(predictions: Predictions, fit: StructureFit) -> list[Pattern]:
     with settled(predictions, fit) as enough:
         if not enough:
             return []
-        _without_hits(predictions, fit)
+        # A hit's time within a sample is not known, and the motion is off after it: its windows do not count.
+        hits = [
+            term for name in fit.structure.effects if EFFECTS[name].localised for term in EFFECTS[name].terms
+        ]
+        for part in predictions.parts if hits else ():
+            touched = part.force_of(fit.structure, hits, fit.looseness) != 0.0
+            part.inside = part.inside & ~part.windows_of(touched.astype(np.float64)).any(axis=1)
         free = fit_structure(predictions, fit.structure, (FREE,), steps=STEPS).structure
         found = _patterns(predictions, free, FREE)
         if any(EFFECTS[name].local_minima or EFFECTS[name].localised for name in fit.structure.effects):
@@ -84,14 +90,6 @@ def patterns_of(predictions: Predictions, fit: StructureFit) -> list[Pattern]:
             close = {one.follows: one for one in _patterns(predictions, fit.structure, fit.looseness)}
             found = [min(one, close[one.follows], key=_size) for one in found if one.follows in close]
     return sorted(found, key=_size, reverse=True)
-
-
-def _without_hits(predictions: Predictions, fit: StructureFit) -> None:
-    """Count no window with a hit, whose time within a sample is not known: the motion is off after it."""
-    hits = [term for name in fit.structure.effects if EFFECTS[name].localised for term in EFFECTS[name].terms]
-    for part in predictions.parts if hits else ():
-        touched = part.force_of(fit.structure, hits, fit.looseness) != 0.0
-        part.inside = part.inside & ~part.windows_of(touched.astype(np.float64)).any(axis=1)
 
 
 def phase_kept(predictions: Predictions, fit: StructureFit) -> float:
@@ -182,7 +180,11 @@ class _Remainder:
         self.finite = bool(np.isfinite(self._error).all() and np.isfinite(self._motion).all())
         self._windows = np.flatnonzero(part.inside)
         self._lines: Spectrum = part.counted_lines(self._error)[self._windows]
-        self._bands = _cuts(part.bands)
+        edges = [0]
+        for edge in part.bands[1:-1]:
+            if min(edge - edges[-1], part.bands[-1] - edge) >= LEAST_LINES:
+                edges.append(edge)
+        self._bands = [slice(begin, end) for begin, end in pairwise([*edges, part.bands[-1]])]
         self.reading = _power(part.counted_lines(part.spool)[self._windows])
 
     def of_body(self) -> Iterator[_Tile]:
@@ -202,7 +204,13 @@ class _Remainder:
                 own = through[place, cut]
                 columns = np.array([own, slope * own, *moved[:, place, cut]])[:, loud]
                 common = float(np.sum(quiet / body[place, cut][loud]))
-                yield _regressed(self._lines[place, cut][loud], columns, common)
+                lines = self._lines[place, cut][loud]
+                scaled = (columns / (np.linalg.norm(columns, axis=1, keepdims=True) + TINY)).T
+                basis, sizes, _ = np.linalg.svd(scaled, full_matrices=False)
+                basis = basis[:, sizes > 1e-6 * sizes[0]]
+                before = _power(lines) + TINY
+                left = max(before - _power(basis.conj().T @ lines), 1e-9 * before)
+                yield _Tile(before, left, lines.size, basis.shape[1], common)
 
     def of_motion(self) -> Iterator[_Tile]:
         """Yield predictions by powers of the motion with the coefficients of all other windows."""
@@ -297,25 +305,6 @@ class _Remainder:
         """Time of each sample of all windows, s, shape (windows, samples)."""
         shape = self._part.windows_of(self._error).shape
         return np.arange(shape[0] * shape[1], dtype=np.float64).reshape(shape) * self._part.period
-
-
-def _cuts(bands: Sequence[int]) -> list[slice]:
-    """Return ``bands`` (places where they begin, and their end) of ``LEAST_LINES`` lines at least."""
-    edges = [0]
-    for edge in bands[1:-1]:
-        if min(edge - edges[-1], bands[-1] - edge) >= LEAST_LINES:
-            edges.append(edge)
-    return [slice(begin, end) for begin, end in pairwise([*edges, bands[-1]])]
-
-
-def _regressed(lines: Spectrum, columns: Spectrum, common: float) -> _Tile:
-    """Return the regression of ``lines`` (K,) on ``columns`` (m, K) with complex coefficients."""
-    scaled = (columns / (np.linalg.norm(columns, axis=1, keepdims=True) + TINY)).T
-    basis, sizes, _ = np.linalg.svd(scaled, full_matrices=False)
-    basis = basis[:, sizes > 1e-6 * sizes[0]]
-    before = _power(lines) + TINY
-    left = max(before - _power(basis.conj().T @ lines), 1e-9 * before)
-    return _Tile(before, left, lines.size, basis.shape[1], common)
 
 
 def _power(lines: Spectrum) -> float:

@@ -30,7 +30,7 @@ from spool_gap.likelihood.prediction import FREE, Prediction, Predictions
 from spool_gap.likelihood.readings import Readings, readings_of
 from spool_gap.likelihood.score import Score
 from spool_gap.likelihood.search import DECISIVE
-from spool_gap.likelihood.structure import CHAIN_PARTS, Spectrum, Structure
+from spool_gap.likelihood.structure import CHAIN_PARTS, Structure
 from spool_gap.likelihood.structure_fit import StructureFit, fit_structure
 
 #: Degree of the functions of one variable, and of each of two.
@@ -165,7 +165,13 @@ def share_of_part(predictions: Predictions, fit: StructureFit, key: str) -> floa
     for one in predictions.parts:
         errors = np.zeros((one.windows, one.lines.size), dtype=np.complex128)
         lines = one.lines_of_part(part, own.values, bare, FREE, errors) * size
-        alone, reading = _beside_reading(one, lines)
+        # Without what a gain or a delay of the reading makes.
+        read = one.lines_of(one.spool)[one.inside].ravel()
+        late = read * np.tile(2j * np.pi * one.lines, int(one.inside.sum()))
+        rows = [np.concatenate([row.real, row.imag]) for row in (lines[one.inside].ravel(), read, late)]
+        basis = np.linalg.qr(np.array([row / (np.linalg.norm(row) + 1e-300) for row in rows[1:]]).T)[0]
+        left = rows[0] - basis @ (basis.T @ rows[0])
+        alone, reading = float(left @ left), float(np.sum(np.abs(read) ** 2))
         changed += alone
         measured += reading
     return float(np.sqrt(changed / max(measured, 1e-300)))
@@ -309,16 +315,6 @@ def _evidence(columns: Array, residual: Array) -> tuple[float, Array]:
     best = int(np.argmax(logs))
     coefficients = -vectors @ (variances[best] / grown[best] * seen)
     return float(max(0.0, logs[best])), coefficients
-
-
-def _beside_reading(part: Prediction, lines: Spectrum) -> tuple[float, float]:
-    """Return the power of ``lines`` that no gain or delay of the reading makes, and that of the reading."""
-    reading = part.lines_of(part.spool)[part.inside].ravel()
-    late = reading * np.tile(2j * np.pi * part.lines, int(part.inside.sum()))
-    rows = [np.concatenate([row.real, row.imag]) for row in (lines[part.inside].ravel(), reading, late)]
-    basis = np.linalg.qr(np.array([row / (np.linalg.norm(row) + 1e-300) for row in rows[1:]]).T)[0]
-    left = rows[0] - basis @ (basis.T @ rows[0])
-    return float(left @ left), float(np.sum(np.abs(reading) ** 2))
 
 
 def _with_rest(readings: Readings) -> Readings:

@@ -100,8 +100,13 @@ class Score:
                 # Along a motion with play a regression does not tell how much there is.
                 values = dict(trial.shape)
             if values is not None:
+                # Where fits have local minima the fit's own numbers are as good a start.
+                rough = EFFECTS[entry.id].local_minima
+                moved = {} if rough else self._moved_own(self._columns(trial.columns), coefficients)
                 found.append(
-                    self._proposal(entry.id, values, gain, len(entry.fitted), trial.columns, coefficients)
+                    Proposal(
+                        entry.id, {**self._fit.structure.values, **moved, **values}, gain, len(entry.fitted)
+                    )
                 )
         return found
 
@@ -160,20 +165,6 @@ class Score:
         coefficients[usable] = solved / size[usable]
         left = self._left + scaled @ solved
         return coefficients, 0.5 * float(self._left @ self._left - left @ left)
-
-    def _proposal(
-        self,
-        name: str,
-        values: Mapping[str, float],
-        gain: float,
-        count: int,
-        forces: Array,
-        coefficients: Array,
-    ) -> Proposal:
-        # Where fits have local minima the fit's own numbers are as good a start.
-        rough = EFFECTS[name].local_minima
-        moved = {} if rough else self._moved_own(self._columns(forces), coefficients)
-        return Proposal(name, {**self._fit.structure.values, **moved, **values}, gain, count)
 
     def _moved_own(self, columns: Array, coefficients: Array) -> dict[str, float]:
         """Return the fit's own numbers, moved to where they are with ``columns``."""

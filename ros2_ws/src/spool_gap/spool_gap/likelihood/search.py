@@ -196,7 +196,10 @@ class Search:
             self._add_effect()
         self._shake()
         self._without_chain()
-        self._polish()
+        # Fit on what may turn out to be the best.
+        least = self.best.evidence - 5.0 * self._enough
+        for close in [fit for fit in self._sensible() if fit.evidence > least]:
+            self._settle(close.structure, close.looseness)
         # Numbers that make no sense on a machine say in most cases that a plainer law is enough.
         self._plainer(max(self.fits.values(), key=lambda one: one.evidence))
         for _ in range(3):
@@ -307,16 +310,13 @@ class Search:
         # A rise of the log likelihood by this much takes this share of the errors' power away.
         gains = [one.gain for one in found if one.gain > DECISIVE + one.count * penalty]
         explained = 1.0 - math.exp(-2.0 * max(gains, default=0.0) / numbers)
-        return self._left_by(best) * math.sqrt(explained) >= self._least_share
-
-    def _left_by(self, fit: StructureFit) -> float:
-        """Return what a free run of ``fit`` leaves of the spool's acceleration, rms over rms."""
+        # What a free run leaves of the spool's acceleration, rms over rms.
         left = read = 0.0
         for part in self._predictions.parts:
-            error = part.spool - part.free_run(fit.structure, FREE)[0]
+            error = part.spool - part.free_run(best.structure, FREE)[0]
             lines = part.counted_lines(np.array([error, part.spool]))[:, part.inside]
             left, read = np.array([left, read]) + np.sum(np.abs(lines) ** 2, axis=(1, 2))
-        return math.sqrt(left / max(read, 1e-300))
+        return math.sqrt(left / max(read, 1e-300)) * math.sqrt(explained) >= self._least_share
 
     def _scan_pairs(self) -> bool:
         """Scan every pair of effects, the most promising first, with the chain of the best and without.
@@ -327,7 +327,7 @@ class Search:
         pairs = [
             pair
             for pair in itertools.combinations(self._names, 2)
-            if self._may_add(self._with(pair[0]), pair[1])
+            if self._may_add(self.base.structure.having((pair[0],), ()), pair[1])
         ]
         promise = self._promised()
         pairs.sort(key=lambda pair: -max(promise.get(pair, -math.inf), promise.get(pair[::-1], -math.inf)))
@@ -346,9 +346,6 @@ class Search:
                 if not self._open():
                     break
         return bool(pairs)
-
-    def _with(self, name: str) -> Structure:
-        return self.base.structure.having((name,), ())
 
     def _promised(self) -> dict[tuple[str, str], float]:
         """Return the evidence that each pair promises: that of one, and what a score test of it finds."""
@@ -464,12 +461,6 @@ class Search:
         for one in ranked[:BESIDE]:
             if one.structure.parts:
                 self._tighten(one.structure.having(one.structure.effects, ()), COMPARED)
-
-    def _polish(self) -> None:
-        """Fit on what may turn out to be the best."""
-        least = self.best.evidence - 5.0 * self._enough
-        for one in [fit for fit in self._sensible() if fit.evidence > least]:
-            self._settle(one.structure, one.looseness)
 
     def _shake(self) -> None:
         """Look for a better minimum of the best structure: from its numbers, each several times off."""

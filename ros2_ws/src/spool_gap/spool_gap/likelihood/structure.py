@@ -80,18 +80,6 @@ def _mode(channel: str) -> ChainPart:
     )
 
 
-def _gain_drift() -> ChainPart:
-    rate = Parameter("gain_drift_rate", "1/s", -0.05, 0.05, 2e-4, "relative change of the spool's gain")
-    return ChainPart(
-        "gain_drift",
-        "spool",
-        (rate,),
-        None,
-        "the sensitivity of a sensor or amplifier drifts, for example while it warms up",
-        "warm-up time and temperature of sensors and amplifiers, cables and mountings that come loose",
-    )
-
-
 @dataclass(frozen=True, slots=True)
 class ChainPart:
     """A part of one channel.
@@ -152,36 +140,34 @@ CHAIN_PARTS: dict[str, ChainPart] = {
         _filter("spool"),
         _mode("body"),
         _mode("spool"),
-        _gain_drift(),
+        ChainPart(
+            "gain_drift",
+            "spool",
+            (Parameter("gain_drift_rate", "1/s", -0.05, 0.05, 2e-4, "relative change of the spool's gain"),),
+            None,
+            "the sensitivity of a sensor or amplifier drifts, for example while it warms up",
+            "warm-up time and temperature of sensors and amplifiers, cables and mountings that come loose",
+        ),
     )
 }
 
 
-def _spool_gain() -> ChainPart:
-    gain = Parameter(GAIN, "1", -0.5, 1.0, 0.02, "relative gain error")
-    return ChainPart(
-        GAIN,
-        "spool",
-        (gain,),
-        lambda frequency, values: np.full(frequency.size, 1.0 + values[GAIN], dtype=np.complex128),
-        "the spool's channel has another gain than the body's",
-        "sensitivity of both sensors and settings of both amplifiers",
-    )
-
-
-def _delay() -> ChainPart:
-    delay = Parameter(DELAY, "s", -5e-3, 5e-3, 2e-4, "time of the spool's reading after the motion")
-    return ChainPart(
-        DELAY,
-        "spool",
-        (delay,),
-        None,
-        "the spool's channel lags behind the body's",
-        "filters of both channels, sampling order of the logger, clocks of two loggers",
-    )
-
-
-SPOOL_GAIN, SPOOL_DELAY = _spool_gain(), _delay()
+SPOOL_GAIN = ChainPart(
+    GAIN,
+    "spool",
+    (Parameter(GAIN, "1", -0.5, 1.0, 0.02, "relative gain error"),),
+    lambda frequency, values: np.full(frequency.size, 1.0 + values[GAIN], dtype=np.complex128),
+    "the spool's channel has another gain than the body's",
+    "sensitivity of both sensors and settings of both amplifiers",
+)
+SPOOL_DELAY = ChainPart(
+    DELAY,
+    "spool",
+    (Parameter(DELAY, "s", -5e-3, 5e-3, 2e-4, "time of the spool's reading after the motion"),),
+    None,
+    "the spool's channel lags behind the body's",
+    "filters of both channels, sampling order of the logger, clocks of two loggers",
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -265,7 +251,16 @@ class Structure:
         self, effects: Sequence[str] = (), parts: Sequence[str] = (), values: Values | None = None
     ) -> Structure:
         """Return this with other ``effects`` and ``parts``; numbers that are not known start as declared."""
-        return _started(replace(self, effects=tuple(effects), parts=tuple(parts)), values or {})
+        structure = replace(self, effects=tuple(effects), parts=tuple(parts))
+        known = {**structure.values, **(values or {})}
+        for effect in structure.effects:
+            for name in EFFECTS[effect].terms:
+                for parameter in term(name).parameters:
+                    known.setdefault(parameter.name, parameter.start)
+        for key in structure.parts:
+            for parameter in CHAIN_PARTS[key].parameters:
+                known.setdefault(parameter.name, parameter.start)
+        return replace(structure, values=known)
 
     def without(self, name: str) -> Structure:
         """Return this without the effect or part called ``name``."""
@@ -326,15 +321,3 @@ def _resolved(unknown: Unknown, values: Values, limits: Limits) -> Unknown:
     force = max(values.get("dahl_force", 0.0), 1e-6)
     high = min(unknown.high, force / SHORTEST)
     return replace(unknown, low=min(max(unknown.low, force / limits.reach), high), high=high)
-
-
-def _started(structure: Structure, values: Values) -> Structure:
-    known = {**structure.values, **values}
-    for effect in structure.effects:
-        for name in EFFECTS[effect].terms:
-            for parameter in term(name).parameters:
-                known.setdefault(parameter.name, parameter.start)
-    for key in structure.parts:
-        for parameter in CHAIN_PARTS[key].parameters:
-            known.setdefault(parameter.name, parameter.start)
-    return replace(structure, values=known)
