@@ -127,7 +127,13 @@ def _write_table(manifest: Manifest, table: str, month: str, entries: Sequence[E
             rows = _rows(table, entry, manifest.results(entry.path, entry.namespace), kept)
             if rows:
                 record = [entry.path, entry.machine, entry.valve, entry.start // 1000]
-                yield _table(table, [[*record, *row] for row in rows])
+                schema = SCHEMAS[table]
+                whole = [[*record, *row] for row in rows]
+                columns = [
+                    pa.array([row[number] for row in whole], schema.field(number).type)
+                    for number in range(len(schema))
+                ]
+                yield pa.Table.from_arrays(columns, schema=schema)
 
     _replace(file, table, groups())
 
@@ -180,11 +186,3 @@ def _rows(table: str, entry: Entry, results: Sequence[StoredResult], kept: _Kept
         elif one.analysis == _SOURCES[table]:
             found += old
     return found
-
-
-def _table(table: str, rows: Sequence[Sequence[Any]]) -> pa.Table:
-    schema = SCHEMAS[table]
-    columns = [
-        pa.array([row[number] for row in rows], schema.field(number).type) for number in range(len(schema))
-    ]
-    return pa.Table.from_arrays(columns, schema=schema)

@@ -110,7 +110,14 @@ class Condition:
     def judge(self, finding: Finding) -> list[Event]:
         """Return the event that follows, if any; where the stamp goes back, the delay starts again."""
         stamp, indicated = finding.stamp, finding.indicated
-        held = self._held(stamp, indicated)
+        # The highest severity that has been indicated for the on-delay, at least, without a break.
+        for severity in (Severity.WARNING, Severity.ALARM):
+            if indicated is None or severity > indicated:
+                self._above.pop(severity, None)
+            elif stamp < self._above.setdefault(severity, stamp):
+                self._above[severity] = stamp
+        least = round(self.on_delay * 1e9)
+        held = max((one for one, since in self._above.items() if stamp - since >= least), default=None)
         if held is not None and (self.active is None or held > self.active):
             self._indicated, self._since = self._indicated or min(self._above.values()), None
             return self._raise(finding, held)
@@ -134,16 +141,6 @@ class Condition:
     def ends(self) -> int | None:
         """When it is over if nothing is indicated any more, ns; ``None`` while it is not released."""
         return None if self._since is None else self._since + round(self.off_delay * 1e9)
-
-    def _held(self, stamp: int, indicated: Severity | None) -> Severity | None:
-        """Return the highest severity that has been indicated for the on-delay, at least, without a break."""
-        for severity in (Severity.WARNING, Severity.ALARM):
-            if indicated is None or severity > indicated:
-                self._above.pop(severity, None)
-            elif stamp < self._above.setdefault(severity, stamp):
-                self._above[severity] = stamp
-        delay = round(self.on_delay * 1e9)
-        return max((one for one, since in self._above.items() if stamp - since >= delay), default=None)
 
     def clear(self, stamp: int, quantity: Quantity, facts: FactsSource = Facts()) -> list[Event]:  # noqa: B008
         """End the condition where it is active; ``facts`` are those of now.

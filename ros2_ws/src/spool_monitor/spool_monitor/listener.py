@@ -274,8 +274,13 @@ class Listener:
         ]
 
     def _take_diagnostics(self, message: DiagnosticArray) -> None:
-        if self._metrics:
-            self._take_costs(message.status)
+        for status in message.status if self._metrics else ():
+            node, _, task = status.name.partition(": ")
+            cost = cost_of(status) if node.rpartition("/")[2].startswith("host") else None
+            if cost is not None and task == "host" and len(self.hosts) < MOST_VALVES:
+                self.hosts[node] = cost
+            elif cost is not None and task in self.valves:
+                self.valves[task].cost = cost
         for status in message.status:
             name, _, task = status.name.partition("/monitor: ")
             valve = self.valves.get(name) if task == "condition" else None
@@ -284,15 +289,6 @@ class Listener:
             bounds = bounds_of(message.status, name)
             if bounds is not None and repr(bounds) != repr(valve.bounds):  # NaN is another one each time
                 valve.keep("bounds", bounds)
-
-    def _take_costs(self, statuses: Sequence[DiagnosticStatus]) -> None:
-        for status in statuses:
-            node, _, task = status.name.partition(": ")
-            cost = cost_of(status) if node.rpartition("/")[2].startswith("host") else None
-            if cost is not None and task == "host" and len(self.hosts) < MOST_VALVES:
-                self.hosts[node] = cost
-            elif cost is not None and task in self.valves:
-                self.valves[task].cost = cost
 
     def _follow(self, valve: HeardValve) -> list[Any]:
         def take_block(raw: bytes) -> None:  # rclpy refuses a method of deque: it has no signature

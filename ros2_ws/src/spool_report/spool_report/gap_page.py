@@ -93,7 +93,11 @@ def gap_page(
         *_what_was_found(result),
         html.section("Where the gap sits", _where_it_sits(result)),
         *_hypotheses(result),
-        *_evidence(evidence),
+        *(
+            [html.section("Evidence", [html.paragraph(EVIDENCE), *html.evidence(evidence)])]
+            if evidence
+            else []
+        ),
         html.section("Spectrum and numbers", _numbers(result, seen, bool(alone))),
     ]
     return html.page(title, sections, sources)
@@ -216,11 +220,6 @@ def _hypotheses(result: GapResult) -> list[Markup]:
         html.paragraph(EVIDENCE_OF["accelerations" if result.kind == "accelerations" else "force"]),
     ]
     return [html.section("Hypotheses", parts)]
-
-
-def _evidence(items: Sequence[Exhibit | LeftOut]) -> list[Markup]:
-    """Return the pictures for an expert, nothing without any."""
-    return [html.section("Evidence", [html.paragraph(EVIDENCE), *html.evidence(items)])] if items else []
 
 
 def _numbers(result: GapResult, seen: str, known: bool) -> list[Markup]:

@@ -78,9 +78,15 @@ def write_report(folder: Path, reader: BagReader, analysis: dict[str, Any]) -> P
         f"{plural(lost, 'block')} lost. "
         f"{LEGEND}; bands around curves are the same intervals. Shaded stretches are events."
     )
+    described = [
+        (key, f"{name}: {valve[key]['sentence']}")
+        for name, valve in analysis["valves"].items()
+        for key in ("valve", "limits")
+        if key in valve
+    ]
     text = html.page(
         "Spool valves: report of the recording", [html.paragraph(summary), *sections],
-        [*sources([reader.path]), *_valves(analysis)],
+        [*sources([reader.path]), *described],
     )  # fmt: skip
     path = folder / "report.html"
     path.write_text(text, encoding="utf-8")
@@ -175,16 +181,6 @@ def replay_page(
             *html.evidence(evidence.get(name, ())),
         ]
     return html.page(f"Monitor report on {result['bag']}", sections, sources)
-
-
-def _valves(analysis: dict[str, Any]) -> list[tuple[str, str]]:
-    """Return label and value of each valve's description and limits, for the foot of the page."""
-    return [
-        (key, f"{name}: {valve[key]['sentence']}")
-        for name, valve in analysis["valves"].items()
-        for key in ("valve", "limits")
-        if key in valve
-    ]
 
 
 def _peaks(reader: BagReader, name: str) -> Array:

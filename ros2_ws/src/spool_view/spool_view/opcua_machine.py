@@ -180,7 +180,8 @@ class Machine:
         heard = list(valves)
         worst, gone, states = Namur.UNKNOWN, False, set()
         for valve in heard:
-            known = _namur(valve)
+            number = 0 if valve.health is None else valve.health.namur
+            known = Namur(number) if number in set(Namur) else Namur.UNKNOWN
             silent = valve.condition(now) == NO_WORD
             await self._health(ua.NodeId(valve.name, self._index), known, lost=silent)
             gone |= silent
@@ -300,8 +301,3 @@ def ends_of(valve: HeardValve, parameter: str) -> tuple[float, float] | None:
     """Return the values between which the monitor does not warn of ``parameter``, where both are known."""
     low, high = (valve.bound(parameter, end) for end in ENDS)
     return None if low is None or high is None else (low, high)
-
-
-def _namur(valve: HeardValve) -> Namur:
-    number = 0 if valve.health is None else valve.health.namur
-    return Namur(number) if number in set(Namur) else Namur.UNKNOWN

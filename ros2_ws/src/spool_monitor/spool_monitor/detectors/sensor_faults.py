@@ -163,13 +163,7 @@ class SensorDead(Detector):
         signals = moment.signals
         if signals is None:
             return None
-        standing = self._standing(signals)
-        if standing:
-            return self._stand(moment, signals, standing)
-        return self._compare(moment, signals)
-
-    def _standing(self, signals: Signals) -> tuple[str, ...]:
-        """Return the names of the channels that stand still and should not."""
+        # The channels that stand still and should not.
         found = []
         for name, channel in _channels(signals).items():
             self._steps[name] = float(np.fmin(self._steps[name], channel.step))
@@ -180,7 +174,9 @@ class SensorDead(Detector):
                 self._stopped[name] = channel.before > SWINGS * self._steps[name]
             if channel.standing >= SUSPICIOUS and (self._stopped[name] or not coarse):
                 found.append(name)
-        return tuple(found)
+        if found:
+            return self._stand(moment, signals, tuple(found))
+        return self._compare(moment, signals)
 
     def _stand(self, moment: Moment, signals: Signals, names: tuple[str, ...]) -> Finding:
         channels = _channels(signals)
