@@ -197,7 +197,7 @@ def test_a_record_shows_another_spring_than_the_file(
     assert main(["valve", "check", one_spring, "--record", record, "--json", str(out)]) == 1
     found = json.loads(out.read_text(encoding="utf-8"))
     assert found["record"]["spring_stiffness"]["value"] == pytest.approx(1632.0, rel=0.01)
-    assert any("one spring's rate in place of that of both" in said for said in found["wrong"])
+    assert any("the rate of one spring instead of both" in said for said in found["wrong"])
 
 
 def test_missing_file_is_refused_in_one_line(capsys: pytest.CaptureFixture[str]) -> None:
