@@ -32,9 +32,7 @@ def study(
         Path | None, typer.Option(help="Folder for tables and pictures; needed for all but stale.")
     ] = None,
     cases: Annotated[int, typer.Option("--cases", "--days", help="Number of cases or days.", min=1)] = 200,
-    seed: Annotated[
-        int, typer.Option(help="Seed of the first case; seeds below 1000 are for development.", min=0)
-    ] = 1000,
+    seed: Annotated[int, typer.Option(help="First seed; below 1000: development.", min=0)] = 1000,
     workers: Annotated[
         int | None, typer.Option("--workers", "--jobs", help="Processes; default: as many as cores.", min=1)
     ] = None,
