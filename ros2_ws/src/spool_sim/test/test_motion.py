@@ -298,3 +298,17 @@ def test_wrong_lengths_and_too_stiff_parameters_are_refused() -> None:
         run(np.zeros(6), 2, 2000.0)
     with pytest.raises(InputError, match="at most"):
         substeps_needed(1.0, mass=1e-4, viscous_coefficient=1e5, spring_stiffness=1e8)
+
+
+def test_a_motion_that_diverges_has_no_numbers_from_there_on() -> None:
+    """A bristle that is far stiffer than the steps can follow: no velocity of 0 that looks like rest."""
+    motion = ComposedMotion(load_model("fluid_presliding_friction").terms)
+    values = {**SOFT, "dahl_force": 1e-6, "dahl_stiffness": 1e9}
+    body = 10.0 * np.sin(0.1 * np.arange(2 * 200 + 1))
+    table = motion.table(values, 200)
+    found, last = motion.advance(MotionState(), body, table, sample_period=5e-4, substeps=1)
+    for one in (found.displacement, found.velocity, found.acceleration, found.memory[:, 0]):
+        assert np.isfinite(one[0])
+        assert np.isnan(one[-100:]).all()
+    assert not found.stuck[-100:].any()
+    assert np.isnan(last.displacement)

@@ -282,6 +282,14 @@ def advance_kernel(
                 k1 = acceleration(z, v, t, 0.0, a0, z, x, q)
                 z, v = slip(z, v, 0.0, x, h, k1, 0.0, t, h, a0, b, d, q)
             i += 2
+        if not (abs(z) < math.inf and abs(v) < math.inf):
+            # Nothing follows from a motion that diverged, and a search for its events costs most of all.
+            out_z[n + 1 :] = math.nan
+            out_v[n + 1 :] = math.nan
+            out_a[n + 1 :] = math.nan
+            out_memory[n + 1 :] = math.nan
+            out_stuck[n + 1 :] = False
+            break
     if not EVENTS:
         s = 0.0
     state[0], state[1], state[2] = z, v, s
