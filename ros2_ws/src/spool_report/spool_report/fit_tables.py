@@ -63,6 +63,7 @@ def to_dictionary(validated: ValidatedFit) -> dict[str, Any]:
         "model": found.model.name,
         "terms": [term.name for term in found.model.terms],
         "converged": found.converged,
+        "stopped_early": found.stopped_early,
         "reason": found.reason,
         "warnings": [*data.doubts, *found.warnings],
         "parameters": by_name(found.parameters),

@@ -11,7 +11,7 @@ the models whose error is about the least, the one with the fewest parameters is
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -227,16 +227,18 @@ class ValidatedFit:
         return math.nan if self.held_out is None else self.held_out.nrmse
 
 
-def fit_and_validate(data: FitData, model: Model, settings: FitSettings) -> ValidatedFit:
-    """Return ``model`` fitted to the data and its agreement with what was held out.
+def fit_and_validate(
+    data: FitData, model: Model, settings: FitSettings, tell: Callable[[float], None] = lambda _steps: None
+) -> ValidatedFit:
+    """Return ``model`` fitted to the data and its agreement with what was held out; ``tell``: as of ``fit``.
 
     Raises:
         InputError: the settings do not fit the model.
     """
     # A fit that goes on from where it stopped until it converges, ROUNDS times at most.
-    found = fit(data.fitted, model, data.valve, settings)
+    found = fit(data.fitted, model, data.valve, settings, tell)
     for _ in range(ROUNDS):
-        if found.converged or found.reason is not None:
+        if found.converged or found.stopped_early or found.reason is not None:
             break
         # Bounds are of the model: what is fitted lies within them.
         reached = {name: value for name, value in found.values.items() if name not in found.held}

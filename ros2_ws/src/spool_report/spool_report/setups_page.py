@@ -8,6 +8,7 @@ import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 from spool_core.uncertainty import LEGEND, Z_95
 from spool_estimator.identification.determination import sentences
+from spool_estimator.identification.fit_result import STOPPED_EARLY
 
 from spool_report import fit_page as pictures
 from spool_report import page as html
@@ -28,6 +29,7 @@ def setups_page(found: FittedSetUps) -> str:
     rows, quality = tables.rows(found), tables.quality_rows(found)
     doubts = [f"{one.name}: {doubt}" for one in found.data for doubt in one.doubts]
     state = "" if joint.converged else " The descent did not converge: distrust the numbers."
+    early = [f"Warning: {STOPPED_EARLY}."] if joint.stopped_early else []
     worst = max(one.held_out_error for one in found.validated)
     held = f"{100.0 * worst:.2g} % of its rms" if math.isfinite(worst) else "not known"
     sections = [
@@ -38,7 +40,10 @@ def setups_page(found: FittedSetUps) -> str:
                     "How sure",
                     f"Largest error of a set-up on data that the fit has not seen: {held}. {LEGEND}.",
                 ),
-                ("What to do", " ".join(doubts[:2]) or "Look at the picture below, then use the numbers."),
+                (
+                    "What to do",
+                    " ".join([*early, *doubts[:2]]) or "Look at the picture below, then use the numbers.",
+                ),
             ]
         ),
         html.drawing(interval_figure(found), CAPTION, " ".join(sentences(joint.determinations))),

@@ -28,6 +28,7 @@ def to_dictionary(found: FittedSetUps) -> dict[str, Any]:
         "model": joint.model.name,
         "terms": [term.name for term in joint.model.terms],
         "converged": joint.converged,
+        "stopped_early": joint.stopped_early,
         "reason": joint.reason,
         "shared": {name: [list(group) for group in groups] for name, groups in found.shared.items()},
         "parameters": by_name(joint.parameters),

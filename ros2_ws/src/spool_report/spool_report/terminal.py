@@ -57,7 +57,7 @@ def silently() -> Iterator[None]:
 
 @contextmanager
 def progress(
-    what: str, total: float | None = None, *, steady: bool = True
+    what: str, total: float | None = None, *, steady: bool = True, at_most: bool = False
 ) -> Iterator[Callable[[float], None]]:
     """Show a bar on a terminal; yields a function that takes what has been done since.
 
@@ -68,11 +68,12 @@ def progress(
         what: work that is done.
         total: all of it, in the unit of what is done; unknown without.
         steady: whether equal parts take equal times, so that the time left can be known.
+        at_most: the work may end long before ``total``, which the time left then states.
     """
     if _silent.get() or not sys.stderr.isatty():
         yield lambda _done: None
         return
-    left = [TimeLeft()] if total is not None and steady else [TimeElapsedColumn()]
+    left = [TimeLeft(at_most=at_most)] if total is not None and steady else [TimeElapsedColumn()]
     columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), *left)
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(what, total=total)
@@ -95,11 +96,17 @@ def progress(
 class TimeLeft(ProgressColumn):
     """Time left, from the rate so far; empty while too little is done to know it."""
 
+    def __init__(self, *, at_most: bool = False) -> None:
+        """Show the time as that ``at_most``, not as that expected."""
+        super().__init__()
+        self._about = "at most" if at_most else "about"
+
     def render(self, task: Task) -> Text:
         """Return the time, e.g. ``about 40 s left``."""
         done = task.completed - task.fields.get("begun", 0.0)
         if not task.total or task.elapsed is None or done < LEAST_DONE * task.total:
             return Text("")
         seconds = task.elapsed - task.fields.get("since", 0.0)
-        left = seconds * (task.total - task.completed) / done
-        return Text(f"about {left:.0f} s left" if left < 120.0 else f"about {left / 60.0:.0f} min left")
+        left = seconds * max(0.0, task.total - task.completed) / done
+        text = f"{left:.0f} s left" if left < 120.0 else f"{left / 60.0:.0f} min left"
+        return Text(f"{self._about} {text}")

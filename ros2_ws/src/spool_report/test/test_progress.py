@@ -42,6 +42,15 @@ def shown(monkeypatch: pytest.MonkeyPatch, *, steady: bool = True, compiled: boo
     return terminal.getvalue()
 
 
+def test_of_work_that_may_end_early_the_longest_time_left_is_shown(monkeypatch: pytest.MonkeyPatch) -> None:
+    terminal = Terminal()
+    monkeypatch.setattr("sys.stderr", terminal)
+    monkeypatch.setenv("TERM", "xterm")
+    with progress("fitting", 8.0, at_most=True) as advance:
+        advance(6.0)
+    assert re.search(r"at most \d+ s left", terminal.getvalue())
+
+
 class Nothing:
     """File in which no kernel is kept."""
 

@@ -29,6 +29,8 @@ from spool_estimator.identification.least_squares import IN_LINE, Unknown, bound
 #: Twice the fall of the log likelihood at the ends of a 95 % interval of one number (Wilks, 1938).
 RISE_95 = Z_95**2
 IDENTIFIABLE, ONE_SIDED, TOGETHER, NOT = "identifiable", "one-sided", "only together", "not identifiable"
+#: The profile was not finished: the fit reached its limit of work, or other values give no motion.
+UNDECIDED = "undecided"
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +39,8 @@ class Determination:
 
     Attributes:
         name, unit: of the parameter.
-        verdict: ``identifiable``, ``one-sided``, ``only together`` or ``not identifiable``.
+        verdict: ``identifiable``, ``one-sided``, ``only together`` or ``not identifiable``; ``undecided``
+            where the profile was not finished.
         low, high: ends of its 95 % interval, ``None`` where the records set no bound on that side.
         together_with: parameters that compensate for a change of it.
         at_start: the verdict at the start values, before the fit; empty where it was not worked out.
@@ -76,6 +79,8 @@ class Determination:
         if self.verdict == TOGETHER:
             others = ", ".join(name.replace("_", " ") for name in self.together_with)
             return f"{own}: known only together with {others or 'other parameters'}{held}"
+        if self.verdict == UNDECIDED:
+            return f"{own}: not judged, its profile could not be finished{held}"
         return f"{own}: not determined, the record does not depend on it{held}"
 
 

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 from scipy.optimize import least_squares, lsq_linear
+from spool_core.errors import InputError
 from spool_core.numbers import Array
 
 from spool_estimator.identification.fit_result import MASS, SPOOL_DELAY, SPOOL_GAIN
@@ -310,6 +311,9 @@ def input_noise_effect(
     It is looked at on ``seconds`` of data at most.
 
     The noise is drawn from a fixed seed, so that the same records give the same result.
+
+    Raises:
+        InputError: with a little more noise the motion cannot be followed.
     """
     run = residuals.run.fewer(seconds)
     densities = [noise_density(entry, excitation_limit(entry)) for entry in run.records]
@@ -335,6 +339,15 @@ def input_noise_effect(
             shaken = _over(residuals, run.driven_by(windows))
             shaken.leave_jumps_out(shaken.respond(point[np.newaxis]))
             error, slopes = shaken.at_with_slopes(point)
+            if not (np.isfinite(error).all() and np.isfinite(slopes[:, shown]).all()):
+                found = ", ".join(
+                    f"{one.name} {value:.3g}" for one, value in zip(residuals.unknowns, point, strict=True)
+                )
+                raise InputError(
+                    f"{run.records[0].name}: the motion of model '{run.model.name}' diverges near {found}: "
+                    "the law is stiffer than the sample rate can follow; fit a simpler model, or hold a "
+                    "parameter of it"
+                )
             pair.append(-np.linalg.lstsq(slopes[:, shown], error, rcond=None)[0])
         steps.append(pair)
     moves = np.array(steps)

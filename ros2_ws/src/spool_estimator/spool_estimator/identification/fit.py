@@ -10,7 +10,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -102,7 +102,13 @@ def unknowns_of(model: Model, valve: Valve, settings: FitSettings) -> tuple[leas
     return tuple(found)
 
 
-def fit(records: Sequence[Record], model: Model, valve: Valve, settings: FitSettings | None = None) -> Fit:
+def fit(
+    records: Sequence[Record],
+    model: Model,
+    valve: Valve,
+    settings: FitSettings | None = None,
+    tell: Callable[[float], None] = lambda _steps: None,
+) -> Fit:
     """Return ``model`` fitted to ``records``; bad data make a result with a reason, never an error.
 
     Args:
@@ -110,20 +116,29 @@ def fit(records: Sequence[Record], model: Model, valve: Valve, settings: FitSett
         model: any composition of force terms.
         valve: gives the mass, which is held, and start values.
         settings: what is free, the band, the windows.
+        tell: takes the simulated steps since it was last called, of ``settings.allowed`` at most.
 
     Raises:
         InputError: the settings name parameters that the model does not have, or values out of their range;
             with ``check``, a parameter that the law does not use.
     """
     chosen = settings or FitSettings()
+    return _fit(records, model, valve, chosen, least_squares.Work(chosen.allowed, tell))
+
+
+def _fit(
+    records: Sequence[Record], model: Model, valve: Valve, chosen: FitSettings, work: least_squares.Work
+) -> Fit:
+    # What is not determined is held by a second fit.
+    work.take(0.5 if chosen.check and not chosen.force_free else 1.0)
     unknowns = unknowns_of(model, valve, chosen)
     values = model.values_for(valve, {**chosen.start, **chosen.held})
     held = {name: value for name, value in values.items() if name not in {u.name for u in unknowns}}
     failed = Fit(model, valve.id, held=held)
     try:
-        ended = follow(records, model, valve, chosen, unknowns, values)
-        found = _result(ended, unknowns, values, held, valve, chosen)
-        return _held_back(found, records, valve, chosen) if chosen.check else found
+        ended = follow(records, model, valve, chosen, unknowns, values, work)
+        found = replace(_result(ended, unknowns, values, held, valve, chosen), stopped_early=work.cut)
+        return _held_back(found, records, valve, chosen, work) if chosen.check else found
     except UnusedParameterError:
         raise
     except InputError as error:
@@ -251,6 +266,7 @@ def follow(
     settings: FitSettings,
     unknowns: tuple[least_squares.Unknown, ...],
     values: Mapping[str, float],
+    work: least_squares.Work,
 ) -> Ended:
     """Return where the fit of ``unknowns`` ends; what no force shows by itself is held at ``values``.
 
@@ -265,6 +281,7 @@ def follow(
         run_in=settings.run_in,
         low_cut=settings.low_cut,
         longest=settings.longest,
+        work=work,
     )
     if not any(np.any(window.measured) for window in run.windows):
         raise InputError(f"{records[0].name}: the spool's acceleration is 0 throughout; check the sensor")
@@ -287,7 +304,7 @@ def follow(
         start = np.array([first.get(unknown.name, values.get(unknown.name, 0.0)) for unknown in unknowns])
         before = before_fit(run.fewer(FIRST_SECONDS), unknowns, start, values, settings)
     some = Residuals(run.fewer(FIRST_SECONDS), free, values, band)
-    best = least_squares.descend(some, np.array(points), FIRST_ROUNDS, ENOUGH, len(points))
+    best = some.descend(np.array(points), FIRST_ROUNDS, ENOUGH, len(points))
     residuals = Residuals(run, free, values, band)
     rings = residuals.rings(residuals.respond(best.point[np.newaxis]))
     doubts = []
@@ -304,7 +321,9 @@ def follow(
     return Ended(residuals, best, law, doubts, before)
 
 
-def _held_back(found: Fit, records: Sequence[Record], valve: Valve, settings: FitSettings) -> Fit:
+def _held_back(
+    found: Fit, records: Sequence[Record], valve: Valve, settings: FitSettings, work: least_squares.Work
+) -> Fit:
     """Return ``found`` with what the records do not determine at the values of model and valve.
 
     Intervals stay those of the fit in which everything was free.
@@ -318,13 +337,14 @@ def _held_back(found: Fit, records: Sequence[Record], valve: Valve, settings: Fi
         # All other numbers are known over the mass: a fit as if it had not been freed.
         start = {name: value for name, value in settings.start.items() if name != MASS}
         free = tuple(name for name in settings.free if name != MASS)
-        again = fit(records, model, valve, replace(settings, free=free, start=start))
+        again = _fit(records, model, valve, replace(settings, free=free, start=start), work)
         if again.reason is not None:
             return again
         return replace(
             again,
             parameters=(Quantity(MASS, model.parameter(MASS).unit), *again.parameters),
             not_observable=(MASS, *again.not_observable),
+            stopped_early=found.stopped_early or again.stopped_early,
             held={name: value for name, value in again.held.items() if name != MASS},
         )
     chosen = {one.name: one for one in to_hold(found.determinations, model, valve)}
@@ -333,10 +353,11 @@ def _held_back(found: Fit, records: Sequence[Record], valve: Valve, settings: Fi
         return found
     held = {name: one.held_at for name, one in chosen.items() if one.held_at is not None}
     start = {name: value for name, value in found.values.items() if name not in {**held, **found.held}}
-    again = fit(
+    again = _fit(
         records, model, valve,
         replace(settings, held={**settings.held, **held}, start=start, starts=1, check=False,
                 free=tuple(name for name in settings.free if name not in held)),
+        work,
     )  # fmt: skip
     if again.reason is not None:
         return found
@@ -344,6 +365,7 @@ def _held_back(found: Fit, records: Sequence[Record], valve: Valve, settings: Fi
         found,
         values=again.values,
         agreement=again.agreement,
+        stopped_early=found.stopped_early or again.stopped_early,
         determinations=tuple(chosen.get(one.name, one) for one in found.determinations),
     )
 
@@ -366,7 +388,7 @@ def refine(residuals: Weighted, start: least_squares.Descent, rounds: int) -> le
     best = start
     for _ in range(rounds):
         residuals.reweigh(best.point)
-        best = least_squares.descend(residuals, best.point[np.newaxis], ROUNDS, ENOUGH)
+        best = residuals.descend(best.point[np.newaxis], ROUNDS, ENOUGH)
     return best
 
 

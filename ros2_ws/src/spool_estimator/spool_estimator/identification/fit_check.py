@@ -19,6 +19,7 @@ from spool_estimator.identification.determination import (
     NOT,
     RISE_95,
     TOGETHER,
+    UNDECIDED,
     Determination,
     by_information,
     crossing,
@@ -234,7 +235,9 @@ def by_profile(
     values, rises = zip(*rows, strict=True)
     low, high = (crossing(values, rises, float(point[place]), side) for side in (-1, 1))
     partners = tuple(one.name for one in residuals.unknowns if one.name in profile.partners)
-    return judgement(unknown, low, high, (partners or first.together_with) if profile.noticed else ())
+    judged = judgement(unknown, low, high, (partners or first.together_with) if profile.noticed else ())
+    unfinished = residuals.work.cut or (profile.failed and judged.verdict == NOT)
+    return Determination(first.name, first.unit, UNDECIDED) if unfinished else judged
 
 
 class _Profile:
@@ -243,11 +246,12 @@ class _Profile:
     Attributes:
         partners: names of unknowns that compensated for a change that would have been noticed.
         noticed: such a change was tried.
+        failed: the motion could not be followed at a value.
     """
 
     def __init__(self, residuals: Weighted, point: Array, place: int, dispersion: float) -> None:
         self.partners: set[str] = set()
-        self.noticed = False
+        self.noticed = self.failed = False
         self._residuals, self._point, self._place = residuals, point, place
         self._dispersion = dispersion
         self._cost = float(residuals.costs(residuals.residuals(point[np.newaxis]))[0])
@@ -262,6 +266,9 @@ class _Profile:
             held = inside.copy()
             held[self._place] = np.clip(self._point[self._place] + factor * step, unknown.low, unknown.high)
             if held[self._place] == inside[self._place]:
+                break
+            if self._residuals.work.spent >= self._residuals.work.until:
+                self._residuals.work.cut = True
                 break
             rise = self._rise_at(held, rows)
             # Where the rise is not nearly a parabola: between here and the last value that is possible.
@@ -284,6 +291,7 @@ class _Profile:
         """
         rise = self._rise(held)
         if rise == FAILED:
+            self.failed = True
             return math.nan
         if rise >= RISE_95:
             self.noticed = True
@@ -292,7 +300,7 @@ class _Profile:
             free.unknowns = tuple(unknowns[other] for other in self._others)
             free.values = {**free.values, unknowns[self._place].name: float(held[self._place])}
             try:
-                fitted = least_squares.descend(free, held[self._others][np.newaxis], ROUNDS, ENOUGH)
+                fitted = free.descend(held[self._others][np.newaxis], ROUNDS, ENOUGH)
             except np.linalg.LinAlgError:
                 return math.nan
             held[self._others] = fitted.point

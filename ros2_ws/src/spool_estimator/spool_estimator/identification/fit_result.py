@@ -21,6 +21,14 @@ if TYPE_CHECKING:  # slow to load
 SPOOL_GAIN, SPOOL_DELAY = "spool_gain", "spool_delay"
 #: The parameter that scales all forces.
 MASS = "mass"
+#: Simulated steps of a fit: about a minute of computing. Fits of records that determine their parameters take
+#: a tenth of it.
+ALLOWED = 4e8
+
+STOPPED_EARLY = (
+    "the fit reached its limit of work and stopped early with the best result so far; fit a simpler model or "
+    "a shorter part of the record"
+)
 
 
 def explains_nothing(what: str, error: float) -> tuple[str, ...]:
@@ -54,6 +62,7 @@ class FitSettings:
         noise_seconds: s of data on which the effect of the excitation's noise is simulated at most.
         check: judge what the records determine, and hold the rest at the values of model and valve.
         force_free: hold nothing that the records do not determine.
+        allowed: simulated steps after which no further round of a descent begins.
     """
 
     held: Mapping[str, float] = field(default_factory=dict)
@@ -71,6 +80,7 @@ class FitSettings:
     noise_seconds: float = 40.0
     check: bool = False
     force_free: bool = False
+    allowed: float = ALLOWED
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,6 +136,7 @@ class Fit:
         effective_samples: independent samples that the coloured residual is worth.
         determinations: judgement of each parameter, empty without ``FitSettings.check``.
         notes: what the fit changed of its settings, one line each.
+        stopped_early: the fit reached its limit of work; it is the best that was found until then.
     """
 
     model: Model
@@ -146,13 +157,15 @@ class Fit:
     effective_samples: float = math.nan
     determinations: tuple[Determination, ...] = ()
     notes: tuple[str, ...] = ()
+    stopped_early: bool = False
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """What a reader should know, one line each."""
+        notes = (*self.notes, STOPPED_EARLY) if self.stopped_early else self.notes
         if self.agreement is None:
-            return self.notes
-        return (*self.notes, *explains_nothing("the model", self.agreement.nrmse))
+            return notes
+        return (*notes, *explains_nothing("the model", self.agreement.nrmse))
 
     def parameter(self, name: str) -> Quantity:
         """Return a fitted parameter or a combination by its name.

@@ -21,7 +21,7 @@ from spool_sim.integration.composed_motion import ComposedMotion, MotionState, s
 from spool_sim.model import Model
 from spool_sim.valve import Valve
 
-from spool_estimator.identification.least_squares import in_parallel
+from spool_estimator.identification.least_squares import Work, in_parallel
 from spool_estimator.identification.record import Record
 from spool_estimator.identification.spectra import ZeroPhase, faded, interval_mean_response, relative_motion
 
@@ -104,6 +104,7 @@ class FreeRun:
         windows: what is simulated.
         highest_frequency: of the excitation, Hz, for each record.
         substeps: steps per sample, for each record.
+        work: that all runs made from this one share.
     """
 
     def __init__(
@@ -116,6 +117,7 @@ class FreeRun:
         run_in: float = 0.5,
         low_cut: float = 3.0,
         longest: float = float("inf"),
+        work: Work | None = None,
     ) -> None:
         """Cut the records and prepare their excitations.
 
@@ -127,6 +129,7 @@ class FreeRun:
             run_in: s at the start of each window that do not count.
             low_cut: Hz, of the conditioning that gives the motion to start from.
             longest: s of data used at most, in windows spread evenly.
+            work: counts the simulated steps; without a limit by default.
 
         Raises:
             InputError: no record is long enough for one window.
@@ -134,6 +137,7 @@ class FreeRun:
         self.records = tuple(records)
         self.model = model
         self.valve = valve
+        self.work = work or Work(float("inf"))
         self.motion = ComposedMotion(model.terms)
         self.names = self.motion.names
         self.highest_frequency = [excitation_limit(entry) for entry in self.records]
@@ -232,6 +236,11 @@ class FreeRun:
         ]
         return before != self.substeps
 
+    @property
+    def steps(self) -> float:
+        """Simulated steps of one set of parameters in all windows."""
+        return float(sum((one.stop - one.first) * self.substeps[one.record] for one in self.windows))
+
     def sets(self, values: Mapping[str, float]) -> Array:
         """Return one set of parameters as ``responses`` takes it, shape (1, p)."""
         return np.array([[float(values[name]) for name in self.names]])
@@ -247,6 +256,7 @@ class FreeRun:
             delays: delay of the spool's sensor behind the body's, s, shape (s,), 0 without.
         """
         count = sets.shape[0]
+        self.work.add(count * self.steps)
         gain = np.zeros(count) if gains is None else gains
         delay = np.zeros(count) if delays is None else delays
         if count * sum(window.stop - window.first for window in self.windows) < SINGLE:

@@ -13,9 +13,11 @@ such direction.
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from threading import Lock
 from typing import Protocol, TypeVar
 
 import numpy as np
@@ -69,6 +71,38 @@ def bounds_of(unknowns: Sequence[Unknown]) -> tuple[Array, Array]:
 def sizes_of(unknowns: Sequence[Unknown], point: Array) -> Array:
     """Return the size of each number of ``point`` (u,), same shape."""
     return np.array([unknown.size(value) for unknown, value in zip(unknowns, point.tolist(), strict=True)])
+
+
+class Work:
+    """Work of a fit, counted in simulated steps, so that its limit does not depend on the machine's load.
+
+    Attributes:
+        until: steps from which no further round of a descent begins.
+        spent: steps so far.
+        cut: whether that ended a descent or a profile before it was finished.
+    """
+
+    def __init__(self, allowed: float, tell: Callable[[float], None] = lambda _steps: None) -> None:
+        """Count up to ``allowed`` steps; ``tell`` takes those that were made since."""
+        self.until = self._allowed = allowed
+        self.spent = 0.0
+        self.cut = False
+        self._tell, self._lock = tell, Lock()
+
+    def add(self, steps: float) -> None:
+        """Count ``steps`` that are made."""
+        with self._lock:
+            self.spent += steps
+        self._tell(steps)
+
+    def take(self, share: float) -> None:
+        """Allow this share of what is left, and begin a part that is not cut."""
+        self.until, self.cut = self.spent + share * max(0.0, self._allowed - self.spent), False
+
+    def rounds(self, most: int, steps: float) -> int:
+        """Return how many rounds of so many ``steps`` may begin, ``most`` at most."""
+        left = max(0.0, self.until - self.spent)
+        return most if left >= most * steps else math.ceil(left / steps)
 
 
 class LeastSquares(Protocol):
@@ -219,11 +253,19 @@ def _follow(problem: LeastSquares, x: Array, residual: Array, rounds: int, enoug
     damping = FIRST_DAMPING
     cost = float(problem.costs(residual[np.newaxis])[0])
     converged = not x.size
+    before: tuple[Array, Array, float] | None = None
     for _ in range(rounds if x.size else 0):
         sizes = sizes_of(problem.unknowns, x)
         step = STEP * sizes
         step = np.where(x + step > high, -step, step)
         changes = problem.residuals(x + np.diag(step)) - residual
+        if not np.isfinite(changes).all():
+            # Beside motions that cannot be followed: nearer to where the slopes were known.
+            if before is None or damping > MOST_DAMPING:
+                break
+            x, residual, cost = before
+            damping *= BACK_OFF
+            continue
         # In units of the unknowns' sizes: stiffnesses and delays differ by ten powers of ten.
         slopes = (changes * (sizes / step)[:, np.newaxis]).T
         information = slopes.T @ slopes
@@ -252,6 +294,7 @@ def _follow(problem: LeastSquares, x: Array, residual: Array, rounds: int, enoug
             continue
         fall = cost - float(costs[winner])
         damping = float(np.clip(damping * DAMPINGS[winner] * 10.0, LEAST_DAMPING, MOST_DAMPING))
+        before = x, residual, cost
         x, residual, cost = trials[winner], outcomes[winner], float(costs[winner])
         if fall < enough * cost:
             converged = True

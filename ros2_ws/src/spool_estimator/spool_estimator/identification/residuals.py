@@ -30,7 +30,15 @@ from spool_core.numbers import Array
 
 from spool_estimator.identification.fit_result import SPOOL_DELAY, SPOOL_GAIN, FitSettings
 from spool_estimator.identification.free_run import FreeRun, Response
-from spool_estimator.identification.least_squares import Unknown, bounds_of, sizes_of
+from spool_estimator.identification.least_squares import (
+    DAMPINGS,
+    Descent,
+    Unknown,
+    Work,
+    bounds_of,
+    descend,
+    sizes_of,
+)
 from spool_estimator.identification.spectra import Spectrum, ZeroPhase, faded, residual_spectrum
 
 #: s around a jump of the friction that are left out, at least one sample on each side.
@@ -63,6 +71,25 @@ class Weighted(ABC):
     unknowns: tuple[Unknown, ...]
     values: dict[str, float]
 
+    @property
+    @abstractmethod
+    def work(self) -> Work:
+        """Work of the fit so far, and its limit."""
+
+    @property
+    @abstractmethod
+    def steps(self) -> float:
+        """Simulated steps of the residuals at one point."""
+
+    def descend(self, starts: Array, rounds: int, enough: float, tries: int = 1) -> Descent:
+        """Return the end of the descents, as :func:`.least_squares.descend`, within the limit of work."""
+        # Slopes and trials of each start; known before they begin, so that threads do not matter.
+        of_a_round = tries * (len(self.unknowns) + len(DAMPINGS)) * self.steps
+        most = self.work.rounds(rounds, of_a_round)
+        found = descend(self, starts, most, enough, tries)
+        self.work.cut |= most < rounds and not found.converged
+        return found
+
     @abstractmethod
     def residuals(self, points: Array) -> Array:
         """Return the weighted residuals at ``points`` (s, u), shape (s, all samples)."""
@@ -94,6 +121,10 @@ class Weighted(ABC):
         steps = STEP * sizes_of(self.unknowns, point)
         steps = np.where(point + steps > bounds_of(self.unknowns)[1], -steps, steps)
         runs = self.residuals(np.vstack([point, point + np.diag(steps)]))
+        broken = ~np.isfinite(runs[1:]).all(axis=1)
+        if broken.any():
+            steps[broken] *= -1.0
+            runs[1:][broken] = self.residuals((point + np.diag(steps))[broken])
         return runs[0], np.asarray(((runs[1:] - runs[0]) / steps[:, np.newaxis]).T)
 
     def central_slopes(self, point: Array) -> Array:
@@ -103,6 +134,11 @@ class Weighted(ABC):
         lows, highs = np.maximum(point - steps, low), np.minimum(point + steps, high)
         runs = self.residuals(np.vstack([point + np.diag(highs - point), point + np.diag(lows - point)]))
         count = len(self.unknowns)
+        broken = np.asarray(~np.isfinite(runs).all(axis=1))
+        if broken.any():  # one side only
+            runs[broken] = self.at(point)
+            highs = np.where(broken[:count], point, highs)
+            lows = np.where(broken[count:], point, lows)
         return np.asarray(((runs[:count] - runs[count:]) / (highs - lows)[:, np.newaxis]).T)
 
 
@@ -132,6 +168,16 @@ class Residuals(Weighted):
         self.kept: list[Array] = [np.ones(window.measured.size) for window in run.windows]
         self.spectrum: list[Spectrum | None] = [None] * len(run.records)
         self._jumps = any(entry.jumps for entry in run.model.terms)
+
+    @property
+    def work(self) -> Work:
+        """Work of the fit so far, and its limit."""
+        return self.run.work
+
+    @property
+    def steps(self) -> float:
+        """Simulated steps of the residuals at one point."""
+        return self.run.steps
 
     @property
     def has_jumps(self) -> bool:

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -100,6 +100,7 @@ class JointFit:
         correlation: of ``observable``, shape (p, p).
         observable: names of its rows.
         fits: what the joint fit says of each set-up, in the order of the set-ups.
+        stopped_early: as of a :class:`.Fit`.
     """
 
     model: Model
@@ -113,6 +114,7 @@ class JointFit:
     correlation: Array = field(default_factory=lambda: np.empty((0, 0)))
     observable: tuple[str, ...] = ()
     fits: tuple[Fit, ...] = ()
+    stopped_early: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,6 +146,16 @@ class _Joint(Weighted):
         self.parts = tuple(parts)
         self.unknowns = tuple(unknowns)
         self.values: dict[str, float] = {}
+
+    @property
+    def work(self) -> least_squares.Work:
+        """Work of the fit so far, which all set-ups share, and its limit."""
+        return self.parts[0].residuals.work
+
+    @property
+    def steps(self) -> float:
+        """Simulated steps of all set-ups at one point."""
+        return sum(part.residuals.steps for part in self.parts)
 
     def own(self, part: _Part, points: Array) -> Array:
         """Return the points of ``part`` that belong to the joint ``points`` (s, u)."""
@@ -201,6 +213,7 @@ def fit_setups(
     model: Model,
     shared: Mapping[str, Sequence[Sequence[str]]],
     settings: FitSettings | None = None,
+    tell: Callable[[float], None] = lambda _steps: None,
 ) -> JointFit:
     """Return ``model`` fitted to all ``setups`` together; bad data make a result with a reason.
 
@@ -210,25 +223,34 @@ def fit_setups(
         shared: groups of set-ups that share a parameter, by its name (of the model, or ``spool_gain`` or
             ``spool_delay``).
         settings: as of a fit, for every set-up.
+        tell: takes the simulated steps since it was last called, of ``settings.allowed`` for each set-up at
+            most.
 
     Raises:
         InputError: settings or ``shared`` name parameters that the model does not have.
     """
     chosen = settings or FitSettings()
-    parts = []
-    for setup in setups:
+    work = least_squares.Work(len(setups) * chosen.allowed, tell)
+    parts, early = [], False
+    for place, setup in enumerate(setups):
+        work.take(1.0 / (len(setups) + 1 - place))
         own = _settings_of(setup, model, shared, chosen)
         unknowns = unknowns_of(model, setup.valve, own)
         try:
             values = model.values_for(setup.valve, {**own.start, **own.held})
-            ended = follow(setup.records, model, setup.valve, own, unknowns, values)
+            ended = follow(setup.records, model, setup.valve, own, unknowns, values, work)
+            early |= work.cut
             parts.append(_part(setup, shared, own, ended, unknowns, len(setups)))
         except InputError as error:
             return JointFit(model, reason=f"set-up '{setup.name}': {error}")
         except (np.linalg.LinAlgError, FloatingPointError, OverflowError, ValueError) as error:
             return JointFit(model, reason=f"set-up '{setup.name}': the numbers broke down: {error}")
     try:
+        work.take(1.0)
         found = _joined(parts, model, shared, chosen)
+        early |= found.stopped_early
+        fits = tuple(replace(one, stopped_early=early) for one in found.fits)
+        found = replace(found, stopped_early=early, fits=fits)
     except (np.linalg.LinAlgError, FloatingPointError, OverflowError, ValueError) as error:
         return JointFit(model, reason=f"the numbers broke down: {error}")
     weightless = tuple(name for name in found.not_observable if _parameter(name) == MASS)
@@ -238,6 +260,7 @@ def fit_setups(
     again = fit_setups(
         setups, model, {name: groups for name, groups in shared.items() if name != MASS},
         replace(chosen, free=tuple(name for name in chosen.free if name != MASS)),
+        tell,
     )  # fmt: skip
     if again.reason is not None:
         return again
@@ -252,6 +275,7 @@ def fit_setups(
         not_observable=(*weightless, *again.not_observable),
         determinations=(*lost, *again.determinations),
         alone=found.alone,
+        stopped_early=found.stopped_early or again.stopped_early,
     )
 
 
@@ -363,7 +387,7 @@ def _joined(
         joint.unknowns, start[free], joint.central_slopes(start[free]),
         hidden_by_name(unseen[:, free], [names[n] for n in free]),
     )  # fmt: skip
-    best = least_squares.descend(joint, start[free][np.newaxis], ROUNDS, ENOUGH)
+    best = joint.descend(start[free][np.newaxis], ROUNDS, ENOUGH)
     best = refine(joint, best, REWEIGHED)
     moves = _moves(joint, best.point, joint.central_slopes(best.point))
     covariance = fit_covariance(
@@ -417,6 +441,7 @@ def _joined(
             _fit_of(whole, part, ends, wide, unclear, {one.name: one for one in judged}, best.converged)
             for part in parts
         ),
+        stopped_early=joint.work.cut,
     )
 
 

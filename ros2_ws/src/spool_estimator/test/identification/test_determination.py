@@ -127,3 +127,40 @@ def test_a_parameter_that_the_law_does_not_use_is_refused_by_name(monkeypatch: p
     model = Model("idle", (*MODELS["fluid"].terms, Idle()))
     with pytest.raises(InputError, match="idle_number: a change of it changes no sample"):
         fit([record("fluid", {})], model, SOFT, CHECKED)
+
+
+def test_a_fit_that_reaches_its_limit_of_work_says_so_and_judges_no_unfinished_profile() -> None:
+    data = record("fluid", {}, noise=0.5)
+    told: list[float] = []
+    whole = fit([data], MODELS["coulomb"], SOFT, CHECKED, told.append)
+    assert not whole.stopped_early
+    # Half of the allowance is for the fit that holds what is not determined.
+    first, few = (fit([data], MODELS["coulomb"], SOFT, replace(CHECKED, allowed=share * sum(told)))
+                  for share in (1.6, 0.02))  # fmt: skip
+    for one in (first, few):
+        assert one.reason is None
+        assert one.stopped_early
+        assert "reached its limit of work and stopped early" in one.warnings[-1]
+        friction = next(own for own in one.determinations if own.name == "coulomb_force")
+        assert friction.verdict == "undecided"
+        assert friction.sentence == "coulomb force: not judged, its profile could not be finished"
+    assert first.parameter("spring_stiffness").value == whole.parameter("spring_stiffness").value
+    assert not few.converged
+
+
+def test_friction_of_bristles_that_is_not_there_is_bounded_and_its_stiffness_not_judged() -> None:
+    """Bristles of hardly any force are stiffer than the steps can follow: such motions diverge."""
+    found = checked(record("fluid", {}, noise=0.01), "fluid_presliding_friction")
+    force, stiffness = found.determinations[2:4]
+    assert (force.verdict, force.low) == ("one-sided", None)
+    assert force.high is not None
+    assert force.high < 1e-3
+    assert (stiffness.verdict, stiffness.held_at) == ("undecided", None)
+    assert found.agreement is not None
+    assert found.agreement.nrmse < 0.01
+
+
+def test_a_fit_that_ends_beside_motions_that_diverge_says_so_in_one_line() -> None:
+    found = fit([record("fluid", {})], MODELS["fluid_presliding_friction"], SOFT, CHECKED)
+    assert found.reason is not None
+    assert "the motion of model 'fluid_presliding_friction' diverges near spring_stiffness" in found.reason

@@ -106,8 +106,9 @@ def fit_records(request: FitRequest) -> ValidatedFit:
     settings = fit_settings(
         model, data.valve, request.free, request.fixed, gain=request.sensor_gain, delay=request.sensor_delay
     )
-    with progress(f"fitting {model.name}"):
-        return fit_and_validate(data, model, replace(settings, check=True, force_free=request.force_free))
+    settings = replace(settings, check=True, force_free=request.force_free)
+    with progress(f"fitting {model.name}", settings.allowed, at_most=True) as tell:
+        return fit_and_validate(data, model, settings, tell)
 
 
 def save_fit(path: Path, validated: ValidatedFit) -> None:

@@ -109,12 +109,14 @@ def fit_setups_of(request: SetUpsRequest) -> FittedSetUps:
         load_data(one.records, one.valve, request.selection, springs=one.known.spring_stiffness is not None)
         for one in setups
     )
-    with progress(f"fitting {model.name} to {len(setups)} set-ups"):
+    what = f"fitting {model.name} to {len(setups)} set-ups"
+    with progress(what, len(setups) * settings.allowed, at_most=True) as tell:
         joint = fit_setups(
             [_setup(one, part, valve) for one, part in zip(setups, data, strict=True)],
             model,
             shared,
             settings,
+            tell,
         )
         fits = tuple(validated(part, one, settings) for part, one in zip(data, joint.fits, strict=False))
     return FittedSetUps(valve, setups, data, shared, joint, fits)

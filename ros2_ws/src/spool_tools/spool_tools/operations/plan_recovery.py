@@ -71,7 +71,9 @@ def recovered(plan: Plan, model: Model) -> tuple[list[Recovered], Fit]:
     """
     truth = drawn_truth(plan, model)
     # The simulated sensors sample at one instant, as a planned logger is supposed to.
-    found = fit([plan.record(model, truth)], model, plan.valve, FitSettings(timing=0.0, check=True))
+    settings = FitSettings(timing=0.0, check=True)
+    with progress(f"recovering {model.name}", settings.allowed, at_most=True) as tell:
+        found = fit([plan.record(model, truth)], model, plan.valve, settings, tell)
     return compared(found, truth), found
 
 
@@ -105,8 +107,7 @@ def recover_record(
     chosen, described = load_model(model), find_valve(valve)
     check_plan(Analysis.ESTIMATE, seconds, sample_rate, described)
     plan = Plan(described, find_excitation(excitation), seconds, sample_rate, noise, seed)
-    with progress(f"recovering {chosen.name}"):
-        rows, found = recovered(plan, chosen)
+    rows, found = recovered(plan, chosen)
     if found.reason is not None:
         raise InputError(f"--recover: the simulated record cannot be fitted: {found.reason}")
     if json is not None:
