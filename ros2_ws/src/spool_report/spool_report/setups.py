@@ -45,7 +45,7 @@ class _SetUpEntry(BaseModel):
 class _SetUpsFile(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    setups: tuple[dict[str, Any], ...] = Field(min_length=LEAST)
+    setups: tuple[dict[str, Any], ...]
     shared: tuple[str | dict[str, tuple[str, ...]], ...] = ()
 
 
@@ -83,6 +83,11 @@ def read_setups(
         file = _SetUpsFile.model_validate(dict(content))
     except ValidationError as error:
         raise one_line(error, where, tuple(_SetUpsFile.model_fields)) from None
+    if len(file.setups) < LEAST:
+        raise InputError(
+            f"{where}: setups: a joint fit needs {LEAST} set-ups at least, here are {len(file.setups)}: add "
+            "set-ups, or fit one without --setups"
+        )
     setups: list[DescribedSetUp] = []
     for number, entry in enumerate(file.setups, 1):
         given = entry.get("name")

@@ -86,7 +86,12 @@ def entry(name: str, **known: object) -> dict[str, Any]:
 @pytest.mark.parametrize(
     ("setups", "shared", "words"),
     [
-        ([entry("a")], [], "setups.yaml: setups: tuple should have at least 2 items"),
+        (
+            [entry("a")],
+            [],
+            "setups.yaml: setups: a joint fit needs 2 set-ups at least, here are 1: add set-ups",
+        ),
+        ([], [], "setups.yaml: setups: a joint fit needs 2 set-ups at least, here are 0"),
         ([entry("a", springs=1.0), entry("b")], [], "set-up 1 'a': known: springs: unknown key"),
         ([{**entry("a"), "knwn": 1}, entry("b")], [], "set-up 1 'a': knwn: unknown key"),
         ([{"name": "a"}, entry("b")], [], "set-up 1 'a': records: key is missing"),
@@ -126,6 +131,19 @@ def test_what_a_file_of_set_ups_gets_wrong_is_one_line(
     assert main(["fit", "--setups", str(file), "--valve", "4weh10_soft", "--model", "fluid"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert words in line
+
+
+def test_missing_records_of_set_ups_are_refused_together_before_any_is_read(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "here.csv").write_text("nonsense that reading would refuse first")
+    setups = [{**entry("first"), "records": ["here.csv"]}, entry("a"), entry("b")]
+    file = tmp_path / "setups.yaml"
+    file.write_text(yaml.safe_dump({"setups": setups}))
+    assert main(["fit", "--setups", str(file), "--valve", "4weh10_soft", "--model", "fluid"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    missing = f"set-up 'a': {tmp_path / 'a.csv'}, set-up 'b': {tmp_path / 'b.csv'}"
+    assert f"{file}: no such record: {missing}: correct the names of the files" in line
 
 
 def test_a_shared_parameter_that_is_fixed_is_refused(

@@ -105,6 +105,10 @@ def fit_setups_of(request: SetUpsRequest) -> FittedSetUps:
     both = sorted(set(settings.held) & set(shared))
     if both:
         raise InputError(f"{request.where}: shared: {both[0]}: --fix holds it: remove one of them")
+    missing = [(one.name, path) for one in setups for path in one.records if not path.exists()]
+    if missing:
+        names = ", ".join(f"set-up '{name}': {path}" for name, path in missing)
+        raise InputError(f"{request.where}: no such record: {names}: correct the names of the files")
     data = tuple(
         load_data(one.records, one.valve, request.selection, springs=one.known.spring_stiffness is not None)
         for one in setups
