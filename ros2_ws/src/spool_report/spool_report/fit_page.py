@@ -358,6 +358,7 @@ def _series(one: FittedSeries, ranking: Ranking) -> list[Markup]:
         html.heading(title),
         html.table(list(rows[0]), rows),
         html.paragraph(f"{LEGEND}. 'Not told': only combinations of them act."),
+        html.listing(tables.determined_lines(one)),
         *([html.section(f"Amplitude, friction and spectrum of {title}", others)] if others else []),
     ]
 

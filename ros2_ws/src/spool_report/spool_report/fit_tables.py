@@ -266,6 +266,15 @@ def ranking_rows(ranking: Ranking) -> list[dict[str, str]]:
     ]
 
 
+def determined_lines(one: FittedSeries) -> list[str]:
+    """Return what a series determines of each model at its start values, a line each."""
+    return [
+        f"{validated.name.replace('_', ' ')}, before the fit: {'; '.join(line.rstrip('.') for line in known)}"
+        for validated in one.validated
+        if (known := sentences(validated.fit.determinations))
+    ]
+
+
 def print_comparison(series: Sequence[FittedSeries], ranking: Ranking, console: Console) -> None:
     """Show parameters of each series, the ranking over all, and what it means."""
     for one in series:
@@ -273,6 +282,8 @@ def print_comparison(series: Sequence[FittedSeries], ranking: Ranking, console: 
         for validated in one.validated:
             text = f"  {validated.name.replace('_', ' ')}: {', '.join(parameter_lines(validated))}"
             console.print(text, markup=False, highlight=False, soft_wrap=True)
+        for line in determined_lines(one):
+            console.print(f"  {line}", markup=False, highlight=False, soft_wrap=True)
         _print(series_rows(one), console)
     console.print(LEGEND, markup=False, highlight=False, soft_wrap=True)
     console.print("[bold]Ranking[/bold]", highlight=False)

@@ -10,7 +10,7 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.figure import Figure
 from spool_core.uncertainty import LEGEND, interval, number, with_interval
-from spool_estimator.identification.determination import RISE_95, ProfileLikelihood
+from spool_estimator.identification.determination import RISE_95, ProfileLikelihood, sentences
 from spool_gap.catalogue import EFFECTS
 from spool_gap.report import anomaly_sentence
 from spool_gap.result import Curves, GapResult, Surface, Where
@@ -89,6 +89,7 @@ def gap_page(
         html.drawing(waveform_figure(result.curves), WAVEFORM, seen),
         *([html.listing([f"Warning: {line}" for line in result.warnings])] if result.warnings else []),
         html.table(["", "before", "after", "noise alone"], rows),
+        *([html.listing(known)] if (known := sentences(result.determinations)) else []),
         *([html.paragraph(anomaly_sentence(anomaly))] if (anomaly := result.linear_anomaly) else []),
         *_what_was_found(result),
         html.section("Where the gap sits", _where_it_sits(result)),
@@ -148,11 +149,11 @@ def _what_was_found(result: GapResult) -> list[Markup]:
         ]
         sections += [html.heading("Explanations not distinguished"), html.table(list(rows[0]), rows)]
     if result.profiles:
-        sentences = [f"{profile.sentence}." for profile in result.profiles]
+        profiles = [f"{profile.sentence}." for profile in result.profiles]
         sections += [
             html.heading("Parameters that the record determines"),
-            html.drawing(profile_figure(result.profiles), PROFILES, " ".join(sentences)),
-            html.listing(sentences),
+            html.drawing(profile_figure(result.profiles), PROFILES, " ".join(profiles)),
+            html.listing(profiles),
         ]
     if result.nuisances:
         nuisances = [

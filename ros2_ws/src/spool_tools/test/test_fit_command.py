@@ -67,6 +67,7 @@ class FitResult(Strict):
     model: str
     terms: list[str]
     converged: bool
+    stopped_early: bool
     reason: str | None
     warnings: list[str]
     parameters: dict[str, Number]
@@ -298,7 +299,13 @@ def test_the_model_that_a_record_was_made_with_is_preferred(
     found = Comparison.model_validate(read(out / "compare.json"))
     assert found.preferred == preferred
     assert found.ranking[0].model == preferred
-    assert f"{preferred} is preferred" in capfd.readouterr().out
+    printed = capfd.readouterr().out
+    assert f"{preferred} is preferred" in printed
+    known = "fluid, before the fit: The record determines: spring stiffness, viscous coefficient; mass: known"
+    assert known in printed
+    assert known in (out / "compare.html").read_text()
+    fluid = read(out / "compare.json")["series"][0]["models"]["fluid"]
+    assert fluid["determined"]["spring_stiffness"]["verdict"] == "identifiable"
     if preferred == "coulomb":
         last = found.ranking[-1]
         assert last.model == "fluid"

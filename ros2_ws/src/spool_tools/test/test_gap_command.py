@@ -215,6 +215,7 @@ def test_page_json_and_terminal_show_what_was_taken_where_nothing_is_missing(
     assert re.search(r"<td>none</td>(\s*<td[^>]*>[^<]*</td>){3}\s*<td>accepted</td>", text)
     assert "of windows that no fit has seen" in text
     for shown in (text, printed):
+        assert "The record determines: spring stiffness, viscous coefficient." in shown
         assert "another one is better" not in shown
         assert "noise alone up to" not in shown
     assert re.search(r"^none +the base .* accepted *$", printed, re.MULTILINE)

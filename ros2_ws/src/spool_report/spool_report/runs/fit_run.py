@@ -8,6 +8,7 @@ from pathlib import Path
 
 from rich.console import Console
 from spool_core.errors import InputError
+from spool_estimator.identification.fit import determined_before
 from spool_estimator.identification.fit_result import FitSettings
 from spool_report import fit_tables as tables
 from spool_report.outputs import ResultFiles, write_file, write_json
@@ -229,13 +230,15 @@ def load_series(
 
 
 def fit_all(data: Sequence[FitData], models: Sequence[Model], settings: FitSettings) -> list[FittedSeries]:
-    """Return every model fitted to every series."""
+    """Return every model fitted to every series, with what each determines at the model's start values."""
     series = []
     with progress("fitting", len(data) * len(models), steady=False) as advance:
         for one in data:
             validated = []
             for model in models:
-                validated.append(fit_and_validate(one, model, settings))
+                found = fit_and_validate(one, model, settings)
+                known = determined_before(one.fitted, model, one.valve)
+                validated.append(replace(found, fit=replace(found.fit, determinations=known)))
                 advance(1.0)
             series.append(FittedSeries(one, tuple(validated)))
     return series
