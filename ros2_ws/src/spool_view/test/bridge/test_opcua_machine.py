@@ -57,6 +57,26 @@ def test_a_value_has_its_unit_and_the_range_beyond_which_the_monitor_warns(serve
     assert (ends[1].Low, ends[1].High) == (0.5, 1.5)
 
 
+def test_valves_share_what_is_alike_and_keep_their_own_names_and_values(served: Any) -> None:
+    valves = [
+        HeardValve(
+            name,
+            ValveHealth(summary=name),
+            estimate=ModelEstimate(parameters=[Quantity(name="mass", unit="kg", value=value, validity=1)]),
+        )
+        for name, value in (("valve_1", 0.1), ("valve_2", 0.2))
+    ]
+    kept = (
+        "valve_1.estimate.mass [kg]",
+        "valve_2.estimate.mass [kg]",
+        "valve_1.health.summary",
+        "valve_2.health.summary",
+    )
+    assert [value for _, value in served(valves, *kept)] == [0.1, 0.2, "valve_1", "valve_2"]
+    names = [f"{valve.name}.Identification.ComponentName" for valve in valves]
+    assert [value.Text for _, value in served(valves, *names)] == ["valve_1", "valve_2"]
+
+
 def test_the_machine_is_as_ill_as_its_worst_valve_and_moves_when_one_moves(served: Any) -> None:
     still = ValveHealth(namur=ValveHealth.NAMUR_NORMAL, judgements=["friction_drift: not enough excitation"])
     moved = ValveHealth(namur=ValveHealth.NAMUR_OUT_OF_SPECIFICATION, judgements=["friction_drift: judged"])
