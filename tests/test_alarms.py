@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import signal
 import time
@@ -11,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import pytest
+import yaml
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from spool_bag.reader import BagReader
 from spool_monitor.journal import JournalEntry, entries_in
@@ -20,11 +22,13 @@ from spool_msgs.msg import Alarm, AlarmList, HealthEvent, ValveHealth
 from spool_msgs.srv import AcknowledgeAlarm, ManageBaseline, ResetAlarms, ShelveAlarm, SuppressAlarm
 
 if TYPE_CHECKING:
-    from .conftest import Process, System, Topic
+    from .conftest import Heard, Process, System, Topic
 
 MONITOR = "/valve_1/monitor"
 SILENCE = "stale/acceleration"
 RATIOS = ("amplification", "viscous_coefficient_change", "reversals")
+ANALYZERS = Path(__file__).parents[1] / "ros2_ws/src/spool_bringup/config/diagnostic_aggregator.yaml"
+SHOWN = "/Spool valves/valve_1/monitor: "
 UNITS = ("_N", "_N_per_m", "_N_s_per_m", "_Hz", "_deg_C", "_m", "_B")
 
 
@@ -58,6 +62,7 @@ def stop_data(system: System, simulator: Process, alarms: Topic) -> None:
 def test_an_acknowledged_alarm_and_the_baseline_survive_a_kill(system: System) -> None:
     alarms = system.listen(AlarmList, "/valve_1/alarms", latched=True)
     events = system.listen(HealthEvent, "/valve_1/events", latched=True)
+    _ = system.diagnostics
     simulator, _, monitor = valve(system)
 
     def baseline() -> Any:
@@ -77,7 +82,7 @@ def test_an_acknowledged_alarm_and_the_baseline_survive_a_kill(system: System) -
     monitor.kill()
     alarms.heard.clear()
 
-    system.start("monitor", baseline_time=3.0)
+    monitor = system.start("monitor", baseline_time=3.0)
     system.until(lambda: state(alarms) == Alarm.STATE_ACKNOWLEDGED, "the acknowledgement is still there")
     kept = alarm(alarms)
     assert (kept.acknowledged_by, kept.comment, kept.code) == ("Eva", "I look", 801)
@@ -95,6 +100,14 @@ def test_an_acknowledged_alarm_and_the_baseline_survive_a_kill(system: System) -
         ),
         "the event says so",
     )
+
+    # An aggregator has its task from before, which would be STALE forever.
+    monitor.kill()
+    killed = time.monotonic()
+    system.start("monitor", baseline_time=3.0)
+    over = f"valve_1/monitor: alarm {SILENCE}"
+    system.until(lambda: system.statuses(over, after=killed), "an alarm that is over is sent after a restart")
+    assert system.statuses(over)[-1][1].level == DiagnosticStatus.OK
 
 
 def test_operators_acknowledge_shelve_suppress_and_are_refused_with_a_reason(system: System) -> None:
@@ -292,6 +305,35 @@ def memory(statuses: Iterable[DiagnosticStatus], *keys: str) -> dict[str, tuple[
     return faults
 
 
+def aggregated(heard: Iterable[Heard], now: float) -> dict[str, int]:
+    """Return what diagnostic_aggregator with our analyzers shows of ``heard`` at ``now``: levels by path.
+
+    It keeps the last state of each task that an analyzer's prefix fits, forever, and makes it STALE where
+    ``timeout`` passed since. An expected task is STALE before it comes. An analyzer has the worst level; with
+    a STALE one among others it is ERROR. It shows no "/" of a name, and removes the prefix.
+    """
+    stale, error = (int.from_bytes(one, "little") for one in (DiagnosticStatus.STALE, DiagnosticStatus.ERROR))
+    settings = yaml.safe_load(ANALYZERS.read_text())["analyzers"]["ros__parameters"]
+    root, shown = settings.pop("path"), {}
+    received = [(one.arrival, status) for one in heard for status in one.message.status]
+    for analyzer in settings.values():
+        (prefix,), path = analyzer["find_and_remove_prefix"], f"/{root}/{analyzer['path']}"
+        items = dict.fromkeys(analyzer["expected"], (-math.inf, stale))
+        for arrival, status in received:
+            if status.name.startswith(prefix):
+                items[status.name] = arrival, int.from_bytes(status.level, "little")
+        levels = {
+            name: stale if now - at > analyzer["timeout"] else level for name, (at, level) in items.items()
+        }
+        worst = max(levels.values())
+        shown[path] = error if worst == stale and min(levels.values()) < stale else worst
+        shown |= {
+            f"{path}/{name.removeprefix(prefix).strip().replace('/', ' ')}": one
+            for name, one in levels.items()
+        }
+    return shown
+
+
 def test_a_fault_memory_has_a_fault_an_alarm_and_silence_by_order_is_no_fault(system: System) -> None:
     """As a bridge reads it: a fault for each task that is not OK, at the node that hardware_id names."""
     _ = system.diagnostics
@@ -315,6 +357,9 @@ def test_a_fault_memory_has_a_fault_an_alarm_and_silence_by_order_is_no_fault(sy
     assert memory(everything, "fault_code") == {"valve_1.stale.acceleration": (2, True)}
     critical = {code for code, (level, _) in memory(everything).items() if level == 3}
     assert critical <= {"VALVE_1_MONITOR_DATA", "VALVE_1_MONITOR_CONDITION"}
+    shown = aggregated(system.diagnostics.heard, system.diagnostics.heard[-1].arrival)
+    assert shown["/Spool valves/valve_1"] == shown[f"{SHOWN}alarm stale acceleration"] == 2
+    assert shown["/Spool valves/valve_2"] == 3  # it never came
     estimator = [one for one in everything if one.name == "valve_1/estimator: estimate"]
     assert DiagnosticStatus.STALE not in {one.level for one in estimator}
 
@@ -328,9 +373,19 @@ def test_a_fault_memory_has_a_fault_an_alarm_and_silence_by_order_is_no_fault(sy
     everything = [one for heard in system.diagnostics.messages for one in heard.status]
     assert memory(everything, "fault_code") == {"valve_1.stale.acceleration": (2, False)}
     system.change(MONITOR, "deactivate")
-    asleep = "not monitored: the monitor is inactive"
+    asleep, resting = "not monitored: the monitor is inactive", time.monotonic()
     system.until(lambda: all(last(name).message == asleep for name in judged), "it says that it sleeps")
     assert {last(name).level for name in judged} == {DiagnosticStatus.OK}
+    system.until(
+        lambda: system.statuses(task, after=resting + 6.0), "a monitor that rests differs from a dead one"
+    )
+    newest = system.diagnostics.heard[-1].arrival
+    shown = aggregated(system.diagnostics.heard, newest)
+    own = {name: level for name, level in shown.items() if name.startswith(SHOWN)}
+    assert f"{SHOWN}alarm stale acceleration" in own
+    assert set(own.values()) == {0}
+    gone = aggregated(system.diagnostics.heard, newest + 6.0)
+    assert set(gone.values()) == {3}
     since = [
         one for heard in system.diagnostics.heard if heard.arrival > put_aside for one in heard.message.status
     ]

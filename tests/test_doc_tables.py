@@ -49,6 +49,7 @@ EXPLAINING = {
         ("where", "what it shows"),
         ("file", "holds"),
         ("field", "content"),
+        ("rule", "with our nodes"),
     ],
     "metrics.md": [("metric", "labels")],
     "architecture.md": [("package", "job"), ("topic", "offered")],

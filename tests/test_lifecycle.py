@@ -39,12 +39,12 @@ def test_the_nodes_are_managed_from_outside(system: System, tmp_path: Path) -> N
 
     for node in nodes.values():
         assert system.state(node) == "unconfigured"
-    become_silent(system, *topics)
+    become_silent(system, *topics, system.diagnostics)
     assert not (tmp_path / "bag").exists()
     for node in nodes.values():
         system.change(node, "configure")
         assert system.state(node) == "inactive"
-    become_silent(system, *topics)
+    become_silent(system, *topics, system.diagnostics)
     assert not (tmp_path / "bag").exists()
     for node in nodes.values():
         system.change(node, "activate")
@@ -71,7 +71,7 @@ def test_the_nodes_are_managed_from_outside(system: System, tmp_path: Path) -> N
     system.until(lambda: "inactive" in health.last.summary, "the monitor tells that it is inactive")
     assert health.last.level == ValveHealth.LEVEL_UNKNOWN
     before = estimates.last
-    become_silent(system, *topics)
+    become_silent(system, *topics)  # while inactive they report that they rest
     for node in nodes.values():
         system.change(node, "activate")
     begin = time.monotonic()
@@ -88,7 +88,7 @@ def test_the_nodes_are_managed_from_outside(system: System, tmp_path: Path) -> N
     for node in nodes.values():
         system.change(node, "deactivate", "cleanup")
         assert system.state(node) == "unconfigured"
-    become_silent(system, *topics)
+    become_silent(system, *topics, system.diagnostics)
     for node in (nodes["estimator"], nodes["simulator"]):
         system.change(node, "configure", "activate")
     system.until(
@@ -98,8 +98,7 @@ def test_the_nodes_are_managed_from_outside(system: System, tmp_path: Path) -> N
 
 
 def become_silent(system: System, *topics: Topic) -> None:
-    """Wait until nothing comes on ``topics`` and nobody reports for a second; they are emptied."""
-    topics = (*topics, system.diagnostics)
+    """Wait until nothing comes on ``topics`` for a second; they are emptied."""
 
     def nothing() -> bool:  # what was on its way when a service answered still arrives
         for topic in topics:

@@ -190,6 +190,10 @@ class AdapterNode(ManagedNode):
             self.subscribe(kind, topic, self._taker(channels), wanted)
         self.every(LOOK, self._look, steady=True)
 
+    def deactivate(self) -> None:
+        """Report that no blocks are sent, by order."""
+        self._diagnostics.rest("inactive: no blocks are sent")
+
     def cleanup(self) -> None:
         """Destroy the publishers."""
         self._publisher.destroy()

@@ -425,7 +425,6 @@ class AlarmServices:
         self._language = language
         self._state = state
         self.valve_id = node.get_namespace().strip("/")
-        self._stood: set[str] = set()
         self._publisher = node.create_lifecycle_publisher(AlarmList, "alarms", qos.state())
         for kind, name, answer in (
             (AcknowledgeAlarm, "acknowledge_alarm", self._acknowledge),
@@ -495,15 +494,13 @@ class AlarmServices:
         return _words(silent[0].state)
 
     def statuses(self) -> list[Status]:
-        """Return a task for each alarm that stands, or stood since the start; they alone have a ``code``.
+        """Return a task for each alarm that stands, or ever stood; they alone have a ``code``.
 
-        A fault memory keeps one fault for each task, which ends with level OK: alarms that are over are sent
-        on.
+        A fault memory keeps one fault for each task, which ends with level OK, and an aggregator shows a task
+        that stops as STALE: alarms that are over are sent on, also after a restart.
         """
-        alarms = self._state.alarms
-        self._stood |= {alarm.name for alarm in alarms.shown}
-        namespace = self._node.get_namespace()
-        return [alarm_status(alarms.alarms[name], namespace) for name in sorted(self._stood)]
+        alarms, namespace = self._state.alarms.alarms, self._node.get_namespace()
+        return [alarm_status(one, namespace) for _, one in sorted(alarms.items()) if one.changed_at]
 
     def status(self, namur: Namur, trends: TrendWriter | None) -> Status:
         """Return what ``/diagnostics`` shows of the alarms: what is put aside does not raise its level."""

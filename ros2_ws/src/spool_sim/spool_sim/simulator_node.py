@@ -115,6 +115,10 @@ class SimulatorNode(ManagedNode):
         self.every(0.5 / self.value("block_rate"), self._turn)
         self.every(1.0, self._report, steady=True)
 
+    def deactivate(self) -> None:
+        """Report that no blocks are sent, by order."""
+        self._diagnostics.rest("inactive: no blocks are sent")
+
     def cleanup(self) -> None:
         """Release publisher and valve."""
         self._publisher.destroy()

@@ -8,11 +8,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from rclpy.node import Node
 
 from spool_core.block_gate import BlockGate, Fault
 from spool_core.node import qos
+from spool_core.node.managed_node import ManagedNode
 from spool_core.text import plural
+
+#: s between two reports of a node at rest: `diagnostic_aggregator` shows a task STALE after 5 s by default.
+PERIOD = 1.0
 
 
 class Level(enum.Enum):
@@ -69,30 +72,38 @@ class DiagnosticPublisher:
     ``valve_id``, where not empty, is a value of every task; it may change when the node learns it.
     """
 
-    def __init__(self, node: Node, valve_id: str = "") -> None:
+    def __init__(self, node: ManagedNode, valve_id: str = "") -> None:
         self._node = node
         self.valve_id = valve_id
+        self._resting = False
         self._kept: dict[str, DiagnosticStatus] = {}
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", qos.diagnostics())
 
     def publish(self, *tasks: Status) -> None:
         """Send the state of ``tasks`` now."""
-        message = DiagnosticArray()
-        message.header.stamp = self._node.get_clock().now().to_msg()
-        message.status = [self._filled(task) for task in tasks]
-        self._publisher.publish(message)
+        self._resting = False
+        self._send([self._filled(task) for task in tasks])
 
     def rest(self, reason: str, *tasks: str) -> None:
         """Send that ``tasks`` (none: all that were sent) are silent by order, which is no fault: ``reason``.
 
-        Otherwise their last level would stay with every listener.
+        Otherwise their last level would stay with every listener. All tasks are sent each second until the
+        next :meth:`publish`: a node that rests differs from one that died.
         """
-        message = DiagnosticArray()
-        message.header.stamp = self._node.get_clock().now().to_msg()
         for task, status in self._kept.items():
             if not tasks or task in tasks:
                 status.level, status.message = Level.OK.value, reason
-                message.status.append(status)
+        self._resting = True
+        self._rest_on()
+        self._node.every(PERIOD, self._rest_on, steady=True)
+
+    def _rest_on(self) -> None:
+        if self._resting:
+            self._send(list(self._kept.values()))
+
+    def _send(self, statuses: list[DiagnosticStatus]) -> None:
+        message = DiagnosticArray(status=statuses)
+        message.header.stamp = self._node.get_clock().now().to_msg()
         self._publisher.publish(message)
 
     def _filled(self, task: Status) -> DiagnosticStatus:
@@ -113,4 +124,5 @@ class DiagnosticPublisher:
 
     def destroy(self) -> None:
         """Take the publisher away."""
+        self._resting = False
         self._node.destroy_publisher(self._publisher)
