@@ -125,7 +125,7 @@ def test_plant_systems_see_state_and_quality_and_change_nothing(valve: Bridged) 
 
     async def work() -> None:
         await until(listens, "the server starts")
-        async with Client(url, timeout=PATIENCE) as client:
+        async with Client(url, timeout=PATIENCE, watchdog_intervall=PATIENCE) as client:
             index = await client.get_namespace_index("urn:spool-suite:valves")
 
             async def read(name: str) -> Any:
@@ -153,7 +153,7 @@ def test_plant_systems_see_state_and_quality_and_change_nothing(valve: Bridged) 
                 return bool(value.StatusCode.value == ua.StatusCodes.BadNoCommunication)
 
             await until(lost, "a dead monitor is shown by the quality")
-        async with Client(url, timeout=PATIENCE) as client:
+        async with Client(url, timeout=PATIENCE, watchdog_intervall=PATIENCE) as client:
             assert await attacks(client, index) == []
         administrator = Client(url, timeout=PATIENCE)
         administrator.set_user("admin")

@@ -48,7 +48,7 @@ class Plant:
         from asyncua import Client, ua  # noqa: PLC0415 - slow to load
         from asyncua.crypto import security_policies  # noqa: PLC0415
 
-        client = Client(self.url, timeout=PATIENCE)
+        client = Client(self.url, timeout=PATIENCE, watchdog_intervall=PATIENCE)
         client.application_uri = "urn:test:client"
         await client.set_security(
             getattr(security_policies, f"SecurityPolicy{policy}"), *map(str, who),

@@ -93,7 +93,7 @@ def test_the_opc_ua_server_serves_the_fields_of_an_alarm() -> None:
             machine = Machine(server, index, Nameplate("press 7"))
             await machine.build()
             await AddressSpace(server, index, machine).update([valve], 0.0)
-            async with Client(f"opc.tcp://127.0.0.1:{port}") as client:
+            async with Client(f"opc.tcp://127.0.0.1:{port}", watchdog_intervall=60) as client:
                 folder = client.get_node(ua.NodeId("valve_1.alarms.friction_drift", index))
                 found = {}
                 for node in await folder.get_children():

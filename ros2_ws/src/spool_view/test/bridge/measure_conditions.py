@@ -84,7 +84,7 @@ async def _measure(valves: int, alarms: int) -> None:
 
 
 async def _follow(server: PlantServer, conditions: Conditions, valves: list[HeardValve]) -> None:
-    async with Client("opc.tcp://127.0.0.1:48410", timeout=60) as client:
+    async with Client("opc.tcp://127.0.0.1:48410", timeout=60, watchdog_intervall=60) as client:
         arrivals = Heard()
         subscription = await client.create_subscription(100, arrivals)
         await subscription.subscribe_alarms_and_conditions(
