@@ -19,12 +19,12 @@ RESEARCH = {path.parent.name for path in (ROOT / "research").glob("*/__init__.py
 #: What was measured, and may only become less: put the new figure here with the change that improves it.
 #: Lines and files may grow only in a change that adds a feature; its commit message says what that costs.
 RATCHETS = {
-    "lines": 86_005,
-    "lines of code": 55_126,
+    "lines": 86_144,
+    "lines of code": 55_264,
     "files": 403,
     "lines of research": 14_903,
-    "lines up to the last import, %": 8.39,
-    "private functions with one caller, %": 17.45,
+    "lines up to the last import, %": 8.38,
+    "private functions with one caller, %": 16.4,
     "modules with one importer, %": 14.78,
 }
 
