@@ -34,7 +34,8 @@ Alarms = dict[str, bool]
 class Run:
     """Run of one seed: the story, faults as text, every transition of an alarm, and the alarms.
 
-    ``silent``: s since the last estimate came, at the end.
+    ``silent``: s since the last estimate came, at the end. ``heard``: longest time in s after the valve's
+    change in which no silence was reported. ``first``: s from that change to the first alarm.
     """
 
     seed: int
@@ -43,6 +44,8 @@ class Run:
     transitions: tuple[str, ...]
     alarms: Alarms
     silent: float
+    heard: float
+    first: float
 
     @property
     def invented(self) -> list[str]:
@@ -60,10 +63,13 @@ class Run:
 
     @property
     def lost(self) -> list[str]:
-        """Alarms that the valve has without faults."""
+        """Alarms that the valve has without faults, unless the monitor hears it for less time than it needs."""
+        usual = undisturbed(self.story)
+        if self.heard < usual.first:
+            return []
         return [
             name
-            for name, stands in undisturbed(self.story).alarms.items()
+            for name, stands in usual.alarms.items()
             if name not in self.alarms or self.alarms[name] != stands
         ]
 
@@ -106,21 +112,25 @@ def run(seed: int, *, faults: bool = True) -> Run:
     monitor, store = Monitor(SETTINGS), AlarmStore()
     transitions: list[str] = []
     alarms: Alarms = {}
-    last = told(story).blocks[0].stamp
+    begin = last = told(story).blocks[0].stamp
+    changed = STEP * min((*PLOTS[story].changes, *PLOTS[story].dead), default=0)
+    stretch, longest, first = 0.0, 0.0, 0.0
     for block, estimates in zip(told(story).blocks, heard, strict=True):
         events = monitor.update(block)
         for one in estimates:
             events += monitor.update_estimate(one)
             last = block.end
         events += monitor.idle(0.0, max(0.0, 1e-9 * (block.end - last) - STEP), block.end)
+        now = 1e-9 * (block.end - begin)
+        stretch = stretch + STEP if now > changed and 1e-9 * (block.end - last) - STEP < STALE else 0.0
+        longest = max(longest, stretch)
+        first = first or (now - changed if events else 0.0)
         for event in events:
             after = store.update(event).after
-            transitions.append(
-                f"{event.stamp - told(story).blocks[0].stamp} {after.name} {after.state.name} {event}"
-            )
+            transitions.append(f"{event.stamp - begin} {after.name} {after.state.name} {event}")
             alarms[after.name] = event.state is EventState.RAISED
     silent = 1e-9 * (told(story).blocks[-1].end - last)
-    return Run(seed, story, said, tuple(transitions), alarms, silent)
+    return Run(seed, story, said, tuple(transitions), alarms, silent, longest, first)
 
 
 @functools.cache
