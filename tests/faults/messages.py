@@ -63,7 +63,7 @@ class Run:
 
     @property
     def lost(self) -> list[str]:
-        """Alarms that the valve has without faults, unless the monitor hears it for less time than it needs."""
+        """Alarms that the valve has without faults, if the monitor hears it for as long as it needs."""
         usual = undisturbed(self.story)
         if self.heard < usual.first:
             return []
