@@ -28,6 +28,7 @@ MODELS = ("fluid", "coulomb", "stribeck", "mixed")
 #: What differs from one run to the next without meaning anything.
 VOLATILE = (
     "seconds",
+    "elapsed_s",
     "processor_seconds",
     "version",
     "created",
