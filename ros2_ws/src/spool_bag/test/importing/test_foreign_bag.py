@@ -181,7 +181,7 @@ def test_messages_that_a_recorder_had_not_moved_into_its_database_are_read(tmp_p
 @pytest.mark.parametrize(
     ("of", "why"),
     [
-        (lambda at, value: imu(at, value, covariance=-1.0), "measure no acceleration"),
+        (lambda at, value: imu(at, value, covariance=-1.0), "contain no acceleration"),
         (lambda at, value: imu(at, value, frame=f"imu_{at % 2}"), "several publishers wrote this topic"),
         (lambda at, value: imu(at // 2, value), "several publishers on one topic"),
         (lambda at, value: imu(at, value / 9.80665, gravity=1.0), "show .* as gravity.*type --unit body=g"),

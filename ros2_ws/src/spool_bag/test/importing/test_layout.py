@@ -296,7 +296,7 @@ def test_lines_above_the_samples_that_nothing_used_are_named(tmp_path: Path) -> 
 @pytest.mark.parametrize("count", ["{:04X}", "0x{:04X}"])
 def test_hexadecimal_counts_are_refused_as_that(tmp_path: Path, count: str) -> None:
     rows = [f"{at},{count.format(0x400 + 7 * at)},{count.format(0xC00 - 5 * at)}" for at in range(200)]
-    with pytest.raises(InputError, match="hexadecimal numbers, whose sign is not known"):
+    with pytest.raises(InputError, match="hexadecimal numbers of unknown sign"):
         read_record(save(tmp_path, ["sample,body [g],spool [g]", *rows]), how=choices(rate=2000.0))
 
 
