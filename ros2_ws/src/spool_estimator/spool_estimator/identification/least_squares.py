@@ -259,7 +259,7 @@ def _follow(problem: LeastSquares, x: Array, residual: Array, rounds: int, enoug
         step = STEP * sizes
         step = np.where(x + step > high, -step, step)
         changes = problem.residuals(x + np.diag(step)) - residual
-        if not np.isfinite(changes).all():
+        if not np.isfinite(problem.costs(changes)).all():
             # Beside motions that cannot be followed: nearer to where the slopes were known.
             if before is None or damping > MOST_DAMPING:
                 break

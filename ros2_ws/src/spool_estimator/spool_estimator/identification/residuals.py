@@ -114,7 +114,8 @@ class Weighted(ABC):
     @staticmethod
     def costs(residuals: Array) -> Array:
         """Return the sums of squares of ``residuals`` (s, m), shape (s,); infinite where a run failed."""
-        return np.asarray(np.nan_to_num(np.sum(residuals**2, axis=1), nan=np.inf))
+        with np.errstate(over="ignore"):
+            return np.asarray(np.nan_to_num(np.sum(residuals**2, axis=1), nan=np.inf, posinf=np.inf))
 
     def at_with_slopes(self, point: Array) -> tuple[Array, Array]:
         """Return ``at`` and its Jacobian, shape (all samples, u); all perturbed sets run in one call."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -16,6 +17,7 @@ from spool_estimator.identification.least_squares import (
     to_hold,
     unseen_directions,
 )
+from spool_estimator.identification.residuals import Weighted
 
 TIME = np.linspace(0.0, 1.0, 200)
 #: Size, rate and offset of a decay.
@@ -70,6 +72,22 @@ def test_the_deepest_of_several_ends_is_taken():
     problem = Decay((2.0, 8.0, 0.1), 1)
     end = found(problem, [(9.0, 0.1, -1.0), (2.0, 7.0, 0.0)], tries=2)
     assert end.cost <= min(found(problem, [start]).cost for start in ((9.0, 0.1, -1.0), (2.0, 7.0, 0.0)))
+
+
+class Diverging(Decay):
+    """A decay whose residual grows beyond the square root of the largest number from a size of 3 on."""
+
+    def residuals(self, points):
+        return np.where(points[:, :1] > 3.0, 1e200, super().residuals(points))
+
+    costs = staticmethod(Weighted.costs)
+
+
+def test_a_descent_beside_motions_too_large_to_square_ends_without_an_error():
+    end = found(Diverging((5.0, 8.0, 0.1), 1), [(2.999, 8.0, 0.1)])
+    assert math.isfinite(end.cost)
+    assert end.point[0] <= 3.0
+    assert Weighted.costs(np.array([[1e200]])) == math.inf
 
 
 def test_nothing_to_find_is_found_immediately():
