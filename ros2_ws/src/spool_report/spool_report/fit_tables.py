@@ -25,7 +25,7 @@ from spool_core.uncertainty import (
     width,
     with_interval,
 )
-from spool_estimator.identification.determination import sentences
+from spool_estimator.identification.determination import ONE_SIDED, sentences
 from spool_estimator.identification.fit_result import Fit
 from spool_sim.model import Model
 
@@ -97,10 +97,11 @@ def to_dictionary(validated: ValidatedFit) -> dict[str, Any]:
 def parameter_rows(found: Fit) -> list[dict[str, str]]:
     """Return a row of text for each parameter: what was fitted, what acts together, what was held."""
     rows = []
+    bounds = {one.name: one.bound for one in found.determinations if one.verdict == ONE_SIDED}
     for quantity in (*found.parameters, *found.combinations):
         note = "at its bound" if quantity.name in found.at_bound else ""
         if not math.isfinite(quantity.value):
-            note = "the record does not determine it"
+            note = bounds.get(quantity.name, "the record does not determine it")
         shown = interval(quantity.value, quantity.standard_deviation)
         rows.append(
             {

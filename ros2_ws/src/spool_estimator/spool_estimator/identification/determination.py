@@ -5,8 +5,9 @@ where only one end does. Where none does, the record still may show it once othe
 *only together* with these. Else it is *not identifiable*.
 
 The information (slopes of the weighted residual) gives the intervals where the residual is nearly linear in
-the number. The weak ones, whose interval so found leaves the bounds, are decided by the profile likelihood:
-the number is held at other values, and the others are fitted again.
+the number. The weak ones are decided by the profile likelihood: the number is held at other values, and the
+others are fitted again. A number is weak where its interval so found leaves the bounds, or where the
+likelihood at twice that interval is still as at its ends: the slopes mislead.
 
 Sources: Wilks, Ann. Math. Stat. 9, 1938 (rise of a profile); Raue and others, Bioinformatics 25, 2009 (what
 a profile shows).
@@ -64,6 +65,12 @@ class Determination:
         return self.verdict in (TOGETHER, NOT)
 
     @property
+    def bound(self) -> str:
+        """The end of an interval that is bounded on one side, in words."""
+        end, value = ("at least", self.low) if self.low is not None else ("at most", self.high)
+        return f"{end} {number(value or 0.0)}{unit_text(self.unit)} (95 %)"
+
+    @property
     def sentence(self) -> str:
         """The judgement in words."""
         own = self.name.replace("_", " ")
@@ -73,9 +80,7 @@ class Determination:
         if self.verdict == IDENTIFIABLE:
             return f"{own}: determined{held}"
         if self.verdict == ONE_SIDED:
-            end, value = ("at least", self.low) if self.low is not None else ("at most", self.high)
-            bound = f"{end} {number(value or 0.0)}{unit_text(self.unit)}"
-            return f"{own}: bounded on one side, {bound} (95 %){held}"
+            return f"{own}: bounded on one side, {self.bound}{held}"
         if self.verdict == TOGETHER:
             others = ", ".join(name.replace("_", " ") for name in self.together_with)
             return f"{own}: known only together with {others or 'other parameters'}{held}"
@@ -153,6 +158,13 @@ def judgement(
         return Determination(unknown.name, unknown.unit, verdict, low, high)
     verdict = TOGETHER if together_with else NOT
     return Determination(unknown.name, unknown.unit, verdict, together_with=together_with)
+
+
+def refuted(one: Determination | None, unknown: Unknown, value: float, deviation: float) -> bool:
+    """Return whether a judgement denies the interval of a value that ``deviation`` puts inside the bounds."""
+    half = Z_95 * deviation
+    inside = unknown.low < value - half and value + half < unknown.high
+    return inside and one is not None and one.verdict in (ONE_SIDED, TOGETHER, NOT)
 
 
 def information_covariance(slopes: Array, ranges: Array) -> Array:

@@ -28,6 +28,7 @@ from spool_estimator.identification.determination import (
     TOGETHER,
     Determination,
     hidden_by_name,
+    refuted,
 )
 from spool_estimator.identification.equation_error import EquationError, input_noise_effect
 from spool_estimator.identification.fit_check import (
@@ -349,7 +350,7 @@ def _held_back(
         )
     chosen = {one.name: one for one in to_hold(found.determinations, model, valve)}
     chosen.pop(MASS, None)
-    if not chosen:
+    if not chosen or len(chosen) == len(found.parameters):
         return found
     held = {name: one.held_at for name, one in chosen.items() if one.held_at is not None}
     start = {name: value for name, value in found.values.items() if name not in {**held, **found.held}}
@@ -479,11 +480,13 @@ def _result(
         residuals, unknowns, descended, ends, covariance, unseen, ended.before, final, settings
     )
     judged = {one.name: one for one in determinations}
+    fitted = {unknown.name: float(value) for unknown, value in zip(free, descended, strict=True)}
     parameters = []
     unclear = list(lost)
     for unknown in unknowns:
         deviation = deviations.get(unknown.name, math.nan)
         untold = unknown.low > 0.0 and not deviation < UNTOLD * abs(named.get(unknown.name, 0.0))
+        untold |= refuted(judged.get(unknown.name), unknown, fitted.get(unknown.name, 0.0), deviation)
         if unknown.name in lost or untold or not math.isfinite(deviation):
             parameters.append(Quantity(unknown.name, unknown.unit))
             unclear += [unknown.name] if unknown.name not in unclear else []
@@ -492,7 +495,7 @@ def _result(
             one = judged.get(unknown.name)
             if one is not None and not (one.low or -math.inf) <= value <= (one.high or math.inf):
                 # Too far moved by the noise of the excitation for one step to be right.
-                value = float(descended[[u.name for u in free].index(unknown.name)])
+                value = fitted[unknown.name]
                 ends_of = [end for end in (one.low, one.high) if end is not None]
                 deviation = max((abs(end - value) / Z_95 for end in ends_of), default=deviation)
             parameters.append(Quantity(unknown.name, unknown.unit, value, deviation, Validity.VALID))

@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 from spool_core.errors import InputError
 from spool_core.numbers import Array
+from spool_core.uncertainty import Z_95
 from spool_sim.model import Model
 from spool_sim.valve import Valve
 
@@ -33,7 +34,8 @@ from spool_estimator.identification.residuals import Residuals, Weighted
 
 #: Standard deviations, each at most its size, at which a weak number is held until the likelihood fell.
 STEPS = (1.0, 2.0, 3.0, 5.0, 10.0)
-#: Rise over that at the end of an interval up to which it is interpolated, and halvings on the way there.
+#: Rise over that at the end of an interval, and of a parabola over the profile, up to which the end is
+#: interpolated; halvings on the way there.
 NEAR, HALVINGS = 3.0, 8
 #: Rise where a run failed.
 FAILED = 1e300
@@ -95,13 +97,20 @@ def at_result(
     )
     spreads = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     alone = np.diag(np.linalg.pinv(slopes.T @ slopes))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        excess = np.where(np.isfinite(spreads) & (alone > 0.0), spreads**2 / alone, 1.0)
+    dispersions = np.maximum(1.0, excess)
+    rises = _rises_beyond(residuals, point, covariance) / dispersions
     for place, (name, one) in enumerate(own.items()):
+        misled = bool(rises[place] < RISE_95)
         # A sensor's numbers have bounds that are no limits of physics.
-        if one.verdict != IDENTIFIABLE and not hidden.get(name) and name not in (SPOOL_GAIN, SPOOL_DELAY):
-            spread = float(spreads[place])
-            known = math.isfinite(spread) and alone[place] > 0.0
-            dispersion = max(1.0, spread**2 / float(alone[place])) if known else 1.0
-            own[name] = by_profile(residuals, point, one, spread, dispersion)
+        if (
+            (misled or one.verdict != IDENTIFIABLE)
+            and not hidden.get(name)
+            and name not in (SPOOL_GAIN, SPOOL_DELAY)
+        ):
+            spread = math.inf if misled else float(spreads[place])
+            own[name] = by_profile(residuals, point, one, spread, float(dispersions[place]))
     for unknown in unknowns:
         if unknown.name in own:
             continue
@@ -115,6 +124,24 @@ def at_result(
             wide = np.append(point, residuals.values[unknown.name])
             own[unknown.name] = by_profile(wider, wide, blind, math.inf, 1.0)
     return [replace(own.get(one.name, one), at_start=one.verdict) for one in first]
+
+
+def _rises_beyond(residuals: Weighted, point: Array, covariance: Array) -> Array:
+    """Return how far the likelihood fell at twice the interval that ``covariance`` gives, shape (u,).
+
+    The lesser of both sides, the others moved along; infinite where there is no interval. Where it is less
+    than at the end of an interval, as above a friction that holds the spool, the slopes at ``point`` mislead.
+    """
+    variances = np.diag(covariance)
+    places = np.flatnonzero(np.isfinite(variances) & (variances > 0.0))
+    found = np.full(point.size, math.inf)
+    if places.size:
+        ways = 2.0 * Z_95 * covariance[places] / np.sqrt(variances[places, np.newaxis])
+        points = np.vstack([point, point + ways, point - ways])
+        points = np.clip(points, *least_squares.bounds_of(residuals.unknowns))
+        costs = residuals.costs(residuals.residuals(points))
+        found[places] = (costs[1:] - costs[0]).reshape(2, places.size).min(axis=0)
+    return found
 
 
 def scale_of(
@@ -260,7 +287,7 @@ class _Profile:
     def side(self, step: float) -> list[tuple[float, float]]:
         """Return values and rises on one side, in ``step`` (signed) until it is decided."""
         unknown = self._residuals.unknowns[self._place]
-        inside = self._point.copy()
+        inside, below = self._point.copy(), 0.0
         rows: list[tuple[float, float]] = []
         for factor in STEPS:
             held = inside.copy()
@@ -270,19 +297,29 @@ class _Profile:
             if self._residuals.work.spent >= self._residuals.work.until:
                 self._residuals.work.cut = True
                 break
-            rise = self._rise_at(held, rows)
+            rise = above = self._rise_at(held, rows)
             # Where the rise is not nearly a parabola: between here and the last value that is possible.
-            for _ in range(HALVINGS if rise > NEAR * RISE_95 else 0):
+            for _ in range(HALVINGS):
+                if not above >= RISE_95 or self._nearly_parabola(inside, below, held, above):
+                    break
                 middle = inside.copy()
                 middle[self._place] = 0.5 * (inside[self._place] + held[self._place])
                 found = self._rise_at(middle, rows)
-                if RISE_95 <= found <= NEAR * RISE_95 or math.isnan(found):
+                if math.isnan(found):
                     break
-                inside, held = (middle, held) if found < RISE_95 else (inside, middle)
+                if found < RISE_95:
+                    inside, below = middle, found
+                else:
+                    held, above = middle, found
             if not rise < RISE_95:
                 break
-            inside = held
+            inside, below = held, rise
         return rows
+
+    def _nearly_parabola(self, inside: Array, below: float, held: Array, above: float) -> bool:
+        """Return whether a parabola gives the end of the interval from ``inside`` to ``held``."""
+        near, far = (float(one[self._place] - self._point[self._place]) for one in (inside, held))
+        return above <= NEAR * RISE_95 and NEAR * below >= above * (near / far) ** 2
 
     def _rise_at(self, held: Array, rows: list[tuple[float, float]]) -> float:
         """Return the rise at ``held``, whose other numbers become the fitted ones, and add it to ``rows``.

@@ -31,6 +31,7 @@ from spool_estimator.identification.determination import (
     Determination,
     by_information,
     hidden_by_name,
+    refuted,
 )
 from spool_estimator.identification.equation_error import NoiseEffect, input_noise_effect
 from spool_estimator.identification.fit import (
@@ -410,6 +411,13 @@ def _joined(
     )
     hidden = hidden_by_name(unseen, names)
     judged = at_result(joint, joint.unknowns, ended, covariance, hidden, first)
+    lost += tuple(
+        unknown.name
+        for unknown, one, value, deviation in zip(
+            joint.unknowns, judged, ended, standard_deviations(covariance), strict=True
+        )
+        if refuted(one, unknown, float(value), float(deviation))
+    )
     judged += [
         Determination(name, unknowns[names.index(name)].unit, TOGETHER, together_with=hidden.get(name, ()))
         for name in gauge

@@ -95,6 +95,18 @@ def test_friction_that_is_not_there_is_bounded_on_one_side() -> None:
     assert 0.0 < one.high < 0.05
 
 
+@pytest.mark.parametrize("force", [1.6, 3.0, 8.0])
+def test_friction_that_holds_the_spool_is_at_least_as_large_as_the_force_on_it(force: float) -> None:
+    data = record("coulomb", {"coulomb_force": force})
+    found = checked(data, "coulomb")
+    largest = SOFT.moving_mass * float(np.abs(data.spool).max())
+    friction = next(one for one in found.determinations if one.name == "coulomb_force")
+    assert (friction.verdict, friction.high) == ("one-sided", None)
+    assert friction.low == pytest.approx(largest, rel=0.05)
+    assert math.isnan(found.parameter("coulomb_force").value)
+    assert all(one.lost for one in found.determinations if one.name != "coulomb_force")
+
+
 def test_a_stop_that_is_not_reached_lies_at_least_as_far_as_the_spool_came() -> None:
     data = record("fluid", {})
     found = checked(data, "fluid_end_stop")
