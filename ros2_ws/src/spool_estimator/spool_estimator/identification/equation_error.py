@@ -45,6 +45,9 @@ PAIRS = 6
 #: Standard deviations up to which a bias is believed.
 BELIEVED = 3.0
 
+#: Friction at rest over the largest force of inertia at which the spool does not move, noise included.
+HOLDS = 1.5
+
 
 class EquationError:
     """The balance of forces of a model at the measured motion.
@@ -159,15 +162,41 @@ class EquationError:
                     first_sample=stretch.first_sample,
                 )
             )
-        names = self._run.names
-        at_rest = []
-        for row in sets.tolist():
-            named = dict(zip(names, row, strict=True))
-            ends = [entry.at_rest(0.0, named) for entry in self._run.motion.terms]
-            at_rest.append([sum(low for low, _ in ends), sum(high for _, high in ends)])
         # As many rows as weigh like the motion.
-        repeated = np.repeat(np.array(at_rest), SLOPE_SAMPLES // 4, axis=1)
+        repeated = np.repeat(self._at_rest(sets), SLOPE_SAMPLES // 4, axis=1)
         return np.concatenate([*parts, repeated], axis=1)
+
+    def _at_rest(self, sets: Array) -> Array:
+        """Return the lowest and the highest force of friction at rest, N, shape (s, 2)."""
+        found = []
+        for row in sets.tolist():
+            named = dict(zip(self._run.names, row, strict=True))
+            ends = [entry.at_rest(0.0, named) for entry in self._run.motion.terms]
+            found.append([sum(low for low, _ in ends), sum(high for _, high in ends)])
+        return np.array(found)
+
+    def held(self, point: Array) -> Array | None:
+        """Return ``point`` (u,) with friction that holds the spool throughout; ``None`` where none can.
+
+        No regression finds it: in a record of a spool that sticks, the motion is noise.
+        """
+        most = float(np.abs(self._inertia).max(initial=0.0))
+        found = point.copy()
+        places = [self._unknowns.index(unknown) for unknown in self._own]
+
+        def least(own: Array) -> float:
+            sets = self._values.copy()
+            sets[:, self._columns] = own[places]
+            return float(np.abs(self._at_rest(sets)).min())
+
+        for place, unknown in zip(places, self._own, strict=True):
+            while (now := least(found)) < HOLDS * most:
+                more = found.copy()
+                more[place] = min(2.0 * max(found[place], unknown.size(0.0)), unknown.high)
+                if not least(more) > now:
+                    break
+                found = more
+        return found if least(found) >= HOLDS * most else None
 
     def _forces(self, points: Array) -> Array:
         """Return the conditioned forces at ``points`` (s, u), N, shape (s, all samples)."""

@@ -414,6 +414,9 @@ def _starts(
             for point in points
             for factor in BLIND_FACTORS
         ]
+    held = None if named else balance.held(points[0])
+    if held is not None:
+        points.append(held)
     points = [inside(point, unknowns) for point in points]
     if len(points) == 1:
         return points
@@ -421,6 +424,8 @@ def _starts(
     run.choose_substeps({**values, **named_best})
     trial = Residuals(run, unknowns, values, (settings.low_cut, settings.high_cut))
     order = np.argsort(trial.costs(trial.residuals(np.array(points))))
+    if held is not None and order[0] != len(points) - 1:
+        order = order[order != len(points) - 1]
     return [points[number] for number in order[: max(1, settings.starts)].tolist()]
 
 

@@ -107,6 +107,24 @@ def test_friction_that_holds_the_spool_is_at_least_as_large_as_the_force_on_it(f
     assert all(one.lost for one in found.determinations if one.name != "coulomb_force")
 
 
+def test_friction_at_rest_that_holds_the_spool_is_bounded_below_and_nothing_else_is_known() -> None:
+    data = record("stribeck", {"coulomb_force": 3.0, "static_force": 4.0})
+    judged = {one.name: one for one in checked(data, "stribeck").determinations}
+    friction = judged.pop("static_force")
+    assert (friction.verdict, friction.high) == ("one-sided", None)
+    assert friction.low == pytest.approx(SOFT.moving_mass * float(np.abs(data.spool).max()), rel=0.05)
+    assert all(one.lost for one in judged.values())
+
+
+@pytest.mark.parametrize("force", [1.35, 1.43])
+def test_a_spool_that_hardly_breaks_loose_gives_no_bound_that_excludes_its_friction(force: float) -> None:
+    found = checked(record("coulomb", {"coulomb_force": force}), "coulomb")
+    for one in found.determinations:
+        truth = {"coulomb_force": force, "viscous_coefficient": 8.2033}.get(one.name, 1632.0)
+        if not one.lost:
+            assert (one.low or 0.0) <= truth <= (one.high or math.inf)
+
+
 def test_a_stop_that_is_not_reached_lies_at_least_as_far_as_the_spool_came() -> None:
     data = record("fluid", {})
     found = checked(data, "fluid_end_stop")
