@@ -39,6 +39,7 @@ def plan(
     ] = None,
     seed: Annotated[int, typer.Option(help="Seed of the noise.", min=0)] = 0,
     json: cli.JsonFile = None,
+    report: cli.ReportFile = None,
     _force: cli.Force = False,
 ) -> None:
     """Predict what a planned record can determine; exit 1 if it cannot answer the question.
@@ -49,14 +50,18 @@ def plan(
 
     Example: ./spool plan --valve 4weh10_soft --question coulomb_friction --noise 0.05 --seconds 20
 
-    Example: ./spool plan --recover --valve 4weh10_soft --model coulomb --seconds 10 --noise 0.1
+    Example: ./spool plan --recover --model coulomb --seconds 10 --noise 0.1 --report plan.html
     """
     if recover and question is not None:
         raise InputError("--recover and --question: pass one of them")
     if recover:
         from spool_tools.operations.plan_recovery import recover_record  # noqa: PLC0415 - slow to load
 
-        raise typer.Exit(recover_record(valve, model, excitation, seconds, sample_rate, noise, seed, json))
+        raise typer.Exit(
+            recover_record(valve, model, excitation, seconds, sample_rate, noise, seed, json, report)
+        )
+    if report is not None:
+        raise InputError("--report: only --recover writes a page; pass --json for the answer to a question")
     if question is None:
         raise InputError("--question: name one, or pass --recover")
     from spool_tools.operations.record_plan import plan_record  # noqa: PLC0415 - slow to load
