@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 from spool_core.errors import InputError
 from spool_core.numbers import Array
+from spool_estimator.identification.determination import sentences
 from spool_gap.catalogue.friction import dahl_state
 from spool_gap.force.analyse import TriedForces, analyse_forces, decide, probability_of
 from spool_gap.force.balance import ForceBalance, ForceFit, ForceRecord
+from spool_gap.force.determined import check_one_mass, determined
 from spool_gap.report import result_to_dict
 from spool_sim.model import MODELS
 
@@ -86,6 +88,44 @@ def test_the_mass_is_found_where_a_force_drives_it() -> None:
     mass = next(q for q in result.parameters if q.name == "mass")
     assert mass.value == pytest.approx(40.0, rel=0.05)
     assert result.verdict == "cubic_stiffness"
+
+
+def tones(*frequencies: float, noise: float) -> ForceRecord:
+    """Return the record of 40 kg on 900 N/m with 300 N s/m, driven at ``frequencies``, Hz."""
+    time = np.arange(0.0, 24.0, PERIOD)
+    omegas = 2.0 * np.pi * np.array(frequencies)[:, np.newaxis]
+    place = 5e-3 * np.sin(omegas * time).sum(axis=0)
+    speed = 5e-3 * (omegas * np.cos(omegas * time)).sum(axis=0)
+    force = 300.0 * speed + 5e-3 * ((900.0 - 40.0 * omegas**2) * np.sin(omegas * time)).sum(axis=0)
+    generator = np.random.default_rng(1)
+    place = place + noise * generator.standard_normal(time.size)
+    return ForceRecord("rig", 0.0, PERIOD, place, force + 0.1 * generator.standard_normal(time.size))
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-6, 2e-5])
+@pytest.mark.parametrize("frequency", [0.5, 1.7])
+def test_one_frequency_shows_stiffness_and_mass_only_together(frequency: float, noise: float) -> None:
+    """Force in phase: (k - m w^2) z, below and above the resonance of 0.75 Hz."""
+    record = tones(frequency, noise=noise)
+    with pytest.raises(
+        InputError, match=r"mass: known only together with .*spring stiffness; state the mass"
+    ):
+        analyse_forces([record], MODELS["fluid"], "driven")
+    for mass in (40.0, 60.0):
+        given = ForceBalance([record], [record], ("damping", "stiffness", "zero"), driven=True, mass=mass)
+        assert not check_one_mass(given, MODELS["fluid"], "rig")
+        assert sentences(determined(given, MODELS["fluid"])) == [
+            "The record determines: viscous coefficient, spring stiffness."
+        ]
+
+
+def test_two_frequencies_determine_stiffness_and_mass() -> None:
+    result = analyse_forces([tones(0.5, 1.7, noise=1e-6)], MODELS["fluid"], "driven")
+    assert result_to_dict(result)["determined"].keys() == {"viscous_coefficient", "spring_stiffness", "mass"}
+    assert {one.verdict for one in result.determinations} == {"identifiable"}
+    values = {one.name: one.value for one in result.parameters}
+    assert values["mass"] == pytest.approx(40.0, rel=0.01)
+    assert values["spring_stiffness"] == pytest.approx(900.0, rel=0.02)
 
 
 @pytest.mark.slow

@@ -25,6 +25,7 @@ from spool_gap.force.balance import (
     conditions_of,
     independent_samples,
 )
+from spool_gap.force.determined import check_one_mass, determined
 from spool_gap.force.position import CONSTANT, Chosen, cross_validated, fitted_by_position, free_run_error
 from spool_gap.force.result import quantities_of, result_of
 from spool_gap.likelihood.search import DECISIVE
@@ -90,7 +91,9 @@ def analyse_forces(
     balance = ForceBalance(train, held, [*columns, "zero"], driven=kind == "driven", mass=mass)
     if kind == "driven":
         check_motion(balance, train[0].name)
-        check_mass(balance, balance.fit([]), train[0].name, mass)
+        if check_one_mass(balance, base, train[0].name):
+            check_mass(balance, balance.fit([]), train[0].name, mass)
+    known = determined(balance, base)
     if kind == "driven" and "stiffness" in columns and not _has_spring(train, balance, base):
         columns.remove("stiffness")
         warnings.append(
@@ -112,7 +115,7 @@ def analyse_forces(
     sure = probability_of(tried, frozenset(entry.id for entry, _ in steps[-1][0]) - {CONSTANT})
     told = [*warnings, *refused, *(_differing(balance, steps[-1][0]) if holdout else [])]
     result = result_of(records, base, kind, balance, steps, ranking, told, alike, sure, begun)
-    result = replace(result, sentence=" ".join([result.sentence, *refused]))
+    result = replace(result, sentence=" ".join([result.sentence, *refused]), determinations=known)
     if chosen_settings.profiles and result.effects:
         result = replace(result, profiles=force_profiles(balance, *steps[-1], result.effects))
     return result

@@ -15,7 +15,7 @@ from rich.table import Table
 from spool_bag import DISPLACEMENT, FORCE
 from spool_core.errors import InputError
 from spool_core.uncertainty import LEGEND, PLUS_MINUS, interval, number, percent, with_interval
-from spool_estimator.identification.determination import sentences
+from spool_estimator.identification.determination import Determination, sentences
 from spool_estimator.identification.fit import determined_before
 from spool_estimator.identification.record import LARGEST, Record
 from spool_estimator.plausibility import check_records
@@ -109,6 +109,8 @@ def run_gap(request: GapRequest, outputs: ResultFiles, console: Console | None =
     # Files first: who reads only the first lines of what is shown (`| head`) has them all the same.
     made_from = sources([*request.records, *request.holdout], described) if outputs.report else []
     written = _write(result, outputs, made_from, partial(_evidence, result, model, described, measured))
+    if kind != "accelerations":
+        _print_determined(result.determinations, console)
     for warning in result.warnings:
         warn(warning, console)
     show(result, console or wide_console(140))
@@ -142,11 +144,15 @@ def _of_accelerations(
     fitted, others = stretches_of(recordings), stretches_of(held)
     doubts = channel_doubts([*recordings, *held])
     determined = determined_before(fitted, model, described)
-    for line in sentences(determined):
-        (console or wide_console(140)).print(line, markup=False, soft_wrap=True, highlight=False)
+    _print_determined(determined, console)
     result = analyse(fitted, described, model, holdout=others, settings=request.settings, progress=tell)
     result = replace(result, warnings=(*doubts, *result.warnings), determinations=determined)
     return doubted(result, check_records(described, fitted)), described, [*fitted, *others]
+
+
+def _print_determined(found: Sequence[Determination], console: Console | None) -> None:
+    for line in sentences(found):
+        (console or wide_console(140)).print(line, markup=False, soft_wrap=True, highlight=False)
 
 
 def _evidence(
