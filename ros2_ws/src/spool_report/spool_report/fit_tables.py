@@ -48,6 +48,11 @@ COLUMNS = (
 
 #: Characters of a model's name that its file keeps; with what is added it stays below the 100 that are read.
 LONGEST_NAME = 93
+#: What the columns of a ranking are.
+RANKING_LEGEND = (
+    "error: rms on held-out data, not at jumps of dry friction, m/s^2; excess, BIC: over the least. "
+    "Less is better, except for ratio: the model's amplitude over the measured one, best at 1."
+)
 #: Correlation from which two parameters are hardly distinguished.
 ALIKE = 0.9
 
@@ -289,6 +294,7 @@ def print_comparison(series: Sequence[FittedSeries], ranking: Ranking, console: 
     console.print(LEGEND, markup=False, highlight=False, soft_wrap=True)
     console.print("[bold]Ranking[/bold]", highlight=False)
     _print(ranking_rows(ranking), console)
+    console.print(RANKING_LEGEND, markup=False, highlight=False, soft_wrap=True)
     for sentence in ranking.sentences:
         console.print(sentence, markup=False, highlight=False, soft_wrap=True)
 

@@ -50,8 +50,8 @@ def test_quantities_of_the_papers_valve(capsys: pytest.CaptureFixture[str]) -> N
     assert "15.15 Hz" in said
     assert "8.203 N s/m at 20 deg C" in said
     # (6) by hand: 8.2033 N s/m x 0.5 m/s over 0.172 kg x 9.80665 m/s^2.
-    assert "fluid friction coefficient: 2.43" in said
-    assert "up to 5 um (fluid friction)" in said
+    assert "friction coefficient of the oil film: 2.43" in said
+    assert "up to 5 um of combined rms roughness" in said
     assert "accuracy of a measured acceleration: 5 %" in said
 
 

@@ -163,7 +163,7 @@ def test_the_command_writes_json_and_a_page(tmp_path: Path, capsys: pytest.Captu
         "4weh10_soft",
     ]
     assert main(["what-if", *words, "--model", model, "--json", str(written), "--report", str(page)]) == 0
-    assert "speeds to avoid are order 1: " in capsys.readouterr().out
+    assert "avoid these speeds: order 1: " in capsys.readouterr().out
     after: dict[str, Any] = json.loads(written.read_text())["after"]
     sizes = {len(after[key]) for key in ("frequency_Hz", "amplitude_ratio", "low", "high", "stroke_m")}
     assert len(sizes) == 1

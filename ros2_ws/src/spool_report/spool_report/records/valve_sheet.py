@@ -240,17 +240,16 @@ def quantities(valve: Valve) -> Iterator[str]:
     if lacking:
         yield f"not given: {', '.join(lacking)}: fits do not need them, a simulation and the drag do"
         return
-    yield f"damping ratio: {valve.damping_ratio:.3g}, of the oil alone"
+    yield f"damping ratio: {valve.damping_ratio:.3g}, by the oil alone, without dry friction"
     yield f"viscous coefficient: {valve.viscous_coefficient:.4g} N s/m at {valve.oil_temperature:g} deg C"
     if valve.knows("spool_mass"):
         yield (
-            f"fluid friction coefficient: {friction_coefficient(valve):.3g} at {SPEED:g} m/s under the "
-            "spool's weight (Newton's drag over the normal load)"
+            f"friction coefficient of the oil film: {friction_coefficient(valve):.3g} (drag at {SPEED:g} m/s "
+            "divided by the spool's weight)"
         )
     yield (
-        f"combined rms roughness of both surfaces: oil separates them up to "
-        f"{valve.radial_clearance / 3.0 * 1e6:.3g} um (fluid friction), mixed friction up to "
-        f"{valve.radial_clearance * 1e6:.3g} um"
+        f"up to {valve.radial_clearance / 3.0 * 1e6:.3g} um of combined rms roughness the oil separates the "
+        f"surfaces (fluid friction), up to {valve.radial_clearance * 1e6:.3g} um friction is mixed"
     )
     yield (
         "assumed accuracy of a measured acceleration: "

@@ -312,7 +312,7 @@ class WhatIf:
         ]
         shown = [_span(one) for one in self.after.avoid]
         what = "speeds" if self.speeds else "frequencies"
-        ending = f"{what} to avoid are {', '.join(shown)}" if shown else f"there are no {what} to avoid"
+        ending = f"avoid these {what}: {', '.join(shown)}" if shown else f"there are no {what} to avoid"
         if not self.changed:
             return f"Nothing was changed; {ending} (ratio above {LIMIT:g})."
         return f"Changed: {'; '.join(parts)}. After the change, {ending} (ratio above {LIMIT:g})."
@@ -509,8 +509,8 @@ def _conditions(
     if model.uncertainty is None:
         sets = sets[:0]
         notes.append(
-            "no intervals: neither the valve file nor a model by name states an uncertainty; pass --model "
-            "with a file that fit or gap wrote by --save-model"
+            "no intervals: the valve file and the shipped models state no uncertainty; pass --model with a "
+            "file that fit or gap wrote by --save-model"
         )
     else:
         places = [motion.names.index(name) for name in model.uncertainty.parameters]

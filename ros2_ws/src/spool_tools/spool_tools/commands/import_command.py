@@ -22,12 +22,7 @@ def import_(
         ),
     ],
     out: Annotated[Path | None, typer.Option("--out", help="Bag to be made.", metavar="BAG")] = None,
-    look: Annotated[
-        bool,
-        typer.Option(
-            "--look", help="Show the detected channels, units, rate, noise and resonance; write no bag."
-        ),
-    ] = False,
+    look: Annotated[bool, typer.Option("--look", help="Show channels and quality; write no bag.")] = False,
     columns: Annotated[
         list[str] | None,
         typer.Option(help="Columns by name or by number from 0, e.g. time=t,body=ch1,spool=#5"),

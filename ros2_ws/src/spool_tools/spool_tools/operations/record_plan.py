@@ -62,7 +62,7 @@ def coulomb_friction(plan: Plan) -> Answer:
     size, found, truth = _smallest(
         plan, load_model("coulomb"), lambda force: {"coulomb_force": force}, deviation
     )
-    meaning = "smallest Coulomb force that is distinguished from none (3 standard deviations)"
+    meaning = "smallest Coulomb force that can be detected (3 standard deviations)"
     return _sized(found, truth, None if size is None else Limit("coulomb_force", size, "N", meaning))
 
 
@@ -451,8 +451,8 @@ def _show(result: dict[str, Any], answer: Answer, found: Sequence[Named]) -> Non
     )
     print(
         f"body {record['body_rms']:.3g} m/s^2 rms, spool {record['spool_rms']:.3g} m/s^2 rms and "
-        f"{record['spool_peak']:.3g} m/s^2 at most: sensors of {record['range_g']:g} g; the spool moves "
-        f"{1e3 * record['travel_m']:.3g} mm from its centre"
+        f"{record['spool_peak']:.3g} m/s^2 at most: choose a sensor range of {record['range_g']:g} g; "
+        f"the spool moves {1e3 * record['travel_m']:.3g} mm from its centre"
     )
     for line in sentences(answer.determinations):
         print(line)
