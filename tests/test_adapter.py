@@ -310,6 +310,7 @@ def test_one_array_with_both_sensors_and_messages_of_no_use(system: System) -> N
         spool_axis="-column2",
         time_column=0,
         sample_rate=RATE,
+        reliability="reliable",
     )
     array = system.node.create_publisher(Float64MultiArray, "/daq", 5000)
     system.until(lambda: array.get_subscription_count() == 1, "the adapter listens")
