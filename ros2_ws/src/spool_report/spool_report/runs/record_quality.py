@@ -35,7 +35,7 @@ from spool_report.terminal import cell
 #: s of the pieces that spectra are averaged over: lines 0.5 Hz apart.
 PIECE = 2.0
 #: Noise that cannot be seen.
-COVERED = "not measurable: motion is louder"
+COVERED = "not measurable"
 _BODY, _SPOOL, _LINE = "#0072B2", "#D55E00", "#000000"
 ORDERS_CAPTION = (
     "Power of both channels over the angle of the shaft. What turns with it stands as a line at any speed; "
