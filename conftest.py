@@ -181,7 +181,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.hookimpl(optionalhook=True)  # pytest-xdist is not on every machine that has ROS 2
 def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
-    """Number of workers: one file has its tests one after the other, and needs no worker of its own."""
+    """Number of workers: the tests of one file run one after the other in the same worker."""
     named = {Path(argument.partition("::")[0]) for argument in config.args}
     if len(named) == 1 and all(path.is_file() for path in named):
         return 0

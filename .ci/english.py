@@ -30,6 +30,15 @@ IDIOMS = {
     "whereof": "of which",
     "whoever": "who, the caller",
     "what is asked": "what is required",
+    "what is left": "the remainder, the residual, the rest",
+    "what was left": "remains",
+    "what is said": "the message, the text, the verdict",
+    "what was said": "the message, the verdict",
+    "what was heard": "the messages received",
+    "told apart": "distinguished",
+    "of its own": "separate, its own ...",
+    "of their own": "separate, their own ...",
+    "be had": "be available",
 }
 #: Not prose of ours, or names that stored files rely on.
 LEFT_OUT = re.compile(

@@ -1,4 +1,4 @@
-"""Real nodes as processes of their own, and a node of the test's own that watches and drives them."""
+"""Real nodes as separate processes, and a test node that watches and drives them."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class Heard:
 
 @dataclass(slots=True)
 class Topic:
-    """What was heard on one topic so far."""
+    """The messages received on one topic so far."""
 
     heard: list[Heard] = field(default_factory=list)
 
@@ -110,9 +110,9 @@ class Process:
 
 
 class System:
-    """Nodes on a domain of their own."""
+    """Nodes on a separate domain."""
 
-    #: Whether nodes are forks of a process that has everything loaded, not processes of their own.
+    #: Whether nodes are forks of a process that has everything loaded, not separate processes.
     forks = True
 
     def __init__(self, domain_id: int, folder: Path) -> None:
@@ -130,7 +130,7 @@ class System:
 
     @property
     def environment(self) -> dict[str, str]:
-        """Variables of every process: this domain, and a state folder of its own."""
+        """Variables of every process: this domain, and a separate state folder."""
         own = {"XDG_STATE_HOME": str(self.folder / "state"), "ROS_DOMAIN_ID": str(self.domain_id)}
         return {**os.environ, **own}
 
@@ -176,7 +176,7 @@ class System:
         environment = {**os.environ, "ROS_DOMAIN_ID": str(self.domain_id)}
         return completed(command, folder=Path.cwd(), environment=environment)
 
-    # What is heard.
+    # Messages received.
 
     def listen(self, kind: type, topic: str, *, latched: bool = False) -> Topic:
         """Subscribe reliably and remember every message."""
@@ -316,6 +316,6 @@ def make_system(
 
 @pytest.fixture
 def system(make_system: Callable[[Path], AbstractContextManager[System]], tmp_path: Path) -> Iterator[System]:
-    """Nodes and an observer on a domain of their own."""
+    """Nodes and an observer on a separate domain."""
     with make_system(tmp_path) as made:
         yield made

@@ -1,7 +1,7 @@
 """Programs of Python as forks of one process that has loaded what nodes and commands import.
 
 A node's imports and compiled kernels cost 1 to 3 s of processor time at each start, a fork a tenth of that.
-The fork runs the same executable file. It differs from a process of its own in two ways: `/proc/PID/environ`
+The fork runs the same executable file. It differs from a separate process in two ways: `/proc/PID/environ`
 and `/proc/PID/cmdline` are those of the server, and modules that the program never imports are loaded.
 """
 

@@ -135,7 +135,7 @@ def test_operators_acknowledge_shelve_suppress_and_are_refused_with_a_reason(sys
     past = ask(system, AcknowledgeAlarm, "acknowledge_alarm", alarm=SILENCE, who="Eva", occurrence=7)
     assert "occurrence 7 is not current; look at number 1 first" in past.reason
 
-    # Calling the service is asking for it: what is left out does not take back.
+    # Calling the service asks for it: a missing field does not take back.
     shelved = ask(system, ShelveAlarm, "shelve_alarm", alarm=SILENCE, duration=2.0, who="Eva")
     assert shelved.success
     system.until(lambda: state(alarms) == Alarm.STATE_SHELVED, "it is on the shelf")
@@ -270,7 +270,7 @@ def test_an_operator_works_from_a_terminal_and_the_alarm_keeps_its_surroundings(
     assert "valve_1" in replayed.stdout
     asked = system.spool("snapshot", "valve_1", "--who", "Eva", "--comment", "sounds odd")
     assert asked.returncode == 0, asked.stderr
-    # While it is written it lies there under a name of its own.
+    # While it is written it has another name.
     system.until(lambda: any(folder.glob("valve_1_requested_*")), "a snapshot is kept on request")
     unknown = system.spool("snapshot", "valve_2", "--who", "Eva")
     assert (unknown.returncode, "no data of this valve is recorded" in unknown.stderr) == (2, True)

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ROOT / "ros2_ws" / "src"
 BLOCK = re.compile(r"^```python\n(.*?)^```$", re.M | re.S)
-#: Blocks on this page are files; its recipes have tests of their own below.
+#: Blocks on this page are files; its recipes have separate tests below.
 CONTRIBUTING = ROOT / "CONTRIBUTING.md"
 #: Its block is a node, which runs until it is ended.
 NODE = PACKAGES / "spool_core" / "spool_core" / "node" / "README.md"

@@ -1,4 +1,4 @@
-"""Forks of a process that has everything loaded behave as processes of their own, and end with their test."""
+"""Forks of a process that has everything loaded behave as separate processes, and end with their test."""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class Chain:
-    """All four nodes as processes of their own, learned and recorded."""
+    """All four nodes as separate processes, learned and recorded."""
 
     def __init__(self, system: System) -> None:
         system.forks = False
@@ -116,7 +116,7 @@ def test_recorder_killed(chain: Chain) -> None:
         return [block.sequence for block in BagReader(bag).blocks("valve_1")]
 
     heard = chain.acceleration.last.sequence
-    chain.system.until(lambda: recorded()[-1:] >= [heard], "what was heard is on the disk")
+    chain.system.until(lambda: recorded()[-1:] >= [heard], "the received messages are on the disk")
     chain.nodes["recorder"].kill()
     chain.goes_on(chain.acceleration, chain.estimate, chain.health)
     chain.others_live("recorder")
@@ -187,7 +187,7 @@ def test_monitor_killed(chain: Chain) -> None:
     killed = chain.nodes["monitor"].kill()
     chain.goes_on(chain.acceleration, chain.estimate)
     chain.others_live("monitor")
-    # A dead monitor can't tell of its own end: the recorder does.
+    # A dead monitor can't report its own end: the recorder does.
     task = "recorder: monitoring"
     chain.system.until(
         lambda: any(

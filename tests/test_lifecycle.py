@@ -203,5 +203,5 @@ def test_wrong_parameters_end_a_node_in_one_line(
     assert process.popen.wait(timeout=180) == 2
     assert expected in process.said
     assert "Traceback" not in process.said
-    # That it compiles its kernels first is said where that takes long.
+    # It reports that it compiles its kernels first where that takes long.
     assert len([line for line in process.said.strip().splitlines() if "kernels" not in line]) == 1

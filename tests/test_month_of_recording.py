@@ -1,4 +1,4 @@
-"""A month of recording through a quota: time compressed, a process of its own that is watched."""
+"""A month of recording through a quota: time compressed, a separate process that is watched."""
 
 from __future__ import annotations
 

@@ -38,7 +38,7 @@ START = 1_700_000_000_000_000_000
 
 
 def block(sequence: int, *, size: int = SIZE) -> Block:
-    """Return a block with contents of its own."""
+    """Return a block with distinct contents."""
     noise = np.random.default_rng(sequence).standard_normal((2, size)).astype(np.float32)
     return Block(START + round(sequence * size * PERIOD * 1e9), sequence, PERIOD, noise[0], noise[1])
 
@@ -94,7 +94,7 @@ def _source(domain_id: int) -> Iterator[Source]:
 
 
 class Recorder:
-    """The recorder as a process of its own."""
+    """The recorder as a separate process."""
 
     def __init__(self, domain: int, folder: Path, **parameters: object) -> None:
         self.bag = folder / "bag"

@@ -482,7 +482,7 @@ class TestSetUp:
         assert "mcap missing" in result.stdout
 
     def test_on_a_sourced_ros(self, set_up: Path, tmp_path: Path):
-        """A packaged ROS 2 cannot be had in a test: wheels sourced from another folder stand in for it."""
+        """A packaged ROS 2 is not available in a test: wheels sourced from another folder stand in for it."""
         folder = tmp_path / "clone"
         subprocess.run(["git", "clone", "--quiet", set_up, folder], check=True, capture_output=True)
         source = folder / "ros2_ws/src"

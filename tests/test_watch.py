@@ -100,7 +100,7 @@ def test_alarms_are_acknowledged_and_shelved_by_keys(system: System, monkeypatch
             await until(pilot, lambda: state()[0] == Alarm.STATE_ACKNOWLEDGED, "it is off the shelf")
             await pilot.press("r", "enter")
             said: Any = app.query_one("#said")
-            await until(pilot, lambda: "can't be reset" in str(said.content), "a refusal is said")
+            await until(pilot, lambda: "can't be reset" in str(said.content), "a refusal is shown")
 
     try:
         asyncio.run(work())

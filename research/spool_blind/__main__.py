@@ -9,7 +9,7 @@ from spool_blind.case import make, write
 
 
 def main() -> None:
-    """Write the cases of the seeds given, each into a folder of its own."""
+    """Write the cases of the seeds given, each into its own folder."""
     parser = argparse.ArgumentParser(description="Write blind cases: record.csv.gz, valve.yaml, truth.json.")
     parser.add_argument("seed", type=int, nargs="+")
     parser.add_argument("--out", type=Path, required=True, help="folder; each case gets one inside")

@@ -47,7 +47,7 @@ PAIRS: tuple[str, ...] = tuple(
     and {"gain", "delay"} != {EFFECTS[one].group, EFFECTS[other].group}
 )
 
-#: m, of the valve's lands; the oil is said to be what its description says, not what is in it.
+#: m, of the valve's lands; the description names the nominal oil, which may not be the oil in the valve.
 LAND_DIAMETER, LAND_LENGTH, RADIAL_CLEARANCE, VISCOSITY = 0.020, 0.032, 15.0e-6, 0.0612
 SPOOL_SHARE = 0.172 / 0.18
 

@@ -1,6 +1,6 @@
 """Experiment condition of a record: valve, oil, excitation, sampling, noise, nuisances.
 
-Field cases have machines and loggers of their own: they come last here.
+Field cases have other machines and loggers: they come last here.
 """
 
 from __future__ import annotations

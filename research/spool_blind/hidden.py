@@ -176,7 +176,7 @@ def preload(generator: Generator, condition: ExperimentCondition, scale: Scale) 
 
 
 def ripple(generator: Generator, _: ExperimentCondition, scale: Scale) -> Hidden:
-    """A sine of its own."""
+    """An independent sine."""
     force = between(generator, 0.1, 0.3) * scale.force
     frequency = between(generator, 20.0, 110.0)
     return Hidden(
@@ -246,7 +246,7 @@ EFFECTS: dict[str, Kind] = {
 
 
 def lugre(generator: Generator, _: ExperimentCondition, scale: Scale) -> Hidden:
-    """LuGre's friction: bristles whose limit falls with speed, and a damping of their own."""
+    """LuGre's friction: bristles with damping, whose limit falls with speed."""
     static = between(generator, 0.25, 0.45) * scale.force
     stiffness = static / (between(generator, 0.03, 0.1) * scale.travel)
     return Hidden(

@@ -353,7 +353,7 @@ def kick(v: float, speed: float, pull: float, h: float, p: Array) -> float:
     after = v + h * (pull - direction * against)
     if after * direction > 0.0:
         return float(after)
-    # Comes to rest inside the step: what is left of it starts from rest.
+    # Comes to rest inside the step: the rest of the step starts from rest.
     left = h - v / (direction * against - pull)
     onward = 1.0 if pull > 0.0 else -1.0
     free = abs(pull) - dry(0.0, onward, p) / mass

@@ -155,7 +155,7 @@ ABOUT = (
 def compare(healthy: int, faulty: int, seed: int, workers: int | None) -> Comparison:
     """Set thresholds on ``healthy`` days, try them on as many others and on ``faulty`` days with a drift."""
     days = [seed + APART + number for number in range(healthy)]
-    # Days without a thermometer are few, and have thresholds of their own parameter.
+    # Days without a thermometer are few, and have thresholds by parameter.
     bare = (day for day in count(seed + APART) if not draw_day(day).thermometer)
     days = sorted({*days, *islice(bare, BARE)})
     calibrated = list(spread(healthy_maxima, days, "days that thresholds are set on", workers))

@@ -1,6 +1,6 @@
 """Package for Debian: `./spool package` builds the suite at its final place and packs it.
 
-The environment holds absolute paths, so it is made at /opt/spool: in a mount namespace of its own, of which
+The environment holds absolute paths, so it is made at /opt/spool: in a separate mount namespace, of which
 nothing stays on this machine.
 """
 
@@ -215,7 +215,7 @@ def _fill(root: Path, stage: Path, version: str) -> int:
         f"Depends: {needed}\n"
         "Description: monitoring of hydraulic spool valves on ROS 2\n"
         " Estimates, monitors and records spool valves from two accelerometers each,\n"
-        " with an environment of its own under /opt/spool; services spool@ and spool-recorder@.\n"
+        " with its own environment under /opt/spool; services spool@ and spool-recorder@.\n"
     )
     return size
 

@@ -69,7 +69,7 @@ class Source(threading.Thread):
         self._ears.add_node(self.node)
         self.node.create_subscription(DiagnosticArray, "/diagnostics", self._hear, qos.diagnostics())
         self.twice: set[int] = set()
-        #: Next blocks to send twice, to exchange, or with a stamp of its own (s).
+        #: Next blocks to send twice, to exchange, or with another stamp (s).
         self.repeat = self.exchange = 0
         self.shift = 0.0
         self._ending = threading.Event()
@@ -89,7 +89,7 @@ class Source(threading.Thread):
         self._said = 0
 
     def listen(self) -> None:
-        """Hear what was said on /diagnostics."""
+        """Receive the messages of /diagnostics."""
         while not self._ending.is_set():
             self._ears.spin_once(timeout_sec=0.2)
 
@@ -151,7 +151,7 @@ class Injected:
 
 @dataclass
 class Session:
-    """Recorder that meets one fault after the other, in ``folder`` and on a DDS ``domain`` of its own."""
+    """Recorder that meets one fault after the other, in ``folder`` and on a separate DDS ``domain``."""
 
     folder: Path
     domain: int
@@ -210,7 +210,7 @@ class Session:
         self.source.begin_anew()
         one.restart = time.monotonic()
         self.process = self.started()
-        # A part of its own that grows: it hears.
+        # A new part grows: it receives messages.
         if not self.source.wait(lambda: self._newest() > before and self._grows()):
             one.wrong = "it did not come back"
 

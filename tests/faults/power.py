@@ -44,7 +44,7 @@ class Change(NamedTuple):
 
 def record(bag: Path, times: Path) -> None:
     """Record :data:`COUNT` blocks in parts, ten times as fast as real time; remember when each was put."""
-    import time  # noqa: PLC0415 - this runs in a process of its own
+    import time  # noqa: PLC0415 - this runs in a separate process
 
     from spool_bag.metadata import ACCELERATION_BLOCK, definition  # noqa: PLC0415
     from spool_bag.recorder import Recorded  # noqa: PLC0415

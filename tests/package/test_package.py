@@ -27,7 +27,7 @@ pytestmark = [
 @pytest.fixture(scope="module")
 def facts(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, str]]:
     """What the trial found, by name; root only, since it makes namespaces and boots a system in them."""
-    assert os.geteuid() == 0, "run it as root: it boots a system in namespaces of its own"
+    assert os.geteuid() == 0, "run it as root: it boots a system in separate namespaces"
     work = tmp_path_factory.mktemp("package")
     for name in ("dist", "io"):
         (work / name).mkdir()

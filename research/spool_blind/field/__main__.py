@@ -9,7 +9,7 @@ from spool_blind.field.case import make_field, write_field
 
 
 def main() -> None:
-    """Write the field cases of the seeds given, each into a folder of its own."""
+    """Write the field cases of the seeds given, each into its own folder."""
     parser = argparse.ArgumentParser(description="Write field cases: record.csv.gz, valve.yaml, truth.json.")
     parser.add_argument("seed", type=int, nargs="+")
     parser.add_argument("--out", type=Path, required=True, help="folder; each case gets one inside")

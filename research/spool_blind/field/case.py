@@ -78,7 +78,7 @@ LEAST_SHARE = 0.0025
 LIKE_COULOMB = (*(name for name, kind in EFFECTS.items() if kind.richer), "presliding_friction")
 #: Relative steps of stiffness, drag and friction for slopes.
 STEPS = {"stiffness": 0.002, "damping": 0.02, "coulomb_force": 0.02}
-#: Steps of a refit at most, and share of what is left above which another one is not worth its time.
+#: Steps of a refit at most, and share of the remaining error above which another one is not worth its time.
 ROUNDS, ENOUGH = 6, 0.97
 #: Change of a number in one step at most.
 LARGEST_CHANGE = (0.6, 1.6)
@@ -186,7 +186,7 @@ def accepted_verdicts(
     What matters is named, what does not may be; so may what a nuisance does to the spool's channel. A law of
     no catalogue has to leave something unexplained, unless it reads as a name.
     """
-    # Of each hidden thing one of these is said.
+    # Each hidden thing gets one of these labels.
     choices: list[tuple[str, ...]] = []
     for name in physics.parts:
         said = (name,) if name in EFFECTS else (UNEXPLAINED, *physics.reads_as)
@@ -373,7 +373,7 @@ class ImportanceJudge:
         return Importance(float((self.spool - without).std() / self.spool.std()), *found, limit)
 
     def is_coulomb(self, name: str) -> bool:
-        """Return whether the friction ``name`` is not distinguished from Coulomb friction of its own loss."""
+        """Return whether the friction ``name`` is like Coulomb friction of the same loss."""
         if name not in LIKE_COULOMB:
             return False
         hidden = self.parts[name]
@@ -389,7 +389,7 @@ class ImportanceJudge:
     def _left(
         self, chain: MeasuringChain, plant: Plant, free: Sequence[str], tolerance: float
     ) -> tuple[float, float]:
-        """Return share and evidence of what is left once the numbers ``free``, gain, delay are refitted."""
+        """Return share and evidence of the remainder once the numbers ``free``, gain, delay are refitted."""
         left = self.spool - self._reading(chain, plant)
         for _ in range(ROUNDS):
             step = self._step(chain, plant, free, left, tolerance)

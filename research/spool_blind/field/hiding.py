@@ -32,7 +32,7 @@ PRESLIDING = "presliding_friction"
 
 
 def lugre(generator: Generator, condition: ExperimentCondition, scale: Scale) -> Hidden:
-    """LuGre's friction: bristles whose limit falls with speed, and a damping of their own."""
+    """LuGre's friction: bristles with damping, whose limit falls with speed."""
     coulomb = between(generator, 0.1, 0.35) * scale.force
     static = coulomb * between(generator, 1.0, 2.5)
     stiffness = static / (between(generator, 0.03, 0.15) * scale.travel)
@@ -110,7 +110,7 @@ def oil_chamber(generator: Generator, condition: ExperimentCondition, _: Scale) 
 
 
 def spring_surge(generator: Generator, condition: ExperimentCondition, _: Scale) -> Hidden:
-    """Surge of the spring: its coils have a mass and a mode of their own, above the spool's."""
+    """Surge of the spring: its coils have their own mass and mode, above the spool's."""
     numbers = condition.base.numbers
     mass = between(generator, 0.05, 0.3) * numbers["mass"]
     critical = 2.0 * float(np.sqrt(4.0 * numbers["stiffness"] * mass))

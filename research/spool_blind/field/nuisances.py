@@ -81,7 +81,7 @@ class FieldNuisance(ABC):
         return time
 
     def on_noise(self, channel: str, noise: Array, rate: float) -> Array:  # noqa: ARG002
-        """Return what is left of the sensor's white noise (m/s^2, sampled at ``rate`` Hz)."""
+        """Return the rest of the sensor's white noise (m/s^2, sampled at ``rate`` Hz)."""
         return noise
 
     def disturbance(self, channel: str, reading: Array, rate: float) -> Array:  # noqa: ARG002

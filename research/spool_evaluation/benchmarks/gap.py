@@ -140,7 +140,7 @@ def library(record: Record, valve: Valve) -> Library:
         for trial in effect.trials(seen):
             rows += list(trial.columns)
             owners += [effect.id] * trial.columns.shape[0]
-    # Every so many samples: what is left still has the band's content, and the ensemble ends in seconds.
+    # Every so many samples: these still have the band's content, and the ensemble ends in seconds.
     inner = slice(motion.settling, n - motion.settling, max(1, n // LARGEST))
     columns = np.array([conditioning.apply(row)[inner] for row in rows])
     size = np.sqrt(np.mean(columns**2, axis=1))
@@ -156,7 +156,7 @@ def library(record: Record, valve: Valve) -> Library:
 def named(given: Library, *, ensemble: bool) -> frozenset[str]:
     """Return the effects whose columns PySINDy keeps, at the setting with the least held-out error.
 
-    An ensemble takes the ridge that does best without one, and looks for a threshold of its own.
+    An ensemble takes the ridge that does best without one, and searches its own threshold.
     """
     coefficients, ridge = _best(given, RIDGES, ensemble=False)
     if ensemble:

@@ -1,6 +1,6 @@
 """Benchmark of hosting: estimators and monitors of many valves in a host, beside the same as processes.
 
-Blocks of 40 samples at 2 kHz come from one process of its own, from before the nodes start until the end.
+Blocks of 40 samples at 2 kHz come from a separate process, from before the nodes start until the end.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ VALVES = (1, 10, 32, 100)
 SECONDS, SETTLED = 60.0, 30.0
 #: Valves for one process of the host, at most: a process of Python uses one core, shared with its middleware.
 VALVES_A_PROCESS = 50
-#: Valves that are tried as processes, two each, and B that each process takes of its own.
+#: Valves that are tried as processes, two each, and B of private memory of each process.
 MOST_AS_PROCESSES, OWN_MEMORY = 32, 160e6
 
 
@@ -85,7 +85,7 @@ def run(seconds: float = SECONDS, valves: Sequence[int] = VALVES) -> Iterator[Ho
     for count in valves:
         yield _measured(count, seconds, "host")
         if count <= MOST_AS_PROCESSES and 2 * count * OWN_MEMORY < _available():
-            yield _measured(count, seconds, "processes of their own")
+            yield _measured(count, seconds, "separate processes")
 
 
 def _measured(count: int, seconds: float, way: str) -> HostCost:

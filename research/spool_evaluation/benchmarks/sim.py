@@ -4,7 +4,7 @@ Times are processor time; ours holds the computing of the excitation, as the pee
 product of two factors: how much longer the peer took than it would need were it compiled (its evaluations of
 the equation of motion, each at the time that one takes in a compiled scheme of the compiled schemes
 below), and
-what is left for the scheme. Work of the solver besides the evaluations counts as interpreted: of implicit
+the remainder for the scheme. Work of the solver besides the evaluations counts as interpreted: of implicit
 ones the first factor is too large.
 
 Each computes the sweep itself, at the instants that it needs, and returns the displacement at the samples, m,
@@ -324,7 +324,7 @@ def _error(found: Array, reference: Array) -> float:
 
 
 def _scipy(method: str, friction: str, tolerance: float) -> Solved:
-    """Return what one of SciPy's solvers needs and finds, in a process of its own."""
+    """Return what one of SciPy's solvers needs and finds, in a separate process."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "found.npz"
         words = [method, friction, str(tolerance), str(CAP), str(file)]

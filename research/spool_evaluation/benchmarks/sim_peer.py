@@ -1,4 +1,4 @@
-"""SciPy's solvers on the problem of :mod:`.sim`, each in a process of its own, with or without events.
+"""SciPy's solvers on the problem of :mod:`.sim`, each in a separate process, with or without events.
 
 LSODA writes to standard output from Fortran at each failure, and a solver that hangs has to be stopped.
 Run as ``python -m spool_evaluation.benchmarks.sim_peer METHOD FRICTION TOLERANCE CAP FILE``.

@@ -40,7 +40,7 @@ def shown_motion() -> Motion:
 
 
 def signature(entry: Effect, motion: Motion) -> tuple[Array, Array]:
-    """Return the force of ``entry`` (largest value 1) and what is left once spring and drag took theirs."""
+    """Return the force of ``entry`` (largest value 1) and its remainder after a fit of spring and drag."""
     shapes = entry.shapes(motion)
     rows = entry.signature(motion, shapes[len(shapes) // 2])
     force = rows[0] if entry.id != "asymmetric_friction" else rows.sum(axis=0) - 0.6 * rows[1]

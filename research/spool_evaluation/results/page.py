@@ -59,7 +59,7 @@ def save_picture(figure: Figure, path: Path, dpi: int = 130) -> Path:
 
 @dataclass(frozen=True, slots=True)
 class MarkedPage:
-    """Page ``name``.md of a folder, with marks of its own and a folder ``pictures`` next to it."""
+    """Page ``name``.md of a folder, with its own marks and a folder ``pictures`` next to it."""
 
     name: str
     pictures: str

@@ -121,7 +121,7 @@ def true_values(model: str, valve: Valve, generator: np.random.Generator) -> dic
 
 
 def draw_excitation(kind: str, generator: np.random.Generator) -> Excitation:
-    """Return one of the three excitations, with an amplitude of its own."""
+    """Return one of the three excitations, with its own amplitude."""
     amplitude = float(generator.uniform(6.0, 12.0))
     if kind == "sweep":
         return SweptSine(

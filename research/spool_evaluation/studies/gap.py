@@ -186,7 +186,7 @@ class BlindVerdict:
     Attributes:
         seed, kind, hidden, accepted: of the case; see :mod:`spool_blind.case`.
         factor: size of what is hidden over the size that was drawn.
-        verdict: what was said; "refused" where the record was.
+        verdict: the verdict given; "refused" where the record was refused.
         candidates: the class that was named together with "unexplained".
         confidence: 0 to 1.
         truth, found: values of the parameters by "effect.parameter"; SI.
@@ -337,7 +337,7 @@ def page_parts(rows: Sequence[BlindVerdict]) -> list[str]:
 
 
 def confusion_figure(rows: Sequence[BlindVerdict]) -> Figure:
-    """Return the confusion matrix: rows are what was hidden, columns what was said."""
+    """Return the confusion matrix: rows are the hidden effects, columns the verdicts."""
     hidden, verdicts, counts = confusion(rows)
     shares = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)
     size = (2.8 + 0.42 * len(verdicts), 1.8 + 0.3 * len(hidden))

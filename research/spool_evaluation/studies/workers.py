@@ -1,4 +1,4 @@
-"""Parallel work on many items, in processes of their own, with progress; rows kept as they are done."""
+"""Parallel work on many items, in separate processes, with progress; rows kept as they are done."""
 
 from __future__ import annotations
 

@@ -76,7 +76,7 @@ def run(
     """Analyse ``cases`` field cases from ``seed`` on; write rows, page and diagram into ``out``.
 
     What the rows in ``out`` hold already is not analysed again. With ``diagnosing`` a second page states why
-    each wrong verdict is wrong, and the rows are kept in a file of their own.
+    each wrong verdict is wrong, and the rows are kept in a separate file.
     """
     out.mkdir(parents=True, exist_ok=True)
     seeds = range(seed, seed + cases)

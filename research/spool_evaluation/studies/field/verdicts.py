@@ -19,7 +19,7 @@ GROUPS = frozenset(entry.group.replace(" ", "_") for entry in EFFECTS.values())
 REFUSED, FAILED = "refused", "failed"
 RIGHT, OVER_CAUTIOUS, FALSE, MISSED, NO_VERDICT = "right", "over-cautious", "false", "missed", "no verdict"
 OUTCOMES = (RIGHT, OVER_CAUTIOUS, FALSE, MISSED, NO_VERDICT)
-#: What was asked of the workflow, by what matters in the record.
+#: The workflow's task, by what matters in the record.
 NOTHING, ONE, TWO, OUTSIDE, UNIMPORTANT = (
     "nothing hidden", "one effect", "two effects", "out-of-catalogue law", "not of importance",
 )  # fmt: skip
@@ -80,7 +80,7 @@ class FieldVerdict:
         seed, window, kind, hidden, accepted: of the case; see :mod:`spool_blind.field.case`.
         importance: of each hidden effect.
         nuisances, told: of the measuring chain, drawn and as the workflow told them.
-        verdict: what was said; "refused" where the record was, "failed" where no word came.
+        verdict: the verdict given; "refused" where the record was refused, "failed" where no verdict came.
         candidates: the class that was named together with "unexplained".
         confidence: 0 to 1.
         truth: values of the parameters by "effect.parameter"; SI.
@@ -122,14 +122,14 @@ class FieldVerdict:
 
     @property
     def said(self) -> frozenset[str]:
-        """What was said, without ``none``."""
+        """Return the names of the verdict, without ``none``."""
         return frozenset(self.verdict.split("+")) - {NONE}
 
     @property
     def outcome(self) -> str:
         """One of ``OUTCOMES``.
 
-        Over-cautious: the names are right, and something is said to be left that is not; or a group is said
+        Over-cautious: the names are right, and the verdict reports a false remainder; or it names a group
         for several names that hold the right one. False: a name of what is not there. Missed: names are
         missing, and none is false.
         """
@@ -198,7 +198,7 @@ class FieldVerdict:
 
     @property
     def names_right(self) -> bool:
-        """Whether all names are right, whatever is said to be left besides."""
+        """Whether all names are right, whatever remainder the verdict reports besides."""
         return self.outcome in (RIGHT, OVER_CAUTIOUS)
 
     @property

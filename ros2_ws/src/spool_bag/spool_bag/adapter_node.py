@@ -171,7 +171,7 @@ class AdapterNode(ManagedNode):
         self._diagnostics = DiagnosticPublisher(self, self.value("valve_id"))
 
     def activate(self) -> None:
-        """Listen; what was heard before is over."""
+        """Listen; forget the messages received before."""
         self._aligner = self._new_aligner()
         topics = {one: self.resolve_topic_name(self.value(f"{one.value}_topic")) for one in Channel}
         self._report = SensorReport(topics, self.value("stale_after"))

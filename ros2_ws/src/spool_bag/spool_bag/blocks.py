@@ -28,7 +28,7 @@ WINDOW = 5_000_000_000
 #: Messages, and B of them, that are held at most: 10 s of 2000 messages a second, or of 8 MB a second.
 LONGEST_QUEUE = 20_000
 LARGEST_QUEUE = 80_000_000
-#: B of all valves together, and what a message costs on top of its own bytes (its arrays and objects).
+#: B of all valves together, and what a message costs on top of its bytes (its arrays and objects).
 LARGEST_QUEUES = 4 * LARGEST_QUEUE
 OVERHEAD = 1000
 
@@ -64,7 +64,7 @@ def decode_blocks(messages: Sequence[bytes]) -> Iterator[tuple[Block | BlockRun 
 class Keyed(NamedTuple):
     """Item with its sort key: stamp (ns), sequence and arrival; ``size`` in B of a message.
 
-    A run is as many messages as it has blocks, each with a key of its own, ``step`` ns apart.
+    A run is as many messages as it has blocks, each with its own key, ``step`` ns apart.
     """
 
     stamp: int

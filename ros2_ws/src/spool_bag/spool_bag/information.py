@@ -44,7 +44,7 @@ class ValveSummary:
     ``sample_rate`` in Hz, ``first_stamp_ns`` and ``end_stamp_ns`` are those of the usable blocks, ``None``
     without any; ``lost_blocks`` come from jumps in ``sequence``; ``refused_blocks`` are malformed,
     ``undecodable_blocks`` no blocks at all; ``duration_s`` leaves out where the time stepped, and ``times``
-    counts the times of their own; ``faults`` counts each kind by its text.
+    counts its own times; ``faults`` counts each kind by its text.
     """
 
     name: str

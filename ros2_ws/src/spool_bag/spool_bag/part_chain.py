@@ -1,7 +1,7 @@
 """Chain of the parts of a recording: what makes removed, reordered or repeated pieces visible.
 
 What is edited, removed or exchanged afterwards breaks the chain; with a signature (Ed25519, RFC 8032) nobody
-without the key can mend it.
+without the key can repair it.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _INDEX = {
     Opcode.SCHEMA, Opcode.CHANNEL, Opcode.ATTACHMENT_INDEX, Opcode.METADATA_INDEX, Opcode.CHUNK_INDEX,
     Opcode.STATISTICS, Opcode.SUMMARY_OFFSET,
 }  # fmt: skip
-#: What follows the last record: data ends here, without a checksum of its own.
+#: What follows the last record: data ends here, without a checksum.
 _DATA_END = FRAME.pack(Opcode.DATA_END, 4) + bytes(4)
 
 
@@ -85,7 +85,7 @@ class PartBegin:
 class PartEnd:
     """End of a part: SHA-256 of all bytes before it, the number of the oldest part then, the signature.
 
-    A part that the recorder thinned later keeps these, and ``thinned`` is the hash of what is left of it.
+    A part that the recorder thinned later keeps these, and ``thinned`` is the hash of the remaining part.
     """
 
     number: int

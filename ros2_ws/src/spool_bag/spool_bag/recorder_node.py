@@ -425,7 +425,7 @@ class RecorderNode(ManagedNode):
             self._diagnostics.publish(Status("recording", level, text, values), self._supervision())
 
     def _supervision(self) -> Status:
-        """Return which valves nobody monitors; a monitor can't tell of its own end."""
+        """Return which valves nobody monitors; a monitor can't report its own end."""
         states = {valve.strip("/"): state for valve, state in self._watch.states(time.monotonic()).items()}
         missed = {valve for valve, state in states.items() if state is recorder.Monitored.NO}
         for valve in sorted(missed - self._missed):

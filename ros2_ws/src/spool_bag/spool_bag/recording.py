@@ -96,7 +96,7 @@ class RecordingState:
 
 
 class Recording:
-    """Recording in the folder ``path``, on a thread of its own, from the first call until :meth:`close`.
+    """Recording in the folder ``path``, on a separate thread, from the first call until :meth:`close`.
 
     Raises:
         InputError: ``path`` exists, or cannot be made.

@@ -107,7 +107,7 @@ class SnapshotKeeper:
     events, too.
 
     Attributes:
-        refused: alarms that got no snapshot of their own because :data:`MOST_WAITING` were under way.
+        refused: alarms that got no separate snapshot because :data:`MOST_WAITING` were under way.
 
     """
 
@@ -220,7 +220,7 @@ class SnapshotKeeper:
 
 
 class SnapshotWriter:
-    """Writer of what ``keeper`` has complete into ``folder``, one after the other, on a thread of its own.
+    """Writer of what ``keeper`` has complete into ``folder``, one after the other, on a separate thread.
 
     With a ``quota`` (B) the oldest snapshots go before the folder holds more than that. What the disk refuses
     is tried again, at most :data:`MOST_KEPT` snapshots.

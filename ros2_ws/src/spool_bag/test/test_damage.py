@@ -34,7 +34,7 @@ Region = tuple[int, int]
 
 
 class Outcome(NamedTuple):
-    """Chunks that the damage did not touch, how many of them were saved whole, and what was told and true."""
+    """Chunks that the damage did not touch, how many of them were saved whole, and the true reports."""
 
     intact: int
     saved: int

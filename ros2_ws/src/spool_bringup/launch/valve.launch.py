@@ -239,7 +239,7 @@ def _existing(argument: str, path: str) -> str:
 
 
 def _valves(path: str) -> list:
-    """Return the list of valves; what is wrong with it is said with the file and the entry."""
+    """Return the list of valves; an error names the file and the entry."""
     try:
         return read_valves(path)
     except InputError as error:

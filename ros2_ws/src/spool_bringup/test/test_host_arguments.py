@@ -55,7 +55,7 @@ SECTION = "{ros__parameters: {together: 0.1, state_folder: '2026'}}"
     ],
 )
 def test_a_section_for_the_host_reaches_each_process(host_node: Reader, tmp_path: Path, text: str) -> None:
-    """The last one as well for the second process: what is said of it by name rules, wherever it stands."""
+    """The last one as well for the second process: a rule by name applies, wherever it stands."""
     file = tmp_path / "my.yaml"
     file.write_text(text)
     for number in (0, 1, 2) if "host_1" not in text else (1,):

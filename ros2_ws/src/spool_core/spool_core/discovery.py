@@ -62,6 +62,6 @@ def modules_of(package: str, suffix: str = "") -> list[ModuleType]:
         except Exception as error:
             raise InputError(
                 f"{name} adds {entry.value} to {package}, which cannot be loaded "
-                f"({type(error).__name__}: {error}): mend or uninstall {name}"
+                f"({type(error).__name__}: {error}): repair or uninstall {name}"
             ) from error
     return found

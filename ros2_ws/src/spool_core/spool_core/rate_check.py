@@ -33,7 +33,7 @@ MEDIAN, WHOLE = 0.67, 0.19
 #: Points beyond the two of each straight line from which its error is known, and share of a slope that three
 #: slopes may differ by where it is not: jitter makes three so equal once in a million looks.
 ENOUGH, EQUAL = 6, 1.0e-3
-#: s of a stream of its own after which blocks that do not follow are followed instead, and the longest step.
+#: s of a steady stream after which blocks that do not follow are followed instead, and the longest step.
 STRAY, LONGEST_STEP = 1.5, 2.0
 #: Times by which a loss may differ from what the stamps say elapsed.
 LIKELY = 3.0

@@ -165,7 +165,7 @@ def unpaired(names: tuple[str, str], found: tuple[Stamps, Stamps], stamps: tuple
 
     Args:
         names: of both sensors, for the text.
-        found: what the stamps of each sensor show; nothing is said of ``UNEVEN`` ones.
+        found: what the stamps of each sensor show; ``UNEVEN`` ones are left out.
         stamps: ns, shape (n,) each, as they were judged.
     """
     packets = [

@@ -173,7 +173,7 @@ def remove(path: Path) -> None:
 def staged(target: Path, *, replace: bool = True) -> Iterator[Path]:
     """Yield the path to write to; it gets the name ``target`` at the end, or is removed on any exception.
 
-    What was left of ``target`` by a process that was killed is removed first.
+    Remains of ``target`` from a process that was killed are removed first.
 
     Raises:
         FileExistsError: at the end, where something has the name ``target`` and ``replace`` is false.

@@ -122,7 +122,7 @@ def test_lost_blocks_and_clocks_that_drift_or_step_a_little_are_no_wrong_rate() 
 
 @pytest.mark.parametrize("size", [1000, 2000])
 def test_a_right_rate_of_long_blocks_is_never_refused_however_their_stamps_jitter(size: int) -> None:
-    """Blocks of 0.5 and 1 s: a straight line through three of them says nothing of its own error."""
+    """Blocks of 0.5 and 1 s: a straight line through three of them does not show its own error."""
     gate = BlockGate()
     for block in stream(120.0, size=size, jitter=0.2 * size * PERIOD):
         assert gate.judge(block) is not Verdict.REFUSED

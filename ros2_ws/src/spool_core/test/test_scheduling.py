@@ -1,4 +1,4 @@
-"""Processors and priority of a process, each tried in a process of its own."""
+"""Processors and priority of a process, each tried in a separate process."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ from spool_sim.integration.release import release
 
 #: Places in the state: z (m), v (m/s), direction of slip (0 while sticking), then dz and dv by k, c, F_c.
 MOTION_STATES = 9
-#: Events within a sample that are followed; what is left after them waits for the next sample.
+#: Events within a sample that are followed; later ones wait for the next sample.
 MOST_EVENTS = 12
 
 # Coefficients of t^0 to t^3 of the Lagrange polynomials on the nodes -1, 0, 1, 2.
@@ -215,7 +215,7 @@ def slip_matrix(period: float, mass: float, parameters: Array, matrix: Array) ->
     """Fill ``matrix`` (shape (8, 8)) with what ``slip`` moves the state by.
 
     While the spool slips on in one direction the step is linear: a column is what it makes of a unit of z, v,
-    direction, a0, am, a1, and, of the derivatives by any parameter, of their own z and v.
+    direction, a0, am, a1, and, of the derivatives by any parameter, with their z and v.
     """
     k, c, f = parameters[0], parameters[1], parameters[2]
     per_mass = 1.0 / mass

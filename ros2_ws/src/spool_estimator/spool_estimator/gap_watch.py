@@ -24,7 +24,7 @@ LEARNED = 20
 IN_A_ROW = 3
 #: Deviations above the median that an estimate must reach, too, and the smallest deviation over the median.
 DEVIATIONS, LEAST_DEVIATION = 6.0, 0.05
-#: Share of the force below which what is left worries nobody: where the spool sticks at every turn the
+#: Share of the force below which the remainder does not matter: where the spool sticks at every turn the
 #: online estimator itself leaves up to 3 %.
 MATTERS = 0.04
 #: Share of the way from the median to the limit below which the gap has closed again.
@@ -195,7 +195,7 @@ class GapWatch:
 
 
 def _says_something(estimate: Estimate) -> bool:
-    """Whether what is left is known, and the spool does not stick most of the time."""
+    """Whether the remainder is known, and the spool does not stick most of the time."""
     known = estimate.residual.known and estimate.residual_force.known and estimate.relative_displacement.known
     return known and estimate.parameter("coulomb_force").value <= STICKING * _spring_force(estimate)
 

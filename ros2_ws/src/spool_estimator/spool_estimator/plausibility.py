@@ -24,7 +24,7 @@ from spool_estimator.identification.record import Record
 
 #: Tracked estimates that are looked at: the first minute judges the file, later changes are the monitor's.
 MOST = 60
-#: Tracked estimates below which nothing is said: the median lies outside of the range that 5 draws span in
+#: Tracked estimates below which nothing is judged: the median lies outside of the range that 5 draws span in
 #: 2 * 0.5^5 = 6 % of cases.
 LEAST = 5
 #: Relative tolerance of a file's natural frequency: half of 10 % for the rate of a coil spring (a common

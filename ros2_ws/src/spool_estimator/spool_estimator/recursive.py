@@ -158,7 +158,7 @@ def advance(
         square = 0.0
         for j in range(size):
             square += dual[j, i] * dual[j, i]
-        # A displacement along ``dual`` has the nominal deviation of its own length times the noise.
+        # A displacement along ``dual`` has its length times the noise as nominal deviation.
         excess = 1.0 - square / enough**2
         forgotten = min(forgetting, max(brought, min(AHEAD * brought, excess)))
         for j in range(size):

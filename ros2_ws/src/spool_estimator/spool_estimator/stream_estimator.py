@@ -162,7 +162,7 @@ class LastGood(Generic[Known]):
 class StreamEstimator(ABC):
     """Estimator of one valve's stiffness, viscous coefficient and Coulomb force from its blocks.
 
-    No clock of its own; picklable, bounded, the same for any split into blocks that are shorter than 0.5 s:
+    Uses no clock; picklable, bounded, the same for any split into blocks that are shorter than 0.5 s:
     the sample rate is confirmed by their stamps. Parameters are held as they were last while a channel stands
     still or the stamps do not confirm the sample rate; what was learned from such samples is forgotten.
     """

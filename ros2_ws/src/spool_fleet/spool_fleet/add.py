@@ -389,7 +389,7 @@ def _take(manifest: Manifest, scan: Scan, naming: Naming, added: Added) -> None:
 
 
 def _alone(folder: Path) -> bool:
-    """Return whether the files of ``folder`` are bags of their own: their names do not begin with its own."""
+    """Return whether the files of ``folder`` are separate bags: their names do not begin with its own."""
     return not all(file.stem.startswith(folder.name) for file in folder.glob("*.mcap"))
 
 

@@ -266,7 +266,7 @@ def scatter_of(valves: Sequence[Weekly], slope_spread: float = 0.0) -> Scatter:
     """
     noises, counts, betweens, wanders = [], [], [], []
     for valve in valves:
-        # A slope of its own is no wandering.
+        # A constant slope is no wandering.
         flat = _flattened(valve, own_slope(valve) if slope_spread > 0.0 else 0.0)
         near, step = differences(valve, flat, 0)
         far, leap = differences(valve, flat, LAG)

@@ -304,7 +304,7 @@ def _run(task: Task, namespace: str, name: str) -> Outcome:
 
 
 def _alone(work: Callable[[Item], Found], item: Item) -> Done[Item, Found]:
-    """Return what ``work`` finds in a process of its own."""
+    """Return what ``work`` finds in a separate process."""
     pool = _pool(1)
     try:
         return Done(item, pool.submit(work, item).result())

@@ -1,1 +1,1 @@
-"""The model gap: where simulation and measurement disagree, what is missing, and what is left."""
+"""The model gap: where simulation and measurement disagree, what is missing, and what remains."""

@@ -122,7 +122,7 @@ class Effect(ABC):
 
     @property
     def on_the_machine(self) -> str:
-        """What it means, from the force term where the effect says nothing of its own."""
+        """What it means, from the force term where the effect states no meaning."""
         return self.meaning or term(self.terms[0]).meaning
 
     @property

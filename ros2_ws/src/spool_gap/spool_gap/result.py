@@ -134,7 +134,7 @@ class HeldOutAgreement:
 
 @dataclass(frozen=True, slots=True)
 class Remainder:
-    """What is left of the gap once everything that has a name is in the model, and is not noise.
+    """Remainder of the gap once everything that has a name is in the model, and is not noise.
 
     Attributes:
         share: of the gap's power, noise taken off.
@@ -258,7 +258,7 @@ class GapResult:
         ranking: all hypotheses that were fitted by simulation, best first.
         base: fitted numbers of the base before anything was added.
         parameters: all fitted numbers of the final model.
-        where: where the gap sat before; ``where_after``: what is left.
+        where: where the gap was before; ``where_after``: where the remainder is.
         surface, surface_after: restoring-force surface of the gap before and after.
         curves: waveforms and spectra before and after.
         before, after: held-out agreement.
@@ -267,7 +267,7 @@ class GapResult:
         warnings: what a reader should know, one line each.
         seconds: of data used; ``elapsed``: s of computing.
         predictable: share of the remainder that a smooth force explains, by what it is a function of.
-        remainder: what is left, ``None`` where that is noise.
+        remainder: the remaining gap, ``None`` where it is noise.
         nuisances: what the measuring chain did.
         small_effects: what was found and does not matter.
         confidence_note: what the confidence does not count, empty where it counts all.
@@ -277,7 +277,7 @@ class GapResult:
         correlation: of the numbers ``correlated``, shape (p, p); empty where it is not known.
         correlated: names of its rows.
         alternatives: to the effects, that the record does not tell from them; ``probability`` is their
-            share of what is not told apart.
+            share of those that are not distinguished.
         excited_to: highest frequency (Hz) at which the body stands out of its noise; NaN: not known.
     """
 

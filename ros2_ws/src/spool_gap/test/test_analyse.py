@@ -80,7 +80,7 @@ def test_the_structure_that_won_leads_the_ranking_and_others_have_a_reason(
 
 
 def test_explanations_are_the_effects_and_what_has_no_name() -> None:
-    """Their probabilities sum to 1, however sure the verdict is said to be."""
+    """Their probabilities sum to 1, however sure the verdict is."""
     for result in (with_cubic(), replace(with_cubic(), confidence=0.3)):
         first, last = sorted(result_to_dict(result)["explanations"], key=lambda row: -len(row["parameters"]))
         assert (first["effects"], first["group"]) == (["cubic_stiffness"], "spring and play")

@@ -25,7 +25,7 @@ def test_no_member_of_a_set_holds_another_one_and_the_most_probable_is_in_it(
     members = credible(probabilities)
     assert probabilities[members[0]] == max(probabilities.values())
     assert not any(one < other for one in members for other in members)
-    # What is left out is unlikely, or said already by a member that is more probable.
+    # A missing one is unlikely, or covered by a member that is more probable.
     left = [own for own in probabilities if not any(own <= one or one <= own for one in members)]
     assert sum(probabilities[own] for own in left) <= (1.0 - CREDIBLE) * sum(probabilities.values()) + 1e-12
 

@@ -1,4 +1,4 @@
-"""What is left is noise only where it is shown to be: each kind of remainder, and noise of any colour."""
+"""The remainder is noise only where it is shown to be: each kind of remainder, and noise of any colour."""
 
 from __future__ import annotations
 

@@ -152,7 +152,7 @@ class Alarm:
 
 @dataclass(frozen=True, slots=True)
 class Operator:
-    """Operator who does something to an alarm, when (ns), and what is said about it."""
+    """Operator who does something to an alarm, when (ns), and the comment on it."""
 
     who: str
     stamp: int

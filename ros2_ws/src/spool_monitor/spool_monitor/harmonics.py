@@ -38,7 +38,7 @@ PLACE, STEADIEST = 0.6, 0.02
 #: Probability over all trials that lines of other origins form a family by chance, up to which it counts: in
 #: a thousand records with a family none is wrong above a confidence of 0.9 (study `orders`).
 FALSE_FAMILY = 0.01
-#: Lines that are looked at: more of them are no machine's, or nothing can be told apart.
+#: Lines that are looked at: more of them come from no machine, or cannot be distinguished.
 MOST_LINES = 40
 
 

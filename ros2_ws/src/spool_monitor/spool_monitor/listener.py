@@ -157,7 +157,7 @@ class Listener:
             f"{node.get_name()}_listener", namespace=node.get_namespace(), context=node.context,
             enable_rosout=False, start_parameter_services=False, use_global_arguments=False,
         )  # fmt: skip
-        # What is lost of it is said again a second later, so nothing has to be confirmed or sent again.
+        # A lost message is replaced by the next a second later, so nothing has to be confirmed or sent again.
         self._health_quality = qos.samples_wanted(1) if light else qos.state()
         self._topics = ("alarms",) if light else ("alarms", "estimate")
         self._more = ("estimate", "gap") if light else ("gap",)

@@ -176,7 +176,7 @@ class Monitor:
 
     @property
     def conditions(self) -> tuple[Condition, ...]:
-        """All that can be raised, each under a name of its own; a restart restores those that were."""
+        """All that can be raised, each under its own name; a restart restores those that were."""
         return (*self._judged, *self._stale.conditions.values())
 
     @property

@@ -660,7 +660,7 @@ def _words(state: AlarmState) -> str:
 
 
 def _detector_status(task: str, detection: Detection, health: Health, shown: Iterable[Quantity]) -> Status:
-    """Return what the detectors of ``task`` say; what they can't judge is said as well."""
+    """Return what the detectors of ``task`` report, also what they can't judge."""
     ours = [one for one in detection.detectors if one.kind.task == task]
     names = {one.name for one in ours}
     conditions = [detection.conditions[one.name] for one in ours]

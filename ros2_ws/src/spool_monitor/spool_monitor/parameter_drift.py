@@ -85,7 +85,7 @@ MOST = 128
 LEAST, MEMORIES = 8, 4.0
 #: Standard deviations that a slope must exceed, and its share in each half of the time, both ways.
 SIGNIFICANT, STEADY = 3.0, 0.5
-#: s, the longest time to a limit that is said: a trend of minutes says nothing of months.
+#: s, the longest time to a limit that is reported: a trend of minutes does not predict months.
 LONGEST = 30.0 * 86400.0
 
 #: Gain error between two accelerometers of one make, standard deviation, relative: calibrated to 1 to 2 %.
@@ -141,7 +141,7 @@ class Outlook:
             self._every *= 2
 
     def seconds_to(self, limit: float, memory: float) -> float:
-        """Return the time, s, until the change reaches ``limit`` of its own sign; NaN where no trend tells.
+        """Return the time, s, until the change reaches ``limit`` of the same sign; NaN without a trend.
 
         Args:
             limit: size of the change, > 0, in the unit of the changes taken.

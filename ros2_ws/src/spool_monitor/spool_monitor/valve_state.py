@@ -257,7 +257,7 @@ class BaselineKeeper:
     Attributes:
         records: the versions there are, the newest last, :data:`KEPT` at most.
         current: the one that is compared with, ``None`` while it is learned.
-        anew: whether somebody asked to learn anew, so that a restart goes on with that.
+        anew: whether somebody asked to learn again, so that a restart goes on with that.
 
     """
 
@@ -326,7 +326,7 @@ class BaselineKeeper:
         return True
 
     def learn(self) -> None:
-        """Forget what is compared with and learn anew; the kept versions stay."""
+        """Forget what is compared with and learn again; the kept versions stay."""
         self.anew = True
         self._start_over()
 

@@ -205,7 +205,7 @@ def test_a_start_value_without_temperature_goes_on_without_it() -> None:
 
 
 def test_without_a_thermometer_the_drag_is_judged_until_the_oil_could_explain_all_of_it() -> None:
-    """Dry friction is judged all the time: what is judged is said of each parameter."""
+    """Dry friction is judged all the time: the message names what is judged of each parameter."""
     monitor = Monitor(MonitorSettings(natural_frequency=15.15, baseline_time=3.0))
     monitor.gate.accepted, seen = 1, {}
     for second in (*range(1, 10), *range(600, 610), *range(3600, 3610)):

@@ -686,7 +686,7 @@ def worn() -> list[Block]:
 
 
 def check_judged(happened: list[Act], *, sound: bool) -> None:
-    """The valve is worn: that is found, or it is said that its drag is not judged; the baseline is kept."""
+    """The wear is found, or the monitor reports that the drag is not judged; the baseline is kept."""
     chain = ended(happened, sound=sound)
     health, monitor = chain.monitor.health, chain.monitor
     current = chain.state.baseline.current

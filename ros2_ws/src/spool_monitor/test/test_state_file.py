@@ -194,7 +194,7 @@ for count in range(first + 1, first + 1000000):
 def test_killed_at_random_moments_it_keeps_the_last_state_that_was_reported(
     tmp_path: Path, killed: Callable[[str, list[str], int], list[str]]
 ) -> None:
-    """What was said to be saved is there after every kill, and nothing is ever torn."""
+    """What was reported as saved is there after every kill, and nothing is ever torn."""
     path = tmp_path / "a.json"
     chance = random.Random(1)
     for _ in range(12):

@@ -72,7 +72,7 @@ def test_latch_and_acknowledgement_survive_kills_at_random_moments(
         state.close()
         assert warnings == []
         alarm = state.alarms.alarms["stuck_spool"]
-        # What was told last, or the step after it, which was on the disk but not told any more.
+        # The last one reported, or the step after it, which was on the disk but not reported any more.
         step = {4: 2, 2: 5, 5: 6, 6: 1, 1: 2}
         assert int(alarm.state) in (int(told[0]), step[int(told[0])])
         if int(alarm.state) == int(told[0]):

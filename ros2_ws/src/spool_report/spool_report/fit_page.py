@@ -101,7 +101,7 @@ def pictures(validated: Sequence[ValidatedFit]) -> list[Markup]:
 
 
 def seen(validated: Sequence[ValidatedFit]) -> str:
-    """Return what a picture of waveforms or of what is left over shows, in numbers."""
+    """Return what a picture of waveforms or of residuals shows, in numbers."""
     parts = [f"{one.name.replace('_', ' ')} leaves {100.0 * one.training_error:.2g} %" for one in validated]
     return f"Of the measured rms {', '.join(parts)}." if parts else ""
 

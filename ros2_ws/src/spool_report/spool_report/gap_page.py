@@ -143,7 +143,7 @@ def _what_was_found(result: GapResult) -> list[Markup]:
                     f"{_said(own.name)} {with_interval(own.value, own.standard_deviation, own.unit)}"
                     for own in one.parameters
                 ),
-                "told apart by": one.told_apart_by,
+                "distinguished by": one.told_apart_by,
             }
             for one in result.explanations
         ]
@@ -361,7 +361,7 @@ def ranking_figure(result: GapResult) -> Figure:
 
 
 def waveform_figure(curves: Curves) -> Figure:
-    """Return measured and simulated signal before and after, and what is left over."""
+    """Return measured and simulated signal before and after, and the residual."""
     what, unit = ("force", "N") if curves.unit == "N" else ("spool acceleration", "m/s²")
     time = curves.time - curves.time[0]
     figure: Figure
@@ -385,7 +385,7 @@ def waveform_figure(curves: Curves) -> Figure:
 
 
 def spectrum_figure(curves: Curves, noise: str = "noise alone") -> Figure:
-    """Return the spectra of the measured signal, what is left before and after, and the noise floor."""
+    """Return the spectra of the measured signal, of the residual before and after, and of the noise floor."""
     figure: Figure
     figure, axis = plt.subplots(figsize=(WIDTH, 3.8), layout="constrained")
     inside = curves.frequency > 0.0

@@ -1,6 +1,6 @@
 """What a command writes: result files, JSON, losses in words, the version.
 
-What is there already is refused, unless ``--force`` was given; a link is never written through, not even
+An existing file is refused, unless ``--force`` was given; a link is never written through, not even
 then; a file appears under its name when it is whole. ``-`` is standard output, for JSON only.
 """
 
@@ -139,7 +139,7 @@ def write_file(path: Path, content: str | bytes, option: str = "output") -> None
 def making_room(path: Path) -> Iterator[None]:
     """Move aside what is at ``path`` while the block makes a bag or a table there; ``--force`` only.
 
-    What was there comes back where the block fails, and goes where it succeeds.
+    The old file comes back where the block fails, and is removed where it succeeds.
 
     Raises:
         InputError: it is there and ``--force`` was not given, it is a link, or a folder that is no bag.

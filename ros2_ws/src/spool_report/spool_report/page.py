@@ -72,7 +72,7 @@ def _asset(name: str) -> str:
 
 
 def rendered(template: str, **values: object) -> Markup:
-    """Return a section of its own form: a template of this folder with ``values``, which are escaped."""
+    """Return a section from a template of this folder with ``values``, which are escaped."""
     return Markup(_TEMPLATES.get_template(template).render(**values))
 
 

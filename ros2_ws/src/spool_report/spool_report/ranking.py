@@ -66,7 +66,7 @@ class Rank:
         model: name.
         parameters: fitted in one series.
         criterion: the fits' information criterion, summed over the series; NaN where one has no result.
-        error: what is left over away from jumps, rms, m/s^2: on held-out data where there are any.
+        error: residual away from jumps, rms, m/s^2: on held-out data where there are any.
         excess: ``error`` over the least of all models, less 1.
         objective: the paper's (33), mean over the series.
         amplitude_ratio: amplitude of the model over the measured one, mean over the series.

@@ -128,7 +128,7 @@ class SimulatorNode(ManagedNode):
         self._simulator = None
 
     def refuse_change(self, changes: dict[str, Value]) -> str | None:
-        """Try the drift on a simulator of its own."""
+        """Try the drift on a separate simulator."""
         if self._simulator is None:
             return None
         try:

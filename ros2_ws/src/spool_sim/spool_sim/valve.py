@@ -186,7 +186,7 @@ class Component(BaseModel):
 
     @property
     def orders(self) -> dict[float, bool]:
-        """Orders of its own revolutions that it shakes with; whether each is its own and not any shaft's.
+        """Orders of its revolutions that it shakes with; whether each is its own and not any shaft's.
 
         A shaft shakes with 1 (unbalance) and 2 (misalignment, joints), a pump with its pistons, an engine of
         four strokes with halves, too, and with each firing; pulses come with their first two harmonics.
@@ -425,7 +425,7 @@ def implausible(given: Mapping[str, float]) -> list[str]:
     cylinder of the land's diameter, and the sag under the spool's own weight.
 
     Args:
-        given: numbers of a description that lie within their bounds, by key; what is left out is not judged.
+        given: numbers of a description that lie within their bounds, by key; missing ones are not judged.
     """
     said = _masses(given)
     mass, stiffness = given["moving_mass"], given["spring_stiffness"]

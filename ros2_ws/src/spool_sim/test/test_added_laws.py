@@ -43,4 +43,4 @@ def test_what_another_distribution_adds_and_cannot_be_loaded_is_named_with_it(tm
     environment = added(tmp_path, "spool_sim.terms", "broken_laws", "import a_library_that_is_missing\n")
     done = run("import spool_sim.terms", environment)
     assert "machine-builder adds broken_laws to spool_sim.terms, which cannot be loaded" in done.stderr
-    assert "mend or uninstall machine-builder" in done.stderr
+    assert "repair or uninstall machine-builder" in done.stderr

@@ -346,7 +346,7 @@ print(sum(stats.cache_misses.values()), stats.cache_path, end.displacement)
 
 @dataclass(frozen=True)
 class Load:
-    """What a process of its own said: kernels that it compiled, where they lie, the displacement (m)."""
+    """What a separate process reported: kernels that it compiled, where they lie, the displacement (m)."""
 
     compiled: int
     place: Path
@@ -354,7 +354,7 @@ class Load:
 
 
 def load(folder: Path, factor: str, code: str = LOAD) -> Load:
-    """Run ``code`` in a process of its own, with the new term times ``factor`` and a cache of kernels."""
+    """Run ``code`` in a separate process, with the new term times ``factor`` and a cache of kernels."""
     (folder / "magnet.py").write_text(NEW_TERM.replace("FACTOR", factor))
     done = subprocess.run(
         [sys.executable, "-c", code, str(folder)],

@@ -338,7 +338,7 @@ LAWS = (
     # c v
     Law("viscous_friction", {"viscous_coefficient": 7.5}, ((7e-4, 0.04, 0.8, 0.3), (7e-4, -0.2, 0.8, -1.5))),
 )  # fmt: skip
-#: Laws of other arguments than displacement, velocity and time; their values have tests of their own below.
+#: Laws of other arguments than displacement, velocity and time; their values have separate tests below.
 ELSEWHERE = {"inertia", "presliding_friction"}
 
 

@@ -267,7 +267,7 @@ def test_the_paper_s_models_are_compositions_by_name(valve: Valve) -> None:
 
 def test_two_terms_with_one_parameter_of_their_own_each_are_refused() -> None:
     terms = ["inertia", "spring", "coulomb_friction", "stribeck_friction"]
-    with pytest.raises(InputError, match="both have a coulomb_force of their own"):
+    with pytest.raises(InputError, match="both have a coulomb_force"):
         model_from_mapping({"name": "both", "terms": terms})
 
 

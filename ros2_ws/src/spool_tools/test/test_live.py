@@ -1,4 +1,4 @@
-"""Live checks: what is read from the kernel's tables and from /diagnostics, and what is said of it."""
+"""Live checks: what is read from the kernel's tables and from /diagnostics, and the messages about it."""
 
 from __future__ import annotations
 

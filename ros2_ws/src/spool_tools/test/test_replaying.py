@@ -50,7 +50,7 @@ def test_the_result_has_the_keys_that_scripts_rely_on(
     assert valve["health"]["judgements"]["friction_drift"] == "learning"
     assert (valve["blocks"], valve["lost_blocks"], valve["samples"]) == (298, 2, 298 * 40)
     estimate = valve["estimate"]
-    # "state" is said beyond what was agreed on.
+    # "state" is an extra beyond the agreed columns.
     assert set(estimate) - {"state"} == {
         "model",
         "parameters",

@@ -65,7 +65,7 @@ def test_an_isolating_mount_acts_by_its_closed_form(damping: float) -> None:
 
 
 def test_a_heavy_body_on_its_mount_shakes_the_valve_as_predicted() -> None:
-    """The second mass as an equation of its own, with the spool acting back on it."""
+    """The second mass as a separate equation, with the spool acting back on it."""
     body, natural, damping = 20.0, 2.0 * np.pi * 6.0, 0.1
     found = what_if(WhatIfRequest("4weh10_soft", mount_frequency=6.0, mount_damping=damping)).after
     for frequency, ratio in zip(found.frequency, found.amplitude_ratio, strict=True):

@@ -328,7 +328,7 @@ class Streams:
         self._trouble = 0.0
 
     async def run(self) -> None:
-        """Send what changes until it is cancelled; what goes wrong with one step is said, not the end."""
+        """Send what changes until it is cancelled; an error in one step is reported and does not end it."""
         beat = 0.0
         while True:
             await asyncio.sleep(PERIOD)

@@ -149,7 +149,7 @@ def _add_valve(found: _Samples, name: str, valve: HeardValve, now: float, unix_t
     if valve.cost is not None and now - valve.cost.at <= KEPT_COSTS:
         found.add("spool_valve_cpu_seconds_total", valve.cost.processor_time, valve=name)
         found.add("spool_valve_resident_memory_bytes", valve.cost.memory, valve=name)
-    if health is None or condition == NO_WORD:  # what was said before need not hold any more
+    if health is None or condition == NO_WORD:  # the last message need not hold any more
         return
     found.add("spool_valve_namur_status", health.namur, valve=name)
     margin, band = margin_of(health), valve.limits.get(BAND)

@@ -1,4 +1,4 @@
-"""Figures of alarms for AlarmMetricsType (OPC 10000-9, 9.2), counted from what is heard of the valves."""
+"""Figures of alarms for AlarmMetricsType (OPC 10000-9, 9.2), counted from the messages of the valves."""
 
 from __future__ import annotations
 

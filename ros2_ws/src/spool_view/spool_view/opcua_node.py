@@ -84,7 +84,7 @@ class _OneLine(logging.Handler):
 
 
 class OpcUaNode(ManagedNode):
-    """Node ``opcua``: what is heard of all valves of this ROS domain, for OPC UA clients on this host."""
+    """Node ``opcua``: messages of all valves of this ROS domain, for OPC UA clients on this host."""
 
     PARAMETERS: ClassVar = (
         NodeParameter(
@@ -212,12 +212,12 @@ class OpcUaNode(ManagedNode):
         self._log = None
 
     def _push(self) -> None:
-        """Hand what was heard to the variables."""
+        """Hand the received messages to the variables."""
         assert self._space is not None
         self._work("variables", self._space.update)
 
     def _announce(self) -> None:
-        """Hand what was heard to the conditions: a pass over all variables takes much longer."""
+        """Hand the received messages to the conditions: a pass over all variables takes much longer."""
         assert self._conditions is not None
         self._work("conditions", self._conditions.update)
 

@@ -1,4 +1,4 @@
-"""Node ``plots``: numbers of one valve on topics of their own, and the waveform's envelope on request."""
+"""Node ``plots``: numbers of one valve on separate topics, and the waveform's envelope on request."""
 
 from __future__ import annotations
 

@@ -137,7 +137,7 @@ def assigned(tables: Sequence[Table], kind: str, asked: Choices) -> list[ClockRo
         asked: what the user states, which stands over what the files do.
 
     Raises:
-        InputError: a channel or its unit is missing or could be several; what to type is said.
+        InputError: a channel or its unit is missing or ambiguous; the message shows what to type.
     """
     channels = roles.channels_of(tables, asked.exclude)
     measured = _converted(roles.chosen(channels, kind, asked), asked)

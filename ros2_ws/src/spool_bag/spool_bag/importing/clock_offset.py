@@ -62,7 +62,7 @@ def clock_offset(
 ) -> ClockOffset:
     """Return offset and drift of the spool's clock from samples of both, shape (n,) each.
 
-    Both begin at 0 of their own clock, in s; NaN where samples are missing. ``label`` is for messages.
+    Both begin at 0 of the channel's clock, in s; NaN where samples are missing. ``label`` is for messages.
 
     Raises:
         InputError: they have too little in common, or repeat themselves so that the offset is ambiguous.
@@ -92,7 +92,7 @@ class Remaining:
 def remaining_delay(
     time: Array, body: Array, spool: Array, period: float, gaps: Sequence[int], natural_frequency: float
 ) -> Remaining | None:
-    """Return what is left of offset and drift of samples that were aligned already, shape (n,) each.
+    """Return the remaining offset and drift of samples that were aligned already, shape (n,) each.
 
     ``natural_frequency`` (Hz) of the spool, about. ``None`` where fewer than two pieces can be fitted.
     """

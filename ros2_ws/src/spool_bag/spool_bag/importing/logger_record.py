@@ -27,7 +27,7 @@ from spool_bag.importing.table import STAMP, Group, Table, Values
 from spool_bag.importing.tacho import TachoSpeed, speed_from_pulses
 from spool_bag.importing.two_clocks import Series, TopicTimes, check_one_time, merged
 
-#: Relative deviation of a rate below which it is not stated: stamps do not show the error of their own clock,
+#: Relative deviation of a rate below which it is not stated: stamps do not show the error of their clock,
 #: which is 1e-5 to 1e-4 of a quartz.
 CLOCKS_OWN = 1e-6
 #: m/s^2, some 200 g: hardly any machine shakes a valve like that.

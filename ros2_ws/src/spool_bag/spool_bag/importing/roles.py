@@ -148,7 +148,7 @@ def chosen(channels: Channels, kind: str, asked: Choices) -> dict[str, Source]:
     """Return the source of each role of a record of ``kind`` (a key of ``REQUIRED``), its time left out.
 
     Raises:
-        InputError: a channel is missing or could be several; what to type is said.
+        InputError: a channel is missing or ambiguous; the message shows what to type.
     """
     wanted = {role_of(name): own for name, own in asked.columns.items()}
     roles = (*REQUIRED[kind], *OPTIONAL[kind])

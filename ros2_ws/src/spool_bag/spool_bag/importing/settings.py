@@ -163,7 +163,7 @@ class Settings:
     def unit(self, channel: str) -> str:
         """Return the unit that is stated for a channel, its own or that of all beside it; "" for none."""
         parent, _, leaf = channel.rpartition("/")
-        for word in _UNIT_NAMES[:2]:  # units of all channels by their names, in a group of its own
+        for word in _UNIT_NAMES[:2]:  # units of all channels by their names, in a separate group
             path = self._paths.get(_placed(f"{parent}/{word}/{leaf}".lstrip("/")), "")
             if path and isinstance(self._held[path], str):
                 self._used.add(path)

@@ -1,4 +1,4 @@
-"""Time of a record: from its stamps, its rate or what is said, checked sample by sample."""
+"""Time of a record: from its stamps, its rate or the settings, checked sample by sample."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ from spool_bag.importing.time_axis import ClockOffset
 
 #: Relative difference of the rates up to which they are one nominal rate, as the live adapter has it.
 SAME_RATE = 0.03
-#: Rounds in which the remaining delay is taken off; and what is left of it, in samples and relative, once it
+#: Rounds in which the remaining delay is taken off; and its remainder, in samples and relative, once it
 #: has settled: a fit takes both channels to be sampled together to a hundredth of a period.
 ROUNDS, SETTLED, SETTLED_DRIFT = 4, 0.005, 2e-7
 #: Samples that are interpolated at a time: 64 MB of weights.

@@ -236,7 +236,7 @@ def mf4(path: Path) -> None:
 
 
 def mf4_groups(path: Path) -> None:
-    """Each channel in a group of its own, as many systems write them; the clock is one."""
+    """Each channel in its own group, as many systems write them; the clock is one."""
     from asammdf import MDF, Signal  # noqa: PLC0415 - slow to load
 
     with MDF() as file:

@@ -1,4 +1,4 @@
-"""Formats with headers of their own: each attribute is applied, refused, or named; random files of each.
+"""Formats with their own headers: each attribute is applied, refused, or named; random files of each.
 
 ``SPOOL_DRAWN`` sets how many files are drawn.
 """

@@ -728,7 +728,7 @@ def test_a_machine_that_is_switched_on_with_a_full_disk_records_once_there_is_ro
 
 
 def test_a_clock_that_jumps_makes_no_part_old(tmp_path: Path, block: MakeBlock) -> None:
-    """A year ahead between two parts: what is thinned cannot be had back."""
+    """A year ahead between two parts: thinned data cannot be recovered."""
     writer = recorded(tmp_path / "bag", block, 600, TEN_SECONDS)
     year = 365 * 86_400 * 10**9
     channel = writer.add_topic("/valve_1/acceleration", ACCELERATION_BLOCK)

@@ -60,7 +60,7 @@ def node_name(number: int) -> str:
 def arguments_of_process(arguments: Sequence[str], number: int) -> list[str]:
     """Return the arguments with which process ``number`` of a host starts.
 
-    What is meant for the host's node, a section of a parameter file or a rule of its own, holds for the node
+    What is meant for the host's node, a section of a parameter file or a separate rule, holds for the node
     of each process.
     """
     if number == 0:

@@ -61,8 +61,8 @@ AGAIN = 5.0
 #: 0.34 with 0.2 s, no less with 0.3 s; an event comes later by that.
 TOGETHER = 0.2
 
-#: Group of entry points, as ``simulator = spool_sim.simulator_node:SimulatorNode``. A driver joins by one of
-#: its own: a managed node that sends by :class:`~spool_core.node.block_hub.BlockPublisher`.
+#: Group of entry points, as ``simulator = spool_sim.simulator_node:SimulatorNode``. A driver joins by
+#: another one: a managed node that sends by :class:`~spool_core.node.block_hub.BlockPublisher`.
 SOURCES = "spool.sources"
 NONE = "none"
 

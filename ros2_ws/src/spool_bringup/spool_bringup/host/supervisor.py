@@ -130,7 +130,7 @@ class Supervisor:
     def _begin(self, numbers: Sequence[int]) -> None:
         supervisor = os.getpid()
         first, *others = numbers
-        # Until the child has handlers of its own, or none, a signal waits.
+        # Until the child has its own handlers, or none, a signal waits.
         signal.pthread_sigmask(signal.SIG_BLOCK, ASKING)
         try:
             process = os.fork()

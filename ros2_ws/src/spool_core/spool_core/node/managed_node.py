@@ -31,7 +31,7 @@ from spool_core.node.block_hub import HUB
 from spool_core.node.parameters import NodeParameter, Value, declare
 from spool_core.node.stop import STOP, Phase
 
-#: s of compiling after which it is said: kernels that are cached are loaded in less.
+#: s of compiling after which the node reports it: cached kernels are loaded in less.
 COMPILES = 3.0
 #: s that a request or a transition waits for what another thread does with the same node: a state file on a
 #: slow disk takes as long.

@@ -1,4 +1,4 @@
-"""Running of a node: executor, logs, shutdown, and what is said at the start."""
+"""Running of a node: executor, logs, shutdown, and the messages at the start."""
 
 from __future__ import annotations
 

@@ -59,7 +59,7 @@ def command(parameters: dict[str, object]) -> list[str]:
 
 @pytest.fixture
 def probe(environment: dict[str, str]) -> Iterator[Callable[..., subprocess.Popen[str]]]:
-    """Start the probe node with these parameters, in a process of its own."""
+    """Start the probe node with these parameters, in a separate process."""
     started: list[subprocess.Popen[str]] = []
 
     def start(**parameters: object) -> subprocess.Popen[str]:
@@ -108,7 +108,7 @@ class Observer:
             self.executor.spin_once(timeout_sec=0.05)
 
     def becomes_silent(self) -> None:
-        """Wait until nothing is said for a while: what was on its way may come late."""
+        """Wait until no message comes for a while: one on its way may come late."""
 
         def nothing() -> bool:
             self.heard.clear()

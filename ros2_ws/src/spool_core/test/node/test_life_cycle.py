@@ -138,7 +138,7 @@ def test_ends_on_a_signal_while_it_waits_to_be_configured(probe: Start, observer
 
 def test_an_exception_in_a_callback_is_logged_and_the_node_lives(probe: Start, observer: Any) -> None:
     process = probe()
-    # Heard both ways first: what is said before the two have found each other is not kept for long.
+    # Heard both ways first: messages sent before the two have found each other are not kept for long.
     observer.until(lambda: "tick" in observer.heard, "ticks")
     observer.tell("raise")
     observer.tell("on")

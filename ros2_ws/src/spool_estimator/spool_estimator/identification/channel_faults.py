@@ -1,7 +1,7 @@
 """Faults of channels in a record: clipping, gaps, exchanged or dead channels.
 
 These are the rules for records (``check``, ``import --look``, ``fit``, ``gap``) and for the monitor, which
-looks at the last seconds. Each fault has a cause of its own, named as the monitor's events are; a fault that
+looks at the last seconds. Each fault has its own cause, named as the monitor's events are; a fault that
 is not clear is not reported.
 
 A flat top (:func:`flat_share`) shows within a second, behind noise, too; a rail (:func:`at_rail`) says which
@@ -69,7 +69,7 @@ MATTERS, SLIP = 0.04, 0.4
 #: s by which one clock must fall behind the other within a piece. A delay of half of it biases the damping by
 #: w0 delay / (2 zeta): 10 % for 15 Hz and a damping ratio of 0.24.
 LEAST_SLIP = 1e-3
-#: Share of the body's power below the natural frequency without which gain and spring cannot be told apart.
+#: Share of the body's power below the natural frequency without which gain and spring look alike.
 BELOW = 1e-3
 #: Times by which a step of one clock must reduce the squares, and share of the residual of a changed valve
 #: that it may leave.
@@ -159,15 +159,15 @@ def without_outliers(row: Array, period: float) -> tuple[Array, int]:
     if not count or count == row.size:
         return row, 0
     places = np.arange(row.size)
-    mended = row.copy()
-    mended[gone] = np.interp(places[gone], places[~gone], row[~gone])
-    return mended, count
+    repaired = row.copy()
+    repaired[gone] = np.interp(places[gone], places[~gone], row[~gone])
+    return repaired, count
 
 
 def same_channel(body: Array, spool: Array, period: float) -> ChannelFault | None:
     """Return that both channels read one sensor: they agree, or agree but for a factor, better than two can.
 
-    A spool that sticks moves as its body, but its sensor has noise of its own.
+    A spool that sticks moves as its body, but its sensor has its own noise.
     """
     gain, left = proportion(body, spool)
     # The largest difference is no smaller than the rms of all.

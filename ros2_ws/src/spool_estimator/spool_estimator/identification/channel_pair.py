@@ -1,4 +1,4 @@
-"""Channel pair: what both accelerometers show of their own sensitivities, clocks and coupling.
+"""Channel pair: what both accelerometers show about their sensitivities, clocks and coupling.
 
 Below its resonance a spool follows its body, so gain, delay and corner of one channel against the other show
 there without a description of the valve. They are fitted together with the equation of motion per mass,
@@ -49,7 +49,7 @@ LARGEST_GAIN = 32.0
 SCALES: Array = np.array([0.1, 1e-3, 1.0])
 #: Rounds of the descent, and relative change of the squares that ends it.
 ROUNDS, ENDS = 12, 1e-4
-#: Residual samples that are independent, over the lines of the band; a resonance colours what is left.
+#: Residual samples that are independent, over the lines of the band; a resonance colours the residual.
 COLOURED = 4.0
 #: s around no delay in which steps of one clock are tried, and of a piece of the record.
 NEAREST, BIN = 12e-3, 0.5
@@ -400,7 +400,7 @@ class ChannelPair:
         return square, (valve[0], valve[1], valve[2]), left
 
     def _slopes(self, point: Array, left: Array, free: tuple[int, ...]) -> Array:
-        """Return the slopes of what is left over ``free``, in units of their scales, shape (len(free), m)."""
+        """Return the slopes of the residual over ``free``, in units of their scales, shape (len(free), m)."""
         slopes = np.empty((len(free), left.size))
         for place, which in enumerate(free):
             moved, small = point.copy(), 0.01 * SCALES[which]

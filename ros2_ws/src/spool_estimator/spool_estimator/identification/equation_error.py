@@ -124,7 +124,7 @@ class EquationError:
         """Return the slopes of the forces at the measured motion and at rest, shape (rows, all unknowns).
 
         Not filtered and not simulated, hence smooth: their rank shows which unknowns act only together. A
-        sensor's unknowns have rows of their own. The inertia balances the forces: that is the column of a
+        sensor's unknowns have separate rows. The inertia balances the forces: that is the column of a
         mass, as two accelerometers show forces over the mass only.
         """
         own = np.array([point[self._unknowns.index(unknown)] for unknown in self._own])

@@ -2,7 +2,7 @@
 
 1. Start: the balance of forces at the measured motion (:mod:`.equation_error`).
 2. Descent: least squares of the free run over windows (:mod:`.free_run`, :mod:`.residuals`), first with equal
-   weights, then weighed by the spectrum of what is left, samples at friction's jumps left out.
+   weights, then weighed by the spectrum of the residual, samples at friction's jumps left out.
 3. Standard deviations (:mod:`.residuals`); what the noise of the excitation does to the parameters
    (:mod:`.equation_error`) is taken off; rank of the information matrix (:mod:`.least_squares`).
 """

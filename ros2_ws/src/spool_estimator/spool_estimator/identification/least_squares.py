@@ -6,7 +6,7 @@ The slopes of all unknowns are one batch of simulations, and so are the trials o
 The slopes of the forces along the measured motion, and of what friction takes up at rest, have full rank
 where every unknown shows in its own way. A direction in which they vanish is a change of several unknowns
 that nothing sees: products such as a friction coefficient times a load, differences of two lengths. Such
-unknowns have no value of their own; what has one is a combination whose gradient is at a right angle to every
+unknowns have no value; what has one is a combination whose gradient is at a right angle to every
 such direction.
 """
 
@@ -96,7 +96,7 @@ class Work:
         self._tell(steps)
 
     def take(self, share: float) -> None:
-        """Allow this share of what is left, and begin a part that is not cut."""
+        """Allow this share of the remaining work, and begin a part that is not cut."""
         self.until, self.cut = self.spent + share * max(0.0, self._allowed - self.spent), False
 
     def rounds(self, most: int, steps: float) -> int:

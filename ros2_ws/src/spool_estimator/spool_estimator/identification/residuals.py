@@ -2,7 +2,7 @@
 
 Samples next to a jump of the dry friction are left out, a straight line in their place: where in its sample
 interval a reversal falls is chance, and the slopes of a sampled jump are spikes. The rest is weighed by the
-spectrum of what is left over, so that the weighted residual is white whatever sensors, resonance and
+spectrum of the residual, so that the weighted residual is white whatever sensors, resonance and
 excitation make of the noise. Windows fade at both ends: a step there would reach far through the weighing.
 
 Whittle's likelihood of a residual with power density S(f) is a sum of log S over the lines of its spectrum.
@@ -100,7 +100,7 @@ class Weighted(ABC):
 
     @abstractmethod
     def reweigh(self, point: Array) -> None:
-        """Leave out jumps and take the weights from what is left at ``point`` (u,)."""
+        """Leave out jumps and take the weights from the residual at ``point`` (u,)."""
 
     @property
     @abstractmethod
@@ -196,7 +196,7 @@ class Residuals(Weighted):
         return np.asarray(self.weighted(self.differences(self.respond(point[np.newaxis], delay)))[0])
 
     def reweigh(self, point: Array) -> None:
-        """Leave out jumps and take the weights from what is left at ``point`` (u,)."""
+        """Leave out jumps and take the weights from the residual at ``point`` (u,)."""
         responses = self.respond(point[np.newaxis])
         self.leave_jumps_out(responses)
         self.take_spectrum(self.differences(responses))

@@ -195,7 +195,7 @@ class _Joint(Weighted):
         return np.concatenate(rows)
 
     def reweigh(self, point: Array) -> None:
-        """Take the weights of each set-up from what is left of it at ``point`` (u,)."""
+        """Take the weights of each set-up from its residual at ``point`` (u,)."""
         for part in self.parts:
             part.residuals.reweigh(self.own(part, point[np.newaxis])[0])
 

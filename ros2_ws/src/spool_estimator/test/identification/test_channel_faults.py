@@ -239,9 +239,9 @@ def test_samples_that_no_motion_explains_are_lines_between_their_neighbours() ->
     _, spool = sound()
     spoiled = spool.copy()
     spoiled[[0, 700, 701, 4000]] = -9999.0
-    mended, count = without_outliers(spoiled, 1.0 / RATE)
+    repaired, count = without_outliers(spoiled, 1.0 / RATE)
     assert count == 4
-    assert np.abs(mended - spool).max() < 1.0
+    assert np.abs(repaired - spool).max() < 1.0
 
 
 VALVES = st.sampled_from(["4weh10_soft", "4weh10_stiff"])

@@ -144,7 +144,7 @@ def test_the_true_parameters_run_free_give_the_record(name: str, valve: Valve) -
     truth = MODELS[name].values_for(valve)
     exact = record(valve, name, truth, noise=0.0, seconds=5.0)
     agreement = free_run_agreement([exact], MODELS[name], valve, truth)
-    # What is left is a jump of friction here and there on the other side of a sample.
+    # The residual is a jump of friction here and there on the other side of a sample.
     assert agreement.nrmse < (1e-4 if name == "fluid" else 2e-2)
     assert agreement.amplitude_ratio == pytest.approx(1.0, abs=1e-3)
 

@@ -12,7 +12,7 @@ RATE = 500.0
 
 
 def channels(samples: int) -> tuple[Array, Array]:
-    """Noise about a level, and its sum over time with noise of its own."""
+    """Noise about a level, and its sum over time with independent noise."""
     one, other = np.random.default_rng(4).normal(3.0, 1.0, (2, samples))
     return one, np.convolve(one, np.full(5, 0.2), mode="same") + 0.1 * other
 

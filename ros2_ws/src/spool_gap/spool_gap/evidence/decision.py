@@ -79,7 +79,7 @@ class Other:
 
     Attributes:
         fit: its fit; ``numbers``: with their intervals; ``effects``: that it names.
-        share: its probability over that of all that are not told apart.
+        share: its probability over that of all that are not distinguished.
     """
 
     fit: StructureFit
@@ -354,7 +354,7 @@ def _left(
 
 
 def _blows(predictions: Predictions, judged: Judged, least: float, rest: Rest) -> tuple[Rest, bool]:
-    """Return what is left where the spool hits something that no effect is, and whether it matters.
+    """Return the remainder where the spool hits something that no effect describes, and whether it matters.
 
     Blows are in few samples: no smooth force follows them, and no pattern repeats.
     """

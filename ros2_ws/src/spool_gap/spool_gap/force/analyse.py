@@ -1,4 +1,4 @@
-"""Workflow for force records: base, where the gap sits, which force is missing, what is left."""
+"""Workflow for force records: base, where the gap sits, which force is missing, what remains."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ def analyse_forces(
     decided = decide(tried)
     steps: list[tuple[Chosen, ForceFit]] = [(one.chosen, one.fit) for one in decided.path]
     ranking = _ranked(balance, tried, decided)
-    tell("measuring what is left", 0.9)
+    tell("measuring the remainder", 0.9)
     if kind == "driven":
         tell("following the position", 0.6)
         steps = _by_position(train, balance, steps, base)

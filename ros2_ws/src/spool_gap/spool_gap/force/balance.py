@@ -4,7 +4,7 @@ imposed:  force = c z' + k z + effects + zero of the load cell
 driven:   force = m z'' + c z' + k z + effects + zero of the load cell
 
 The acceleration of a driven mass is the displacement's second derivative, which needs a low-pass. It goes
-over force and columns alike: a jump of dry friction smeared on one side only would be a gap of its own.
+over force and columns alike: a jump of dry friction smeared on one side only would look like a gap.
 """
 
 from __future__ import annotations

@@ -34,10 +34,10 @@ from spool_gap.result import (
     Remainder,
 )
 
-#: Error from which what is left has no name; below, derivatives of the displacement may be the reason.
+#: Error from which the remainder has no name; below, derivatives of the displacement may be the reason.
 LEFT = 0.03
-#: Error up to which an effect that was added explains the force, and share of the gap's power from which what
-#: is left besides is said: a tenth of its amplitude.
+#: Error up to which an effect that was added explains the force, and share of the gap's power from which a
+#: remainder besides is reported: a tenth of its amplitude.
 MUCH, LITTLE = 0.4, 0.01
 #: Error of a free run of position over the travel, rms, up to which it follows the motion.
 FOLLOWED = 0.01
@@ -125,7 +125,7 @@ def result_of(
 
 
 def _remainder(before: float, after: float, floor: float) -> Remainder | None:
-    """Return what is left where it is more than noise and than what derivatives err by, else ``None``."""
+    """Return the remainder where it exceeds noise and the error of derivatives, else ``None``."""
     if after < MUCH and (after <= 3.0 * floor or after <= LEFT):
         return None
     if after < MUCH and after**2 < LITTLE * before**2:

@@ -262,7 +262,7 @@ def _columns(motion: Motion) -> Mapping[str, Array]:
     v = np.clip(motion.velocity / motion.largest_velocity, -1.0, 1.0)
     time = 2.0 * (motion.time - motion.time.min()) / max(float(np.ptp(motion.time)), 1e-9) - 1.0
     side = motion.sign
-    # Speeds near rest are a class of their own: friction has most to say there.
+    # Speeds near rest are a separate class: friction has most to say there.
     slow = np.array([side * np.exp(-np.abs(v) / width) for width in (0.03, 0.1, 0.3)])
     of_z = chebyshev.chebvander(z, DEGREE).T[1:]
     of_v = np.concatenate([chebyshev.chebvander(v, DEGREE).T[1:], side[np.newaxis], slow])

@@ -74,7 +74,7 @@ def _mode(channel: str) -> ChainPart:
         lambda frequency, values: mode(
             frequency, values[share.name], values[natural.name], values[damping.name]
         ),
-        "the sensor's bracket, or the body between the sensors, has a resonance of its own",
+        "the sensor's bracket, or the body between the sensors, has its own resonance",
         "mounting of both sensors (stud, not magnet or wax), stiffness of brackets, a tap test; if the mode "
         "stays when you move the sensor, it belongs to the valve (spring surge or oil column)",
     )

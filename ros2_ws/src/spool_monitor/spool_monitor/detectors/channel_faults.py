@@ -40,7 +40,7 @@ class RowFault(Detector):
         self._agreed = False
 
     def restart(self) -> None:
-        """Keep what is suspected: a gap in the data mends no sensor."""
+        """Keep what is suspected: a gap in the data repairs no sensor."""
 
     def update(self, moment: Moment) -> Finding | None:
         """Judge a look at the channels, where there is a new one."""

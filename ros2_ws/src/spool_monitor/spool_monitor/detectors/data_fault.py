@@ -32,7 +32,7 @@ KIND = EventKind(
     ),
 )
 
-#: Causes with a condition of their own, and those that make what is seen worthless.
+#: Causes with a separate condition, and those that make what is seen worthless.
 SEPARATE, WORTHLESS = ("rate", "source", "clock_step"), ("rate", "clock_step")
 #: Conditions that do not come from the gate's judgement of a block.
 OUTLIERS, ESTIMATE = "outliers", "estimate"

@@ -35,7 +35,7 @@ LONGEST_PIECE = 2.0
 SHORTEST_PIECE, LEAST_PIECES = 0.25, 6
 #: Squared correlation of the powers of neighbouring Hann pieces that overlap by half (Welch 1967).
 OVERLAP = 1.0 / 36.0
-#: Share of the largest power density of the drive below which nothing is said of a frequency.
+#: Share of the largest power density of the drive below which a frequency is not judged.
 EXCITED = 1e-4
 #: Hz, below which accelerometers show their drift.
 LOWEST = 1.0
@@ -53,7 +53,7 @@ BANDS_CAPTION = (
     "where the knowledge about spring and drag comes from: shares of the Fisher information of a linear "
     "model, given this drive and what is incoherent. Good: power and coherence on both sides of the natural "
     "frequency, and information in more than one band. Bad: all information in one band (one speed of the "
-    "machine: spring, mass and drag are hardly told apart), or none where the question is."
+    "machine: spring, mass and drag are hardly distinguished), or none where the question is."
 )
 TITLE_FORCE = "What the record excites"
 CAPTION_FORCE = (

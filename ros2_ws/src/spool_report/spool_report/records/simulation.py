@@ -27,7 +27,7 @@ from spool_sim.excitation import PRESETS, Excitation, Recorded, load_excitation
 from spool_sim.sensors import Sensor, Sensors, load_sensors
 from spool_sim.valve import find_valve, one_line, read_mapping
 
-#: 2025-01-01 UTC: a simulated record has no time of its own.
+#: 2025-01-01 UTC: a simulated record has no real time.
 SIMULATION_START = 1_735_689_600_000_000_000
 SIMULATION_SECONDS = 40.0
 
@@ -134,7 +134,7 @@ def find_excitation(name: str) -> Excitation:
     """Return the excitation ``name``: a preset, a YAML file of any kind, a bag or a logger's file.
 
     Raises:
-        InputError: nothing of that name, or what is there cannot be used; file and place are named.
+        InputError: nothing of that name, or it cannot be used; file and place are named.
     """
     path = Path(name)
     if name in PRESETS:

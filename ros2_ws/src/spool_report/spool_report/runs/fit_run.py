@@ -210,7 +210,7 @@ def load_series(
     *,
     together: bool = False,
 ) -> list[FitData]:
-    """Return each record as a series of its own, or all as one set of data.
+    """Return each record as a separate series, or all as one set of data.
 
     Raises:
         InputError: records cannot be used, or the number of valves fits neither one nor each.

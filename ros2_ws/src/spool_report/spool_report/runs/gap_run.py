@@ -292,7 +292,7 @@ def show(result: GapResult, console: Console) -> None:
 def _explanations(result: GapResult) -> Table:
     """Return the answers that the record does not tell apart."""
     table = Table("explanation", "group", "probability", box=None, pad_edge=False)
-    table.add_column("told apart by", overflow="fold")
+    table.add_column("distinguished by", overflow="fold")
     for one in result.explanations:
         name = " + ".join(one.effects) or "none"
         table.add_row(name, one.group, f"{one.probability:.2f}", one.told_apart_by)

@@ -122,7 +122,7 @@ class Condition:
     def passed(self, frequency: float) -> complex:
         """Return the acceleration of the valve's body over the machine's at ``frequency`` (Hz).
 
-        The mount is a base-excited oscillator of its own; the spool is too light to act back on it.
+        The mount is a separate base-excited oscillator; the spool is too light to act back on it.
         """
         if self.mount is None:
             return 1.0 + 0.0j

@@ -32,7 +32,7 @@ def unique_parameters(terms: Sequence[Term]) -> tuple[Parameter, ...]:
             known = found.setdefault(parameter.name, (parameter, entry.name))
             if known[0] != parameter:
                 raise InputError(
-                    f"terms: '{known[1]}' and '{entry.name}' both have a {parameter.name} of their own; "
+                    f"terms: '{known[1]}' and '{entry.name}' both have a {parameter.name}; "
                     f"keep one of the two terms"
                 )
     return tuple(parameter for parameter, _ in found.values())

@@ -60,6 +60,6 @@ class PavelescuFrictionTerm(Term):
         "equation (2); the print leaves sgn(v) off the third term, which then pushes: see "
         "pavelescu_friction_printed. The text calls the exponent beta"
     )
-    meaning = "mixed lubrication, with a fall of its own steepness"
+    meaning = "mixed lubrication, with its own steepness of the fall"
     check = "surface finish, viscosity, time at rest"
     dissipates = True

@@ -1,4 +1,4 @@
-"""`./spool snapshot`: the surroundings of this moment of a running valve, kept as a bag of its own."""
+"""`./spool snapshot`: the surroundings of this moment of a running valve, kept as a separate bag."""
 
 from __future__ import annotations
 

@@ -36,7 +36,7 @@ from spool_tools.operations.node_processes import Nodes
 from spool_tools.operations.service_client import call
 from spool_tools.operations.valve_rows import estimate_cells, event_line
 
-#: What is said of an event, by whether it was raised live and from the bag.
+#: Text for an event, by whether it was raised live and from the bag.
 _RAISED = {
     (True, True): "raised live and again from the bag",
     (True, False): "raised live, but NOT from the bag",
@@ -335,7 +335,7 @@ def _start(nodes: Nodes, folder: Path, seconds: float) -> None:
         excitation = valve.write_excitation(folder, seconds)
         baseline = rule("baseline_time", _baseline(seconds))
         nodes.start(f"estimator {valve.name}", "spool_estimator", "estimator", [*space, *file])
-        # A state of its own: what an earlier run learned is not to be compared with.
+        # A separate state: what an earlier run learned is not to be compared with.
         kept = rule("state_folder", str(folder / "state"))
         nodes.start(f"monitor {valve.name}", "spool_monitor", "monitor", [*space, *baseline, *kept])
         # Estimator, monitor and recorder: so the bag begins with the first block.

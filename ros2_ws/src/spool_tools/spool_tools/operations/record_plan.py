@@ -386,7 +386,7 @@ class Named:
 
 
 def named_effects(plan: Plan, effects: Sequence[str]) -> Iterator[Named]:
-    """Yield for each effect what is said of it, at falling shares until it is not named any more.
+    """Yield the verdict for each effect, at falling shares until it is not named any more.
 
     Raises:
         InputError: no such effect, or one that two accelerometers cannot be simulated with.

@@ -257,7 +257,7 @@ def analyse_live(valve: str, json_file: Path | None) -> None:
         if not answer.success:
             raise InputError(f"{valve}: {answer.message}")
         print(f"{valve}: {answer.message}", flush=True)
-        # The last answer is latched: what was heard until now is an earlier one.
+        # The last answer is latched: an answer received until now is an earlier one.
         earlier = {_stamp(one) for one in heard}
         until(
             node,

@@ -30,7 +30,7 @@ from spool_tools.operations.service_client import SERVICES, who_asks
 
 #: s between two pictures.
 PERIOD = 0.5
-#: min that an alarm is shelved for where nothing else is said.
+#: min that an alarm is shelved for by default.
 SHELF = 30.0
 
 #: s between lines off a terminal, and between looks for events.
@@ -65,7 +65,7 @@ def watch(names: tuple[str, ...], who: str, seconds: float | None = None, langua
 
 
 class WatchNode:
-    """Node of a terminal in a thread of its own: it listens, and passes an operator's acts to the monitors.
+    """Node of a terminal in a separate thread: it listens, and passes an operator's acts to the monitors.
 
     Args:
         names: of valves; empty for all that are discovered.

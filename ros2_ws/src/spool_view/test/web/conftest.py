@@ -93,7 +93,7 @@ def alarm(name: str = "resonance", note: str = "", comment: str = "") -> Alarm:
 
 @dataclass
 class Station:
-    """A page's server without ROS, and what was asked of the valves."""
+    """A page's server without ROS, and the requests to the valves."""
 
     desk: Desk
     application: Application

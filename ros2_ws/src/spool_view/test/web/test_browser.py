@@ -242,7 +242,7 @@ def test_no_request_leaves_this_host(
     stand_in()
     _, address = domain.page()
     log = tmp_path / "net.json"
-    # The browser asks for names of its own; here it finds none, so what is sent at all is the page's.
+    # The browser looks up its maker's names; here it finds none, so all that is sent is the page's.
     rules = "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1"
     flags = [*FLAGS, rules, f"--log-net-log={log}", "--net-log-capture-mode=Everything"]
     browser = chromium.browser_type.launch(executable_path=CHROMIUM, args=flags)
