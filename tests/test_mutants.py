@@ -52,7 +52,7 @@ def test_a_sample_is_the_same_for_the_same_seed_and_its_files_are_python(tool: M
 @pytest.mark.slow
 def test_a_wrong_count_of_lost_blocks_is_noticed(tool: ModuleType) -> None:
     path = tool.SOURCE / "spool_core" / "spool_core" / "block_gate.py"
-    before, after = "block.sequence - last[2] - 1", "block.sequence - last[2] - 2"
+    before, after = (f"missing = block.sequence - last.sequence - {n}\n" for n in (1, 2))
     text = path.read_text()
     assert text.count(before) == 1
     number = text[: text.index(before)].count("\n") + 1
