@@ -19,13 +19,13 @@ RESEARCH = {path.parent.name for path in (ROOT / "research").glob("*/__init__.py
 #: What was measured, and may only become less: put the new figure here with the change that improves it.
 #: Lines and files may grow only in a change that adds a feature; its commit message says what that costs.
 RATCHETS = {
-    "lines": 86_443,
-    "lines of code": 55_478,
+    "lines": 86_439,
+    "lines of code": 55_470,
     "files": 404,
     "lines of research": 14_903,
     "lines up to the last import, %": 8.38,
-    "private functions with one caller, %": 16.43,
-    "modules with one importer, %": 15.0,
+    "private functions with one caller, %": 16.34,
+    "modules with one importer, %": 14.74,
 }
 
 

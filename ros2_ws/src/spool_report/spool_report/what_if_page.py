@@ -11,7 +11,7 @@ from spool_core.uncertainty import exact, number
 from spool_report import page as html
 from spool_report.evidence.exhibit import AFTER, BEFORE, DARK, DASHED, MEASURED, STYLES, WIDTH, plain
 from spool_report.runs import what_if as work
-from spool_report.runs.what_if import Response, WhatIf
+from spool_report.runs.frequency_response import LIMIT, Response
 
 RATIO = (
     "Spool acceleration over the machine's; 1: the spool moves as the machine does. Bands: 95 % interval. "
@@ -28,7 +28,7 @@ AMPLITUDES = "Largest response of the changed valve over the amplitude of the ma
 _LOOKS = ((BEFORE, DASHED, "today"), (AFTER, "-", "after the change"))
 
 
-def what_if_page(found: WhatIf) -> str:
+def what_if_page(found: work.WhatIf) -> str:
     """Return the page of a prediction."""
     sure = (
         f"Bands and intervals are of 95 %, from {found.draws} draws of the uncertainty of the fit. They "
@@ -66,7 +66,7 @@ def what_if_page(found: WhatIf) -> str:
     return html.page(f"What if: {found.valve}", parts, [("valve", found.valve), ("model", found.model)])
 
 
-def response_figure(found: WhatIf) -> Figure:
+def response_figure(found: work.WhatIf) -> Figure:
     """Draw amplitude ratio and stroke over frequency, today and after the change."""
     figure: Figure
     figure, (upper, lower) = plt.subplots(2, 1, figsize=(WIDTH, 6.0), layout="constrained", sharex=True)
@@ -94,7 +94,7 @@ def response_figure(found: WhatIf) -> Figure:
     return figure
 
 
-def campbell_figure(found: WhatIf) -> Figure:
+def campbell_figure(found: work.WhatIf) -> Figure:
     """Draw orders and resonances over speed, and the speeds to avoid."""
     figure: Figure
     figure, axis = plt.subplots(figsize=(WIDTH, 4.0), layout="constrained")
@@ -135,14 +135,14 @@ def orders_figure(response: Response) -> Figure:
         label = f"order {exact(row.order)}, {number(row.amplitude, 3)} m/s²"
         axis.fill_between(row.speed, row.low, row.high, color=colour, alpha=0.3, lw=0)
         axis.plot(row.speed, row.amplitude_ratio, color=colour, ls=dash, lw=1.6, label=label)
-    axis.axhline(work.LIMIT, color=DARK, lw=0.8, ls=":")
+    axis.axhline(LIMIT, color=DARK, lw=0.8, ls=":")
     axis.set_ylim(bottom=0.0)
     axis.legend(fontsize=8, frameon=False)
     plain(axis, "speed, rev/min", "spool over machine acceleration, 1")
     return figure
 
 
-def amplitude_figure(found: WhatIf) -> Figure:
+def amplitude_figure(found: work.WhatIf) -> Figure:
     """Draw the largest ratio and the largest stroke over the machine's amplitude."""
     figure: Figure
     figure, axes = plt.subplots(1, 2, figsize=(WIDTH, 3.0), layout="constrained")
@@ -160,7 +160,7 @@ def amplitude_figure(found: WhatIf) -> Figure:
     return figure
 
 
-def _seen(found: WhatIf) -> str:
+def _seen(found: work.WhatIf) -> str:
     """Return the resonances and orders in words."""
     parts = [
         f"order {row['order']} at {row['at speed']} ({row['resonance']})"

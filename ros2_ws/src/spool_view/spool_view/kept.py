@@ -27,8 +27,7 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, PlainTextResponse, Response
 
 from spool_view.operator import Desk
-from spool_view.view import RANGES as TREND_RANGES
-from spool_view.view import rounded, trend_of
+from spool_view.view import RANGES, rounded, trend_of
 
 #: Parameters whose last hour a tile shows.
 SPARKS = ("coulomb_force", "viscous_coefficient", "natural_frequency")
@@ -47,7 +46,7 @@ Found = TypeVar("Found")
 #: Called with a valve whose trends or journal can't be read, and why.
 Failed: TypeAlias = Callable[[str, InputError | OSError], object]
 
-RANGES = {"day": 86400, "week": 7 * 86400, "month": 30 * 86400, "all": 0}
+PERIODS = {"day": 86400, "week": 7 * 86400, "month": 30 * 86400, "all": 0}
 
 
 def _ignored(_valve: str, _error: InputError | OSError) -> None:
@@ -128,12 +127,12 @@ def history(
         base: the monitors' ``state_folder``.
         valves: namespaces.
         search: words; each has to be in an entry.
-        length: one of :data:`RANGES`.
+        length: one of :data:`PERIODS`.
         language: of the headlines.
         failed: called with a valve whose journal can't be read, and why.
     """
     now = time.time_ns()
-    since = now - RANGES[length] * 1_000_000_000 if RANGES[length] else 0
+    since = now - PERIODS[length] * 1_000_000_000 if PERIODS[length] else 0
     journals = _journals(base, valves, failed)
     rows = _found(journals, search, since, language)
     entries = [
@@ -175,7 +174,7 @@ def history_table(
     base: Path, valves: Iterable[str], search: str, length: str, language: str, failed: Failed = _ignored
 ) -> str:
     """Return what :func:`history` finds as CSV, all of it, oldest first; times in UTC."""
-    since = time.time_ns() - RANGES[length] * 1_000_000_000 if RANGES[length] else 0
+    since = time.time_ns() - PERIODS[length] * 1_000_000_000 if PERIODS[length] else 0
     text = io.StringIO()
     table = csv.writer(text, lineterminator="\n")
     table.writerow(COLUMNS)
@@ -203,7 +202,7 @@ class Records:
         valve, length = request.query_params.get("valve", ""), request.query_params.get("range", "day")
         parameter, since = request.query_params.get("parameter", ""), request.query_params.get("since", "0")
         wrong = len(parameter) > 200 or not re.fullmatch(r"[0-9]{1,12}", since)
-        if valve not in self._desk.valves or length not in TREND_RANGES or wrong:
+        if valve not in self._desk.valves or length not in RANGES or wrong:
             return _nothing()
         base = self._desk.state_folder
         try:
@@ -246,7 +245,7 @@ class Records:
         self, request: Request, read: Callable[[Path, list[str], str, str, str, Failed], Found]
     ) -> Found | Response:
         search, length = request.query_params.get("search", ""), request.query_params.get("range", "week")
-        if len(search) > LONGEST or length not in RANGES:
+        if len(search) > LONGEST or length not in PERIODS:
             return PlainTextResponse("no such search", 400)
         names, language = list(self._desk.valves), self._language(request)
         return await self._read(

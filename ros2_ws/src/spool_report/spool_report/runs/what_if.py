@@ -4,24 +4,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 from spool_core.errors import InputError
 from spool_core.numbers import Array
 from spool_core.text import did_you_mean
-from spool_core.uncertainty import LEFT_OUT, exact, named, number, percent, unit_text
-from spool_monitor.channels import transfer
-from spool_monitor.detectors.resonance import AMPLIFICATION_ON
+from spool_core.uncertainty import exact, named, number, percent, unit_text
 from spool_report.records.simulation import find_excitation
+from spool_report.runs import frequency_response as sines
+from spool_report.runs.frequency_response import Condition, Drive, Response, curve_of
 from spool_report.terminal import progress
 from spool_sim.excitation import MachineOrders, SteadySine, SteppedSine, SweptSine
 from spool_sim.integration.composed_motion import ComposedMotion
-from spool_sim.integration.periodic import TOLERANCE, sine_response
 from spool_sim.model import Model, load_model
 from spool_sim.valve import DENSITY, OILS, Valve, find_valve
 
@@ -32,19 +30,8 @@ DEFAULT_AMPLITUDE = 10.0
 #: Draws from the uncertainty: of 200 the fifth and the sixth from either end bound 95 %, and what scatters in
 #: these bounds is a tenth of their distance.
 DRAWS = 200
-#: Frequencies of the first look, and how often the neighbourhood of a peak is halved: a peak of 1 % of
-#: critical damping is read within 0.1 %.
-POINTS, HALVINGS = 60, 4
-#: Times the natural frequencies that are shown around them.
-REACH = 4.0
-#: Depth of the valley, relative to the peak, from which a peak is one: ten times what settling leaves.
-LEAST_PEAK = 10.0 * TOLERANCE
-#: Fall beside a peak, relative to it, from which the peak is the edge of a jump: halved spacings are finer.
-CLIFF = 0.1
 #: Excitation amplitudes, over the given one, at which the dependence on the amplitude is shown.
 MULTIPLES = (0.25, 0.5, 1.0, 2.0, 4.0)
-#: Spool over machine acceleration from which a speed is to be avoided: the monitor's limit for a resonance.
-LIMIT = AMPLIFICATION_ON.default
 #: Attribute of a valve that follows from the oil's viscosity.
 DRAG = "likely_viscous_coefficient"
 
@@ -85,177 +72,12 @@ class WhatIfRequest:
 
 
 @dataclass(frozen=True, slots=True)
-class Drive:
-    """Sines of the machine.
-
-    Attributes:
-        frequencies: Hz, shape (f,); ``None``: chosen around the natural frequencies.
-        fixed: no frequencies may be added to them.
-        speeds: lowest and highest, rev/min; ``None`` without a shaft.
-        orders: with the amplitude of each, m/s^2; empty without a shaft.
-        amplitude: of the curve over frequency, m/s^2: the largest.
-        note: what of an excitation is left out, empty for nothing.
-    """
-
-    frequencies: Array | None
-    fixed: bool
-    speeds: tuple[float, float] | None
-    orders: tuple[tuple[float, float], ...]
-    amplitude: float
-    note: str = ""
-
-
-@dataclass(frozen=True, slots=True)
-class Condition:
-    """A valve on its mount.
-
-    Attributes:
-        values: of the model's parameters.
-        sets: draws of them, shape (draws, p); none where the uncertainty is not known.
-        mount: natural frequency (Hz) and damping ratio, ``None`` without one.
-    """
-
-    values: Mapping[str, float]
-    sets: Array
-    mount: tuple[float, float] | None = None
-
-    def passed(self, frequency: float) -> complex:
-        """Return the acceleration of the valve's body over the machine's at ``frequency`` (Hz).
-
-        The mount is a separate base-excited oscillator; the spool is too light to act back on it.
-        """
-        if self.mount is None:
-            return 1.0 + 0.0j
-        natural = 2.0 * math.pi * self.mount[0]
-        return complex(transfer(frequency, natural**2, 2.0 * self.mount[1] * natural))
-
-
-@dataclass(frozen=True, slots=True)
-class Curve:
-    """Response over frequency at one amplitude; the first row of both tables is that of the best values.
-
-    Attributes:
-        frequency: Hz, shape (f,), rising.
-        ratios: spool acceleration over the machine's, shape (1 + draws, f); NaN where it is not periodic.
-        strokes: largest distance of the spool from the centre, m, same shape.
-    """
-
-    frequency: Array
-    ratios: Array
-    strokes: Array
-
-    def peaks(self) -> list[int]:
-        """Return the places of the resonances: above 1 and above the valleys on both sides."""
-        row = self.ratios[0]
-        found: list[int] = []
-        for place in range(1, row.size - 1):
-            top = row[place]
-            if not (top > 1.0 and top >= row[place - 1] and top > row[place + 1]):
-                continue
-            sides = (row[:place][::-1], row[place + 1 :])
-            if all(_valley(side, top) < (1.0 - LEAST_PEAK) * top for side in sides):
-                found.append(place)
-        return found
-
-    def tops(self, place: int) -> tuple[Array, Array]:
-        """Return frequency (Hz) and ratio of the peak around ``place`` of each row, shape (1 + draws,)."""
-        low = place - int(np.argmax(np.diff(self.ratios[0, place::-1], append=np.inf) > 0.0))
-        high = place + int(np.argmax(np.diff(self.ratios[0, place:], append=np.inf) > 0.0))
-        part = self.ratios[:, low : high + 1]
-        across, known = np.log(self.frequency[low : high + 1]), np.isfinite(part).all(axis=1)
-        found = np.full((2, len(part)), math.nan)
-        for row in np.flatnonzero(known):
-            found[:, row] = _top(across, part[row])
-        return np.exp(found[0]), found[1]
-
-
-@dataclass(frozen=True, slots=True)
-class Resonance:
-    """Resonance, and the speed at which an order meets it.
-
-    Attributes:
-        frequency, low, high: Hz, with its 95 % interval.
-        ratio: amplitude ratio there.
-        order, speed: of the shaft, 1 and rev/min; ``None`` without a shaft.
-        margin: distance of that speed from the nearest one of the range, over the latter (as API 617 defines
-            the separation margin); 0 within the range.
-        margin_low: the least margin within the 95 % interval.
-    """
-
-    frequency: float = field(metadata=named("frequency_Hz"))
-    low: float = field(metadata=named("low_Hz"))
-    high: float = field(metadata=named("high_Hz"))
-    ratio: float = field(metadata=named("amplitude_ratio"))
-    order: float | None = None
-    speed: float | None = field(default=None, metadata=named("speed_rpm"))
-    margin: float | None = None
-    margin_low: float | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class Span:
-    """Span of speeds (rev/min) of an order, or of frequencies (Hz), whose upper bound passes ``LIMIT``."""
-
-    low: float
-    high: float
-    unit: str
-    order: float | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class OrderResponse:
-    """Response to one order over the speed, acting alone; bounds are of 95 %."""
-
-    order: float
-    amplitude: float = field(metadata=named("amplitude_m_s2"))
-    speed: Array = field(metadata=named("speed_rpm"))
-    amplitude_ratio: Array
-    low: Array
-    high: Array
-    stroke: Array = field(metadata=named("stroke_m"))
-
-
-@dataclass(frozen=True, slots=True)
-class Response:
-    """Response of one condition; bounds are of 95 %, NaN where they are not known.
-
-    ``curves`` are what the machine excites: each order within its speeds, else the curve over frequency.
-    """
-
-    curves: tuple[Curve, ...] = field(metadata=LEFT_OUT)
-    amplitude: float = field(metadata=named("amplitude_m_s2"))
-    frequency: Array = field(metadata=named("frequency_Hz"))
-    amplitude_ratio: Array
-    low: Array
-    high: Array
-    stroke: Array = field(metadata=named("stroke_m"))
-    stroke_low: Array = field(metadata=named("stroke_low_m"))
-    stroke_high: Array = field(metadata=named("stroke_high_m"))
-    resonances: tuple[Resonance, ...]
-    avoid: tuple[Span, ...]
-    orders: tuple[OrderResponse, ...]
-
-
-@dataclass(frozen=True, slots=True)
 class Changed:
     """Condition today and after the change, ``None`` where there is none, as a mount today."""
 
     before: float | None
     after: float | None
     unit: str
-
-
-@dataclass(frozen=True, slots=True)
-class Change:
-    """Quantity before and after; ``factor`` is after over before, with its 95 % interval (paired draws)."""
-
-    quantity: str
-    unit: str
-    before: float
-    after: float
-    factor: float
-    low: float
-    high: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -293,7 +115,7 @@ class WhatIf:
     speeds: tuple[float, float] | None = field(metadata=named("speed_range_rpm"))
     before: Response
     after: Response
-    changes: tuple[Change, ...]
+    changes: tuple[sines.Change, ...]
     by_amplitude: tuple[AmplitudeRow, ...]
     notes: tuple[str, ...]
 
@@ -301,7 +123,7 @@ class WhatIf:
     def depends_on_amplitude(self) -> bool:
         """Whether the largest ratio depends on the amplitude of the machine."""
         ratios = [one.amplitude_ratio for one in self.by_amplitude]
-        return not max(ratios) - min(ratios) <= LEAST_PEAK * max(ratios)
+        return not max(ratios) - min(ratios) <= sines.LEAST_PEAK * max(ratios)
 
     @property
     def sentence(self) -> str:
@@ -314,8 +136,8 @@ class WhatIf:
         what = "speeds" if self.speeds else "frequencies"
         ending = f"avoid these {what}: {', '.join(shown)}" if shown else f"there are no {what} to avoid"
         if not self.changed:
-            return f"Nothing was changed; {ending} (ratio above {LIMIT:g})."
-        return f"Changed: {'; '.join(parts)}. After the change, {ending} (ratio above {LIMIT:g})."
+            return f"Nothing was changed; {ending} (ratio above {sines.LIMIT:g})."
+        return f"Changed: {'; '.join(parts)}. After the change, {ending} (ratio above {sines.LIMIT:g})."
 
 
 def what_if(request: WhatIfRequest) -> WhatIf:
@@ -333,19 +155,18 @@ def what_if(request: WhatIfRequest) -> WhatIf:
         notes.append(drive.note)
     frequencies = drive.frequencies
     if frequencies is None:
-        frequencies = _grid(drive, [before, after])
+        frequencies = sines.grid(drive, [before, after])
     amplitudes = sorted({drive.amplitude, *(size for _, size in drive.orders)}, reverse=True)
     pairs = [(one, size) for one in (before, after) for size in amplitudes]
     if not drive.fixed:
-        for _ in range(HALVINGS):
-            looks = [_curve(motion, one, frequencies, size, best=True) for one, size in pairs]
-            frequencies = _halved(frequencies, looks)
+        frequencies = sines.refined(motion, frequencies, pairs)
     with progress("simulating", len(pairs) * frequencies.size) as advance:
         curves = {
-            (id(one), size): _curve(motion, one, frequencies, size, advance=advance) for one, size in pairs
+            (id(one), size): curve_of(motion, one, frequencies, size, advance=advance) for one, size in pairs
         }
     responses = [
-        _response({size: curves[id(one), size] for size in amplitudes}, drive) for one in (before, after)
+        sines.response_of({size: curves[id(one), size] for size in amplitudes}, drive)
+        for one in (before, after)
     ]
     shown = np.unique(np.concatenate([one.frequency for one in responses[1].curves]))
     rows = tuple(_at_amplitude(motion, after, shown, scale * drive.amplitude) for scale in MULTIPLES)
@@ -358,8 +179,8 @@ def what_if(request: WhatIfRequest) -> WhatIf:
             "too little damping): no number is given there"
         )
     return WhatIf(
-        valve.id, model.name, _differences(motion, before, after), LIMIT, len(before.sets), drive.speeds,
-        responses[0], responses[1], _changes(*responses), rows, tuple(notes),
+        valve.id, model.name, _differences(motion, before, after), sines.LIMIT, len(before.sets),
+        drive.speeds, responses[0], responses[1], sines.changes_of(*responses), rows, tuple(notes),
     )  # fmt: skip
 
 
@@ -368,9 +189,9 @@ def _second_motion(motion: ComposedMotion, condition: Condition, response: Respo
     far = float(np.nanmax(response.stroke, initial=0.0))
     if far == 0.0:
         return []
-    other = _curve(motion, condition, response.frequency, response.amplitude, best=True, displaced=far)
+    other = curve_of(motion, condition, response.frequency, response.amplitude, best=True, displaced=far)
     rows = other.ratios[0]
-    apart = np.flatnonzero(np.abs(rows / response.amplitude_ratio - 1.0) > LEAST_PEAK)
+    apart = np.flatnonzero(np.abs(rows / response.amplitude_ratio - 1.0) > sines.LEAST_PEAK)
     if not apart.size:
         return []
     low, high = (number(response.frequency[place], 3) for place in (apart[0], apart[-1]))
@@ -379,23 +200,6 @@ def _second_motion(motion: ComposedMotion, condition: Condition, response: Respo
         f"or a passage through the resonance may leave the valve in the other, with a ratio of up to "
         f"{number(float(rows[apart].max()), 3)}"
     ]
-
-
-def bounds(rows: Array) -> tuple[Array, Array]:
-    """Return the 95 % interval of draws, shape (draws, f), as two arrays of shape (f,).
-
-    A draw without a number may lie on either side; bounds that this leaves open are NaN. Without draws all
-    are.
-    """
-    if not len(rows):
-        nothing = np.full(rows.shape[1], math.nan)
-        return nothing, nothing
-    ends = [
-        np.quantile(np.where(np.isnan(rows), other, rows), share, axis=0, method="weibull")
-        for share, other in ((0.025, -np.inf), (0.975, np.inf))
-    ]
-    low, high = (np.where(np.isfinite(end), end, math.nan) for end in ends)
-    return low, high
 
 
 def print_what_if(found: WhatIf, console: Console) -> None:
@@ -482,7 +286,7 @@ def _given(value: float | None, unit: str) -> str:
     return "none" if value is None else f"{exact(value)}{unit_text(unit)}"
 
 
-def _span(one: Span) -> str:
+def _span(one: sines.Span) -> str:
     order = "" if one.order is None else f"order {exact(one.order)}: "
     return f"{order}{number(one.low, 3)} to {number(one.high, 3)} {one.unit}"
 
@@ -600,7 +404,7 @@ def _drive(request: WhatIfRequest) -> Drive:
         raise InputError("--speed-range, --order: one needs the other: add it")
     frequencies = None
     if request.frequency_range is not None:
-        frequencies = _spaced(*_range(request.frequency_range, "--frequency-range", "Hz"))
+        frequencies = sines.spaced(*_range(request.frequency_range, "--frequency-range", "Hz"))
     if request.speed_range is None or request.orders is None:
         return Drive(frequencies, False, None, (), amplitude)
     try:
@@ -632,7 +436,7 @@ def _drive_of(name: str) -> Drive:
             frequencies = np.unique(found.steps)
         else:
             ends = found.start_frequency, found.stop_frequency
-            frequencies = np.unique(_spaced(*ends))
+            frequencies = np.unique(sines.spaced(*ends))
         return Drive(frequencies, not isinstance(found, SweptSine), None, (), found.amplitude)
     raise InputError(
         f"--excitation {name}: what-if answers for one sine at a time: use a steady, stepped or swept sine "
@@ -650,183 +454,6 @@ def _range(text: str, option: str, unit: str) -> tuple[float, float]:
     return low, high
 
 
-def _grid(drive: Drive, conditions: Sequence[Condition]) -> Array:
-    """Return the frequencies of the first look: around natural frequencies, and where the orders are."""
-    natural = [
-        math.sqrt(one.values["spring_stiffness"] / one.values["mass"]) / (2.0 * math.pi) for one in conditions
-    ]
-    natural += [one.mount[0] for one in conditions if one.mount is not None]
-    ends = [min(natural) / REACH, max(natural) * REACH]
-    if drive.speeds is not None:
-        met = [order * speed / 60.0 for order, _ in drive.orders for speed in drive.speeds]
-        ends = [min(*met, *ends), max(*met, *ends)]
-    octaves = math.log2(ends[1] / ends[0]) / math.log2(REACH**2)
-    return _spaced(ends[0], ends[1], max(POINTS, math.ceil(POINTS * octaves)))
-
-
-def _spaced(start: float, stop: float, count: int = POINTS) -> Array:
-    """Return frequencies in equal ratios, Hz."""
-    return np.asarray(np.geomspace(start, stop, count), dtype=np.float64)
-
-
-def _curve(
-    motion: ComposedMotion,
-    condition: Condition,
-    frequencies: Array,
-    amplitude: float,
-    *,
-    best: bool = False,
-    displaced: float = 0.0,
-    advance: Callable[[float], None] = lambda _done: None,
-) -> Curve:
-    """Return the response at a machine's ``amplitude`` (m/s^2); with ``best`` without draws.
-
-    It starts with the spool ``displaced`` by so many m.
-    """
-    first = np.array([[condition.values[name] for name in motion.names]])
-    sets = first if best else np.vstack([first, condition.sets])
-    ratios, strokes = np.empty((2, len(sets), frequencies.size))
-    for place, frequency in enumerate(frequencies.tolist()):
-        passed = abs(condition.passed(frequency))
-        found = sine_response(motion, condition.values, sets, frequency, amplitude * passed, displaced)
-        ratios[:, place], strokes[:, place] = passed * np.abs(found.ratio), found.stroke
-        advance(1.0)
-    return Curve(frequencies, ratios, strokes)
-
-
-def _halved(frequencies: Array, curves: Sequence[Curve]) -> Array:
-    """Return ``frequencies`` with the middles of those around every peak."""
-    places = {side for curve in curves for peak in curve.peaks() for side in (peak - 1, peak)}
-    middles = [math.sqrt(frequencies[place] * frequencies[place + 1]) for place in places]
-    return np.sort(np.append(frequencies, middles))
-
-
-def _valley(side: Array, top: float) -> float:
-    """Return the lowest value of ``side``, walking away from a peak until something exceeds ``top``."""
-    higher = np.flatnonzero(side > top)
-    return float(np.nanmin(side[: int(higher[0]) if higher.size else side.size], initial=math.inf))
-
-
-def _top(across: Array, row: Array) -> tuple[float, float]:
-    """Return place and height of the largest value of ``row``, between samples by a parabola."""
-    place = int(np.argmax(row))
-    near = slice(place - 1, place + 2)
-    if not 0 < place < row.size - 1 or row[near].min() < (1.0 - CLIFF) * row[place]:
-        return float(across[place]), float(row[place])
-    a, b, c = np.polyfit(across[near] - across[place], row[near], 2).tolist()
-    if not a < 0.0:
-        return float(across[place]), float(row[place])
-    shift = -b / (2.0 * a)
-    return float(across[place] + shift), float(c + 0.5 * b * shift)
-
-
-def _response(curves: Mapping[float, Curve], drive: Drive) -> Response:
-    curve = curves[drive.amplitude]
-    excited = [_within(curves[size], order, drive) for order, size in drive.orders] or [curve]
-    low, high = bounds(curve.ratios[1:])
-    stroke_low, stroke_high = bounds(curve.strokes[1:])
-    orders = []
-    for (order, size), one in zip(drive.orders, excited, strict=False):
-        speed = 60.0 * one.frequency / order
-        orders.append(
-            OrderResponse(order, size, speed, one.ratios[0], *bounds(one.ratios[1:]), one.strokes[0])
-        )
-    resonances = [
-        one
-        for order, size in drive.orders or ((None, drive.amplitude),)
-        for one in _resonances(curves[size], order, drive.speeds)
-    ]
-    avoid = [] if orders else _spans(curve.frequency, curve.ratios[0], high, "Hz", None)
-    for row in orders:
-        avoid += _spans(row.speed, row.amplitude_ratio, row.high, "rev/min", row.order)
-    return Response(
-        tuple(excited), drive.amplitude, curve.frequency, curve.ratios[0], low, high,
-        curve.strokes[0], stroke_low, stroke_high, tuple(resonances), tuple(avoid), tuple(orders),
-    )  # fmt: skip
-
-
-def _within(curve: Curve, order: float, drive: Drive) -> Curve:
-    """Return the part of ``curve`` that an order passes over the speeds."""
-    assert drive.speeds is not None
-    low, high = (order * speed / 60.0 for speed in drive.speeds)
-    inside = curve.frequency[(curve.frequency > low) & (curve.frequency < high)]
-    frequency = np.array([low, *inside, high])
-    across, known = np.log(frequency), np.log(curve.frequency)
-    ratios, strokes = (
-        np.array([np.interp(across, known, row) for row in rows]) for rows in (curve.ratios, curve.strokes)
-    )
-    return Curve(frequency, ratios, strokes)
-
-
-def _resonances(curve: Curve, order: float | None, speeds: tuple[float, float] | None) -> list[Resonance]:
-    found = []
-    for place in curve.peaks():
-        frequency, ratio = curve.tops(place)
-        low, high = (float(end[0]) for end in bounds(frequency[1:, np.newaxis]))
-        one = Resonance(float(frequency[0]), low, high, float(ratio[0]))
-        if order is not None and speeds is not None:
-            margins = [_margin(60.0 * hz / order, speeds) for hz in (one.frequency, low, high)]
-            # Inside the interval the speed may lie within the range though both ends lie beyond it.
-            across = 60.0 * low / order < speeds[0] and 60.0 * high / order > speeds[1]
-            least = math.nan if math.isnan(low) else 0.0 if across else min(margins[1:])
-            one = replace(
-                one, order=order, speed=60.0 * one.frequency / order, margin=margins[0], margin_low=least
-            )
-        found.append(one)
-    return found
-
-
-def _margin(speed: float, speeds: tuple[float, float]) -> float:
-    nearest = min(max(speed, speeds[0]), speeds[1])
-    return abs(speed - nearest) / nearest
-
-
-def _spans(across: Array, best: Array, high: Array, unit: str, order: float | None) -> list[Span]:
-    """Return where the upper bound, or the best value where there is none, passes ``LIMIT``."""
-    rows = np.where(np.isnan(high), best, high)
-    inside: NDArray[np.bool_] = rows >= LIMIT
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], inside, [False]))))
-    found = []
-    for first, stop in edges.reshape(-1, 2).tolist():
-        ends = []
-        for inner, outer in ((first, first - 1), (stop - 1, stop)):
-            if 0 <= outer < rows.size and math.isfinite(rows[outer]):
-                share = (rows[inner] - LIMIT) / (rows[inner] - rows[outer])
-                ends.append(float(across[inner] + share * (across[outer] - across[inner])))
-            else:
-                ends.append(float(across[inner]))
-        found.append(Span(ends[0], ends[1], unit, order))
-    return found
-
-
-def _changes(before: Response, after: Response) -> tuple[Change, ...]:
-    rows = []
-    for name, unit, pick in (
-        (
-            "largest amplitude ratio",
-            "",
-            lambda many: np.max([one.ratios.max(axis=1) for one in many], axis=0),
-        ),
-        ("its frequency", "Hz", _where_largest),
-        (
-            "largest stroke",
-            "mm",
-            lambda many: 1e3 * np.max([one.strokes.max(axis=1) for one in many], axis=0),
-        ),
-    ):
-        pair = pick(before.curves), pick(after.curves)
-        factors = pair[1] / pair[0]
-        low, high = (float(end[0]) for end in bounds(factors[1:, np.newaxis]))
-        rows.append(Change(name, unit, float(pair[0][0]), float(pair[1][0]), float(factors[0]), low, high))
-    return tuple(rows)
-
-
-def _where_largest(curves: Sequence[Curve]) -> Array:
-    """Return the frequency (Hz) of the largest ratio of each row."""
-    one = max(curves, key=lambda curve: float(curve.ratios[0].max()))
-    return one.tops(int(np.argmax(one.ratios[0])))[0]
-
-
 def _differences(motion: ComposedMotion, before: Condition, after: Condition) -> dict[str, Changed]:
     found = {
         one.name: Changed(before.values[one.name], after.values[one.name], one.unit)
@@ -842,7 +469,7 @@ def _differences(motion: ComposedMotion, before: Condition, after: Condition) ->
 def _at_amplitude(
     motion: ComposedMotion, condition: Condition, frequencies: Array, size: float
 ) -> AmplitudeRow:
-    curve = _curve(motion, condition, frequencies, size, best=True)
+    curve = curve_of(motion, condition, frequencies, size, best=True)
     if np.isnan(curve.ratios[0]).all():
         return AmplitudeRow(size, math.nan, math.nan, math.nan)
     place = int(np.nanargmax(curve.ratios[0]))
