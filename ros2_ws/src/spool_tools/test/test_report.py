@@ -62,7 +62,7 @@ def test_the_page_stands_by_itself_with_a_picture_of_each_valve(
             "valve_2": recorded("4weh10_stiff", seconds=5.0, analysed=True),
         },
     )
-    reader = BagReader(bag)
+    reader, open_before = BagReader(bag), plt.get_fignums()
     path = write_report(tmp_path, reader, replay_bag(bag, []))
     assert path == tmp_path / "report.html"
     text = path.read_text(encoding="utf-8")
@@ -78,7 +78,7 @@ def test_the_page_stands_by_itself_with_a_picture_of_each_valve(
     assert "2 valves, 6 s, 1 block lost." in " ".join(page.cells)
     assert {"valve_1", "valve_2", "spring stiffness", "N/m"} <= set(page.cells)
     assert {"warning raised", "Lost blocks: faulty blocks 1, limit 0"} <= set(page.cells)
-    assert plt.get_fignums() == []
+    assert plt.get_fignums() == open_before
 
 
 def drawn(reader: BagReader, analysis: Mapping[str, Any]) -> dict[str, Any]:
