@@ -29,6 +29,7 @@ from spool_estimator.identification.channel_pair import (
     LOW,
     ChannelPair,
     ClockStep,
+    Glance,
     PairFit,
 )
 
@@ -344,10 +345,16 @@ def look_at_pair(body: Array, spool: Array, period: float, start: float = 0.0) -
     if drift is not None:
         return PairLook(drift, math.nan)
     gain, nominal = pair.fit((GAIN,)), pair.fit(())
-    parts = wild or gain.residual**2 >= BETTER_TIME * seen.parted
-    step = pair.step(nominal) if parts else None
+    parted = changes_within(gain, seen)
     wrong = wrong_sensitivity(pair, gain, nominal)
-    changed = step is not None and valve_changes(body, spool, period, step, gain)
+    step = pair.step(nominal) if wild or parted or wrong is not None else None
+    first = 0 if step is None else round(step.time / period)
+    after = None if step is None else ChannelPair(body[first:], spool[first:], period)
+    changed = step is not None and after is not None and valve_changes(after, step, gain)
+    if wrong is not None and parted:
+        wrong = sensitivity_in(after)
+    elif step is not None and step.valve < gain.residual:
+        wrong = None  # sensors that are right, on a valve that changes, account for more
     if wrong is not None and not changed and not clock_steps(step, gain.residual, period):
         return PairLook(wrong, math.nan)
     coupled, delayed = pair.fit((GAIN, CORNER), gain), pair.fit((GAIN, DELAY), gain)
@@ -384,15 +391,29 @@ def look_at_pair(body: Array, spool: Array, period: float, start: float = 0.0) -
     return PairLook(None, delay)
 
 
-def valve_changes(body: Array, spool: Array, period: float, step: ClockStep, gain: PairFit) -> bool:
+def changes_within(gain: PairFit, seen: Glance) -> bool:
+    """Whether two accounts, before and after some moment, explain the readings better than one gain does."""
+    return gain.residual**2 >= BETTER_TIME * seen.parted
+
+
+def sensitivity_in(after: ChannelPair | None) -> ChannelFault | None:
+    """Return the wrong sensitivity in the later part of readings that change within.
+
+    Some gain explains half of any two states, such as before and after an exchange of the channels.
+    """
+    if after is None or not after.long_enough:
+        return None
+    gain = after.fit((GAIN,))
+    return None if changes_within(gain, after.glance()) else wrong_sensitivity(after, gain, after.fit(()))
+
+
+def valve_changes(after: ChannelPair, step: ClockStep, gain: PairFit) -> bool:
     """Whether the valve changes within the readings, as where a spring breaks, which bends the gain of all.
 
-    A gain that jumps looks like that, too, where few frequencies move the spool; it stays wrong afterwards.
+    A gain that jumps looks like that, too, where few frequencies move the spool; it stays wrong ``after``.
     """
     if STEP_BETTER * step.valve**2 > min(step.clock, gain.residual) ** 2:
         return False
-    first = round(step.time / period)
-    after = ChannelPair(body[first:], spool[first:], period)
     return after.long_enough and abs(math.log(after.fit((GAIN,)).gain)) < 0.5 * math.log(WRONG_GAIN)
 
 

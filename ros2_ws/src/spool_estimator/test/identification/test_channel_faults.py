@@ -225,6 +225,18 @@ def test_a_valve_that_changes_is_told_from_a_gain_that_jumps(after: float) -> No
     assert (changed.changed, jumped.changed) == (True, False)
 
 
+@pytest.mark.parametrize("valve", ["4weh10_soft", "4weh10_stiff"])
+@pytest.mark.parametrize("after", [1.0, 2.0, 4.0, 5.0, 7.0], ids="after {:g} s".format)
+def test_channels_that_are_exchanged_within_a_record_have_no_wrong_sensitivity(
+    valve: str, after: float
+) -> None:
+    """Some gain accounts for half of each state, so no single account holds for the whole."""
+    body, spool = (row[: 8 * int(RATE)] for row in simulated(valve, "machine", 0.1, 0.05, 3))
+    before = np.arange(body.size) < after * RATE
+    look = look_at_pair(np.where(before, body, spool), np.where(before, spool, body), 1.0 / RATE)
+    assert look is None or look.fault is None or look.fault.cause != "sensitivity"
+
+
 def test_one_sensor_read_twice_is_seen_and_a_stuck_spool_is_not_that() -> None:
     body, _ = sound()
     stuck = body + 0.03 * np.random.default_rng(4).standard_normal(body.size).round(3)
