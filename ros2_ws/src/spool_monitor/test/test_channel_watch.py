@@ -180,3 +180,25 @@ def test_a_valve_that_nothing_can_judge_is_unknown_after_10_s_and_an_event_after
 def test_what_is_judged_is_never_called_blind(usual: Replay) -> None:
     assert usual.monitor.detection.blind == ""
     assert usual.monitor.level is not HealthLevel.UNKNOWN
+
+
+def test_a_jump_of_a_channels_zero_is_no_step_of_a_clock() -> None:
+    """For a moment a step of 0.7 s would account for it, which the next look does not confirm."""
+    machine = from_mapping(
+        {
+            "kind": "machine_orders",
+            "speed_profile": [[0.0, 1903.3]],
+            "orders": [[1.0, 3.1], [2.0, 1.0]],
+            "broadband_rms": 0.26,
+            "broadband_low": 6.0,
+            "broadband_high": 120.0,
+        }
+    )
+    sensor = Sensor(noise=0.08)
+    simulator = Simulator(
+        VALVE, machine, coulomb_force=0.063, sample_rate=800.0, body_sensor=sensor, spool_sensor=sensor
+    )
+    blocks = list(simulator.records(40.0))
+    later = blocks[0].stamp + 30_000_000_000
+    jumped = (replace(one, spool=one.spool - np.float32(2.65 * (one.stamp >= later))) for one in blocks)
+    assert ("data_fault", "clock_step") not in raised(replayed(jumped).events)

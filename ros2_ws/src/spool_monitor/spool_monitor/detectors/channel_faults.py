@@ -22,6 +22,11 @@ AC_COUPLING = sensor_fault(EventCause("ac_coupling", 609))
 AGREE = 0.25
 
 
+def agree(one: ChannelFault, other: ChannelFault) -> bool:
+    """Whether two looks show one fault, by its size."""
+    return abs(one.value - other.value) < AGREE * abs(other.value)
+
+
 class RowFault(Detector):
     """Fault that the samples themselves show; one look is enough, and one without it ends it."""
 
@@ -120,9 +125,7 @@ class PairFault(RowFault):
 
     def _judge(self, moment: Moment, look: ChannelLook) -> Finding:
         found, last = look.fault(self.cause), self._last
-        self._agreed = (
-            found is not None and last is not None and abs(found.value - last.value) < AGREE * abs(last.value)
-        )
+        self._agreed = found is not None and last is not None and agree(found, last)
         if found is None:
             self._last = None
         return self._finding(moment.stamp, found)
@@ -154,24 +157,30 @@ class ClockStepped(PairFault):
     kind = DATA_FAULT
     cause = "clock_step"
 
+    _step: ChannelFault | None
+    _suspected: ChannelFault | None
+
     def __init__(self, settings: MonitorSettings) -> None:
         super().__init__(settings)
         self._usual = math.nan
-        self._step: ChannelFault | None = None
+        self._step = self._suspected = None
 
     def _judge(self, moment: Moment, look: ChannelLook) -> Finding:
         assert look.pair is not None
-        found, delay = look.fault(self.cause), look.pair.delay
+        found, delay, last = look.fault(self.cause), look.pair.delay, self._suspected
+        self._suspected = found
         if found is not None:
-            self._step = self._step or found
+            # A start or a jolt within the readings shows as a step in one look.
+            if self._step is None and last is not None and agree(found, last):
+                self._step = found
         elif self._step is None and math.isfinite(delay):
             self._usual = delay
         elif self._step is not None and math.isfinite(delay):
             moved = delay - (self._usual if math.isfinite(self._usual) else 0.0)
             if abs(moved) < 0.5 * abs(self._step.value):
                 self._step = None
-        self._agreed = True
-        return self._finding(moment.stamp, self._step)
+        self._agreed = self._step is not None
+        return self._finding(moment.stamp, self._step or found)
 
 
 class ClockDrifts(PairFault):
