@@ -20,11 +20,11 @@ RESEARCH = {path.parent.name for path in (ROOT / "research").glob("*/__init__.py
 #: Lines and files may grow only in a change that adds a feature; its commit message says what that costs.
 RATCHETS = {
     "lines": 86_439,
-    "lines of code": 55_470,
+    "lines of code": 55_469,
     "files": 404,
     "lines of research": 14_903,
     "lines up to the last import, %": 8.38,
-    "private functions with one caller, %": 16.34,
+    "private functions with one caller, %": 16.31,
     "modules with one importer, %": 14.74,
 }
 

@@ -493,22 +493,6 @@ class ParameterDrift:
         )
 
 
-def mean_run_length(threshold: float, allowance: float, variance: float) -> float:
-    """Return the mean time, s, to a false alarm of a one-sided sum.
-
-    Args:
-        threshold: of the sum, s times the unit of the change.
-        allowance: drift of the sum towards zero, per s.
-        variance: long-run variance of the change per s.
-    """
-    if variance <= 0.0:
-        return math.inf
-    exponent = 2.0 * allowance * threshold / variance
-    if exponent > 600.0:
-        return math.inf
-    return variance / (2.0 * allowance**2) * (math.expm1(exponent) - exponent)
-
-
 def threshold_for(run_length: float, allowance: float, variance: float) -> float:
     """Return the threshold that has the mean time ``run_length`` (s) to a false alarm."""
     if variance <= 0.0:

@@ -349,8 +349,8 @@ def look_at_pair(body: Array, spool: Array, period: float, start: float = 0.0) -
     wrong = wrong_sensitivity(pair, gain, nominal)
     step = pair.step(nominal) if wild or parted or wrong is not None else None
     first = 0 if step is None else round(step.time / period)
-    after = None if step is None else ChannelPair(body[first:], spool[first:], period)
-    changed = step is not None and after is not None and valve_changes(after, step, gain)
+    after = ChannelPair(body[first:], spool[first:], period)
+    changed = step is not None and valve_changes(after, step, gain)
     if wrong is not None and parted:
         wrong = sensitivity_in(after)
     elif step is not None and step.valve < gain.residual:
@@ -396,15 +396,15 @@ def changes_within(gain: PairFit, seen: Glance) -> bool:
     return gain.residual**2 >= BETTER_TIME * seen.parted
 
 
-def sensitivity_in(after: ChannelPair | None) -> ChannelFault | None:
+def sensitivity_in(after: ChannelPair) -> ChannelFault | None:
     """Return the wrong sensitivity in the later part of readings that change within.
 
     Some gain explains half of any two states, such as before and after an exchange of the channels.
     """
-    if after is None or not after.long_enough:
+    gain = after.fit((GAIN,)) if after.long_enough else None
+    if gain is None or changes_within(gain, after.glance()):
         return None
-    gain = after.fit((GAIN,))
-    return None if changes_within(gain, after.glance()) else wrong_sensitivity(after, gain, after.fit(()))
+    return wrong_sensitivity(after, gain, after.fit(()))
 
 
 def valve_changes(after: ChannelPair, step: ClockStep, gain: PairFit) -> bool:

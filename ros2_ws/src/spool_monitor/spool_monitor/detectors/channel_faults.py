@@ -22,11 +22,6 @@ AC_COUPLING = sensor_fault(EventCause("ac_coupling", 609))
 AGREE = 0.25
 
 
-def agree(one: ChannelFault, other: ChannelFault) -> bool:
-    """Whether two looks show one fault, by its size."""
-    return abs(one.value - other.value) < AGREE * abs(other.value)
-
-
 class RowFault(Detector):
     """Fault that the samples themselves show; one look is enough, and one without it ends it."""
 
@@ -124,11 +119,16 @@ class PairFault(RowFault):
         return self._judge(moment, look)
 
     def _judge(self, moment: Moment, look: ChannelLook) -> Finding:
+        return self._finding(moment.stamp, self._compared(look))
+
+    def _compared(self, look: ChannelLook) -> ChannelFault | None:
+        """Return the fault that ``look`` shows, and take note whether it agrees with the last one."""
         found, last = look.fault(self.cause), self._last
-        self._agreed = found is not None and last is not None and agree(found, last)
-        if found is None:
-            self._last = None
-        return self._finding(moment.stamp, found)
+        self._agreed = (
+            found is not None and last is not None and abs(found.value - last.value) < AGREE * abs(last.value)
+        )
+        self._last = found
+        return found
 
 
 class Sensitivity(PairFault):
@@ -156,23 +156,15 @@ class ClockStepped(PairFault):
     name = "data_clock_step"
     kind = DATA_FAULT
     cause = "clock_step"
-
-    _step: ChannelFault | None
-    _suspected: ChannelFault | None
-
-    def __init__(self, settings: MonitorSettings) -> None:
-        super().__init__(settings)
-        self._usual = math.nan
-        self._step = self._suspected = None
+    _usual = math.nan
+    _step: ChannelFault | None = None
 
     def _judge(self, moment: Moment, look: ChannelLook) -> Finding:
         assert look.pair is not None
-        found, delay, last = look.fault(self.cause), look.pair.delay, self._suspected
-        self._suspected = found
+        found, delay = self._compared(look), look.pair.delay
         if found is not None:
             # A start or a jolt within the readings shows as a step in one look.
-            if self._step is None and last is not None and agree(found, last):
-                self._step = found
+            self._step = self._step or (found if self._agreed else None)
         elif self._step is None and math.isfinite(delay):
             self._usual = delay
         elif self._step is not None and math.isfinite(delay):

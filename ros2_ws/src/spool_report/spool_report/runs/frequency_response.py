@@ -328,7 +328,9 @@ def _resonances(curve: Curve, order: float | None, speeds: tuple[float, float] |
         low, high = (float(end[0]) for end in bounds(frequency[1:, np.newaxis]))
         one = Resonance(float(frequency[0]), low, high, float(ratio[0]))
         if order is not None and speeds is not None:
-            margins = [_margin(60.0 * hz / order, speeds) for hz in (one.frequency, low, high)]
+            met = 60.0 / order * np.array([one.frequency, low, high])
+            nearest = np.clip(met, *speeds)
+            margins = (np.abs(met - nearest) / nearest).tolist()
             # Inside the interval the speed may lie within the range though both ends lie beyond it.
             across = 60.0 * low / order < speeds[0] and 60.0 * high / order > speeds[1]
             least = math.nan if math.isnan(low) else 0.0 if across else min(margins[1:])
@@ -337,11 +339,6 @@ def _resonances(curve: Curve, order: float | None, speeds: tuple[float, float] |
             )
         found.append(one)
     return found
-
-
-def _margin(speed: float, speeds: tuple[float, float]) -> float:
-    nearest = min(max(speed, speeds[0]), speeds[1])
-    return abs(speed - nearest) / nearest
 
 
 def _spans(across: Array, best: Array, high: Array, unit: str, order: float | None) -> list[Span]:

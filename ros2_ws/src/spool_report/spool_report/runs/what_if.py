@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar
 
@@ -204,10 +204,7 @@ def _second_motion(motion: ComposedMotion, condition: Condition, response: Respo
 
 def print_what_if(found: WhatIf, console: Console) -> None:
     """Show what changes, the resonances with their margins, and the speeds to avoid."""
-    say: Callable[[str], None] = lambda text: console.print(  # noqa: E731
-        text, markup=False, highlight=False, soft_wrap=True
-    )
-    say(found.sentence)
+    console.print(found.sentence, markup=False, highlight=False, soft_wrap=True)
     for rows in (changed_rows(found), change_rows(found), resonance_rows(found), amplitude_rows(found)):
         if rows:
             table = Table(box=None, pad_edge=False)
