@@ -58,7 +58,7 @@ EXPLAINING = {
     "fleet.md": [("`--analysis`", "gives"), ("table", "columns")],
     "what_if.md": [("option", "changes"), ("option", "excitation")],
     "fmu.md": [("name", "causality"), ("program", "tried")],
-    "orders.md": [("where", "name"), ("key", "is"), ("remark", "reason")],
+    "orders.md": [("where", "name"), ("key", "meaning"), ("remark", "reason")],
     "recording.md": [("fault", "what the recorder keeps")],
     "gap.md": [("verdict",), ("problem", "what happens"), ("nuisance", "how it is detected")],
     "measure.md": [("matter", "what to choose"), ("question", "excitation"), ("report", "condition")],
@@ -100,7 +100,9 @@ def result(name: str) -> str:
 
 def cells_of(name: str) -> list[tuple[str, ...]]:
     """Return the rows of the tables of a result page, without their heads."""
-    return [_names(line) for line in result(name).splitlines() if line.startswith("| ")]
+    return [
+        _names(line) for line in result(name).splitlines() if line.startswith("| ") and set(line) - set("| -")
+    ]
 
 
 @pytest.mark.parametrize("page", sorted(RESULTS.glob("*.md")), ids=lambda path: path.name)

@@ -19,7 +19,7 @@ RESEARCH = {path.parent.name for path in (ROOT / "research").glob("*/__init__.py
 #: What was measured, and may only become less: put the new figure here with the change that improves it.
 #: Lines and files may grow only in a change that adds a feature; its commit message says what that costs.
 RATCHETS = {
-    "lines": 86_439,
+    "lines": 86_438,
     "lines of code": 55_469,
     "files": 404,
     "lines of research": 14_903,

@@ -29,7 +29,6 @@ from spool_estimator.identification.channel_pair import (
     LOW,
     ChannelPair,
     ClockStep,
-    Glance,
     PairFit,
 )
 
@@ -345,7 +344,7 @@ def look_at_pair(body: Array, spool: Array, period: float, start: float = 0.0) -
     if drift is not None:
         return PairLook(drift, math.nan)
     gain, nominal = pair.fit((GAIN,)), pair.fit(())
-    parted = changes_within(gain, seen)
+    parted = changes_within(gain, seen.parted)
     wrong = wrong_sensitivity(pair, gain, nominal)
     step = pair.step(nominal) if wild or parted or wrong is not None else None
     first = 0 if step is None else round(step.time / period)
@@ -391,9 +390,9 @@ def look_at_pair(body: Array, spool: Array, period: float, start: float = 0.0) -
     return PairLook(None, delay)
 
 
-def changes_within(gain: PairFit, seen: Glance) -> bool:
-    """Whether two accounts, before and after some moment, explain the readings better than one gain does."""
-    return gain.residual**2 >= BETTER_TIME * seen.parted
+def changes_within(gain: PairFit, parted: float) -> bool:
+    """Whether two accounts, which leave the squares ``parted``, explain more than one gain does."""
+    return gain.residual**2 >= BETTER_TIME * parted
 
 
 def sensitivity_in(after: ChannelPair) -> ChannelFault | None:
@@ -402,7 +401,7 @@ def sensitivity_in(after: ChannelPair) -> ChannelFault | None:
     Some gain explains half of any two states, such as before and after an exchange of the channels.
     """
     gain = after.fit((GAIN,)) if after.long_enough else None
-    if gain is None or changes_within(gain, after.glance()):
+    if gain is None or changes_within(gain, after.glance().parted):
         return None
     return wrong_sensitivity(after, gain, after.fit(()))
 
