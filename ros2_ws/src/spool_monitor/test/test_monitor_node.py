@@ -1,0 +1,435 @@
+"""What the monitor's node publishes: it runs in this process and takes messages as fast as it can."""
+
+from __future__ import annotations
+
+import shutil
+import time
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+import pytest
+import rclpy
+from rclpy.clock import ClockType
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.lifecycle import TransitionCallbackReturn
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.serialization import deserialize_message, serialize_message
+from rclpy.time import Time
+from spool_core.block import Block
+from spool_core.node import qos
+from spool_core.node.block_hub import HUB
+from spool_core.node.diagnostics import key
+from spool_core.node.messages import nanoseconds
+from spool_core.uncertainty import Quantity, Validity
+from spool_estimator.estimate import Estimate
+from spool_estimator.estimator import Estimator, settings_for
+from spool_estimator.messages import to_description, to_message
+from spool_monitor.journal import entries_in
+from spool_monitor.monitor_node import MonitorNode
+from spool_monitor.state_database import FILE
+from spool_monitor.state_file import valve_folder
+from spool_msgs.msg import Alarm, HealthEvent, ValveHealth
+from spool_msgs.srv import ManageBaseline, SuppressAlarm
+from spool_sim.excitation import PRESETS
+from spool_sim.sensors import Sensor
+from spool_sim.simulator import Simulator
+from spool_sim.valve import find_valve
+
+VALVE = find_valve("4weh10_soft")
+START = 1_700_000_000_000_000_000
+SECOND = 1_000_000_000
+#: What the node's clock is ahead of the stamps of its data, ns.
+AHEAD = 1_000 * SECOND
+BLOCKS = "/valve_1/acceleration"
+#: s that a test waits at most: machines are busy.
+PATIENCE = 180.0
+
+#: A block and the estimates that fall due with it.
+Step: TypeAlias = tuple[Block, tuple[Estimate, ...]]
+
+
+@cache
+def healthy() -> tuple[Step, ...]:
+    """Return 30 s of a healthy valve at 10 blocks a second, simulated once."""
+    noisy = Sensor(noise=0.03)
+    simulator = Simulator(
+        VALVE, PRESETS["multisine"], coulomb_force=0.1, seed=5, sample_rate=500.0, block_size=50,
+        body_sensor=noisy, spool_sensor=noisy, start_stamp=START,
+    )  # fmt: skip
+    estimator, steps = Estimator(settings_for(VALVE, period=0.5, memory=2.0)), list[Step]()
+    for number in range(300):
+        block = replace(simulator.next_block(), source=VALVE.id)
+        if number % 10 == 0:
+            estimator.update_temperature(block.stamp, VALVE.oil_temperature)
+        steps.append((block, tuple(estimator.update(block))))
+    return tuple(steps)
+
+
+class DrivenMonitor(MonitorNode):
+    """Monitor of `valve_1`, active. ``sent`` has its messages by topic, ``now`` (ns) is its clock."""
+
+    alone = False
+
+    def __init__(self, context: Context, **parameters: Any) -> None:
+        self.sent: dict[str, list[Any]] = defaultdict(list)
+        self._inputs: dict[str, Callable[[Any], None]] = {}
+        self._due: list[Callable[[], None]] = []
+        self._answers: dict[str, tuple[Any, Callable[[Any, Any], Any]]] = {}
+        values = {"use_sim_time": True, "state_folder": "none", "baseline_time": 4.0, **parameters}
+        overrides = [Parameter(name, value=value) for name, value in values.items()]
+        super().__init__("valve_1", context=context, parameter_overrides=overrides, enable_rosout=False)
+        self.now = START + AHEAD
+        assert self.trigger_configure() == self.trigger_activate() == TransitionCallbackReturn.SUCCESS
+
+    @property
+    def now(self) -> int:
+        return int(self.get_clock().now().nanoseconds)
+
+    @now.setter
+    def now(self, stamp: int) -> None:
+        self.get_clock().set_ros_time_override(Time(nanoseconds=stamp, clock_type=ClockType.ROS_TIME))
+
+    def create_publisher(self, kind: Any, topic: str, *more: Any, **named: Any) -> Any:
+        return self._kept(super().create_publisher(kind, topic, *more, **named), kind, topic)
+
+    def create_lifecycle_publisher(self, kind: Any, topic: str, *more: Any, **named: Any) -> Any:
+        return self._kept(super().create_lifecycle_publisher(kind, topic, *more, **named), kind, topic)
+
+    def _kept(self, publisher: Any, kind: Any, topic: str) -> Any:
+        send = publisher.publish
+
+        def publish(message: Any) -> None:
+            self.sent[topic].append(deserialize_message(serialize_message(message), kind))
+            send(message)
+
+        publisher.publish = publish
+        return publisher
+
+    def subscribe(self, kind: Any, topic: str, callback: Any, *more: Any, **named: Any) -> Any:
+        self._inputs[topic] = callback
+        return super().subscribe(kind, topic, callback, *more, **named)
+
+    def every(self, period: float, callback: Callable[[], None], **named: Any) -> Any:
+        self._due.append(callback)
+        return super().every(period, callback, **named)
+
+    def create_service(self, kind: Any, name: str, answer: Any, **named: Any) -> Any:
+        self._answers[name] = kind, answer
+        return super().create_service(kind, name, answer, **named)
+
+    def hear(self, topic: str, message: Any) -> None:
+        """Take a message of a topic."""
+        self._inputs[topic](message)
+
+    def take(self, steps: Iterable[Step]) -> None:
+        """Take blocks and estimates, and report."""
+        for block, estimates in steps:
+            HUB.hand_over(BLOCKS, block)
+            for one in estimates:
+                self.hear("estimate", to_message(one, VALVE.id))
+        self.look()
+
+    def look(self) -> None:
+        """Do what it does every second, and more often."""
+        for one in self._due:
+            one()
+
+    def ask(self, service: str, **fields: object) -> Any:
+        """Call a service."""
+        kind, answer = self._answers[f"~/{service}"]
+        return answer(kind.Request(**fields), kind.Response())
+
+    def tasks(self) -> dict[str, dict[str, str]]:
+        """Return the values of each task in the last report of `/diagnostics`."""
+        last = self.sent["/diagnostics"][-1]
+        return {
+            one.name.partition(": ")[2]: {pair.key: pair.value for pair in one.values} for one in last.status
+        }
+
+
+@pytest.fixture(scope="module", name="context")
+def _context() -> Iterator[Context]:
+    made = Context()
+    rclpy.init(context=made)
+    HUB.offer(BLOCKS)
+    yield made
+    HUB.withdraw(BLOCKS)
+    rclpy.shutdown(context=made)
+
+
+@pytest.fixture(name="start")
+def _start(context: Context) -> Iterator[Callable[..., DrivenMonitor]]:
+    """Start a monitor that knows its valve; one that was started before is gone then, as if killed."""
+    started: list[DrivenMonitor] = []
+
+    def end() -> None:
+        for one in started:
+            one.trigger_shutdown()
+            one.destroy_node()
+        started.clear()
+
+    def start(**parameters: Any) -> DrivenMonitor:
+        end()
+        node = DrivenMonitor(context, **parameters)
+        started.append(node)
+        node.hear("valve", to_description(VALVE))
+        return node
+
+    yield start
+    end()
+
+
+# Parameters that change while it runs.
+
+Change: TypeAlias = Callable[[float, Block, tuple[Estimate, ...]], Step]
+
+
+def drifted(name: str, factor: float) -> Change:
+    """Let a parameter's estimates be ``factor`` times as large."""
+
+    def other(one: Quantity) -> Quantity:
+        return replace(one, value=factor * one.value) if one.name.endswith(name) else one
+
+    def change(_: float, block: Block, estimates: tuple[Estimate, ...]) -> Step:
+        changed = [
+            replace(
+                one,
+                parameters=tuple(map(other, one.parameters)),
+                referred_viscous_coefficient=other(one.referred_viscous_coefficient),
+            )
+            for one in estimates
+        ]
+        return block, tuple(changed)
+
+    return change
+
+
+def line(ratio: float, *gains: float) -> Change:
+    """Shake the body with 3 m/s^2 at ``ratio`` of the natural frequency; the spool has each gain for 4 s."""
+
+    def change(seconds: float, block: Block, _: tuple[Estimate, ...]) -> Step:
+        time = seconds + block.sample_period * np.arange(block.body.size)
+        angle = 2.0 * np.pi * ratio * VALVE.natural_frequency * time
+        gain = gains[min(int(seconds / 4.0), len(gains) - 1)]
+        body, spool = 3.0 * np.sin(angle), -3.0 * gain * np.cos(angle)
+        body, spool = (np.float32(one + 0.01 * of) for one, of in ((body, block.body), (spool, block.spool)))
+        return replace(block, body=body, spool=spool), ()
+
+    return change
+
+
+def offset(_: float, block: Block, estimates: tuple[Estimate, ...]) -> Step:
+    """Let the spool's sensor show 0.8 m/s^2 more."""
+    return replace(block, spool=block.spool + np.float32(0.8)), estimates
+
+
+def scaled(_: float, block: Block, estimates: tuple[Estimate, ...]) -> Step:
+    """Let the spool's sensor show 1.25 times what it should, which no valve explains."""
+    residual = Quantity("residual", "1", 0.5, validity=Validity.VALID)
+    spool = np.float32(1.25) * block.spool
+    return replace(block, spool=spool), tuple(replace(one, residual=residual) for one in estimates)
+
+
+def stuck(_: float, block: Block, estimates: tuple[Estimate, ...]) -> Step:
+    """Let the spool move with its body."""
+    return replace(block, spool=block.body + 0.01 * block.spool), estimates
+
+
+def silent(seconds: float, block: Block, estimates: tuple[Estimate, ...]) -> Step:
+    """Let 3 s be lost."""
+    number = 0 if seconds == 0.0 else 30
+    return replace(block, stamp=block.stamp + number * SECOND // 10, sequence=block.sequence + number), ()
+
+
+class Case(NamedTuple):
+    """What changes after ``lead`` s of a healthy valve: only with the first value it brings ``event``."""
+
+    change: Change
+    values: tuple[float, float]
+    event: tuple[str, str, int, int]
+    lead: int = 12
+
+
+RAISED, CLEARED = HealthEvent.STATE_RAISED, HealthEvent.STATE_CLEARED
+WARNING, ALARM = HealthEvent.SEVERITY_WARNING, HealthEvent.SEVERITY_ALARM
+RESONANCE, WORN = ("resonance", "", RAISED, WARNING), ("friction_drift", "wear", RAISED, WARNING)
+CASES = {
+    "minimum_body": Case(line(1.0, 2.5), (2.9, 3.3), RESONANCE, 0),
+    "resonance_band": Case(line(1.1, 2.5), (0.12, 0.08), RESONANCE, 0),
+    "resonance_on_delay": Case(line(1.0, 2.5), (2.0, 60.0), RESONANCE, 0),
+    "amplification_on": Case(line(1.0, 2.5), (2.4, 2.6), RESONANCE, 0),
+    "amplification_off": Case(line(1.0, 2.5, 1.6), (1.7, 1.5), ("resonance", "", CLEARED, WARNING), 0),
+    "false_alarm_interval": Case(drifted("viscous_coefficient", 0.95), (0.1, 36_500.0), WORN),
+    "friction_drift_on_delay": Case(drifted("viscous_coefficient", 0.75), (4.0, 60.0), WORN),
+    # Twice the limit is an alarm.
+    "viscous_change": Case(drifted("viscous_coefficient", 0.7), (0.1, 0.2), (*WORN[:3], ALARM)),
+    "coulomb_change": Case(
+        drifted("coulomb_force", 1.9), (0.03, 0.06), ("friction_drift", "oil_contamination", RAISED, ALARM)
+    ),
+    "stiffness_change": Case(
+        drifted("spring_stiffness", 0.85), (0.05, 0.1), ("spring_change", "softer", RAISED, ALARM)
+    ),
+    "spring_change_on_delay": Case(
+        drifted("spring_stiffness", 0.85), (4.0, 60.0), ("spring_change", "softer", RAISED, WARNING)
+    ),
+    "offset_change": Case(offset, (0.7, 0.9), ("sensor_fault", "offset", RAISED, WARNING)),
+    "gain_change": Case(scaled, (0.2, 0.3), ("sensor_fault", "scale", RAISED, ALARM)),
+    "stuck_spool_on_delay": Case(stuck, (4.0, 60.0), ("stuck_spool", "", RAISED, ALARM)),
+    "stale_after": Case(silent, (2.9, 3.1), ("stale", "acceleration", RAISED, ALARM)),
+}
+
+
+@pytest.mark.parametrize(
+    "name", [one.name for one in MonitorNode.PARAMETERS if not (one.structural or one.read_only)]
+)
+def test_a_limit_that_changes_while_the_monitor_runs_decides_what_is_reported(
+    name: str, start: Callable[..., DrivenMonitor]
+) -> None:
+    case, found = CASES[name], []
+    for value in case.values:
+        node = start()
+        node.take(healthy()[: 10 * case.lead])
+        (answer,) = node.set_parameters([Parameter(name, value=value)])
+        assert answer.successful
+        rest = enumerate(healthy()[10 * case.lead :])
+        node.take(case.change(number / 10, *step) for number, step in rest)
+        found.append([(one.kind, one.cause, one.state, one.severity) for one in node.sent["events"]])
+    assert [case.event in one for one in found] == [True, False]
+
+
+# What outlives the process, and whoever comes late.
+
+
+def test_who_joins_late_hears_the_last_hundred_events(
+    start: Callable[..., DrivenMonitor], context: Context
+) -> None:
+    node = start()
+    quiet = healthy()[0][0]
+
+    def lost(first: int, count: int) -> None:
+        """Silence of 3 s before each block: it is raised and cleared."""
+        for number in range(first, first + count):
+            stamp = START + number * 31 * SECOND // 10
+            node.take([(replace(quiet, stamp=stamp, sequence=31 * number), ())])
+
+    lost(0, 60)
+    listener = Node("listener", context=context)
+    heard: list[tuple[Any, str, int]] = []
+
+    def hear(event: HealthEvent) -> None:
+        heard.append((event.header.stamp, event.kind, event.state))
+
+    listener.create_subscription(HealthEvent, "/valve_1/events", hear, qos.state(depth=100))
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(listener)
+    end = time.monotonic() + PATIENCE
+    while node.count_subscribers("events") == 0 and time.monotonic() < end:
+        executor.spin_once(0.1)
+    lost(60, 1)
+    sent = [(one.header.stamp, one.kind, one.state) for one in node.sent["events"]]
+    while sent[-1] not in heard and time.monotonic() < end:
+        executor.spin_once(0.1)
+    executor.shutdown()
+    listener.destroy_node()
+    assert len(sent) > 110
+    assert heard[-100:] == sent[-100:]
+
+
+@pytest.mark.parametrize(
+    ("action", "version", "stage", "who"),
+    [("FREEZE", 2, "frozen", "Eva"), ("RESTORE", 1, "learned", ""), ("LEARN", 0, "learning", "")],
+)
+def test_what_an_operator_did_to_the_baseline_holds_after_a_kill(
+    action: str, version: int, stage: str, who: str, tmp_path: Path, start: Callable[..., DrivenMonitor]
+) -> None:
+    node = start(state_folder=str(tmp_path / "state"))
+    node.take(healthy()[:100])
+    assert node.ask("manage_baseline", action=ManageBaseline.Request.LEARN, who="Jan").success
+    node.take(healthy()[100:200])
+    assert node.ask("manage_baseline", action=ManageBaseline.Request.SHOW).version == 2
+    done = node.ask("manage_baseline", action=getattr(ManageBaseline.Request, action), version=1, who="Eva")
+    assert (done.success, done.stage) == (True, stage)
+    shutil.copytree(tmp_path / "state", tmp_path / "kept")
+    node = start(state_folder=str(tmp_path / "kept"))
+    found = node.ask("manage_baseline", action=ManageBaseline.Request.SHOW)
+    assert (found.version, found.stage, found.frozen_by) == (version, stage, who)
+    assert found.values == done.values
+
+
+def test_a_shelf_ends_by_itself_for_everybody_and_for_good(
+    tmp_path: Path, start: Callable[..., DrivenMonitor]
+) -> None:
+    node = start(state_folder=str(tmp_path / "state"))
+    node.take(line(1.0, 2.5)(number / 10, *step) for number, step in enumerate(healthy()[:60]))
+
+    def resonance() -> Any:
+        (found,) = (one for one in node.sent["alarms"][-1].alarms if one.kind == "resonance")
+        return found
+
+    assert node.ask("shelve_alarm", alarm="resonance", duration=60.0, who="Eva").success
+    end = node.now + 60 * SECOND
+    node.now = end - 1
+    node.look()
+    assert (resonance().state, nanoseconds(resonance().shelved_until)) == (Alarm.STATE_SHELVED, end)
+    node.now = end
+    node.look()
+    assert (resonance().state, nanoseconds(resonance().header.stamp)) == (Alarm.STATE_UNACKNOWLEDGED, end)
+    shutil.copytree(tmp_path / "state", tmp_path / "kept")
+    node = start(state_folder=str(tmp_path / "kept"))
+    assert resonance().state == Alarm.STATE_UNACKNOWLEDGED
+    journal = entries_in(valve_folder(tmp_path / "kept", "valve_1") / FILE)
+    assert [(one.action, one.who, one.stamp) for one in journal][-1] == ("expire", "", end)
+
+
+def test_diagnostics_have_the_counts_and_the_numbers_of_what_was_published(
+    tmp_path: Path, start: Callable[..., DrivenMonitor]
+) -> None:
+    """Of 90 s 23 blocks were lost and 3 refused, 20 and 1 of them within the last minute: a silence."""
+    node = start(state_folder=str(tmp_path))
+    later = [
+        (replace(one, stamp=one.stamp + turn * 30 * SECOND, sequence=one.sequence + turn * 300), estimates)
+        for turn in range(3)
+        for one, estimates in healthy()
+        for estimates in ([estimates] if turn == 0 else [()])
+    ]
+    broken = [(replace(one, body=one.body * np.float32("nan")), ()) for one, _ in later]
+    node.take([*later[:120], *broken[123:125], *later[123:850], broken[870], *later[870:]])
+    for name in ("stuck_spool", "resonance", "spring_change"):
+        assert node.ask("shelve_alarm", alarm=name, duration=60.0, who="Eva").success
+    assert len(node.ask("suppress_alarm", alarm="sensor_fault", who="Eva").changed) == 9
+    for name in ("friction_drift", "stale/estimate", "data_fault/rate", "data_fault/source"):
+        way = SuppressAlarm.Request.OUT_OF_SERVICE
+        assert node.ask("suppress_alarm", alarm=name, way=way, who="Eva").success
+    node.look()
+    tasks, health = node.tasks(), node.sent["health"][-1]
+    data = {name: int(value) for name, value in tasks["data"].items() if value.isdecimal()}
+    assert {name: value for name, value in data.items() if value} == {
+        "blocks_used": 877, "blocks_lost": 23, "blocks_refused": 3, "blocks_lost_last_minute": 20,
+        "blocks_refused_last_minute": 1, "fault_lost": 2, "fault_not_finite": 3,
+    }  # fmt: skip
+    alarms = {name: int(value) for name, value in tasks["alarms"].items() if value.isdecimal()}
+    assert alarms.pop("reversals") > 1000
+    assert alarms == {
+        "active": 1, "waiting": 2, "latched": 0, "shelved": 3, "suppressed": 9, "out_of_service": 4,
+    }  # fmt: skip
+    assert 1.0 < float(tasks["alarms"]["travel_m"]) < 10.0
+    assert health.namur == ValveHealth.NAMUR_FUNCTION_CHECK
+    assert tasks["alarms"]["ne_107"] == "C function check"
+    assert (tasks["alarm data_fault"]["code"], tasks["alarm data_fault"]["occurrence"]) == ("704", "2")
+    shown = (health.dominant_frequency, health.amplification, health.natural_frequency)
+    changes = (health.viscous_drift, health.coulomb_drift)
+    condition = tasks["condition"]
+    assert {one.name for one in changes} == {"viscous_coefficient_change", "coulomb_force_change"}
+    for one in (*shown, *changes):
+        assert float(condition[key(one.name, one.unit)]) == pytest.approx(one.value, rel=1e-5), one.name
+    baseline = node.ask("manage_baseline", action=ManageBaseline.Request.SHOW)
+    for one in baseline.values[:3]:
+        low, high = (float(condition[key(f"{one.name}_{end}", one.unit)]) for end in ("low", "high"))
+        assert 0.7 * one.value < low < one.value < high < 1.3 * one.value, one.name
