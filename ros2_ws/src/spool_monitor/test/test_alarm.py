@@ -204,12 +204,6 @@ def test_no_shelf_is_endless(seconds: float) -> None:
         shelve(alarm(U), OPERATOR, seconds)
 
 
-def test_a_shelf_ends_at_its_time_and_not_before() -> None:
-    shelved = shelve(alarm(U), OPERATOR, 60.0).after
-    assert not expire(shelved, NOW + 60 * SECOND - 1).changed
-    assert expire(shelved, NOW + 60 * SECOND).after.state is U
-
-
 def test_a_clock_set_back_does_not_lengthen_a_shelf() -> None:
     shelved = shelve(alarm(U), OPERATOR, 60.0).after
     assert expire(shelved, NOW - 1).after.state is U

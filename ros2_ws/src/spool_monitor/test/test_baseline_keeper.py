@@ -199,18 +199,6 @@ def test_freezing_says_who_and_is_done_once() -> None:
         after.freeze(EVA)
 
 
-def test_learning_anew_goes_on_after_a_restart() -> None:
-    made = known()
-    made.learn()
-    assert healthy_values(made.detection) == ()
-    after = restarted(made)
-    assert not after.identify("4weh10_soft", "HL68")
-    learned(after, shift=1.2)
-    assert after.current is not None
-    assert after.current.version == 2
-    assert restarted(after).identify("4weh10_soft", "HL68")
-
-
 def test_an_older_version_can_be_taken_back() -> None:
     made = known()
     made.learn()

@@ -658,16 +658,6 @@ def test_the_start_value_of_the_natural_frequency_holds_until_it_is_estimated() 
     assert after.standard_deviation > 0.0
 
 
-def test_settings_reach_their_detectors() -> None:
-    strict = MonitorSettings(false_alarm_interval=1.0, baseline_time=5.0, amplification_on=50.0)
-    one = run(machine((0.0, 1080.0), (99.0, 1080.0)), "4weh10_stiff", drifts=True)
-    one.replay = Replay(one.replay.estimator, Monitor(strict))
-    one.go(15.0)
-    assert one.monitor.health.baseline is BaselineState.FROZEN
-    one.simulator.set_drift("viscous_coefficient", 0.85 * one.simulator.truth.viscous_coefficient)
-    assert {event.cause for event in one.go(20.0)} == {"wear"}
-
-
 def test_a_pickled_monitor_goes_on_equally() -> None:
     one = run(PASSAGE)
     one.go(14.0)

@@ -40,7 +40,7 @@ from spool_msgs.srv import ManageBaseline, SuppressAlarm
 from spool_sim.excitation import PRESETS
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
-from spool_sim.valve import find_valve
+from spool_sim.valve import Valve, find_valve
 
 VALVE = find_valve("4weh10_soft")
 START = 1_700_000_000_000_000_000
@@ -175,11 +175,11 @@ def _start(context: Context) -> Iterator[Callable[..., DrivenMonitor]]:
             one.destroy_node()
         started.clear()
 
-    def start(**parameters: Any) -> DrivenMonitor:
+    def start(valve: Valve = VALVE, **parameters: Any) -> DrivenMonitor:
         end()
         node = DrivenMonitor(context, **parameters)
         started.append(node)
-        node.hear("valve", to_description(VALVE))
+        node.hear("valve", to_description(valve))
         return node
 
     yield start
@@ -363,29 +363,94 @@ def test_what_an_operator_did_to_the_baseline_holds_after_a_kill(
     assert found.values == done.values
 
 
-def test_a_shelf_ends_by_itself_for_everybody_and_for_good(
+def test_the_baseline_of_another_valve_is_neither_used_nor_restored(
+    tmp_path: Path, start: Callable[..., DrivenMonitor]
+) -> None:
+    start(state_folder=str(tmp_path)).take(healthy()[:100])
+    node = start(find_valve("4weh10_stiff"), state_folder=str(tmp_path))
+    assert node.ask("manage_baseline", action=ManageBaseline.Request.SHOW).version == 0
+    back = node.ask("manage_baseline", action=ManageBaseline.Request.RESTORE, version=1, who="Eva")
+    assert not back.success
+    assert "is of valve 4weh10_soft, not of 4weh10_stiff" in back.reason
+
+
+def resonating() -> list[Step]:
+    """Return 6 s in resonance."""
+    return [line(1.0, 2.5)(number / 10, *step) for number, step in enumerate(healthy()[:60])]
+
+
+def resonance(node: DrivenMonitor) -> Any:
+    (found,) = (one for one in node.sent["alarms"][-1].alarms if one.kind == "resonance")
+    return found
+
+
+OUT = {"way": SuppressAlarm.Request.OUT_OF_SERVICE}
+
+
+@pytest.mark.parametrize(
+    ("service", "fields", "state", "acts"),
+    [
+        ("shelve_alarm", {}, Alarm.STATE_SHELVED, ("shelve", "expire")),
+        ("suppress_alarm", OUT, Alarm.STATE_OUT_OF_SERVICE, ("remove from service", "return to service")),
+    ],
+)
+def test_what_was_put_aside_for_a_time_comes_back_by_itself_also_across_kills(
+    service: str, fields: Any, state: int, acts: Any, tmp_path: Path, start: Callable[..., DrivenMonitor]
+) -> None:
+    node = start(state_folder=str(tmp_path / "state"))
+    node.take(resonating())
+    begun = node.now
+    asked = {"alarm": "resonance", "duration": 60.0, "who": "Eva", "comment": "pump replacement", **fields}
+    assert node.ask(service, **asked).success
+    shutil.copytree(tmp_path / "state", tmp_path / "before")
+    node = start(state_folder=str(tmp_path / "before"))
+    end = begun + 60 * SECOND
+    node.now = end - 1
+    node.look()
+    assert (resonance(node).state, nanoseconds(resonance(node).shelved_until)) == (state, end)
+    node.now = end
+    node.look()
+    assert nanoseconds(node.sent["alarms"][-1].header.stamp) == end
+    assert resonance(node).state == Alarm.STATE_UNACKNOWLEDGED
+    shutil.copytree(tmp_path / "before", tmp_path / "after")
+    node = start(state_folder=str(tmp_path / "after"))
+    assert resonance(node).state == Alarm.STATE_UNACKNOWLEDGED
+    journal = entries_in(valve_folder(tmp_path / "after", "valve_1") / FILE)[-2:]
+    assert [(one.action, one.who, one.stamp, one.comment) for one in journal] == [
+        (acts[0], "Eva", begun, "pump replacement"), (acts[1], "", end, ""),
+    ]  # fmt: skip
+
+
+def test_an_acknowledgement_survives_a_kill_and_the_end_of_the_alarm_is_seen_after_it(
     tmp_path: Path, start: Callable[..., DrivenMonitor]
 ) -> None:
     node = start(state_folder=str(tmp_path / "state"))
-    node.take(line(1.0, 2.5)(number / 10, *step) for number, step in enumerate(healthy()[:60]))
-
-    def resonance() -> Any:
-        (found,) = (one for one in node.sent["alarms"][-1].alarms if one.kind == "resonance")
-        return found
-
-    assert node.ask("shelve_alarm", alarm="resonance", duration=60.0, who="Eva").success
-    end = node.now + 60 * SECOND
-    node.now = end - 1
-    node.look()
-    assert (resonance().state, nanoseconds(resonance().shelved_until)) == (Alarm.STATE_SHELVED, end)
-    node.now = end
-    node.look()
-    assert (resonance().state, nanoseconds(resonance().header.stamp)) == (Alarm.STATE_UNACKNOWLEDGED, end)
+    node.take(resonating())
+    assert node.ask("acknowledge_alarm", alarm="resonance", who="Eva", comment="I look").success
     shutil.copytree(tmp_path / "state", tmp_path / "kept")
     node = start(state_folder=str(tmp_path / "kept"))
-    assert resonance().state == Alarm.STATE_UNACKNOWLEDGED
-    journal = entries_in(valve_folder(tmp_path / "kept", "valve_1") / FILE)
-    assert [(one.action, one.who, one.stamp) for one in journal][-1] == ("expire", "", end)
+    alarm = resonance(node)
+    assert (alarm.state, alarm.acknowledged_by, alarm.comment) == (Alarm.STATE_ACKNOWLEDGED, "Eva", "I look")
+    node.take(healthy()[60:120])
+    assert [(one.kind, one.state) for one in node.sent["events"]] == [("resonance", CLEARED)]
+    assert resonance(node).state == Alarm.STATE_NORMAL
+    # An aggregator has its task from before, which would be STALE forever.
+    shutil.copytree(tmp_path / "kept", tmp_path / "later")
+    node = start(state_folder=str(tmp_path / "later"))
+    node.look()
+    assert node.tasks()["alarm resonance"]["state"] == "normal"
+
+
+def test_limits_that_contradict_each_other_are_refused_together_and_change_nothing(
+    start: Callable[..., DrivenMonitor],
+) -> None:
+    node = start()
+    (answer,) = node.set_parameters([Parameter("amplification_off", value=1.9)])
+    assert not answer.successful
+    assert "amplification_off (1.9) must lie below amplification_on (1.8)" in answer.reason
+    assert node.value("amplification_off") == 1.5
+    both = [Parameter("amplification_off", value=1.9), Parameter("amplification_on", value=2.5)]
+    assert node.set_parameters_atomically(both).successful
 
 
 def test_diagnostics_have_the_counts_and_the_numbers_of_what_was_published(
@@ -408,7 +473,12 @@ def test_diagnostics_have_the_counts_and_the_numbers_of_what_was_published(
         way = SuppressAlarm.Request.OUT_OF_SERVICE
         assert node.ask("suppress_alarm", alarm=name, way=way, who="Eva").success
     node.look()
+    assert node.tasks()["alarms"]["waiting"] == "2"
+    assert node.ask("acknowledge_alarm", who="Eva").success
+    node.look()
     tasks, health = node.tasks(), node.sent["health"][-1]
+    assert {node.sent[topic][-1].header.frame_id for topic in ("alarms", "events", "health")} == {VALVE.id}
+    assert nanoseconds(health.header.stamp) == later[-1][0].end
     data = {name: int(value) for name, value in tasks["data"].items() if value.isdecimal()}
     assert {name: value for name, value in data.items() if value} == {
         "blocks_used": 877, "blocks_lost": 23, "blocks_refused": 3, "blocks_lost_last_minute": 20,
@@ -417,11 +487,10 @@ def test_diagnostics_have_the_counts_and_the_numbers_of_what_was_published(
     alarms = {name: int(value) for name, value in tasks["alarms"].items() if value.isdecimal()}
     assert alarms.pop("reversals") > 1000
     assert alarms == {
-        "active": 1, "waiting": 2, "latched": 0, "shelved": 3, "suppressed": 9, "out_of_service": 4,
+        "active": 1, "waiting": 0, "latched": 0, "shelved": 3, "suppressed": 9, "out_of_service": 4,
     }  # fmt: skip
     assert 1.0 < float(tasks["alarms"]["travel_m"]) < 10.0
-    assert health.namur == ValveHealth.NAMUR_FUNCTION_CHECK
-    assert tasks["alarms"]["ne_107"] == "C function check"
+    assert (health.namur, tasks["alarms"]["ne_107"]) == (ValveHealth.NAMUR_FUNCTION_CHECK, "C function check")
     assert (tasks["alarm data_fault"]["code"], tasks["alarm data_fault"]["occurrence"]) == ("704", "2")
     shown = (health.dominant_frequency, health.amplification, health.natural_frequency)
     changes = (health.viscous_drift, health.coulomb_drift)

@@ -170,6 +170,19 @@ def test_a_kind_without_texts_is_named_by_its_own_name() -> None:
     assert headline(hot) == "Hot oil: oil temperature 90 °C, limit 80 °C"
 
 
+def test_orders_are_counted_as_people_say_them() -> None:
+    said = {}
+    for order in (1.0, 2.0, 3.0, 4.0, 11.0, 12.0, 13.0, 21.0, 22.0, 23.0, 30.0, 101.0, 111.0, 112.0, 2.5):
+        numbers = (Quantity("order", "1", order), Quantity("speed", "rev/min", 857.0))
+        found = re.search(
+            r"\((\S+) order of the pump", headline(event(Facts(subject="pump", evidence=numbers)))
+        )
+        said[order] = "" if found is None else found[1]
+    assert (
+        " ".join(said.values()) == "1st 2nd 3rd 4th 11th 12th 13th 21st 22nd 23rd 30th 101st 111th 112th 2.5"
+    )
+
+
 @pytest.mark.parametrize(
     ("seconds", "text"),
     [(7.24, "7.2 s"), (119.0, "119.0 s"), (2040.0, "34 min"), (43200.0, "12 h"), (5.0 * 86400.0, "5 days")],
