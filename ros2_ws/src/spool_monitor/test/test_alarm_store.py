@@ -11,7 +11,7 @@ from spool_core.uncertainty import Quantity
 from spool_monitor.alarm import AlarmRefusedError, AlarmState, Operator
 from spool_monitor.alarm_store import AlarmStore
 from spool_monitor.detectors import event_kind
-from spool_monitor.event import Condition, Event, EventState, Facts, Finding, Severity
+from spool_monitor.event import Condition, Event, EventState, Facts, Severity
 
 SECOND = 1_000_000_000
 CONDITIONS = (
@@ -103,25 +103,6 @@ def test_those_that_wait_for_an_operator_are_shown_first() -> None:
         "friction_drift/viscous_coefficient",
         "resonance",
     ]
-
-
-def test_after_a_restart_a_condition_that_is_over_ends_its_alarm() -> None:
-    before = store()
-    before.update(event("resonance", RAISED, severity=Severity.ALARM))
-    after = store()
-    after.load(json.loads(json.dumps(before.dump(), allow_nan=False)))
-    condition = Condition(event_kind("resonance"), 0.5, 1.0)
-    after.restore([condition])
-    assert condition.active is Severity.ALARM
-    nothing = Quantity("amplification", "1", 1.0)
-    events = [
-        one
-        for stamp in (10 * SECOND, 11 * SECOND)
-        for one in condition.judge(Finding(stamp, None, True, "", nothing))
-    ]
-    for one in events:
-        after.update(one)
-    assert states(after) == {"resonance": AlarmState.RETURNED_UNACKNOWLEDGED}
 
 
 @pytest.mark.parametrize(

@@ -80,18 +80,6 @@ def test_latch_and_acknowledgement_survive_kills_at_random_moments(
             assert alarm.acknowledged_by == (told[2] if len(told) > 2 else "")
 
 
-def test_a_condition_that_was_active_goes_on(tmp_path: Path) -> None:
-    state, _ = opened(tmp_path)
-    state.alarms.update(stuck(EventState.RAISED, 1))
-    state.keep_alarms()
-    state.close()
-    again, _ = opened(tmp_path)
-    (condition,) = (one for one in again.monitor.conditions if one.name == "stuck_spool")
-    assert condition.active is Severity.ALARM
-    assert "stuck_spool" in again.monitor.health.active
-    again.close()
-
-
 def test_a_damaged_file_is_said_and_the_good_copy_used(tmp_path: Path) -> None:
     state, _ = opened(tmp_path)
     state.alarms.update(stuck(EventState.RAISED, 1))
