@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from spool_fleet.comparison import MONTH, Scatter, chance_score, likeliest_change
+from spool_fleet.comparison import MONTH, Scatter, chance_score, likeliest_change, scatter_of
 from spool_fleet.judgement import CHANGED, LEARNING, MACHINE, OK, UNKNOWN, Trend, judge
 from spool_fleet.manifest import DAY, Service
 from spool_fleet.observations import (
@@ -183,6 +183,15 @@ def test_the_score_of_white_noise_is_that_of_chance() -> None:
         assert found is not None
         scores.append(found.score)
     assert np.median(scores) == pytest.approx(chance_score(weeks), rel=0.1)
+
+
+def test_valves_that_are_equally_noisy_are_found_to_be() -> None:
+    """What their variances differ by, of 40 weeks each, is chance."""
+    rows = np.random.default_rng(1).normal(0.0, 0.01, (200, WEEKS))
+    nothing, none = np.full(WEEKS, np.nan), np.zeros(WEEKS, dtype=np.int64)
+    found = scatter_of([Weekly(np.arange(WEEKS), row, np.ones(WEEKS), nothing, none) for row in rows])
+    assert found.noise == pytest.approx(1e-4, rel=0.05)
+    assert found.noise_spread < 0.03
 
 
 def test_one_odd_bag_hardly_moves_its_week() -> None:
