@@ -114,6 +114,12 @@ def test_nothing_is_claimed_before_it_is_known() -> None:
         assert math.isnan(quantity.standard_deviation)
 
 
+def test_dry_friction_of_point_values_is_certain_a_chunk_after_the_start() -> None:
+    source = simulator(coulomb_force=0.5, rate=500.0)
+    found = estimates_of(source.records(2.2), Estimator(settings_for(source.valve, memory=1.0, period=0.1)))
+    assert found[-2].parameter("coulomb_force").value == pytest.approx(0.5, rel=0.01)
+
+
 def test_follows_a_drift_of_friction() -> None:
     source = simulator(coulomb_force=0.2)
     estimator = Estimator(settings_for(source.valve))
