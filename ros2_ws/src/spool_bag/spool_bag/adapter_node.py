@@ -6,7 +6,7 @@ import math
 import re
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
@@ -125,21 +125,11 @@ class AdapterNode(ManagedNode):
         ),
         NodeParameter("block_rate", 50.0, "Blocks a second.", "Hz", 0.1, 1000.0, structural=True),
         NodeParameter(
-            "settle",
-            1.0,
-            "Time span of stamps from which each clock is estimated.",
-            "s",
-            0.1,
-            60.0,
+            "settle", 1.0, "Time span of stamps from which each clock is estimated.", "s", 0.1, 60.0,
             structural=True,
         ),
         NodeParameter(
-            "longest_wait",
-            1.0,
-            "Longest time that one sensor waits for the other.",
-            "s",
-            0.01,
-            10.0,
+            "longest_wait", 1.0, "Longest time that one sensor waits for the other.", "s", 0.01, 10.0,
             structural=True,
         ),
         NodeParameter(
@@ -158,7 +148,7 @@ class AdapterNode(ManagedNode):
             choices=("best_effort", "reliable"),
             structural=True,
         ),
-    )
+    )  # fmt: skip
 
     def __init__(self, namespace: str | None = None, **options: Any) -> None:
         super().__init__("adapter", namespace, **options)
@@ -179,13 +169,15 @@ class AdapterNode(ManagedNode):
         self._begin = time.monotonic()
         self._heard: dict[Channel, float] = {}
         self._looks, self._level = 0, Level.OK
-        readings = {
-            one: replace(self._reading(one.value, {}), gravity=self._report.gravity[one]).samples
-            for one in Channel
-        }
+        readings = {one: self._reading(one.value, {}) for one in Channel}
+        partners = [one.frame for one in readings.values()] if len(set(topics.values())) == 1 else []
         wanted = qos.profile(DEPTH, reliable=self.value("reliability") == "reliable")
         for topic in dict.fromkeys(topics.values()):
-            channels = {one: readings[one] for one in Channel if topics[one] == topic}
+            channels = {
+                one: replace(reading, gravity=self._report.gravity[one], partners=partners).samples
+                for one, reading in readings.items()
+                if topics[one] == topic
+            }
             kind = TYPES[self.value(f"{next(iter(channels)).value}_type")]
             self.subscribe(kind, topic, self._taker(channels), wanted)
         self.every(LOOK, self._look, steady=True)
@@ -253,7 +245,8 @@ class AdapterNode(ManagedNode):
                             f"{channel.value}: {plural(count, 'message')} could not be used: {unusable}"
                         )
                     continue
-                self._heard[channel] = time.monotonic()
+                if found:
+                    self._heard[channel] = time.monotonic()
                 for stamp, value in found:
                     block = self._aligner.update(channel, stamp, value)
                     if block is not None:
@@ -302,7 +295,7 @@ class Reading:
     ``frame`` is the only ``frame_id`` taken, empty: any. ``by_arrival``: the arrival's time counts, not the
     header's.
     ``time_column``: of an array, in s; -1 for none. ``sample_rate`` (Hz) of arrays with several samples each.
-    ``gravity`` gets the axes of all readings.
+    ``gravity`` gets the axes of all readings. ``partners``: frames of both sensors, where they share a topic.
     """
 
     kind: str
@@ -314,6 +307,7 @@ class Reading:
     time_column: int = -1
     sample_rate: float = 0.0
     gravity: Gravity | None = field(default=None, compare=False)
+    partners: Sequence[str] = field(default=(), compare=False)
 
     def refusal(self) -> str | None:
         """Return what is wrong with ``axis`` for this type of message, or ``None``."""
@@ -339,6 +333,8 @@ class Reading:
         def of_vector(message: Any, arrival: int) -> Samples:
             header = message.header
             if self.frame and header.frame_id != self.frame:
+                if header.frame_id in self.partners:
+                    return []
                 raise UnusableError(f"frame_id is {header.frame_id!r}, not {self.frame!r}")
             if self.kind == IMU:
                 if message.linear_acceleration_covariance[0] == NOT_MEASURED:
