@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from spool_msgs.msg import HealthEvent, ModelEstimate
-from spool_sim.valve import shipped_valves
+from spool_msgs.msg import ModelEstimate
 
 if TYPE_CHECKING:
     from .conftest import System, Topic
@@ -124,22 +123,3 @@ def test_the_estimate_follows_a_drift(valve: Valve) -> None:
 
     valve.system.until(lambda: told() == pytest.approx(target, rel=1e-4), "the simulator tells of its end")
     assert valve.parameter("spring_stiffness") == pytest.approx(1632.0, rel=0.05)
-
-
-def test_the_live_monitor_names_the_order_of_a_machine_whose_speed_is_published(
-    make_system: Callable[[Path], AbstractContextManager[System]], tmp_path: Path
-) -> None:
-    described = shipped_valves()["4weh10_stiff"].read_text() + "components:\n  - {name: pump, pistons: 9}\n"
-    (tmp_path / "valve.yaml").write_text(described)
-    shaking = "{kind: machine_orders, speed_profile: [[0, 850], [60, 910]], orders: [[2, 6], [1, 2]]}\n"
-    (tmp_path / "shaking.yaml").write_text(shaking)
-    valve = str(tmp_path / "valve.yaml")
-    with make_system(tmp_path) as system:
-        events = system.listen(HealthEvent, "/valve_1/events", latched=True)
-        system.start("estimator", memory=1.0, valve_file=valve)
-        system.start("monitor", resonance_on_delay=3.0)  # revolutions enough to be sure of an order
-        system.start("simulator", excitation=str(tmp_path / "shaking.yaml"), valve_file=valve, model="fluid")
-        system.until(lambda: events.heard and events.last.kind == "resonance", "resonance is raised")
-        assert events.last.message.startswith("Resonance (2nd order of the pump, 8")
-        speed = next(one.value for one in events.last.evidence if one.name == "speed")
-        assert speed == pytest.approx(857.0, rel=0.01)
