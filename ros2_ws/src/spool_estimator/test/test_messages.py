@@ -1,19 +1,15 @@
 from __future__ import annotations
 
-from dataclasses import replace
+from typing import Any
 
 import pytest
-from rclpy.serialization import deserialize_message, serialize_message
 from spool_core.errors import InputError
+from spool_core.node.messages import nanoseconds, to_quantity
 from spool_core.uncertainty import Quantity
 from spool_estimator.estimate import State
-from spool_estimator.estimator import Estimator
-from spool_estimator.messages import from_description, from_message, to_description, to_message
-from spool_estimator.stream_estimator import EstimatorSettings
+from spool_estimator.messages import from_description, from_message, to_refit_message
+from spool_estimator.refit import Refit, RefitState
 from spool_msgs.msg import ModelEstimate, ValveDescription
-from spool_sim.excitation import PRESETS
-from spool_sim.simulator import Simulator
-from spool_sim.valve import find_valve
 
 
 @pytest.mark.parametrize("state", State)
@@ -26,30 +22,22 @@ def test_the_message_has_no_other_state() -> None:
     assert sorted(names) == sorted(f"STATE_{state.name}" for state in State)
 
 
-@pytest.mark.parametrize("seconds", [1.0, 8.0])
-def test_an_estimate_survives_the_wire(seconds: float) -> None:
-    """While learning (NaN) and while tracking."""
-    estimator = Estimator(EstimatorSettings(0.18))
-    for block in Simulator(find_valve("4weh10_soft"), PRESETS["multisine"]).records(seconds):
-        estimator.update(block)
-    assert estimator.latest is not None
-    message = deserialize_message(serialize_message(to_message(estimator.latest, "valve_1")), ModelEstimate)
-    assert message.header.frame_id == "valve_1"
-    sent = replace(
-        estimator.latest, residual_force=Quantity("residual_force", "N"), source="valve_1"
-    )  # no message has the former
-    assert repr(from_message(message)) == repr(sent)
+def test_every_field_of_a_refit_is_in_its_message() -> None:
+    one, *others = (Quantity(name, "1", 0.5, 0.1) for name in ("k", "objective", "amplitude_ratio", "nrmse"))
+    fields: dict[str, Any] = {"model": "coulomb", "state": RefitState.NOT_CONVERGED, "reason": "too short"}
+    fields |= {"last_sequence": 11, "window": 3.5, "fitted": ["c"], "correlations": [0.25]}
+    fields |= {quantity.name: quantity for quantity in others}
+    refit = Refit(stamp=7_000_000_008, parameters=(one,), **fields)
+    message = to_refit_message(refit, "valve_1", refits=12, skipped=13)
+    fields |= {name: to_quantity(fields[name]) for name in ("objective", "amplitude_ratio", "nrmse")}
+    fields |= {"refits": 12, "skipped": 13, "parameters": [to_quantity(one)], "header": message.header}
+    found = {name: getattr(message, name) for name in message.get_fields_and_field_types()}
+    assert found | {"correlations": list(message.correlations)} == fields
+    assert (message.header.frame_id, nanoseconds(message.header.stamp)) == ("valve_1", 7_000_000_008)
 
 
 def test_a_state_of_a_later_release_counts_as_unknown() -> None:
     assert from_message(ModelEstimate(state=250)).state is State.UNKNOWN
-
-
-@pytest.mark.parametrize("name", ["4weh10_soft", "4weh10_stiff"])
-def test_a_description_survives_the_wire(name: str) -> None:
-    valve = find_valve(name)
-    message = deserialize_message(serialize_message(to_description(valve)), ValveDescription)
-    assert from_description(message) == valve
 
 
 def test_a_description_nobody_filled_is_refused() -> None:
