@@ -71,12 +71,13 @@ class Clocked:
         return publisher.publish
 
     def until(self, met: Callable[[], object], what: str) -> None:
-        """Let messages come in until ``met``."""
+        """Let messages come in until ``met``, and then all that is due."""
         end = time.monotonic() + PATIENCE
         while not met():
             if time.monotonic() > end:
                 pytest.fail(f"waited {PATIENCE:g} s in vain: {what}")
             self.executor.spin_once(timeout_sec=0.02)
+        self.settle()
 
     def settle(self) -> None:
         """Let the nodes do all that is due now."""
@@ -95,7 +96,6 @@ class Clocked:
         self._clock.publish(Clock(clock=to_time(self.now)))
         known = [node.get_clock() for node in self.nodes]
         self.until(lambda: all(clock.now().nanoseconds == self.now for clock in known), "the clock")
-        self.settle()
 
     def advance(self, seconds: float) -> None:
         """Let this time pass."""
