@@ -69,6 +69,8 @@ ROOT = Path(__file__).resolve().parent
 #: Environment variable with the names of the test runs that a process belongs to: of the runner, and of its
 #: worker. A process inherits it from whatever started it.
 RUN = "SPOOL_TEST_RUN"
+#: Environment variable with the names of the runner alone: its workers share a server of forks.
+FORKS = "SPOOL_TEST_FORKS"
 
 #: Program that ends what a test run left behind, however the run itself ended: it waits until its parent, the
 #: runner, is gone, asks every process with the name of the run in its environment to end, and kills the rest.
@@ -162,6 +164,8 @@ def pytest_configure(config: pytest.Config) -> None:
         start_new_session=True,
     )
     os.environ[RUN] = f"{os.environ.get(RUN, '')} {name}".strip()
+    if not hasattr(config, "workerinput"):
+        os.environ[FORKS] = os.environ[RUN]
 
 
 @pytest.hookimpl(trylast=True)

@@ -8,6 +8,7 @@ and `/proc/PID/cmdline` are those of the server, and modules that the program ne
 from __future__ import annotations
 
 import atexit
+import contextlib
 import functools
 import gc
 import importlib
@@ -17,11 +18,13 @@ import runpy
 import select
 import signal
 import socket
+import struct
 import subprocess
 import sys
 import tempfile
 import threading
 import time
+import uuid
 import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -75,17 +78,29 @@ class Fork:
 
 
 class Server:
-    """The process whose forks the programs are; all of them end with this process, even after kill -9."""
+    """Connection to the process whose forks the programs are; they end with this one, even after kill -9.
 
-    def __init__(self, loaded: Sequence[str] = LOADED) -> None:
-        self._connection, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        with other:
-            self._process = subprocess.Popen(
-                [sys.executable, __file__, str(other.fileno()), *loaded],
-                pass_fds=[other.fileno()],
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.DEVNULL,
-            )
+    All connections of one ``name`` share the process, which the first of them starts and which ends with the
+    last. ``run``: what its environment holds as the name of the test run.
+    """
+
+    def __init__(self, loaded: Sequence[str] = LOADED, name: str = "", run: str = "") -> None:
+        address = f"\0spool_forks_{name or uuid.uuid4().hex}"
+        self._connection = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        while self._connection.connect_ex(address):
+            with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as listener:
+                try:
+                    listener.bind(address)
+                except OSError:  # another worker was first
+                    continue
+                listener.listen()
+                self._process = subprocess.Popen(
+                    [sys.executable, __file__, str(listener.fileno()), *loaded],
+                    pass_fds=[listener.fileno()],
+                    stdin=subprocess.DEVNULL,
+                    stdout=subprocess.DEVNULL,
+                    env={**os.environ, "SPOOL_TEST_RUN": run or os.environ.get("SPOOL_TEST_RUN", "")},
+                )
         self._codes: dict[int, int] = {}
 
     def start(
@@ -115,15 +130,14 @@ class Server:
         return self._codes.pop(pid)
 
     def close(self) -> None:
-        """End the server and all that still runs."""
+        """End all that still runs, and the process if nobody else uses it."""
         self._connection.close()
-        self._process.wait()
 
     def _hear(self) -> int | None:
         """Take up one message: return the process that was started, or note how one ended."""
         message = self._connection.recv(LARGEST)
         if not message:
-            raise RuntimeError(f"the server of forks ended with {self._process.wait()}")
+            raise RuntimeError("the server of forks ended")
         pid, code = json.loads(message)
         if code is None:
             return int(pid)
@@ -133,8 +147,9 @@ class Server:
 
 @functools.cache
 def server() -> Server:
-    """Return the server of this test worker."""
-    made = Server()
+    """Return the server that the workers of this test run share."""
+    run = os.environ["SPOOL_TEST_FORKS"]
+    made = Server(name=run.replace(" ", "_"), run=run)
     atexit.register(made.close)
     return made
 
@@ -156,44 +171,70 @@ def completed(
     return subprocess.CompletedProcess(command, popen.wait(), *said)
 
 
-def serve(requests: socket.socket) -> tuple[list[str], str, dict[str, str]]:
+def serve(listener: socket.socket) -> tuple[list[str], str, dict[str, str]]:
     """Fork for each request and report how the forks end; return, in a fork, what it has to run."""
-    running: set[int] = set()
+    owners: dict[int, socket.socket] = {}
+    connections: set[socket.socket] = set()
     wake, ring = os.pipe()
     os.set_blocking(ring, False)
     signal.set_wakeup_fd(ring)
     signal.signal(signal.SIGCHLD, lambda *_: None)
     while True:
-        ready = select.select([requests, wake], [], [])[0]
+        ready = select.select([listener, wake, *connections], [], [])[0]
         if wake in ready:
             os.read(wake, 4096)
-            for pid in list(running):
-                ended, status = os.waitpid(pid, os.WNOHANG)
-                if ended:
-                    running.discard(pid)
-                    requests.send(json.dumps([pid, os.waitstatus_to_exitcode(status)]).encode())
-        if requests not in ready:
-            continue
-        message, streams, _, _ = socket.recv_fds(requests, LARGEST, 2)
-        if not message:
-            for pid in running:
-                os.kill(pid, signal.SIGKILL)
-            sys.exit()
-        pid = fork()
-        if pid == 0:
-            signal.set_wakeup_fd(-1)
-            signal.signal(signal.SIGCHLD, signal.SIG_DFL)
-            signal.signal(signal.SIGINT, signal.default_int_handler)
-            os.dup2(streams[0], 1)
-            os.dup2(streams[1], 2)
-            for number in (wake, ring, requests.detach(), *streams):
-                os.close(number)
-            command, folder, environment = json.loads(message)
-            return command, folder, environment
-        running.add(pid)
-        for stream in streams:
-            os.close(stream)
-        requests.send(json.dumps([pid, None]).encode())
+            report_ended(owners)
+        if listener in ready and (connection := accepted(listener)):
+            connections.add(connection)
+        for connection in connections.intersection(ready):
+            message, streams = received(connection)
+            if not message:
+                for pid in (pid for pid, owner in owners.items() if owner is connection):
+                    os.kill(pid, signal.SIGKILL)
+                connections.remove(connection)
+                connection.close()
+                if not connections:
+                    sys.exit()
+                continue
+            pid = fork()
+            if pid == 0:
+                signal.set_wakeup_fd(-1)
+                signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+                signal.signal(signal.SIGINT, signal.default_int_handler)
+                os.dup2(streams[0], 1)
+                os.dup2(streams[1], 2)
+                for number in (wake, ring, *streams, *(one.detach() for one in (listener, *connections))):
+                    os.close(number)
+                command, folder, environment = json.loads(message)
+                return command, folder, environment
+            owners[pid] = connection
+            for stream in streams:
+                os.close(stream)
+            connection.send(json.dumps([pid, None]).encode())
+
+
+def accepted(listener: socket.socket) -> socket.socket | None:
+    """Return a new connection, None if it is another user's."""
+    connection = listener.accept()[0]
+    _, user, _ = struct.unpack("3i", connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12))
+    return connection if user == os.getuid() else None
+
+
+def received(connection: socket.socket) -> tuple[bytes, list[int]]:
+    """Return a request and its streams; nothing where whoever asked is gone."""
+    try:
+        return socket.recv_fds(connection, LARGEST, 2)[:2]
+    except ConnectionResetError:
+        return b"", []
+
+
+def report_ended(owners: dict[int, socket.socket]) -> None:
+    """Report each fork that ended to whoever asked for it, if that is still there."""
+    for pid in list(owners):
+        ended, status = os.waitpid(pid, os.WNOHANG)
+        if ended:
+            with contextlib.suppress(OSError):
+                owners.pop(pid).send(json.dumps([pid, os.waitstatus_to_exitcode(status)]).encode())
 
 
 def fork() -> int:

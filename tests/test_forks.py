@@ -29,12 +29,12 @@ json.dump(seen, sys.stdout)
 print("what went wrong", file=sys.stderr)
 sys.exit(3)
 """
-#: Makes a server and a fork that last, and prints the processes of both.
+#: Connects to the server of a name, makes a fork that lasts, and prints its process and that of the server.
 WORKER = """
 import os, sys, time
 from pathlib import Path
 from tests.forks import Server
-fork = Server([]).start(
+fork = Server([], sys.argv[1]).start(
     ["-c", "import time; time.sleep(600)"], folder=Path(), environment=dict(os.environ), output=sys.stderr
 )
 print(fork.pid, Path(f"/proc/{fork.pid}/stat").read_text().rpartition(")")[2].split()[1], flush=True)
@@ -59,7 +59,7 @@ def test_a_fork_that_lasts_belongs_to_the_run_and_dies_by_a_signal(tmp_path: Pat
             ["-c", "import time; time.sleep(600)"], folder=tmp_path, environment=os.environ, output=log
         )
     try:
-        assert os.environ["SPOOL_TEST_RUN"].encode() in Path(f"/proc/{fork.pid}/environ").read_bytes()
+        assert os.environ["SPOOL_TEST_FORKS"].encode() in Path(f"/proc/{fork.pid}/environ").read_bytes()
         assert fork.poll() is None
         with pytest.raises(subprocess.TimeoutExpired):
             fork.wait(timeout=0.0)
@@ -75,15 +75,24 @@ def test_a_fork_that_raises_ends_as_python_does(tmp_path: Path) -> None:
     assert done.stderr.splitlines()[-1] == "ValueError: mine"
 
 
-def test_server_and_forks_end_with_a_worker_that_is_killed() -> None:
+def test_workers_of_a_run_share_a_server_that_ends_with_the_last_of_them_that_is_killed(
+    tmp_path: Path,
+) -> None:
+    words = [sys.executable, "-c", WORKER, tmp_path.name]
     root = Path(__file__).resolve().parent.parent
-    worker = subprocess.Popen([sys.executable, "-c", WORKER], cwd=root, stdout=subprocess.PIPE, text=True)
+    workers = [subprocess.Popen(words, cwd=root, stdout=subprocess.PIPE, text=True) for _ in range(2)]
     try:
-        assert worker.stdout is not None
-        ends = [os.pidfd_open(int(word)) for word in worker.stdout.readline().split()]
+        said = [worker.stdout.readline().split() for worker in workers if worker.stdout]
+        (one, server), (other, same) = [[os.pidfd_open(int(word)) for word in words] for words in said]
+        assert said[0][1] == said[1][1]
+        workers[0].kill()
+        assert select.select([one], [], [], 180.0)[0], "its fork runs on"
+        assert not select.select([other, server], [], [], 0.0)[0], "that of the other worker does not"
     finally:
-        worker.kill()
-        worker.communicate()
-    for end in ends:
+        for worker in workers:
+            worker.kill()
+            worker.communicate()
+    for end in (other, server):
         assert select.select([end], [], [], 180.0)[0], "it runs on"
+    for end in (one, other, server, same):
         os.close(end)
