@@ -206,7 +206,8 @@ def test_page_json_and_terminal_show_what_was_taken_where_nothing_is_missing(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     bag, page = tmp_path / "bag", tmp_path / "gap.html"
-    assert main(["simulate", "--model", "fluid", "--seconds", "12", "--out", str(bag)]) == 0
+    words = ["--model", "fluid", "--excitation", "multisine", "--sample-rate", "500", "--seconds", "10"]
+    assert main(["simulate", *words, "--out", str(bag)]) == 0
     capsys.readouterr()
     found = gap(tmp_path, bag, "--report", page)
     assert found["verdict"] == "none"
