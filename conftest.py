@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import os
 import subprocess
 import sys
 import uuid
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from itertools import accumulate
 from pathlib import Path
 from typing import Any
 
@@ -25,52 +29,16 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 #: Folders whose tests mostly wait, for live nodes or a browser; the others compute.
 WAITING = ("tests", "web", "node")
-#: Files that take longest, in this order: begun late, they leave the other workers idle at the end. A file
-#: that is missing here costs time only.
-LONGEST = (
-    "test_browser.py",
-    "test_analyse.py",
-    "test_composition.py",
-    "test_command_line.py",
-    "test_search.py",
-    "test_pasted_pages.py",
-    "test_setup.py",
-    "test_page.py",
-    "test_host.py",
-    "test_killed_nodes.py",
-    "test_fuzz_commands.py",
-    "test_documented_python.py",
-    "test_nuisances.py",
-    "test_position.py",
-    "test_alignment.py",
-    "test_sensor_clocks.py",
-    "test_blind_gap.py",
-    "test_alarms.py",
-    "test_faults.py",
-    "test_blows.py",
-    "test_adapter.py",
-    "test_force.py",
-    "test_drift_oil.py",
-    "test_lifecycle.py",
-    "test_stream.py",
-    "test_implausible.py",
-    "test_refits.py",
-    "test_gap_live.py",
-    "test_fit_command.py",
-    "test_replay_report.py",
-    "test_launch.py",
-    "test_two_valves.py",
-    "test_bridge.py",
-    "test_supervision.py",
-    "test_store.py",
-)
-
 ROOT = Path(__file__).resolve().parent
 #: Environment variable with the names of the test runs that a process belongs to: of the runner, and of its
 #: worker. A process inherits it from whatever started it.
 RUN = "SPOOL_TEST_RUN"
 #: Environment variable with the names of the runner alone: its workers share a server of forks.
 FORKS = "SPOOL_TEST_FORKS"
+#: s by file, of the last run; of a machine that keeps them where this one has none yet.
+TIMES, SHIPPED = "spool/times", ROOT / "tests" / "times.json"
+#: Options with which a run needs all tests before the first.
+WHOLE = ("lf", "failedfirst", "newfirst", "stepwise")
 
 #: Program that ends what a test run left behind, however the run itself ended: it waits until its parent, the
 #: runner, is gone, asks every process with the name of the run in its environment to end, and kills the rest.
@@ -141,12 +109,21 @@ def pytest_cmdline_main(config: pytest.Config) -> int | None:
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_configure_node(node: Any) -> None:
-    """Give a worker the tests that a change can reach: it would begin with what was typed."""
-    node.workerinput["reached"] = node.config.args
+    """Give a worker what all of them must agree on, and the tests that a change can reach."""
+    config = node.config
+    node.workerinput["reached"] = config.args
+    node.workerinput["late"] = not (
+        any("::" in argument for argument in config.args)
+        or any(config.getoption(name, False) for name in WHOLE)
+    )
+    node.workerinput["times"] = config.pluginmanager.get_plugin("times").known
 
 
 def pytest_configure(config: pytest.Config) -> None:
     """Let no process that a test starts outlive this runner, even after kill -9; fail deprecated calls."""
+    worker = hasattr(config, "workerinput")
+    if not worker:
+        config.pluginmanager.register(Times(config), "times")
     try:
         from starlette.exceptions import StarletteDeprecationWarning  # noqa: PLC0415 - not on every machine
     except ImportError:
@@ -164,23 +141,120 @@ def pytest_configure(config: pytest.Config) -> None:
         start_new_session=True,
     )
     os.environ[RUN] = f"{os.environ.get(RUN, '')} {name}".strip()
-    if not hasattr(config, "workerinput"):
+    if not worker:
         os.environ[FORKS] = os.environ[RUN]
 
 
-@pytest.hookimpl(trylast=True)
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+class WholeFile(pytest.Item):
+    """A file of tests, which its worker reads when it is its turn: the other workers never do."""
+
+    def runtest(self) -> None:
+        """Be no test: `pytest_runtest_protocol` runs those of the file."""
+
+
+class UnreadFile(pytest.File):
+    """What holds it."""
+
+    def collect(self) -> Iterator[pytest.Item]:
+        """Return the file as its only item."""
+        yield WholeFile.from_parent(self, name=self.path.name, nodeid=self.nodeid)
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_pycollect_makemodule(module_path: Path, parent: pytest.Collector) -> pytest.Collector | None:
+    """Leave a file unread where workers share many."""
+    late = getattr(parent.config, "workerinput", {}).get("late")
+    return UnreadFile.from_parent(parent, path=module_path) if late else None
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> bool | None:
+    """Read a file and run its tests."""
+    if not isinstance(item, WholeFile):
+        return None
+    session, place = item.session, item.session.items.index(item)
+    unread = item.parent
+    assert unread is not None
+    tests = list(session.genitems(pytest.Module.from_parent(unread.parent, path=item.path)))
+    item.ihook.pytest_collection_modifyitems(session=session, config=item.config, items=tests)
+    # Whatever the next file is: of this one only what belongs to the session is left.
+    last = nextitem and WholeFile.from_parent(session, name="")
+    for test, after in zip(tests, [*tests[1:], last], strict=False):
+        session.items[place] = test
+        item.ihook.pytest_runtest_protocol(item=test, nextitem=after)
+        if session.shouldfail or session.shouldstop:
+            break
+    session.items[place] = item
+    return True
+
+
+@pytest.hookimpl(hookwrapper=True, tryfirst=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> Iterator[None]:
     """Put long files first, and mix those that wait with those that compute, so that no processor idles."""
+    given = list(items)
+    yield
+    if any(isinstance(item, WholeFile) for item in given):
+        items[:] = given  # which of its tests are wanted is seen when it is read
+    times = getattr(config, "workerinput", {}).get("times", {})
     files: dict[Path, list[pytest.Item]] = {}
     for item in items:
         files.setdefault(item.path, []).append(item)
-    long = {name: place for place, name in enumerate(LONGEST)}
+    lasting = {path: times.get(some[0].nodeid.partition("::")[0], 1.0) for path, some in files.items()}
     order: list[tuple[float, Path]] = []
     for waits in (True, False):
         kind = [path for path in files if waits is not set(WAITING).isdisjoint(path.parts[len(ROOT.parts) :])]
-        kind.sort(key=lambda path: long.get(path.name, len(long)))
-        order += [(place / len(kind), path) for place, path in enumerate(kind)]
+        kind.sort(key=lambda path: -lasting[path])
+        ends = list(accumulate(lasting[path] for path in kind))
+        order += [((end - lasting[path]) / ends[-1], path) for end, path in zip(ends, kind, strict=True)]
     items[:] = [item for _, path in sorted(order, key=lambda one: one[0]) for item in files[path]]
+
+
+class Times:
+    """How long each file takes, kept for the order of the next run; how much of this one is over."""
+
+    def __init__(self, config: pytest.Config) -> None:
+        self.cache = getattr(config, "cache", None)
+        self.known: dict[str, float] = json.loads(SHIPPED.read_text(encoding="utf-8"))
+        self.known |= (self.cache and self.cache.get(TIMES, {})) or {}
+        self.taken = Counter[str]()
+        self.tests = 0
+        self.files: list[str] = []
+
+    def pytest_sessionstart(self, session: pytest.Session) -> None:
+        """Remember the session."""
+        self.session = session
+
+    @pytest.hookimpl(optionalhook=True)
+    def pytest_xdist_node_collection_finished(self, node: Any, ids: list[str]) -> None:
+        """Take up the files that the workers will read."""
+        self.files = ids if node.workerinput["late"] else []
+
+    @pytest.hookimpl(tryfirst=True)
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        """Count, and guess how many tests there are by the share of the files that have begun."""
+        self.taken[report.nodeid.partition("::")[0]] += report.duration
+        self.tests += report.when == "teardown"
+        if self.files and report.when == "teardown":
+            begun, whole = map(self._expected, (self.taken, self.files))
+            self.session.testscollected = max(self.tests, round(self.tests * whole / begun))
+
+    @pytest.hookimpl(hookwrapper=True)
+    def pytest_runtestloop(self) -> Iterator[None]:
+        """Correct the guess: no test at all is a failure."""
+        yield
+        if self.files:
+            self.session.testscollected = self.tests
+
+    def _expected(self, files: Iterable[str]) -> float:
+        return sum(self.known.get(file, 1.0) for file in files)
+
+    def pytest_sessionfinish(self, session: pytest.Session) -> None:
+        """Keep the times."""
+        option = session.config.getoption
+        if self.cache and self.files and not option("keyword") and option("markexpr") == "not slow":
+            self.cache.set(
+                TIMES, self.known | {file: round(0.1 + taken, 1) for file, taken in self.taken.items()}
+            )
 
 
 @pytest.hookimpl(optionalhook=True)  # pytest-xdist is not on every machine that has ROS 2

@@ -221,7 +221,7 @@ def accepted(listener: socket.socket) -> socket.socket | None:
 
 
 def received(connection: socket.socket) -> tuple[bytes, list[int]]:
-    """Return a request and its streams; nothing where whoever asked is gone."""
+    """Return a request and its streams; nothing where the one who asked is gone."""
     try:
         return socket.recv_fds(connection, LARGEST, 2)[:2]
     except ConnectionResetError:
@@ -229,7 +229,7 @@ def received(connection: socket.socket) -> tuple[bytes, list[int]]:
 
 
 def report_ended(owners: dict[int, socket.socket]) -> None:
-    """Report each fork that ended to whoever asked for it, if that is still there."""
+    """Report each fork that ended to its owner, if that is still there."""
     for pid in list(owners):
         ended, status = os.waitpid(pid, os.WNOHANG)
         if ended:
