@@ -1,8 +1,14 @@
+"""Simulator, estimator and monitor work without ROS, and the estimator without numba."""
+
 from __future__ import annotations
 
+import io
 import os
 import subprocess
 import sys
+from contextlib import redirect_stdout
+
+import pytest
 
 BLOCKER = """
 import importlib.abc, sys
@@ -17,17 +23,35 @@ sys.meta_path.insert(0, Blocker())
 """
 USE = """
 from spool_estimator.estimator import Estimator, settings_for
+from spool_estimator.warm_up import warm_up
 from spool_monitor import detection, monitor, replay
 from spool_sim.excitation import PRESETS
 from spool_sim.simulator import Simulator
 from spool_sim.valve import find_valve
 
+warm_up()
 valve = find_valve("4weh10_soft")
 both = replay.Replay(Estimator(settings_for(valve)), monitor.Monitor())
-both.run(Simulator(valve, PRESETS["sweep"], coulomb_force=0.1).records(6.0))
+both.run(Simulator(valve, PRESETS["sweep"], coulomb_force=0.1).records(SECONDS))
+for quantity in both.estimator.latest.parameters:
+    print(quantity.value.hex())
+"""
+EVENTS = """
 print(both.monitor.health)
 for one in both.events:
     print(one)
+"""
+#: With ROS blocked: each module of the simulator that is no node, and one that is.
+IMPORT = """
+import importlib, pkgutil, spool_sim
+for module in pkgutil.walk_packages(spool_sim.__path__, "spool_sim."):
+    if not module.name.endswith(("_node", ".program")):
+        importlib.import_module(module.name)
+for node in ("spool_estimator.estimator_node", "spool_monitor.monitor_node"):
+    try:
+        importlib.import_module(node)
+    except ImportError as error:
+        print(error, file=sys.stderr)
 """
 ROS = (
     "rclpy",
@@ -50,14 +74,23 @@ def run(code: str, *blocked: str) -> subprocess.CompletedProcess[str]:
     )
 
 
-def test_the_core_works_with_ros_blocked() -> None:
-    blocked, free = run(USE, *ROS), run(USE)
+def test_the_cores_work_with_ros_blocked() -> None:
+    code = f"SECONDS = 6.0\n{USE}{EVENTS}"
+    blocked = run(f"{code}{IMPORT}", *ROS)
     assert blocked.returncode == 0, blocked.stderr
     assert "resonance" in blocked.stdout
-    assert blocked.stdout == free.stdout
+    with redirect_stdout(io.StringIO()) as free:
+        exec(code, {})
+    assert blocked.stdout == free.getvalue()
+    assert blocked.stderr.count("is blocked\n") == 2
 
 
-def test_the_blocker_blocks() -> None:
-    done = run("import spool_monitor.monitor_node", *ROS)
-    assert done.returncode == 1
-    assert "is blocked" in done.stderr
+@pytest.mark.slow
+def test_without_numba_the_estimator_gives_the_same_and_says_once_what_that_costs() -> None:
+    code = f"SECONDS = 3.0\n{USE}"
+    plain, compiled = run(code, "numba"), run(code)
+    assert plain.returncode == 0, plain.stderr
+    assert plain.stderr.count("numba is not installed") == 1
+    assert compiled.stderr == ""
+    for one, other in zip(plain.stdout.split(), compiled.stdout.split(), strict=True):
+        assert abs(float.fromhex(one) / float.fromhex(other) - 1.0) < 1e-6
