@@ -6,10 +6,9 @@ import math
 import re
 import signal
 import time
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import pytest
 import yaml
@@ -270,30 +269,11 @@ def test_a_fault_memory_has_a_fault_an_alarm_and_silence_by_order_is_no_fault(sy
     assert DiagnosticStatus.STALE not in {one.level for one in since}
 
 
-class Unkept(NamedTuple):
-    """A valve whose monitor can't write its state."""
-
-    system: System
-    simulator: Process
-    monitor: Process
-    health: Topic
-    events: Topic
-
-
-@pytest.fixture(scope="module", name="unkept")
-def _unkept(
-    make_system: Callable[[Path], AbstractContextManager[System]], tmp_path_factory: pytest.TempPathFactory
-) -> Iterator[Unkept]:
-    with make_system(tmp_path_factory.mktemp("unkept")) as system:
-        _ = system.diagnostics
-        health = system.listen(ValveHealth, "/valve_1/health", latched=True)
-        events = system.listen(HealthEvent, "/valve_1/events", latched=True)
-        simulator, _, monitor = valve(system, state_folder="/proc/nowhere")
-        yield Unkept(system, simulator, monitor, health, events)
-
-
-def test_diagnostics_follow_the_rules_of_the_standard_tools(unkept: Unkept) -> None:
-    system = unkept.system
+def test_diagnostics_follow_the_rules_of_the_standard_tools_where_nothing_can_be_kept(system: System) -> None:
+    _ = system.diagnostics
+    health = system.listen(ValveHealth, "/valve_1/health", latched=True)
+    events = system.listen(HealthEvent, "/valve_1/events", latched=True)
+    simulator, _, monitor = valve(system, state_folder="/proc/nowhere")
 
     def own() -> dict[str, DiagnosticStatus]:
         found = {}
@@ -336,13 +316,13 @@ def test_diagnostics_follow_the_rules_of_the_standard_tools(unkept: Unkept) -> N
         for array in system.diagnostics.messages
         if any(status.name == ours[0] for status in array.status)
     ]
-    assert len(stamps) <= 3 + (stamps[-1] - stamps[0]) + 2 * len(unkept.events.heard)
+    assert len(stamps) <= 3 + (stamps[-1] - stamps[0]) + 2 * len(events.heard)
 
     gone = time.monotonic()
-    unkept.simulator.end()
+    simulator.end()
     system.until(until_stale(system, ours[:2], gone), "the tasks go stale")
     system.until(
-        lambda: unkept.events.first(
+        lambda: events.first(
             lambda one: one.kind == "stale" and one.state == HealthEvent.STATE_RAISED, after=gone
         ),
         "the event says so",
@@ -354,14 +334,6 @@ def test_diagnostics_follow_the_rules_of_the_standard_tools(unkept: Unkept) -> N
         ),
         "the alarm is shown",
     )
-
-
-def test_a_monitor_works_where_nothing_can_be_kept(unkept: Unkept) -> None:
-    """Last: it ends the monitor."""
-
-    def judged() -> object:
-        return unkept.health.first(lambda health: health.level == ValveHealth.LEVEL_OK)
-
-    unkept.system.until(judged, "data are judged")
-    assert unkept.monitor.end(signal.SIGINT) == 0
-    assert unkept.monitor.said.count("can't be written") == 1
+    assert health.first(lambda message: message.level == ValveHealth.LEVEL_OK), "data were judged"
+    assert monitor.end(signal.SIGINT) == 0
+    assert monitor.said.count("can't be written") == 1
