@@ -233,8 +233,8 @@ class Times:
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         """Count, and guess how many tests there are by the share of the files that have begun."""
         self.taken[report.nodeid.partition("::")[0]] += report.duration
-        self.tests += report.when == "teardown"
-        if self.files and report.when == "teardown":
+        self.tests += report.when == "setup"
+        if self.files and report.when == "setup":
             begun, whole = map(self._expected, (self.taken, self.files))
             self.session.testscollected = max(self.tests, round(self.tests * whole / begun))
 
