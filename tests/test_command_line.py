@@ -63,7 +63,7 @@ def read_json(path: Path) -> Any:
 @pytest.fixture(scope="module", name="bag")
 def _bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     bag = tmp_path_factory.mktemp("simulated") / "bag"
-    done = spool(
+    done = program(
         *("simulate", "--valve", "4weh10_stiff", "--model", "coulomb", "--excitation", "multisine"),
         *("--seconds", SECONDS, "--out", bag),
     )
@@ -142,6 +142,7 @@ def work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         (("info", "missing", "--colour", "red"), "--colour"),
         (("simulate",), "--out"),
         (("run", "spool_dance", "dancer"), "package spool_dance is not installed"),
+        (("run", "spool_sim", "dancer"), "it has: simulator"),
     ],
     ids=lambda value: "_".join(value) if isinstance(value, tuple) else "",
 )
@@ -158,11 +159,7 @@ def test_wrong_input_ends_in_one_line_and_2(
 
 @pytest.mark.parametrize(
     ("arguments", "expected"),
-    [
-        (("info", "missing"), "missing: no such bag"),
-        (("dance",), "dance"),
-        (("run", "spool_sim", "dancer"), "it has: simulator"),
-    ],
+    [(("info", "missing"), "missing: no such bag"), (("dance",), "dance")],
     ids=lambda value: "_".join(value) if isinstance(value, tuple) else "",
 )
 def test_the_launcher_passes_a_refusal_on(work: Path, arguments: tuple[str, ...], expected: str) -> None:
@@ -322,7 +319,7 @@ def _command_line(process: int) -> str:
     return ""
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
 def test_a_benchmark_that_is_ended_early_leaves_no_process_behind(number: int) -> None:
     process = subprocess.Popen(
         [ROOT / "spool", "bench", "host", "--valves", "1", "--seconds", "10"],
