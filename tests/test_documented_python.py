@@ -18,6 +18,8 @@ import pytest
 from spool_tools.operations.node_processes import find_executable
 from std_msgs.msg import Float64
 
+from .forks import completed
+
 if TYPE_CHECKING:
     from .conftest import System
 
@@ -98,7 +100,7 @@ def test_the_blocks_of_a_page_run_in_order_as_one_script(page: Path, tmp_path: P
     (tmp_path / "bags").symlink_to(ROOT / "bags")
     script = tmp_path / "pasted.py"
     script.write_text("\n\n".join(blocks(page)), encoding="utf-8")
-    done = run([str(script)], tmp_path)
+    done = completed([str(script)], folder=tmp_path, environment=os.environ)
     assert (done.returncode, done.stderr) == (0, "")
     # What a page says that it writes is written.
     for name in re.findall(r'savefig\("(.+?)"\)', script.read_text(encoding="utf-8")):
