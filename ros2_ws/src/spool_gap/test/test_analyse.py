@@ -23,7 +23,7 @@ from spool_sim.valve import find_valve
 VALVE = find_valve("4weh10_soft").model_copy(update={"dynamic_viscosity": 0.03})
 #: Lengths of a record and of each of its sweeps, s. Slow tests take the long one. A sweep passes the jump of
 #: a hardening spring once: in a short record the sweeps are quick, so that several of them show it.
-SHORT, LONG = (12.0, 2.0), (24.0, 8.0)
+SHORT, LONG = (8.0, 2.0), (24.0, 8.0)
 Lengths = tuple[float, float]
 
 

@@ -15,7 +15,7 @@ from spool_sim.simulator import Simulator
 from spool_sim.valve import find_valve
 
 VALVE = find_valve("4weh10_soft").model_copy(update={"dynamic_viscosity": 0.03})
-RATE, FINER, SECONDS, NOISE = 1000.0, 10, 16.0, 0.03
+RATE, FINER, SECONDS, NOISE = 1000.0, 10, 8.0, 0.03
 
 
 @pytest.fixture(scope="module", name="motion")
