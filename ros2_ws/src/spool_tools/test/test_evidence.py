@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import re
 from pathlib import Path
 
@@ -36,6 +37,7 @@ LINEAR = {
 }
 
 
+@functools.cache
 def record(
     seconds: float, *, model: str = "fluid", seed: int = 0, noise: float = 0.05, **values: float
 ) -> Record:
@@ -160,7 +162,7 @@ def test_missing_dry_friction_is_a_step_at_velocity_zero_of_twice_its_size() -> 
 
 def test_information_bounds_the_interval_of_a_fit() -> None:
     """A linear valve: the inverse root of what all bands tell is no smaller than the fit's, nor far off."""
-    one = record(20.0)
+    one = record(8.0)
     bands = bands_of(cross_spectra([one.body], [one.spool], PERIOD), *LINEAR.values())
     found = fit([one], load_model("fluid"), VALVE, FitSettings(timing=0.0))
     for name, field in (("spring_stiffness", "stiffness"), ("viscous_coefficient", "damping")):
