@@ -214,7 +214,9 @@ class Times:
 
     def __init__(self, config: pytest.Config) -> None:
         self.cache = getattr(config, "cache", None)
-        self.known: dict[str, float] = json.loads(SHIPPED.read_text(encoding="utf-8"))
+        self.known: dict[str, float] = {}
+        if SHIPPED.is_file():
+            self.known |= json.loads(SHIPPED.read_text(encoding="utf-8"))
         self.known |= (self.cache and self.cache.get(TIMES, {})) or {}
         self.taken = Counter[str]()
         self.tests = 0
@@ -263,5 +265,5 @@ def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
     named = {Path(argument.partition("::")[0]) for argument in config.args}
     if len(named) == 1 and all(path.is_file() for path in named):
         return 0
-    # One more than the processors: tests of live nodes wait most of their time.
-    return len(os.sched_getaffinity(0)) + 1
+    # Two more than the processors: tests of live nodes wait most of their time.
+    return len(os.sched_getaffinity(0)) + 2
