@@ -504,9 +504,11 @@ class TestSetUp:
         assert str(tmp_path / "ros") in said
         assert str(folder / ".setup/on_jazzy/install") in said
 
-    def test_moved_folder_is_noticed(self, set_up: Path):
-        """Last: it leaves the clone half set up."""
-        moved = set_up.rename(set_up.with_name("moved"))
+    def test_moved_folder_is_noticed(self, set_up: Path, tmp_path: Path):
+        """A copy with the notes of the original stands in for it."""
+        moved = shutil.copytree(
+            set_up, tmp_path / "moved", symlinks=True, ignore=shutil.ignore_patterns("site-packages")
+        )
         process = start(moved, "test", "--version")
         said = read_until(process, "making .venv")
         process.send_signal(signal.SIGINT)
