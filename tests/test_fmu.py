@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import functools
 import os
 import re
 import shlex
 import shutil
 import subprocess
 import zipfile
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -60,22 +58,14 @@ class Unit:
         return found[1]
 
 
-Export = Callable[[str, int], Unit]
-
-
-@pytest.fixture(scope="module")
-def exported(tmp_path_factory: pytest.TempPathFactory) -> Export:
-    """Return what exports a model for a version of FMI, once for all tests."""
-
-    @functools.cache
-    def export(model: str, version: int) -> Unit:
-        file = tmp_path_factory.mktemp("fmu") / f"unit_{version}.fmu"
+def exported(folder: Path, model: str, version: int) -> Unit:
+    """Export a model once for all tests, beside their folders."""
+    file = folder.parent / f"unit_{Path(model).stem}_{version}.fmu"
+    if not file.exists():
         assert main(["export", VALVE, "--model", model, "--fmu", str(file), "--fmi", str(version)]) == 0
         with zipfile.ZipFile(file) as archive:
             archive.extractall(file.with_suffix(""))
-        return Unit(file, file.with_suffix(""), version)
-
-    return export
+    return Unit(file, file.with_suffix(""), version)
 
 
 def model_file(folder: Path, name: str) -> str:
@@ -128,11 +118,11 @@ def difference(found: NDArray[np.float64], wanted: NDArray[np.float64]) -> float
 
 @pytest.mark.parametrize("case", CASES)
 def test_the_motion_is_that_of_simulate_at_any_communication_step(
-    case: str, tmp_path: Path, driver: Path, exported: Export
+    case: str, tmp_path: Path, driver: Path
 ) -> None:
     model = model_file(tmp_path, case)
     wanted = simulated(tmp_path, model)
-    newer, older = exported(model, 3), exported(model, 2)
+    newer, older = exported(tmp_path, model, 3), exported(tmp_path, model, 2)
     for shares in (1, 10, 100):  # 0.1 to 10 ms; the input within a step by intermediate update
         found = run(driver, newer, wanted.size // shares, shares)
         assert difference(found[:, 3], wanted[::shares]) < 1e-6
@@ -148,11 +138,11 @@ def test_the_motion_is_that_of_simulate_at_any_communication_step(
 
 
 @pytest.mark.parametrize("version", [2, 3])
-def test_fmpy_finds_no_fault_and_runs_it(version: int, exported: Export) -> None:
+def test_fmpy_finds_no_fault_and_runs_it(version: int, tmp_path: Path) -> None:
     for name in ("fluid", "coulomb", "mixed", "microwedge_printed"):
         assert name in MODELS
-        assert validate_fmu(str(exported(name, version).file)) == []
-    unit = exported("coulomb", version)
+        assert validate_fmu(str(exported(tmp_path, name, version).file)) == []
+    unit = exported(tmp_path, "coulomb", version)
     time = np.arange(0.0, 1.0, 1e-3)
     body = np.array(
         list(zip(time, 10.0 * np.sin(2.0 * np.pi * 20.0 * time), strict=True)),
@@ -168,8 +158,8 @@ def test_fmpy_finds_no_fault_and_runs_it(version: int, exported: Export) -> None
     assert sticks["friction_force"] == pytest.approx(-0.18 * sticks["spool_acceleration_absolute"])
 
 
-def test_friction_spring_and_inertia_balance(driver: Path, exported: Export) -> None:
-    found = run(driver, exported("coulomb", 3), 2000, 10)
+def test_friction_spring_and_inertia_balance(tmp_path: Path, driver: Path) -> None:
+    found = run(driver, exported(tmp_path, "coulomb", 3), 2000, 10)
     position, acceleration, friction = found[:, 0], found[:, 3], found[:, 4]
     stiffness = spool.valve(VALVE).spring_stiffness
     slips = found[:, 5] == 0.0
@@ -179,9 +169,9 @@ def test_friction_spring_and_inertia_balance(driver: Path, exported: Export) -> 
 
 @pytest.mark.parametrize("version", [2, 3])
 def test_built_again_from_its_sources_it_gives_the_same_numbers(
-    version: int, tmp_path: Path, driver: Path, exported: Export
+    version: int, tmp_path: Path, driver: Path
 ) -> None:
-    unit = exported("stribeck", version)
+    unit = exported(tmp_path, "stribeck", version)
     again = tmp_path / "again.so"
     options = ["-O2", "-ffp-contract=off", "-fPIC", "-shared", "-Wall", "-Wextra", "-Werror", "-Wno-unused"]
     source = unit.folder / "sources" / f"fmi{version}.c"
@@ -190,10 +180,8 @@ def test_built_again_from_its_sources_it_gives_the_same_numbers(
 
 
 @pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0, reason="only root may change its root")
-def test_it_runs_where_there_is_nothing_but_the_c_library(
-    tmp_path: Path, driver: Path, exported: Export
-) -> None:
-    unit = exported("coulomb", 3)
+def test_it_runs_where_there_is_nothing_but_the_c_library(tmp_path: Path, driver: Path) -> None:
+    unit = exported(tmp_path, "coulomb", 3)
     root = tmp_path / "root"
     needed = subprocess.run(
         ["ldd", str(driver), str(unit.library)], capture_output=True, text=True, check=True
@@ -210,14 +198,14 @@ def test_it_runs_where_there_is_nothing_but_the_c_library(
     assert np.frombuffer(done.stdout).size == 600
 
 
-def test_warm_oil_drags_less_as_in_simulate(tmp_path: Path, driver: Path, exported: Export) -> None:
+def test_warm_oil_drags_less_as_in_simulate(tmp_path: Path, driver: Path) -> None:
     wanted = simulated(tmp_path, "fluid", "--oil-temperature", "60", seconds=2.0)
-    found = run(driver, exported("fluid", 3), wanted.size, 1, **{f"number_{OIL_TEMPERATURE}": 60.0})
+    found = run(driver, exported(tmp_path, "fluid", 3), wanted.size, 1, **{f"number_{OIL_TEMPERATURE}": 60.0})
     assert difference(found[:, 3], wanted) < 1e-6
 
 
-def test_a_state_that_was_kept_is_taken_up_again(exported: Export) -> None:
-    unit = exported("fluid_presliding_friction", 3)
+def test_a_state_that_was_kept_is_taken_up_again(tmp_path: Path) -> None:
+    unit = exported(tmp_path, "fluid_presliding_friction", 3)
     slave = FMU3Slave(
         guid=unit.token,
         unzipDirectory=str(unit.folder),
@@ -244,9 +232,9 @@ def test_a_state_that_was_kept_is_taken_up_again(exported: Export) -> None:
     slave.freeInstance()
 
 
-def test_a_number_out_of_range_is_refused_by_name(driver: Path, exported: Export) -> None:
+def test_a_number_out_of_range_is_refused_by_name(tmp_path: Path, driver: Path) -> None:
     for version in (2, 3):
-        unit = exported("coulomb", version)
+        unit = exported(tmp_path, "coulomb", version)
         with pytest.raises(AssertionError, match="coulomb_force: -1 is out of range, use 0 to 10000"):
             run(driver, unit, 10, 1, **{f"number_{FIRST_PARAMETER + 3}": -1.0})
 

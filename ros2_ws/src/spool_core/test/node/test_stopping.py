@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import subprocess
@@ -82,48 +83,47 @@ def test_while_the_interpreter_takes_itself_down(probe: Start, observer: Any) ->
     ended_well(process)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "reason"),
-    [
-        (
-            ["--params-file", "broken.yaml"],
-            "--params-file broken.yaml: it cannot be read as a parameter file",
-        ),
-        (
-            ["--params-file", "none.yaml"],
-            "--params-file none.yaml: it cannot be read as a parameter file: No",
-        ),
-        (["-r", "__ns:=/4_press"], "'/4_press' is no namespace: use letters, digits and single underscores"),
-        (["-r", "__node:=4x"], "'4x' is no name of a node: "),
-        (["-r", "told:=4/x"], "no rule for a topic's name"),
-        (["-p", "gain=2"], "-p gain=2: write it with :="),
-        (["-p", "4gain:=2"], "'4gain' is no name of a parameter"),
-        (["-p"], "-p: its value is missing"),
-        (["--log-level", "loud"], "use debug, info, warn, error or fatal"),
-        (
-            ["--params-file", "bare.yaml", "-r", "__ns:=/valve_1"],
-            "bare.yaml: no parameters for /valve_1/probe",
-        ),
-        (["--params-file", "bare.yaml", "-r", "__node:=other"], "write a section /**/other (or /other)"),
-        (["-p", "prove:gain:=2.0"], "it is for a node prove, and this is /probe: type -p gain:=2.0"),
-        (["--", "-r", "__ns:=/valve_9"], "type --ros-args -r __ns:=/valve_9"),
-        (["--", "nonsense"], "nonsense: no option of this program"),
-        (["--bogus"], "unknown ROS arguments"),
-        (
-            ["--params-file", "my_valve.yaml"],
-            "my_valve.yaml: this is a valve description: pass it as --valve ",
-        ),
-    ],
-)
-def test_arguments_that_rcl_refuses_are_said_in_one_line(
-    environment: dict[str, str], tmp_path: Path, arguments: list[str], reason: str
-) -> None:
+#: Arguments, and what the one line says that refuses them.
+REFUSED = [
+    (["--params-file", "broken.yaml"], "--params-file broken.yaml: it cannot be read as a parameter file"),
+    (["--params-file", "none.yaml"], "--params-file none.yaml: it cannot be read as a parameter file: No"),
+    (["-r", "__ns:=/4_press"], "'/4_press' is no namespace: use letters, digits and single underscores"),
+    (["-r", "__node:=4x"], "'4x' is no name of a node: "),
+    (["-r", "told:=4/x"], "no rule for a topic's name"),
+    (["-p", "gain=2"], "-p gain=2: write it with :="),
+    (["-p", "4gain:=2"], "'4gain' is no name of a parameter"),
+    (["-p"], "-p: its value is missing"),
+    (["--log-level", "loud"], "use debug, info, warn, error or fatal"),
+    (["--params-file", "bare.yaml", "-r", "__ns:=/valve_1"], "bare.yaml: no parameters for /valve_1/probe"),
+    (["--params-file", "bare.yaml", "-r", "__node:=other"], "write a section /**/other (or /other)"),
+    (["-p", "prove:gain:=2.0"], "it is for a node prove, and this is /probe: type -p gain:=2.0"),
+    (["--", "-r", "__ns:=/valve_9"], "type --ros-args -r __ns:=/valve_9"),
+    (["--", "nonsense"], "nonsense: no option of this program"),
+    (["--bogus"], "unknown ROS arguments"),
+    (["--params-file", "my_valve.yaml"], "my_valve.yaml: this is a valve description: pass it as --valve "),
+]
+#: The node with each of these arguments, in a fork: its output, and a line with its code.
+EACH = """
+import json, os, runpy, sys
+from spool_core.node.running import run
+node = runpy.run_path(sys.argv[0])["Probe"]
+for arguments in json.loads(sys.argv[1]):
+    sys.argv[1:] = ["--ros-args", *arguments]
+    fork = os.fork()
+    if fork == 0:
+        sys.exit(run(node))
+    print("code", os.waitstatus_to_exitcode(os.waitpid(fork, 0)[1]), file=sys.stderr, flush=True)
+"""
+
+
+def test_arguments_that_rcl_refuses_are_said_in_one_line(environment: dict[str, str], tmp_path: Path) -> None:
     (tmp_path / "broken.yaml").write_text("probe:\n  ros__parameters: [unclosed")
     (tmp_path / "bare.yaml").write_text("probe:\n  ros__parameters: {gain: 2.0}")
     (tmp_path / "my_valve.yaml").write_text("id: a\nmoving_mass: 0.18\nspring_stiffness: 1632.0\n")
     probe = Path(__file__).with_name("probe_node.py")
+    given = json.dumps([arguments for arguments, _ in REFUSED])
     answer = subprocess.run(
-        [sys.executable, str(probe), "--ros-args", *arguments],
+        [sys.executable, "-c", f"import sys; del sys.argv[0]\n{EACH}", str(probe), given],
         env=environment,
         cwd=tmp_path,
         capture_output=True,
@@ -131,9 +131,9 @@ def test_arguments_that_rcl_refuses_are_said_in_one_line(
         timeout=PATIENCE,
         check=False,
     )
-    assert answer.returncode == 2
-    (line,) = answer.stderr.splitlines()
-    assert reason in line
+    lines = answer.stderr.splitlines()
+    assert lines[1::2] == ["code 2"] * len(REFUSED), answer.stderr
+    assert [reason for (_, reason), line in zip(REFUSED, lines[::2], strict=True) if reason not in line] == []
 
 
 def test_without_a_writable_home_it_logs_elsewhere_and_says_so(
