@@ -9,7 +9,7 @@ import subprocess
 import sys
 import uuid
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from itertools import accumulate
 from pathlib import Path
 from typing import Any
@@ -218,13 +218,10 @@ class Times:
         if SHIPPED.is_file():
             self.known |= json.loads(SHIPPED.read_text(encoding="utf-8"))
         self.known |= (self.cache and self.cache.get(TIMES, {})) or {}
+        self.length = lambda file: self.known.get(file, 1.0)
         self.taken = Counter[str]()
         self.tests = 0
         self.files: list[str] = []
-
-    def pytest_sessionstart(self, session: pytest.Session) -> None:
-        """Remember the session."""
-        self.session = session
 
     @pytest.hookimpl(optionalhook=True)
     def pytest_xdist_node_collection_finished(self, node: Any, ids: list[str]) -> None:
@@ -237,18 +234,16 @@ class Times:
         self.taken[report.nodeid.partition("::")[0]] += report.duration
         self.tests += report.when == "setup"
         if self.files and report.when == "setup":
-            begun, whole = map(self._expected, (self.taken, self.files))
-            self.session.testscollected = max(self.tests, round(self.tests * whole / begun))
+            begun, all_of_them = (sum(map(self.length, files)) for files in (self.taken, self.files))
+            self.session.testscollected = max(self.tests, round(self.tests * all_of_them / begun))
 
     @pytest.hookimpl(hookwrapper=True)
-    def pytest_runtestloop(self) -> Iterator[None]:
+    def pytest_runtestloop(self, session: pytest.Session) -> Iterator[None]:
         """Correct the guess: no test at all is a failure."""
+        self.session = session
         yield
         if self.files:
             self.session.testscollected = self.tests
-
-    def _expected(self, files: Iterable[str]) -> float:
-        return sum(self.known.get(file, 1.0) for file in files)
 
     def pytest_sessionfinish(self, session: pytest.Session) -> None:
         """Keep the times."""

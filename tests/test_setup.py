@@ -182,28 +182,24 @@ class TestBeforeSetUp:
         result = spool(fresh, "demo", ROS_DISTRO="jazzy", AMENT_PREFIX_PATH=str(tmp_path))
         assert_one_line(result, "cannot import rclpy", "SPOOL_PYTHON")
 
-    def test_doctor_before_set_up(self, fresh: Path):
-        result = spool(fresh, "doctor")
-        assert result.returncode == 0, result.stdout
-        assert "not set up yet: ./spool demo does it" in result.stdout
-
-    def test_doctor_refuses_localhost_only(self, fresh: Path):
-        result = spool(fresh, "doctor", ROS_LOCALHOST_ONLY="1")
-        assert result.returncode == 1
-        assert "ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST" in result.stdout
-
     @pytest.mark.parametrize(
-        ("variables", "said"),
+        ("level", "variables", "said"),
         [
-            ({}, "discovery range SUBNET: anyone on this network may"),
-            ({"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"}, "acknowledge and shelve alarms; set"),
-            ({"ROS_SECURITY_ENABLE": "true"}, "messages are sent and recorded in clear"),
-            ({"NUMBA_CACHE_DIR": "shared"}, "compiled kernels are not kept in {folder}/shared/spool_kernels"),
-            ({"XDG_CACHE_HOME": "shared"}, "everybody may write in {folder}/shared"),
+            ("", {}, "not set up yet: ./spool demo does it"),
+            ("problem", {"ROS_LOCALHOST_ONLY": "1"}, "ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST"),
+            ("warning", {}, "discovery range SUBNET: anyone on this network may"),
+            ("warning", {"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"}, "acknowledge and shelve alarms; set"),
+            ("warning", {"ROS_SECURITY_ENABLE": "true"}, "messages are sent and recorded in clear"),
+            (
+                "warning",
+                {"NUMBA_CACHE_DIR": "shared"},
+                "compiled kernels are not kept in {folder}/shared/spool_kernels",
+            ),
+            ("warning", {"XDG_CACHE_HOME": "shared"}, "everybody may write in {folder}/shared"),
         ],
     )
-    def test_doctor_warns_of_what_lets_others_in(
-        self, fresh: Path, tmp_path: Path, variables: dict[str, str], said: str
+    def test_doctor_reports_what_is_missing_and_what_lets_others_in(
+        self, fresh: Path, tmp_path: Path, level: str, variables: dict[str, str], said: str
     ):
         (tmp_path / "shared").mkdir()
         (tmp_path / "shared").chmod(0o777)
@@ -211,8 +207,9 @@ class TestBeforeSetUp:
             name: str(tmp_path / value) if value == "shared" else value for name, value in variables.items()
         }
         result = spool(fresh, "doctor", **here)
+        assert result.returncode == (level == "problem")
         assert any(
-            said.format(folder=tmp_path) in line and line.startswith("warning ")
+            said.format(folder=tmp_path) in line and line.startswith(level)
             for line in result.stdout.splitlines()
         ), result.stdout
 
