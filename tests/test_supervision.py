@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import os
 import re
 import signal
-import subprocess
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,7 +15,6 @@ from rclpy.parameter import Parameter
 from spool_bag.reader import BagReader
 from spool_msgs.msg import AccelerationBlock, HealthEvent, ModelEstimate, ValveHealth
 from spool_msgs.srv import ManageBaseline
-from spool_tools.operations.node_processes import find_executable
 
 if TYPE_CHECKING:
     from .conftest import System
@@ -104,32 +101,19 @@ def expected_by_the_aggregator(*groups: str) -> set[str]:
     return {task for group in groups for task in analyzers[group]["expected"]}
 
 
-def test_a_first_start_says_that_it_compiles_and_ends_when_asked(domain_id: int, tmp_path: Path) -> None:
-    """Kernels that nobody compiled ahead take a minute."""
-    environment = {
-        **os.environ,
-        "ROS_DOMAIN_ID": str(domain_id),
-        "NUMBA_CACHE_DIR": str(tmp_path / "cold"),
-        "XDG_STATE_HOME": str(tmp_path / "state"),
-    }
-    node = subprocess.Popen(
-        [str(find_executable("spool_monitor", "monitor"))],
-        env=environment,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-    )
-    assert node.stdout is not None
-    try:
-        said = ""
-        while "compiling the numerical kernels" not in said:
-            line = node.stdout.readline()
-            assert line, f"it ended: {said}"
-            said += line
-        node.send_signal(signal.SIGINT)
-        rest, _ = node.communicate(timeout=180)
-    finally:
-        node.kill()
-    assert node.returncode == 0
-    assert "Traceback" not in said + rest
-    assert "alarm" not in said + rest
+#: A monitor with a stand-in for kernels that nobody compiled ahead: they take a minute.
+COLD = """
+import sys, time
+from spool_core.node.program import start
+from spool_monitor import monitor_node
+monitor_node.warm_up_monitor = lambda: time.sleep(600.0)
+sys.exit(start("spool_monitor.monitor_node", "MonitorNode"))
+"""
+
+
+def test_a_first_start_says_that_it_compiles_and_ends_when_asked(system: System) -> None:
+    node = system.fork(["-c", COLD], "monitor")
+    system.until(lambda: "compiling the numerical kernels" in node.said, "it says so")
+    assert node.end(signal.SIGINT) == 0
+    assert "Traceback" not in node.said
+    assert "alarm" not in node.said

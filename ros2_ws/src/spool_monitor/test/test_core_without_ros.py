@@ -1,4 +1,4 @@
-"""Simulator, estimator and monitor work without ROS, and the estimator without numba."""
+"""Simulator, estimator and monitor work without ROS, simulator and estimator without numba."""
 
 from __future__ import annotations
 
@@ -53,6 +53,19 @@ for node in ("spool_estimator.estimator_node", "spool_monitor.monitor_node"):
     except ImportError as error:
         print(error, file=sys.stderr)
 """
+MOTION = """
+import numpy as np
+from spool_core.kernels.compiled import COMPILED, notice
+from spool_sim.excitation import SteadySine
+from spool_sim.integration.composed_motion import ComposedMotion, MotionState, half_step_times
+from spool_sim.model import load_model
+t = half_step_times(0, 300, 2000.0, 2)
+body = SteadySine(frequency=20.0, amplitude=12.0, soft_start=0.0).acceleration(t)
+motion = ComposedMotion(load_model("coulomb").terms)
+values = dict(mass=0.18, viscous_coefficient=2.65, spring_stiffness=1632.0, coulomb_force=0.5)
+z, end = motion.advance(MotionState(), body, motion.table(values, 300), sample_period=5e-4, substeps=2)
+print(COMPILED, notice() is None, *[float(x).hex() for x in z.acceleration])
+"""
 ROS = (
     "rclpy",
     "spool_msgs",
@@ -83,6 +96,18 @@ def test_the_cores_work_with_ros_blocked() -> None:
         exec(code, {})
     assert blocked.stdout == free.getvalue()
     assert blocked.stderr.count("is blocked\n") == 2
+
+
+def test_without_numba_the_kernel_gives_the_same_and_says_what_it_costs() -> None:
+    plain = run(MOTION, "numba").stdout.split()
+    with redirect_stdout(io.StringIO()) as said:
+        exec(MOTION, {})
+    compiled = said.getvalue().split()
+    assert compiled[0] == compiled[1]  # where there is numba nothing needs a notice
+    assert plain[:2] == ["False", "False"]
+    values = [[float.fromhex(x) for x in words[2:]] for words in (compiled, plain)]
+    assert len(values[0]) == 300
+    assert max(abs(a - b) for a, b in zip(*values, strict=True)) < 1e-9
 
 
 @pytest.mark.slow
