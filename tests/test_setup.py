@@ -343,21 +343,21 @@ class TestPackagesThatDoNotCome:
         assert_one_line(result, "no connection to the package index", "check network and proxy")
 
     @pytest.mark.slow
-    def test_wrong_hash(self, fresh: Path, tmp_path: Path):
-        make_wheel(tmp_path)
+    @pytest.mark.parametrize(
+        ("there", "said"),
+        [
+            (True, ["tiny==1.0", "not the file that the lock was made with"]),
+            (False, ["no matching distribution found for tiny==1.0", "pip's configuration"]),
+        ],
+    )
+    def test_a_wrong_hash_and_a_package_that_nobody_has(
+        self, fresh: Path, tmp_path: Path, there: bool, said: list[str]
+    ):
+        if there:
+            make_wheel(tmp_path)
         (fresh / "requirements" / "wheels.lock").write_text(f"tiny==1.0 --hash=sha256:{'0' * 64}\n")
-        result = spool(
-            fresh, "demo", PIP_NO_INDEX="1", PIP_FIND_LINKS=str(tmp_path), PIP_CONFIG_FILE=os.devnull
-        )
-        assert_one_line(result, "tiny==1.0", "not the file that the lock was made with")
-
-    @pytest.mark.slow
-    def test_a_package_that_nobody_has(self, fresh: Path, tmp_path: Path):
-        (fresh / "requirements" / "wheels.lock").write_text(f"tiny==1.0 --hash=sha256:{'0' * 64}\n")
-        result = spool(
-            fresh, "demo", PIP_NO_INDEX="1", PIP_FIND_LINKS=str(tmp_path), PIP_CONFIG_FILE=os.devnull
-        )
-        assert_one_line(result, "no matching distribution found for tiny==1.0", "pip's configuration")
+        given = {"PIP_NO_INDEX": "1", "PIP_FIND_LINKS": str(tmp_path), "PIP_CONFIG_FILE": os.devnull}
+        assert_one_line(spool(fresh, "demo", **given), *said)
 
 
 def make_wheel(folder: Path) -> None:

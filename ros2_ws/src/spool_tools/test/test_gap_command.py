@@ -7,6 +7,7 @@ import json
 import os
 import re
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -131,43 +132,41 @@ def test_a_reader_who_ends_early_has_all_files_with_a_known_mass_and_columns_of_
     assert model.values["coulomb_force"] == pytest.approx(0.5, rel=0.03)
 
 
+Spoiled = Callable[[Array, Array, Array], tuple[Array, Array]]
+
+
+def noise(time: Array, place: Array, force: Array) -> tuple[Array, Array]:
+    return 1e-6 * np.random.default_rng(0).standard_normal(time.size), force
+
+
+def imposed(time: Array, place: Array, force: Array) -> tuple[Array, Array]:
+    return place, 900.0 * np.gradient(place, time) - 2.0 * np.gradient(np.gradient(place, time), time)
+
+
 @pytest.mark.parametrize(
-    ("place", "force", "said"),
+    ("spoiled", "words", "said"),
     [
-        (1e3, 1.0, "is it in mm instead of m"),
-        (0.0, 1.0, "displacement_m does not change"),
-        (1.0, 0.0, "force_N does not change"),
-        (1.0, 1e3, "but the valve's description has 0.18 kg"),
+        (
+            lambda _, place, force: (1e3 * place, force),
+            ["--valve", "4weh10_soft"],
+            "is it in mm instead of m",
+        ),
+        (lambda _, place, force: (0.0 * place, force), [], "displacement_m does not change"),
+        (lambda _, place, force: (place, 0.0 * force), [], "force_N does not change"),
+        (lambda _, place, force: (place, 1e3 * force), ["--valve", "4weh10_soft"], "description has 0.18 kg"),
+        (noise, [], "hardly more than noise"),
+        (imposed, [], "--kind imposed"),
     ],
 )
 def test_a_driven_record_that_cannot_be_is_refused_in_one_line(
-    place: float, force: float, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str],
+    spoiled: Spoiled, words: list[str], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str],
     rubbing: tuple[Array, Array, Array],
 ) -> None:  # fmt: skip
-    record = write(tmp_path / "rig.csv", rubbing[0], place * rubbing[1], force * rubbing[2])
-    assert main(["gap", str(record), "--kind", "driven", "--valve", "4weh10_soft"]) == 2
+    record = write(tmp_path / "rig.csv", rubbing[0], *spoiled(*rubbing))
+    assert main(["gap", str(record), "--kind", "driven", *words]) == 2
     told = capsys.readouterr().err
     assert said in told
     assert len(told.splitlines()) == 1
-
-
-def test_noise_is_not_taken_for_motion(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], rubbing: tuple[Array, Array, Array]
-) -> None:
-    noise = 1e-6 * np.random.default_rng(0).standard_normal(rubbing[0].size)
-    record = write(tmp_path / "rig.csv", rubbing[0], noise, rubbing[2])
-    assert main(["gap", str(record), "--kind", "driven"]) == 2
-    assert "hardly more than noise" in capsys.readouterr().err
-
-
-def test_an_imposed_motion_is_not_taken_for_a_driven_mass(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], rubbing: tuple[Array, Array, Array]
-) -> None:
-    time, place, _ = rubbing
-    reaction = 900.0 * np.gradient(place, time) - 2.0 * np.gradient(np.gradient(place, time), time)
-    record = write(tmp_path / "rig.csv", time, place, reaction)
-    assert main(["gap", str(record), "--kind", "driven"]) == 2
-    assert "--kind imposed" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("name", [name for name, effect in EFFECTS.items() if effect.terms])

@@ -85,22 +85,22 @@ def test_while_the_interpreter_takes_itself_down(probe: Start, observer: Any) ->
 
 #: Arguments, and what the one line says that refuses them.
 REFUSED = [
-    (["--params-file", "broken.yaml"], "--params-file broken.yaml: it cannot be read as a parameter file"),
-    (["--params-file", "none.yaml"], "--params-file none.yaml: it cannot be read as a parameter file: No"),
-    (["-r", "__ns:=/4_press"], "'/4_press' is no namespace: use letters, digits and single underscores"),
-    (["-r", "__node:=4x"], "'4x' is no name of a node: "),
-    (["-r", "told:=4/x"], "no rule for a topic's name"),
-    (["-p", "gain=2"], "-p gain=2: write it with :="),
-    (["-p", "4gain:=2"], "'4gain' is no name of a parameter"),
-    (["-p"], "-p: its value is missing"),
-    (["--log-level", "loud"], "use debug, info, warn, error or fatal"),
-    (["--params-file", "bare.yaml", "-r", "__ns:=/valve_1"], "bare.yaml: no parameters for /valve_1/probe"),
-    (["--params-file", "bare.yaml", "-r", "__node:=other"], "write a section /**/other (or /other)"),
-    (["-p", "prove:gain:=2.0"], "it is for a node prove, and this is /probe: type -p gain:=2.0"),
-    (["--", "-r", "__ns:=/valve_9"], "type --ros-args -r __ns:=/valve_9"),
-    (["--", "nonsense"], "nonsense: no option of this program"),
-    (["--bogus"], "unknown ROS arguments"),
-    (["--params-file", "my_valve.yaml"], "my_valve.yaml: this is a valve description: pass it as --valve "),
+    ("--params-file broken.yaml", "broken.yaml: it cannot be read as a parameter file"),
+    ("--params-file none.yaml", "none.yaml: it cannot be read as a parameter file: No"),
+    ("-r __ns:=/4_press", "'/4_press' is no namespace: use letters, digits and single underscores"),
+    ("-r __node:=4x", "'4x' is no name of a node: "),
+    ("-r told:=4/x", "no rule for a topic's name"),
+    ("-p gain=2", "-p gain=2: write it with :="),
+    ("-p 4gain:=2", "'4gain' is no name of a parameter"),
+    ("-p", "-p: its value is missing"),
+    ("--log-level loud", "use debug, info, warn, error or fatal"),
+    ("--params-file bare.yaml -r __ns:=/valve_1", "bare.yaml: no parameters for /valve_1/probe"),
+    ("--params-file bare.yaml -r __node:=other", "write a section /**/other (or /other)"),
+    ("-p prove:gain:=2.0", "it is for a node prove, and this is /probe: type -p gain:=2.0"),
+    ("-- -r __ns:=/valve_9", "type --ros-args -r __ns:=/valve_9"),
+    ("-- nonsense", "nonsense: no option of this program"),
+    ("--bogus", "unknown ROS arguments"),
+    ("--params-file my_valve.yaml", "my_valve.yaml: this is a valve description: pass it as --valve "),
 ]
 #: The node with each of these arguments, in a fork: its output, and a line with its code.
 EACH = """
@@ -121,7 +121,7 @@ def test_arguments_that_rcl_refuses_are_said_in_one_line(environment: dict[str, 
     (tmp_path / "bare.yaml").write_text("probe:\n  ros__parameters: {gain: 2.0}")
     (tmp_path / "my_valve.yaml").write_text("id: a\nmoving_mass: 0.18\nspring_stiffness: 1632.0\n")
     probe = Path(__file__).with_name("probe_node.py")
-    given = json.dumps([arguments for arguments, _ in REFUSED])
+    given = json.dumps([arguments.split() for arguments, _ in REFUSED])
     answer = subprocess.run(
         [sys.executable, "-c", f"import sys; del sys.argv[0]\n{EACH}", str(probe), given],
         env=environment,
