@@ -172,10 +172,8 @@ def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> 
     """Read a file and run its tests."""
     if not isinstance(item, WholeFile):
         return None
-    session, place = item.session, item.session.items.index(item)
-    unread = item.parent
-    assert unread is not None
-    tests = list(session.genitems(pytest.Module.from_parent(unread.parent, path=item.path)))
+    session, place, folder = item.session, item.session.items.index(item), item.listchain()[-3]
+    tests = list(session.genitems(pytest.Module.from_parent(folder, path=item.path)))
     item.ihook.pytest_collection_modifyitems(session=session, config=item.config, items=tests)
     # Whatever the next file is: of this one only what belongs to the session is left.
     last = nextitem and WholeFile.from_parent(session, name="")
@@ -214,11 +212,8 @@ class Times:
 
     def __init__(self, config: pytest.Config) -> None:
         self.cache = getattr(config, "cache", None)
-        self.known: dict[str, float] = {}
-        if SHIPPED.is_file():
-            self.known |= json.loads(SHIPPED.read_text(encoding="utf-8"))
-        self.known |= (self.cache and self.cache.get(TIMES, {})) or {}
-        self.length = lambda file: self.known.get(file, 1.0)
+        shipped = json.loads(SHIPPED.read_text(encoding="utf-8")) if SHIPPED.is_file() else {}
+        self.known: dict[str, float] = shipped | ((self.cache and self.cache.get(TIMES, {})) or {})
         self.taken = Counter[str]()
         self.tests = 0
         self.files: list[str] = []
@@ -234,8 +229,8 @@ class Times:
         self.taken[report.nodeid.partition("::")[0]] += report.duration
         self.tests += report.when == "setup"
         if self.files and report.when == "setup":
-            begun, all_of_them = (sum(map(self.length, files)) for files in (self.taken, self.files))
-            self.session.testscollected = max(self.tests, round(self.tests * all_of_them / begun))
+            begun, all_ = (sum(self.known.get(one, 1.0) for one in some) for some in (self.taken, self.files))
+            self.session.testscollected = max(self.tests, round(self.tests * all_ / begun))
 
     @pytest.hookimpl(hookwrapper=True)
     def pytest_runtestloop(self, session: pytest.Session) -> Iterator[None]:
@@ -245,13 +240,13 @@ class Times:
         if self.files:
             self.session.testscollected = self.tests
 
-    def pytest_sessionfinish(self, session: pytest.Session) -> None:
-        """Keep the times."""
+    def pytest_sessionfinish(self, session: pytest.Session, exitstatus: int) -> None:
+        """Keep the times of a run that was not ended early."""
         option = session.config.getoption
-        if self.cache and self.files and not option("keyword") and option("markexpr") == "not slow":
-            self.cache.set(
-                TIMES, self.known | {file: round(0.1 + taken, 1) for file, taken in self.taken.items()}
-            )
+        whole = exitstatus in (pytest.ExitCode.OK, pytest.ExitCode.TESTS_FAILED) and not option("keyword")
+        if self.cache and self.files and whole and option("markexpr") == "not slow":
+            taken = {file: round(0.1 + seconds, 1) for file, seconds in self.taken.items()}
+            self.cache.set(TIMES, self.known | taken)
 
 
 @pytest.hookimpl(optionalhook=True)  # pytest-xdist is not on every machine that has ROS 2
