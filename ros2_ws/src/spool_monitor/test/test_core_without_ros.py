@@ -67,14 +67,9 @@ z, end = motion.advance(MotionState(), body, motion.table(values, 300), sample_p
 print(COMPILED, notice() is None, *[float(x).hex() for x in z.acceleration])
 """
 ROS = (
-    "rclpy",
-    "spool_msgs",
-    "std_msgs",
-    "rcl_interfaces",
-    "builtin_interfaces",
-    "diagnostic_msgs",
+    "rclpy", "spool_msgs", "std_msgs", "rcl_interfaces", "builtin_interfaces", "diagnostic_msgs",
     "spool_core.node",
-)
+)  # fmt: skip
 
 
 def run(code: str, *blocked: str) -> subprocess.CompletedProcess[str]:

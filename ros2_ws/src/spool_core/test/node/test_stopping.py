@@ -124,13 +124,8 @@ def test_arguments_that_rcl_refuses_are_said_in_one_line(environment: dict[str, 
     given = json.dumps([arguments.split() for arguments, _ in REFUSED])
     answer = subprocess.run(
         [sys.executable, "-c", f"import sys; del sys.argv[0]\n{EACH}", str(probe), given],
-        env=environment,
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        timeout=PATIENCE,
-        check=False,
-    )
+        env=environment, cwd=tmp_path, capture_output=True, text=True, timeout=PATIENCE, check=False,
+    )  # fmt: skip
     lines = answer.stderr.splitlines()
     assert lines[1::2] == ["code 2"] * len(REFUSED), answer.stderr
     assert [reason for (_, reason), line in zip(REFUSED, lines[::2], strict=True) if reason not in line] == []
