@@ -77,6 +77,13 @@ def test_an_alarm_keeps_the_time_before_and_after() -> None:
     assert sum(one.kind == HEALTH_EVENT for one in snapshot.messages) == 1
 
 
+@pytest.mark.parametrize("late", [1.0, 2.5])
+def test_the_time_after_an_alarm_begins_when_the_alarm_is_heard(late: float) -> None:
+    """The monitor judges windows: its event is stamped with their end and comes later."""
+    (snapshot,) = run(SnapshotKeeper(3.0, 2.0), 20.0, event(10.0, received=10.0 + late))
+    assert span(snapshot) == pytest.approx((7.0 + late, 12.0 + late), abs=0.03)
+
+
 def test_warnings_and_ends_keep_nothing() -> None:
     others = [event(5.0, severity=WARNING), event(6.0, state=CLEARED)]
     assert run(SnapshotKeeper(3.0, 2.0), 20.0, *others) == []

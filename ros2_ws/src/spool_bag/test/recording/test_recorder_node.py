@@ -1,0 +1,325 @@
+"""Each parameter of the recorder's node changes what lies on the disk; each value that it reports is true."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.lifecycle import TransitionCallbackReturn
+from rclpy.parameter import Parameter
+from rclpy.serialization import serialize_message
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import Temperature
+from spool_bag import recorder, recorder_node, recording
+from spool_bag.metadata import ACCELERATION_BLOCK, custom_data
+from spool_bag.reader import BagReader
+from spool_bag.recorder_node import RecorderNode
+from spool_bag.recording import LARGEST_QUEUE, Recording, RecordingState
+from spool_bag.verification import make_keys, verify
+from spool_bag.writer import BagWriter, PartLimits
+from spool_core.block import Block
+from spool_core.cdr import encode_block
+from spool_core.node import qos
+from spool_core.node.diagnostics import Level
+from spool_core.node.messages import to_time
+from spool_msgs.msg import AccelerationBlock, HealthEvent, ValveHealth
+
+from .test_snapshot import SECOND, START, event
+
+PATIENCE = 180.0
+SUCCESS = TransitionCallbackReturn.SUCCESS
+KINDS = {
+    "acceleration": AccelerationBlock, "events": HealthEvent, "oil_temperature": Temperature,
+    "health": ValveHealth,
+}  # fmt: skip
+
+
+def block(sequence: int, samples: int = 40) -> bytes:
+    """Return a block of a second of noise."""
+    noise = np.random.default_rng(sequence).standard_normal((2, samples)).astype(np.float32)
+    made = Block(START + sequence * SECOND, sequence, 1.0 / samples, noise[0], noise[1])
+    return bytes(encode_block(made, "valve"))
+
+
+class Live:
+    """The node in this process, a clock that the test sets, and the topics of two valves."""
+
+    def __init__(self, output: Path, **parameters: Any) -> None:
+        self.taken: dict[str, int] = {}
+        self.closed, self.looks = False, 0
+        rclpy.init()
+        self.other = rclpy.create_node("other")
+        self._clock = self.other.create_publisher(Clock, "/clock", qos.profile(1, reliable=True))
+        self.publishers = {
+            f"/{valve}/{name}": self.other.create_publisher(
+                kind,
+                f"/{valve}/{name}",
+                qos.profile(100, reliable=True, latched=name in ("events", "health")),
+            )
+            for valve in ("valve_1", "valve_2")
+            for name, kind in KINDS.items()
+        }
+        self.reports: dict[str, DiagnosticStatus] = {}
+        self.other.create_subscription(
+            DiagnosticArray,
+            "/diagnostics",
+            lambda message: self.reports.update({one.name: one for one in message.status}),
+            qos.diagnostics(),
+        )
+        self.node = RecorderNode()
+        self.node.alone = False
+        self.executor = SingleThreadedExecutor()
+        for node in (self.node, self.other):
+            self.executor.add_node(node)
+        given = {"output": str(output), "use_sim_time": True, **parameters}
+        self.set(**given)
+        topics = list(self.publishers)
+        self.until(lambda: all(self.node.count_publishers(one) for one in topics), "topics are known")
+        assert self.node.trigger_configure() == SUCCESS
+        assert self.node.trigger_activate() == SUCCESS
+
+    def set(self, **values: Any) -> None:
+        changed = [Parameter(name, value=value) for name, value in values.items()]
+        assert all(one.successful for one in self.node.set_parameters(changed))
+
+    def until(self, met: Callable[[], Any], what: str) -> None:
+        end = time.monotonic() + PATIENCE
+        while not met():
+            assert time.monotonic() < end, f"waited in vain: {what}"
+            self.executor.spin_once(timeout_sec=0.02)
+
+    def send(self, topic: str, second: float, *messages: bytes) -> None:
+        """Let the recorder receive ``messages`` at that second."""
+        now = START + round(second * SECOND)
+
+        def told() -> bool:
+            self._clock.publish(Clock(clock=to_time(now)))
+            self.executor.spin_once(timeout_sec=0.01)
+            return bool(self.node.get_clock().now().nanoseconds == now)
+
+        self.until(told, "the time")
+        wanted = self.taken.get(topic, 0) + len(messages)
+        for one in messages:
+            self.publishers[topic].publish(one)
+        self.until(lambda: self.taken.get(topic, 0) >= wanted, f"{topic} is heard")
+
+    def says(self, level: Level, task: str = "recording") -> bool:
+        found = self.reports.get(f"recorder: {task}")
+        return found is not None and found.level == level.value
+
+    def values(self, task: str) -> dict[str, str]:
+        return {one.key: one.value for one in self.reports[f"recorder: {task}"].values}
+
+    def close(self) -> None:
+        self.closed = True
+        self.node.trigger_shutdown()
+        self.executor.shutdown()
+        for node in (self.node, self.other):
+            node.destroy_node()
+        rclpy.shutdown()
+
+
+@pytest.fixture(scope="module", name="live")
+def _live() -> Iterator[Callable[..., Live]]:
+    """Return what starts a node, whose thinning and reports do not wait for their periods."""
+    opened: list[Live] = []
+
+    def put(self: Recording, message: Any) -> None:
+        taken(self, message)
+        opened[-1].taken[message.topic] = opened[-1].taken.get(message.topic, 0) + 1
+
+    def start(output: Path, **parameters: Any) -> Live:
+        opened.append(object.__new__(Live))
+        opened[-1].__init__(output, **parameters)  # type: ignore[misc]
+        return opened[-1]
+
+    def look(self: recording.Thinning, writer: BagWriter) -> None:
+        looked(self, writer)
+        opened[-1].looks += 1
+
+    taken, looked = Recording.put, recording.Thinning.look
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Recording, "put", put)
+        patch.setattr(recording.Thinning, "look", look)
+        patch.setattr(recording, "THINNING_LOOK", 0.0)
+        patch.setattr(recording, "LOOK", 0.02)
+        patch.setattr(recorder_node, "DIAGNOSTICS_PERIOD", 0.05)
+        yield start
+    for one in opened:
+        if not one.closed:
+            one.close()
+
+
+@pytest.fixture(scope="module", name="seen")
+def _seen(live: Callable[..., Live], tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """Return what each parameter made of recordings, by name."""
+    folder = tmp_path_factory.mktemp("recorder")
+    private, public = make_keys(folder)
+    found: dict[str, Any] = {}
+    (folder / "press").mkdir()
+    one = live(
+        folder / "press", number_output=True, valves=["valve_1"], machine="press 7", depth=10,
+        signing_key=str(private), max_part_duration=10.0, thin_after=25.0 / 86400.0,
+        snapshot_folder=str(folder / "around"), snapshot_before=3.0, snapshot_after=2.0,
+    )  # fmt: skip
+    for second in range(60):
+        one.send("/valve_1/acceleration", second, block(second))
+        one.publishers["/valve_2/acceleration"].publish(block(second))
+        if second == 30:
+            one.send("/valve_1/events", 30.1, event(30.0).data)
+    for celsius in range(60):
+        degrees = Temperature(temperature=float(celsius))
+        one.publishers["/valve_1/oil_temperature"].publish(degrees)
+    one.until(lambda: one.taken.get("/valve_1/oil_temperature"), "the temperature")
+    bag = folder / "press_1"
+    third, last = (bag / f"press_1_{number}.mcap" for number in (2, 5))
+    one.until(lambda: last.exists() and not BagReader(third).valves, "the third part is thinned")
+    looks = one.looks
+    one.until(lambda: one.looks > looks + 10, "more parts would be thinned")
+    one.close()
+    reader, verified = BagReader(bag), verify(bag, public)
+    (kept,) = (folder / "around").iterdir()
+    stamps = [round((each.stamp - START) / SECOND) for each in BagReader(kept).blocks("valve_1")]
+    parts = [BagReader(path) for path in sorted(bag.glob("*.mcap"))]
+    lengths = [len(list(part.blocks("valve_1"))) if part.valves else 0 for part in parts]
+    found |= {
+        "output": bag.is_dir(),
+        "number_output": [path.name for path in folder.glob("press*")],
+        "valves": {topic.split("/")[1] for topic in reader.topics if topic.startswith("/valve")},
+        "machine": custom_data(bag).get("machine"),
+        "depth": len(list(reader.records("/valve_1/oil_temperature"))),
+        "signing_key": (verified.signed, verified.wrong),
+        "max_part_duration": lengths[3:],
+        "thin_after": lengths[:4],
+        "snapshot_folder": kept.name.partition("_2023")[0],
+        "snapshot_before": stamps[0],
+        "snapshot_after": stamps[-1],
+    }
+
+    two = live(folder / "large", max_part_size=1_000_000, max_total_size=4_000_000)
+    for second in range(16):
+        two.send("/valve_1/acceleration", second, block(second, 60_000))
+    two.close()
+    sizes = [path.stat().st_size for path in (folder / "large").glob("*.mcap")]
+    found |= {"max_part_size": max(sizes), "max_total_size": sum(sizes)}
+
+    with BagWriter(folder / "earlier", limits=PartLimits()) as writer:
+        channel = writer.add_topic("/valve_1/acceleration", ACCELERATION_BLOCK)
+        for second in range(-9, -5):
+            writer.write(channel, START + second * SECOND, block(second + 9))
+    around = {"snapshot_before": 2.0, "snapshot_after": 1.0, "snapshot_max_total_size": 20_000}
+    three = live(folder / "earlier", resume=True, **around)
+    snapshots = folder / "snapshots"
+
+    def names() -> list[str]:
+        return [path.name[-7:-1] for path in snapshots.glob("valve*")]
+
+    for second in range(16):
+        three.send("/valve_1/acceleration", second, block(second, 500))
+        if second in (3, 8, 13):
+            three.send("/valve_1/events", second + 0.1, event(second).data)
+        if second in (5, 10):
+            wanted = [f"2213{second + 18}"]
+            three.until(lambda wanted=wanted: names() == wanted, "the snapshot")
+        if second == 10:
+            three.set(snapshot_limit=0)
+    three.close()
+    found |= {
+        "resume": len(list(BagReader(folder / "earlier").blocks("valve_1"))),
+        "snapshot_max_total_size": len(names()),
+        "snapshot_limit": names(),
+    }
+
+    four = live(folder / "full", minimum_free_space=10**17)
+    four.until(lambda: four.says(Level.ERROR), "the recording pauses")
+    four.send("/valve_1/acceleration", 0, block(0))
+    four.close()
+    found["minimum_free_space"] = BagReader(folder / "full").valves
+    return found
+
+
+#: Result by parameter: each differs from what its default leaves.
+EFFECTS: dict[str, Callable[[Any], bool]] = {
+    "output": lambda found: found is True,
+    "number_output": lambda names: sorted(names) == ["press", "press_1"],
+    "valves": lambda valves: valves == {"valve_1"},
+    "machine": lambda name: name == "press 7",
+    "depth": lambda count: count == 10,
+    "signing_key": lambda found: found == (6, []),
+    "max_part_duration": lambda blocks: blocks == [10, 10, 10],
+    "thin_after": lambda blocks: blocks == [0, 0, 0, 10],
+    "snapshot_folder": lambda name: name == "valve_1_resonance",
+    "snapshot_before": lambda second: second == 28,
+    "snapshot_after": lambda second: second == 32,
+    "max_part_size": lambda size: 500_000 < size < 1_100_000,
+    "max_total_size": lambda size: 2_000_000 < size < 4_000_000,
+    "resume": lambda count: count == 4 + 16,
+    "snapshot_max_total_size": lambda count: count == 1,
+    "snapshot_limit": lambda names: names == ["221328"],
+    "minimum_free_space": lambda valves: not valves,
+}
+
+
+@pytest.mark.parametrize("name", [one.name for one in RecorderNode.PARAMETERS])
+def test_a_parameter_changes_what_lies_on_the_disk(name: str, seen: dict[str, Any]) -> None:
+    assert EFFECTS[name](seen[name]), seen[name]
+
+
+GOOD = RecordingState("", 11, 22, 33, 44, 55, 66, 77, 88, 10**9)
+
+
+@pytest.fixture(scope="module", name="told")
+def _told(live: Callable[..., Live], tmp_path_factory: pytest.TempPathFactory) -> Iterator[Live]:
+    """Return a recorder that lost blocks of two valves, with a snapshot of one."""
+    one = live(tmp_path_factory.mktemp("told") / "bag", valves=["valve_1", "valve_2"], snapshot_after=0.0)
+    for sequence in (1, 2, 5, 6):
+        one.send("/valve_1/acceleration", sequence, block(sequence))
+    one.send("/valve_1/events", 6.1, event(6.0).data)
+    one.send("/valve_2/acceleration", 7, block(7), block(13))
+    one.until(lambda: one.says(Level.WARNING) and one.values("recording")["snapshots"] == "1", "its report")
+    yield one
+    one.close()
+
+
+@pytest.mark.parametrize(
+    ("state", "level"),
+    [
+        (GOOD, Level.OK),
+        (replace(GOOD, paused="the disk is gone"), Level.ERROR),
+        (replace(GOOD, free=399_999_999), Level.WARNING),
+        (replace(GOOD, free=400_000_001), Level.OK),
+        (replace(GOOD, waiting=LARGEST_QUEUE // 2 + 1), Level.WARNING),
+    ],
+)
+def test_the_report_has_every_number_of_the_recording_under_its_name(
+    told: Live, state: RecordingState, level: Level, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Recording, "state", state)
+    monkeypatch.setattr(recorder_node, "RECENT", 0.0)
+    numbers = {
+        "free_space_B": state.free, "messages": 11, "recorded_B": 22, "messages_not_recorded": 33,
+        "waiting_B": state.waiting, "parts": 66, "total_size_B": 77, "parts_removed": 88, "snapshots": 1,
+        "blocks_lost_valve_1": 2, "blocks_lost_valve_2": 5,
+    }  # fmt: skip
+    expected = {name: str(number) for name, number in numbers.items()}
+    told.until(lambda: (told.values("recording"), told.says(level)) == (expected, True), str(expected))
+
+
+def test_the_report_names_valves_whose_monitor_is_silent_or_was_never_heard(
+    told: Live, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told.send("/valve_1/health", 8, bytes(serialize_message(ValveHealth())))
+    told.send("/valve_2/acceleration", 8, block(14))
+    monkeypatch.setattr(recorder, "SILENT", 0.0)
+    monkeypatch.setattr(recorder, "FLOWS", 1e9)
+    states = {"state_valve_1": recorder.Monitored.NO.value, "state_valve_2": recorder.Monitored.NOT_YET.value}
+    told.until(lambda: told.values("monitoring") == states, str(states))
+    assert told.says(Level.ERROR, "monitoring")
