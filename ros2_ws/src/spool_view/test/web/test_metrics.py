@@ -33,6 +33,7 @@ def heard(name: str = "valve_1") -> HeardValve:
     alarms[1].state, alarms[2].state, alarms[2].code = Alarm.STATE_ACKNOWLEDGED, Alarm.STATE_SHELVED, 801
     valve = HeardValve(name, good_health(), NOW, estimate, AlarmList(alarms=alarms))
     valve.limits, valve.cost = {"resonance_band": 0.1}, Cost(12.5, 4e6, NOW)
+    valve.health.namur = ValveHealth.NAMUR_FUNCTION_CHECK
     return valve
 
 
@@ -62,14 +63,18 @@ def test_all_of_a_valve_is_served_in_base_units() -> None:
     )
     of_valve = {name: value for name, value in found.items() if "valve=valve_1" in name}
     assert of_valve.pop("spool_resonance_margin_ratio{valve=valve_1}") == pytest.approx(21.0 / 28.7 - 1.0)
-    assert of_valve.pop(
-        "spool_estimate_newtons{bound=low,parameter=coulomb_force,valve=valve_1}"
-    ) == pytest.approx(0.1 - 1.96 * 0.005, abs=1e-6)
-    bounds = [name for name in of_valve if "bound=low" in name or "bound=high" in name]
-    assert len([of_valve.pop(name) for name in bounds]) == 7
+    kinds = {
+        "newtons_per_meter": ("spring_stiffness", 5860.0, 2.0), "newtons": ("coulomb_force", 0.1, 0.005),
+        "newton_seconds_per_meter": ("viscous_coefficient", 8.2, 0.1),
+        "hertz": ("natural_frequency", 28.7, 0.01),
+    }  # fmt: skip
+    for unit, (name, value, deviation) in kinds.items():
+        for bound, times in (("low", -1.96), ("estimate", 0.0), ("high", 1.96)):
+            series = f"spool_estimate_{unit}{{bound={bound},parameter={name},valve=valve_1}}"
+            assert of_valve.pop(series) == pytest.approx(value + times * deviation, abs=1e-4 * deviation)
     assert of_valve == {
         "spool_valve_condition{valve=valve_1}": 0.0,
-        "spool_valve_namur_status{valve=valve_1}": 0.0,
+        "spool_valve_namur_status{valve=valve_1}": 4.0,
         "spool_resonance_band_ratio{valve=valve_1}": 0.1,
         "spool_alarms_active{code=100,valve=valve_1}": 2.0,
         "spool_alarms_waiting{code=100,valve=valve_1}": 1.0,
@@ -81,11 +86,6 @@ def test_all_of_a_valve_is_served_in_base_units() -> None:
         "spool_blocks_refused_total{valve=valve_1}": 2.0,
         "spool_valve_cpu_seconds_total{valve=valve_1}": 12.5,
         "spool_valve_resident_memory_bytes{valve=valve_1}": 4e6,
-        "spool_estimate_newtons_per_meter{bound=estimate,parameter=spring_stiffness,valve=valve_1}": 5860.0,
-        "spool_estimate_newton_seconds_per_meter"
-        "{bound=estimate,parameter=viscous_coefficient,valve=valve_1}": 8.2,
-        "spool_estimate_newtons{bound=estimate,parameter=coulomb_force,valve=valve_1}": 0.1,
-        "spool_estimate_hertz{bound=estimate,parameter=natural_frequency,valve=valve_1}": 28.7,
     }
     assert found["spool_process_cpu_seconds_total{process=host_1}"] == 3.5
     assert found["spool_process_resident_memory_bytes{process=page}"] > 1e6

@@ -22,7 +22,7 @@ from spool_monitor.monitor import Monitor
 from spool_monitor.monitor_node import condition_status
 from spool_monitor.state_file import valve_folder
 from spool_monitor.trend import Sums, TrendStore
-from spool_msgs.msg import AlarmList, Quantity, ValveHealth
+from spool_msgs.msg import Alarm, AlarmList, GapAnalysis, ModelEstimate, Quantity, ValveHealth
 from spool_msgs.srv import ManageBaseline
 from spool_view.acts import RateLimit
 from spool_view.application import LANGUAGES, SITE, language_of
@@ -139,6 +139,75 @@ def test_alarms_that_are_not_normal_are_shown_with_their_states() -> None:
     for code in ("en", "de", "pl"):
         assert max(len(text) for _, text in long["texts"][code]["details"]) == 2000
     assert long["texts"]["en"]["headline"] == "Resonance: amplification 4.2, limit 3.6"
+
+
+def test_browsers_get_every_value_of_an_alarm(distinct_alarm: Alarm) -> None:
+    (found,) = alarms_of(AlarmList(alarms=[distinct_alarm]))
+    texts = found.pop("texts")
+    assert found == {
+        "name": "friction_drift/coulomb_force", "code": 201, "kind": "friction_drift", "cause": "wear",
+        "state": "shelved", "underlying": "acknowledged", "severity": "warning", "letter": "F", "urgency": 3,
+        "parameter": "coulomb_force", "common": False, "occurrence": 5, "raised": 1_790_000_003,
+        "acknowledged": 1_790_000_004, "by": "Eva", "comment": "wait for the part",
+        "shelved_until": 1_890_000_006,
+    }  # fmt: skip
+    assert texts["en"]["headline"] == "Friction drift (spool): Coulomb force 0.71 N, limit 0.66 N"
+    assert [texts[code]["title"] for code in LANGUAGES] == ["Friction drift", "Reibungsdrift", "Dryf tarcia"]
+
+
+def test_browsers_get_every_value_of_a_valve() -> None:
+    """Of each quantity its value and 1.96 standard deviations, here of a hundredth of it."""
+
+    def number(name: str, value: float, unit: str = "1") -> Quantity:
+        return quantity(name, unit, value, 0.01 * value)
+
+    others = ("natural_frequency", "damping_ratio", "oil_temperature", "residual", "excitation")
+    health = good_health("wears", 24.0)
+    health.namur, health.natural_frequency = ValveHealth.NAMUR_FUNCTION_CHECK, number("natural", 30.0, "Hz")
+    health.amplification = number("amplification", 3.0)
+    one = HeardValve("v", health, 100.0)
+    one.estimate = ModelEstimate(
+        model="stribeck", state=ModelEstimate.STATE_NOT_EXCITED, parameters=[number("mass", 0.2, "kg")],
+        lost_blocks=7, refused_blocks=5, relative_displacement=number("relative_displacement", 4e-4, "m"),
+        **{name: number(name, 11.0 + place) for place, name in enumerate(others)},
+    )  # fmt: skip
+    one.baseline = ManageBaseline.Response(
+        success=True, version=4, stage="frozen", valve_id="A-12", oil="HL68", frozen_by="Eva",
+        values=[number("mass", 0.16, "kg")],
+    )  # fmt: skip
+    one.gap = GapAnalysis(
+        state=GapAnalysis.STATE_DONE, verdict="play", sentence="It has play.", window=60.0, json="{}",
+        confidence=number("confidence", 0.9),
+    )  # fmt: skip
+    one.gap.header.stamp.sec, one.limits, one.bounds = 42, {"resonance_band": 0.15}, {"mass_low_kg": 0.1}
+    detail = detail_of(one, 100.0)
+    estimate, resonance = detail.pop("estimate"), detail.pop("resonance")
+    assert detail == {
+        "name": "v", "condition": "good", "waiting": 0, "margin": -20, "band": 15.0, "letter": "C",
+        "shakes": "24.0", "natural": "30.0", "summary": "wears", "alarms": [],
+        "judgements": ["resonance: judged", "friction_drift: judged", "spring_change: judged"],
+        "baseline": {"version": 4, "stage": "frozen", "valve_id": "A-12", "oil": "HL68", "frozen_by": "Eva"},
+        "gap": {
+            "done": True, "verdict": "play", "confidence": 0.9, "sentence": "It has play.", "window": 60.0,
+            "stamp": 42, "report": True,
+        },
+    }  # fmt: skip
+    assert (resonance["margin"], resonance["band"]) == (-20, 15.0)
+    assert [resonance[name]["value"] for name in ("shakes", "natural", "amplification")] == [24.0, 30.0, 3.0]
+    assert [estimate[name] for name in ("model", "state", "lost", "refused")] == [
+        "stribeck", "not_excited", 7, 5,
+    ]  # fmt: skip
+    values = {each["name"]: (each["value"], each["width"], each["unit"]) for each in estimate["others"]}
+    assert values == {
+        **{
+            name: (11.0 + n, pytest.approx(0.0196 * (11.0 + n), rel=1e-4), "1")
+            for n, name in enumerate(others)
+        },
+        "relative_displacement": (0.4, pytest.approx(0.00784, rel=1e-4), "mm"),
+    }
+    (mass,) = estimate["parameters"]
+    assert (mass["value"], mass["baseline"]["value"], mass["low"], mass["high"]) == (0.2, 0.16, 0.1, None)
+    assert (mass["change"], mass["compared"], mass["validity"]) == (25.0, None, "valid")
 
 
 def block(sequence: int, period: float = 0.001, size: int = 100, frequency: float = 25.0) -> Block:
