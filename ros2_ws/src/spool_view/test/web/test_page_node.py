@@ -49,8 +49,8 @@ def test_each_parameter_changes_what_browsers_get(tmp_path: Path, monkeypatch: p
             for publisher in made:
                 publisher.publish(ValveHealth())
 
-    def get(path: str, **headers: str) -> str:
-        with urllib.request.urlopen(urllib.request.Request(url + path, headers=headers)) as answer:
+    def get(path: str, body: bytes | None = None, **headers: str) -> str:
+        with urllib.request.urlopen(urllib.request.Request(url + path, body, headers)) as answer:
             return str(answer.read().decode())
 
     def serves() -> bool:
@@ -66,11 +66,8 @@ def test_each_parameter_changes_what_browsers_get(tmp_path: Path, monkeypatch: p
         assert "valve_1" not in get("/metrics")
         token = (own / f"token_{port}").read_text().strip()
         headers = {"origin": url, "authorization": f"Bearer {token}"}
-        right = urllib.request.Request(f"{url}/operator", b"", headers)
-        with urllib.request.urlopen(right) as answer:
-            assert json.loads(answer.read())["text"] == "right"
-        with urllib.request.urlopen(f"{url}/stream/valve/valve_2") as stream:
-            assert b"event: valve" in stream.readline()
+        assert json.loads(get("/operator", b"", **headers))["text"] == "right"
+        with urllib.request.urlopen(f"{url}/stream/valve/valve_2"):
             until(lambda: read, "the recording is read")
         assert read[0] == (tmp_path / "bags", "valve_2")
     finally:
