@@ -43,6 +43,14 @@ def fitted(path: Path, stiffness: float, damping: float) -> str:
     return str(path)
 
 
+@pytest.fixture(name="steps")
+def _steps(tmp_path: Path) -> str:
+    """Return an excitation of a few frequencies: a whole sweep takes thirty times as long."""
+    path = tmp_path / "steps.yaml"
+    path.write_text("kind: stepped_sine\nfrequencies: [8, 12, 14, 16, 20, 30]\ndwell: 1\namplitude: 10\n")
+    return str(path)
+
+
 def resonance(found: WhatIf) -> float:
     return found.after.resonances[0].frequency
 
@@ -56,18 +64,20 @@ def test_other_springs_and_another_mass_move_the_resonance_by_the_root() -> None
 
 
 @pytest.mark.parametrize("damping", [0.05, 0.3])
-def test_an_isolating_mount_acts_by_its_closed_form(damping: float) -> None:
-    found = what_if(WhatIfRequest("4weh10_soft", mount_frequency=6.0, mount_damping=damping)).after
+def test_an_isolating_mount_acts_by_its_closed_form(damping: float, steps: str) -> None:
+    mount = {"mount_frequency": 6.0, "mount_damping": damping}
+    found = what_if(WhatIfRequest("4weh10_soft", excitation=steps, **mount)).after
     natural = 2.0 * np.pi * 6.0
-    mount = closed_form(found.frequency, natural**2, 2.0 * damping * natural, 1.0)
+    isolation = closed_form(found.frequency, natural**2, 2.0 * damping * natural, 1.0)
     valve = closed_form(found.frequency, SOFT.spring_stiffness, SOFT.viscous_coefficient)
-    np.testing.assert_allclose(found.amplitude_ratio, mount * valve, rtol=1e-3)
+    np.testing.assert_allclose(found.amplitude_ratio, isolation * valve, rtol=1e-3)
 
 
-def test_a_heavy_body_on_its_mount_shakes_the_valve_as_predicted() -> None:
+def test_a_heavy_body_on_its_mount_shakes_the_valve_as_predicted(steps: str) -> None:
     """The second mass as a separate equation, with the spool acting back on it."""
     body, natural, damping = 20.0, 2.0 * np.pi * 6.0, 0.1
-    found = what_if(WhatIfRequest("4weh10_soft", mount_frequency=6.0, mount_damping=damping)).after
+    mounted = {"mount_frequency": 6.0, "mount_damping": damping}
+    found = what_if(WhatIfRequest("4weh10_soft", excitation=steps, **mounted)).after
     for frequency, ratio in zip(found.frequency, found.amplitude_ratio, strict=True):
         omega = 2.0 * np.pi * frequency
         mount = body * (natural**2 + 2j * damping * natural * omega)
@@ -78,16 +88,16 @@ def test_a_heavy_body_on_its_mount_shakes_the_valve_as_predicted() -> None:
         assert ratio == pytest.approx(abs(spool), rel=0.05)  # 0.18 kg act back on 20 kg
 
 
-def test_warmer_oil_damps_by_the_ratio_of_its_viscosities() -> None:
-    found = what_if(WhatIfRequest("4weh10_soft", oil_temperature=50.0)).after
+def test_warmer_oil_damps_by_the_ratio_of_its_viscosities(steps: str) -> None:
+    found = what_if(WhatIfRequest("4weh10_soft", oil_temperature=50.0, excitation=steps)).after
     warm = SOFT.at(50.0).viscous_coefficient
     np.testing.assert_allclose(
         found.amplitude_ratio, closed_form(found.frequency, SOFT.spring_stiffness, warm), rtol=1e-3
     )
 
 
-def test_another_oil_counts_by_the_catalogue_at_its_temperature() -> None:
-    found = what_if(WhatIfRequest("4weh10_soft", oil="Azolla ZS22"))
+def test_another_oil_counts_by_the_catalogue_at_its_temperature(steps: str) -> None:
+    found = what_if(WhatIfRequest("4weh10_soft", oil="Azolla ZS22", excitation=steps))
     drag = found.changed["viscous_coefficient"]
     assert drag.before is not None
     assert drag.after is not None
@@ -109,9 +119,9 @@ def test_speeds_to_avoid_lie_around_the_resonance_and_margins_at_the_nearest_spe
     )
 
 
-def test_friction_makes_the_response_depend_on_the_amplitude_and_a_linear_valve_does_not() -> None:
-    assert what_if(WhatIfRequest("4weh10_soft", "coulomb")).depends_on_amplitude
-    assert not what_if(WhatIfRequest("4weh10_soft")).depends_on_amplitude
+def test_friction_makes_the_response_depend_on_the_amplitude_and_a_linear_valve_does_not(steps: str) -> None:
+    assert what_if(WhatIfRequest("4weh10_soft", "coulomb", excitation=steps)).depends_on_amplitude
+    assert not what_if(WhatIfRequest("4weh10_soft", excitation=steps)).depends_on_amplitude
 
 
 def test_a_stop_leaves_two_motions_and_the_second_is_named() -> None:
@@ -119,6 +129,20 @@ def test_a_stop_leaves_two_motions_and_the_second_is_named() -> None:
         "4weh10_soft", "fluid_end_stop", changed=["stop_gap=1.5e-3", "stop_stiffness=2e4"], amplitude=20.0
     )
     assert any("after the change: between 23" in note for note in what_if(request).notes)
+
+
+def test_an_interval_reaches_1_96_deviations_either_way(tmp_path: Path, steps: str) -> None:
+    """The response changes so little that its deviation follows from that of the numbers linearly."""
+    model = fitted(tmp_path / "model.yaml", SOFT.spring_stiffness, SOFT.viscous_coefficient)
+    found = what_if(WhatIfRequest("4weh10_soft", model, excitation=steps)).before
+    numbers = np.array([SOFT.spring_stiffness, SOFT.viscous_coefficient])
+    slopes = [
+        (closed_form(found.frequency, *(numbers + step)) - closed_form(found.frequency, *(numbers - step)))
+        for step in np.diag(STD) * 0.1
+    ] / np.array([[0.2], [0.2]])
+    deviation = np.sqrt(np.einsum("if,ij,jf->f", slopes, CORRELATION, slopes))
+    widths = (found.high - found.low) / deviation
+    assert float(np.mean(widths)) == pytest.approx(2 * 1.96, rel=0.07)  # of 90 %: 2 * 1.64
 
 
 @pytest.mark.slow
@@ -207,13 +231,15 @@ def test_what_cannot_be_predicted_is_refused_in_one_line(
     assert line.count("\n") == 1
 
 
-def test_a_valve_without_its_film_is_refused_unless_the_model_states_the_drag(tmp_path: Path) -> None:
+def test_a_valve_without_its_film_is_refused_unless_the_model_states_the_drag(
+    tmp_path: Path, steps: str
+) -> None:
     short = Valve(id="short", moving_mass=0.18, spring_stiffness=1632.0)
     path = tmp_path / "short.yaml"
     path.write_text("id: short\nmoving_mass: 0.18\nspring_stiffness: 1632.0\n")
     assert main(["what-if", "--valve", str(path)]) == 2
     model = fitted(tmp_path / "model.yaml", short.spring_stiffness, 8.2)
-    assert what_if(WhatIfRequest(str(path), model)).draws > 0
+    assert what_if(WhatIfRequest(str(path), model, excitation=steps)).draws > 0
 
 
 @pytest.mark.parametrize(
