@@ -1,4 +1,7 @@
-"""Borders of the decision: what is named, what stays unexplained, how sure it is, how wide intervals are."""
+"""Search and decision on short records: moves, choice, what is named, how sure it is, how wide intervals are.
+
+Nothing is compiled that the set-up does not compile: the loop for changes of the search.
+"""
 
 from __future__ import annotations
 
@@ -285,3 +288,68 @@ def test_what_an_effect_adds_by_chance_takes_no_probability_from_the_set_without
     assert held["a"] == pytest.approx(1.0 - held["c"], abs=1e-4)
     without = probabilities_of(evidence, "a")
     assert without["a+b"] == pytest.approx(without["c"])
+
+
+def searched(*names: str, **given: Any) -> Search:
+    """Return a search for effects in a record with drag that the base lacks, after its end."""
+    every = fitted("quadratic_damping", quadratic_coefficient=20.0).predictions
+    search = Search(every, structure_of(BASE, VALVE), names, **given)
+    search.run()
+    return search
+
+
+@lru_cache
+def ended() -> tuple[Search, list[tuple[str, float]]]:
+    """Return such a search, and what it said on its way."""
+    said: list[tuple[str, float]] = []
+    tell = lambda what, share: said.append((what, share))  # noqa: E731
+    return searched("cubic_stiffness", "quadratic_damping", tell=tell), said
+
+
+def test_the_search_ends_at_the_drag_after_it_tried_each_effect_and_the_pair() -> None:
+    search, _ = ended()
+    assert search.simplest.structure.effects == ("quadratic_damping",)
+    assert search.simplest.structure.values["quadratic_coefficient"] == pytest.approx(20.0, rel=0.03)
+    pair = frozenset({"cubic_stiffness", "quadratic_damping"})
+    tried = {effects for effects, _ in search.fits}
+    assert tried == {frozenset(), frozenset({"cubic_stiffness"}), frozenset({"quadratic_damping"}), pair}
+
+
+def test_the_progress_of_a_search_only_rises() -> None:
+    shares = [share for _, share in ended()[1]]
+    assert len(shares) >= 5
+    assert shares == sorted(shares)
+    assert shares[0] > 0.0
+    assert shares[-1] < 1.0
+
+
+def test_a_search_without_work_left_tries_no_pair() -> None:
+    search = searched("cubic_stiffness", "quadratic_damping", allowed=0.0)
+    assert search.late
+    assert search.simplest.structure.effects == ("quadratic_damping",)
+    assert max(len(effects) for effects, _ in search.fits) == 1
+
+
+@pytest.mark.parametrize(
+    ("name", "ahead", "static_force", "chosen"),
+    [
+        ("quadratic_damping", 9.0, 0.0, False),
+        ("quadratic_damping", 11.0, 0.0, True),
+        ("stribeck_friction", 1e4, 0.5, True),
+        ("stribeck_friction", 1e4, 0.4, False),
+    ],
+    ids=["not decisive", "decisive", "sensible", "friction that does not fall with speed"],
+)
+def test_a_richer_fit_counts_where_the_evidence_decides_for_it_and_its_numbers_make_sense(
+    name: str, ahead: float, static_force: float, chosen: bool
+) -> None:
+    search = copy(ended()[0])
+    base = search.base
+    own = {"quadratic_coefficient": 20.0, "coulomb_force": 0.4, "static_force": static_force}
+    wider = base.structure.having((name,), ())
+    wider = wider.moved({key: value for key, value in own.items() if key in wider.values})
+    # One number more costs half the logarithm of the count of samples.
+    likelihood = base.log_likelihood + ahead + 0.5 * math.log(base.numbers)
+    richer = replace(base, structure=wider, count=base.count + 1, log_likelihood=likelihood)
+    search.fits = {one.structure.key: one for one in (richer, base)}
+    assert search.simplest.structure.effects == ((name,) if chosen else ())
