@@ -194,6 +194,9 @@ def test_a_host_runs_the_sources_itself_and_others_hear_them_as_well(
     heard = system.listen(AccelerationBlock, "/valve_1/acceleration")
     # Few blocks: a machine that is too busy for more would lose some.
     (tmp_path / "my.yaml").write_text("/**: {ros__parameters: {block_rate: 10.0}}\n")
+    listed = (tmp_path / "valves.yaml").read_text()
+    stiff = "- {namespace: valve_0, valve_file: 4weh10_stiff}"
+    (tmp_path / "valves.yaml").write_text(listed.replace("- {namespace: valve_0}", stiff))
     process = host(PLAIN, source="simulator", params_file=str(tmp_path / "my.yaml"))
     system.until(lambda: all(len(one.heard) >= 5 for one in told.values()), "all valves are estimated")
     system.until(lambda: len(heard.heard) > 50, "others hear the blocks")
@@ -205,7 +208,8 @@ def test_a_host_runs_the_sources_itself_and_others_hear_them_as_well(
     for name, topic in told.items():
         assert system.state(f"/{name}/simulator") == "active"
         assert topic.last.lost_blocks == 0
-        assert topic.last.parameters[0].value == pytest.approx(1632.0, rel=0.02)
+        valve = find_valve("4weh10_stiff" if name == "valve_0" else "4weh10_soft")
+        assert topic.last.parameters[0].value == pytest.approx(valve.spring_stiffness, rel=0.02)
     system.change("/valve_1/simulator", "deactivate")
     system.until(lambda: told["valve_1"].last.state == ModelEstimate.STATE_STALE, "its estimate is stale")
     assert told["valve_2"].last.state == ModelEstimate.STATE_TRACKING
