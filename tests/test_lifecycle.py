@@ -54,6 +54,7 @@ def test_the_nodes_are_managed_from_outside(system: System, tmp_path: Path) -> N
         "the active nodes work",
     )
     assert (tmp_path / "bag").is_dir()
+    check_that_a_pause_is_no_loss(system, nodes, blocks, estimates)
 
     stopped = time.monotonic()
     for node in nodes.values():
@@ -95,6 +96,32 @@ def test_the_nodes_are_managed_from_outside(system: System, tmp_path: Path) -> N
         lambda: estimates.heard and estimates.last.samples < before.samples, "a fresh estimator works"
     )
     assert [process.end(signal.SIGTERM) for process in system.processes] == [0, 0, 0, 0]
+
+
+def check_that_a_pause_is_no_loss(
+    system: System, nodes: dict[str, str], blocks: Topic, estimates: Topic
+) -> None:
+    """Let estimator and monitor rest while the source sends 100 blocks, which they do not count as lost."""
+
+    def lost() -> list[int]:
+        return [int(system.numbers(f"valve_1/{task}")["blocks_lost"]) for task in tasks]
+
+    tasks, pausing = ("estimator: estimate", "monitor: data"), (nodes["estimator"], nodes["monitor"])
+    system.until(lambda: all(system.numbers(f"valve_1/{task}") for task in tasks), "both count blocks")
+    before = lost()
+    for node in pausing:
+        system.change(node, "deactivate")
+    sent = len(blocks.heard)
+    system.until(lambda: len(blocks.heard) > sent + 100, "the source goes on")
+    for node in pausing:
+        system.change(node, "activate")
+    begin = time.monotonic()
+    system.until(
+        lambda: estimates.first(lambda one: one.samples > 0, after=begin), "the estimator works again"
+    )
+    for task in tasks:
+        system.until(lambda task=task: len(system.statuses(f"valve_1/{task}", after=begin)) > 1, task)
+    assert all(now - then < 100 for now, then in zip(lost(), before, strict=True))
 
 
 def become_silent(system: System, *topics: Topic) -> None:
