@@ -17,16 +17,18 @@ from spool_core.uncertainty import Quantity as Measured
 from spool_core.uncertainty import Validity
 from spool_estimator.estimate import Estimate, State
 from spool_monitor.detectors import DETECTORS, JUDGEMENT_TEXTS, MonitorSettings
+from spool_monitor.journal import Journal, JournalEntry
 from spool_monitor.listener import CONDITIONS, DRIFT, HeardValve, bounds_of, condition_of
 from spool_monitor.monitor import Monitor
 from spool_monitor.monitor_node import condition_status
+from spool_monitor.state_database import FILE
 from spool_monitor.state_file import valve_folder
 from spool_monitor.trend import Sums, TrendStore
 from spool_msgs.msg import Alarm, AlarmList, GapAnalysis, ModelEstimate, Quantity, ValveHealth
 from spool_msgs.srv import ManageBaseline
 from spool_view.acts import RateLimit
 from spool_view.application import LANGUAGES, SITE, language_of
-from spool_view.kept import limits_of
+from spool_view.kept import history, limits_of
 from spool_view.view import AT_REST, MOST, alarms_of, detail_of, row_of, shown, spectrum_of, trend_of
 
 from .conftest import alarm, good_health, quantity, tracking
@@ -208,6 +210,25 @@ def test_browsers_get_every_value_of_a_valve() -> None:
     (mass,) = estimate["parameters"]
     assert (mass["value"], mass["baseline"]["value"], mass["low"], mass["high"]) == (0.2, 0.16, 0.1, None)
     assert (mass["change"], mass["compared"], mass["validity"]) == (25.0, None, "valid")
+
+
+def test_browsers_get_every_value_of_an_event_in_the_history(tmp_path: Path) -> None:
+    path, now = valve_folder(tmp_path, "valve_1") / FILE, int(time.time())
+    path.parent.mkdir(parents=True)
+    journal = Journal(path)
+    raised = JournalEntry((now - 60) * 10**9, "raise", "stuck_spool", 400, "F", "alarm", "unacknowledged", 3)
+    seen = replace(raised, stamp=(now - 50) * 10**9, action="shelve", who="Eva", comment="wait", text="Stuck")
+    journal.write([raised, seen])
+    journal.close()
+    found = history(tmp_path, ["valve_1"], "eva", "day", "en")
+    assert (found["count"], found["entries"]) == (1, [{
+        "time": now - 50, "valve": "valve_1", "action": "shelve", "alarm": "stuck_spool", "code": 400,
+        "who": "Eva", "comment": "wait", "text": "Stuck",
+    }])  # fmt: skip
+    (often,) = found["frequent"]
+    assert often == {
+        "valve": "valve_1", "alarm": "stuck_spool", "code": 400, "count": 1, "share": "100",
+    }  # fmt: skip
 
 
 def block(sequence: int, period: float = 0.001, size: int = 100, frequency: float = 25.0) -> Block:
