@@ -1,10 +1,15 @@
-"""Mutation check of the cores: change one operation somewhere and see whether a test of its package fails.
+"""Mutation check: change one operation somewhere and see whether a test of a usual run fails.
 
-    ./spool python tests/mutants.py [--count 60] [--seed 1] [--package spool_bag] [--markdown FILE]
+    ./spool python tests/mutants.py [--count 100] [--seed 20261129] [--package spool_bag] [--markdown FILE]
 
-A sample, drawn by lines of code. The tests are those of the package that the change can reach, with a copy of
-the package that has the change. A mutant that no test notices is a gap, unless it changes nothing: those are
-listed in mutants.yaml with their reasons. Exit code 1 for a mutant that is neither noticed nor listed.
+A sample, drawn by lines of code from all packages; the seed is the date unless it is given. The tests are
+those that the change can reach, wherever they lie: of files that import the module, then of its package,
+the cheapest first. They see the package with the change in place of the real one. A mutant that no test
+notices is a gap, unless it changes nothing: those are listed in mutants.yaml with their reasons. One whose
+tests take longer than --seconds is cut, and counted apart.
+
+Exit code 1 for a survivor that the page of --known does not list, in a function that users' results pass
+through: its module is imported, directly or not, by `replay`, `fit`, `gap`, `check` or a node.
 """
 
 from __future__ import annotations
@@ -14,29 +19,51 @@ import ast
 import os
 import random
 import re
+import resource
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
+import time
+import xml.etree.ElementTree as ET
+from collections import Counter, defaultdict
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from datetime import datetime, timezone
 from functools import cache, cached_property
 from pathlib import Path
 
 from mutations import difference, is_text, refusal, replaced, without_effect
 from spool_evaluation.changed_tests import Repository
-from spool_evaluation.results.page import write_page
+from spool_evaluation.results.page import markdown_table, write_page
+from spool_evaluation.results.stale import loaded_by
+from spool_report.outputs import suite_version
 
 ROOT = Path(__file__).resolve().parent.parent
 SOURCE = ROOT / "ros2_ws" / "src"
-PACKAGES = ("spool_core", "spool_sim", "spool_estimator", "spool_monitor", "spool_bag", "spool_gap")
-#: Not cores: tests of the whole system run them.
-NODES = re.compile(r"(_node|/program|/node/.*)\.py$")
-#: s, a test that takes longer with a mutant than this does not end.
-PATIENCE = 900.0
+PACKAGES = tuple(sorted({path.parts[-3] for path in SOURCE.glob("spool_*/spool*/__init__.py")}))
+#: Modules that users' results come from: results pass through whatever these import.
+RESULTS = re.compile(r"spool_tools\.commands\.(replay|fit|gap|check)_command|spool_[\w.]+_node")
+#: s that a test takes whose time is unknown; of live nodes and of others.
+WAITS, COMPUTES = 15.0, 1.0
+#: B of memory that tests of a mutant may take: a loop without an end takes all. And how many s they may take
+#: for each of processor time: live nodes wait.
+MEMORY, WAITING = 6 << 30, 3.0
+PYTEST = [
+    sys.executable,
+    "-m",
+    "pytest",
+    "-xq",
+    "--tb=no",
+    *(f"-p{name}" for name in ("as_given", "no:xdist")),
+]
+OUTCOMES = ("noticed", "without effect", "not noticed", "cut")
+HISTORY = ("date", "seed", "version", "drawn", *OUTCOMES)
 EQUIVALENT = without_effect(Path(__file__).with_suffix(".yaml"))
 REPOSITORY = Repository(ROOT)
+PAGE = ROOT / "docs" / "results" / "mutants.md"
 
 BORDERS: dict[type[ast.cmpop], tuple[type[ast.cmpop], type[ast.cmpop]]] = {
     ast.Lt: (ast.LtE, ast.GtE),
@@ -62,6 +89,11 @@ OPERATORS: dict[type[ast.operator], type[ast.operator]] = {
 }
 
 
+def module_of(path: Path) -> str:
+    """Return the name that a module of the sources is imported by."""
+    return ".".join(path.relative_to(SOURCE).with_suffix("").parts[1:]).removesuffix(".__init__")
+
+
 @dataclass(frozen=True)
 class Mutant:
     """A function with one change: where, the line before and after, and the whole file with it."""
@@ -81,7 +113,7 @@ class Mutant:
     @property
     def place(self) -> str:
         """Module and function."""
-        return f"{'.'.join(self.path.relative_to(SOURCE).with_suffix('').parts[1:])}.{self.function}"
+        return f"{module_of(self.path)}.{self.function}"
 
     @property
     def line(self) -> str:
@@ -147,11 +179,10 @@ def _annotations(node: ast.AST) -> Iterator[ast.AST]:
 
 @cache
 def functions(package: str) -> list[tuple[Path, str, ast.FunctionDef]]:
-    """Return the functions and methods of the cores of a package, with their file and name."""
+    """Return the functions and methods of a package, with their file and name."""
     found = []
-    for path in sorted((SOURCE / package / package).rglob("*.py")):
-        if NODES.search(path.as_posix()):
-            continue
+    folders = [path.parent for path in (SOURCE / package).glob("spool*/__init__.py")]
+    for path in sorted(path for folder in folders for path in folder.rglob("*.py")):
         tree = ast.parse(path.read_text(encoding="utf-8"))
         for owner in ast.walk(tree):
             for node in owner.body if isinstance(owner, ast.Module | ast.ClassDef) else ():
@@ -187,36 +218,93 @@ def _mutant(path: Path, name: str, node: ast.FunctionDef, other: ast.FunctionDef
     return Mutant(path, name, span, *difference(ast.unparse(node), ast.unparse(other)), text)
 
 
-def noticed(mutant: Mutant) -> str:
-    """Return the test that fails with the mutant and passes without, empty if there is none."""
+@dataclass(frozen=True)
+class Result:
+    """What became of a mutant: one of OUTCOMES, the test that noticed it, s that this took."""
+
+    outcome: str
+    test: str = ""
+    seconds: float = 0.0
+
+
+def times_of(report: Path | None) -> dict[str, float]:
+    """Return how long each test function took, s, by a report of pytest (``--junitxml``, family xunit1)."""
+    found: dict[str, float] = defaultdict(float)
+    for case in ET.parse(report).iter("testcase") if report else ():
+        found[f"{case.get('file')}::{(case.get('name') or '').partition('[')[0]}"] += float(
+            case.get("time", 0)
+        )
+    return found
+
+
+def tests_for(mutant: Mutant, times: dict[str, float]) -> list[str]:
+    """Return the tests that a mutant can reach: the nearest files first, among them the cheapest."""
+    path = mutant.path.relative_to(ROOT)
     own = f"ros2_ws/src/{mutant.package}/test/"
-    reached = REPOSITORY.tests_reached({mutant.path.relative_to(ROOT): [mutant.lines]})
-    tests = [one for one in reached if one.startswith(own)] or [own]
-    with tempfile.TemporaryDirectory() as folder:
-        copied = Path(folder) / mutant.package
-        shutil.copytree(
-            SOURCE / mutant.package / mutant.package, copied, ignore=shutil.ignore_patterns("__pycache__")
-        )
-        (copied / mutant.path.relative_to(SOURCE / mutant.package / mutant.package)).write_text(mutant.text)
-        failed = _first_failure(tests, Path(folder))
-    return failed if failed in ("", "no end") or not _first_failure([failed], None) else ""
+    module = module_of(mutant.path)
+    sources = {str(one.path): one for one in REPOSITORY.sources.values()}
+    files: dict[str, list[str]] = {}
+    # Names that are computed, as those of kernels, lead nowhere: then all tests of the package.
+    whole = [file for file in sources if file.startswith(own) and "/test_" in file]
+    for one in REPOSITORY.tests_reached({path: [mutant.lines]}) or whole:
+        files.setdefault(one.partition("::")[0], []).append(one)
+
+    def place(file: str) -> tuple[int, float]:
+        imports = {name for base, what, _ in sources[file].imports for name in (base, f"{base}.{what}")}
+        usual = WAITS if file.startswith("tests/") or "/web/" in file or "/node/" in file else COMPUTES
+        cost = sum(times.get(one, usual if "::" in one else 30.0 * usual) for one in files[file])
+        return (0 if module in imports else 1 if file.startswith(own) else 2), cost
+
+    return [one for file in sorted(files, key=place) for one in files[file]]
 
 
-def _first_failure(tests: list[str], first: Path | None) -> str:
-    """Run tests with the modules of ``first`` before others; return the first that fails, if any."""
-    path = os.pathsep.join(filter(None, [str(first or ""), os.environ.get("PYTHONPATH", "")]))
-    try:
-        run = subprocess.run(
-            [sys.executable, "-m", "pytest", "-x", "-q", "-n0", "-p", "no:cacheprovider", "--tb=no", *tests],
-            cwd=ROOT,
-            env={**os.environ, "PYTHONPATH": path},
-            capture_output=True,
-            text=True,
-            check=False,
-            timeout=PATIENCE,
-        )
-    except subprocess.TimeoutExpired:
-        return "no end"
+def judged(mutant: Mutant, times: dict[str, float], seconds: float) -> Result:
+    """Run the tests that a mutant can reach, for ``seconds`` of processor time at most."""
+    begun, tests, without = time.monotonic(), tests_for(mutant, times), set[str]()
+    while True:
+        left = seconds - (time.monotonic() - begun) / WAITING
+        rest = [one for one in tests if without.isdisjoint((one, one.partition("::")[0]))]
+        failed = _first_failure(mutant, mutant.text, rest, left) if rest else ""
+        taken = time.monotonic() - begun
+        if failed is None:
+            return Result("cut", seconds=taken)
+        if not failed:
+            return Result("without effect" if mutant.reason else "not noticed", seconds=taken)
+        # One that fails without the change as well shows nothing.
+        original = mutant.path.read_text(encoding="utf-8")
+        if not _first_failure(mutant, original, [failed], seconds):
+            return Result("noticed", failed, taken)
+        without.add(failed)
+
+
+def _first_failure(mutant: Mutant, text: str, tests: list[str], seconds: float) -> str | None:
+    """Run tests with ``text`` in the mutant's file; return the first that fails, None if they do not end."""
+
+    def limited() -> None:
+        resource.setrlimit(resource.RLIMIT_DATA, (MEMORY, MEMORY))
+        resource.setrlimit(resource.RLIMIT_CPU, (most, most + 5))
+
+    most = max(int(seconds), 1)
+    with tempfile.TemporaryDirectory(prefix="spool_mutant_") as folder:
+        _overlay(mutant.path, Path(folder), text)
+        # The order of the tests is that of the command line: the hook of conftest.py puts long files first.
+        (Path(folder) / "as_given.py").write_text(AS_GIVEN, encoding="utf-8")
+        path = os.pathsep.join([folder, *filter(None, [os.environ.get("PYTHONPATH", "")])])
+        try:
+            run = subprocess.run(
+                [*PYTEST, *tests],
+                cwd=ROOT,
+                env={**os.environ, "PYTHONPATH": path},
+                preexec_fn=limited,
+                capture_output=True,
+                text=True,
+                check=False,
+                timeout=WAITING * most,
+            )
+        except subprocess.TimeoutExpired:
+            return None
+    if run.returncode in (-signal.SIGXCPU, -signal.SIGKILL):
+        return None
     if run.returncode in (0, 5):
         return ""
     # Without the case of a test of several: there may be blanks in it.
@@ -224,24 +312,78 @@ def _first_failure(tests: list[str], first: Path | None) -> str:
     return found[1] if found else tests[0]
 
 
-def page(path: Path, results: dict[Mutant, str], command: str) -> None:
-    """Write the shares and the mutants that no test noticed."""
-    rows = ["| package | mutants | noticed | without effect | not noticed |", "|---|---|---|---|---|"]
-    for package in (*dict.fromkeys(one.package for one in results), ""):
-        some = [one for one in results if package in ("", one.package)]
-        seen = sum(bool(results[one]) for one in some)
-        idle = sum(bool(one.reason) and not results[one] for one in some)
-        rows.append(f"| {package or 'all'} | {len(some)} | {seen} | {idle} | {len(some) - seen - idle} |")
-    left = [f"- `{one.place}`: `{one.line}`" + (f": {one.reason}" if one.reason else "")
-            for one, test in results.items() if not test]  # fmt: skip
-    intro = (
-        "One operation of a function changed at a time, drawn at random by lines of code from the cores of "
-        "these packages (nodes apart). Noticed: a test of the package fails. Without effect: nothing can "
-        "notice it, for the reason given below and in [tests/mutants.yaml](../../tests/mutants.yaml)."
-    )
-    write_page(
-        path, "Mutants of the cores", command, [intro, "\n".join(rows), "Not noticed:", "\n".join(left)]
-    )
+#: A plugin of pytest.
+AS_GIVEN = """
+import pytest
+
+@pytest.hookimpl(hookwrapper=True)
+def pytest_collection_modifyitems(items):
+    before = list(items)
+    yield
+    kept = set(items)
+    items[:] = [one for one in before if one in kept]
+"""
+
+
+def _overlay(path: Path, folder: Path, text: str) -> None:
+    """Make the package of ``path`` in ``folder``: links to all that it holds, but the file with ``text``."""
+    here = SOURCE / path.relative_to(SOURCE).parts[0]
+    for depth, part in enumerate(path.relative_to(here).parts):
+        for other in here.iterdir() if depth else ():
+            if other.name == "__pycache__":  # a copy, so that the changed file gets none among the others
+                shutil.copytree(other, folder / other.name, dirs_exist_ok=True)
+            elif other.name != part:
+                (folder / other.name).symlink_to(other)
+        here, folder = here / part, folder / part
+        if here.is_dir():
+            folder.mkdir()
+    folder.write_text(text, encoding="utf-8")
+
+
+def listed(one: Mutant) -> str:
+    """Return a survivor as a page lists it."""
+    return f"- `{one.place}`: `{one.line}`"
+
+
+def survivors(text: str) -> list[str]:
+    """Return the survivors that a page lists and whose code is still there."""
+    code = {f"{module_of(path)}.{name}": ast.unparse(node)
+            for package in PACKAGES for path, name, node in functions(package)}  # fmt: skip
+    found = re.findall(r"^(- `([\w.]+)`: `(.*) -> .*`)$", text, re.MULTILINE)
+    idle = {f"- `{place}`: `{line}`" for place, lines in EQUIVALENT.items() for line in lines}
+    return [line for line, place, before in found if before in code.get(place, "") and line not in idle]
+
+
+def page(path: Path, published: str, results: dict[Mutant, Result], seed: int, command: str) -> None:
+    """Write the rates of all runs, the shares of this one, and the survivors."""
+
+    def counts(some: list[Result]) -> list[str]:
+        found = Counter(one.outcome for one in some)
+        return [str(len(some)), *(str(found[name]) for name in OUTCOMES)]
+
+    of = {name: [one for mutant, one in results.items() if mutant.package == name] for name in PACKAGES}
+    rows = [[name, *counts(some)] for name, some in of.items() if some]
+    earlier = re.findall(r"^\| (\d{4}-\d\d-\d\d \|.*) \|$", published, re.MULTILINE)
+    all_of_them = counts(list(results.values()))
+    day = datetime.now(timezone.utc).date().isoformat()
+    today = [day, str(seed), suite_version(), *all_of_them]
+    here = [listed(one) for one, found in results.items() if found.outcome == "not noticed"]
+    noticed_now = {listed(one) for one, found in results.items() if found.outcome == "noticed"}
+    old = [one for one in survivors(published) if one not in here and one not in noticed_now]
+    parts = [
+        "One operation of a function changed at a time, drawn at random by lines of code from all packages. "
+        "Noticed: a test of a usual run fails. Without effect: nothing can notice it, for the reason in "
+        "[tests/mutants.yaml](../../tests/mutants.yaml). Cut: its tests did not end in its time.",
+        "## Rate over time",
+        markdown_table(HISTORY, [*(row.split(" | ") for row in earlier), today]),
+        "## This run",
+        markdown_table(("package", "mutants", *OUTCOMES), [*rows, ["all", *all_of_them]]),
+        "## Not noticed in this run",
+        "\n".join(here) or "None.",
+        "## Not noticed in earlier runs",
+        "\n".join(old) or "None.",
+    ]
+    write_page(path, "Mutants", command, parts)
 
 
 def main() -> int:
@@ -249,23 +391,55 @@ def main() -> int:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--count", type=int, default=60, help="number of mutants")
-    parser.add_argument("--seed", type=int, default=1, help="of the sample")
+    day = int(datetime.now(timezone.utc).strftime("%Y%m%d"))
+    parser.add_argument("--count", type=int, default=100, help="number of mutants")
+    parser.add_argument("--seed", type=int, default=day, help="of the sample (default: the date)")
     parser.add_argument("--package", choices=PACKAGES, help="only mutants of this package")
+    parser.add_argument("--seconds", type=float, default=60.0, help="of processor time for one mutant")
+    parser.add_argument("--minutes", type=float, default=600.0, help="begin no mutant after this time")
+    parser.add_argument(
+        "--times",
+        type=Path,
+        help="report of a usual run: ./spool test -o junit_family=xunit1 --junitxml FILE",
+    )
+    parser.add_argument("--known", type=Path, default=PAGE, help="page with the known survivors")
     parser.add_argument("--markdown", type=Path, help="write the result to this page as well")
     given = parser.parse_args()
+    print(f"seed {given.seed}", flush=True)
     mutants = drawn((given.package,) if given.package else PACKAGES, given.count, given.seed)
-    results: dict[Mutant, str] = {}
+    times, end = times_of(given.times), time.monotonic() + 60.0 * given.minutes
+    results: dict[Mutant, Result] = {}
+
+    def tried(one: Mutant) -> Result | None:
+        return judged(one, times, given.seconds) if time.monotonic() < end else None
+
+    published = given.known.read_text(encoding="utf-8") if given.known.exists() else ""
+    users = loaded_by(frozenset(filter(RESULTS.match, REPOSITORY.sources)))
+    new = []
     with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
-        for mutant, test in zip(mutants, pool.map(noticed, mutants), strict=True):
-            results[mutant] = test
-            state = test or (f"without effect: {mutant.reason}" if mutant.reason else "NOT NOTICED")
-            print(f"{len(results)}/{len(mutants)} {mutant.place}: {mutant.line}: {state}", flush=True)
+        for number, (mutant, result) in enumerate(zip(mutants, pool.map(tried, mutants), strict=True), 1):
+            if result is None:
+                continue
+            results[mutant] = result
+            state = result.test or mutant.reason or result.outcome
+            if (
+                result.outcome == "not noticed"
+                and listed(mutant) not in published
+                and module_of(mutant.path) in users
+            ):
+                new.append(mutant)
+                state = "NOT NOTICED, new, in a function that users' results pass through"
+            print(
+                f"{number}/{len(mutants)} {mutant.place}: {mutant.line}: {state} ({result.seconds:.0f} s)",
+                flush=True,
+            )
+    counted = Counter(one.outcome for one in results.values())
+    print(f"{len(results)} mutants: " + ", ".join(f"{counted[name]} {name}" for name in OUTCOMES))
     if given.markdown:
         named = f" --package {given.package}" if given.package else ""
         command = f"./spool python tests/mutants.py --count {given.count} --seed {given.seed}{named}"
-        page(given.markdown, results, command)
-    return int(any(not test and not mutant.reason for mutant, test in results.items()))
+        page(given.markdown, published, results, given.seed, command)
+    return int(bool(new))
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 
@@ -41,20 +42,31 @@ def test_each_mutant_has_one_change_of_a_border_a_condition_a_number_or_an_act(t
     }
 
 
+def test_a_sample_reaches_every_package_and_its_nodes(tool: ModuleType) -> None:
+    assert len(tool.PACKAGES) == len(list(tool.SOURCE.glob("spool_*/setup.py")))
+    names = {tool.module_of(path) for package in tool.PACKAGES for path, _, _ in tool.functions(package)}
+    assert {"spool_monitor.monitor_node", "spool_view.page_node", "spool.analysis"} <= names
+
+
 def test_a_sample_is_the_same_for_the_same_seed_and_its_files_are_python(tool: ModuleType) -> None:
     one, other = (tool.drawn(("spool_bag",), 5, seed=3) for _ in range(2))
     assert one == other
     for mutant in one:
         compile(mutant.text, str(mutant.path), "exec")
-        assert mutant.text != mutant.path.read_text()
+        assert mutant.text != mutant.path.read_text(encoding="utf-8")
 
 
-@pytest.mark.slow
-def test_a_wrong_count_of_lost_blocks_is_noticed(tool: ModuleType) -> None:
+def test_a_wrong_count_of_lost_blocks_is_noticed_and_what_changes_nothing_is_not(
+    tool: ModuleType, monkeypatch: pytest.MonkeyPatch
+) -> None:
     path = tool.SOURCE / "spool_core" / "spool_core" / "block_gate.py"
     before, after = (f"missing = block.sequence - last.sequence - {n}\n" for n in (1, 2))
-    text = path.read_text()
+    text = path.read_text(encoding="utf-8")
     assert text.count(before) == 1
     number = text[: text.index(before)].count("\n") + 1
     mutant = tool.Mutant(path, "", range(number, number + 1), before, after, text.replace(before, after))
-    assert tool.noticed(mutant).startswith("ros2_ws/src/spool_core/test/")
+    own = "ros2_ws/src/spool_core/test/test_block_gate.py"
+    monkeypatch.setattr(tool, "tests_for", lambda *_: [own])
+    assert tool.judged(mutant, {}, 60.0).test.startswith(own)
+    assert tool.judged(replace(mutant, text=text), {}, 60.0).outcome == "not noticed"
+    assert tool.judged(replace(mutant, text="while True: pass"), {}, 1.0).outcome == "cut"

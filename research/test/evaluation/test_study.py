@@ -201,18 +201,15 @@ def test_a_result_page_says_when_and_by_what_it_was_made(tmp_path: Path):
     assert re.fullmatch(r"Made on \d{4}-\d\d-\d\d by `./spool study gap .+`, version 0.1.0.*\.", made)
 
 
-def test_a_result_page_is_stale_once_a_package_that_it_measured_changed(tmp_path: Path) -> None:
-    made = (
-        "# Title\n\nMade on 2026-11-23 by `./spool bench sim --markdown FILE`, version 0.1.0 (commit {}).\n"
-    )
-    first = subprocess.run(
-        ["git", "rev-list", "--max-parents=0", "HEAD"], cwd=ROOT, capture_output=True, text=True, check=True
-    ).stdout.split()[-1]
-    (tmp_path / "old.md").write_text(made.format(first))
-    (tmp_path / "unknown.md").write_text(made.format("0123456789ab"))
+def test_a_result_page_is_stale_once_a_third_of_the_code_that_it_measured_is_newer(tmp_path: Path) -> None:
+    made = "# Title\n\nMade on {} by `./spool bench sim --markdown FILE`, version 0.1.0 (commit {}).\n"
+    words = ["git", "rev-list", "--max-parents=0", "HEAD"]
+    first = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=True).stdout.split()[-1]
+    (tmp_path / "old.md").write_text(made.format("2026-11-23", first))
+    (tmp_path / "new.md").write_text(made.format("2999-12-31", "0123456789ab"))  # the last commit of that day
+    (tmp_path / "before.md").write_text(made.format("1999-12-31", "0123456789ab"))
     (tmp_path / "other.md").write_text("# No results\n")
-    old, unknown = sorted(ages(tmp_path), key=lambda one: one.page)
-    assert old.commits is not None
-    assert old.commits["spool_sim"] > 0
-    assert "spool_gap" not in old.commits
-    assert str(unknown) == "unknown.md, made 2026-11-23 with a commit that is not in this repository"
+    found = {one.page: one for one in ages(tmp_path)}
+    assert {name for name, one in found.items() if one.stale} == {"old.md", "before.md"}
+    assert "new.md" not in found or found["new.md"].share < 0.1  # what is not committed yet
+    assert str(found["before.md"]).startswith("stale: before.md, made 1999-12-31; 100.0% of the lines")
