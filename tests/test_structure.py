@@ -132,6 +132,25 @@ def test_no_package_outgrows_the_others(modules: Modules) -> None:
     assert max(lines.values()) < lines.total() / 5
 
 
+def test_a_test_that_takes_random_examples_inside_is_marked_for_the_nightly_search() -> None:
+    unmarked = [
+        f"{path.relative_to(ROOT)}::{test.name}"
+        for folder in (ROOT / "tests", ROOT / "research" / "test", *SOURCE.glob("*/test"))
+        for path in folder.rglob("test_*.py")
+        for test in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(test, ast.FunctionDef)
+        and test.name.startswith("test_")
+        and not any("mark.fuzz" in ast.unparse(one) for one in test.decorator_list)
+        and any(
+            ast.unparse(one).startswith(("given(", "hypothesis.given("))
+            for inner in ast.walk(test)
+            if isinstance(inner, ast.FunctionDef) and inner is not test
+            for one in inner.decorator_list
+        )
+    ]
+    assert unmarked == []
+
+
 def test_a_cycle_is_seen() -> None:
     modules = {
         name: Module(name, "spool_a", 1, frozenset({other}))

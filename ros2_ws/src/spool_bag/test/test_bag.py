@@ -213,6 +213,7 @@ EDIT = st.tuples(
 )
 
 
+@pytest.mark.fuzz
 @pytest.mark.parametrize("examples", [25, pytest.param(300, marks=pytest.mark.slow)])
 def test_any_corruption_gives_the_data_or_one_plain_error(bag: Path, examples: int, block: MakeBlock) -> None:
     sound = (bag / "whole_0.mcap").read_bytes()

@@ -158,6 +158,7 @@ def judge(outcome: Outcome) -> None:
         assert outcome.result.lost == outcome.lost or outcome.result.estimated
 
 
+@pytest.mark.fuzz
 @pytest.mark.parametrize("examples", [8, pytest.param(80, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("damage", [flip_a_bit, flip_a_bit_of_a_head, zero_a_page])
 def test_other_chunks_are_saved_and_the_loss_is_told(

@@ -45,6 +45,7 @@ def check(examples: int, body: object) -> None:
 MANY = pytest.mark.parametrize("examples", [50, pytest.param(5000, marks=pytest.mark.slow)])
 
 
+@pytest.mark.fuzz
 @MANY
 def test_a_rounded_clock_shows_its_rate_or_none(examples: int) -> None:
     @given(clocks(), st.integers(0, 6), st.booleans(), st.integers(0, 3), st.integers(0, 2**32))
@@ -63,6 +64,7 @@ def test_a_rounded_clock_shows_its_rate_or_none(examples: int) -> None:
     check(examples, rounded)
 
 
+@pytest.mark.fuzz
 @MANY
 def test_bursts_are_never_a_high_rate_with_gaps(examples: int) -> None:
     @given(
@@ -88,6 +90,7 @@ def test_bursts_are_never_a_high_rate_with_gaps(examples: int) -> None:
     check(examples, bursts)
 
 
+@pytest.mark.fuzz
 @MANY
 def test_jitter_and_losses_leave_the_rate_right(examples: int) -> None:
     @given(clocks(), st.floats(0.0, 0.45), st.integers(0, 60), st.integers(0, 2**32))
@@ -103,6 +106,7 @@ def test_jitter_and_losses_leave_the_rate_right(examples: int) -> None:
     check(examples, jittering)
 
 
+@pytest.mark.fuzz
 @MANY
 def test_times_that_no_clock_makes_have_no_rate(examples: int) -> None:
     @given(st.integers(300, 5000), st.floats(0.35, 0.95), st.integers(0, 2**32))

@@ -80,6 +80,7 @@ def sweep(time: np.ndarray, seed: int) -> tuple[np.ndarray, np.ndarray]:
     return 8.0 * np.sin(phase) + noise[0], 3.0 * np.sin(phase - 0.8) + noise[1]
 
 
+@pytest.mark.fuzz
 @MANY
 def test_a_record_is_right_or_refused_whatever_its_stamps(examples: int) -> None:
     @settings(max_examples=examples, deadline=None)
