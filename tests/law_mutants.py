@@ -261,7 +261,7 @@ class Count:
     equivalent: int = 0
 
 
-def run(only: str, every: int) -> tuple[dict[str, Count], list[str]]:
+def run(only: str, every: int, first: int = 0) -> tuple[dict[str, Count], list[str]]:
     """Return the counts by module, and complaints: unnoticed mutants, and listed ones that are noticed."""
     suites = {path: load_tests(path) for path in sorted(set(MODULES.values()))}
     for test in itertools.chain.from_iterable(suites.values()):
@@ -276,7 +276,7 @@ def run(only: str, every: int) -> tuple[dict[str, Count], list[str]]:
         count = counts.setdefault(name, Count())
         for mutant in mutants_of(name):
             number += 1
-            if number % every:
+            if number % every != first:
                 continue
             listed = mutant.line in EQUIVALENT.get(mutant.place, {})
             alive = survives(mutant, suites[path])
@@ -327,9 +327,10 @@ def main() -> int:
     )
     parser.add_argument("--only", default="", help="modules whose name contains this text")
     parser.add_argument("--every", type=int, default=1, help="every N-th mutant only")
+    parser.add_argument("--first", type=int, default=0, help="of every N-th one that with this rest")
     parser.add_argument("--markdown", type=Path, help="write the counts to this page as well")
     given = parser.parse_args()
-    counts, wrong = run(given.only, given.every)
+    counts, wrong = run(given.only, given.every, given.first)
     print(table(counts))
     for line in wrong:
         print(line, file=sys.stderr)
