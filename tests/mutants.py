@@ -414,7 +414,7 @@ def main() -> int:
         return judged(one, times, given.seconds) if time.monotonic() < end else None
 
     published = given.known.read_text(encoding="utf-8") if given.known.exists() else ""
-    users = loaded_by(frozenset(filter(RESULTS.match, REPOSITORY.sources)))
+    users = loaded_by(*filter(RESULTS.match, REPOSITORY.sources))
     new = []
     with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
         for number, (mutant, result) in enumerate(zip(mutants, pool.map(tried, mutants), strict=True), 1):

@@ -25,7 +25,7 @@ def study(
             "operation-fit, operation-agreement: its surrogate. operation-gap: model gaps found online? "
             "orders: false orders and speeds? "
             "fleet: drift found over a year? fleet-cost: what does a bag cost? "
-            "stale: which pages of docs/results are older than a third of the code that they measured?"
+            "stale: which pages of docs/results are older than the code that they measured?"
         ),
     ],
     out: Annotated[
@@ -51,13 +51,11 @@ def study(
     Example: ./spool study gap --cases 200 --seed 1000 --out study_gap
     """
     if what == "stale":
-        from spool_evaluation.results.stale import ROOT, ages  # noqa: PLC0415 - slow to load
+        from spool_evaluation.results.stale import OLD, ROOT, ages  # noqa: PLC0415 - slow to load
 
         found = ages(ROOT / "docs" / "results")
         print("\n".join(map(str, found)) or "no page is older than its code")
-        if any(one.stale for one in found):
-            raise typer.Exit(1)
-        return
+        raise typer.Exit(int(any(one.share > OLD for one in found)))
     if what not in STUDIES:
         raise InputError(f"study {what}: there is no such study; there are {', '.join(STUDIES)}, stale")
     if diagnose and what != "field":

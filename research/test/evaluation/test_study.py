@@ -206,10 +206,10 @@ def test_a_result_page_is_stale_once_a_third_of_the_code_that_it_measured_is_new
     words = ["git", "rev-list", "--max-parents=0", "HEAD"]
     first = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=True).stdout.split()[-1]
     (tmp_path / "old.md").write_text(made.format("2026-11-23", first))
-    (tmp_path / "new.md").write_text(made.format("2999-12-31", "0123456789ab"))  # the last commit of that day
+    (tmp_path / "new.md").write_text(made.format("2037-12-31", "0123456789ab"))  # the last commit of that day
     (tmp_path / "before.md").write_text(made.format("1999-12-31", "0123456789ab"))
     (tmp_path / "other.md").write_text("# No results\n")
     found = {one.page: one for one in ages(tmp_path)}
-    assert {name for name, one in found.items() if one.stale} == {"old.md", "before.md"}
+    assert {name for name, one in found.items() if one.share > 1 / 3} == {"old.md", "before.md"}
     assert "new.md" not in found or found["new.md"].share < 0.1  # what is not committed yet
     assert str(found["before.md"]).startswith("stale: before.md, made 1999-12-31; 100.0% of the lines")
