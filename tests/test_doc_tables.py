@@ -29,7 +29,7 @@ LINK = re.compile(r"\]\(([^)#\s]+)(?:#[^)]*)?\)")
 NAMED = re.compile(r"`((?:[\w.-]+/)*[\w-]+\.py|(?:[\w.-]+/)+)`(?!:\n\n```python)")
 MADE = re.compile(
     r"# .+\n\nMade on \d{4}-\d\d-\d\d by "
-    r"`(\./spool (bench|study|python) [^`]+|SPOOL_FAULTS=\d+ \.ci/nightly)`, version .+\.\n"
+    r"`(\./spool (bench|study|python) [^`]+|SPOOL_\w+=\d+ \.ci/nightly( --weekly)?)`, version .+\.\n"
 )
 PAGES = [
     ROOT / "README.md",

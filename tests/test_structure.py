@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import ast
+import subprocess
 from collections import Counter
 from graphlib import TopologicalSorter
 from pathlib import Path
 from typing import TypeAlias
 
+import pytest
 from spool_evaluation.pictures.structure import Module, layers, package_imports
 
 Modules: TypeAlias = dict[str, Module]
@@ -149,6 +151,16 @@ def test_a_test_that_takes_random_examples_inside_is_marked_for_the_nightly_sear
         )
     ]
     assert unmarked == []
+
+
+@pytest.mark.parametrize(("words", "minutes"), [((), 150), (("--weekly",), 600)])
+def test_the_limits_of_the_nightly_steps_fit_into_its_time(words: tuple[str, ...], minutes: int) -> None:
+    done = subprocess.run(
+        [ROOT / ".ci/nightly", *words, "--plan"], capture_output=True, text=True, check=True
+    )
+    limits = [int(line.split()[0]) for line in done.stdout.splitlines()]
+    assert len(limits) >= 10
+    assert sum(limits) <= minutes
 
 
 def test_a_cycle_is_seen() -> None:
