@@ -79,7 +79,7 @@ class Runner:
         Yields:
             What waits for the tool's end and returns its exit code.
         """
-        with self.log(name).open("w") as file, self._started(command, environment, file.fileno()) as process:
+        with self.log(name).open("wb") as file, self._started(command, environment, file.fileno()) as process:
             yield process.wait
 
     @contextmanager
