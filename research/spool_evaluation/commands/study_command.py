@@ -53,9 +53,9 @@ def study(
     if what == "stale":
         from spool_evaluation.results.stale import OLD, ROOT, ages  # noqa: PLC0415 - slow to load
 
-        found = ages(ROOT / "docs" / "results")
-        print("\n".join(map(str, found)) or "no page is older than its code")
-        raise typer.Exit(int(any(one.share > OLD for one in found)))
+        pages = ages(ROOT / "docs" / "results")
+        print("\n".join(map(str, pages)) or "no page is older than its code")
+        raise typer.Exit(int(any(one.share > OLD for one in pages)))
     if what not in STUDIES:
         raise InputError(f"study {what}: there is no such study; there are {', '.join(STUDIES)}, stale")
     if diagnose and what != "field":
