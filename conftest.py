@@ -19,6 +19,10 @@ from hypothesis import settings
 
 with contextlib.suppress(ImportError):  # not beneath every package
     from spool_core.node.testing import away_from_other_ros_programs, claim_domain, domain_id  # noqa: F401
+    from spool_core.system import private_temporary_folder
+
+    if not os.access(Path.home(), os.W_OK):  # ROS writes its logs there, and starts nothing where it cannot
+        os.environ.setdefault("ROS_LOG_DIR", str(private_temporary_folder("log")))
 
 # A run says the same as the next one; ``--hypothesis-profile=random`` searches for new examples.
 settings.register_profile("repeatable", deadline=None, derandomize=True)
