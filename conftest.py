@@ -21,8 +21,9 @@ with contextlib.suppress(ImportError):  # not beneath every package
     from spool_core.node.testing import away_from_other_ros_programs, claim_domain, domain_id  # noqa: F401
     from spool_core.system import private_temporary_folder
 
-    if not os.access(Path.home(), os.W_OK):  # ROS writes its logs there, and starts nothing where it cannot
-        os.environ.setdefault("ROS_LOG_DIR", str(private_temporary_folder("log")))
+    # ROS and matplotlib write there; where they cannot, ROS starts nothing, and forks remove matplotlib's folder.
+    for name in ("ROS_LOG_DIR", "MPLCONFIGDIR") if not os.access(Path.home(), os.W_OK) else ():
+        os.environ.setdefault(name, str(private_temporary_folder(name.lower())))
 
 # A run says the same as the next one; ``--hypothesis-profile=random`` searches for new examples.
 settings.register_profile("repeatable", deadline=None, derandomize=True)
