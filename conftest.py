@@ -21,7 +21,7 @@ with contextlib.suppress(ImportError):  # not beneath every package
     from spool_core.node.testing import away_from_other_ros_programs, claim_domain, domain_id  # noqa: F401
     from spool_core.system import private_temporary_folder
 
-    # ROS and matplotlib write there; where they cannot, ROS starts nothing, and forks remove matplotlib's folder.
+    # ROS and matplotlib write there; otherwise no node starts, and forks remove matplotlib's own folder.
     for name in ("ROS_LOG_DIR", "MPLCONFIGDIR") if not os.access(Path.home(), os.W_OK) else ():
         os.environ.setdefault(name, str(private_temporary_folder(name.lower())))
 
