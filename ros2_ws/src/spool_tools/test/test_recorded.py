@@ -39,8 +39,7 @@ def test_recorded_body_moves_the_spool_as_the_record_says(tmp_path: Path) -> Non
     """The record comes from another simulator, so the spool's motion in it is an independent answer."""
     model = tmp_path / "model.yaml"
     model.write_text(
-        "name: practice\nterms: [inertia, spring, viscous_friction]\n"
-        "parameters: {viscous_coefficient: 4.0}\n"
+        "name: practice\nterms: [inertia, spring, viscous_friction]\nparameters: {viscous_coefficient: 4.0}\n"
     )
     out = tmp_path / "out"
     arguments = ["--model", str(model), "--excitation", str(BAGS / "practice_01"), "--noise", "0"]
