@@ -1,151 +1,113 @@
-"""Regression check of numbers: a change of structure leaves what replay, fit and gap say as it was.
+"""Record of what users get: a change of structure leaves every command, page, message and file as it was.
 
-    python3 tests/same_numbers.py collect FOLDER [--tree REPOSITORY] [--cases 20]
-    python3 tests/same_numbers.py compare BEFORE AFTER [--within 0.01]
+    python3 tests/same_numbers.py collect FOLDER [--tree REPOSITORY]
+    python3 tests/same_numbers.py compare BEFORE AFTER [--within 0.01] [--relative 0.000001]
 
-``collect`` runs the commands of a repository over the shipped bags and over generated cases whose seeds are
-fixed; ``compare`` tells which numbers differ, bit for bit or by more than a share of their deviation.
+``collect`` runs what ``tests/same/runs.txt`` lists in a repository by its ``./spool``; ``compare`` prints
+what differs. This repository has to be set up (``./spool --version``): its environment reads the files.
 """
 
 from __future__ import annotations
 
 import argparse
+import difflib
 import json
 import math
 import os
-import subprocess
+import re
 import sys
+import time
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).resolve().parent.parent
-VALVES = {"practice_01": "4weh10_soft", "practice_03": "4weh10_soft", "practice_04": "4weh10_soft"}
-#: First seed of the generated cases; no threshold was chosen on them.
-FIRST_SEED = 26000
-MODELS = ("fluid", "coulomb", "stribeck", "mixed")
-#: What differs from one run to the next without meaning anything.
-VOLATILE = (
-    "seconds",
-    "elapsed_s",
-    "processor_seconds",
-    "version",
-    "created",
-    "command",
-    "record",
-    "records",
-    "file",
-    "bag",
-)
+sys.path.append(str(ROOT))
 
+from tests.same.reading import leaves  # noqa: E402 - also as a script
 
-def jobs(tree: Path, out: Path, cases: int) -> Iterator[tuple[str, list[str]]]:
-    """Yield (name, command) of each result."""
-    spool = str(tree / "spool")
-    for bag, valve in VALVES.items():
-        record = str(tree / "bags" / bag)
-        for method in ("prediction", "equation"):
-            yield (
-                f"replay_{bag}_{method}",
-                [spool, "replay", record, "--valve", valve, "--method", method, "--refits"],
-            )
-        for model in MODELS:
-            yield f"fit_{bag}_{model}", [spool, "fit", record, "--valve", valve, "--model", model]
-    for seed in range(FIRST_SEED, FIRST_SEED + cases):
-        case = out / "cases" / f"case_{seed}"
-        yield (
-            f"gap_{seed}",
-            [spool, "gap", str(case / "record.csv.gz"), "--valve", str(case / "valve.yaml")],
-        )
-
-
-def collect(out: Path, tree: Path, cases: int) -> int:
-    """Write one JSON file per command into ``out``; return how many commands gave none."""
-    out.mkdir(parents=True, exist_ok=True)
-    python = tree / ".venv" / "bin" / "python"
-    seeds = [str(seed) for seed in range(FIRST_SEED, FIRST_SEED + cases)]
-    folders = [*sorted((ROOT / "ros2_ws" / "src").glob("spool_*")), ROOT / "research"]
-    path = os.pathsep.join(map(str, folders))
-    subprocess.run(
-        [python, "-m", "spool_blind", *seeds, "--out", out / "cases"],
-        env=os.environ | {"PYTHONPATH": path},
-        check=True,
-        stdout=subprocess.DEVNULL,
-    )
-
-    def run(job: tuple[str, list[str]]) -> bool:
-        name, command = job
-        ran = subprocess.run(
-            [*command, "--json", str(out / f"{name}.json"), "--force"],
-            cwd=out,
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-        (out / f"{name}.txt").write_text(f"exit {ran.returncode}\n{ran.stderr}")
-        print(f"{name}: exit {ran.returncode}", flush=True)
-        return (out / f"{name}.json").exists()
-
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        done = list(pool.map(run, jobs(tree, out, cases)))
-    print(f"{sum(done)} of {len(done)} results in {out}")
-    return done.count(False)
-
-
-def leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield (path, value) of each number and text that means something."""
-    if isinstance(value, dict):
-        for key, below in value.items():
-            if key not in VOLATILE:
-                yield from leaves(below, f"{path}.{key}")
-    elif isinstance(value, list):
-        for index, below in enumerate(value):
-            yield from leaves(below, f"{path}[{index}]")
-    else:
-        yield path, value
+PYTHON = ROOT / ".venv" / "bin" / "python"
+#: Lines that are shown of one run.
+SHOWN = 12
+_NUMBER = re.compile(r"[-+]?\d+(?:[.,]\d+)?(?:e[-+]?\d+)?", re.IGNORECASE)
 
 
 def deviation_of(values: dict[str, Any], path: str) -> float:
-    """Return the standard deviation told next to the number at ``path``, 0 where none is."""
-    parent = path.rpartition(".")[0]
+    """Return the standard deviation stated beside the number at ``path``, 0 without one."""
+    parent = path.rpartition(", ")[0]
     for name in ("std", "standard_deviation", "sigma"):
-        told = values.get(f"{parent}.{name}")
+        told = values.get(f"{parent}, {name}" if parent else name)
         if isinstance(told, int | float) and math.isfinite(told):
             return float(told)
     return 0.0
 
 
-def differences(before: Any, after: Any, within: float) -> Iterator[str]:
-    """Yield a line for each leaf that differs by more than ``within`` standard deviations."""
+def is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def same_text(old: str, new: str, relative: float) -> bool:
+    """Whether two lines differ by spaces and by numbers within ``relative`` alone."""
+    if not relative or _NUMBER.sub("", old).split() != _NUMBER.sub("", new).split():
+        return old == new
+    pairs = zip(_NUMBER.findall(old), _NUMBER.findall(new), strict=True)
+    numbers = [tuple(float(one.replace(",", ".")) for one in pair) for pair in pairs]
+    return all(math.isclose(*pair, rel_tol=relative) for pair in numbers)
+
+
+def different_lines(old: list[str], new: list[str], relative: float) -> Iterator[str]:
+    """Yield a text for each line that differs."""
+    for kind, a, b, c, d in difflib.SequenceMatcher(None, old, new, autojunk=False).get_opcodes():
+        if kind == "equal":
+            continue
+        paired = min(b - a, d - c)
+        for n in range(paired):
+            if not same_text(old[a + n], new[c + n], relative):
+                yield f"line {a + n + 1}: {old[a + n]!r} -> {new[c + n]!r}"
+        yield from (f"line {n + 1} is gone: {old[n]!r}" for n in range(a + paired, b))
+        yield from (f"line {n + 1} is new: {new[n]!r}" for n in range(c + paired, d))
+
+
+def differences(before: Any, after: Any, within: float, relative: float = 0.0) -> Iterator[str]:
+    """Yield a line for each number or text that differs by more than is allowed."""
     first, second = dict(leaves(before)), dict(leaves(after))
-    for path in sorted(first.keys() | second.keys()):
+    for path in dict.fromkeys([*first, *second]):
         old, new = first.get(path, "absent"), second.get(path, "absent")
         if repr(old) == repr(new):
             continue
-        numbers = all(isinstance(value, int | float) and not isinstance(value, bool) for value in (old, new))
-        if numbers and within and abs(new - old) <= within * deviation_of(first, path):
+        deviation, more = deviation_of(first, path), ""
+        if is_number(old) and is_number(new):
+            if abs(new - old) <= max(within * deviation, relative * abs(old)):
+                continue
+            more = f" ({abs(new - old) / deviation:.2g} standard deviations)" if deviation else ""
+        elif isinstance(old, list) and isinstance(new, list):
+            yield from (f"{path}, {line}" for line in different_lines(old, new, relative))
             continue
-        yield f"{path}: {old} -> {new}"
+        elif isinstance(old, str) and isinstance(new, str) and same_text(old, new, relative):
+            continue
+        yield f"{path}: {old} -> {new}{more}"
 
 
-def compare(before: Path, after: Path, within: float) -> int:
-    """Print what differs between two folders of ``collect``; return how many files do."""
+def compare(before: Path, after: Path, within: float, relative: float = 0.0) -> int:
+    """Print what differs between two records; return how many runs do."""
     names = sorted({path.name for folder in (before, after) for path in folder.glob("*.json")})
     differing = 0
     for name in names:
-        if not all((folder / name).exists() for folder in (before, after)):
-            print(f"{name}: only in one of the folders")
+        found = [folder / name for folder in (before, after) if (folder / name).exists()]
+        results = [json.loads(one.read_text("utf-8")) for one in found]
+        command = results[0].pop("run", name)
+        if len(results) == 1:
+            print(f"{command}: only in {found[0].parent}")
             differing += 1
             continue
-        texts = ((folder / name).read_text() for folder in (before, after))
-        lines = list(differences(*map(json.loads, texts), within))
+        results[1].pop("run", None)
+        lines = list(differences(*results, within, relative))
         differing += bool(lines)
-        for line in lines[:10]:
-            print(f"{name}{line}")
-        if len(lines) > 10:
-            print(f"{name}: {len(lines) - 10} more")
-    print(f"{len(names) - differing} of {len(names)} results are the same")
+        for line in lines[:SHOWN]:
+            print(f"{command}: {line[:400]}")
+        if len(lines) > SHOWN:
+            print(f"{command}: {len(lines) - SHOWN} more")
+    print(f"{len(names) - differing} of {len(names)} runs are equal")
     return differing
 
 
@@ -153,18 +115,28 @@ def main() -> int:
     """Collect or compare; exit 1 where something is missing or differs."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     tasks = parser.add_subparsers(dest="task", required=True)
-    collecting = tasks.add_parser("collect", help="run the commands of a repository")
-    collecting.add_argument("folder", type=Path)
+    collecting = tasks.add_parser("collect", help="record what users get of a repository")
+    collecting.add_argument("folder", type=Path, help="is replaced")
     collecting.add_argument("--tree", type=Path, default=ROOT, help="repository whose commands are run")
-    collecting.add_argument("--cases", type=int, default=20, help="generated cases of the gap workflow")
-    comparing = tasks.add_parser("compare", help="tell which numbers differ")
+    collecting.add_argument(
+        "--only", default="", help="pattern of the runs that are wanted, e.g. 'fit|nodes'"
+    )
+    comparing = tasks.add_parser("compare", help="print what differs")
     comparing.add_argument("before", type=Path)
     comparing.add_argument("after", type=Path)
-    comparing.add_argument("--within", type=float, default=0.0, help="standard deviations; 0: bit for bit")
+    comparing.add_argument("--within", type=float, default=0.0, help="share of the deviation; 0: bit for bit")
+    comparing.add_argument("--relative", type=float, default=0.0, help="of all other numbers")
     given = parser.parse_args()
-    if given.task == "collect":
-        return min(1, collect(given.folder.resolve(), given.tree.resolve(), given.cases))
-    return min(1, compare(given.before, given.after, given.within))
+    if given.task == "compare":
+        return min(1, compare(given.before, given.after, given.within, given.relative))
+    if Path(sys.prefix) != PYTHON.parent.parent:
+        os.execv(PYTHON, [str(PYTHON), *sys.argv])
+    from tests.same.collecting import Collection  # noqa: PLC0415 - needs the environment
+
+    begun = time.monotonic()
+    missing = Collection(given.folder.resolve(), given.tree.resolve()).collect(given.only)
+    print(f"{time.monotonic() - begun:.0f} s")
+    return min(1, missing)
 
 
 if __name__ == "__main__":

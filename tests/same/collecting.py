@@ -1,0 +1,223 @@
+"""Run everything that ``runs.txt`` lists in a repository, and write what users get, one JSON file a run."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shlex
+import shutil
+import subprocess
+from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from datetime import datetime, timedelta, timezone
+from pathlib import Path
+from typing import Any
+
+from .reading import content, page_text
+
+HERE = Path(__file__).resolve().parent
+#: s after which a run is ended.
+LONGEST = 300
+#: Keys of how long and when a run was, and labels of values that depend on the machine's speed or size.
+DROPPED = {"seconds", "elapsed_s", "processor_seconds", "created"}
+LABELS = {
+    *(
+        "free_space_B",
+        "recorded_B",
+        "total_size_B",
+        "waiting_B",
+        "messages",
+        "cpu_time_s",
+        "resident_B",
+        "port",
+    )
+}
+_DAYS = "|".join(f"{datetime.now(timezone.utc) + timedelta(days=n):%Y-%m-%d}" for n in (-1, 0, 1))
+#: What differs from run to run without meaning anything, and what it becomes.
+MASKS = (
+    (r"\b(spool )?\d+\.\d+\.\d+ \(commit \w+\+?\)", "VERSION"),
+    (rf"\b({_DAYS})([T ]\d\d:\d\d(:\d\d)?(\.\d+)?( ?UTC|Z|\+00:00)?)?", "TODAY"),
+    (r"(127\.0\.0\.1:|token_|port from \d+ to )\d+", r"\1PORT"),  # any that was free
+    (r"\b[0-9a-f]{32,64}\b", "HASH"),  # of random names, and of files whose parts depend on a disk's speed
+    (r"(spool_process_\w+\{.*\}) [\d.e+]+", r"\1 NUMBER"),  # processor time and memory of this process
+)
+#: Copies, locks and journals of databases.
+LEFT_OUT = (".last", ".sqlite-wal", ".sqlite-shm")
+
+
+def masked(value: Any, places: Mapping[str, str]) -> Any:
+    """Return ``value`` without what differs by rule; ``places``: folders and what they become."""
+    if isinstance(value, list):
+        return [masked(one, places) for one in value]
+    if isinstance(value, dict):
+        if {one for one in (value.get("key"), value.get("name")) if isinstance(one, str)} & LABELS:
+            value = {key: one for key, one in value.items() if key != "value"}
+        return {masked(key, places): masked(one, places) for key, one in value.items() if key not in DROPPED}
+    if isinstance(value, str):
+        for place, name in places.items():
+            value = value.replace(place, name)
+        for pattern, name in MASKS:
+            value = re.sub(pattern, name, value)
+    return value
+
+
+def listed() -> dict[str, list[str]]:
+    """Return the runs by label; that of a run that nobody needs is the command."""
+    jobs: dict[str, list[str]] = {}
+    for line in (HERE / "runs.txt").read_text("utf-8").splitlines():
+        label, command = re.fullmatch(r"(?:(\w+): )?(.*)", line).groups()  # type: ignore[union-attr]
+        if not command.startswith("#"):
+            jobs.setdefault(label or command, []).append(command)
+    return jobs
+
+
+def needed(commands: Sequence[str]) -> set[str]:
+    """Return the labels of the runs whose files ``commands`` take."""
+    return set(re.findall(r"@(\w+)", " ".join(commands)))
+
+
+def without_run(known: Iterable[str]) -> list[str]:
+    """Return the commands that no line of ``runs.txt`` runs."""
+    lines = [f"{command} " for commands in listed().values() for command in commands]
+    return [path for path in known if not any(line.startswith(f"{path} ") for line in lines)]
+
+
+def inputs(folder: Path) -> None:
+    """Make wrong files."""
+    (folder / "cut").mkdir(parents=True)
+    (folder / "cut" / "cut_0.mcap").write_bytes(b"\x89MCAP0\r\n\1\x63\0\0\0\0\0\0\0cut")
+    rows = [f"{n / 2000:.5f},{0.5 * (n % 7):.3f},{0.4 * (n % 5):.3f}" for n in range(4000)]
+    units = "time_s,body_m_s2,spool_m_s2"
+    for name, lines in {
+        "empty.csv": [], "words.csv": [units, *rows[:50], "0.03,high,low", *rows[51:]],
+        "nounits.csv": ["time,body,spool", *rows], "short.csv": [units, *rows[:20]],
+        "broken.yaml": ["id: x", "moving_mass: heavy"],
+    }.items():  # fmt: skip
+        (folder / name).write_text("\n".join(lines), encoding="utf-8")
+
+
+def left_in(folder: Path) -> dict[str, Any]:
+    """Return the content of every file in ``folder``."""
+    files = sorted(one for one in folder.rglob("*") if one.is_file() and one.suffix not in LEFT_OUT)
+    return {str(one.relative_to(folder)): content(one) for one in files}
+
+
+class Collection:
+    """Collection in the folder ``out`` of what users get of the repository ``tree``."""
+
+    def __init__(self, out: Path, tree: Path) -> None:
+        self.out, self.tree, self.runs = out, tree, out / "runs"
+        self.places = {str(out): "OUT", str(tree): "TREE", str(HERE.parent.parent): "TREE"}
+        # What another repository or ROS set is not for this one.
+        others = re.compile("PYTHON|AMENT|ROS|COLCON|CMAKE|LD_|SPOOL|RMW|RCUTILS")
+        own = {"COLUMNS": "120", "TERM": "dumb", "NO_COLOR": "1", "LC_ALL": "C.UTF-8", "TZ": "UTC"}
+        self.environment = {key: one for key, one in os.environ.items() if not others.match(key)} | own
+        self.environment |= {"XDG_STATE_HOME": str(out / "state"), "ROS_LOG_DIR": str(out / "log")}
+        self.known: dict[str, list[str]] = {}
+        shutil.rmtree(out, ignore_errors=True)
+        self.runs.mkdir(parents=True)
+
+    def write(self, run: str, result: Mapping[str, Any]) -> None:
+        """Write what users get of a run."""
+        name = re.sub(r"\W+", "_", run)[:120].strip("_")
+        told = {"run": run, **masked(result, self.places)}
+        (self.out / f"{name}.json").write_text(json.dumps(told, indent=1, default=str), encoding="utf-8")
+
+    def run(self, name: str, command: str, **environment: str) -> None:
+        """Run a command in a separate folder and write what it printed and left."""
+        folder = self.runs / re.sub(r"\W+", "_", name)[:100]
+        folder.mkdir()
+        words = shlex.split(re.sub(r"@(\w+)", r"../\1", command))
+        path = max((one for one in self.known if f"{command} ".startswith(f"{one} ")), key=len, default="")
+        for option, file in (("--json", "result.json"), ("--report", "report.html")):
+            if option in self.known.get(path, ()) and option not in words and path != "import":
+                words += [option, file]
+        try:
+            ran = subprocess.run(
+                [str(self.tree / "spool"), *words], cwd=folder, env=self.environment | environment,
+                stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=LONGEST, check=False,
+            )  # fmt: skip
+            told = {
+                "exit": ran.returncode,
+                "text": ran.stdout.splitlines(),
+                "errors": ran.stderr.splitlines(),
+            }
+        except subprocess.TimeoutExpired:
+            told = {"exit": f"no end after {LONGEST} s"}
+        self.write(command, told | {"files": left_in(folder)})
+        print(f"{command}: {told['exit']}", flush=True)
+
+    def public(self) -> None:
+        """Write the public names; the commands are those that need a run."""
+        command = [str(self.tree / "spool"), "python", str(HERE / "public.py")]
+        asked = subprocess.run(command, env=self.environment, capture_output=True, text=True, check=False)
+        told = json.loads(asked.stdout) if asked.returncode == 0 else {"errors": asked.stderr.splitlines()}
+        self.known = told.get("commands", {})
+        messages = sorted((self.tree / "ros2_ws" / "src" / "spool_msgs").glob("*/*.[ms][sr][gv]"))
+        self.write("public names", told | {"messages": {one.name: content(one) for one in messages}})
+
+    def nodes(self, live: Sequence[str]) -> None:
+        """Run the nodes, and the commands that talk to them; write what they publish, keep and serve."""
+        folder = self.runs / "nodes"
+        command = [str(self.tree / "spool"), "python", str(HERE / "chain.py"), str(folder)]
+        with (self.out / "nodes.log").open("w+", encoding="utf-8") as log:
+            chain = subprocess.Popen(
+                command, env=self.environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log,
+                text=True,
+            )  # fmt: skip
+            assert chain.stdout is not None
+            ready, _, domain = chain.stdout.readline().strip().partition(" ")
+            where = {"ROS_DOMAIN_ID": domain, "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+            for line in live if ready == "ready" else ():
+                self.run(line, line, **where)
+            chain.communicate()
+            log.seek(0)
+            self.write("nodes: log", {"exit": chain.returncode, "errors": log.read().splitlines()})
+        for file in sorted(folder.glob("*.json")):
+            told = json.loads(file.read_text("utf-8"))
+            for part, one in told.items() if file.stem not in ("opcua", "services") else [("all", told)]:
+                text = one.get("text") if isinstance(one, dict) else None
+                if isinstance(text, str):
+                    one["text"] = page_text(text) if text.startswith("<!doc") else text.splitlines()
+                self.write(f"{file.stem}: {part}", one if isinstance(one, dict) else {"answers": one})
+        for part in ("state", "bag", "snapshots"):
+            self.write(f"nodes: files of {part}", left_in(folder / part))
+
+    def collect(self, only: str = "") -> int:
+        """Run all, two at a time beside the nodes; return how many commands of the tree have no run.
+
+        ``only``: pattern of the runs that are wanted; those of nodes are ``nodes``.
+        """
+        inputs(self.runs / "input")
+        shutil.copytree(self.tree / "bags", self.runs / "bags")
+        self.public()
+        jobs = listed() | {f"{path} --help": [f"{path} --help"] for path in self.known}
+        live = jobs.pop("live")
+        wanted = [label for label, commands in jobs.items() if any(re.search(only, one) for one in commands)]
+        for label in wanted:
+            wanted += [one for one in jobs.keys() & needed(jobs[label]) if one not in wanted]
+        done: dict[str, Future[None]] = {}
+
+        def job(label: str) -> None:
+            for name in done.keys() & needed(jobs[label]) - {label}:
+                done[name].result()
+            for number, command in enumerate(jobs[label]):
+                self.run(f"{label}_{number}" if number else label, command)
+
+        with ThreadPoolExecutor(1) as beside, ThreadPoolExecutor(2) as pool:
+            if re.search(only, "nodes") or any("nodes" in needed(jobs[label]) for label in wanted):
+                done["nodes"] = beside.submit(self.nodes, live)
+            for last in (False, True):
+                for label in [
+                    one for one in jobs if one in wanted and ("nodes" in needed(jobs[one])) is last
+                ]:
+                    done[label] = pool.submit(job, label)
+        for one in done.values():
+            one.result()
+        missing = without_run(self.known)
+        for path in missing:
+            print(f"no run of ./spool {path}: add a line to {HERE / 'runs.txt'}")
+        print(f"{len(list(self.out.glob('*.json')))} runs recorded in {self.out}")
+        print(f"{sum(os.times()[:4]):.0f} s of processor time")
+        return len(missing)
