@@ -78,11 +78,11 @@ def test_what_a_run_cannot_repeat_is_masked_and_results_are_not() -> None:
             "elapsed_s": 3.1,
             "by": "0.9.1 (commit 0123abc+)",
             "bag": "/x/y/bag",
-            "disk": {"key": "messages", "value": "7"},
+            "p": {"name": "port", "value": "7"},
         },
         {"/x/y": "OUT"},
     )
-    assert told == kept | {"by": "VERSION", "bag": "OUT/bag", "disk": {"key": "messages"}}
+    assert told == kept | {"by": "VERSION", "bag": "OUT/bag", "p": {"name": "port"}}
 
 
 def test_a_page_is_its_text_without_pictures_and_code() -> None:

@@ -53,7 +53,7 @@ from rclpy.qos import DurabilityPolicy  # noqa: E402
 from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
 from rclpy.task import Future  # noqa: E402
 from rclpy.time import Time  # noqa: E402
-from reading import plain  # noqa: E402
+from reading import page_text, plain  # noqa: E402
 from spool_core.node.network import claimed_domain  # noqa: E402
 
 #: (s, topic, message) in order; (topic, data) not yet delivered; what late subscribers get.
@@ -239,7 +239,9 @@ def asked(address: str, path: str, body: str | None = None, **headers: str) -> d
                 lines += (line.decode() for line in answer)
             except TimeoutError:
                 lines = list(dict.fromkeys(lines))
-            return {"status": answer.status, "type": answer.headers["content-type"], "text": "".join(lines)}
+            text = "".join(lines)
+            shown = page_text(text) if text.startswith("<!doc") else text.splitlines()
+            return {"status": answer.status, "type": answer.headers["content-type"], "text": shown}
     except urllib.error.HTTPError as error:
         return {"status": error.code, "text": error.read().decode()}
 
@@ -251,21 +253,21 @@ def pages(address: str) -> Iterator[tuple[str, dict[str, Any]]]:
         "/history.json", "/history.csv", "/gap?valve=valve_1", "/metrics", "/static/page.html",
         "/stream/machine", "/stream/valve/valve_1", "/nothing",
     ):  # fmt: skip
-        yield f"GET {path}", asked(address, path)
+        yield f"page: GET {path}", asked(address, path)
     token = next(Path("state").rglob("token_*")).read_text().strip()
     act = {"act": "acknowledge", "valve": "valve_1", "alarm": "data_fault", "occurrence": 1, "who": "Eva"}
     body, kind = json.dumps(act | {"comment": "x"}), {"Content-Type": "application/json", "Origin": address}
     allowed = kind | {"Authorization": f"Bearer {token}"}
-    yield "POST /act without a token", asked(address, "/act", body, **kind)
-    yield "POST /operator", asked(address, "/operator", "{}", **allowed)
-    yield "POST /act of nothing", asked(address, "/act", '{"act": "dance"}', **allowed)
+    yield "page: POST /act without a token", asked(address, "/act", body, **kind)
+    yield "page: POST /operator", asked(address, "/operator", "{}", **allowed)
+    yield "page: POST /act of nothing", asked(address, "/act", '{"act": "dance"}', **allowed)
     with ThreadPoolExecutor() as pool:
         answer = pool.submit(asked, address, "/act", body, **allowed)
         while not answer.done():  # the page asks the monitor in its turns
             for timer in [timer for node in nodes if node.get_name() == "page" for timer in node.timers]:
                 timer.callback()
             time.sleep(0.01)
-    yield "POST /act", answer.result()
+    yield "page: POST /act", answer.result()
 
 
 async def browsed(address: str) -> dict[str, Any]:
@@ -309,15 +311,11 @@ def hosted(domain: int) -> None:
     Publisher.publish = publish
 
 
-def write(name: str, content: Any) -> None:
-    Path(f"{name}.json").write_text(json.dumps(content), encoding="utf-8")
-
-
-def by_topic() -> dict[str, Any]:
+def by_topic(name: str) -> dict[str, Any]:
     topics: dict[str, Any] = {}
     for when, topic, message in said:
-        topics.setdefault(topic, {"type": type(message).__name__, "content": []})
-        topics[topic]["content"].append({"at": when, **plain(message)})
+        one = topics.setdefault(f"{name}: {topic}", {"type": type(message).__name__, "content": []})
+        one["content"].append({"at": when, **plain(message)})
     return topics
 
 
@@ -332,11 +330,11 @@ def main(folder: Path) -> None:
     with claimed_domain() as domain:
         rclpy.init(args=[], domain_id=domain)
         feed = simulated()
-        write("simulator", by_topic())
-        write("services", lived(feed, *ports))
-        write("nodes", by_topic())
-        write("page", dict(pages(f"http://127.0.0.1:{ports[0]}")))
-        write("opcua", asyncio.run(browsed(f"opc.tcp://127.0.0.1:{ports[1]}")))
+        results = by_topic("simulator")
+        results["nodes: services"] = {"answers": lived(feed, *ports)}
+        results |= by_topic("nodes") | dict(pages(f"http://127.0.0.1:{ports[0]}"))
+        results["opcua"] = asyncio.run(browsed(f"opc.tcp://127.0.0.1:{ports[1]}"))
+        Path("results.json").write_text(json.dumps(results), encoding="utf-8")
         hosted(domain)
         for node in reversed(nodes[:]):
             ended(node)

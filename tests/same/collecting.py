@@ -8,38 +8,29 @@ import re
 import shlex
 import shutil
 import subprocess
+import sys
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
 from typing import Any
 
-from .reading import content, page_text
+from .reading import content
 
 HERE = Path(__file__).resolve().parent
 #: s after which a run is ended.
 LONGEST = 300
-#: Keys of how long and when a run was, and labels of values that depend on the machine's speed or size.
+#: Keys of how long and when a run was.
 DROPPED = {"seconds", "elapsed_s", "processor_seconds", "created"}
-LABELS = {
-    *(
-        "free_space_B",
-        "recorded_B",
-        "total_size_B",
-        "waiting_B",
-        "messages",
-        "cpu_time_s",
-        "resident_B",
-        "port",
-    )
-}
 _DAYS = "|".join(f"{datetime.now(timezone.utc) + timedelta(days=n):%Y-%m-%d}" for n in (-1, 0, 1))
 #: What differs from run to run without meaning anything, and what it becomes.
 MASKS = (
     (r"\b(spool )?\d+\.\d+\.\d+ \(commit \w+\+?\)", "VERSION"),
     (rf"\b({_DAYS})([T ]\d\d:\d\d(:\d\d)?(\.\d+)?( ?UTC|Z|\+00:00)?)?", "TODAY"),
     (r"(127\.0\.0\.1:|token_|port from \d+ to )\d+", r"\1PORT"),  # any that was free
-    (r"\b[0-9a-f]{32,64}\b", "HASH"),  # of random names, and of files whose parts depend on a disk's speed
+    (r"(<not_(after|before)>)[^<]+", r"\1DATE"),
+    # Random names, and hashes of files whose parts depend on the speed of the disk.
+    (r"(?<![\w.])(?=\d*[a-f])([0-9a-f]{16}|[0-9a-f]{32}|[0-9a-f]{40}|[0-9a-f]{64})(?![\w.])", "HASH"),
     (r"(spool_process_\w+\{.*\}) [\d.e+]+", r"\1 NUMBER"),  # processor time and memory of this process
 )
 #: Copies, locks and journals of databases.
@@ -51,8 +42,8 @@ def masked(value: Any, places: Mapping[str, str]) -> Any:
     if isinstance(value, list):
         return [masked(one, places) for one in value]
     if isinstance(value, dict):
-        if {one for one in (value.get("key"), value.get("name")) if isinstance(one, str)} & LABELS:
-            value = {key: one for key, one in value.items() if key != "value"}
+        if value.get("name") == "port":  # any that was free
+            value = {"name": "port"}
         return {masked(key, places): masked(one, places) for key, one in value.items() if key not in DROPPED}
     if isinstance(value, str):
         for place, name in places.items():
@@ -115,6 +106,8 @@ class Collection:
         self.environment = {key: one for key, one in os.environ.items() if not others.match(key)} | own
         self.environment |= {"XDG_STATE_HOME": str(out / "state"), "ROS_LOG_DIR": str(out / "log")}
         self.known: dict[str, list[str]] = {}
+        if out.is_dir() and any(out.iterdir()) and not (out / "public_names.json").exists():
+            sys.exit(f"{out}: holds other files than a record: name another folder")
         shutil.rmtree(out, ignore_errors=True)
         self.runs.mkdir(parents=True)
 
@@ -133,25 +126,20 @@ class Collection:
         for option, file in (("--json", "result.json"), ("--report", "report.html")):
             if option in self.known.get(path, ()) and option not in words and path != "import":
                 words += [option, file]
-        try:
-            ran = subprocess.run(
-                [str(self.tree / "spool"), *words], cwd=folder, env=self.environment | environment,
-                stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=LONGEST, check=False,
-            )  # fmt: skip
-            told = {
-                "exit": ran.returncode,
-                "text": ran.stdout.splitlines(),
-                "errors": ran.stderr.splitlines(),
-            }
-        except subprocess.TimeoutExpired:
-            told = {"exit": f"no end after {LONGEST} s"}
-        self.write(command, told | {"files": left_in(folder)})
-        print(f"{command}: {told['exit']}", flush=True)
+        ran = self.spool(words, cwd=folder, **environment)
+        told = {"text": ran.stdout.splitlines(), "errors": ran.stderr.splitlines(), "files": left_in(folder)}
+        self.write(command, {"exit": ran.returncode, **told})
+        print(f"{command}: {ran.returncode}", flush=True)
+
+    def spool(self, words: Sequence[str], cwd: Path, **more: str) -> subprocess.CompletedProcess[str]:
+        """Run the launcher of the tree; one that does not end is ended by a signal."""
+        command = ["timeout", str(LONGEST), str(self.tree / "spool"), *words]
+        given = {"env": self.environment | more, "cwd": cwd, "stdin": subprocess.DEVNULL}
+        return subprocess.run(command, **given, capture_output=True, text=True, check=False)
 
     def public(self) -> None:
         """Write the public names; the commands are those that need a run."""
-        command = [str(self.tree / "spool"), "python", str(HERE / "public.py")]
-        asked = subprocess.run(command, env=self.environment, capture_output=True, text=True, check=False)
+        asked = self.spool(["python", str(HERE / "public.py")], self.out)
         told = json.loads(asked.stdout) if asked.returncode == 0 else {"errors": asked.stderr.splitlines()}
         self.known = told.get("commands", {})
         messages = sorted((self.tree / "ros2_ws" / "src" / "spool_msgs").glob("*/*.[ms][sr][gv]"))
@@ -161,26 +149,19 @@ class Collection:
         """Run the nodes, and the commands that talk to them; write what they publish, keep and serve."""
         folder = self.runs / "nodes"
         command = [str(self.tree / "spool"), "python", str(HERE / "chain.py"), str(folder)]
-        with (self.out / "nodes.log").open("w+", encoding="utf-8") as log:
-            chain = subprocess.Popen(
-                command, env=self.environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log,
-                text=True,
-            )  # fmt: skip
-            assert chain.stdout is not None
+        pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "env": self.environment, "text": True}
+        with (
+            (self.out / "nodes.log").open("w+") as log,
+            subprocess.Popen(command, stderr=log, **pipes) as chain,
+        ):
             ready, _, domain = chain.stdout.readline().strip().partition(" ")
-            where = {"ROS_DOMAIN_ID": domain, "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
             for line in live if ready == "ready" else ():
-                self.run(line, line, **where)
+                self.run(line, line, ROS_DOMAIN_ID=domain, ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST")
             chain.communicate()
             log.seek(0)
-            self.write("nodes: log", {"exit": chain.returncode, "errors": log.read().splitlines()})
-        for file in sorted(folder.glob("*.json")):
-            told = json.loads(file.read_text("utf-8"))
-            for part, one in told.items() if file.stem not in ("opcua", "services") else [("all", told)]:
-                text = one.get("text") if isinstance(one, dict) else None
-                if isinstance(text, str):
-                    one["text"] = page_text(text) if text.startswith("<!doc") else text.splitlines()
-                self.write(f"{file.stem}: {part}", one if isinstance(one, dict) else {"answers": one})
+            self.write("nodes: log", {"exit": chain.returncode, "errors": sorted(log.read().splitlines())})
+        for part, told in content(folder / "results.json").items() if chain.returncode == 0 else ():
+            self.write(part, told)
         for part in ("state", "bag", "snapshots"):
             self.write(f"nodes: files of {part}", left_in(folder / part))
 
@@ -208,16 +189,12 @@ class Collection:
         with ThreadPoolExecutor(1) as beside, ThreadPoolExecutor(2) as pool:
             if re.search(only, "nodes") or any("nodes" in needed(jobs[label]) for label in wanted):
                 done["nodes"] = beside.submit(self.nodes, live)
-            for last in (False, True):
-                for label in [
-                    one for one in jobs if one in wanted and ("nodes" in needed(jobs[one])) is last
-                ]:
+            for label in sorted(jobs, key=lambda one: "nodes" in needed(jobs[one])):
+                if label in wanted:
                     done[label] = pool.submit(job, label)
         for one in done.values():
             one.result()
         missing = without_run(self.known)
-        for path in missing:
-            print(f"no run of ./spool {path}: add a line to {HERE / 'runs.txt'}")
-        print(f"{len(list(self.out.glob('*.json')))} runs recorded in {self.out}")
-        print(f"{sum(os.times()[:4]):.0f} s of processor time")
+        print("\n".join(f"no run of ./spool {path}: add a line to {HERE / 'runs.txt'}" for path in missing))
+        print(f"{len(list(self.out.glob('*.json')))} runs, {sum(os.times()[:4]):.0f} s of processor time")
         return len(missing)

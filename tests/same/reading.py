@@ -17,6 +17,17 @@ PICTURE = "[picture]"
 #: Lines or values beyond which a table, an array or a topic is recorded by count, ends and sums.
 MOST = 60
 
+#: Diagnostics that depend on the speed and size of the machine.
+OF_MACHINE = {
+    "free_space_B",
+    "recorded_B",
+    "total_size_B",
+    "waiting_B",
+    "messages",
+    "cpu_time_s",
+    "resident_B",
+}
+
 
 class _Text(HTMLParser):
     """Text of a page, a line for each block; a picture is a marker, code is left out."""
@@ -85,6 +96,8 @@ def plain(value: Any) -> Any:
     if value is None or isinstance(value, str | bool | int | float):
         return value
     items = value.tolist() if hasattr(value, "tolist") else list(value)
+    if items and hasattr(items[0], "key"):  # of diagnostics
+        return {one.key: one.value for one in items if one.key not in OF_MACHINE}
     return (
         summary(items) if len(items) > 12 and isinstance(items[0], float) else [plain(one) for one in items]
     )
