@@ -42,10 +42,6 @@ def deviation_of(values: dict[str, Any], path: str) -> float:
     return 0.0
 
 
-def is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
-
-
 def same_text(old: str, new: str, relative: float) -> bool:
     """Whether two lines differ by spaces and by numbers within ``relative`` alone."""
     if not relative or _NUMBER.sub("", old).split() != _NUMBER.sub("", new).split():
@@ -72,19 +68,18 @@ def differences(before: Any, after: Any, within: float, relative: float = 0.0) -
     """Yield a line for each number or text that differs by more than is allowed."""
     first, second = dict(leaves(before)), dict(leaves(after))
     for path in dict.fromkeys([*first, *second]):
-        old, new = first.get(path, "absent"), second.get(path, "absent")
-        if repr(old) == repr(new):
+        old, new, more = first.get(path, "absent"), second.get(path, "absent"), ""
+        kinds = {type(old), type(new)}
+        if repr(old) == repr(new) or (kinds == {str} and same_text(old, new, relative)):
             continue
-        deviation, more = deviation_of(first, path), ""
-        if is_number(old) and is_number(new):
+        if kinds == {list}:
+            yield from (f"{path}, {line}" for line in different_lines(old, new, relative))
+            continue
+        if kinds <= {int, float}:
+            deviation = deviation_of(first, path)
             if abs(new - old) <= max(within * deviation, relative * abs(old)):
                 continue
             more = f" ({abs(new - old) / deviation:.2g} standard deviations)" if deviation else ""
-        elif isinstance(old, list) and isinstance(new, list):
-            yield from (f"{path}, {line}" for line in different_lines(old, new, relative))
-            continue
-        elif isinstance(old, str) and isinstance(new, str) and same_text(old, new, relative):
-            continue
         yield f"{path}: {old} -> {new}{more}"
 
 
@@ -95,18 +90,12 @@ def compare(before: Path, after: Path, within: float, relative: float = 0.0) -> 
     for name in names:
         found = [folder / name for folder in (before, after) if (folder / name).exists()]
         results = [json.loads(one.read_text("utf-8")) for one in found]
-        command = results[0].pop("run", name)
-        if len(results) == 1:
-            print(f"{command}: only in {found[0].parent}")
-            differing += 1
-            continue
-        results[1].pop("run", None)
-        lines = list(differences(*results, within, relative))
+        one_alone = [f"only in {found[0].parent}"] if len(found) == 1 else []
+        lines = one_alone or list(differences(*results, within, relative))
+        more = [f"{len(lines) - SHOWN} more"] if len(lines) > SHOWN else []
         differing += bool(lines)
-        for line in lines[:SHOWN]:
-            print(f"{command}: {line[:400]}")
-        if len(lines) > SHOWN:
-            print(f"{command}: {len(lines) - SHOWN} more")
+        for line in (*lines[:SHOWN], *more):
+            print(f"{results[0]['run']}: {line[:400]}")
     print(f"{len(names) - differing} of {len(names)} runs are equal")
     return differing
 
@@ -118,9 +107,8 @@ def main() -> int:
     collecting = tasks.add_parser("collect", help="record what users get of a repository")
     collecting.add_argument("folder", type=Path, help="is replaced")
     collecting.add_argument("--tree", type=Path, default=ROOT, help="repository whose commands are run")
-    collecting.add_argument(
-        "--only", default="", help="pattern of the runs that are wanted, e.g. 'fit|nodes'"
-    )
+    collecting.add_argument("--only", default="", help="pattern of the wanted runs, e.g. 'fit|nodes'")
+    collecting.add_argument("--jobs", type=int, default=2, help="runs at a time")
     comparing = tasks.add_parser("compare", help="print what differs")
     comparing.add_argument("before", type=Path)
     comparing.add_argument("after", type=Path)
@@ -134,7 +122,7 @@ def main() -> int:
     from tests.same.collecting import Collection  # noqa: PLC0415 - needs the environment
 
     begun = time.monotonic()
-    missing = Collection(given.folder.resolve(), given.tree.resolve()).collect(given.only)
+    missing = Collection(given.folder.resolve(), given.tree.resolve()).collect(given.only, given.jobs)
     print(f"{time.monotonic() - begun:.0f} s")
     return min(1, missing)
 

@@ -19,7 +19,7 @@ from .reading import content
 
 HERE = Path(__file__).resolve().parent
 #: s after which a run is ended.
-LONGEST = 300
+LONGEST = 1800
 #: Keys of how long and when a run was.
 DROPPED = {"seconds", "elapsed_s", "processor_seconds", "created"}
 _DAYS = "|".join(f"{datetime.now(timezone.utc) + timedelta(days=n):%Y-%m-%d}" for n in (-1, 0, 1))
@@ -29,6 +29,8 @@ MASKS = (
     (rf"\b({_DAYS})([T ]\d\d:\d\d(:\d\d)?(\.\d+)?( ?UTC|Z|\+00:00)?)?", "TODAY"),
     (r"(127\.0\.0\.1:|token_|port from \d+ to )\d+", r"\1PORT"),  # any that was free
     (r"(<not_(after|before)>)[^<]+", r"\1DATE"),
+    (r"(\.mcap:\d+:)\d+", r"\1TIME"),  # of the file
+    (r"_[0-9a-f]{8}(?=\.html)", "_HASH"),  # of the folder
     # Random names, and hashes of files whose parts depend on the speed of the disk.
     (r"(?<![\w.])(?=\d*[a-f])([0-9a-f]{16}|[0-9a-f]{32}|[0-9a-f]{40}|[0-9a-f]{64})(?![\w.])", "HASH"),
     (r"(spool_process_\w+\{.*\}) [\d.e+]+", r"\1 NUMBER"),  # processor time and memory of this process
@@ -53,13 +55,22 @@ def masked(value: Any, places: Mapping[str, str]) -> Any:
     return value
 
 
+def expanded(line: str) -> list[str]:
+    """Return the runs that a line with ``{A|B}`` stands for."""
+    before, _, rest = line.partition("{")
+    choices, _, after = rest.partition("}")
+    return (
+        [f"{before}{one}{end}" for one in choices.split("|") for end in expanded(after)] if rest else [line]
+    )
+
+
 def listed() -> dict[str, list[str]]:
     """Return the runs by label; that of a run that nobody needs is the command."""
     jobs: dict[str, list[str]] = {}
-    for line in (HERE / "runs.txt").read_text("utf-8").splitlines():
-        label, command = re.fullmatch(r"(?:(\w+): )?(.*)", line).groups()  # type: ignore[union-attr]
-        if not command.startswith("#"):
-            jobs.setdefault(label or command, []).append(command)
+    lines = (HERE / "runs.txt").read_text("utf-8").splitlines()
+    for run in [run for line in lines if not line.startswith("#") for run in expanded(line)]:
+        label, command = re.fullmatch(r"(?:(\w+): )?(.*)", run).groups()  # type: ignore[union-attr]
+        jobs.setdefault(label or command, []).append(command)
     return jobs
 
 
@@ -165,8 +176,8 @@ class Collection:
         for part in ("state", "bag", "snapshots"):
             self.write(f"nodes: files of {part}", left_in(folder / part))
 
-    def collect(self, only: str = "") -> int:
-        """Run all, two at a time beside the nodes; return how many commands of the tree have no run.
+    def collect(self, only: str = "", jobs_at_a_time: int = 2) -> int:
+        """Run all, ``jobs_at_a_time`` beside the nodes; return how many commands of the tree have no run.
 
         ``only``: pattern of the runs that are wanted; those of nodes are ``nodes``.
         """
@@ -186,7 +197,7 @@ class Collection:
             for number, command in enumerate(jobs[label]):
                 self.run(f"{label}_{number}" if number else label, command)
 
-        with ThreadPoolExecutor(1) as beside, ThreadPoolExecutor(2) as pool:
+        with ThreadPoolExecutor(1) as beside, ThreadPoolExecutor(jobs_at_a_time) as pool:
             if re.search(only, "nodes") or any("nodes" in needed(jobs[label]) for label in wanted):
                 done["nodes"] = beside.submit(self.nodes, live)
             for label in sorted(jobs, key=lambda one: "nodes" in needed(jobs[one])):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import gzip
 import json
@@ -18,15 +19,10 @@ PICTURE = "[picture]"
 MOST = 60
 
 #: Diagnostics that depend on the speed and size of the machine.
-OF_MACHINE = {
-    "free_space_B",
-    "recorded_B",
-    "total_size_B",
-    "waiting_B",
-    "messages",
-    "cpu_time_s",
+OF_MACHINE = (
+    *("free_space_B", "recorded_B", "total_size_B", "waiting_B", "messages", "snapshots", "cpu_time_s"),
     "resident_B",
-}
+)
 
 
 class _Text(HTMLParser):
@@ -68,10 +64,8 @@ def summary(values: list[Any]) -> Any:
 
 
 def columns(rows: list[dict[str, Any]]) -> dict[str, Any]:
-    return {
-        name: summary([row.get(name) for row in rows])
-        for name in dict.fromkeys(key for row in rows for key in row)
-    }
+    names = dict.fromkeys(key for row in rows for key in row)
+    return {name: summary([row.get(name) for row in rows]) for name in names}
 
 
 def leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
@@ -98,9 +92,8 @@ def plain(value: Any) -> Any:
     items = value.tolist() if hasattr(value, "tolist") else list(value)
     if items and hasattr(items[0], "key"):  # of diagnostics
         return {one.key: one.value for one in items if one.key not in OF_MACHINE}
-    return (
-        summary(items) if len(items) > 12 and isinstance(items[0], float) else [plain(one) for one in items]
-    )
+    long = len(items) > 12 and isinstance(items[0], float)
+    return summary(items) if long else [plain(one) for one in items]
 
 
 def bag(folder: Path) -> dict[str, Any]:
@@ -120,10 +113,9 @@ def bag(folder: Path) -> dict[str, Any]:
 
 
 def number(text: Any) -> Any:
-    try:
+    with contextlib.suppress(TypeError, ValueError):
         return float(text)
-    except (TypeError, ValueError):
-        return text
+    return text
 
 
 def table(text: str) -> Any:
@@ -136,15 +128,13 @@ def table(text: str) -> Any:
 def database(path: Path) -> dict[str, Any]:
     with sqlite3.connect(f"file:{path}?mode=ro", uri=True) as base:
         names = [row[0] for row in base.execute("SELECT name FROM sqlite_master WHERE type='table'")]
-        return {
-            name: [list(map(plain, row)) for row in base.execute(f"SELECT * FROM {name}")] for name in names
-        }
+        return {one: [list(map(plain, row)) for row in base.execute(f"SELECT * FROM {one}")] for one in names}
 
 
 def parquet(path: Path) -> dict[str, Any]:
-    import pyarrow.parquet  # noqa: PLC0415 - slow to load
+    from pyarrow.parquet import ParquetFile  # noqa: PLC0415 - slow to load
 
-    return columns(pyarrow.parquet.ParquetFile(path).read().to_pylist())
+    return columns(ParquetFile(path).read().to_pylist())
 
 
 READERS: dict[str, Callable[[Path], Any]] = {
