@@ -127,7 +127,7 @@ class OpcUaNode(ManagedNode):
         """Start the server.
 
         Raises:
-            InputError: the address can't be listened on.
+            InputError: the address can't be listened on, or the server does not start in time.
         """
         self._loop = asyncio.new_event_loop()
         self._log = _OneLine(self.get_logger().warning)
@@ -135,14 +135,15 @@ class OpcUaNode(ManagedNode):
         _ASYNCUA.propagate = False
         self._thread = threading.Thread(target=self._loop.run_forever, daemon=True)
         self._thread.start()
-        address, port = self.value("address"), self.value("port")
+        address, port, folder = map(self.value, ("address", "port", "security_folder"))
         self._language = language_of(self.value(LANGUAGE.name))
-        folder = self.value("security_folder")
         security = Security.read(expanded(folder)) if folder else None
         try:
-            asyncio.run_coroutine_threadsafe(self._serve(address, port, security), self._loop).result(START)
-        except OSError as error:
-            raise InputError(f"port {port}: {error.strerror or error}: set another port") from error
+            serving = asyncio.wait_for(self._serve(address, port, security), START)
+            asyncio.run_coroutine_threadsafe(serving, self._loop).result()
+        except (OSError, asyncio.TimeoutError) as error:
+            said = getattr(error, "strerror", "") or str(error) or f"no server in {START:g} s, machine busy"
+            raise InputError(f"port {port}: {said}: set another port, or try again") from error
         self.get_logger().info(f"serving opc.tcp://{address}:{port}, {_described(security)}")
 
     def refuse_change(self, changes: dict[str, Value]) -> str | None:
@@ -153,9 +154,8 @@ class OpcUaNode(ManagedNode):
         except ValueError:
             return f"address: {address!r} is no IP address, e.g. {LOOPBACK}"
         if not loopback and not changes.get("security_folder", self.value("security_folder")):
-            return (
-                f"address {address}: a network needs encryption: set security_folder (./spool secure --opcua)"
-            )
+            needs = "a network needs encryption: set security_folder (./spool secure --opcua)"
+            return f"address {address}: {needs}"
         return None
 
     async def _serve(self, address: str, port: int, security: Security | None) -> None:

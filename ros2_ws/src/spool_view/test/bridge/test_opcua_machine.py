@@ -8,6 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import rclpy
+from spool_core.errors import InputError
+from spool_core.node.network import claimed_domain
 from spool_monitor.alarm_statistics import PEAK_SPAN
 from spool_monitor.listener import HeardValve
 from spool_msgs.msg import ModelEstimate, Quantity, ValveHealth
@@ -124,6 +127,20 @@ def test_figures_follow_announcements_and_begin_again(monkeypatch: pytest.Monkey
     now += 5.0
     found = shown()
     assert (found["AlarmCount"], found["MaximumActiveState"], found["MaximumAlarmRate"]) == (0, 5e3, 0.0)
+
+
+def test_a_server_that_starts_too_slowly_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
+    from spool_view import opcua_node  # noqa: PLC0415 - slow to load
+
+    monkeypatch.setattr(opcua_node, "START", 0.0)
+    with claimed_domain() as number:
+        rclpy.init(args=[], domain_id=number)
+        node = opcua_node.OpcUaNode()
+        with pytest.raises(InputError, match="no server in 0 s, machine busy"):
+            node.configure()
+        node.cleanup()
+        node.destroy_node()
+        rclpy.shutdown()
 
 
 def test_type_files_carry_their_license() -> None:
