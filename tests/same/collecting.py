@@ -29,6 +29,7 @@ MASKS = (
     (rf"\b({_DAYS})([T ]\d\d:\d\d(:\d\d)?(\.\d+)?( ?UTC|Z|\+00:00)?)?", "TODAY"),
     (r"(127\.0\.0\.1:|token_|port from \d+ to )\d+", r"\1PORT"),  # any that was free
     (r"(<not_(after|before)>)[^<]+", r"\1DATE"),
+    (r"[\d.]+ (s|min)(?= of computing)", "TIME"),
     (r"(\.mcap:\d+:)\d+", r"\1TIME"),  # of the file
     (r"_[0-9a-f]{8}(?=\.html)", "_HASH"),  # of the folder
     # Random names, and hashes of files whose parts depend on the speed of the disk.
