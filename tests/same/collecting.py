@@ -20,8 +20,17 @@ from .reading import content
 HERE = Path(__file__).resolve().parent
 #: s after which a run is ended.
 LONGEST = 1800
-#: Keys of how long and when a run was.
-DROPPED = {"seconds", "elapsed_s", "processor_seconds", "created"}
+#: Keys of how long and when a run was, rates up to now, and sizes that depend on the speed of the disk.
+DROPPED = {
+    "seconds",
+    "elapsed_s",
+    "processor_seconds",
+    "created",
+    "until",
+    "per_day",
+    "per_hour",
+    "size_bytes",
+}
 _DAYS = "|".join(f"{datetime.now(timezone.utc) + timedelta(days=n):%Y-%m-%d}" for n in (-1, 0, 1))
 #: What differs from run to run without meaning anything, and what it becomes.
 MASKS = (
