@@ -11,6 +11,8 @@ from __future__ import annotations
 
 import asyncio
 import collections
+import contextlib
+import itertools
 import json
 import os
 import socket
@@ -184,6 +186,7 @@ ACTS: dict[float, tuple[str, str, dict[str, Any]]] = {
     22.0: ("monitor", "acknowledge_alarm", {"who": ""}),
     24.0: ("monitor", "", {"amplification_on": 2.75}),
     25.0: ("monitor", "acknowledge_alarm", {"alarm": "friction_drift", "who": "Eva", "comment": "known"}),
+    26.0: ("monitor", "", {"stale_after": 2.5}),
     34.0: ("monitor", "reset_alarms", {"who": "Jan"}),
     34.5: ("monitor", "manage_baseline", {"action": 0}),
     38.0: ("recorder", "take_snapshot", {"valve": "valve_1", "who": "Eva", "comment": "look"}),
@@ -238,13 +241,15 @@ def lived(feed: list[tuple[int, str, bytes]], page: int, opcua: int) -> list[Any
 def asked(address: str, path: str, body: str | None = None, **headers: str) -> dict[str, Any]:
     """Return the status, type and text of an answer; of a stream its first events."""
     request = urllib.request.Request(address + path, body.encode() if body else None, headers)
-    lines: list[str] = []
+    lines, end = [], time.monotonic() + 20.0
     try:
         with urllib.request.urlopen(request, timeout=5.0 if "stream" in path else 30.0) as answer:
-            try:
-                lines += (line.decode() for line in answer)
-            except TimeoutError:
-                lines = list(dict.fromkeys(lines))
+            with contextlib.suppress(TimeoutError):  # a stream does not end
+                lines += (
+                    line.decode() for line in itertools.takewhile(lambda _: time.monotonic() < end, answer)
+                )
+            if "stream" in path:
+                lines = [one for one in dict.fromkeys(lines) if one not in ("event: beat\n", "data: {}\n")]
             text = "".join(lines)
             shown = page_text(text) if text.startswith("<!doc") else text.splitlines()
             return {"status": answer.status, "type": answer.headers["content-type"], "text": shown}

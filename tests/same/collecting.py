@@ -20,17 +20,8 @@ from .reading import content
 HERE = Path(__file__).resolve().parent
 #: s after which a run is ended.
 LONGEST = 1800
-#: Keys of how long and when a run was, rates up to now, and sizes that depend on the speed of the disk.
-DROPPED = {
-    "seconds",
-    "elapsed_s",
-    "processor_seconds",
-    "created",
-    "until",
-    "per_day",
-    "per_hour",
-    "size_bytes",
-}
+#: Keys of how long and when a run was, and of sizes that depend on the speed of the disk.
+DROPPED = {"seconds", "elapsed_s", "processor_seconds", "created", "until", "size_bytes"}
 _DAYS = "|".join(f"{datetime.now(timezone.utc) + timedelta(days=n):%Y-%m-%d}" for n in (-1, 0, 1))
 #: What differs from run to run without meaning anything, and what it becomes.
 MASKS = (
@@ -39,6 +30,7 @@ MASKS = (
     (r"(127\.0\.0\.1:|token_|port from \d+ to )\d+", r"\1PORT"),  # any that was free
     (r"(<not_(after|before)>)[^<]+", r"\1DATE"),
     (r"[\d.]+ (s|min)(?= of computing)", "TIME"),
+    (r"[\d.]+ [kMG]?B(?=, closed)", "SIZE"),  # depends on the speed of the disk
     (r"(\.mcap:\d+:)\d+", r"\1TIME"),  # of the file
     (r"_[0-9a-f]{8}(?=\.html)", "_HASH"),  # of the folder
     # Random names, and hashes of files whose parts depend on the speed of the disk.
@@ -56,6 +48,8 @@ def masked(value: Any, places: Mapping[str, str]) -> Any:
     if isinstance(value, dict):
         if value.get("name") == "port":  # any that was free
             value = {"name": "port"}
+        if "until" in value:  # rates up to now
+            value = {key: one for key, one in value.items() if key not in ("per_day", "per_hour")}
         return {masked(key, places): masked(one, places) for key, one in value.items() if key not in DROPPED}
     if isinstance(value, str):
         for place, name in places.items():
@@ -216,6 +210,7 @@ class Collection:
         for one in done.values():
             one.result()
         missing = without_run(self.known)
-        print("\n".join(f"no run of ./spool {path}: add a line to {HERE / 'runs.txt'}" for path in missing))
+        for path in missing:
+            print(f"no run of ./spool {path}: add a line to {HERE / 'runs.txt'}")
         print(f"{len(list(self.out.glob('*.json')))} runs, {sum(os.times()[:4]):.0f} s of processor time")
         return len(missing)
