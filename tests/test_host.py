@@ -1,4 +1,4 @@
-"""Many valves in one process: each node as before, and one that raises, hangs or hears garbage alone."""
+"""Many valves in one process: each node as before, and one that raises or hangs alone."""
 
 from __future__ import annotations
 
@@ -10,11 +10,10 @@ from typing import TYPE_CHECKING
 
 import pytest
 import yaml
-from spool_core.block import Block
 from spool_core.node import qos
 from spool_core.node.messages import from_block, to_block
 from spool_core.node.parameters import rule
-from spool_msgs.msg import AccelerationBlock, ModelEstimate, ValveHealth
+from spool_msgs.msg import AccelerationBlock, ModelEstimate
 from spool_sim.excitation import PRESETS
 from spool_sim.simulator import Simulator
 from spool_sim.valve import find_valve
@@ -94,13 +93,10 @@ class Feed:
         self.begin = max(self.begin or now, now - (self.sent + 25) / 50.0)
         due = math.floor((now - self.begin) * 50.0)
         while self.sent < min(due, len(self.blocks)):
-            block = self.blocks[self.sent]
-            for name, publisher in self.publishers.items():
-                publisher.publish(from_block(self.changed(name, block), "4weh10_soft"))
+            message = from_block(self.blocks[self.sent], "4weh10_soft")
+            for publisher in self.publishers.values():
+                publisher.publish(message)
             self.sent += 1
-
-    def changed(self, _name: str, block: Block) -> Block:
-        return block
 
     def until(self, met: Callable[[], object], what: str) -> None:
         def done() -> object:
@@ -266,38 +262,6 @@ def test_a_valve_that_fails_costs_the_others_nothing(
     if fault == "hangs":
         feed.until(lambda: stamps(told["valve_1"])[-1] > stamps(told["valve_0"])[-1] - 3.0, "it is back")
     process.end()
-
-
-def test_garbage_on_one_valves_topic_is_refused_and_costs_the_others_nothing(
-    system: System, feed: Feed, host: Callable[..., Process], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    told = estimates(system)
-    health = system.listen(ValveHealth, "/valve_0/health", latched=True)
-    _ = system.diagnostics
-
-    def changed(name: str, block: Block) -> Block:
-        if name != "valve_1" or block.sequence < 100:
-            return block
-        kind = block.sequence % 3
-        if kind == 0:
-            return Block(block.stamp, block.sequence, -1.0, block.body, block.spool, block.source)
-        if kind == 1:
-            return Block(
-                block.stamp, block.sequence, block.sample_period, block.body * math.nan, block.spool, ""
-            )
-        return Block(
-            block.stamp, block.sequence, block.sample_period, block.body[:3], block.spool, block.source
-        )
-
-    monkeypatch.setattr(feed, "changed", changed)
-    process = host(PLAIN)
-    feed.until(feed.heard, "all valves are heard")
-    feed.until(lambda: feed.sent > 500, "garbage was sent")
-    feed.until(lambda: len(told["valve_0"].heard) >= 8 and health.heard, "the others go on")
-    assert system.numbers("valve_0/estimator: estimate")["blocks_lost"] == "0"
-    assert system.numbers("valve_0/estimator: estimate")["blocks_refused"] == "0"
-    assert int(system.numbers("valve_1/estimator: estimate")["blocks_refused"]) > 300
-    assert process.end() == 0
 
 
 @pytest.mark.slow

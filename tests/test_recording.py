@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import rclpy
-from diagnostic_msgs.msg import DiagnosticArray
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from mcap.reader import make_reader
@@ -251,24 +250,6 @@ def test_a_killed_recording_keeps_what_was_flushed(
     assert BagReader(tmp_path / "repaired").closed
 
 
-def test_lost_blocks_are_told(source: Source, record: Callable[..., Recorder]) -> None:
-    topic = "/valve_1/acceleration"
-    source.offer(topic, AccelerationBlock, qos.samples_offered(50))
-    told: dict[str, str] = {}
-
-    def hear(message: DiagnosticArray) -> None:
-        for status in message.status:
-            told.update({value.key: value.value for value in status.values})
-
-    source.node.create_subscription(DiagnosticArray, "/diagnostics", hear, 10)
-    recorder = record()
-    source.heard(topic)
-    for sequence in (0, 1, 2, 7, 8):
-        source.publish(topic, from_block(block(sequence), "valve_1"))
-    source.until(lambda: told.get("blocks_lost_valve_1") == "4")
-    assert recorder.end(signal.SIGINT) == 0
-
-
 def test_named_valves_are_heard_from_their_first_block(
     source: Source, record: Callable[..., Recorder]
 ) -> None:
@@ -369,13 +350,3 @@ def test_a_removed_recording_is_begun_anew_with_what_is_latched(
     assert recorder.end(signal.SIGINT) == 0
     assert "was removed while it was recorded: " in recorder.said
     assert "Traceback" not in recorder.said
-
-
-def test_a_full_disk_ends_the_recording_cleanly(source: Source, record: Callable[..., Recorder]) -> None:
-    topic = "/valve_1/acceleration"
-    source.offer(topic, AccelerationBlock, qos.samples_offered(50))
-    recorder = record(minimum_free_space=10**15)
-    source.until(lambda: any(one.stat().st_size for one in recorder.bag.glob("*.mcap")))
-    source.until(lambda: BagReader(recorder.bag).closed)
-    assert recorder.process.poll() is None
-    assert recorder.end(signal.SIGINT) == 0

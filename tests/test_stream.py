@@ -1,13 +1,12 @@
-"""From simulator to bag: nothing is lost, a replay is the run itself, bad blocks change nothing."""
+"""From simulator to bag: nothing is lost, and a replay is the run itself."""
 
 from __future__ import annotations
 
-import math
 import signal
 import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,20 +14,13 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from spool_bag.reader import BagReader
-from spool_core.block import Block
-from spool_core.block_gate import Fault
-from spool_core.node import qos
-from spool_core.node.messages import from_block, nanoseconds
+from spool_core.node.messages import nanoseconds
 from spool_estimator.estimate import Estimate, State
-from spool_estimator.estimator import phase_of
 from spool_estimator.messages import from_message
 from spool_monitor.replay import Replay
-from spool_msgs.msg import AccelerationBlock, HealthEvent, ModelEstimate
+from spool_msgs.msg import AccelerationBlock, HealthEvent
 from spool_report.records.record_sources import recorded_valve
 from spool_report.runs.record_replay import replay_valve
-from spool_sim.excitation import load_excitation
-from spool_sim.simulator import Simulator
-from spool_sim.valve import find_valve
 
 if TYPE_CHECKING:
     from .conftest import System
@@ -161,133 +153,3 @@ def bits(estimate: Estimate) -> tuple[object, ...]:
         [quantity.validity for quantity in quantities],
         np.array([*numbers, estimate.delay, estimate.memory]).tobytes(),
     )
-
-
-def bad_blocks(good: Block) -> list[tuple[Fault, AccelerationBlock]]:
-    """Return blocks that stand where ``good`` would, each with one thing wrong."""
-    not_a_number = good.spool.copy()
-    not_a_number[3] = math.nan
-    infinite = good.body.copy()
-    infinite[0] = math.inf
-    changed = [
-        (Fault.LENGTHS_DIFFER, replace(good, spool=good.spool[:-1])),
-        (Fault.LENGTHS_DIFFER, replace(good, body=good.body[:0], spool=good.spool[:0])),
-        (Fault.BAD_PERIOD, replace(good, sample_period=0.0)),
-        (Fault.BAD_PERIOD, replace(good, sample_period=-good.sample_period)),
-        (Fault.BAD_PERIOD, replace(good, sample_period=math.nan)),
-        (Fault.NOT_FINITE, replace(good, spool=not_a_number)),
-        (Fault.NOT_FINITE, replace(good, body=infinite)),
-        (Fault.TIME_BACK, replace(good, stamp=good.stamp - 1_000_000_000)),
-        (Fault.TIME_BACK, replace(good, stamp=good.stamp - 40_000_000, sequence=good.sequence - 2)),
-        (Fault.TIME_BACK, replace(good, stamp=good.stamp - 10_000_000_000)),
-        (Fault.GAP, replace(good, stamp=good.stamp + 3_000_000_000)),
-        (Fault.GAP, replace(good, stamp=good.stamp + 100_000_000_000)),
-        (Fault.SEQUENCE_BACK, replace(good, sequence=0)),
-        (Fault.NO_TIME, replace(good, stamp=0)),
-    ]
-    return [(fault, from_block(block, "4weh10_soft")) for fault, block in changed]
-
-
-def refused_blocks(status: DiagnosticStatus) -> int:
-    return next(int(value.value) for value in status.values if value.key == "blocks_refused")
-
-
-def prime(
-    system: System, offered: dict[str, Any], tasks: dict[str, str], message: AccelerationBlock
-) -> dict[str, int]:
-    """Send blocks without a time until all estimators refuse them: who is found late misses the first blocks.
-
-    Returns how many each refused.
-    """
-    message.header.stamp.sec = message.header.stamp.nanosec = 0
-    due = 0.0
-
-    def heard() -> bool:
-        nonlocal due
-        if time.monotonic() >= due:
-            for name, publisher in offered.items():
-                if not refused(name):
-                    publisher.publish(message)
-            due = time.monotonic() + 1.5
-        return all(refused(name) for name in offered)
-
-    def refused(name: str) -> int:
-        return int(system.numbers(tasks[name]).get("blocks_refused", "0"))
-
-    system.until(heard, "both estimators hear their topic")
-    return {name: refused(name) for name in offered}
-
-
-def test_malformed_blocks_are_told_and_change_nothing(system: System) -> None:
-    assert phase_of("tidy") == phase_of("dirty")  # else their estimates come at different moments
-    estimates = {
-        name: system.listen(ModelEstimate, f"/{name}/estimate", latched=True) for name in ("tidy", "dirty")
-    }
-    events = system.listen(HealthEvent, "/dirty/events", latched=True)
-    _ = system.diagnostics
-    for name in estimates:
-        system.start("estimator", name)
-    system.start("monitor", "dirty")
-    offered = {
-        name: system.node.create_publisher(
-            AccelerationBlock, f"/{name}/acceleration", qos.samples_offered(1000)
-        )
-        for name in estimates
-    }
-    system.until(
-        lambda: [publisher.get_subscription_count() for publisher in offered.values()] == [1, 2],
-        "all three listen",
-    )
-
-    simulator = Simulator(find_valve("4weh10_soft"), load_excitation("multisine"), block_size=40)
-    blocks = list(simulator.records(8.0))
-    tasks = {name: f"{name}/estimator: estimate" for name in estimates}
-    primed = prime(system, offered, tasks, from_block(blocks[0], "4weh10_soft"))
-    sent: dict[Fault, int] = {}
-    told: list[float] = []
-    begin = time.monotonic()
-    for number, block in enumerate(blocks):
-        if 200 <= number < 203:  # the jump in sequence, of both
-            continue
-        # Twice as fast as real time, so that nobody's queue runs over.
-        system.until(lambda due=begin + 0.01 * number: time.monotonic() >= due, "the next block is due")
-        # Before the rate is confirmed a stamp that is ahead may as well be a wrong rate: learning waits.
-        if number > 100 and number % 100 == 50:
-            for fault, message in bad_blocks(block):
-                sent[fault] = sent.get(fault, 0) + 1
-                offered["dirty"].publish(message)
-            told.append(time.monotonic())
-        message = from_block(block, "4weh10_soft")
-        for publisher in offered.values():
-            publisher.publish(message)
-
-    refused = sum(sent.values())
-    used = str(len(blocks) - 3)
-    system.until(
-        lambda: all(system.numbers(task).get("blocks_used") == used for task in tasks.values()),
-        "both estimators have had every good block",
-    )
-    for name, faults in (("tidy", {}), ("dirty", sent)):
-        numbers = system.numbers(tasks[name])
-        assert numbers["blocks_lost"] == "3"
-        assert numbers["blocks_refused"] == str(primed[name] + (refused if faults else 0))
-        counted = {**faults, Fault.LOST: 1, Fault.NO_TIME: faults.get(Fault.NO_TIME, 0) + primed[name]}
-        expected = {f"fault_{fault.name.lower()}": str(counted.get(fault, 0)) for fault in Fault}
-        assert {key: value for key, value in numbers.items() if key.startswith("fault")} == expected
-    (estimator,) = [one for one in system.processes if one.name == "/dirty/estimator"]
-    assert "refused: stamp is 0" in estimator.said
-    assert any(
-        status.level == DiagnosticStatus.WARN and refused_blocks(status) > primed["dirty"]
-        for _, status in system.statuses(tasks["dirty"], after=told[0])
-    )
-    assert events.first(lambda event: event.kind == "data_fault" and event.header.frame_id == "4weh10_soft")
-
-    tidy, dirty = (
-        [from_message(message) for message in estimates[name].messages if message.state != State.STALE]
-        for name in ("tidy", "dirty")
-    )
-    assert len(tidy) >= 7
-    assert tidy[-1].state is State.TRACKING
-    assert [bits(estimate) for estimate in dirty] == [bits(estimate) for estimate in tidy]
-    assert tidy[-1].refused_blocks == primed["tidy"]
-    assert dirty[-1].refused_blocks == primed["dirty"] + refused

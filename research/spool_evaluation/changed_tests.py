@@ -51,7 +51,6 @@ ABOUT: Mapping[str, tuple[str, ...]] = {
     "test_packages": ("spool_bringup.*", "setup.*"),
     "test_recording": ("spool_bag.record*", "spool_bag.parts", "spool_bag.writer", "spool_bag.snapshot"),
     "test_refits": ("spool_estimator.refit*", "spool_estimator.estimator_node"),
-    "test_running_valve": ("spool_tools.operations.service_client", "spool_monitor.monitor_node"),
     "test_setup": ("setup.*",),
     "test_stream": (
         "spool_sim.simulator*",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import time
 from collections import defaultdict
@@ -57,6 +58,10 @@ TRUE = {
 }  # fmt: skip
 #: s that a test waits at most: machines are busy.
 PATIENCE = 180.0
+
+#: Numbers without a unit, and the units of the others.
+RATIOS = ("amplification", "viscous_coefficient_change", "reversals")
+UNITS = "_(N|N_per_m|N_s_per_m|Hz|deg_C|m|B)"
 
 #: A block and the estimates that fall due with it.
 Step: TypeAlias = tuple[Block, tuple[Estimate, ...]]
@@ -432,6 +437,36 @@ def test_what_was_put_aside_for_a_time_comes_back_by_itself_also_across_kills(
     ]  # fmt: skip
 
 
+def test_operators_act_on_an_alarm_by_services_or_are_refused_with_the_reason(
+    start: Callable[..., DrivenMonitor],
+) -> None:
+    node = start(latched_kinds=["resonance"])
+    node.take(resonating())
+    acts: list[tuple[str, dict[str, object], str | int]] = [
+        ("acknowledge_alarm", {"who": ""}, "'who' is required: name the operator"),
+        ("acknowledge_alarm", {"alarm": "smoke"}, "no alarm 'smoke'; there are: "),
+        ("acknowledge_alarm", {"occurrence": 7}, "occurrence 7 is not current; look at number 1 first"),
+        ("reset_alarms", {}, "resonance: it is still active, so it can't be reset"),
+        ("suppress_alarm", {"way": 9}, "way: 9 is not 0 (by design) or 1 (out of service)"),
+        ("shelve_alarm", {}, Alarm.STATE_SHELVED),
+        ("shelve_alarm", {"shelved": False}, Alarm.STATE_UNACKNOWLEDGED),
+        ("suppress_alarm", {}, Alarm.STATE_SUPPRESSED),
+        ("suppress_alarm", {"suppressed": False}, Alarm.STATE_UNACKNOWLEDGED),
+        ("suppress_alarm", OUT, Alarm.STATE_OUT_OF_SERVICE),
+        ("suppress_alarm", {**OUT, "suppressed": False}, Alarm.STATE_UNACKNOWLEDGED),
+        ("acknowledge_alarm", {"alarm": ""}, Alarm.STATE_ACKNOWLEDGED),
+    ]
+    for service, fields, result in acts:
+        answer = node.ask(service, **{"alarm": "resonance", "who": "Eva", **fields})
+        if isinstance(result, str):
+            assert (answer.success, result in answer.reason) == (False, True), answer.reason
+        else:
+            assert (answer.success, resonance(node).state) == (True, result), service
+    node.take(healthy()[60:120])
+    assert node.ask("reset_alarms", who="Eva").success
+    assert resonance(node).state == Alarm.STATE_NORMAL
+
+
 def test_an_acknowledgement_survives_a_kill_and_the_end_of_the_alarm_is_seen_after_it(
     tmp_path: Path, start: Callable[..., DrivenMonitor]
 ) -> None:
@@ -503,6 +538,11 @@ def test_diagnostics_have_the_counts_and_the_numbers_of_what_was_published(
     tasks, health = node.tasks(), node.sent["health"][-1]
     assert {node.sent[topic][-1].header.frame_id for topic in ("alarms", "events", "health")} == {VALVE.id}
     assert nanoseconds(health.header.stamp) == later[-1][0].end
+    for one in node.sent["/diagnostics"][-1].status:
+        assert len({pair.key for pair in one.values}) == len(one.values), one.name
+        for pair in one.values:  # a number has a unit, or its name says what is counted
+            number = re.fullmatch(r"-?(\d+\.\d*|\d+e.*|nan|inf)", pair.value) and pair.key not in RATIOS
+            assert re.fullmatch(rf"[a-z][a-z0-9_]*{UNITS if number else '[A-Za-z0-9_]*'}", pair.key)
     data = {name: int(value) for name, value in tasks["data"].items() if value.isdecimal()}
     assert {name: value for name, value in data.items() if value} == {
         "blocks_used": 877, "blocks_lost": 23, "blocks_refused": 3, "blocks_lost_last_minute": 20,
