@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import contextlib
+import threading
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
-from typing import Any
+from typing import Any, TypeAlias
 
 import pytest
 import rclpy
@@ -21,6 +22,7 @@ from spool_core.node import qos
 from spool_core.node.managed_node import ManagedNode
 from spool_core.node.messages import to_time
 
+Domains: TypeAlias = Callable[[], AbstractContextManager[int]]
 #: s that is waited for a message, which comes within milliseconds on an idle machine.
 PATIENCE = 180.0
 #: ns of the clock: the first time, and what it advances by at once.
@@ -40,21 +42,22 @@ class Clocked:
         self.executor.add_node(self.observer)
         self.nodes: list[Any] = []
         self.heard: dict[str, list[Any]] = defaultdict(list)
+        self.offered: list[str] = []
         self.now = START
         self._clock = self.observer.create_publisher(Clock, "/clock", 1)
         self.listen(DiagnosticArray, "/diagnostics")
 
     def start(self, kind: type[ManagedNode], **parameters: object) -> Any:
-        """Return a node that is active and has this clock."""
-        given = [
-            Parameter(name, value=value) for name, value in ({"use_sim_time": True} | parameters).items()
-        ]
+        """Return a node that is active, has this clock and knows what is offered."""
+        values = {"use_sim_time": True} | parameters
+        given = [Parameter(name, value=value) for name, value in values.items()]
         namespace = self.observer.get_namespace()
         node = kind(namespace=namespace, context=self.context, parameter_overrides=given)
         node.alone = False
         self.nodes.append(node)
         self.executor.add_node(node)
         self.turn()
+        self.until(lambda: all(node.count_publishers(one) for one in self.offered), "topics are known")
         for change in (node.trigger_configure, node.trigger_activate):
             assert change() is TransitionCallbackReturn.SUCCESS
         return node
@@ -64,10 +67,12 @@ class Clocked:
         profile = qos.profile(5000, reliable=True, latched=latched)
         self.observer.create_subscription(kind, topic, self.heard[topic].append, profile)
 
-    def offer(self, kind: type, topic: str) -> Callable[[Any], None]:
-        """Return what publishes on a topic to which a node listens."""
-        publisher = self.observer.create_publisher(kind, topic, qos.samples_offered(5000.0))
-        self.until(publisher.get_subscription_count, f"a node listens to {topic}")
+    def offer(self, kind: type, topic: str, *, latched: bool = False) -> Callable[[Any], None]:
+        """Return what publishes on a topic, to which a node listens if some run."""
+        profile = qos.profile(5000, reliable=True, latched=latched)
+        publisher = self.observer.create_publisher(kind, topic, profile)
+        self.offered.append(publisher.topic_name)
+        self.until(lambda: not self.nodes or publisher.get_subscription_count(), f"one listens to {topic}")
         return publisher.publish
 
     def until(self, met: Callable[[], object], what: str) -> None:
@@ -94,7 +99,7 @@ class Clocked:
     def turn(self) -> None:
         """Let every node know the time that it is, and do what is due."""
         self._clock.publish(Clock(clock=to_time(self.now)))
-        known = [node.get_clock() for node in self.nodes]
+        known = [node.get_clock() for node in self.nodes if node.get_parameter("use_sim_time").value]
         self.until(lambda: all(clock.now().nanoseconds == self.now for clock in known), "the clock")
 
     def advance(self, seconds: float) -> None:
@@ -102,6 +107,23 @@ class Clocked:
         for _ in range(round(1e9 * seconds / STEP)):
             self.now += STEP
             self.turn()
+
+    @contextlib.contextmanager
+    def spinning(self) -> Iterator[None]:
+        """Let the nodes work in a thread meanwhile."""
+        ended = threading.Event()
+
+        def spin() -> None:
+            while not ended.is_set():
+                self.executor.spin_once(timeout_sec=0.02)
+
+        thread = threading.Thread(target=spin)
+        thread.start()
+        try:
+            yield
+        finally:
+            ended.set()
+            thread.join()
 
     def status(self, task: str) -> DiagnosticStatus:
         """Return the newest state of a task on ``/diagnostics``, an empty one before the first."""
@@ -114,7 +136,7 @@ class Clocked:
 
 
 @contextlib.contextmanager
-def clocked(claim_domain: Callable[[], AbstractContextManager[int]], valve: str) -> Iterator[Clocked]:
+def clocked(claim_domain: Domains, valve: str) -> Iterator[Clocked]:
     """Make the nodes of one valve on a free ROS domain, and end them."""
     with claim_domain() as number:
         context = Context()

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -16,12 +15,10 @@ from spool_monitor.monitor_node import MonitorNode
 from spool_msgs.msg import AccelerationBlock, HealthEvent
 from std_msgs.msg import Float64MultiArray
 
-from .clocked import START, Clocked, clocked
+from .clocked import START, Clocked, Domains, clocked
 
 if TYPE_CHECKING:
     from .conftest import System
-
-Domains: TypeAlias = Callable[[], AbstractContextManager[int]]
 
 
 def shaking(number: int) -> float:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import array
 import math
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -37,9 +36,8 @@ from spool_sim.simulator_node import SimulatorNode
 from spool_sim.valve import find_valve, shipped_valves
 from std_msgs.msg import Float64, Header
 
-from .clocked import START, STEP, Clocked, clocked
+from .clocked import START, STEP, Clocked, Domains, clocked
 
-Domains: TypeAlias = Callable[[], AbstractContextManager[int]]
 Adapting: TypeAlias = tuple[Clocked, Aligner, list[Block]]
 Estimating: TypeAlias = tuple[Clocked, StreamEstimator]
 

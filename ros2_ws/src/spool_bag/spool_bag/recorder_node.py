@@ -166,8 +166,8 @@ class RecorderNode(ManagedNode):
         ),
     )
 
-    def __init__(self) -> None:
-        super().__init__("recorder")
+    def __init__(self, **options: Any) -> None:
+        super().__init__("recorder", **options)
         self._recording: Recording | None = None
         self._diagnostics: DiagnosticPublisher | None = None
         self._subscriptions_by_topic: dict[str, _Subscribed] = {}

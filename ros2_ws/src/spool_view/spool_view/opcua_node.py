@@ -110,8 +110,8 @@ class OpcUaNode(ManagedNode):
         LANGUAGE,
     )  # fmt: skip
 
-    def __init__(self) -> None:
-        super().__init__("opcua")
+    def __init__(self, **options: Any) -> None:
+        super().__init__("opcua", **options)
         self._listener: Listener | None = None
         self._language = ENGLISH
         self._loop = asyncio.new_event_loop()

@@ -74,8 +74,8 @@ class PageNode(ManagedNode):
         ),
     )  # fmt: skip
 
-    def __init__(self) -> None:
-        super().__init__("page")
+    def __init__(self, **options: Any) -> None:
+        super().__init__("page", **options)
         self._socket: socket.socket | None = None
         self._server: ServerThread | None = None
         self._listener: Listener | None = None

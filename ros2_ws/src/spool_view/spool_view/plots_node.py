@@ -41,8 +41,8 @@ class PlotsNode(ManagedNode):
         ),
     )  # fmt: skip
 
-    def __init__(self) -> None:
-        super().__init__("plots")
+    def __init__(self, **options: Any) -> None:
+        super().__init__("plots", **options)
         self._values: dict[str, Any] = {}
         self._waveform: Any = None
         self._envelope = Envelope(1.0)
