@@ -3,26 +3,22 @@
 from __future__ import annotations
 
 import asyncio
-import socket
-from collections.abc import Callable, Iterator
+from collections.abc import Awaitable, Callable, Iterator
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
+from asyncua import Client, Node, ua
 from spool_core.opcua_folder import keep_operator
 from spool_msgs.msg import AlarmList, ValveHealth
 from spool_tools.operations.opcua_certificate import make_server, trust
 
 from .conftest import PATIENCE, Process, System
-from .test_bridge import free_port, until
+from .opcua import OPERATOR, free_port, identity, listens, secured, subscribed, until
 
-if TYPE_CHECKING:
-    from asyncua import Client
-
-OPERATOR, PASSWORD = "anna", "a good secret"
 SILENCE = "stale/acceleration"
 DI = "http://opcfoundation.org/UA/DI/"
 MACHINERY = "http://opcfoundation.org/UA/Machinery/"
@@ -43,22 +39,8 @@ class Plant:
     def url(self) -> str:
         return f"opc.tcp://127.0.0.1:{self.port}"
 
-    async def client(self, who: tuple[Path, Path], policy: str = "Basic256Sha256", **user: str) -> Client:
-        """Return a client that is not connected yet."""
-        from asyncua import Client, ua  # noqa: PLC0415 - slow to load
-        from asyncua.crypto import security_policies  # noqa: PLC0415
-
-        client = Client(self.url, timeout=PATIENCE, watchdog_intervall=PATIENCE)
-        client.application_uri = "urn:test:client"
-        await client.set_security(
-            getattr(security_policies, f"SecurityPolicy{policy}"), *map(str, who),
-            server_certificate=str(self.folder / "server.cert.pem"),
-            mode=ua.MessageSecurityMode.SignAndEncrypt,
-        )  # fmt: skip
-        if user:
-            client.set_user(user["name"])
-            client.set_password(user["password"])
-        return client
+    def client(self, who: tuple[Path, Path], *policy: str, **user: str) -> Awaitable[Client]:
+        return secured(self.url, self.folder, who, *policy, **user)
 
 
 @pytest.fixture(scope="module", name="plant")
@@ -68,8 +50,8 @@ def _plant(
     folder = tmp_path_factory.mktemp("opcua")
     own = folder / "security"
     make_server(own)
-    keep_operator(own, OPERATOR, PASSWORD)
-    trusted, stranger = (asyncio.run(_identity(folder / name)) for name in ("trusted", "stranger"))
+    keep_operator(own, *OPERATOR.values())
+    trusted, stranger = (asyncio.run(identity(folder / name)) for name in ("trusted", "stranger"))
     trust(own, trusted[0])
     with make_system(tmp_path_factory.mktemp("conditions")) as system:
         port = free_port()
@@ -85,69 +67,16 @@ def _plant(
         system.until(lambda: health.heard and health.last.level == ValveHealth.LEVEL_OK, "data are judged")
         source.kill()
         system.until(lambda: alarms.heard and SILENCE in _names(alarms.last), "the monitor misses its data")
-        system.until(lambda: _listens(port), "the server starts")
+        system.until(lambda: listens(port), "the server starts")
         yield Plant(system, port, server, own, trusted, stranger)
-
-
-async def _identity(folder: Path) -> tuple[Path, Path]:
-    """Make key and certificate of a client; return certificate and key."""
-    from asyncua.crypto.cert_gen import setup_self_signed_certificate  # noqa: PLC0415 - slow to load
-    from cryptography.x509.oid import ExtendedKeyUsageOID  # noqa: PLC0415
-
-    folder.mkdir()
-    certificate, key = folder / "client.der", folder / "client.pem"
-    await setup_self_signed_certificate(
-        key, certificate, "urn:test:client", "localhost", [ExtendedKeyUsageOID.CLIENT_AUTH], {}
-    )
-    return certificate, key
 
 
 def _names(message: AlarmList) -> list[str]:
     return [one.name for one in message.alarms if one.state != one.STATE_NORMAL]
 
 
-def _listens(port: int) -> bool:
-    with socket.socket() as probe:
-        return probe.connect_ex(("127.0.0.1", port)) == 0
-
-
-@dataclass
-class Heard:
-    """Events of a subscription, and the number of its item."""
-
-    item: int = 0
-    events: list[Any] = field(default_factory=list)
-
-    def event_notification(self, event: Any) -> None:
-        self.events.append(event)
-
-    def of(self, name: str) -> list[Any]:
-        return [one for one in self.events if getattr(one, "ConditionName", None) == name]
-
-
-async def _subscribed(client: Client, node: Any) -> tuple[Any, Heard]:
-    """Subscribe to all alarms of ``node`` by their type alone, and ask for a refresh."""
-    from asyncua import ua  # noqa: PLC0415 - slow to load
-
-    heard = Heard()
-    subscription = await client.create_subscription(50, heard)
-    heard.item = await subscription.subscribe_alarms_and_conditions(node, ua.ObjectIds.AlarmConditionType)
-    kind = client.get_node(ua.ObjectIds.ConditionType)
-    number = ua.Variant(subscription.subscription_id, ua.VariantType.UInt32)
-    await kind.call_method("0:ConditionRefresh", number)
-    return subscription, heard
-
-
-async def _first(heard: Heard, name: str, met: Callable[[Any], bool]) -> Any:
-    async def found() -> Any:
-        return next((one for one in heard.of(name) if met(one)), None)
-
-    return await until(found, f"an event of {name}")
-
-
 def test_a_client_that_knows_the_standard_finds_conditions_and_gets_them_late(plant: Plant) -> None:
     """It begins at the server and knows types of OPC 10000-9 and DI, none of our names."""
-    from asyncua import ua  # noqa: PLC0415 - slow to load
 
     async def work() -> None:
         async with await plant.client(plant.trusted, "Aes256Sha256RsaPss") as client:
@@ -170,8 +99,8 @@ def test_a_client_that_knows_the_standard_finds_conditions_and_gets_them_late(pl
             }
             folder = await client.nodes.objects.get_child("0:Valves")  # for those that knew it before
             for node in (client.nodes.server, folder, valve):
-                subscription, heard = await _subscribed(client, node)
-                event = await _first(heard, SILENCE, lambda one: True)
+                subscription, heard = await subscribed(client, node)
+                event = await heard.first(SILENCE)
                 assert event.EventType in kinds
                 assert getattr(event, "ActiveState/Id") is True
                 assert event.Retain is True
@@ -180,7 +109,7 @@ def test_a_client_that_knows_the_standard_finds_conditions_and_gets_them_late(pl
                 kind = client.get_node(ua.ObjectIds.ConditionType)
                 number = ua.UInt32(subscription.subscription_id)
                 await kind.call_method("0:ConditionRefresh2", number, ua.UInt32(heard.item))
-                again = await _first(heard, SILENCE, lambda one: True)
+                again = await heard.first(SILENCE)
                 assert again.EventId == event.EventId
                 await subscription.delete()
 
@@ -189,7 +118,6 @@ def test_a_client_that_knows_the_standard_finds_conditions_and_gets_them_late(pl
 
 def test_a_client_finds_machine_and_valves_by_the_types_of_opc_40001(plant: Plant) -> None:
     """It knows OPC 40001-1, DI and the codes of UNECE, none of our names."""
-    from asyncua import Node, ua  # noqa: PLC0415 - slow to load
 
     async def work() -> None:
         async with await plant.client(plant.trusted) as client:
@@ -247,8 +175,6 @@ async def _figure(figures: Any, name: str) -> Any:
 def test_only_the_operator_acts_on_an_alarm_and_on_the_figures_and_sees_it_end_and_come_again(
     plant: Plant,
 ) -> None:
-    from asyncua import ua  # noqa: PLC0415 - slow to load
-
     acknowledge = ua.NodeId(ua.ObjectIds.AcknowledgeableConditionType_Acknowledge)
     shelve = ua.NodeId(ua.ObjectIds.AlarmConditionType_ShelvingState_TimedShelve)
     confirm = ua.NodeId(ua.ObjectIds.AcknowledgeableConditionType_Confirm)
@@ -260,10 +186,10 @@ def test_only_the_operator_acts_on_an_alarm_and_on_the_figures_and_sees_it_end_a
     async def work() -> None:
         async with (
             await plant.client(plant.trusted) as onlooker,
-            await plant.client(plant.trusted, name=OPERATOR, password=PASSWORD) as operator,
+            await plant.client(plant.trusted, **OPERATOR) as operator,
         ):
-            _, heard = await _subscribed(operator, operator.nodes.server)
-            shown = await _first(heard, SILENCE, lambda one: True)
+            _, heard = await subscribed(operator, operator.nodes.server)
+            shown = await heard.first(SILENCE)
             (machine,) = await operator.nodes.server.get_referenced_nodes(
                 ua.ObjectIds.HasNotifier, ua.BrowseDirection.Forward
             )
@@ -285,15 +211,15 @@ def test_only_the_operator_acts_on_an_alarm_and_on_the_figures_and_sees_it_end_a
             with pytest.raises(ua.uaerrors.BadConditionBranchAlreadyConfirmed):  # its cause is there
                 await condition.call_method(confirm, shown.EventId, said)
             await condition.call_method(acknowledge, shown.EventId, said)
-            await _first(heard, SILENCE, lambda one: getattr(one, "AckedState/Id") is True)
+            await heard.first(SILENCE, lambda one: getattr(one, "AckedState/Id") is True)
             with pytest.raises(ua.uaerrors.BadConditionBranchAlreadyAcked):
                 await condition.call_method(acknowledge, shown.EventId, said)
             source = plant.system.start("simulator", excitation="multisine", wait_for_subscribers=2)
             try:
-                over = await _first(heard, SILENCE, lambda one: getattr(one, "ActiveState/Id") is False)
+                over = await heard.first(SILENCE, lambda one: getattr(one, "ActiveState/Id") is False)
                 assert (over.Retain, getattr(over, "ConfirmedState/Id")) == (True, False)
                 await condition.call_method(confirm, over.EventId, said)
-                await _first(heard, SILENCE, lambda one: one.Retain is False)
+                await heard.first(SILENCE, lambda one: one.Retain is False)
                 figure = partial(_figure, figures)
                 before = await figure("StartTime")
                 await figures.call_method(reset)
@@ -306,7 +232,7 @@ def test_only_the_operator_acts_on_an_alarm_and_on_the_figures_and_sees_it_end_a
                 heard.events.clear()
             finally:
                 source.kill()
-            again = await _first(heard, SILENCE, lambda one: getattr(one, "ActiveState/Id") is True)
+            again = await heard.first(SILENCE, lambda one: getattr(one, "ActiveState/Id") is True)
             assert again.EventId not in (shown.EventId, over.EventId)
             assert (again.Retain, getattr(again, "AckedState/Id")) == (True, False)
             await until(lambda: figure("AlarmCount"), "it is counted")
@@ -316,7 +242,7 @@ def test_only_the_operator_acts_on_an_alarm_and_on_the_figures_and_sees_it_end_a
 
     def noted() -> bool:
         return any(
-            one.name == SILENCE and one.acknowledged_by == OPERATOR and one.state == one.STATE_ACKNOWLEDGED
+            (one.name, one.acknowledged_by, one.state) == (SILENCE, "anna", one.STATE_ACKNOWLEDGED)
             for message in alarms.messages
             for one in message.alarms
         )
@@ -325,15 +251,13 @@ def test_only_the_operator_acts_on_an_alarm_and_on_the_figures_and_sees_it_end_a
 
 
 def test_strangers_wrong_passwords_and_open_channels_get_nothing(plant: Plant) -> None:
-    from asyncua import Client, ua  # noqa: PLC0415 - slow to load
-
     async def work() -> None:
         refused = (ua.UaError, ConnectionError, TimeoutError, asyncio.TimeoutError)
-        stranger = await plant.client(plant.stranger, name=OPERATOR, password=PASSWORD)
+        stranger = await plant.client(plant.stranger, **OPERATOR)
         stranger.uaclient._timeout = 5.0
         with pytest.raises(refused):
             await stranger.connect()
-        wrong = await plant.client(plant.trusted, name=OPERATOR, password="a wrong secret")
+        wrong = await plant.client(plant.trusted, **OPERATOR | {"password": "a wrong secret"})
         with pytest.raises(ua.uaerrors.BadUserAccessDenied):
             await wrong.connect()
         open_one = Client(plant.url, timeout=5.0)

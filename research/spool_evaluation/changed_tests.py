@@ -39,7 +39,6 @@ ABOUT: Mapping[str, tuple[str, ...]] = {
         "spool_core.rate_check",
     ),
     "test_alarms": ("spool_monitor.alarm*", "spool_monitor.monitor_node", "spool_monitor.valve_*"),
-    "test_bridge": ("spool_monitor.listener", "spool_view.opcua_node"),
     "test_command_line": ("spool_tools.cli", "spool_tools.command", "spool_bringup.program", "setup.*"),
     "test_conditions": ("spool_view.opcua_*", "spool_monitor.listener", "spool_core.opcua_folder"),
     "test_demo": ("spool_tools.operations.demo", "spool_tools.commands.demo_command"),

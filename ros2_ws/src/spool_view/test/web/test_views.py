@@ -24,7 +24,7 @@ from spool_monitor.monitor_node import condition_status
 from spool_monitor.state_database import FILE
 from spool_monitor.state_file import valve_folder
 from spool_monitor.trend import Sums, TrendStore
-from spool_msgs.msg import Alarm, AlarmList, GapAnalysis, ModelEstimate, Quantity, ValveHealth
+from spool_msgs.msg import AlarmList, GapAnalysis, ModelEstimate, Quantity, ValveHealth
 from spool_msgs.srv import ManageBaseline
 from spool_view.acts import RateLimit
 from spool_view.application import LANGUAGES, SITE, language_of
@@ -141,20 +141,6 @@ def test_alarms_that_are_not_normal_are_shown_with_their_states() -> None:
     for code in ("en", "de", "pl"):
         assert max(len(text) for _, text in long["texts"][code]["details"]) == 2000
     assert long["texts"]["en"]["headline"] == "Resonance: amplification 4.2, limit 3.6"
-
-
-def test_browsers_get_every_value_of_an_alarm(distinct_alarm: Alarm) -> None:
-    (found,) = alarms_of(AlarmList(alarms=[distinct_alarm]))
-    texts = found.pop("texts")
-    assert found == {
-        "name": "friction_drift/coulomb_force", "code": 201, "kind": "friction_drift", "cause": "wear",
-        "state": "shelved", "underlying": "acknowledged", "severity": "warning", "letter": "F", "urgency": 3,
-        "parameter": "coulomb_force", "common": False, "occurrence": 5, "raised": 1_790_000_003,
-        "acknowledged": 1_790_000_004, "by": "Eva", "comment": "wait for the part",
-        "shelved_until": 1_890_000_006,
-    }  # fmt: skip
-    assert texts["en"]["headline"] == "Friction drift (spool): Coulomb force 0.71 N, limit 0.66 N"
-    assert [texts[code]["title"] for code in LANGUAGES] == ["Friction drift", "Reibungsdrift", "Dryf tarcia"]
 
 
 def test_browsers_get_every_value_of_a_valve() -> None:
