@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
-from rosgraph_msgs.msg import Clock
-from spool_core.node.messages import nanoseconds, to_time
+from spool_core.node.messages import nanoseconds
 from spool_msgs.msg import AccelerationBlock, ModelEstimate, ValveHealth
+from spool_sim.simulator_node import SimulatorNode
+
+from .clocked import Domains, clocked
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
     from pathlib import Path
 
     from .conftest import System, Topic
@@ -82,6 +83,7 @@ def test_the_nodes_are_managed_from_outside(system: System, tmp_path: Path) -> N
 
     system.until(lambda: estimates.first(tracking, after=begin) and health.heard, "the nodes work again")
     after = estimates.first(tracking, after=begin)
+    assert (tmp_path / "bag_1").is_dir()  # each activation has its recording
     # The estimator kept what it had learned, over a source that began again.
     assert after is not None
     assert after.message.samples >= before.samples
@@ -136,67 +138,24 @@ def become_silent(system: System, *topics: Topic) -> None:
     system.until(nothing, "silence")
 
 
-class SimulatedTime:
-    """Publishes ``/clock``."""
-
-    def __init__(self, system: System) -> None:
-        self._system = system
-        self._publisher = system.node.create_publisher(Clock, "/clock", 10)
-
-    def heard(self) -> None:
-        self._system.until(lambda: self._publisher.get_subscription_count() > 0, "somebody hears /clock")
-
-    def run(self, begin: float, seconds: float, blocks: Topic) -> list[AccelerationBlock]:
-        """Let time go on from ``begin`` s, no faster than ``blocks`` follow; return those that came.
-
-        Time that stands still sends nothing, which is waited for.
-        """
-        count = len(blocks.heard)
-        for step in range(round(seconds * 100)):
-            now = round((begin + 0.01 * step) * NANOSECONDS)
-            tries = itertools.count()
-
-            def followed(step: int = step, now: int = now, tries: Iterator[int] = tries) -> bool:
-                self._publisher.publish(Clock(clock=to_time(now)))
-                self._system.watch(0.01)
-                stamps = [nanoseconds(block.header.stamp) for block in blocks.messages[count:]]
-                if not stamps:  # it may have heard this time as the first one
-                    return step < 30 or next(tries) > 100
-                return now - max(stamps) < 200_000_000
-
-            self._system.until(followed, "blocks follow the clock")
-
-        def still() -> bool:
-            before = len(blocks.heard)
-            self._system.watch(0.5)
-            return len(blocks.heard) == before
-
-        self._system.until(still, "time stands still")
-        return blocks.messages[count:]
-
-
-def test_simulated_time_drives_the_simulator(system: System) -> None:
-    blocks = system.listen(AccelerationBlock, "/valve_1/acceleration")
-    clock = SimulatedTime(system)
-    system.start("simulator", use_sim_time=True)
-    clock.heard()
-    system.until(lambda: system.statuses("valve_1/simulator: simulation"), "the simulator is active")
-    assert system.statuses("valve_1/simulator: simulation")[-1][1].level == DiagnosticStatus.WARN
-    system.watch(1.0)
-    assert not blocks.heard
-
-    for begin in (1000.0, 500.0):
-        seen = clock.run(begin, 2.0, blocks)
-        assert len(seen) > 50
-        assert [block.sequence for block in seen] == list(range(len(seen)))
-        stamps = [nanoseconds(block.header.stamp) for block in seen]
-        assert begin * NANOSECONDS <= stamps[0] < (begin + 0.5) * NANOSECONDS
-        assert {later - earlier for earlier, later in itertools.pairwise(stamps)} == {20_000_000}
-        assert stamps[-1] <= (begin + 2.0) * NANOSECONDS
-    # Back, but not before the start.
-    seen = clock.run(501.0, 0.5, blocks)
-    assert seen[0].sequence == 0
-    assert nanoseconds(seen[0].header.stamp) >= 501 * NANOSECONDS
+def test_simulated_time_drives_the_simulator(claim_domain: Domains) -> None:
+    with clocked(claim_domain, "valve_1") as nodes:
+        nodes.listen(AccelerationBlock, "acceleration")
+        nodes.now, heard = 0, nodes.heard["acceleration"]
+        nodes.start(SimulatorNode)
+        task = "valve_1/simulator: simulation"
+        nodes.until(lambda: nodes.status(task).level == DiagnosticStatus.WARN, "it waits for the clock")
+        assert not heard
+        for begin in (1000, 500, 501):  # back, at last not to before the start
+            nodes.now = begin * NANOSECONDS
+            nodes.advance(2.0)
+            stamps = [nanoseconds(block.header.stamp) for block in heard]
+            assert len(stamps) > 80
+            assert [block.sequence for block in heard] == list(range(len(heard)))
+            assert begin * NANOSECONDS <= stamps[0] < (begin + 0.5) * NANOSECONDS
+            assert {later - earlier for earlier, later in itertools.pairwise(stamps)} == {20_000_000}
+            assert (begin + 1.8) * NANOSECONDS < stamps[-1] <= (begin + 2.0) * NANOSECONDS
+            heard.clear()
 
 
 @pytest.mark.parametrize(

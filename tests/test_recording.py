@@ -2,22 +2,15 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 import signal
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pytest
-import rclpy
-from lifecycle_msgs.msg import Transition
-from lifecycle_msgs.srv import ChangeState
 from mcap.reader import make_reader
-from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
 from rclpy.serialization import serialize_message
 from rosbags.highlevel import AnyReader
 from sensor_msgs.msg import Temperature
@@ -27,30 +20,25 @@ from spool_core.block import Block
 from spool_core.node import qos
 from spool_core.node.messages import from_block
 from spool_msgs.msg import AccelerationBlock, HealthEvent, ModelEstimate, ValveDescription
-from spool_tools.operations.node_processes import find_executable
 
-from .forks import server
+from .conftest import Process, System
 
 PERIOD = 0.0005
 SIZE = 40
 START = 1_700_000_000_000_000_000
 
 
-def block(sequence: int, *, size: int = SIZE) -> Block:
+def block(sequence: int) -> Block:
     """Return a block with distinct contents."""
-    noise = np.random.default_rng(sequence).standard_normal((2, size)).astype(np.float32)
-    return Block(START + round(sequence * size * PERIOD * 1e9), sequence, PERIOD, noise[0], noise[1])
+    noise = np.random.default_rng(sequence).standard_normal((2, SIZE)).astype(np.float32)
+    return Block(START + round(sequence * SIZE * PERIOD * 1e9), sequence, PERIOD, noise[0], noise[1])
 
 
 class Source:
     """Publishes on the test's domain and remembers the CDR of what it published."""
 
-    def __init__(self, domain: int) -> None:
-        self.context = Context()
-        rclpy.init(context=self.context, domain_id=domain)
-        self.node = Node("source", context=self.context)
-        self.executor = SingleThreadedExecutor(context=self.context)
-        self.executor.add_node(self.node)
+    def __init__(self, system: System) -> None:
+        self.system, self.node = system, system.node
         self.sent: dict[str, list[bytes]] = {}
         self._publishers: dict[str, object] = {}
 
@@ -66,11 +54,8 @@ class Source:
         self._publishers[topic].publish(data)
         self.sent[topic].append(data)
 
-    def until(self, met: Callable[[], bool], *, timeout: float = 180.0) -> None:
-        end = time.monotonic() + timeout
-        while not met():
-            assert time.monotonic() < end, "waited in vain"
-            self.executor.spin_once(timeout_sec=0.05)
+    def until(self, met: Callable[[], bool]) -> None:
+        self.system.until(met, "the recorder did its work")
 
     def listeners(self, topic: str) -> int:
         return self._publishers[topic].get_subscription_count()
@@ -79,55 +64,27 @@ class Source:
         """Wait until somebody listens to each of ``topics``."""
         self.until(lambda: all(self.listeners(topic) > 0 for topic in topics))
 
-    def close(self) -> None:
-        self.executor.shutdown()
-        self.node.destroy_node()
-        rclpy.shutdown(context=self.context)
-
 
 @pytest.fixture(name="source")
-def _source(domain_id: int) -> Iterator[Source]:
-    source = Source(domain_id)
-    yield source
-    source.close()
+def _source(system: System) -> Source:
+    return Source(system)
 
 
+@dataclass
 class Recorder:
     """The recorder as a separate process."""
 
-    def __init__(self, domain: int, folder: Path, **parameters: object) -> None:
-        self.bag = folder / "bag"
-        self._log = folder / "recorder.log"
-        given = {"output": self.bag, **parameters}.items()
-        arguments = [part for name, value in given for part in ("-p", f"{name}:={value}")]
-        with self._log.open("wb") as log:
-            self.process = server().start(
-                [str(find_executable("spool_bag", "recorder")), "--ros-args", *arguments],
-                folder=folder,
-                environment={**os.environ, "ROS_DOMAIN_ID": str(domain)},
-                output=log,
-            )
-
-    @property
-    def said(self) -> str:
-        return self._log.read_text()
-
-    def end(self, number: int) -> int:
-        self.process.send_signal(number)
-        return self.process.wait(timeout=180)
+    process: Process
+    bag: Path
 
 
 @pytest.fixture(name="record")
-def _record(domain_id: int, tmp_path: Path) -> Iterator[Callable[..., Recorder]]:
-    running: list[Recorder] = []
-
+def _record(system: System, tmp_path: Path) -> Callable[..., Recorder]:
     def start(**parameters: object) -> Recorder:
-        running.append(Recorder(domain_id, tmp_path, **parameters))
-        return running[-1]
+        bag = tmp_path / "bag"
+        return Recorder(system.start("recorder", "", output=bag, **parameters), bag)
 
-    yield start
-    for recorder in running:
-        recorder.end(signal.SIGKILL)
+    return start
 
 
 def stored(bag: Path, topic: str) -> list[bytes]:
@@ -161,11 +118,11 @@ def test_a_stopped_recording_is_complete(
         for offset, valve in enumerate(("valve_1", "valve_2")):
             sample = block(sequence + 1000 * offset)
             source.publish(f"/{valve}/acceleration", from_block(sample, valve))
-        source.executor.spin_once(timeout_sec=0.002)
+        source.system.watch(0.002)
     source.publish("/valve_1/oil_temperature", Temperature(temperature=41.5))
     source.until(lambda: all(written(recorder.bag, topic) == len(source.sent[topic]) for topic in wanted))
     source.until(lambda: written(recorder.bag, "/diagnostics") > 0)
-    assert recorder.end(number) == 0
+    assert recorder.process.end(number) == 0
 
     reader = BagReader(recorder.bag)
     assert reader.closed
@@ -209,7 +166,7 @@ def test_no_block_is_lost_where_a_part_ends(source: Source, record: Callable[...
         return len(list(recorder.bag.glob("*.mcap"))) == 6
 
     source.until(six_parts)
-    assert recorder.end(signal.SIGINT) == 0
+    assert recorder.process.end(signal.SIGINT) == 0
     assert [one.sequence for one in BagReader(recorder.bag).blocks("valve_1")] == list(range(sequence))
     assert len(stored(recorder.bag, latched)) == 1
     for number in range(5):
@@ -239,7 +196,7 @@ def test_a_killed_recording_keeps_what_was_flushed(
         source.publish(topic, from_block(block(sequence), "valve_1"))
     # Far from a full chunk: it is closed by its age.
     source.until(lambda: len(recorded()) == 100)
-    recorder.end(signal.SIGKILL)
+    recorder.process.kill()
 
     reader = BagReader(recorder.bag)
     assert not reader.closed
@@ -265,9 +222,9 @@ def test_named_valves_are_heard_from_their_first_block(
     for sequence in range(20):
         source.publish(topic, from_block(block(sequence), "valve_2"))
         source.publish("/valve_1/acceleration", from_block(block(sequence), "valve_1"))
-        source.executor.spin_once(timeout_sec=0.005)
+        source.system.watch(0.005)
     source.until(lambda: written(recorder.bag, topic) == 20 and written(recorder.bag, "/valve_2/events") == 1)
-    assert recorder.end(signal.SIGTERM) == 0
+    assert recorder.process.end(signal.SIGTERM) == 0
     assert BagReader(recorder.bag).valves == ["valve_2"]
 
 
@@ -286,47 +243,15 @@ def test_a_publisher_that_takes_the_place_of_another_is_heard_though_it_offers_l
     source.heard(topic)
     source.publish(topic, from_block(block(1), "valve_1"))
     source.until(lambda: written(recorder.bag, topic) == 2)
-    assert recorder.end(signal.SIGTERM) == 0
-
-
-def test_inactive_means_silent_and_each_activation_has_its_bag(
-    source: Source, record: Callable[..., Recorder]
-) -> None:
-    topic = "/valve_1/acceleration"
-    source.offer(topic, AccelerationBlock, qos.samples_offered(50))
-    recorder = record()
-    source.heard(topic)
-    client = source.node.create_client(ChangeState, "/recorder/change_state")
-    source.until(client.service_is_ready)
-
-    def change(transition: int) -> None:
-        done = client.call_async(ChangeState.Request(transition=Transition(id=transition)))
-        source.until(done.done)
-        assert done.result().success
-
-    source.publish(topic, from_block(block(0), "valve_1"))
-    source.until(lambda: written(recorder.bag, topic) == 1)
-    change(Transition.TRANSITION_DEACTIVATE)
-    assert BagReader(recorder.bag).closed
-    source.until(lambda: source.listeners(topic) == 0)
-    source.publish(topic, from_block(block(1), "valve_1"))
-    change(Transition.TRANSITION_ACTIVATE)
-    source.heard(topic)
-    source.publish(topic, from_block(block(2), "valve_1"))
-    second = recorder.bag.with_name("bag_1")
-    source.until(lambda: written(second, topic) == 1)
-    assert recorder.end(signal.SIGINT) == 0
-    assert [item.sequence for item in BagReader(recorder.bag).blocks("valve_1")] == [0]
-    assert [item.sequence for item in BagReader(second).blocks("valve_1")] == [2]
-    assert BagReader(second).closed
+    assert recorder.process.end(signal.SIGTERM) == 0
 
 
 def test_an_existing_bag_is_refused(record: Callable[..., Recorder], tmp_path: Path) -> None:
     (tmp_path / "bag").mkdir()
     recorder = record()
-    assert recorder.process.wait(timeout=180) == 2
-    assert "exists already" in recorder.said
-    assert "Traceback" not in recorder.said
+    assert recorder.process.popen.wait(timeout=180) == 2
+    assert "exists already" in recorder.process.said
+    assert "Traceback" not in recorder.process.said
 
 
 def test_a_removed_recording_is_begun_anew_with_what_is_latched(
@@ -347,6 +272,6 @@ def test_a_removed_recording_is_begun_anew_with_what_is_latched(
     source.heard(blocks)
     source.publish(blocks, from_block(block(1), "valve_1"))
     source.until(lambda: written(other, blocks) == 1)
-    assert recorder.end(signal.SIGINT) == 0
-    assert "was removed while it was recorded: " in recorder.said
-    assert "Traceback" not in recorder.said
+    assert recorder.process.end(signal.SIGINT) == 0
+    assert "was removed while it was recorded: " in recorder.process.said
+    assert "Traceback" not in recorder.process.said
