@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+import yaml
+from ament_index_python.packages import get_package_share_directory
 from diagnostic_msgs.msg import DiagnosticStatus
 from spool_bag.reader import BagReader
 from spool_msgs.msg import AccelerationBlock, HealthEvent, ModelEstimate, ValveHealth
@@ -105,6 +107,14 @@ def raised(cause: str) -> Callable[[HealthEvent], bool]:
 
 def cleared(event: HealthEvent) -> bool:
     return bool(event.kind == "stale" and event.state == HealthEvent.STATE_CLEARED)
+
+
+def expected_by_the_aggregator(*groups: str) -> set[str]:
+    """Return the tasks whose silence the shipped configuration of the aggregator would show."""
+    folder = Path(get_package_share_directory("spool_bringup"))
+    content = yaml.safe_load((folder / "config" / "diagnostic_aggregator.yaml").read_text(encoding="utf-8"))
+    analyzers = content["analyzers"]["ros__parameters"]
+    return {task for group in groups for task in analyzers[group]["expected"]}
 
 
 def test_recorder_killed(chain: Chain) -> None:
@@ -207,3 +217,5 @@ def test_monitor_killed(chain: Chain) -> None:
     chain.system.until(
         lambda: chain.system.statuses(task)[-1][1].level == DiagnosticStatus.OK, "the monitor is there again"
     )
+    published = {status.name for one in chain.system.diagnostics.messages for status in one.status}
+    assert expected_by_the_aggregator("valve_1", "recorder") <= published

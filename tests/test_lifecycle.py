@@ -169,6 +169,7 @@ def test_simulated_time_drives_the_simulator(claim_domain: Domains) -> None:
         ),
         ("estimator", {"memory": "long"}, "/valve_1/estimator: parameter memory must be of type double"),
         ("estimator", {"valve_file": "4weh11"}, "4weh11: no such valve"),
+        ("adapter", {"body_axis": "+q"}, "body_axis: '+q' is no axis of sensor_msgs/msg/Imu: write +x, "),
         ("simulator", {"excitation": "dance"}, "dance: no such excitation"),
         (
             "simulator",

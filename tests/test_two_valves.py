@@ -6,7 +6,15 @@ import signal
 from typing import TYPE_CHECKING
 
 import pytest
-from spool_msgs.msg import HealthEvent, ModelEstimate, Quantity, ValveDescription, ValveHealth
+from spool_core.node.messages import from_block
+from spool_estimator.estimator_node import EstimatorNode
+from spool_monitor.monitor_node import MonitorNode
+from spool_msgs.msg import AccelerationBlock, HealthEvent, ModelEstimate, Quantity, ValveHealth
+from spool_sim.excitation import PRESETS
+from spool_sim.simulator import Simulator
+from spool_sim.valve import find_valve
+
+from .clocked import START, Domains, clocked
 
 if TYPE_CHECKING:
     from .conftest import System, Topic
@@ -66,46 +74,26 @@ def test_two_valves_never_mix(system: System) -> None:
         assert known <= {valve, namespace}
 
 
-@pytest.mark.slow
-def test_a_late_monitor_gets_configuration_and_state(system: System) -> None:
-    estimates = system.listen(ModelEstimate, "/valve_1/estimate", latched=True)
-    system.start("estimator", valve_file="4weh10_stiff")
-    simulator = system.start("simulator", valve_file="4weh10_stiff", excitation="multisine")
-    system.until(
-        lambda: estimates.first(lambda estimate: estimate.state == ModelEstimate.STATE_TRACKING),
-        "the estimator has learned",
-    )
-    assert simulator.end(signal.SIGINT) == 0
-    system.until(lambda: estimates.last.state == ModelEstimate.STATE_STALE, "the estimate is held")
-    held = estimates.last
-    count = len(estimates.heard)
-
-    health = system.listen(ValveHealth, "/valve_1/health", latched=True)
-    description = system.listen(ValveDescription, "/valve_1/valve", latched=True)
-    system.start("monitor")
-    system.until(lambda: health.first(lambda state: state.header.frame_id == "4weh10_stiff"), "health comes")
-    assert description.last.spring_stiffness == 5846.0
-    known = health.first(
-        lambda state: state.natural_frequency.standard_deviation == held.natural_frequency.standard_deviation
-    )
-    assert known is not None
-    state = known.message
-    assert state.natural_frequency.value == held.natural_frequency.value
-    assert state.natural_frequency.validity == Quantity.VALIDITY_HELD
-    assert state.level == ValveHealth.LEVEL_STALE
-    assert state.dominant_frequency.validity == Quantity.VALIDITY_UNKNOWN
-    assert len(estimates.heard) == count, "no new estimate was needed for that"
-
-
-@pytest.mark.slow
-def test_a_late_monitor_of_a_valve_that_never_ran_has_its_description(system: System) -> None:
-    health = system.listen(ValveHealth, "/valve_1/health", latched=True)
-    description = system.listen(ValveDescription, "/valve_1/valve", latched=True)
-    system.start("estimator", valve_file="4weh10_stiff")
-    system.until(lambda: description.heard, "the description is latched")
-    system.start("monitor")
-    system.until(lambda: health.first(lambda state: state.header.frame_id == "4weh10_stiff"), "health comes")
-    state = health.last
-    assert state.level == ValveHealth.LEVEL_UNKNOWN
-    assert state.natural_frequency.value == pytest.approx(28.68, abs=0.01)
-    assert state.natural_frequency.validity == Quantity.VALIDITY_HELD
+@pytest.mark.parametrize("count", [0, 200])
+def test_a_late_monitor_gets_the_description_and_the_estimate_that_is_held(
+    claim_domain: Domains, count: int
+) -> None:
+    """Before the first block it has the natural frequency of the valve file."""
+    record = Simulator(find_valve("4weh10_stiff"), PRESETS["multisine"], start_stamp=START).records(4.0)
+    with clocked(claim_domain, "valve_1") as nodes:
+        nodes.listen(ModelEstimate, "estimate")
+        nodes.listen(ValveHealth, "health")
+        nodes.start(EstimatorNode, valve_file="4weh10_stiff", stale_after=0.2)
+        send, estimates = nodes.offer(AccelerationBlock, "acceleration"), nodes.heard["estimate"]
+        for block in [*record][:count]:
+            send(from_block(block, "4weh10_stiff"))
+            nodes.settle()
+        stale = ModelEstimate.STATE_STALE
+        nodes.until(lambda: not count or (estimates and estimates[-1].state == stale), "it is held")
+        nodes.start(MonitorNode, state_folder="none")
+        health = nodes.heard["health"]
+        nodes.until(lambda: health and health[-1].header.frame_id == "4weh10_stiff", "health comes")
+    found, held = health[-1].natural_frequency, estimates[-1].natural_frequency if count else None
+    assert found.value == (held.value if held else pytest.approx(28.68, abs=0.01))
+    assert found.validity == Quantity.VALIDITY_HELD
+    assert health[-1].level == (ValveHealth.LEVEL_STALE if count else ValveHealth.LEVEL_UNKNOWN)

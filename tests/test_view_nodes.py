@@ -513,18 +513,25 @@ def test_each_parameter_of_the_page_changes_what_browsers_get(
             return str(answer.read().decode())
 
     with clocked(claim_domain, "pages") as nodes:
-        both = [nodes.offer(ValveHealth, f"/valve_{number}/health", latched=True) for number in (1, 2)]
+        messages = {"valve_1/health": health(), "valve_2/health": health(), "valve_2/estimate": estimate()}
+        sent = [
+            (nodes.offer(type(message), f"/{topic}", latched=True), message)
+            for topic, message in messages.items()
+        ]
         nodes.start(PageNode, use_sim_time=False, **values)
 
         def metrics() -> str:
-            for publish in both:
-                publish(ValveHealth())
+            for publish, message in sent:
+                publish(message)
             nodes.settle()
             return get("/metrics")
 
         nodes.until(lambda: listens(port, "127.0.0.2"), "the page is served")
         nodes.until(lambda: 'spool_valve_namur_status{valve="valve_2"}' in metrics(), "the metrics")
         assert "valve_1" not in metrics()
+        nodes.until(
+            lambda: 'parameter="stiffness",bound="high"' in metrics(), "estimates, its page is closed"
+        )
         headers = {"origin": url, "authorization": f"Bearer {token.read_text().strip()}"}
         assert json.loads(get("/operator", b"", **headers))["text"] == "right"
         with urllib.request.urlopen(f"{url}/stream/valve/valve_2"):

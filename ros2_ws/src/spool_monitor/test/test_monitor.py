@@ -11,6 +11,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 from spool_core.block import Block, BlockRun, joined
+from spool_core.errors import InputError
 from spool_core.uncertainty import Validity
 from spool_estimator.estimate import State
 from spool_estimator.estimator import Estimator, settings_for
@@ -700,6 +701,11 @@ def test_five_minutes_need_no_more_memory_than_one() -> None:
     assert sizes[1][1] == sizes[0][1] == 2
     # Counters grow by a byte or two as numbers do.
     assert abs(sizes[1][0] - sizes[0][0]) < 200
+
+
+def test_a_limit_that_there_is_not_is_refused_with_those_there_are() -> None:
+    with pytest.raises(InputError, match=r"no limit 'gain_chnge'; there are: .*gain_change"):
+        Monitor(MonitorSettings(gain_chnge=0.2))
 
 
 def test_replay_counts_and_keeps_only_what_is_asked_for() -> None:

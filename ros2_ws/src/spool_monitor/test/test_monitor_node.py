@@ -488,10 +488,12 @@ def test_an_acknowledgement_survives_a_kill_and_the_end_of_the_alarm_is_seen_aft
 
 
 def test_language_latched_kinds_and_natural_frequency_hold_from_the_start(
-    start: Callable[..., DrivenMonitor],
+    start: Callable[..., DrivenMonitor], capfd: pytest.CaptureFixture[str]
 ) -> None:
     node = start(language="de", latched_kinds=["resonance"])
     node.take([*resonating(), *healthy()[60:120]])
+    (logged,) = (line for line in capfd.readouterr().err.splitlines() if "warning 100 resonance: " in line)
+    assert logged.startswith("[WARN]")
     first = from_event_message(node.sent["events"][0])
     assert node.sent["events"][0].message == headline(first, LANGUAGES["de"]) != headline(first)
     assert resonance(node).state == Alarm.STATE_LATCHED_UNACKNOWLEDGED
@@ -504,9 +506,9 @@ def test_limits_that_contradict_each_other_are_refused_together_and_change_nothi
     start: Callable[..., DrivenMonitor],
 ) -> None:
     node = start()
-    (answer,) = node.set_parameters([Parameter("amplification_off", value=1.9)])
+    (answer,) = node.set_parameters([Parameter("amplification_off", value=1.8)])
     assert not answer.successful
-    assert "amplification_off (1.9) must lie below amplification_on (1.8)" in answer.reason
+    assert "amplification_off (1.8) must lie below amplification_on (1.8)" in answer.reason
     assert node.value("amplification_off") == 1.5
     both = [Parameter("amplification_off", value=1.9), Parameter("amplification_on", value=2.5)]
     assert node.set_parameters_atomically(both).successful

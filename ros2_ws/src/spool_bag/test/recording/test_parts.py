@@ -205,6 +205,11 @@ def message(block: MakeBlock, sequence: int) -> Recorded:
     return Recorded("/valve_1/acceleration", ACCELERATION_BLOCK, START + sequence * STEP, 1, data)
 
 
+def put(one: Recording, block: MakeBlock, numbers: range) -> None:
+    for sequence in numbers:
+        one.put(message(block, sequence))
+
+
 def wait_for(met: Callable[[], bool]) -> None:
     pause = threading.Event()
     for _ in range(18_000):
@@ -221,17 +226,14 @@ def test_a_full_disk_pauses_and_recording_goes_on_by_itself(
     monkeypatch.setattr(recording_module, "_free", lambda _: free[0])
     log = Quiet()
     one = Recording(tmp_path / "bag", RecordingSettings(TEN_SECONDS, 10**9), log)
-    for sequence in range(100):
-        one.put(message(block, sequence))
+    put(one, block, range(100))
     wait_for(lambda: one.state.messages == 100)
     free[0] = 10**6
     wait_for(lambda: "minimum_free_space" in one.state.paused)
-    for sequence in range(100, 150):
-        one.put(message(block, sequence))
+    put(one, block, range(100, 150))
     free[0] = 10**12
     wait_for(lambda: one.state.paused == "")
-    for sequence in range(150, 200):
-        one.put(message(block, sequence))
+    put(one, block, range(150, 200))
     assert one.close(180.0)
     assert sequences(tmp_path / "bag") == list(range(200))
     assert one.lost == {}
@@ -296,12 +298,10 @@ def test_a_disk_that_takes_names_but_no_bytes_gets_no_file_a_try(
     full = [False]
     tries = fill(monkeypatch, lambda: full[0])
     one = Recording(tmp_path / "bag", RecordingSettings(TEN_SECONDS, flush_interval=0.05), Quiet())
-    for sequence in range(100):
-        one.put(message(block, sequence))
+    put(one, block, range(100))
     wait_for(lambda: one.state.messages == 100)
     full[0] = True
-    for sequence in range(100, 150):
-        one.put(message(block, sequence))
+    put(one, block, range(100, 150))
     wait_for(lambda: tries[0] > 1)
     open_files = len(list(Path("/proc/self/fd").iterdir()))
     wait_for(lambda: tries[0] > 30)
@@ -339,8 +339,7 @@ def test_a_loss_is_stated_once_though_the_first_tries_to_state_it_fail(
     one.put(message(block, 0))
     wait_for(lambda: one.state.messages == 1)
     full[0] = True
-    for sequence in range(1, 101):
-        one.put(message(block, sequence))
+    put(one, block, range(1, 101))
     wait_for(lambda: tries[0] > 30)
     full[0] = False
     wait_for(lambda: one.state.messages == 51)
@@ -363,12 +362,10 @@ def test_a_disk_that_others_filled_gets_room_from_the_oldest_parts(
     tries = fill(monkeypatch, is_full)
     monkeypatch.setattr(recording_module, "_free", lambda _: 0 if tries[0] and is_full() else 10**12)
     one = Recording(bag, RecordingSettings(TEN_SECONDS, 10**9, flush_interval=0.05), Quiet())
-    for sequence in range(1600):
-        one.put(message(block, sequence))
+    put(one, block, range(1600))
     wait_for(lambda: one.state.messages == 1600)
     filled[0] = True
-    for sequence in range(1600, 1700):
-        one.put(message(block, sequence))
+    put(one, block, range(1600, 1700))
     wait_for(lambda: one.state.messages == 1700)
     assert one.state.removed == 2
     assert one.close(180.0)
@@ -388,8 +385,7 @@ def test_what_finds_the_queue_full_meanwhile_is_stated(
     wait_for(lambda: one.state.messages == 1)
     free[0] = 10**6
     wait_for(lambda: "minimum_free_space" in one.state.paused)
-    for sequence in range(1, 101):
-        one.put(message(block, sequence))
+    put(one, block, range(1, 101))
     assert one.state.lost == 50
     free[0] = 10**12
     wait_for(lambda: one.state.paused == "" and one.state.waiting == 0)
@@ -420,15 +416,12 @@ def test_a_disk_that_fails_once_costs_nothing_that_is_not_stated(
     if not cut:
         monkeypatch.setattr(Output, "cut", no_cut)
     one = Recording(tmp_path / "bag", RecordingSettings(TEN_SECONDS, flush_interval=0.2), Quiet())
-    for sequence in range(200):
-        one.put(message(block, sequence))
+    put(one, block, range(200))
     wait_for(lambda: one.state.messages == 200)
     failing[0] = True
-    for sequence in range(200, 300):
-        one.put(message(block, sequence))
+    put(one, block, range(200, 300))
     wait_for(lambda: one.state.parts == 2)
-    for sequence in range(300, 400):
-        one.put(message(block, sequence))
+    put(one, block, range(300, 400))
     assert one.close(180.0)
     kept = sequences(tmp_path / "bag")
     assert set(range(400)) - set(kept) == set()  # here the page cache kept what the disk did not confirm
@@ -450,8 +443,7 @@ def test_a_part_that_cannot_be_begun_costs_nothing_and_nothing_comes_twice(
 
     monkeypatch.setattr(Output, "__init__", fails_once)
     one = Recording(tmp_path / "bag", RecordingSettings(TEN_SECONDS), Quiet())
-    for sequence in range(700):
-        one.put(message(block, sequence))
+    put(one, block, range(700))
     wait_for(lambda: one.state.messages == 700)
     assert one.close(180.0)
     assert failed
@@ -465,12 +457,10 @@ def test_a_removal_that_a_failed_write_shows_first_is_reported_as_a_removal(
     monkeypatch.setattr(recording_module, "LOOK", 1e9)  # it never looks by itself before the next part
     log = Quiet()
     one = Recording(tmp_path / "bag", RecordingSettings(TEN_SECONDS, flush_interval=0.0), log)
-    for sequence in range(100):
-        one.put(message(block, sequence))
+    put(one, block, range(100))
     wait_for(lambda: one.state.messages == 100)
     shutil.rmtree(tmp_path / "bag")
-    for sequence in range(100, 700):
-        one.put(message(block, sequence))
+    put(one, block, range(100, 700))
     wait_for(lambda: (tmp_path / "bag").exists() and one.state.paused == "" and one.state.waiting == 0)
     assert one.close(180.0)
     assert any("bag_0.mcap was removed while it was recorded" in said for said in log.said)
@@ -498,8 +488,7 @@ def test_a_recording_that_pauses_rests_between_its_tries(
     one = Recording(tmp_path / "bag", RecordingSettings(TEN_SECONDS, 10**9), Quiet())
     free[0] = 10**6
     wait_for(lambda: "minimum_free_space" in one.state.paused)
-    for sequence in range(50):
-        one.put(message(block, sequence))
+    put(one, block, range(50))
     looks[0] = turns[0] = 0
     wait_for(lambda: looks[0] >= 5)
     assert turns[0] <= 3 * looks[0]  # it takes thousands where it does not rest
@@ -562,8 +551,7 @@ def test_a_slow_disk_holds_up_nobody_and_what_it_costs_is_stated(
     monkeypatch.setattr(recording_module, "LARGEST_QUEUE", 100_000)
     one = Recording(tmp_path / "bag", RecordingSettings(TEN_SECONDS), Quiet())
     assert held.wait(180.0)
-    for sequence in range(500):
-        one.put(message(block, sequence))
+    put(one, block, range(500))
     lost = one.state.lost
     assert 0 < lost < 500
     release.set()
@@ -698,13 +686,11 @@ def test_whatever_call_fails_on_a_bad_disk_recording_goes_on_after_it(
         monkeypatch.setattr(recording_module, "_free", lambda _: 10 if failing[0] else 10**12)
     monkeypatch.setattr(recording_module, "RETRY", 0.01)
     one = Recording(tmp_path / "bag", RecordingSettings(TEN_SECONDS, 1000, flush_interval=0.05), Quiet())
-    for sequence in range(100):
-        one.put(message(block, sequence))
+    put(one, block, range(100))
     wait_for(lambda: one.state.messages == 100)
     failing[0] = True
     wait_for(lambda: one.state.paused != "")
-    for sequence in range(100, 200):
-        one.put(message(block, sequence))
+    put(one, block, range(100, 200))
     failing[0] = False
     wait_for(lambda: one.state.paused == "" and one.state.messages == 200)
     assert one.close(180.0)

@@ -170,18 +170,24 @@ def test_a_common_cause_is_one_entry_and_a_valves_own_fault_stays_its_own(
     until(lambda: len(page.query_selector_all("tr[data-alarm=data_fault]")) == 100, "the valves beneath")
 
 
+def keep_trends(station: Station, valve: str, minutes: int, **units: str) -> None:
+    """Keep the last minutes of a valve's parameters: 0.1 each."""
+    path = valve_folder(station.desk.state_folder, valve) / FILE
+    path.parent.mkdir(parents=True)
+    store, sums = TrendStore(path), Sums()
+    for minute in range(minutes):
+        for parameter, unit in units.items():
+            sums.add((NOW - 60 * minute) * 10**9, parameter, unit, 0.1)
+    store.write(sums)
+    store.close()
+
+
 def test_after_a_reload_waterfall_and_trend_are_there(
     machine: tuple[Station, str], open_page: Callable[..., Any]
 ) -> None:
     station, address = machine
     name = VALVES[0]
-    path = valve_folder(station.desk.state_folder, name) / FILE
-    path.parent.mkdir(parents=True)
-    store, sums = TrendStore(path), Sums()
-    for minute in range(50):
-        sums.add((NOW - 60 * minute) * 10**9, "coulomb_force", "N", 0.1)
-    store.write(sums)
-    store.close()
+    keep_trends(station, name, 50, coulomb_force="N")
     page = open_page(f"{address}valve/{name}", width=1280, height=900)
     lit = """() => { const c = document.getElementById("waterfall");
         const d = c.getContext("2d").getImageData(0, 0, c.width, 120).data;
@@ -200,14 +206,7 @@ def test_the_trend_is_of_the_alarms_parameter_also_where_an_earlier_answer_is_la
 ) -> None:
     station, address = machine
     name = VALVES[0]
-    path = valve_folder(station.desk.state_folder, name) / FILE
-    path.parent.mkdir(parents=True)
-    store, sums = TrendStore(path), Sums()
-    for minute in range(5):
-        for parameter, unit in (("natural_frequency", "Hz"), ("coulomb_force", "N")):
-            sums.add((NOW - 60 * minute) * 10**9, parameter, unit, 0.1)
-    store.write(sums)
-    store.close()
+    keep_trends(station, name, 5, natural_frequency="Hz", coulomb_force="N")
     one = station.desk.valves[name]
     one.alarms = AlarmList(alarms=[alarm_of(202, "friction_drift", parameter="coulomb_force")])
     one.baseline = ManageBaseline.Response(success=True, values=[quantity("coulomb_force", "N", 0.1)])

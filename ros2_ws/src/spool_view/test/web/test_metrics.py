@@ -5,8 +5,6 @@ from __future__ import annotations
 import json
 import re
 import time
-import urllib.request
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,7 +17,7 @@ from spool_view.application import application
 from spool_view.metrics import METRICS, Metrics, estimates_name, exposition
 from starlette.testclient import TestClient
 
-from .conftest import OWN, Domain, StandIn, Station, alarm, good_health, quantity, tracking, until
+from .conftest import OWN, Station, alarm, good_health, quantity, tracking
 
 PAGES = Path(__file__).resolve().parents[5] / "docs" / "metrics"
 NOW = time.monotonic()
@@ -140,24 +138,6 @@ def test_they_are_served_on_request_only_and_to_this_hosts_names_only(station: S
     assert client.get("/metrics", headers={"host": "evil.example"}).status_code == 421
     assert client.get("/metrics", headers={"origin": "http://evil.example"}).status_code == 403
     assert client.post("/metrics", headers={"origin": OWN}).status_code == 405
-
-
-def test_the_node_serves_estimates_of_valves_whose_page_is_closed(
-    domain: Domain, stand_in: Callable[[str], StandIn]
-) -> None:
-    first = stand_in("press/left")
-    stand_in("valve_2").health.level = ValveHealth.LEVEL_ALARM
-    _, address = domain.page(metrics="true")
-
-    def text() -> str:
-        with urllib.request.urlopen(f"{address}metrics") as answer:
-            return str(answer.read().decode())
-
-    until(lambda: text().count('parameter="coulomb_force",bound="high"') == 2, "both valves")
-    until(lambda: 'spool_valve_condition{valve="valve_2"} 7' in text(), "the alarm")
-    first.close()
-    until(lambda: 'spool_valve_condition{valve="press/left"} 6' in text(), "no word of it")
-    assert "coulomb_force" not in "".join(line for line in text().splitlines() if "press/left" in line)
 
 
 def served_names() -> set[str]:

@@ -89,31 +89,6 @@ def test_the_margin_to_resonance_says_which_side() -> None:
     assert (silent["margin"], silent["shakes"], silent["natural"], silent["summary"]) == (None,) * 4
 
 
-def test_estimates_stand_against_baseline_and_limits() -> None:
-    one = valve()
-    one.estimate = tracking()
-    one.baseline = ManageBaseline.Response(success=True, version=2, stage="frozen", frozen_by="Eva")
-    one.baseline.values = [
-        quantity("viscous_coefficient", "N s/m", 8.0, 0.05),
-        quantity("coulomb_force", "N", 0.09, 0.005),
-    ]
-    one.limits = {"resonance_band": 0.15}
-    one.bounds = {
-        "viscous_coefficient_low_N_s_per_m": 7.2, "viscous_coefficient_high_N_s_per_m": 8.8,
-        "coulomb_force_low_N": 0.07, "coulomb_force_high_N": 0.11,
-        "spring_stiffness_low_N_per_m": math.nan, "spring_stiffness_high_N_per_m": math.nan,
-    }  # fmt: skip
-    detail = detail_of(one, 100.0)
-    stiffness, viscous, coulomb = detail["estimate"]["parameters"]
-    assert stiffness["baseline"] is None
-    assert (viscous["low"], viscous["high"], viscous["change"]) == (7.2, 8.8, 2.5)
-    assert (coulomb["low"], coulomb["high"]) == (0.07, 0.11)
-    assert (stiffness["low"], stiffness["high"]) == (None, None)
-    assert (viscous["text"], viscous["half"]) == ("8.20", "0.20")
-    assert detail["resonance"]["band"] == 15.0
-    assert detail_of(one, 200.0)["estimate"]["state"] == "stale"
-
-
 def test_the_viscous_coefficient_is_compared_at_the_reference_temperature() -> None:
     one = valve()
     one.estimate = tracking()
@@ -155,7 +130,8 @@ def test_browsers_get_every_value_of_a_valve() -> None:
     health.amplification = number("amplification", 3.0)
     one = HeardValve("v", health, 100.0)
     one.estimate = ModelEstimate(
-        model="stribeck", state=ModelEstimate.STATE_NOT_EXCITED, parameters=[number("mass", 0.2, "kg")],
+        model="stribeck", state=ModelEstimate.STATE_NOT_EXCITED,
+        parameters=[number("mass", 0.2, "kg"), number("force", 0.5, "N")],
         lost_blocks=7, refused_blocks=5, relative_displacement=number("relative_displacement", 4e-4, "m"),
         **{name: number(name, 11.0 + place) for place, name in enumerate(others)},
     )  # fmt: skip
@@ -167,7 +143,8 @@ def test_browsers_get_every_value_of_a_valve() -> None:
         state=GapAnalysis.STATE_DONE, verdict="play", sentence="It has play.", window=60.0, json="{}",
         confidence=number("confidence", 0.9),
     )  # fmt: skip
-    one.gap.header.stamp.sec, one.limits, one.bounds = 42, {"resonance_band": 0.15}, {"mass_low_kg": 0.1}
+    one.gap.header.stamp.sec, one.limits = 42, {"resonance_band": 0.15}
+    one.bounds = {"mass_low_kg": 0.1, "mass_high_kg": 0.3, "force_low_N": math.nan}
     detail = detail_of(one, 100.0)
     estimate, resonance = detail.pop("estimate"), detail.pop("resonance")
     assert detail == {
@@ -193,8 +170,11 @@ def test_browsers_get_every_value_of_a_valve() -> None:
         },
         "relative_displacement": (0.4, pytest.approx(0.00784, rel=1e-4), "mm"),
     }
-    (mass,) = estimate["parameters"]
-    assert (mass["value"], mass["baseline"]["value"], mass["low"], mass["high"]) == (0.2, 0.16, 0.1, None)
+    mass, force = estimate["parameters"]
+    assert (mass["value"], mass["baseline"]["value"], mass["low"], mass["high"]) == (0.2, 0.16, 0.1, 0.3)
+    assert (mass["text"], mass["half"]) == ("0.2000", "0.0039")
+    assert (force["baseline"], force["low"], force["high"]) == (None, None, None)
+    assert detail_of(one, 200.0)["estimate"]["state"] == "stale"
     assert (mass["change"], mass["compared"], mass["validity"]) == (25.0, None, "valid")
 
 
