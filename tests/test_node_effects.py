@@ -250,6 +250,7 @@ def test_every_field_of_the_description_is_that_of_the_valve_file(estimating: Es
 def test_the_estimator_s_diagnostics_count_faults_and_show_the_estimate(estimating: Estimating) -> None:
     last = estimating[0].heard["estimate"][-1]
     told = {one.name: f"{one.value:.6g}" for one in (*last.parameters, last.oil_temperature)}
+    assert estimating[0].status("estimate").level == Level.WARNING.value
     assert estimating[0].numbers("estimate") == {
         **{f"fault_{fault.name.lower()}": "0" for fault in Fault},
         **{"fault_lengths_differ": "4", "fault_bad_period": "2", "fault_not_finite": "3"},
