@@ -149,7 +149,7 @@ def _workspace(layout: Layout, done: SetupState, environment: Mapping[str, str])
 def _executables_there(layout: Layout, package: str) -> bool:
     """Whether every console script that a package's setup.py names is installed."""
     setup = layout.workspace / "src" / package / "setup.py"
-    text = setup.read_text() if setup.exists() else ""
+    text = setup.read_text("utf-8") if setup.exists() else ""
     # Entry points of other groups come after the list.
     scripts = text.partition("console_scripts")[2].partition("]")[0]
     names = [part.split("=")[0].strip() for part in scripts.split('"') if f" = {package}." in part]

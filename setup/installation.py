@@ -176,7 +176,7 @@ class Installation:
             for name, end in ends.items():
                 if end() != 0:
                     log = self._runner.log(name)
-                    raise packages.failure("the kernels could not be compiled", log.read_text(), log)
+                    raise packages.failure("the kernels could not be compiled", log.read_text("utf-8"), log)
         self._done.warmed = True
         requirements.save(self._layout, self._done)
 
@@ -191,7 +191,7 @@ def _has_to_build(layout: Layout, done: requirements.SetupState, wanted: dict[st
 @contextmanager
 def _alone(layout: Layout) -> Iterator[int]:
     """Hold the set-up's lock; wait, and say so, where another one holds it."""
-    with layout.lock_file.open("a") as file:
+    with layout.lock_file.open("a", encoding="utf-8") as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:

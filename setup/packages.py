@@ -33,7 +33,7 @@ def locked(lock: Path) -> dict[str, str]:
     minor = sys.version_info[1]
     tests = {"<": minor.__lt__, ">=": minor.__ge__, "==": minor.__eq__}
     found = {}
-    for line in lock.read_text().splitlines():
+    for line in lock.read_text("utf-8").splitlines():
         if match := PIN.match(line):
             # Conditions on the Python version; the locks know no others on Linux.
             bounds = VERSION_BOUND.findall(match[3] or "")
@@ -111,11 +111,11 @@ def install(layout: Layout, environment: Mapping[str, str], runner: Runner) -> N
     pip: list[str | Path] = [layout.python, "-m", "pip", "install", "--no-deps", "--require-hashes"]
     pip += ["--retries", "1", "--timeout", "20", "--progress-bar", "off"]
     pip += ["--disable-pip-version-check", "--no-input", "--no-warn-script-location", "-r"]
-    named = UV.search(layout.requirements.read_text())
+    named = UV.search(layout.requirements.read_text("utf-8"))
     settings = uv_settings(pip_settings(layout, environment))
     if named and settings is not None:
         own = layout.notes / "uv.txt"
-        own.write_text(named[0] + "\n")
+        own.write_text(named[0] + "\n", "utf-8")
         # A node starts in half the time with bytecode, also where Python may not write it itself.
         uv: list[str | Path] = [layout.venv / "bin" / "uv", "pip", "install", "--compile-bytecode"]
         uv += ["--no-deps", "--require-hashes", "--no-progress", "--python", layout.python]

@@ -158,7 +158,7 @@ class SetupState:
 def load(layout: Layout) -> SetupState:
     """The stamp, or an empty one where there is none or it cannot be read."""
     try:
-        data = json.loads(layout.state_file.read_text())
+        data = json.loads(layout.state_file.read_text("utf-8"))
         return SetupState(**{entry.name: data[entry.name] for entry in fields(SetupState)})
     except (OSError, ValueError, KeyError, TypeError):
         return SetupState()
@@ -168,5 +168,5 @@ def save(layout: Layout, state: SetupState) -> None:
     """Write the stamp in one move, so that a kill leaves the old or the new one."""
     layout.notes.mkdir(parents=True, exist_ok=True)
     new = layout.state_file.with_suffix(".new")
-    new.write_text(json.dumps(asdict(state), indent=1))
+    new.write_text(json.dumps(asdict(state), indent=1), "utf-8")
     os.replace(new, layout.state_file)

@@ -167,7 +167,7 @@ def cmake_dependents(source: Path, changed: set[str]) -> set[str]:
     """`changed` with every compiled package that depends on one of them, directly or not."""
     found = set(changed)
     folders = [path.parent for path in source.glob("*/CMakeLists.txt")]
-    manifests = {folder.name: (folder / "package.xml").read_text() for folder in folders}
+    manifests = {folder.name: (folder / "package.xml").read_text("utf-8") for folder in folders}
     while True:
         more = {
             name

@@ -94,7 +94,7 @@ class Process:
 
     @property
     def said(self) -> str:
-        return self.log.read_text(errors="replace")
+        return self.log.read_text(errors="replace", encoding="utf-8")
 
     def end(self, number: int = signal.SIGINT) -> int:
         """Send a signal and return the exit code."""

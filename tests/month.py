@@ -45,7 +45,7 @@ class Log:
 
 def resident() -> int:
     """Return the resident memory, kB."""
-    lines = Path("/proc/self/status").read_text().splitlines()
+    lines = Path("/proc/self/status").read_text("utf-8").splitlines()
     return int(next(line for line in lines if line.startswith("VmRSS")).split()[1])
 
 

@@ -137,7 +137,7 @@ def aggregated(heard: Iterable[Heard], now: float) -> dict[str, int]:
     a STALE one among others it is ERROR. It shows no "/" of a name, and removes the prefix.
     """
     stale, error = (int.from_bytes(one, "little") for one in (DiagnosticStatus.STALE, DiagnosticStatus.ERROR))
-    settings = yaml.safe_load(ANALYZERS.read_text())["analyzers"]["ros__parameters"]
+    settings = yaml.safe_load(ANALYZERS.read_text("utf-8"))["analyzers"]["ros__parameters"]
     root, shown = settings.pop("path"), {}
     received = [(one.arrival, status) for one in heard for status in one.message.status]
     for analyzer in settings.values():

@@ -63,7 +63,7 @@ def test_the_records_are_fresh_and_hide_only_what_a_library_can_hold(peer):
 def test_the_benchmark_runs_on_any_seed(peer, monkeypatch, tmp_path):
     monkeypatch.setattr(peer, "PEERS", {"PySINDy STLSQ": False})
     run_bench("gap", tmp_path / "bench.json", seed=40_000, cases=1)
-    assert "from seed 40000" in (tmp_path / "bench.json").read_text()
+    assert "from seed 40000" in (tmp_path / "bench.json").read_text("utf-8")
 
 
 def test_errors_are_shown_where_there_are_any():

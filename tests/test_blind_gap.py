@@ -209,6 +209,6 @@ def test_a_record_that_is_bad_in_part_is_judged_with_a_warning(name: str, tmp_pa
     write_record(record, *spoiling.spoil(case.time, case.body, case.spool))
     code = main(["gap", str(record), "--valve", str(tmp_path / "valve.yaml"), "--json", str(found)])
     assert code in (0, 1)
-    result = json.loads(found.read_text())
+    result = json.loads(found.read_text("utf-8"))
     assert any(word in line for word in spoiling.words for line in result["warnings"]), result["warnings"]
     assert set(result["verdict"].split("+")) <= {"coulomb_friction", "unexplained"}

@@ -123,7 +123,7 @@ def test_export_writes_every_sample(bag: Path, tmp_path: Path) -> None:
 def work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The working directory, with a folder `here` that holds a file."""
     (tmp_path / "here").mkdir()
-    (tmp_path / "here" / "kept").write_text("mine")
+    (tmp_path / "here" / "kept").write_text("mine", "utf-8")
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -153,7 +153,7 @@ def test_wrong_input_ends_in_one_line_and_2(
     said = capfd.readouterr().err
     assert expected in said
     assert len(said.strip().splitlines()) == 1
-    assert (work / "here" / "kept").read_text() == "mine"
+    assert (work / "here" / "kept").read_text("utf-8") == "mine"
     assert not (work / "new").exists()
 
 
@@ -295,7 +295,7 @@ def test_run_starts_a_node_that_ends_by_a_signal(system: System, tmp_path: Path,
     finally:
         process.kill()
         process.wait()
-    assert "Traceback" not in (tmp_path / "log").read_text()
+    assert "Traceback" not in (tmp_path / "log").read_text("utf-8")
 
 
 def _named(process: int, *words: str) -> list[int]:

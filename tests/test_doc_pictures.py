@@ -14,7 +14,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
 PICTURES = ROOT / "docs" / "pictures"
-STATED = json.loads((PICTURES / "labels.json").read_text())
+STATED = json.loads((PICTURES / "labels.json").read_text("utf-8"))
 
 
 @pytest.mark.parametrize("name", sorted(STATED))
@@ -25,7 +25,8 @@ def test_a_picture_is_the_one_whose_labels_are_stated(name: str) -> None:
 @pytest.mark.parametrize("name", ["gap_report.png", "what_if.png"])
 def test_a_report_still_has_the_labels_of_its_picture(name: str) -> None:
     source = "".join(
-        path.read_text() for path in sorted((ROOT / "ros2_ws/src/spool_report/spool_report").rglob("*.py"))
+        path.read_text("utf-8")
+        for path in sorted((ROOT / "ros2_ws/src/spool_report/spool_report").rglob("*.py"))
     )
     missing = [label for label in STATED[name]["labels"] if label not in source]
     assert not missing, "make the picture again, as above"

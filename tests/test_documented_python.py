@@ -63,7 +63,7 @@ def spool_python(*arguments: str, entered: str = "") -> subprocess.CompletedProc
 
 def test_spool_python_passes_all_arguments_to_python(tmp_path: Path) -> None:
     script = tmp_path / "script.py"
-    script.write_text("import sys, spool_gap\nprint(sys.argv[1:])\nsys.exit(3)\n")
+    script.write_text("import sys, spool_gap\nprint(sys.argv[1:])\nsys.exit(3)\n", "utf-8")
     done = spool_python(str(script), "--help", "-x", "record")
     assert (done.returncode, done.stdout) == (3, "['--help', '-x', 'record']\n")
     assert spool_python("-c", "import sys; print(sys.argv[1:])", "--json").stdout == "['--json']\n"

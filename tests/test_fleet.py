@@ -69,7 +69,7 @@ def workers_of(process: subprocess.Popen[bytes]) -> list[int]:
     """Return the processes of the pool, without that which tracks resources."""
     found = []
     for entry in Path(f"/proc/{process.pid}/task").glob("*/children"):
-        for child in entry.read_text().split():
+        for child in entry.read_text("utf-8").split():
             command = Path(f"/proc/{child}/cmdline").read_bytes()
             if b"spawn_main" in command:
                 found.append(int(child))

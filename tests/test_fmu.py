@@ -259,7 +259,8 @@ def test_a_model_that_states_all_values_needs_no_valve(
     model = tmp_path / "whole.yaml"
     model.write_text(
         "name: whole\nterms: [inertia, spring, viscous_friction]\n"
-        "parameters: {mass: 0.2, spring_stiffness: 1500, viscous_coefficient: 4}\n"
+        "parameters: {mass: 0.2, spring_stiffness: 1500, viscous_coefficient: 4}\n",
+        "utf-8",
     )
     assert main(["export", str(model), "--fmu", str(tmp_path / "whole.fmu")]) == 0
     assert "no input oil_temperature, as no oil is named" in capsys.readouterr().out

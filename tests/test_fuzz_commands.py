@@ -84,18 +84,21 @@ def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
     bag = str(folder / "bag")
     assert main(["simulate", "--out", bag, "--seconds", "4", "--excitation", "multisine"]) == 0
     assert main(["export", bag, "--out", str(folder / "exported.csv")]) == 0
-    rows = (folder / "exported.csv").read_text().splitlines()
+    rows = (folder / "exported.csv").read_text("utf-8").splitlines()
     columns = rows[0].split(",")
     wanted = [columns.index(name) for name in ("time_s", "body_m_s2", "spool_m_s2")]
     kept = [",".join(row.split(",")[index] for index in wanted) for row in rows]
-    (folder / "record.csv").write_text("\n".join(kept) + "\n")
+    (folder / "record.csv").write_text("\n".join(kept) + "\n", "utf-8")
     (folder / "valve.yaml").write_bytes(VALVE.read_bytes())
     (folder / "model.yaml").write_text(
         "name: mine\nterms: [inertia, spring, viscous_friction, coulomb_friction]\nparameters:\n"
-        "  coulomb_force: 0.3\n"
+        "  coulomb_force: 0.3\n",
+        "utf-8",
     )
-    (folder / "excitation.yaml").write_text("kind: steady_sine\nfrequency: 20.0\namplitude: 5.0\n")
-    (folder / "sensors.yaml").write_text("body:\n  noise: 0.01\nspool:\n  noise: 0.01\n  gain_error: 0.1\n")
+    (folder / "excitation.yaml").write_text("kind: steady_sine\nfrequency: 20.0\namplitude: 5.0\n", "utf-8")
+    (folder / "sensors.yaml").write_text(
+        "body:\n  noise: 0.01\nspool:\n  noise: 0.01\n  gain_error: 0.1\n", "utf-8"
+    )
     (folder / "state" / "valve_1" / "monitor").mkdir(parents=True)
     store = TrendStore(folder / "state" / "valve_1" / "monitor" / "trends.sqlite")
     sums = Sums()
@@ -203,7 +206,7 @@ def test_bags(good: Path, folder: Callable[[], Path], data: Any, command: str) -
         put(part, data.draw(damaged(part.read_bytes())))
     else:
         description = here / "bag" / "metadata.yaml"
-        text = description.read_text()
+        text = description.read_text("utf-8")
         put(description, data.draw(st.one_of(damaged(text.encode(), 200), odd_text(text).map(str.encode))))
     more: dict[str, tuple[str, ...]] = {
         "info": ("--json", "result.json"),
@@ -219,7 +222,7 @@ def test_bags(good: Path, folder: Callable[[], Path], data: Any, command: str) -
 @given(data=st.data(), kind=st.sampled_from(["valve", "model", "excitation", "sensors"]))
 def test_yaml_files(good: Path, folder: Callable[[], Path], data: Any, kind: str) -> None:
     here = folder()
-    text = (good / f"{kind}.yaml").read_text()
+    text = (good / f"{kind}.yaml").read_text("utf-8")
     content = data.draw(st.one_of(odd_text(text).map(str.encode), damaged(text.encode(), 40)))
     put(here / f"{kind}.yaml", content)
     check(here, "simulate", "--out", "bag", "--seconds", "1", f"--{kind}", f"{kind}.yaml")

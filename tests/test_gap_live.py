@@ -60,7 +60,8 @@ def test_a_gap_that_opens_raises_its_event(system: System, tmp_path: Path) -> No
     hardening = tmp_path / "hardening.yaml"
     hardening.write_text(
         "name: hardening\nterms: [inertia, spring, viscous_friction, cubic_stiffness]\n"
-        "parameters: {cubic_coefficient: 8.0e8}\n"
+        "parameters: {cubic_coefficient: 8.0e8}\n",
+        "utf-8",
     )
     events = system.listen(HealthEvent, "/valve_1/events", latched=True)
     estimates = system.listen(ModelEstimate, "/valve_1/estimate", latched=True)

@@ -114,7 +114,7 @@ def _feed(system: System) -> Feed:
 @pytest.fixture(name="host")
 def _host(system: System, tmp_path: Path) -> Callable[..., Process]:
     valves = tmp_path / "valves.yaml"
-    valves.write_text("".join(f"- {{namespace: {name}}}\n" for name in VALVES))
+    valves.write_text("".join(f"- {{namespace: {name}}}\n" for name in VALVES), "utf-8")
 
     def start(program: str, *words: str, params_file: str = "", **parameters: str) -> Process:
         parameters.setdefault("valves_file", str(valves))
@@ -149,7 +149,7 @@ def test_each_node_is_there_as_in_a_process_of_its_own(
         "/valve_1/estimator": {"memory": 2.0},
     }
     text = yaml.safe_dump({name: {"ros__parameters": values} for name, values in sections.items()})
-    (tmp_path / "my.yaml").write_text(text)
+    (tmp_path / "my.yaml").write_text(text, "utf-8")
     process = host(PLAIN, "--processes", "2", params_file=str(tmp_path / "my.yaml"))
     feed.until(feed.heard, "all valves are heard")
     feed.until(lambda: all(len(one.heard) >= 8 for one in told.values()), "all valves are estimated")
@@ -189,17 +189,17 @@ def test_a_host_runs_the_sources_itself_and_others_hear_them_as_well(
     told = estimates(system)
     heard = system.listen(AccelerationBlock, "/valve_1/acceleration")
     # Few blocks: a machine that is too busy for more would lose some.
-    (tmp_path / "my.yaml").write_text("/**: {ros__parameters: {block_rate: 10.0}}\n")
-    listed = (tmp_path / "valves.yaml").read_text()
+    (tmp_path / "my.yaml").write_text("/**: {ros__parameters: {block_rate: 10.0}}\n", "utf-8")
+    listed = (tmp_path / "valves.yaml").read_text("utf-8")
     stiff = "- {namespace: valve_0, valve_file: 4weh10_stiff}"
-    (tmp_path / "valves.yaml").write_text(listed.replace("- {namespace: valve_0}", stiff))
+    (tmp_path / "valves.yaml").write_text(listed.replace("- {namespace: valve_0}", stiff), "utf-8")
     process = host(PLAIN, source="simulator", params_file=str(tmp_path / "my.yaml"))
     system.until(lambda: all(len(one.heard) >= 5 for one in told.values()), "all valves are estimated")
     system.until(lambda: len(heard.heard) > 50, "others hear the blocks")
     sequences = [to_block(message).sequence for message in heard.messages]
     assert sequences == sorted(set(sequences))
     # With data sharing each of the readers, ten a valve, would have a thread.
-    threads = [task.read_text() for task in Path(f"/proc/{process.popen.pid}/task").glob("*/comm")]
+    threads = [task.read_text("utf-8") for task in Path(f"/proc/{process.popen.pid}/task").glob("*/comm")]
     assert not [name for name in threads if name.startswith("dds.dsha")]
     for name, topic in told.items():
         assert system.state(f"/{name}/simulator") == "active"
@@ -229,8 +229,8 @@ def test_a_host_runs_the_sources_itself_and_others_hear_them_as_well(
 def test_what_a_host_cannot_do_is_refused_in_a_line(
     host: Callable[..., Process], tmp_path: Path, words: list[str], parameters: dict[str, str], said: str
 ) -> None:
-    (tmp_path / "my.yaml").write_text("/**: {ros__parameters: {memry: 3.0}}\n")
-    (tmp_path / "none.yaml").write_text("[]")
+    (tmp_path / "my.yaml").write_text("/**: {ros__parameters: {memry: 3.0}}\n", "utf-8")
+    (tmp_path / "none.yaml").write_text("[]", "utf-8")
     process = host(PLAIN, *words, **parameters)
     assert process.popen.wait(180) == 2
     assert any(said in line for line in process.said.splitlines())
@@ -269,7 +269,7 @@ def test_a_hundred_namespaces_answer_for_their_life_cycles(
     system: System, host: Callable[..., Process], tmp_path: Path
 ) -> None:
     names = [f"valve_{number}" for number in range(100)]
-    (tmp_path / "valves.yaml").write_text("".join(f"- {{namespace: {name}}}\n" for name in names))
+    (tmp_path / "valves.yaml").write_text("".join(f"- {{namespace: {name}}}\n" for name in names), "utf-8")
     process = host(PLAIN, "--processes", "4")
     for name in names:
         for node in ("estimator", "monitor"):

@@ -113,7 +113,7 @@ def until(met: object, what: str) -> None:
 
 def test_an_interrupted_run_leaves_no_process(tmp_path: Path) -> None:
     """Ctrl-C, the end of a session, and kill -9 of the runner."""
-    (tmp_path / "test_lasting.py").write_text(LASTING)
+    (tmp_path / "test_lasting.py").write_text(LASTING, "utf-8")
     runs: dict[int, subprocess.Popen[bytes]] = {}
     started = {number: tmp_path / f"started_{number}" for number in (SIGINT, SIGTERM, SIGKILL)}
     try:

@@ -108,7 +108,9 @@ class Node:
                 }
                 values = {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}
                 file = folder / f"launch_params_{len(list(folder.iterdir()))}"
-                file.write_text(yaml.dump({section: {"ros__parameters": values}}, default_flow_style=False))
+                file.write_text(
+                    yaml.dump({section: {"ros__parameters": values}}, default_flow_style=False), "utf-8"
+                )
                 words += ["--params-file", str(file)]
             else:
                 words += ["--params-file", str(parameters)]
@@ -322,7 +324,7 @@ def test_a_section_that_reaches_no_node_of_the_launch_is_refused(
     description: LaunchDescription, tmp_path: Path, section: str
 ) -> None:
     params = tmp_path / "mine.yaml"
-    params.write_text(f"{section}:\n  ros__parameters: {{coulomb_change: 0.3}}\n")
+    params.write_text(f"{section}:\n  ros__parameters: {{coulomb_change: 0.3}}\n", "utf-8")
     with pytest.raises(ValueError, match=rf"section /?{section} is for no node of this launch: write"):
         nodes(description, PACKAGE / "config" / "valves.yaml", params_file=str(params))
 
@@ -331,7 +333,7 @@ def test_a_file_for_one_kind_of_node_is_given_to_these_nodes_alone(
     description: LaunchDescription, tmp_path: Path
 ) -> None:
     params = tmp_path / "mine.yaml"
-    params.write_text("/**/monitor:\n  ros__parameters: {coulomb_change: 0.3}\n")
+    params.write_text("/**/monitor:\n  ros__parameters: {coulomb_change: 0.3}\n", "utf-8")
     made = nodes(description, PACKAGE / "config" / "valves.yaml", params_file=str(params))
     assert {node.executable for node in made if str(params) in node.parameters} == {"monitor"}
 
@@ -470,6 +472,6 @@ def _commands_of_launch_ros(valves: Path, given: Mapping[str, str]) -> Iterator[
 def _resolved(words: list[str]) -> list[str]:
     """Return a command line with the contents of parameter files instead of their names."""
     return [
-        Path(word).read_text() if before == "--params-file" else word
+        Path(word).read_text("utf-8") if before == "--params-file" else word
         for before, word in zip(["", *words], words, strict=False)
     ]

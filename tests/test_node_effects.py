@@ -41,7 +41,7 @@ from .clocked import START, STEP, Clocked, Domains, clocked
 Adapting: TypeAlias = tuple[Clocked, Aligner, list[Block]]
 Estimating: TypeAlias = tuple[Clocked, StreamEstimator]
 
-VALVE = shipped_valves()["4weh10_stiff"].read_text()
+VALVE = shipped_valves()["4weh10_stiff"].read_text("utf-8")
 #: rev/min at 0 and 60 s; the pump's second order meets the valve.
 SHAKING = "{kind: machine_orders, speed_profile: [[0, 850], [60, 910]], orders: [[2, 6], [1, 2]]}\n"
 RECORD: dict[str, Any] = {"sample_rate": 1000.0, "seed": 5}
@@ -50,8 +50,8 @@ RECORD: dict[str, Any] = {"sample_rate": 1000.0, "seed": 5}
 @pytest.fixture(scope="module", name="valve")
 def _valve(tmp_path_factory: pytest.TempPathFactory) -> str:
     path = tmp_path_factory.mktemp("valve") / "valve.yaml"
-    path.write_text(VALVE + "components:\n- {name: pump, pistons: 9}\n")
-    path.with_name("shaking.yaml").write_text(SHAKING)
+    path.write_text(VALVE + "components:\n- {name: pump, pistons: 9}\n", "utf-8")
+    path.with_name("shaking.yaml").write_text(SHAKING, "utf-8")
     return str(path)
 
 

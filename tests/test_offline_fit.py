@@ -62,8 +62,8 @@ def test_the_study_writes_what_it_counted(tmp_path: Path) -> None:
     assert all(abs(entry.score) < 5.0 for entry in told)
     stiffnesses = [entry for entry in told if entry.quantity == "spring_stiffness"]
     assert all(abs(entry.error) < 0.01 for entry in stiffnesses)
-    counted = json.loads((tmp_path / "estimation.json").read_text())["summary"]
+    counted = json.loads((tmp_path / "estimation.json").read_text("utf-8"))["summary"]
     assert counted[-1]["fits"] == len(told)
-    page = (tmp_path / "estimation_study.md").read_text()
+    page = (tmp_path / "estimation_study.md").read_text("utf-8")
     assert "`./spool study estimation --cases 2 --seed 1 --out DIR`" in page
     assert (tmp_path / "estimation_scores.png").stat().st_size > 1000

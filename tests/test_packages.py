@@ -92,7 +92,7 @@ def declared(package: Path, tags: set[str]) -> set[str]:
 def imported(files: list[Path]) -> dict[str, Path]:
     found: dict[str, Path] = {}
     for file in files:
-        for node in ast.walk(ast.parse(file.read_text())):
+        for node in ast.walk(ast.parse(file.read_text("utf-8"))):
             if isinstance(node, ast.Import):
                 names = [alias.name for alias in node.names]
             elif isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:
@@ -141,7 +141,7 @@ class TestPackage:
         """A package is released by itself."""
         assert manifest(package).find("license").get("file") == "LICENSE"
         assert (package / "LICENSE").read_bytes() == (SOURCE.parent.parent / "LICENSE").read_bytes()
-        assert f"Changelog for package {package.name}" in (package / "CHANGELOG.rst").read_text()
+        assert f"Changelog for package {package.name}" in (package / "CHANGELOG.rst").read_text("utf-8")
 
     def test_imports_are_declared(self, package: Path):
         files = [*(package / package.name).rglob("*.py"), *(package / "launch").glob("*.py")]
@@ -163,7 +163,7 @@ def test_dependencies_have_no_cycle():
 )
 def test_colcon_finds_the_tests(package: Path):
     """`colcon test` runs pytest where setup.py names it for tests, else unittest, which finds none."""
-    text = (package / "setup.py").read_text()
+    text = (package / "setup.py").read_text("utf-8")
     calls = [node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Call)]
     (extras,) = [word.value for call in calls for word in call.keywords if word.arg == "extras_require"]
     assert ast.literal_eval(extras) == {"test": ["pytest"]}
@@ -171,7 +171,7 @@ def test_colcon_finds_the_tests(package: Path):
 
 def test_what_the_nodes_need_from_pip_is_in_the_documented_command():
     """Distributions have no rosbags and no mcap, and old releases of pydantic and typer."""
-    readme = (SOURCE / "spool_bringup" / "README.md").read_text()
+    readme = (SOURCE / "spool_bringup" / "README.md").read_text("utf-8")
     (line,) = [line for line in readme.splitlines() if "pip install" in line and "pydantic" in line]
     wanted = {word.strip("'").partition(">=")[0] for word in line.partition("install")[2].split()}
     assert wanted >= {"pydantic", "rosbags", "mcap-ros2-support"}
@@ -180,7 +180,7 @@ def test_what_the_nodes_need_from_pip_is_in_the_documented_command():
 
 
 def test_what_has_no_rosdep_key_is_documented():
-    readme = (SOURCE / "spool_bringup" / "README.md").read_text()
+    readme = (SOURCE / "spool_bringup" / "README.md").read_text("utf-8")
     for name in FROM_PIP:
         assert name in readme
 
@@ -195,7 +195,7 @@ def test_tests_of_a_copied_package_can_be_imported(package: Path):
     for path in files:
         relative = [
             node.level
-            for node in ast.parse(path.read_text()).body
+            for node in ast.parse(path.read_text("utf-8")).body
             if isinstance(node, ast.ImportFrom) and node.level
         ]
         assert not relative or (path not in alone and max(relative) == 1), path

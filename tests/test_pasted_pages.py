@@ -73,7 +73,7 @@ def parse(words: Sequence[str]) -> None:
     context = command.make_context(words[0], list(words[1:]))
     for name, value in context.params.items():
         if name in OUTPUTS and isinstance(value, Path):
-            value.write_text("made by the test")
+            value.write_text("made by the test", "utf-8")
 
 
 @pytest.fixture
@@ -91,7 +91,7 @@ def test_commands_on_records_work_one_after_the_other(
     run = []
     for one in pasted():
         if one.written:
-            (folder / one.words[1]).write_text(one.written)
+            (folder / one.words[1]).write_text(one.written, "utf-8")
         elif one.command in LONG and not long:
             parse(one.words)
         elif one.command not in LIVE | NOT_RUN.keys():

@@ -17,7 +17,7 @@ ROW = re.compile(
 #: Name of the bag -> moving mass (kg), stiffness (N/m), viscous coefficient (N s/m), Coulomb force (N).
 TRUTH = {
     name: (float(mass), float(k), float(c), 0.0 if force == "none" else float(force.split()[0]))
-    for name, mass, k, c, force in ROW.findall((BAGS / "README.md").read_text())
+    for name, mass, k, c, force in ROW.findall((BAGS / "README.md").read_text("utf-8"))
 }
 
 

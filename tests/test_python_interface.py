@@ -43,7 +43,7 @@ def test_a_fit_has_the_numbers_of_the_command(fitted: spool.Fit, tmp_path: Path)
     written = tmp_path / "fit.json"
     arguments = ["fit", str(BAG), "--valve", "4weh10_soft", "--model", "coulomb", "--json", str(written)]
     assert main(arguments) == 0
-    assert fitted.to_dict() == json.loads(written.read_text())
+    assert fitted.to_dict() == json.loads(written.read_text("utf-8"))
     assert fitted.parameters["coulomb_force"]["unit"] == "N"
     assert "coulomb force" in fitted.summary()
     assert "coulomb force" in fitted._repr_html_()
@@ -63,7 +63,7 @@ def test_a_notebook_gets_a_result_once_and_as_its_own_text(
 
 def test_a_result_is_saved_once_and_by_its_ending(fitted: spool.Fit, tmp_path: Path) -> None:
     fitted.save(tmp_path / "fit.json")
-    assert json.loads((tmp_path / "fit.json").read_text()) == fitted.to_dict()
+    assert json.loads((tmp_path / "fit.json").read_text("utf-8")) == fitted.to_dict()
     with pytest.raises(spool.InputError, match="already exists"):
         fitted.save(tmp_path / "fit.json")
     fitted.save(tmp_path / "fit.json", replace=True)
@@ -88,7 +88,7 @@ def test_a_replay_and_a_check_have_the_numbers_of_the_commands(tmp_path: Path) -
     ):
         written = tmp_path / f"{name}.json"
         main([name, str(BAG), *options, "--json", str(written)])
-        assert result.to_dict() == json.loads(written.read_text())
+        assert result.to_dict() == json.loads(written.read_text("utf-8"))
 
 
 def test_a_simulated_record_is_one_like_any_other() -> None:
@@ -159,7 +159,9 @@ def test_wrong_input_is_one_type_of_error_with_one_line(wrong) -> None:
 
 def test_every_option_that_a_message_names_becomes_an_argument() -> None:
     """In the sources of all messages; what follows an option there may be filled in."""
-    sources = "".join(path.read_text() for path in (ROOT / "ros2_ws" / "src").glob("spool_*/spool_*/**/*.py"))
+    sources = "".join(
+        path.read_text("utf-8") for path in (ROOT / "ros2_ws" / "src").glob("spool_*/spool_*/**/*.py")
+    )
     found = {line.strip() for line in sources.splitlines() if re.search(r"--[a-z]", line)}
     assert len(found) > 300
     assert [line for line in found if re.search(r"(?<!-)--[a-z]", in_python(line))] == []
@@ -244,7 +246,7 @@ def test_a_gap_has_the_numbers_of_the_command(tmp_path: Path) -> None:
     record = spool.simulate("4weh10_soft", "coulomb", "multisine", 20.0)
     found = spool.gap(record)
     assert main(["gap", str(record.path), "--json", str(tmp_path / "gap.json")]) == 0
-    assert found.to_dict() == json.loads((tmp_path / "gap.json").read_text())
+    assert found.to_dict() == json.loads((tmp_path / "gap.json").read_text("utf-8"))
     assert found.verdict == "coulomb_friction"
     assert found.summary().splitlines()[0].startswith("coulomb_friction")
     found.save(tmp_path / "gap.html")

@@ -10,8 +10,8 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = sorted(path.parent for path in (ROOT / "ros2_ws" / "src").glob("*/package.xml"))
-DECLARATION = (ROOT / "QUALITY_DECLARATION.md").read_text()
-CI = (ROOT / ".ci" / "run").read_text()
+DECLARATION = (ROOT / "QUALITY_DECLARATION.md").read_text("utf-8")
+CI = (ROOT / ".ci" / "run").read_text("utf-8")
 
 
 def text(package: Path, tag: str) -> str:
@@ -32,9 +32,9 @@ def test_one_semantic_version() -> None:
 
 @pytest.mark.parametrize("package", PACKAGES, ids=lambda path: path.name)
 def test_a_package_has_readme_license_and_tests(package: Path) -> None:
-    assert len((package / "README.md").read_text()) > 500
+    assert len((package / "README.md").read_text("utf-8")) > 500
     assert text(package, "license") == "Apache-2.0"
-    assert "Apache License" in (package / "LICENSE").read_text()
+    assert "Apache License" in (package / "LICENSE").read_text("utf-8")
     if (package / "setup.py").exists():
         assert list((package / "test").rglob("test_*.py"))
 
@@ -46,14 +46,14 @@ def test_ci_runs_tests_linters_and_types() -> None:
 
 def test_everything_locked_has_hashes() -> None:
     for lock in (ROOT / "requirements").glob("*.lock"):
-        entries = re.split(r"\n(?=[A-Za-z0-9])", lock.read_text())
+        entries = re.split(r"\n(?=[A-Za-z0-9])", lock.read_text("utf-8"))
         assert all("--hash=sha256:" in entry for entry in entries if "==" in entry.partition("\n")[0])
 
 
 def test_the_platforms_are_those_of_the_launcher() -> None:
-    assert "Python 3.10 to 3.13" in (ROOT / "README.md").read_text()
-    assert "versions='3.10 to 3.13'" in (ROOT / "spool").read_text()
+    assert "Python 3.10 to 3.13" in (ROOT / "README.md").read_text("utf-8")
+    assert "versions='3.10 to 3.13'" in (ROOT / "spool").read_text("utf-8")
 
 
 def test_security_says_how_to_report() -> None:
-    assert "security@" in (ROOT / "SECURITY.md").read_text()
+    assert "security@" in (ROOT / "SECURITY.md").read_text("utf-8")

@@ -58,7 +58,7 @@ def test_each_run_that_differs_or_is_missing_is_named(
     for folder, results in (("before", (RESULT, RESULT, gone)), ("after", (RESULT, changed))):
         (tmp_path / folder).mkdir()
         for number, result in enumerate(results):
-            (tmp_path / folder / f"{number}.json").write_text(json.dumps(result))
+            (tmp_path / folder / f"{number}.json").write_text(json.dumps(result), "utf-8")
     assert compare(tmp_path / "before", tmp_path / "after", 0.0) == 2
     assert capsys.readouterr().out.splitlines() == [
         "fit bag: exit: 0 -> 2", f"gap bag: only in {tmp_path / 'before'}", "1 of 3 runs are equal",

@@ -137,7 +137,9 @@ class TestBeforeSetUp:
     def test_python_too_old(self, fresh: Path, tmp_path: Path):
         old = tmp_path / "python-old"
         pretend = "import sys; sys.version_info = (3, 9, 1); exec(sys.argv[1])"
-        old.write_text(f'#!/bin/sh\n[ "$1" = -c ] && exec "{PYTHON}" -c \'{pretend}\' "$2"\nexit 1\n')
+        old.write_text(
+            f'#!/bin/sh\n[ "$1" = -c ] && exec "{PYTHON}" -c \'{pretend}\' "$2"\nexit 1\n', "utf-8"
+        )
         old.chmod(0o755)
         assert_one_line(
             spool(fresh, "demo", SPOOL_PYTHON=str(old)), str(old), "no working Python 3.10 to 3.13"
@@ -151,7 +153,8 @@ class TestBeforeSetUp:
         new = tmp_path / "python-new"
         pretend = "import sys; sys.version_info = (3, 14, 0); exec(sys.argv[1])"
         new.write_text(
-            f'#!/bin/sh\n[ "$1" = -c ] && exec "{PYTHON}" -c \'{pretend}\' "$2"\necho taken; exit 0\n'
+            f'#!/bin/sh\n[ "$1" = -c ] && exec "{PYTHON}" -c \'{pretend}\' "$2"\necho taken; exit 0\n',
+            "utf-8",
         )
         new.chmod(0o755)
         result = spool(fresh, "demo", SPOOL_PYTHON=str(new), ROS_DISTRO=distribution)
@@ -167,7 +170,7 @@ class TestBeforeSetUp:
     def test_a_shim_that_fails_is_passed_over(self, fresh: Path, tmp_path: Path):
         path = folder_of_tools(tmp_path / "bin", *TOOLS)
         for name in ("python3", "python3.13"):
-            (tmp_path / "bin" / name).write_text("#!/bin/sh\nexit 127\n")
+            (tmp_path / "bin" / name).write_text("#!/bin/sh\nexit 127\n", "utf-8")
             (tmp_path / "bin" / name).chmod(0o755)
         (tmp_path / "second").mkdir()
         (tmp_path / "second" / "python3").symlink_to(PYTHON)
@@ -251,7 +254,7 @@ class TestBeforeSetUp:
     def test_second_set_up_waits(self, fresh: Path, tmp_path: Path):
         notes = fresh / ".setup" / "on_wheels"
         notes.mkdir(parents=True)
-        with (notes / "busy.lock").open("w") as lock:
+        with (notes / "busy.lock").open("w", encoding="utf-8") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)
             process = start(fresh, "demo", PATH=folder_of_tools(tmp_path / "bin", *TOOLS))
             read_until(process, "another set-up is at work")
@@ -355,7 +358,7 @@ class TestPackagesThatDoNotCome:
     ):
         if there:
             make_wheel(tmp_path)
-        (fresh / "requirements" / "wheels.lock").write_text(f"tiny==1.0 --hash=sha256:{'0' * 64}\n")
+        (fresh / "requirements" / "wheels.lock").write_text(f"tiny==1.0 --hash=sha256:{'0' * 64}\n", "utf-8")
         given = {"PIP_NO_INDEX": "1", "PIP_FIND_LINKS": str(tmp_path), "PIP_CONFIG_FILE": os.devnull}
         assert_one_line(spool(fresh, "demo", **given), *said)
 
@@ -419,7 +422,7 @@ def assert_ended_as_interrupted(process: subprocess.Popen[str]) -> None:
 def run_inside(folder: Path, code: str, **changes: str) -> str:
     """What a piece of Python prints in the environment that the set-up hands over."""
     probe = folder / "test_probe.py"
-    probe.write_text(f"def test_probe():\n    {code}\n")
+    probe.write_text(f"def test_probe():\n    {code}\n", "utf-8")
     result = spool(folder, "test", "-q", "-s", "-p", "no:cacheprovider", str(probe), **changes)
     probe.unlink()
     assert result.returncode == 0, result.stdout + result.stderr
@@ -441,13 +444,13 @@ class TestSetUp:
 
     def test_only_what_changed_is_built(self, set_up: Path):
         setup = set_up / "ros2_ws/src/spool_sim/setup.py"
-        setup.write_text(setup.read_text() + "\n")
+        setup.write_text(setup.read_text("utf-8") + "\n", "utf-8")
         result = spool(set_up, "test", "--version")
         assert "[1/1] building spool_sim ..." in result.stderr
         assert spool(set_up, "test", "--version").stderr == ""
 
     def test_python_sources_need_no_build(self, set_up: Path):
-        (set_up / "ros2_ws/src/spool_sim/spool_sim/new_module.py").write_text("VALUE = 42\n")
+        (set_up / "ros2_ws/src/spool_sim/spool_sim/new_module.py").write_text("VALUE = 42\n", "utf-8")
         assert "42" in run_inside(set_up, "import spool_sim.new_module as m; print(m.VALUE)")
         assert spool(set_up, "test", "--version").stderr == ""
 
@@ -459,10 +462,10 @@ class TestSetUp:
 
     def test_build_failure_names_package_and_log(self, set_up: Path):
         message = set_up / "ros2_ws/src/spool_msgs/msg/Quantity.msg"
-        good = message.read_text()
-        message.write_text(good + "no_such_type value\n")
+        good = message.read_text("utf-8")
+        message.write_text(good + "no_such_type value\n", "utf-8")
         result = spool(set_up, "test", "--version")
-        message.write_text(good)
+        message.write_text(good, "utf-8")
         assert result.returncode == 2
         assert result.stderr.splitlines()[-1].startswith("spool: spool_msgs did not build")
         assert "build.log" in result.stderr.splitlines()[-1]
@@ -488,7 +491,7 @@ class TestSetUp:
                 shutil.rmtree(package)
         for package in ("spool_monitor", "spool_gap"):
             for name in ("__init__", "warm_up"):
-                (source / package / package / f"{name}.py").write_text("")
+                (source / package / package / f"{name}.py").write_text("", "utf-8")
         variables = source_wheels(set_up / ".venv", tmp_path / "ros")
         result = spool(folder, "test", "--version", **variables)
         assert result.returncode == 0, result.stderr
@@ -518,11 +521,11 @@ def source_wheels(venv: Path, folder: Path) -> dict[str, str]:
     folder.mkdir()
     site = next((venv / "lib").glob("python3.*/site-packages"))
     for record in site.glob("ros_*.dist-info/RECORD"):
-        for line in record.read_text().splitlines():
+        for line in record.read_text("utf-8").splitlines():
             name = line.split(",")[0].split("/")[0]
             if name not in ("..", "") and not (folder / name).exists() and (site / name).exists():
                 (folder / name).symlink_to(site / name)
-    state = json.loads((venv.parent / ".setup/on_wheels/state.json").read_text())
+    state = json.loads((venv.parent / ".setup/on_wheels/state.json").read_text("utf-8"))
     libraries = state["environment"]["LD_LIBRARY_PATH"].split(os.pathsep)
     return {
         "ROS_DISTRO": "jazzy",

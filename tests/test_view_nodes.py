@@ -532,7 +532,7 @@ def test_each_parameter_of_the_page_changes_what_browsers_get(
         nodes.until(
             lambda: 'parameter="stiffness",bound="high"' in metrics(), "estimates, its page is closed"
         )
-        headers = {"origin": url, "authorization": f"Bearer {token.read_text().strip()}"}
+        headers = {"origin": url, "authorization": f"Bearer {token.read_text('utf-8').strip()}"}
         assert json.loads(get("/operator", b"", **headers))["text"] == "right"
         with urllib.request.urlopen(f"{url}/stream/valve/valve_2"):
             nodes.until(lambda: told, "the recording is read")

@@ -133,7 +133,7 @@ def test_off_a_terminal_lines_a_baseline_and_an_analysis_come_by_command(
     file = tmp_path / "gap.json"
     analysed = system.spool("analyse", "valve_1", "--json", str(file))
     assert analysed.returncode == 0, analysed.stderr
-    assert json.loads(file.read_text())["verdict"] in analysed.stdout
+    assert json.loads(file.read_text("utf-8"))["verdict"] in analysed.stdout
     nobody = system.spool("analyse", "valve_9")
     assert nobody.returncode == 2
     assert "no active estimator answers in /valve_9" in nobody.stderr

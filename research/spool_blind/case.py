@@ -300,8 +300,8 @@ def write(case: BlindCase, folder: Path) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
     record = folder / "record.csv.gz"
     write_record(record, case.time, case.body, case.spool)
-    (folder / "valve.yaml").write_text(valve_text(case))
-    (folder / "truth.json").write_text(json.dumps(truth_of(case), indent=1))
+    (folder / "valve.yaml").write_text(valve_text(case), "utf-8")
+    (folder / "truth.json").write_text(json.dumps(truth_of(case), indent=1), "utf-8")
     return record
 
 
@@ -316,7 +316,7 @@ def write_record(path: Path, time: Array, body: Array, spool: Array) -> None:
         with gzip.open(path, "wt", compresslevel=1) as file:
             file.write(text)
     else:
-        path.write_text(text)
+        path.write_text(text, "utf-8")
 
 
 def limit_case(seed: int, hidden: str, *, moderate: bool = False) -> BlindCase | None:

@@ -69,7 +69,7 @@ def package(root: Path, environment: dict[str, str], arguments: list[str]) -> in
         target = out / f"{NAME}_{version}_amd64.deb"
         _run(["dpkg-deb", "--root-owner-group", "-Zzstd", "--build", str(stage), str(target)], environment)
     bill = out / f"{NAME}_{version}.cdx.json"
-    bill.write_text(json.dumps(bill_of_materials(root, version), indent=1) + "\n")
+    bill.write_text(json.dumps(bill_of_materials(root, version), indent=1) + "\n", "utf-8")
     say(f"{target}: {target.stat().st_size / 1e6:.0f} MB, {sizes / 1e6:.0f} MB installed")
     say(f"{bill}: its contents (CycloneDX)")
     return 0
@@ -77,12 +77,12 @@ def package(root: Path, environment: dict[str, str], arguments: list[str]) -> in
 
 def locked(path: Path) -> dict[str, str]:
     """Return the versions by name that a lock, or a list of requirements, names."""
-    return dict(_LOCKED.findall(path.read_text()))
+    return dict(_LOCKED.findall(path.read_text("utf-8")))
 
 
 def bill_of_materials(root: Path, version: str) -> dict[str, Any]:
     """Return the bill of the suite at ``version``: every package of ``wheels.lock`` with its hashes."""
-    text = (root / "requirements" / "wheels.lock").read_text()
+    text = (root / "requirements" / "wheels.lock").read_text("utf-8")
     entries = re.split(r"\n(?=[A-Za-z0-9])", text)
     components = []
     for entry in entries:
@@ -142,7 +142,7 @@ def needed_packages(stage: Path) -> list[str]:
 
 
 def _version(root: Path) -> str:
-    text = (root / "ros2_ws/src/spool_bringup/package.xml").read_text()
+    text = (root / "ros2_ws/src/spool_bringup/package.xml").read_text("utf-8")
     released = text.partition("<version>")[2].partition("</version>")[0]
     made = subprocess.run(
         ["git", "log", "-1", "--format=%cd.%h", "--date=format:%Y%m%d%H%M%S"],
@@ -206,7 +206,7 @@ def _fill(root: Path, stage: Path, version: str) -> int:
         shutil.copy2(source, control / source.name)
         (control / source.name).chmod(0o755)
     kept = sorted(path for path in (stage / "etc").rglob("*") if path.is_file())
-    (control / "conffiles").write_text("".join(f"/{path.relative_to(stage)}\n" for path in kept))
+    (control / "conffiles").write_text("".join(f"/{path.relative_to(stage)}\n" for path in kept), "utf-8")
     size = sum(path.lstat().st_size for path in stage.rglob("*") if not path.is_dir())
     needed = ", ".join(["python3 (>= 3.11)", "python3 (<< 3.12)", "adduser", *needed_packages(stage)])
     (control / "control").write_text(

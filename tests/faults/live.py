@@ -257,7 +257,7 @@ class Session:
             for number in sorted(self.source.sent)
             if number not in kept and number > first and self.source.sent[number] < ended - 1.0
         ]
-        said = self.log.read_text(errors="replace")
+        said = self.log.read_text(errors="replace", encoding="utf-8")
         stated = sum(int(line.split()[0]) for line in reader.warnings if "messages were not recorded" in line)
         unfinished = sum("not finished" in line for line in reader.warnings)
         heard = sorted(self.source.sent[number] for number in kept if number in self.source.sent)

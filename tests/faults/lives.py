@@ -111,7 +111,7 @@ class Rig:
             os.dup2(log, 2)
             code = 1
             try:
-                got.write_text(json.dumps(act(self.place)))
+                got.write_text(json.dumps(act(self.place)), "utf-8")
                 code = 0
             except BaseException:
                 traceback.print_exc()
@@ -123,7 +123,7 @@ class Rig:
         if code:
             self.disk.tell()
             raise RuntimeError(f"it ended with {code}")
-        return json.loads(got.read_text())
+        return json.loads(got.read_text("utf-8"))
 
     def judged(self, mode: str, number: int) -> Lived:
         """Return what the failure of the ``number``-th call cost."""
@@ -133,7 +133,7 @@ class Rig:
         except Exception as error:  # a process that ended, or files that nobody can read afterwards
             got, kept = self.got, {}
             wrong.append(f"{type(error).__name__}: {error}")
-        said = (self.folder / "log").read_text(errors="replace")
+        said = (self.folder / "log").read_text(errors="replace", encoding="utf-8")
         if got != self.got and not any(words in said for words in self.process.excuses):
             wrong.append(f"others got {got}")
         if "Traceback" in said or "Exception" in said:

@@ -43,7 +43,7 @@ class OpcUaLife:
 
     def kept(self, disk: Path) -> dict[str, dict[str, Any]]:
         """Return what the folder holds: the server changes nothing."""
-        return {"folder": {path.name: path.read_text() for path in disk.iterdir() if path.is_file()}}
+        return {"folder": {path.name: path.read_text("utf-8") for path in disk.iterdir() if path.is_file()}}
 
     def stated(self, said: str) -> set[str]:
         """Return nothing."""

@@ -92,7 +92,7 @@ class PageLife:
 
     def kept(self, disk: Path) -> dict[str, dict[str, Any]]:
         """Return what the log holds of the acts."""
-        lines = (disk / LOG).read_text().splitlines() if (disk / LOG).exists() else []
+        lines = (disk / LOG).read_text("utf-8").splitlines() if (disk / LOG).exists() else []
         acts = [json.loads(line) for line in lines if line.endswith("}")]
         return {
             "acts": {f"{one['step']} {one['who']}": 1 for one in acts},

@@ -41,6 +41,6 @@ def test_at_most_a_second_is_lost_nothing_unstated_nothing_made_up(
     if "SPOOL_FAULTS_TABLE" in os.environ:
         made = made_by(f"SPOOL_FAULTS={COUNT} .ci/nightly")
         head = HEAD.format(made=made, count=len(outcomes), seed=SEED)
-        Path(os.environ["SPOOL_FAULTS_TABLE"]).write_text(f"{head}\n{text}")
+        Path(os.environ["SPOOL_FAULTS_TABLE"]).write_text(f"{head}\n{text}", "utf-8")
     assert len(outcomes) >= COUNT
     assert [one for one in outcomes if not one.held] == []

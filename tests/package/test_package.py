@@ -36,8 +36,8 @@ def facts(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, str]]:
     newer(package, work / "content", work / "dist" / "2.deb")
     command = ["unshare", "--mount", "--pid", "--net", "--uts", "--ipc", "--fork"]
     subprocess.run([*command, "bash", str(HERE / "boot.sh"), str(work)], timeout=1500, check=False)
-    print((work / "io" / "trial.log").read_text())
-    lines = (work / "io" / "facts").read_text().splitlines()
+    print((work / "io" / "trial.log").read_text("utf-8"))
+    lines = (work / "io" / "facts").read_text("utf-8").splitlines()
     yield {name: value.strip() for name, _, value in (line.partition(" ") for line in lines)}
     shutil.rmtree(work)
 
@@ -46,8 +46,8 @@ def newer(package: Path, content: Path, to: Path) -> None:
     """Repack a package as a later version with one file more."""
     subprocess.run(["dpkg-deb", "-R", str(package), str(content)], check=True)
     control = content / "DEBIAN" / "control"
-    control.write_text(re.sub(r"(?m)^Version: .*$", f"Version: {NEWER}", control.read_text()))
-    (content / "opt" / "spool" / "NEWER").write_text("newer\n")
+    control.write_text(re.sub(r"(?m)^Version: .*$", f"Version: {NEWER}", control.read_text("utf-8")), "utf-8")
+    (content / "opt" / "spool" / "NEWER").write_text("newer\n", "utf-8")
     subprocess.run(["dpkg-deb", "--root-owner-group", "-Zzstd", "-z1", "--build", content, to], check=True)
     shutil.rmtree(content)
 

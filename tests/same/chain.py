@@ -265,7 +265,7 @@ def pages(address: str) -> Iterator[tuple[str, dict[str, Any]]]:
         "/stream/machine", "/stream/valve/valve_1", "/nothing",
     ):  # fmt: skip
         yield f"page: GET {path}", asked(address, path)
-    token = next(Path("state").rglob("token_*")).read_text().strip()
+    token = next(Path("state").rglob("token_*")).read_text("utf-8").strip()
     act = {"act": "acknowledge", "valve": "valve_1", "alarm": "data_fault", "occurrence": 1, "who": "Eva"}
     body, kind = json.dumps(act | {"comment": "x"}), {"Content-Type": "application/json", "Origin": address}
     allowed = kind | {"Authorization": f"Bearer {token}"}

@@ -166,7 +166,7 @@ class Collection:
         command = [str(self.tree / "spool"), "python", str(HERE / "chain.py"), str(folder)]
         pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "env": self.environment, "text": True}
         with (
-            (self.out / "nodes.log").open("w+") as log,
+            (self.out / "nodes.log").open("w+", encoding="utf-8") as log,
             subprocess.Popen(command, stderr=log, **pipes) as chain,
         ):
             ready, _, domain = chain.stdout.readline().strip().partition(" ")

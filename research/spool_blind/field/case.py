@@ -309,8 +309,8 @@ def write_field(case: FieldCase, folder: Path) -> tuple[Path, Path]:
     """Write ``record.csv.gz``, ``valve.yaml`` and ``truth.json`` into ``folder``; return the first two."""
     folder.mkdir(parents=True, exist_ok=True)
     write_record(folder / RECORD, case.time, case.body, case.spool)
-    (folder / VALVE).write_text(valve_text(case))
-    (folder / TRUTH).write_text(json.dumps(field_truth_of(case), indent=1))
+    (folder / VALVE).write_text(valve_text(case), "utf-8")
+    (folder / TRUTH).write_text(json.dumps(field_truth_of(case), indent=1), "utf-8")
     return folder / RECORD, folder / VALVE
 
 

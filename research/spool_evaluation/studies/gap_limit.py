@@ -58,7 +58,7 @@ def run(
     limits = sorted(done, key=lambda one: wanted.index((one.effect, one.seed)))
     renew_json(out / "gap_limits.json", limits)
     page = write_study(limits, out, study_command("gap-limit", cases, seed))
-    print(page.read_text())
+    print(page.read_text("utf-8"))
     return limits
 
 

@@ -43,7 +43,7 @@ def run(cases: int, seed: int, out: Path, workers: int | None = None) -> list[Sc
     numbers = {case.seed: number for number, case in enumerate(scenarios)}
     done = spread(run_case, scenarios, "scenarios", workers)
     outcomes = sorted(done, key=lambda one: numbers[one.seed])
-    print(write_study(outcomes, out, study_command("monitor", cases, seed)).read_text())
+    print(write_study(outcomes, out, study_command("monitor", cases, seed)).read_text("utf-8"))
     for one in outcomes:
         if one.false or any(math.isnan(delay) for delay in one.delays):
             print(f"{one.kind}, number {numbers[one.seed]}: delays {one.delays}, false {one.false}")

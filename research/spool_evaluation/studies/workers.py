@@ -72,7 +72,7 @@ def resumed(
     """
     version, row_of = suite_version(), TypeAdapter(kind)
     kept, others, wanted = dict[Item, Result](), set[Item](), set(items)
-    text = path.read_text() if path.exists() else ""
+    text = path.read_text("utf-8") if path.exists() else ""
     for line in text.splitlines():
         with suppress(ValueError, KeyError, TypeError):  # cut off, or of a version with other rows
             row = json.loads(line)
@@ -85,7 +85,7 @@ def resumed(
         print(f"{path}: {again} rows are of another version or of changed sources, and are computed again")
     yield from kept.values()
     missing = [item for item in items if item not in kept]
-    with path.open("a") as file:
+    with path.open("a", encoding="utf-8") as file:
         file.write("" if text.endswith("\n") or not text else "\n")
         for one in spread(work, missing, f"{len(missing)} {what}", workers):
             row = {"version": version, "row": row_of.dump_python(one)}

@@ -27,7 +27,7 @@ SOURCES = sorted(Path(spool_blind.__file__).parent.rglob("*.py"))
 @pytest.mark.parametrize("source", SOURCES, ids=lambda path: path.name)
 def test_nothing_of_the_suite_is_shared_but_the_compiler(source):
     names = []
-    for node in ast.walk(ast.parse(source.read_text())):
+    for node in ast.walk(ast.parse(source.read_text("utf-8"))):
         if isinstance(node, ast.Import):
             names += [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom) and node.level == 0:

@@ -76,7 +76,7 @@ def _repository(tmp_path: Path) -> Path:
     """Return a repository of one package whose files are all committed."""
     for name, text in FILES.items():
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
-        (tmp_path / name).write_text(text)
+        (tmp_path / name).write_text(text, "utf-8")
     subprocess.run(["git", "init", "-q"], cwd=tmp_path, check=True)
     commit(tmp_path)
     return tmp_path
@@ -104,7 +104,7 @@ def test_a_change_reaches_the_tests_that_use_what_it_changes(
     repository: Path, file: str, old: str, new: str, reached: set[str]
 ) -> None:
     path = repository / file
-    path.write_text(path.read_text().replace(old, new))
+    path.write_text(path.read_text("utf-8").replace(old, new), "utf-8")
     found = Repository(repository)
     names = found.tests_reached(found.changed_since("HEAD"))
     assert set(names) == {f"{TESTS}/test_a.py::test_of_a_{name}" for name in reached}
@@ -115,7 +115,7 @@ def test_only_what_is_reached_is_run_by_workers_too(repository: Path, workers: s
     shutil.copy(ROOT / "conftest.py", repository)
     commit(repository)
     path = repository / PACKAGE / "laws.py"
-    path.write_text(path.read_text().replace("return 1", "return 2"))
+    path.write_text(path.read_text("utf-8").replace("return 1", "return 2"), "utf-8")
     source = os.pathsep.join((str(repository / PACKAGE).rpartition("/")[0], os.environ["PYTHONPATH"]))
     words = ["-m", "pytest", "-q", "-p", "no:cacheprovider", "-n", workers, "--changed"]
     done = subprocess.run(
@@ -139,7 +139,7 @@ def test_a_commit_that_does_not_exist_is_refused_in_one_line(repository: Path) -
 def test_tests_that_start_nodes_are_listed_with_modules_that_exist() -> None:
     sources = Repository(ROOT).sources
     files = (ROOT / "tests").glob("test_*.py")
-    assert {path.stem for path in files if "system.start(" in path.read_text()} <= ABOUT.keys()
+    assert {path.stem for path in files if "system.start(" in path.read_text("utf-8")} <= ABOUT.keys()
     for test, patterns in ABOUT.items():
         assert f"tests.{test}" in sources
         for pattern in patterns:

@@ -14,7 +14,7 @@ def _page(tmp_path: Path) -> Path:
     """Return a page on which a replay took 1 s where the reference took 0.1 us."""
     page = tmp_path / "page.md"
     table = markdown_of([Timing("replay", "real time", 1.0, 300.0), Timing("refit", "real time", 0.5, 4.0)])
-    page.write_text(f"# Title\n\n{table}\n\n{reference_line(1e-7)}\n")
+    page.write_text(f"# Title\n\n{table}\n\n{reference_line(1e-7)}\n", "utf-8")
     return page
 
 
@@ -36,6 +36,6 @@ def test_work_that_got_dearer_is_named_in_units_of_the_reference(
 )
 def test_a_page_that_cannot_be_compared_with_is_refused(tmp_path: Path, text: str, reason: str) -> None:
     page = tmp_path / "page.md"
-    page.write_text(text)
+    page.write_text(text, "utf-8")
     with pytest.raises(InputError, match=reason):
         dearer(page, [Timing("replay", "real time", 1.0, 300.0).cells()], 1e-7)

@@ -151,8 +151,8 @@ def test_a_sample_of_the_study_is_found_in_time_and_nothing_else(number: int) ->
 def test_a_study_writes_its_page_and_every_outcome(tmp_path: Path) -> None:
     missed = [judge(case, []) for case in draw_cases(2, 1)]
     page = write_study(missed, tmp_path, "./spool study monitor")
-    assert "./spool study monitor" in page.read_text()
-    assert len(json.loads((tmp_path / "monitor_study.json").read_text())) == 2
+    assert "./spool study monitor" in page.read_text("utf-8")
+    assert len(json.loads((tmp_path / "monitor_study.json").read_text("utf-8"))) == 2
 
 
 def test_the_table_counts_what_was_missed_and_what_was_false() -> None:

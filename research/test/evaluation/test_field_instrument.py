@@ -81,7 +81,7 @@ def test_the_page_counts_the_reasons_of_wrong_verdicts(tmp_path: Path) -> None:
         row("coulomb_friction", "none", why=Diagnosis(NEVER, 812.3, "coulomb_friction")),
         row("coulomb_friction", "coulomb_friction"),
     ]
-    text = diagnosis_page(rows, tmp_path, "./spool study field --diagnose").read_text()
+    text = diagnosis_page(rows, tmp_path, "./spool study field --diagnose").read_text("utf-8")
     assert "1 of 2 verdicts are wrong" in text
     assert f"| {NEVER} | 1 | {MEANINGS[NEVER]} |" in text
     assert "| 812 |" in text

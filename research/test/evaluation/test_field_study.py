@@ -166,7 +166,7 @@ def test_a_confidence_that_is_a_frequency_beats_the_base_rate():
 
 def test_the_page_names_its_window_and_every_case_that_went_wrong(tmp_path: Path):
     rows = [row("none", "none", confidence=0.9), row("a", "b", seed=8, nuisances=(HUM,), confidence=0.8)]
-    page = write_field_page(rows, tmp_path, "./spool study field").read_text()
+    page = write_field_page(rows, tmp_path, "./spool study field").read_text("utf-8")
     assert "window **report**" in page
     assert "| 8 | a | false | b | 0.80 |" in page
     assert "hum (spool 0.2 m/s^2)" in page
@@ -182,12 +182,12 @@ def test_a_study_goes_on_where_it_was_ended(tmp_path: Path, monkeypatch):
     monkeypatch.setattr(study, "judge_field_seed", lambda seed, **_: looked.append(seed) or rows[seed - 5])
     looked: list[int] = []
     study.run(1, 5, tmp_path, 1)
-    kept = (tmp_path / study.ROWS).read_text()
-    (tmp_path / study.ROWS).write_text(kept + kept[:30])
+    kept = (tmp_path / study.ROWS).read_text("utf-8")
+    (tmp_path / study.ROWS).write_text(kept + kept[:30], "utf-8")
     for _ in range(2):
         assert study.run(2, 5, tmp_path, 1) == rows
     assert looked == [5, 6]
-    assert "2 cases" in (tmp_path / PAGE).read_text()
+    assert "2 cases" in (tmp_path / PAGE).read_text("utf-8")
 
 
 def test_rows_with_a_diagnosis_are_kept_apart_and_have_a_page(tmp_path: Path, monkeypatch):
@@ -199,7 +199,7 @@ def test_rows_with_a_diagnosis_are_kept_apart_and_have_a_page(tmp_path: Path, mo
         assert study.run(1, 5, tmp_path, 1, diagnosing=True) == [wrong]
     assert looked == [5]
     assert not (tmp_path / study.ROWS).exists()
-    assert "1 of 1 verdicts are wrong" in (tmp_path / DIAGNOSES).read_text()
+    assert "1 of 1 verdicts are wrong" in (tmp_path / DIAGNOSES).read_text("utf-8")
 
 
 @pytest.mark.parametrize("version", ["1.1 (commit cd)", "1.0 (commit ab+)"])

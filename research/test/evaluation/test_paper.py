@@ -131,7 +131,7 @@ def test_command_writes_a_page_that_stands_by_itself(
 
 
 def test_folder_that_cannot_be_made_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / "file").write_text("")
+    (tmp_path / "file").write_text("", "utf-8")
     with pytest.raises(InputError, match="file: cannot be made"):
         run_paper(tmp_path / "file", QUICK)
     assert main(["paper", "--out", str(tmp_path / "file" / "below")]) == 2

@@ -95,7 +95,7 @@ def test_every_case_is_in_the_confusion_matrix_once(tmp_path: Path):
     assert counts.sum() == len(rows)
     assert counts[hidden.index("pair"), verdicts.index("right pair")] == 1
     assert counts[hidden.index("end_stop"), verdicts.index("refused")] == 1
-    page = write_study(rows, tmp_path, "./spool study gap").read_text()
+    page = write_study(rows, tmp_path, "./spool study gap").read_text("utf-8")
     assert "too short" in page
     assert (tmp_path / PICTURE).stat().st_size > 1000
     assert summary(rows)["cases"] == len(rows)
@@ -152,7 +152,7 @@ def test_a_search_for_limits_goes_on_where_it_was_ended(tmp_path, monkeypatch):
         assert run(cases, 5, tmp_path, 1, ["coulomb_friction"]) == rows[:cases]
     assert looked == [("coulomb_friction", 5), ("coulomb_friction", 6)]
     assert (tmp_path / "gap_limits.png").stat().st_size > 1000
-    assert "1 of 1 effects are named" in (tmp_path / "gap_limits.md").read_text()
+    assert "1 of 1 effects are named" in (tmp_path / "gap_limits.md").read_text("utf-8")
 
 
 def test_a_likelihood_ratio_test_sees_half_at_the_limit():
@@ -205,10 +205,12 @@ def test_a_result_page_is_stale_once_a_third_of_the_code_that_it_measured_is_new
     made = "# Title\n\nMade on {} by `./spool bench sim --markdown FILE`, version 0.1.0 (commit {}).\n"
     words = ["git", "rev-list", "--max-parents=0", "HEAD"]
     first = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=True).stdout.split()[-1]
-    (tmp_path / "old.md").write_text(made.format("2026-11-23", first))
-    (tmp_path / "new.md").write_text(made.format("2037-12-31", "0123456789ab"))  # the last commit of that day
-    (tmp_path / "before.md").write_text(made.format("1999-12-31", "0123456789ab"))
-    (tmp_path / "other.md").write_text("# No results\n")
+    (tmp_path / "old.md").write_text(made.format("2026-11-23", first), "utf-8")
+    (tmp_path / "new.md").write_text(
+        made.format("2037-12-31", "0123456789ab"), "utf-8"
+    )  # the last commit of that day
+    (tmp_path / "before.md").write_text(made.format("1999-12-31", "0123456789ab"), "utf-8")
+    (tmp_path / "other.md").write_text("# No results\n", "utf-8")
     found = {one.page: one for one in ages(tmp_path)}
     assert {name for name, one in found.items() if one.share > 1 / 3} == {"old.md", "before.md"}
     assert "new.md" not in found or found["new.md"].share < 0.1  # what is not committed yet

@@ -165,12 +165,12 @@ def test_a_surrogate_is_read_by_the_names_of_its_numbers(tmp_path: Path) -> None
     """In any order; one that lacks a number is refused with what makes another."""
     written, turned = tmp_path / "written.json", tmp_path / "turned.json"
     load_surrogate().write(written)
-    kept = json.loads(written.read_text())
+    kept = json.loads(written.read_text("utf-8"))
     kept["rows"] = [dict(reversed(row.items())) for row in kept["rows"]]
-    turned.write_text(json.dumps(kept))
+    turned.write_text(json.dumps(kept), "utf-8")
     assert repr(load_surrogate(turned).rows) == repr(load_surrogate().rows)
     del kept["rows"][0]["inertia"]
-    turned.with_name("lacks.json").write_text(json.dumps(kept))
+    turned.with_name("lacks.json").write_text(json.dumps(kept), "utf-8")
     with pytest.raises(InputError, match="operation-fit"):
         load_surrogate(turned.with_name("lacks.json"))
 

@@ -138,7 +138,9 @@ def test_an_unfinished_bag_is_read_and_said_to_be_one(unfinished: Path) -> None:
     assert "not finished" in reader.warnings[0]
     assert reader.topics == {TOPIC: (ACCELERATION_BLOCK, 20)}
     assert [block.sequence for block in reader.blocks("valve_1")] == list(range(20))
-    metadata = yaml.safe_load((unfinished / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    metadata = yaml.safe_load((unfinished / "metadata.yaml").read_text("utf-8"))[
+        "rosbag2_bagfile_information"
+    ]
     (told,) = metadata["topics_with_message_count"]
     assert (metadata["version"], told["topic_metadata"]["name"]) == (9, TOPIC)
     found = describe(unfinished)
@@ -312,9 +314,9 @@ def test_bags_of_rosbags_in_several_files_are_read(tmp_path: Path, block: MakeBl
     joined = tmp_path / "joined"
     shutil.copytree(tmp_path / "part_0", joined)
     shutil.copy(tmp_path / "part_1" / "part_1.mcap", joined)
-    text = (joined / "metadata.yaml").read_text()
+    text = (joined / "metadata.yaml").read_text("utf-8")
     (joined / "metadata.yaml").write_text(
-        text.replace("  - part_0.mcap\n", "  - part_0.mcap\n  - part_1.mcap\n")
+        text.replace("  - part_0.mcap\n", "  - part_0.mcap\n  - part_1.mcap\n"), "utf-8"
     )
     reader = BagReader(joined)
     assert reader.topics == {TOPIC: (ACCELERATION_BLOCK, 100), "/valve_1/oil_temperature": (TEMPERATURE, 100)}
@@ -337,14 +339,16 @@ def test_a_bag_compressed_as_a_whole_and_one_without_a_storage_name(tmp_path: Pa
         for number in range(5):
             writer.write(channel, 1 + number, encode_block(block(number), "valve"))
     metadata = tmp_path / "bag" / "metadata.yaml"
-    metadata.write_text(metadata.read_text().replace("storage_identifier: mcap", "storage_identifier: ''"))
+    metadata.write_text(
+        metadata.read_text("utf-8").replace("storage_identifier: mcap", "storage_identifier: ''"), "utf-8"
+    )
     assert len(list(BagReader(tmp_path / "bag").blocks("valve_1"))) == 5
     (file,) = (tmp_path / "bag").glob("*.mcap")
     packed = file.with_name(f"{file.name}.zstd")
     packed.write_bytes(zstandard.compress(file.read_bytes()))
     file.unlink()
-    text = metadata.read_text().replace("compression_mode: ''", "compression_mode: FILE")
-    metadata.write_text(text.replace(file.name, packed.name))
+    text = metadata.read_text("utf-8").replace("compression_mode: ''", "compression_mode: FILE")
+    metadata.write_text(text.replace(file.name, packed.name), "utf-8")
     assert len(list(BagReader(tmp_path / "bag").blocks("valve_1"))) == 5
     metadata.unlink()
     assert len(list(BagReader(packed).blocks("valve_1"))) == 5

@@ -148,7 +148,7 @@ ALIASES = "a: &a [x,x,x,x,x,x,x,x,x]\n" + "".join(
 
 @pytest.mark.parametrize("text", [NESTED, ALIASES, "[1, 2]", "rosbag2_bagfile_information: 5"])
 def test_metadata_beyond_the_bounds_is_told_and_the_bag_is_read(bag: Path, text: str) -> None:
-    (bag / FILE_NAME).write_text(text)
+    (bag / FILE_NAME).write_text(text, "utf-8")
     reader = BagReader(bag)
     assert "metadata.yaml cannot be read" in reader.warnings[0]
     assert len(list(reader.blocks("valve_1"))) == 200
@@ -196,7 +196,7 @@ def test_names_that_steer_a_terminal_are_shown_as_text(tmp_path: Path, block: Ma
 def test_a_name_is_no_formula_in_a_table(tmp_path: Path, name: str, block: MakeBlock) -> None:
     bag = foreign(tmp_path / "bag", f"/{name}/acceleration", block)
     export_bag(bag, tmp_path / "table.csv")
-    cells = {line.split(",")[0] for line in (tmp_path / "table.csv").read_text().splitlines()[1:]}
+    cells = {line.split(",")[0] for line in (tmp_path / "table.csv").read_text("utf-8").splitlines()[1:]}
     assert len(cells) == 2
     assert all(cell[0] in "'v" for cell in cells)
 
@@ -228,8 +228,8 @@ def test_the_blocks_of_a_valve_are_its_own_and_of_their_type(tmp_path: Path, blo
 def test_a_bag_does_not_lead_out_of_its_folder(bag: Path, tmp_path: Path, name: str) -> None:
     outside = tmp_path / "outside_0.mcap"
     outside.write_bytes((bag / "whole_0.mcap").read_bytes())
-    text = (bag / "metadata.yaml").read_text()
-    (bag / "metadata.yaml").write_text(text.replace("whole_0.mcap", name.format(folder=tmp_path)))
+    text = (bag / "metadata.yaml").read_text("utf-8")
+    (bag / "metadata.yaml").write_text(text.replace("whole_0.mcap", name.format(folder=tmp_path)), "utf-8")
     reader = BagReader(bag)
     assert [file.path.parent for file in reader.files] == [bag]
     assert any("would lie outside of the bag" in warning for warning in reader.warnings)

@@ -207,9 +207,9 @@ def test_two_wiped_chunks_and_their_indexes_are_told_by_their_size(killed: Path,
 def test_a_file_cut_in_half_is_told_by_what_the_metadata_counts(killed: Path, tmp_path: Path) -> None:
     content = content_of(killed)
     cut = damaged(killed, tmp_path, content[: len(content) // 2])
-    text = (cut / "metadata.yaml").read_text()
+    text = (cut / "metadata.yaml").read_text("utf-8")
     counted = re.sub(r"(?m)^  message_count: \d+$", "  message_count: 700", text)
-    (cut / "metadata.yaml").write_text(counted)
+    (cut / "metadata.yaml").write_text(counted, "utf-8")
     found = describe(cut)
     kept = sum(topic.messages for topic in found.topics)
     assert 200 < kept < 600
@@ -227,7 +227,7 @@ def test_reading_an_unfinished_bag_names_the_way_out_and_promises_nothing(killed
 
 def test_an_unfinished_bag_is_recognisable_and_a_finished_one_has_no_mark(killed: Path, bag: Path) -> None:
     def custom(folder: Path) -> object:
-        return yaml.safe_load((folder / "metadata.yaml").read_text())["rosbag2_bagfile_information"][
+        return yaml.safe_load((folder / "metadata.yaml").read_text("utf-8"))["rosbag2_bagfile_information"][
             "custom_data"
         ]
 

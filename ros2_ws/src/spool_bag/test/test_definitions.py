@@ -24,7 +24,8 @@ def test_digest_is_the_one_that_rosidl_wrote(name: str) -> None:
         if path.is_file():
             break
     hashes = {
-        entry["type_name"]: entry["hash_string"] for entry in json.loads(path.read_text())["type_hashes"]
+        entry["type_name"]: entry["hash_string"]
+        for entry in json.loads(path.read_text("utf-8"))["type_hashes"]
     }
     assert definition(name).digest == hashes[name]
 

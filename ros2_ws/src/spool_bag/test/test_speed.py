@@ -23,7 +23,7 @@ from spool_core.numbers import Array
 
 def save(path: Path, header: str, speeds: list[str], period: float = 0.001) -> Path:
     rows = [f"{n * period:.3f},{n % 7},{n % 5},{speed}" for n, speed in enumerate(speeds)]
-    path.write_text("\n".join([f"time_s,body_m_s2,spool_m_s2,{header}", *rows]) + "\n")
+    path.write_text("\n".join([f"time_s,body_m_s2,spool_m_s2,{header}", *rows]) + "\n", "utf-8")
     return path
 
 
@@ -33,7 +33,7 @@ def test_a_column_of_speeds_comes_back_as_it_was(tmp_path: Path) -> None:
     told = list(BagReader(tmp_path / "bag").speeds("valve_1"))
     assert told == [(DEFAULT_START + n * 1_000_000, speeds[n]) for n in range(0, 1000, 100)]
     export_bag(tmp_path / "bag", tmp_path / "out.csv")
-    with (tmp_path / "out.csv").open() as stream:
+    with (tmp_path / "out.csv").open(encoding="utf-8") as stream:
         rows = list(csv.DictReader(stream))
     assert [float(row["speed_rpm"]) for row in rows] == [speeds[n - n % 100] for n in range(1000)]
     import_record(tmp_path / "out.csv", tmp_path / "again")
@@ -96,7 +96,7 @@ def pulsed(
     tacho[np.isin(turns.astype(int), twice) & (turns % 1.0 > 0.12) & (turns % 1.0 < 0.18)] = 0.0
     tacho += np.random.default_rng(1).normal(0.0, 1e-9 + noise, time.size)
     rows = [f"{t:.4f},{n % 7},{n % 5},{one:.3f}" for n, (t, one) in enumerate(zip(time, tacho, strict=True))]
-    path.write_text("\n".join(["time_s,body_m_s2,spool_m_s2,tacho_pulse", *rows]) + "\n")
+    path.write_text("\n".join(["time_s,body_m_s2,spool_m_s2,tacho_pulse", *rows]) + "\n", "utf-8")
     return path
 
 
@@ -160,7 +160,9 @@ def test_what_is_no_tacho_is_refused(
 
 def test_a_speed_that_contradicts_the_pulses_is_reported(tmp_path: Path) -> None:
     rows = [f"{n * 0.001:.3f},{n % 7},{n % 5},{5 * (n % 50 < 20)},1200" for n in range(2000)]
-    (tmp_path / "a.csv").write_text("time_s,body_m_s2,spool_m_s2,ch3,speed_rpm\n" + "\n".join(rows) + "\n")
+    (tmp_path / "a.csv").write_text(
+        "time_s,body_m_s2,spool_m_s2,ch3,speed_rpm\n" + "\n".join(rows) + "\n", "utf-8"
+    )
     found = import_record(tmp_path / "a.csv", tmp_path / "bag", how=choices(columns="tacho=ch3", pulses=2))
     assert any("speed_rpm is 2 times it" in text for text in found.warnings)
     assert read_speeds(tmp_path / "bag")[1] == pytest.approx(600.0, rel=1e-3)

@@ -82,13 +82,13 @@ def test_what_another_process_is_writing_is_left_alone(tmp_path: Path) -> None:
 def test_a_file_gets_its_name_at_the_end_or_never(tmp_path: Path) -> None:
     target = tmp_path / "table.csv"
     with staged(target) as part:
-        part.write_text("whole")
+        part.write_text("whole", "utf-8")
         assert not target.exists()
-    assert target.read_text() == "whole"
+    assert target.read_text("utf-8") == "whole"
 
     def interrupted() -> None:
         with staged(tmp_path / "other.csv") as part:
-            part.write_text("half")
+            part.write_text("half", "utf-8")
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
@@ -108,6 +108,6 @@ def test_the_file_alone_tells_what_rosbag2_asks_of_it(bag: Path) -> None:
     with (bag / "whole_0.mcap").open("rb") as stream:
         (record,) = [one for one in make_reader(stream).iter_metadata() if one.name == "rosbag2"]
     told = yaml.safe_load(record.metadata["serialized_metadata"])
-    in_the_folder = yaml.safe_load((bag / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    in_the_folder = yaml.safe_load((bag / "metadata.yaml").read_text("utf-8"))["rosbag2_bagfile_information"]
     assert told == in_the_folder
     assert (told["ros_distro"], told["message_count"]) == ("jazzy", 200)

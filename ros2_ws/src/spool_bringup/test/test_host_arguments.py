@@ -57,7 +57,7 @@ SECTION = "{ros__parameters: {together: 0.1, state_folder: '2026'}}"
 def test_a_section_for_the_host_reaches_each_process(host_node: Reader, tmp_path: Path, text: str) -> None:
     """The last one as well for the second process: a rule by name applies, wherever it stands."""
     file = tmp_path / "my.yaml"
-    file.write_text(text)
+    file.write_text(text, "utf-8")
     for number in (0, 1, 2) if "host_1" not in text else (1,):
         found = host_node(["--params-file", str(file)], number)
         assert found == {"name": f"/{node_name(number)}", "together": 0.1, "state_folder": "2026"}
@@ -67,7 +67,7 @@ def test_a_nested_section_of_a_host_in_a_namespace_reaches_each_process(
     host_node: Reader, tmp_path: Path
 ) -> None:
     file = tmp_path / "my.yaml"
-    file.write_text(f"plant:\n  host: {SECTION}\n")
+    file.write_text(f"plant:\n  host: {SECTION}\n", "utf-8")
     for number in (0, 1):
         found = host_node(["-r", "__ns:=/plant", "--params-file", str(file)], number)
         assert found["name"] == f"/plant/{node_name(number)}"
@@ -77,7 +77,7 @@ def test_a_nested_section_of_a_host_in_a_namespace_reaches_each_process(
 def test_a_name_that_a_launch_file_gives_is_numbered(host_node: Reader, tmp_path: Path) -> None:
     """Two nodes of one name would answer for each other."""
     file = tmp_path / "my.yaml"
-    file.write_text(f"/watch: {SECTION}\n")
+    file.write_text(f"/watch: {SECTION}\n", "utf-8")
     arguments = ["-r", "__node:=watch", "--params-file", str(file), "-p", "watch:valves_file:=a.yaml"]
     for number, name in ((0, "/watch"), (1, "/watch_1")):
         expected = {"name": name, "together": 0.1, "state_folder": "2026", "valves_file": "a.yaml"}
@@ -86,8 +86,8 @@ def test_a_name_that_a_launch_file_gives_is_numbered(host_node: Reader, tmp_path
 
 def test_later_files_and_rules_rule_over_earlier_ones(host_node: Reader, tmp_path: Path) -> None:
     first, second = tmp_path / "first.yaml", tmp_path / "second.yaml"
-    first.write_text(f"/host: {SECTION}\n")
-    second.write_text("/host: {ros__parameters: {together: 0.2}}\n")
+    first.write_text(f"/host: {SECTION}\n", "utf-8")
+    second.write_text("/host: {ros__parameters: {together: 0.2}}\n", "utf-8")
     files = ["--params-file", str(first), "--params-file", str(second)]
     for number in (0, 1):
         assert host_node(files, number)["together"] == 0.2
@@ -97,7 +97,7 @@ def test_later_files_and_rules_rule_over_earlier_ones(host_node: Reader, tmp_pat
 @pytest.mark.parametrize("text", ["", "- a list", "a: [", "/host: 3", "{}"])
 def test_a_file_that_is_none_is_left_to_the_middleware(tmp_path: Path, text: str) -> None:
     file = tmp_path / "my.yaml"
-    file.write_text(text)
+    file.write_text(text, "utf-8")
     arguments = ["--ros-args", "--params-file", str(file), "--params-file", "missing.yaml"]
     assert arguments_of_process(arguments, 1) == arguments
     assert names_for_all(arguments) == set()
@@ -105,7 +105,7 @@ def test_a_file_that_is_none_is_left_to_the_middleware(tmp_path: Path, text: str
 
 def test_hosted_nodes_get_the_files_and_nothing_else(tmp_path: Path) -> None:
     file = tmp_path / "my.yaml"
-    file.write_text(f"/**: {SECTION}\n/host: {{ros__parameters: {{source: none}}}}\n")
+    file.write_text(f"/**: {SECTION}\n/host: {{ros__parameters: {{source: none}}}}\n", "utf-8")
     arguments = ["--ros-args", "-r", "__node:=x", "-p", "together:=0.2", "--params-file", str(file)]
     assert arguments_of_nodes(arguments) == ["--params-file", str(file)]
     assert names_for_all(arguments) == {"together", "state_folder"}
@@ -117,7 +117,7 @@ NODES = ("/valve_1/estimator", "/valve_1/monitor", "/valve_2/estimator", "/valve
 @pytest.mark.parametrize("section", ["monitor", "/valve_9/monitor", "/**/recorder", "/valve_1/host"])
 def test_a_file_for_none_of_the_hosts_nodes_is_refused(tmp_path: Path, section: str) -> None:
     file = tmp_path / "my.yaml"
-    file.write_text(f"{section}: {SECTION}")
+    file.write_text(f"{section}: {SECTION}", "utf-8")
     with pytest.raises(
         InputError, match=f"only for /?{re.escape(section)}: write a section /../estimator or"
     ):
@@ -129,7 +129,7 @@ def test_a_section_for_another_valves_node_is_named_beside_those_that_are_right(
     tmp_path: Path, section: str
 ) -> None:
     file = tmp_path / "my.yaml"
-    file.write_text(f"{section}: {SECTION}\n/valve_9/monitor: {SECTION}\n/**/recorder: {SECTION}")
+    file.write_text(f"{section}: {SECTION}\n/valve_9/monitor: {SECTION}\n/**/recorder: {SECTION}", "utf-8")
     doubts = refuse_other_nodes(["--params-file", str(file)], "/host", NODES)
     assert doubts == [f"{file}: section /valve_9/monitor matches no node here"]
 

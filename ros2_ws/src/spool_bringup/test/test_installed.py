@@ -63,10 +63,10 @@ def test_the_pydantic_of_debian_12_is_named_in_one_line(
     tmp_path: Path, package: str, words: list[str]
 ) -> None:
     (tmp_path / "pydantic").mkdir()
-    (tmp_path / "pydantic" / "__init__.py").write_text("class BaseModel: ...\n")
+    (tmp_path / "pydantic" / "__init__.py").write_text("class BaseModel: ...\n", "utf-8")
     (tmp_path / "pydantic-1.10.4.dist-info").mkdir()
     described = "Metadata-Version: 2.1\nName: pydantic\nVersion: 1.10.4\n"
-    (tmp_path / "pydantic-1.10.4.dist-info" / "METADATA").write_text(described)
+    (tmp_path / "pydantic-1.10.4.dist-info" / "METADATA").write_text(described, "utf-8")
     executable, *arguments = words
     path = ":".join(filter(None, [str(tmp_path), os.environ.get("PYTHONPATH", "")]))
     done = subprocess.run(

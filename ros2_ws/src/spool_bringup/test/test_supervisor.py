@@ -74,7 +74,7 @@ def _start(tmp_path: Path) -> Iterator[Start]:
 def _seen(folder: Path, number: int) -> list[list[int]]:
     """Return identifier and parent of each process that ever was ``number``."""
     file = folder / str(number)
-    lines = file.read_text().splitlines() if file.exists() else []
+    lines = file.read_text("utf-8").splitlines() if file.exists() else []
     return [list(map(int, line.split())) for line in lines]
 
 
@@ -87,7 +87,7 @@ def _until(met: Callable[[], object]) -> None:
 
 def _gone(process: int) -> bool:
     try:
-        state = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0]
+        state = Path(f"/proc/{process}/stat").read_text("utf-8").rpartition(")")[2].split()[0]
     except FileNotFoundError:
         return True
     return state == "Z"
@@ -162,10 +162,10 @@ def test_what_ends_every_time_is_begun_again_ever_later_and_costs_the_others_not
 
 def test_a_list_of_valves_is_that_of_the_start_whatever_becomes_of_the_file(tmp_path: Path) -> None:
     file = tmp_path / "valves.yaml"
-    file.write_text("- {namespace: valve_1}\n- {namespace: valve_2, valve_file: a.yaml}\n")
+    file.write_text("- {namespace: valve_1}\n- {namespace: valve_2, valve_file: a.yaml}\n", "utf-8")
     kept = FirstList()
     first = kept.read(str(file))
-    file.write_text("- {name")
+    file.write_text("- {name", "utf-8")
     assert kept.read(str(file)) == first
     assert [(one.namespace, one.valve_file) for one in first] == [("valve_1", ""), ("valve_2", "a.yaml")]
 
@@ -174,7 +174,7 @@ def test_a_list_that_is_refused_is_read_once_more(tmp_path: Path) -> None:
     file, kept = tmp_path / "valves.yaml", FirstList()
     with pytest.raises(InputError):
         kept.read(str(file))
-    file.write_text("- {namespace: valve_1}\n")
+    file.write_text("- {namespace: valve_1}\n", "utf-8")
     assert [one.namespace for one in kept.read(str(file))] == ["valve_1"]
 
 

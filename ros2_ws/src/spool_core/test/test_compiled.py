@@ -34,7 +34,7 @@ print(compiled.COMPILED, compiled.notice() is None, hasattr(twice, "py_func"), t
 
 def run(folder: Path, *, blocked: bool) -> subprocess.CompletedProcess[str]:
     script = folder / "script.py"  # the cache on disk needs a file
-    script.write_text(CODE.format(blocked=blocked))
+    script.write_text(CODE.format(blocked=blocked), "utf-8")
     path = str(Path(spool_core.__file__).parents[1])
     return subprocess.run(
         [
@@ -143,7 +143,7 @@ def changed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., tu
 
     def run(module: str = "base", old: str = "BASE", new: str = "BASE") -> tuple[float, float, int]:
         for name, text in SOURCES.items():
-            (folder / f"{name}.py").write_text(text.replace(old, new) if name == module else text)
+            (folder / f"{name}.py").write_text(text.replace(old, new) if name == module else text, "utf-8")
         for name in [name for name in sys.modules if name.startswith(folder.name)]:
             monkeypatch.delitem(sys.modules, name)
         importlib.invalidate_caches()
@@ -196,7 +196,8 @@ def test_kernels_are_kept_elsewhere_where_they_can_t_be(tmp_path: Path) -> None:
     wanted.touch()
     (tmp_path / "one_file").mkdir()
     (tmp_path / "one_file" / "__init__.py").write_text(
-        "from spool_core.kernels.compiled import compiled\n\n@compiled\ndef half(x):\n    return 0.5 * x\n"
+        "from spool_core.kernels.compiled import compiled\n\n@compiled\ndef half(x):\n    return 0.5 * x\n",
+        "utf-8",
     )
     code = "from one_file import half; print(half(3.0))"
     done = ran(tmp_path, code, NUMBA_CACHE_DIR=str(wanted), TMPDIR=str(temporary))
@@ -241,7 +242,7 @@ def kernels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[ModuleT
     """Return a module of kernels whose cache, in ``tmp_path / "cache"``, holds ``thrice`` of a float."""
     name = f"kernels_{tmp_path.name.translate(str.maketrans('-[]', '___'))}"
     (tmp_path / name).mkdir()
-    (tmp_path / name / "__init__.py").write_text(KERNELS)
+    (tmp_path / name / "__init__.py").write_text(KERNELS, "utf-8")
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
     module = importlib.import_module(name)

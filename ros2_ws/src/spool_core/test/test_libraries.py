@@ -17,7 +17,7 @@ def _old_pydantic(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The pydantic of Debian 12, as Python sees it."""
     described = tmp_path / "pydantic-1.10.4.dist-info"
     described.mkdir()
-    (described / "METADATA").write_text("Metadata-Version: 2.1\nName: pydantic\nVersion: 1.10.4\n")
+    (described / "METADATA").write_text("Metadata-Version: 2.1\nName: pydantic\nVersion: 1.10.4\n", "utf-8")
     monkeypatch.syspath_prepend(str(tmp_path))
 
 

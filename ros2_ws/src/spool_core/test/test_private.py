@@ -31,9 +31,9 @@ def test_what_is_there_is_restricted_and_what_is_above_it_is_not(tmp_path: Path)
 
 
 def test_a_file_keeps_what_it_holds(tmp_path: Path) -> None:
-    (tmp_path / "a").write_text("content")
+    (tmp_path / "a").write_text("content", "utf-8")
     private_file(tmp_path / "a")
-    assert (tmp_path / "a").read_text() == "content"
+    assert (tmp_path / "a").read_text("utf-8") == "content"
     assert mode(tmp_path / "a") == 0o600
 
 

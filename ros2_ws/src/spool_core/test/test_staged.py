@@ -14,9 +14,9 @@ from spool_core.system import staged, write_durably
 @pytest.mark.parametrize("replace", [True, False])
 def test_a_staged_file_has_its_name_at_the_end_and_no_other(tmp_path: Path, replace: bool) -> None:
     with staged(tmp_path / "a", replace=replace) as part:
-        part.write_text("new")
+        part.write_text("new", "utf-8")
         assert not (tmp_path / "a").exists()
-    assert (tmp_path / "a").read_text() == "new"
+    assert (tmp_path / "a").read_text("utf-8") == "new"
     assert list(tmp_path.iterdir()) == [tmp_path / "a"]
 
 
@@ -34,22 +34,22 @@ def test_what_took_the_name_meanwhile_is_kept(
     write_durably(tmp_path / "a", "first", replace=False)
     with pytest.raises(FileExistsError):
         write_durably(tmp_path / "a", "second", replace=False)
-    assert (tmp_path / "a").read_text() == "first"
+    assert (tmp_path / "a").read_text("utf-8") == "first"
     write_durably(tmp_path / "a", "third")
-    assert (tmp_path / "a").read_text() == "third"
+    assert (tmp_path / "a").read_text("utf-8") == "third"
     assert list(tmp_path.iterdir()) == [tmp_path / "a"]
 
 
 def test_nothing_stays_of_a_file_whose_writing_was_interrupted(tmp_path: Path) -> None:
     def interrupted() -> None:
         with staged(tmp_path / "a") as part:
-            part.write_text("half")
+            part.write_text("half", "utf-8")
             raise KeyboardInterrupt
 
-    (tmp_path / "a").write_text("old")
+    (tmp_path / "a").write_text("old", "utf-8")
     with pytest.raises(KeyboardInterrupt):
         interrupted()
-    assert (tmp_path / "a").read_text() == "old"
+    assert (tmp_path / "a").read_text("utf-8") == "old"
     assert list(tmp_path.iterdir()) == [tmp_path / "a"]
 
 

@@ -37,7 +37,7 @@ BILLION_LAUGHS = 'a0: &a0 [x,x,x,x,x,x,x,x,x]\n' + "".join(
 )
 def test_what_would_end_the_process_is_refused_in_one_line(tmp_path: Path, text: str, reason: str) -> None:
     path = tmp_path / "a.yaml"
-    path.write_text(text)
+    path.write_text(text, "utf-8")
     with pytest.raises(InputError, match=reason) as caught:
         read_yaml(path, "valve")
     assert "\n" not in str(caught.value)
@@ -90,7 +90,7 @@ def test_a_file_given_in_place_of_another_is_recognised(
     tmp_path: Path, text: str, what: str, reason: str
 ) -> None:
     path = tmp_path / "a.yaml"
-    path.write_text(text)
+    path.write_text(text, "utf-8")
     with pytest.raises(InputError) as caught:
         read_yaml(path, what)
     assert str(caught.value).startswith(f"{path}: {reason}")
@@ -101,7 +101,7 @@ def test_a_file_given_in_place_of_another_is_recognised(
 )
 def test_the_right_file_and_one_of_no_known_kind_are_read(tmp_path: Path, text: str, what: str) -> None:
     path = tmp_path / "a.yaml"
-    path.write_text(text)
+    path.write_text(text, "utf-8")
     assert read_yaml(path, what) == load_yaml(text)
 
 
@@ -124,7 +124,7 @@ def test_the_home_folder_is_meant_by_its_sign_in_any_path(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("HOME", str(tmp_path))
-    (tmp_path / "mine.yaml").write_text("a: 1")
+    (tmp_path / "mine.yaml").write_text("a: 1", "utf-8")
     assert read_yaml("~/mine.yaml", "valve") == {"a": 1}
     assert expanded("~/bags/~one") == tmp_path / "bags/~one"
     assert str(expanded("~nobody_of_that_name/x")) == "~nobody_of_that_name/x"

@@ -138,7 +138,7 @@ def content(tmp_path_factory: pytest.TempPathFactory) -> PageContent:
 @pytest.fixture(scope="module")
 def page_file(content: PageContent, tmp_path_factory: pytest.TempPathFactory) -> Path:
     file = tmp_path_factory.mktemp("page") / "fleet.html"
-    file.write_text(fleet_page(content, {}))
+    file.write_text(fleet_page(content, {}), "utf-8")
     return file
 
 
@@ -314,7 +314,7 @@ def test_a_level_ends_at_the_hour_of_its_service(page_file: Path, tmp_path: Path
     noon = BEGIN + 100 * 86_400 + 43_200
     store.manifest.add_service(Service("press", "", noon * 1_000_000_000, "oil_change", ""))
     out = tmp_path / "fleet.html"
-    out.write_text(fleet_page(store.written(), {}))
+    out.write_text(fleet_page(store.written(), {}), "utf-8")
     before, after = numbers_on(out)["charts"]["valve-1-viscous_coefficient"]["levels"]
     assert before[1] == after[0] == noon / 86_400
 
@@ -343,7 +343,7 @@ def test_a_value_beyond_the_scale_is_drawn_at_its_edge(tmp_path: Path, open_page
     for week in range(20, 24):
         store.bag("press", "valve", week, drag=9.0)
     out = tmp_path / "fleet.html"
-    out.write_text(fleet_page(store.written(), {}))
+    out.write_text(fleet_page(store.written(), {}), "utf-8")
     numbers = numbers_on(out)
     high = numbers["scales"]["viscous_coefficient"][1]
     assert numbers["charts"]["valve-1-viscous_coefficient"]["value"][-1] > high
@@ -360,7 +360,7 @@ def test_charts_of_days_and_of_months_have_iso_dates(
     store = Fabricated(tmp_path / "store")
     store.valve("press", "valve", range(weeks))
     out = tmp_path / "fleet.html"
-    out.write_text(fleet_page(store.written(), {}))
+    out.write_text(fleet_page(store.written(), {}), "utf-8")
     page = open_page(out, "#valve-1", watch=WATCH)
     page.wait_for_selector("#valve-1 .large canvas")
     page.evaluate("new Promise(requestAnimationFrame)")
@@ -372,7 +372,9 @@ def test_charts_of_days_and_of_months_have_iso_dates(
 
 def numbers_on(file: Path) -> dict[str, Any]:
     """Return the numbers of the charts that a page carries."""
-    (text,) = re.findall(r'<script type="application/json" id="numbers">(.*?)</script>', file.read_text())
+    (text,) = re.findall(
+        r'<script type="application/json" id="numbers">(.*?)</script>', file.read_text("utf-8")
+    )
     found: dict[str, Any] = json.loads(text)
     return found
 
@@ -461,16 +463,16 @@ def test_reports_are_made_of_bags_that_are_there_and_linked(
     made = write_reports(content, out, 2)
     assert list(made) == [bag]
     assert "the bag no longer exists" in capsys.readouterr().err
-    out.write_text(fleet_page(content, made))
+    out.write_text(fleet_page(content, made), "utf-8")
     (worn,) = [valve for valve in content.valves if valve.valve == "valve_2"]
     page = open_page(out, f"#{worn.anchor}")
     address = page.evaluate(f"document.querySelector('#{worn.anchor} table a').href")
     assert address == (tmp_path / made[bag]).as_uri()
-    report = (tmp_path / made[bag]).read_text()
+    report = (tmp_path / made[bag]).read_text("utf-8")
     assert "events" in report.lower()
     # A second page takes the report that is there.
     assert write_reports(content, out, 1) == made
-    assert (tmp_path / made[bag]).read_text() == report
+    assert (tmp_path / made[bag]).read_text("utf-8") == report
 
 
 def test_one_bag_of_one_valve_makes_a_page(tmp_path: Path, open_page: Callable[..., Any]) -> None:
@@ -479,7 +481,7 @@ def test_one_bag_of_one_valve_makes_a_page(tmp_path: Path, open_page: Callable[.
     content = store.written()
     assert content.summary == "1 valve: 0 changed, 1 learning, 0 unknown"
     out = tmp_path / "fleet.html"
-    out.write_text(fleet_page(content, {}))
+    out.write_text(fleet_page(content, {}), "utf-8")
     page = open_page(out, "#valve-1")
     assert "1 weeks with bags" in page.inner_text("#valve-1")
     assert page.query_selector("#valve-1 .large canvas") is not None

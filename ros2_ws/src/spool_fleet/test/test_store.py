@@ -92,7 +92,7 @@ def test_a_value_of_each_sql_type_becomes_json(sql: str, tmp_path: Path) -> None
     (tmp_path / "tables").mkdir()
     rows = answer(tmp_path, f"SELECT {sql} AS one, 7 AS one", None, "", "", "")
     write_json(tmp_path / "rows.json", rows)
-    assert json.loads((tmp_path / "rows.json").read_text()) == [{"one": ANSWERS[sql], "one_2": 7}]
+    assert json.loads((tmp_path / "rows.json").read_text("utf-8")) == [{"one": ANSWERS[sql], "one_2": 7}]
 
 
 def test_parameters_are_the_truth_at_one_oil_temperature(store: Path) -> None:
@@ -174,7 +174,7 @@ def test_other_limits_are_another_analysis_of_the_same_bags(
     store: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     limits = tmp_path / "limits.yaml"
-    limits.write_text("/**/estimator: {ros__parameters: {memory: 8.0}}\n")
+    limits.write_text("/**/estimator: {ros__parameters: {memory: 8.0}}\n", "utf-8")
     again = tmp_path / "store"
     shutil.copytree(store, again)
     # In this process, the first bag alone.
@@ -188,7 +188,7 @@ def test_other_limits_are_another_analysis_of_the_same_bags(
     drag = "SELECT bag, value FROM parameters WHERE name = 'viscous_coefficient' ORDER BY bag"
     before, after = (spool_fleet.table(one, drag).to_pylist() for one in (store, again))
     assert [one == other for one, other in zip(before, after, strict=True)].count(False) == 1
-    limits.write_text("/**/monitor: {ros__parameters: {coulomb_chang: 0.2}}\n")
+    limits.write_text("/**/monitor: {ros__parameters: {coulomb_chang: 0.2}}\n", "utf-8")
     with pytest.raises(InputError, match="coulomb_chang is unknown"):
         run_over_store(again, "features,monitor", 1, None, limits)
 

@@ -61,7 +61,7 @@ def test_a_damaged_file_does_not_push_the_good_copy_out(tmp_path: Path) -> None:
     file = StateFile(tmp_path / "a.json")
     file.save(1)
     file.save(2)
-    (tmp_path / "a.json").write_text("{")
+    (tmp_path / "a.json").write_text("{", "utf-8")
     again = StateFile(tmp_path / "a.json")
     assert again.load() == 1
     again.save(3)
@@ -83,7 +83,7 @@ def test_a_damaged_file_does_not_push_the_good_copy_out(tmp_path: Path) -> None:
     ],
 )
 def test_what_is_no_state_is_said_and_not_used(tmp_path: Path, text: str, reason: str) -> None:
-    (tmp_path / "a.json").write_text(text)
+    (tmp_path / "a.json").write_text(text, "utf-8")
     file = StateFile(tmp_path / "a.json")
     assert file.load() is None
     assert reason in file.warnings[0]
@@ -93,8 +93,8 @@ def written_by_a_later_version(path: Path, content: object, **changes: object) -
     """Write a state as a version with format 2 would; return the file's bytes."""
     file = StateFile(path)
     file.save(content)
-    whole = {**json.loads(path.read_text()), "format": 2, **changes}
-    path.write_text(json.dumps(whole))
+    whole = {**json.loads(path.read_text("utf-8")), "format": 2, **changes}
+    path.write_text(json.dumps(whole), "utf-8")
     return path.read_bytes()
 
 
@@ -138,17 +138,17 @@ def test_a_later_version_s_unknown_checksum_is_no_damage(tmp_path: Path) -> None
 
 def test_a_damaged_file_is_kept_aside(tmp_path: Path) -> None:
     path = tmp_path / "a.json"
-    path.write_text("perhaps somebody can still read this")
+    path.write_text("perhaps somebody can still read this", "utf-8")
     file = StateFile(path)
     assert file.load() is None
     file.save(1)
-    assert (tmp_path / "a.json.damaged").read_text() == "perhaps somebody can still read this"
+    assert (tmp_path / "a.json.damaged").read_text("utf-8") == "perhaps somebody can still read this"
 
 
 def test_only_the_owner_may_read_the_state(tmp_path: Path) -> None:
     folder = tmp_path / "valve_1" / "monitor"
     folder.mkdir(parents=True, mode=0o755)
-    (folder / "a.json").write_text("{}")
+    (folder / "a.json").write_text("{}", "utf-8")
     (folder / "a.json").chmod(0o644)
     before = os.umask(0o022)
     try:

@@ -317,7 +317,7 @@ def test_killed_while_writing_it_holds_all_that_was_written_and_no_half(
 def test_what_is_no_trend_file_is_refused_by_name(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"missing\.sqlite: no such file"):
         TrendStore(tmp_path / "missing.sqlite", read_only=True)
-    (tmp_path / "text.sqlite").write_text("no data base at all, but long enough to look at" * 50)
+    (tmp_path / "text.sqlite").write_text("no data base at all, but long enough to look at" * 50, "utf-8")
     with pytest.raises(InputError, match=r"text\.sqlite: it is damaged"):
         TrendStore(tmp_path / "text.sqlite")
     sqlite3.connect(tmp_path / "empty.sqlite").close()

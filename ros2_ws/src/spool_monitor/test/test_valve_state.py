@@ -87,7 +87,7 @@ def test_a_damaged_file_is_said_and_the_good_copy_used(tmp_path: Path) -> None:
     state.alarms.acknowledge("stuck_spool", Operator("Eva", 2))
     state.keep_alarms()
     state.close()
-    (tmp_path / ALARMS).write_text("{}")
+    (tmp_path / ALARMS).write_text("{}", "utf-8")
     again, warnings = opened(tmp_path)
     again.close()
     assert len(warnings) == 1
@@ -113,8 +113,8 @@ def test_a_downgrade_keeps_latches_and_leaves_the_later_version_s_file(tmp_path:
     state.alarms.update(stuck(EventState.CLEARED, 2))
     state.keep_alarms()
     state.close()
-    later = json.loads((tmp_path / ALARMS).read_text()) | {"format": 2}
-    (tmp_path / ALARMS).write_text(json.dumps(later))
+    later = json.loads((tmp_path / ALARMS).read_text("utf-8")) | {"format": 2}
+    (tmp_path / ALARMS).write_text(json.dumps(later), "utf-8")
     for operator in ("", "Eva"):
         older, warnings = opened(tmp_path)
         assert older.alarms.alarms["stuck_spool"].latched
@@ -124,7 +124,7 @@ def test_a_downgrade_keeps_latches_and_leaves_the_later_version_s_file(tmp_path:
             older.alarms.acknowledge("stuck_spool", Operator("Eva", 3))
             older.keep_alarms()
         older.close()
-    assert json.loads((tmp_path / ALARMS).read_text()) == later
+    assert json.loads((tmp_path / ALARMS).read_text("utf-8")) == later
 
 
 def test_what_can_t_be_understood_is_kept_aside(tmp_path: Path) -> None:
@@ -133,7 +133,7 @@ def test_what_can_t_be_understood_is_kept_aside(tmp_path: Path) -> None:
     state.keep_alarms()
     state.close()
     assert "it will be kept as alarms.json.damaged" in warnings[0]
-    assert json.loads((tmp_path / "alarms.json.damaged").read_text())["content"] == {"not": "alarms"}
+    assert json.loads((tmp_path / "alarms.json.damaged").read_text("utf-8"))["content"] == {"not": "alarms"}
 
 
 def test_a_disk_that_was_full_is_written_as_soon_as_it_is_not(

@@ -22,7 +22,7 @@ FIXED = {
 
 
 def lines(name: str) -> list[str]:
-    text = (Path(__file__).resolve().parents[1] / "msg" / f"{name}.msg").read_text()
+    text = (Path(__file__).resolve().parents[1] / "msg" / f"{name}.msg").read_text("utf-8")
     return [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
 
 
@@ -41,7 +41,7 @@ def test_the_block_is_what_outsiders_rely_on() -> None:
 
 
 def test_every_definition_is_built() -> None:
-    listed = (Path(__file__).resolve().parents[1] / "CMakeLists.txt").read_text()
+    listed = (Path(__file__).resolve().parents[1] / "CMakeLists.txt").read_text("utf-8")
     assert sorted(re.findall(r'"msg/(\w+)\.msg"', listed)) == NAMES
     for name in NAMES:
         assert generated(name)().get_fields_and_field_types()
@@ -109,7 +109,7 @@ def test_uncertain_numbers_are_quantities() -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_the_readme_names_every_field(name: str) -> None:
-    readme = (Path(__file__).resolve().parents[1] / "README.md").read_text()
+    readme = (Path(__file__).resolve().parents[1] / "README.md").read_text("utf-8")
     section = readme.split(f"## {name}\n")[1].split("\n## ")[0]
     for field in generated(name).get_fields_and_field_types():
         assert f"`{field}`" in section, field

@@ -45,7 +45,7 @@ def valve_text() -> str:
 @pytest.fixture
 def valve_file(tmp_path: Path, valve_text: str) -> Path:
     path = tmp_path / "valve.yaml"
-    path.write_text(valve_text)
+    path.write_text(valve_text, "utf-8")
     return path
 
 

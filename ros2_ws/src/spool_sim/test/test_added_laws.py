@@ -13,8 +13,10 @@ def added(folder: Path, group: str, module: str, text: str) -> dict[str, str]:
     (folder / f"{module}.py").write_text(text, encoding="utf-8")
     metadata = folder / "machine_builder-1.0.dist-info"
     metadata.mkdir()
-    (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: machine-builder\nVersion: 1.0\n")
-    (metadata / "entry_points.txt").write_text(f"[{group}]\nown = {module}\n")
+    (metadata / "METADATA").write_text(
+        "Metadata-Version: 2.1\nName: machine-builder\nVersion: 1.0\n", "utf-8"
+    )
+    (metadata / "entry_points.txt").write_text(f"[{group}]\nown = {module}\n", "utf-8")
     return {**os.environ, "PYTHONPATH": os.pathsep.join([str(folder), *filter(None, sys.path)])}
 
 

@@ -36,7 +36,7 @@ def library(tmp_path_factory: pytest.TempPathFactory) -> ctypes.CDLL:
         pair = found.returns[name] == "spool_dd"
         body = f"spool_dd two = {call}; out[0] = two.f0; out[1] = two.f1;" if pair else f"out[0] = {call};"
         lines.append(f"void call_{name}(const double *in, double *out) {{ {body} }}")
-    (folder / "laws.c").write_text("\n".join(lines))
+    (folder / "laws.c").write_text("\n".join(lines), "utf-8")
     compiler = shlex.split(os.environ.get("CC", "cc"))
     options = ["-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-shared", "laws.c", "-o", "laws.so", "-lm"]
     subprocess.run([*compiler, *options], cwd=folder, check=True)
@@ -75,7 +75,7 @@ def test_helpers_of_one_name_in_two_laws_stay_apart(tmp_path: Path, monkeypatch:
         module = f"helped_law_{number}"
         helper = f"from math import exp\n\n\ndef curve(z: float) -> float:\n    return {number}.0 * exp(z)\n"
         law = "def force_law(z: float, v: float, t: float) -> float:\n    return curve(z)\n"
-        (tmp_path / f"{module}.py").write_text(f"{helper}\n\n{law}")
+        (tmp_path / f"{module}.py").write_text(f"{helper}\n\n{law}", "utf-8")
         found.add_law(module, "force_law", f"force_law_{number}")
     text = found.text()
     assert "return (1.0 * exp(z));" in text
@@ -96,7 +96,7 @@ def test_a_law_without_a_translation_is_refused_with_its_place(
 ) -> None:
     head = "def force_law(z: float, v: float, t: float) -> float:"
     source = f"import math\n\nTABLE = [1.0]\n\n\n{head}\n    {body}\n"
-    (tmp_path / "odd_law.py").write_text(source)
+    (tmp_path / "odd_law.py").write_text(source, "utf-8")
     monkeypatch.syspath_prepend(tmp_path)
     sys.modules.pop("odd_law", None)
     with pytest.raises(InputError) as refused:

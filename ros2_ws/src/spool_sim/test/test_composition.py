@@ -355,7 +355,7 @@ class Load:
 
 def load(folder: Path, factor: str, code: str = LOAD) -> Load:
     """Run ``code`` in a separate process, with the new term times ``factor`` and a cache of kernels."""
-    (folder / "magnet.py").write_text(NEW_TERM.replace("FACTOR", factor))
+    (folder / "magnet.py").write_text(NEW_TERM.replace("FACTOR", factor), "utf-8")
     done = subprocess.run(
         [sys.executable, "-c", code, str(folder)],
         capture_output=True,

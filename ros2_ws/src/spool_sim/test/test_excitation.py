@@ -250,7 +250,9 @@ def test_wrong_excitation_is_refused_in_one_line(mapping: dict[str, Any], said: 
 def test_load_by_name_or_file(tmp_path: Path) -> None:
     assert load_excitation("sweep") is PRESETS["sweep"]
     path = tmp_path / "excitation.yaml"
-    path.write_text("kind: swept_sine\nstart_frequency: 10\nstop_frequency: 1e2\nduration: 5\namplitude: 8\n")
+    path.write_text(
+        "kind: swept_sine\nstart_frequency: 10\nstop_frequency: 1e2\nduration: 5\namplitude: 8\n", "utf-8"
+    )
     assert load_excitation(path) == SweptSine(
         start_frequency=10.0, stop_frequency=100.0, duration=5.0, amplitude=8.0
     )

@@ -50,7 +50,8 @@ def test_model_file(tmp_path: Path, valve: Valve) -> None:
     path = tmp_path / "worn.yaml"
     path.write_text(
         "name: worn\nterms: [inertia, spring, viscous_friction, coulomb_friction]\n"
-        "parameters: {coulomb_force: 1e-1, spring_stiffness: 1500}\n"
+        "parameters: {coulomb_force: 1e-1, spring_stiffness: 1500}\n",
+        "utf-8",
     )
     model = load_model(path)
     values = model.values_for(valve)

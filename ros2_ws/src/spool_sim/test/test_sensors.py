@@ -135,7 +135,7 @@ def test_drawn_sensors_stay_within_the_chain_s_uncertainty_and_use_it() -> None:
 def test_wrong_sensor_file_is_refused_in_one_line(tmp_path: Path, key: str, value: float) -> None:
     path = tmp_path / "sensors.yaml"
     number = ".nan" if np.isnan(value) else f"{value:g}"
-    path.write_text(f"spool: {{{key}: {number}}}\n")
+    path.write_text(f"spool: {{{key}: {number}}}\n", "utf-8")
     with pytest.raises(InputError, match=rf"sensors\.yaml: spool\.{key}: ") as caught:
         load_sensors(path)
     assert "\n" not in str(caught.value)
@@ -143,7 +143,7 @@ def test_wrong_sensor_file_is_refused_in_one_line(tmp_path: Path, key: str, valu
 
 def test_sensor_file_gives_both_sensors(tmp_path: Path) -> None:
     path = tmp_path / "sensors.yaml"
-    path.write_text("body: {noise: 0.1}\nspool: {delay_samples: 2.5, full_scale: 40}\n")
+    path.write_text("body: {noise: 0.1}\nspool: {delay_samples: 2.5, full_scale: 40}\n", "utf-8")
     sensors = load_sensors(path)
     assert sensors.body == Sensor(noise=0.1)
     assert sensors.spool == Sensor(delay_samples=2.5, full_scale=40.0)

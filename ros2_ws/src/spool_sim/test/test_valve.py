@@ -24,12 +24,12 @@ def test_derived_quantities_are_those_of_the_paper(valve: Valve, valve_mapping: 
 
 @pytest.mark.parametrize("number", ["15e-6", "15.0e-6", "0.000015", "1.5E-5"])
 def test_every_way_to_write_a_number_gives_the_same(valve_file: Path, valve_text: str, number: str) -> None:
-    valve_file.write_text(valve_text.replace("15e-6", number))
+    valve_file.write_text(valve_text.replace("15e-6", number), "utf-8")
     assert load_valve(valve_file).radial_clearance == 15.0e-6
 
 
 def test_oil_is_optional(valve_file: Path, valve_text: str) -> None:
-    valve_file.write_text(valve_text.replace("oil: HL68\n", ""))
+    valve_file.write_text(valve_text.replace("oil: HL68\n", ""), "utf-8")
     assert load_valve(valve_file).oil is None
 
 
@@ -61,7 +61,7 @@ def test_wrong_file_is_refused_in_one_line(
     valve_file: Path, valve_text: str, old: str, new: str, said: list[str]
 ) -> None:
     assert old in valve_text
-    valve_file.write_text(valve_text.replace(old, new, 1))
+    valve_file.write_text(valve_text.replace(old, new, 1), "utf-8")
     with pytest.raises(InputError) as caught:
         load_valve(valve_file)
     message = str(caught.value)
@@ -93,7 +93,7 @@ def test_missing_file_and_empty_file(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"absent\.yaml: cannot read the valve file: No such file"):
         load_valve(tmp_path / "absent.yaml")
     empty = tmp_path / "empty.yaml"
-    empty.write_text("")
+    empty.write_text("", "utf-8")
     with pytest.raises(InputError, match="key: value"):
         load_valve(empty)
     empty.write_bytes(b"\xff\xfe\x00")

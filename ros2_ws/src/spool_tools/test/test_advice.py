@@ -43,12 +43,12 @@ def text(
 
 def bad_oil(path: Path) -> None:
     text("time [s],body [g],spool [g],oil [degC]", more=",45.0")(path)
-    path.write_text(path.read_text().replace(",45.0\n", ",too hot\n", 9))
+    path.write_text(path.read_text("utf-8").replace(",45.0\n", ",too hot\n", 9), "utf-8")
 
 
 def two_sheets_of_time(path: Path) -> None:
     rows = [f"{t:.4f},{b},{t + 1:.4f},{s}" for t, b, s in zip(TIME, BODY, SPOOL, strict=True)]
-    path.write_text("\n".join(["t [s],body [g],t [s],spool [g]", *rows]) + "\n")
+    path.write_text("\n".join(["t [s],body [g],t [s],spool [g]", *rows]) + "\n", "utf-8")
 
 
 def bag(*topics: str) -> Maker:

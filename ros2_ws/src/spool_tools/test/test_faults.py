@@ -33,7 +33,7 @@ def test_a_fault_of_a_reader_is_not_called_a_damaged_file(
     name: str, kind: type[Exception], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
 ) -> None:
     file = tmp_path / name
-    file.write_text("time_s,body_m_s2,spool_m_s2\n0,1,2\n")
+    file.write_text("time_s,body_m_s2,spool_m_s2\n0,1,2\n", "utf-8")
     broken = tuple(replace(form, opened=faulty(kind), begins=()) for form in reading.formats())
     monkeypatch.setattr(reading, "formats", lambda: broken)
     assert main(["import", str(file), "--out", str(tmp_path / "bag")]) == FAULT
@@ -59,7 +59,7 @@ def test_the_traceback_is_shown_where_it_is_asked_for(
     monkeypatch.setenv("SPOOL_TRACEBACK", wanted)
     monkeypatch.setattr(record_quality, "quality_of_record", faulty(TypeError))
     file = tmp_path / "record.csv"
-    file.write_text("time_s,body_m_s2,spool_m_s2\n0,1,2\n")
+    file.write_text("time_s,body_m_s2,spool_m_s2\n0,1,2\n", "utf-8")
     assert main(["check", str(file)]) == FAULT
     assert ("Traceback" in capsys.readouterr().err) == (wanted == "1")
 
@@ -70,11 +70,11 @@ def test_the_traceback_of_a_fault_is_kept_in_the_file_that_is_named(
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     monkeypatch.setattr(record_quality, "quality_of_record", faulty(TypeError))
     file = tmp_path / "record.csv"
-    file.write_text("time_s,body_m_s2,spool_m_s2\n0,1,2\n")
+    file.write_text("time_s,body_m_s2,spool_m_s2\n0,1,2\n", "utf-8")
     assert main(["check", str(file)]) == FAULT
     log = Path(capsys.readouterr().err.partition("the traceback in ")[2].partition(" (SPOOL")[0])
-    assert "Traceback" in log.read_text()
-    assert "TypeError: no such thing" in log.read_text()
+    assert "Traceback" in log.read_text("utf-8")
+    assert "TypeError: no such thing" in log.read_text("utf-8")
 
 
 def test_a_picture_left_out_by_a_fault_is_not_blamed_on_the_numbers() -> None:
@@ -117,7 +117,7 @@ def test_output_that_cannot_be_encoded_is_printed_with_marks(encoding: str, tmp_
 
 
 def test_a_full_disk_behind_standard_output_is_named() -> None:
-    with Path("/dev/full").open("w") as full:
+    with Path("/dev/full").open("w", encoding="utf-8") as full:
         done = program(*SPOOL, "valve", "check", "4weh10_soft", stdout=full)
     assert done.stderr == "spool: standard output (/dev/full): No space left on device\n"
     assert done.returncode == 2

@@ -127,7 +127,7 @@ class Comparison(Strict):
 
 def read(path: Path) -> Any:
     """Return the JSON, which must not hold NaN or infinity."""
-    return json.loads(path.read_text(), parse_constant=pytest.fail)
+    return json.loads(path.read_text("utf-8"), parse_constant=pytest.fail)
 
 
 class Page(HTMLParser):
@@ -202,7 +202,7 @@ def test_the_saved_model_moves_the_spool_as_the_record_says(fitted: Path, tmp_pa
 
 
 def test_the_page_stands_by_itself(fitted: Path) -> None:
-    text = (fitted / "fit.html").read_text()
+    text = (fitted / "fit.html").read_text("utf-8")
     page = Page(text)
     # Four of the fit, and six of evidence.
     assert len(page.pictures) == 4 + 6
@@ -278,7 +278,7 @@ def test_wrong_input_is_one_line(
 
 def test_a_record_of_noise_is_refused(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     bag = str(tmp_path / "still")
-    (tmp_path / "still.yaml").write_text("kind: standstill\n")
+    (tmp_path / "still.yaml").write_text("kind: standstill\n", "utf-8")
     excitation = ("--excitation", str(tmp_path / "still.yaml"))
     assert main(["simulate", *excitation, "--seconds", "5", "--out", bag]) == 0
     capfd.readouterr()
@@ -303,7 +303,7 @@ def test_the_model_that_a_record_was_made_with_is_preferred(
     assert f"{preferred} is preferred" in printed
     known = "fluid, before the fit: The record determines: spring stiffness, viscous coefficient; mass: known"
     assert known in printed
-    assert known in (out / "compare.html").read_text()
+    assert known in (out / "compare.html").read_text("utf-8")
     fluid = read(out / "compare.json")["series"][0]["models"]["fluid"]
     assert fluid["determined"]["spring_stiffness"]["verdict"] == "identifiable"
     if preferred == "coulomb":
@@ -311,7 +311,7 @@ def test_the_model_that_a_record_was_made_with_is_preferred(
         assert last.model == "fluid"
         assert last.error_over_least is not None
         assert last.error_over_least > 10.0
-    page = Page((out / "compare.html").read_text())
+    page = Page((out / "compare.html").read_text("utf-8"))
     assert len(page.pictures) == 5
     assert not page.loaded
 

@@ -72,7 +72,7 @@ def write(path: Path, *rows: Array, names: str = NAMES) -> Path:
 def gap(folder: Path, *arguments: object) -> dict[str, Any]:
     file = folder / "gap.json"
     assert main(["gap", *map(str, arguments), "--json", str(file)]) == 0
-    found: dict[str, Any] = json.loads(file.read_text())
+    found: dict[str, Any] = json.loads(file.read_text("utf-8"))
     return found
 
 
@@ -116,8 +116,8 @@ def test_a_reader_who_ends_early_has_all_files_with_a_known_mass_and_columns_of_
         with pytest.raises((BrokenPipeError, SystemExit)):  # rich ends the program
             main([str(word) for word in (*words, *files)])
         sys.stdout.close()
-    assert json.loads(result.read_text())["verdict"] == "coulomb_friction"
-    text = page.read_text()
+    assert json.loads(result.read_text("utf-8"))["verdict"] == "coulomb_friction"
+    text = page.read_text("utf-8")
     assert "coulomb" in text
     evidence = text[text.index("<summary>Evidence</summary>") :]
     # No body is shaken, so there is one picture less.
@@ -211,7 +211,7 @@ def test_page_json_and_terminal_show_what_was_taken_where_nothing_is_missing(
     found = gap(tmp_path, bag, "--report", page)
     assert found["verdict"] == "none"
     assert [row["id"] for row in found["ranking"] if row["accepted"]] == ["none"]
-    text, printed = page.read_text(), capsys.readouterr().out
+    text, printed = page.read_text("utf-8"), capsys.readouterr().out
     assert re.search(r"<td>none</td>(\s*<td[^>]*>[^<]*</td>){3}\s*<td>accepted</td>", text)
     assert "of windows that no fit has seen" in text
     for shown in (text, printed):

@@ -18,7 +18,9 @@ RATE = 1000.0
 
 
 def written(path: Path, columns: str, rows: list[tuple[float, ...]]) -> str:
-    path.write_text("\n".join([columns, *(",".join(f"{value:.9g}" for value in row) for row in rows)]) + "\n")
+    path.write_text(
+        "\n".join([columns, *(",".join(f"{value:.9g}" for value in row) for row in rows)]) + "\n", "utf-8"
+    )
     return str(path)
 
 
@@ -116,7 +118,7 @@ def test_masses_in_grams_are_refused_by_every_command(
 ) -> None:
     text = shipped_valves()["4weh10_soft"].read_text(encoding="utf-8")
     grams = tmp_path / "grams.yaml"
-    grams.write_text(text.replace("0.18 ", "180").replace("0.172 ", "172"))
+    grams.write_text(text.replace("0.18 ", "180").replace("0.172 ", "172"), "utf-8")
     record = [] if command == "simulate" else [shaken(tmp_path / "record.csv")]
     out = ["--out", str(tmp_path / "bag")] if command == "simulate" else []
     said = refusal([command, *record, "--valve", str(grams), *out], capsys)
@@ -134,7 +136,7 @@ def test_the_wrong_valve_is_warned_of_on_the_terminal_in_json_and_on_the_page(
     assert main(arguments) == 0
     said = "says 28.7 Hz, the record shows 15 Hz (95 %: 14."
     assert said in " ".join(capsys.readouterr().err.split())
-    assert any(said in warning for warning in json.loads(Path(json_file).read_text())["warnings"])
+    assert any(said in warning for warning in json.loads(Path(json_file).read_text("utf-8"))["warnings"])
     assert said in Path(page).read_text(encoding="utf-8")
 
 
@@ -147,7 +149,7 @@ def test_a_doubted_valve_file_caps_the_confidence_of_a_gap_analysis(
     assert main(["simulate", *words, "--out", str(record)]) == 0
     out = tmp_path / "gap.json"
     assert main(["gap", str(record), "--valve", "4weh10_stiff", "--json", str(out)]) == 0
-    result = json.loads(out.read_text())
+    result = json.loads(out.read_text("utf-8"))
     assert result["verdict"] == "coulomb_friction"
     assert result["confidence"] == 0.5
     assert "the record shows 15" in capsys.readouterr().err

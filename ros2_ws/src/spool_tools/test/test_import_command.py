@@ -79,11 +79,11 @@ def test_a_look_says_what_is_understood_and_writes_no_bag(
     shown = capsys.readouterr().out
     for word in ("body [g]", "2000 Hz", "15.00 Hz", "coherence", "clipped"):
         assert word in shown
-    found = json.loads(told.read_text())
+    found = json.loads(told.read_text("utf-8"))
     assert found["resonance"]["frequency_Hz"] == pytest.approx(15.0, abs=0.6)
     assert found["channels"]["body"]["rms"] == pytest.approx(float(np.std(practice[0])), rel=1e-4)
     assert found["refused"] is None
-    text = page.read_text()
+    text = page.read_text("utf-8")
     assert "Quality of logger.csv" in text
     assert text.count("data:image/svg+xml") == 2
     assert sorted(entry.name for entry in tmp_path.iterdir()) == ["logger.csv", "look.html", "look.json"]
@@ -144,7 +144,7 @@ def test_columns_and_conversions_are_stated_wherever_the_record_is_shown(
     page, told = tmp_path / "look.html", tmp_path / "look.json"
     assert main(["import", str(path), "--look", *options, "--json", str(told), "--report", str(page)]) == 0
     shown = capsys.readouterr().out
-    found = json.loads(told.read_text())
+    found = json.loads(told.read_text("utf-8"))
     assert found["columns"][1] == {
         "role": "body_m_s2", "file": "logger.csv", "column": "Gehäuse [g]", "number": 1, "unit": "g",
         "factor": GRAVITY, "option": None,
@@ -153,7 +153,7 @@ def test_columns_and_conversions_are_stated_wherever_the_record_is_shown(
     made = capsys.readouterr().out
     main(["check", str(tmp_path / "bag")])
     checked = capsys.readouterr().out
-    html = page.read_text().replace("&#39;", "'")
+    html = page.read_text("utf-8").replace("&#39;", "'")
     for line in lines:
         assert line in shown
         assert line in made
@@ -168,7 +168,7 @@ def test_the_noise_of_the_spool_is_not_known_where_friction_reaches_up(
 ) -> None:
     """Both sensors of these records have 0.03 m/s^2; practice_03 has dry friction, practice_01 has none."""
     assert main(["check", str(BAG.with_name(bag)), "--json", str(tmp_path / "check.json")]) == 0
-    channels = json.loads((tmp_path / "check.json").read_text())["channels"]
+    channels = json.loads((tmp_path / "check.json").read_text("utf-8"))["channels"]
     shown = [channels[name]["noise_rms"] for name in ("body", "spool")]
     assert shown == [pytest.approx(0.03, rel=0.1), None if covered else pytest.approx(0.03, rel=0.1)]
     assert ("not measurable" in capsys.readouterr().out) is covered
@@ -178,8 +178,8 @@ def test_a_column_can_be_left_out(
     tmp_path: Path, practice: tuple[np.ndarray, np.ndarray], capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = table(tmp_path, "two.csv", "time [s],body [m/s2],spool [m/s2]", practice, 1.0)
-    text = path.read_text().replace("\n", ",1\n").replace("[m/s2],1\n", "[m/s2],body 2 [m/s2]\n", 1)
-    path.write_text(text)
+    text = path.read_text("utf-8").replace("\n", ",1\n").replace("[m/s2],1\n", "[m/s2],body 2 [m/s2]\n", 1)
+    path.write_text(text, "utf-8")
     assert main(["import", str(path), "--out", str(tmp_path / "bag")]) == 2
     assert "could be body_m_s2" in capsys.readouterr().err
     assert main(["import", str(path), "--exclude", "body 2", "--out", str(tmp_path / "bag")]) == 0

@@ -12,22 +12,24 @@ from spool_tools.cli import main
 
 def test_a_run_up_shows_its_orders_and_resonance_names_the_component(tmp_path: Path) -> None:
     valve, bag, table = tmp_path / "valve.yaml", str(tmp_path / "bag"), str(tmp_path / "bag.csv")
-    text = shipped_valves()["4weh10_stiff"].read_text()
-    valve.write_text(text + "components:\n  - {name: pump, pistons: 9}\n  - {name: fan, ratio: 1.8}\n")
+    text = shipped_valves()["4weh10_stiff"].read_text("utf-8")
+    valve.write_text(
+        text + "components:\n  - {name: pump, pistons: 9}\n  - {name: fan, ratio: 1.8}\n", "utf-8"
+    )
     simulated = ["simulate", "--valve", str(valve), "--excitation", "run_up", "--seconds", "40", "--out", bag]
     assert main(simulated) == 0
     assert main(["export", bag, "--out", table]) == 0
     for record in (bag, table):
         found = tmp_path / "found.json"
         main(["check", record, "--json", str(found), "--force"])
-        lines = json.loads(found.read_text())["order_lines"]
+        lines = json.loads(found.read_text("utf-8"))["order_lines"]
         assert [round(one["order"], 3) for one in lines] == [1.0, 2.0]
         names = ["pump", "pump"] if record == bag else ["", ""]  # a table has no description of a valve
         assert [one["component"] for one in lines] == names
         assert [one["body"] for one in lines] == pytest.approx([4.0, 6.0], rel=0.02)
         valves = [] if record == bag else ["--valve", str(valve)]
         assert main(["replay", record, *valves, "--json", str(found), "--force"]) == 0
-        (one,) = json.loads(found.read_text())["valves"].values()
+        (one,) = json.loads(found.read_text("utf-8"))["valves"].values()
         event = next(event for event in one["events"] if event["kind"] == "resonance")
         assert event["message"].startswith("Resonance (2nd order of the pump, ")
         speed = event["evidence"]["speed"]["value"]
@@ -50,7 +52,7 @@ def test_a_wrong_component_is_refused_by_name(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], lines: str, wrong: str
 ) -> None:
     valve = tmp_path / "valve.yaml"
-    valve.write_text(shipped_valves()["4weh10_stiff"].read_text() + f"components:\n{lines}\n")
+    valve.write_text(shipped_valves()["4weh10_stiff"].read_text("utf-8") + f"components:\n{lines}\n", "utf-8")
     assert main(["simulate", "--valve", str(valve), "--out", str(tmp_path / "bag")]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert wrong in line

@@ -53,7 +53,7 @@ def test_what_is_there_is_left_alone_and_links_are_not_followed(
     mine, link = tmp_path / "mine.csv", tmp_path / "link.csv"
     if "trend" in words:
         mine, link = tmp_path / "mine.html", tmp_path / "link.html"
-    mine.write_text("mine")
+    mine.write_text("mine", "utf-8")
     link.symlink_to(tmp_path / "elsewhere")
     command = [str(bag) if word == "BAG" else word for word in words.split()]
     for path, force, said in (
@@ -65,7 +65,7 @@ def test_what_is_there_is_left_alone_and_links_are_not_followed(
         shown = capsys.readouterr()
         assert said in shown.err
         assert len(shown.err.splitlines()) == 1
-    assert mine.read_text() == "mine"
+    assert mine.read_text("utf-8") == "mine"
     assert not (tmp_path / "elsewhere").exists()
     assert sorted(tmp_path.iterdir()) == sorted([mine, link])
 
@@ -85,15 +85,15 @@ def test_force_does_not_remove_a_folder_that_is_no_bag(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "home").mkdir()
-    (tmp_path / "home" / "letter").write_text("mine")
+    (tmp_path / "home" / "letter").write_text("mine", "utf-8")
     assert main(["simulate", "--seconds", "1", "--out", str(tmp_path / "home"), "--force"]) == 2
     assert "no bag" in capsys.readouterr().err
-    assert (tmp_path / "home" / "letter").read_text() == "mine"
+    assert (tmp_path / "home" / "letter").read_text("utf-8") == "mine"
 
 
 def test_a_folder_with_something_in_it_is_not_filled(tmp_path: Path) -> None:
     (tmp_path / "paper").mkdir()
-    (tmp_path / "paper" / "letter").write_text("mine")
+    (tmp_path / "paper" / "letter").write_text("mine", "utf-8")
     (tmp_path / "link").symlink_to(tmp_path / "elsewhere")
     for name, said in (("paper", "it is not empty"), ("link", "it is a link")):
         with pytest.raises(InputError, match=said):
@@ -106,7 +106,7 @@ def test_a_bag_comes_back_where_its_replacement_fails(bag: Path, tmp_path: Path)
     assert main(["recover", str(bag), "--out", str(out)]) == 0
     before = sorted(path.name for path in out.iterdir())
     bad = tmp_path / "bad.csv"
-    bad.write_text("time_s,body_m_s2\n0,1\n")
+    bad.write_text("time_s,body_m_s2\n0,1\n", "utf-8")
     assert main(["import", str(bad), "--out", str(out), "--force"]) == 2
     assert sorted(path.name for path in out.iterdir()) == before
     assert sorted(path.name for path in tmp_path.iterdir()) == ["bad.csv", "bag"]
@@ -129,7 +129,7 @@ def test_a_pipe_takes_what_is_written(tmp_path: Path) -> None:
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
     read: list[str] = []
-    reader = threading.Thread(target=lambda: read.append(pipe.read_text()))
+    reader = threading.Thread(target=lambda: read.append(pipe.read_text("utf-8")))
     reader.start()
     outputs.write_file(pipe, "content")
     reader.join(timeout=180)
@@ -150,10 +150,10 @@ def test_nothing_is_left_of_a_file_that_could_not_be_written(
 
 def test_a_file_that_came_up_meanwhile_is_left_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "result.json"
-    monkeypatch.setattr(os, "fsync", lambda _: path.write_text("theirs"))
+    monkeypatch.setattr(os, "fsync", lambda _: path.write_text("theirs", "utf-8"))
     with pytest.raises(InputError, match="already exists"):
         outputs.write_file(path, "mine")
-    assert path.read_text() == "theirs"
+    assert path.read_text("utf-8") == "theirs"
     assert list(tmp_path.iterdir()) == [path]
 
 
@@ -184,7 +184,7 @@ def test_what_is_not_finite_becomes_null_at_any_depth(tmp_path: Path) -> None:
 def test_numbers_keep_every_digit(value: float, tmp_path_factory: pytest.TempPathFactory) -> None:
     path = tmp_path_factory.mktemp("number") / "number.json"
     outputs.write_json(path, [value])
-    assert json.loads(path.read_text()) == [value]
+    assert json.loads(path.read_text("utf-8")) == [value]
 
 
 def test_a_file_that_cannot_be_written_is_named(tmp_path: Path) -> None:
@@ -200,6 +200,6 @@ def test_a_path_below_the_home_folder_needs_no_shell(
     monkeypatch.setenv("HOME", str(tmp_path))
     valve = "id: mine\nmoving_mass: 0.18\nspring_stiffness: 1632.0\nland_diameter: 0.02\nland_length: 0.032\n"
     oil = "radial_clearance: 15.0e-6\ndynamic_viscosity: 0.0612\n"
-    (tmp_path / "mine.yaml").write_text(valve + oil)
+    (tmp_path / "mine.yaml").write_text(valve + oil, "utf-8")
     assert main(["simulate", "--valve", "~/mine.yaml", "--seconds", "1", *words]) == 0
     assert list((tmp_path / "made").glob("*.mcap"))

@@ -18,7 +18,7 @@ def install(prefix: Path, package: str, *executables: str) -> Path:
     for name in executables:
         path = prefix / "lib" / package / name
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text("#!/bin/sh\n")
+        path.write_text("#!/bin/sh\n", "utf-8")
         path.chmod(0o755)
     return prefix
 
@@ -32,7 +32,7 @@ def test_the_first_prefix_that_has_it_is_taken(tmp_path: Path, monkeypatch: pyte
 
 def test_what_is_not_there_is_refused_by_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     prefix = install(tmp_path, "some_package", "beta", "alpha")
-    (prefix / "lib/some_package/data.txt").write_text("not executable")
+    (prefix / "lib/some_package/data.txt").write_text("not executable", "utf-8")
     monkeypatch.setenv("AMENT_PREFIX_PATH", str(prefix))
     with pytest.raises(InputError, match="package other_package is not installed"):
         find_executable("other_package", "node")
@@ -65,7 +65,8 @@ def test_leaving_ends_every_process_also_one_that_will_not(
         "if sys.argv[1] == 'deaf': signal.signal(signal.SIGINT, signal.SIG_IGN)\n"
         "if sys.argv[1] == 'short': sys.exit(3)\n"
         "open(sys.argv[2], 'w').close()\n"
-        "signal.pause() if sys.argv[1] != 'deaf' else [signal.pause() for _ in range(9)]\n"
+        "signal.pause() if sys.argv[1] != 'deaf' else [signal.pause() for _ in range(9)]\n",
+        "utf-8",
     )
     node.chmod(0o755)
     monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path))
@@ -83,5 +84,5 @@ def test_leaving_ends_every_process_also_one_that_will_not(
         assert set(nodes.running) == {"good", "short"}
     assert processes["good"].returncode in (-2, 1)
     assert nodes.running == {}
-    assert "KeyboardInterrupt" in (tmp_path / "nodes.log").read_text()
+    assert "KeyboardInterrupt" in (tmp_path / "nodes.log").read_text("utf-8")
     assert isinstance(processes["good"], subprocess.Popen)

@@ -39,7 +39,9 @@ def test_recorded_body_moves_the_spool_as_the_record_says(tmp_path: Path) -> Non
     """The record comes from another simulator, so the spool's motion in it is an independent answer."""
     model = tmp_path / "model.yaml"
     model.write_text(
-        "name: practice\nterms: [inertia, spring, viscous_friction]\nparameters: {viscous_coefficient: 4.0}\n"
+        "name: practice\nterms: [inertia, spring, viscous_friction]\n"
+        "parameters: {viscous_coefficient: 4.0}\n",
+        "utf-8",
     )
     out = tmp_path / "out"
     arguments = ["--model", str(model), "--excitation", str(BAGS / "practice_01"), "--noise", "0"]
@@ -60,7 +62,7 @@ def test_bag_csv_and_yaml_give_the_same_excitation(tmp_path: Path) -> None:
     csv = tmp_path / "record.csv"
     assert main(["export", str(bag), "--out", str(csv)]) == 0
     described = tmp_path / "excitation.yaml"
-    described.write_text("kind: recorded\nfile: bag\nvalve: valve_1\n")
+    described.write_text("kind: recorded\nfile: bag\nvalve: valve_1\n", "utf-8")
     one, other = find_excitation(str(bag)), find_excitation(str(described))
     assert isinstance(one, Recorded)
     assert isinstance(other, Recorded)
@@ -68,7 +70,7 @@ def test_bag_csv_and_yaml_give_the_same_excitation(tmp_path: Path) -> None:
     assert one.sample_rate == other.sample_rate == 2000.0
     assert one.samples.size == 4000
     rows = "\n".join(f"{n / 2000.0},{value!r},0.0" for n, value in enumerate(one.samples.tolist()))
-    csv.write_text("time_s,body_m_s2,spool_m_s2\n" + rows + "\n")
+    csv.write_text("time_s,body_m_s2,spool_m_s2\n" + rows + "\n", "utf-8")
     third = find_excitation(str(csv))
     assert isinstance(third, Recorded)
     np.testing.assert_allclose(third.samples, one.samples, rtol=1e-12)
@@ -78,7 +80,7 @@ def test_bag_csv_and_yaml_give_the_same_excitation(tmp_path: Path) -> None:
 def test_presets_and_yaml_files_still_are_what_they_were(tmp_path: Path) -> None:
     assert find_excitation("sweep") is PRESETS["sweep"]
     path = tmp_path / "excitation.yaml"
-    path.write_text("kind: steady_sine\nfrequency: 20\namplitude: 3\n")
+    path.write_text("kind: steady_sine\nfrequency: 20\namplitude: 3\n", "utf-8")
     assert find_excitation(str(path)).highest_frequency == 20.0
     with pytest.raises(InputError, match="no such excitation"):
         find_excitation("sweeep")
@@ -95,9 +97,9 @@ def test_one_of_several_valves_has_to_be_named(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"its valves are left, right; name one .*kind: recorded"):
         find_excitation(str(bag))
     described = tmp_path / "excitation.yaml"
-    described.write_text(f"kind: recorded\nfile: {bag}\nvalve: right\nsoft_start: 0.5\n")
+    described.write_text(f"kind: recorded\nfile: {bag}\nvalve: right\nsoft_start: 0.5\n", "utf-8")
     assert find_excitation(str(described)).soft_start == 0.5
-    described.write_text(f"kind: recorded\nfile: {bag}\nvalve: up\n")
+    described.write_text(f"kind: recorded\nfile: {bag}\nvalve: up\n", "utf-8")
     with pytest.raises(InputError, match="no valve 'up': the bag has left, right"):
         find_excitation(str(described))
 
@@ -106,7 +108,7 @@ def test_wrong_yaml_of_a_record_is_refused_in_one_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "excitation.yaml"
-    path.write_text("kind: recorded\nfilee: bag\n")
+    path.write_text("kind: recorded\nfilee: bag\n", "utf-8")
     assert main(["simulate", "--excitation", str(path), "--out", str(tmp_path / "out")]) == 2
     said = capsys.readouterr().err
     assert "excitation.yaml: file: key is missing" in said
@@ -147,7 +149,7 @@ def test_oil_that_warms_is_recorded_with_the_valve(
 
 def test_sensor_file_reaches_the_record(tmp_path: Path) -> None:
     path = tmp_path / "sensors.yaml"
-    path.write_text("spool: {full_scale: 4.0, delay_samples: 1.5}\n")
+    path.write_text("spool: {full_scale: 4.0, delay_samples: 1.5}\n", "utf-8")
     out = tmp_path / "out"
     assert main(["simulate", "--sensors", str(path), "--seconds", "4", "--out", str(out)]) == 0
     assert np.abs(spool_of(out)).max() == pytest.approx(4.0)

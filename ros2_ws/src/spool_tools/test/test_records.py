@@ -56,7 +56,7 @@ def test_a_record_of_forces_takes_units_rate_and_left_out_columns(tmp_path: Path
     for name, rows in zip(("si.csv", "own.csv"), columns, strict=True):
         head = "time_s,displacement_m,force_N\n" if name == "si.csv" else ""
         (tmp_path / name).write_text(
-            head + "\n".join(",".join(f"{x:.9f}" for x in row) for row in np.transpose(rows))
+            head + "\n".join(",".join(f"{x:.9f}" for x in row) for row in np.transpose(rows)), "utf-8"
         )
     (plain,) = _force_records([tmp_path / "si.csv"], "imposed", Selection(), [])
     own = "time=#0,displacement=#1,force=#2"
@@ -98,7 +98,7 @@ def test_a_lost_block_divides_a_record_and_time_goes_on(
 def test_a_gap_in_a_csv_divides_it_and_own_names_are_mapped(tmp_path: Path) -> None:
     time = np.concatenate([np.arange(0, 100), np.arange(150, 250)]) * 1e-3
     rows = "\n".join(f"{t:.4f},{t},{2 * t}" for t in time.tolist())
-    (tmp_path / "own.csv").write_text(f"t,ch1,ch2\n{rows}\n")
+    (tmp_path / "own.csv").write_text(f"t,ch1,ch2\n{rows}\n", "utf-8")
     chosen = selection(None, "time_s=t,body_m_s2=ch1,spool_m_s2=ch2", 0.0, None)
     first, second = load_recording(tmp_path / "own.csv", chosen).stretches
     assert (first.body.size, second.body.size) == (100, 100)
@@ -108,7 +108,7 @@ def test_a_gap_in_a_csv_divides_it_and_own_names_are_mapped(tmp_path: Path) -> N
 
 def test_oil_temperature_comes_along_and_its_holes_are_filled(tmp_path: Path) -> None:
     rows = "\n".join(f"{0.001 * n:.3f},1.0,2.0,{20 + n if n % 4 == 0 else ''}" for n in range(9))
-    (tmp_path / "warm.csv").write_text(f"time_s,body_m_s2,spool_m_s2,oil_temperature_C\n{rows}\n")
+    (tmp_path / "warm.csv").write_text(f"time_s,body_m_s2,spool_m_s2,oil_temperature_C\n{rows}\n", "utf-8")
     (stretch,) = load_recording(tmp_path / "warm.csv").stretches
     assert stretch.oil_temperature is not None
     np.testing.assert_allclose(stretch.oil_temperature, 20.0 + np.arange(9))

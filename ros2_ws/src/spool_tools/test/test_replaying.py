@@ -37,7 +37,7 @@ def test_the_result_has_the_keys_that_scripts_rely_on(
     bag = make_bag(tmp_path / "bag", {"valve_1": recorded(seconds=6.0, lost=(50, 51))})
     file = tmp_path / "result.json"
     write_json(file, replay_bag(bag, []))
-    result = json.loads(file.read_text())
+    result = json.loads(file.read_text("utf-8"))
     assert set(result) == {"bag", "duration_s", "valves", "warnings"}
     assert result["bag"] == str(bag)
     assert result["duration_s"] == pytest.approx(6.0)
@@ -101,7 +101,7 @@ def heavier(folder: Path, name: str, factor: float) -> str:
         "id": name,
         "moving_mass": factor * SOFT.moving_mass,
     }
-    path.write_text("".join(f"{key}: {value}\n" for key, value in described.items()))
+    path.write_text("".join(f"{key}: {value}\n" for key, value in described.items()), "utf-8")
     return str(path)
 
 
@@ -208,7 +208,7 @@ def test_too_little_data_give_unknowns_and_no_numbers(
     bag = make_bag(tmp_path / "bag", {"a": recorded(seconds=0.4)})
     file = tmp_path / "result.json"
     write_json(file, replay_bag(bag, []))
-    estimate = json.loads(file.read_text())["valves"]["a"]["estimate"]
+    estimate = json.loads(file.read_text("utf-8"))["valves"]["a"]["estimate"]
     assert estimate["natural_frequency_Hz"] is None
     assert estimate["nrmse"] is None
     assert all(one["value"] is None for one in estimate["parameters"].values())
@@ -229,7 +229,7 @@ def limits(folder: Path, section: str = "/**/monitor", **values: float) -> Path:
     """Write a parameter file; return its path."""
     lines = "".join(f"    {name}: {value}\n" for name, value in values.items())
     file = folder / "limits.yaml"
-    file.write_text(f"{section}:\n  ros__parameters:\n{lines}")
+    file.write_text(f"{section}:\n  ros__parameters:\n{lines}", "utf-8")
     return file
 
 
@@ -242,7 +242,7 @@ def test_a_replay_judges_by_the_limits_of_the_plant_and_states_them(
     for name, more in (("shipped", []), ("plant", ["--params-file", str(file)])):
         written = tmp_path / f"{name}.json"
         assert main(["replay", record, "--valve", "4weh10_soft", "--json", str(written), *more]) == 0
-        result = json.loads(written.read_text())
+        result = json.loads(written.read_text("utf-8"))
         told[name] = result["valves"]["valve_1"], capsys.readouterr().out, replay_page(result, {})
     kinds = {name: [event["kind"] for event in one["events"]] for name, (one, _, _) in told.items()}
     assert kinds == {"shipped": ["resonance", "resonance"], "plant": []}

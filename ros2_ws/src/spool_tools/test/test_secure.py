@@ -100,7 +100,7 @@ def test_keys_are_their_owners_and_stay_when_a_valve_joins(keystore: Path, tmp_p
 
 
 def test_a_folder_with_other_things_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / "something").write_text("mine")
+    (tmp_path / "something").write_text("mine", "utf-8")
     assert main(["secure", "--keystore", str(tmp_path)]) == 2
     assert "holds other things" in capsys.readouterr().err
 

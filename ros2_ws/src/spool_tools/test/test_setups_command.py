@@ -41,7 +41,7 @@ def fitted(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for name, (stiffness, oil, viscosity) in SERIES.items():
         valve = folder / f"{name}.yaml"
         valve.write_text(
-            VALVE.format(name=name, mass=MASS, stiffness=stiffness, viscosity=viscosity, oil=oil)
+            VALVE.format(name=name, mass=MASS, stiffness=stiffness, viscosity=viscosity, oil=oil), "utf-8"
         )
         simulated = ["--valve", str(valve), "--model", "fluid", "--seconds", "6", "--out", str(folder / name)]
         assert main(["simulate", *simulated]) == 0
@@ -51,7 +51,7 @@ def fitted(tmp_path_factory: pytest.TempPathFactory) -> Path:
         setups.append({"name": name, "records": [name], "known": known})
     file = folder / "setups.yaml"
     file.write_text(
-        yaml.safe_dump({"setups": setups, "shared": ["mass", "viscous_coefficient", "spool_gain"]})
+        yaml.safe_dump({"setups": setups, "shared": ["mass", "viscous_coefficient", "spool_gain"]}), "utf-8"
     )
     outputs = ["--json", str(folder / "fit.json"), "--report", str(folder / "fit.html")]
     outputs += ["--save-model", str(folder / "model.yaml")]
@@ -60,7 +60,7 @@ def fitted(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_the_papers_series_determine_mass_and_drag_by_their_known_springs_and_oils(fitted: Path) -> None:
-    found = json.loads((fitted / "fit.json").read_text(), parse_constant=pytest.fail)
+    found = json.loads((fitted / "fit.json").read_text("utf-8"), parse_constant=pytest.fail)
     drag = 8.202
     for name, true in (("mass", MASS), ("viscous_coefficient", drag), ("spool_gain", 0.0)):
         number = found["parameters"][name]
@@ -76,7 +76,7 @@ def test_each_set_up_has_a_model_file_and_the_report_a_picture(fitted: Path) -> 
     for name, (stiffness, _, _) in SERIES.items():
         model = load_model(fitted / f"model_{name}.yaml")
         assert model.values["spring_stiffness"] == stiffness
-    assert "from all set-ups together" in (fitted / "fit.html").read_text()
+    assert "from all set-ups together" in (fitted / "fit.html").read_text("utf-8")
 
 
 def entry(name: str, **known: object) -> dict[str, Any]:
@@ -127,7 +127,7 @@ def test_what_a_file_of_set_ups_gets_wrong_is_one_line(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     file = tmp_path / "setups.yaml"
-    file.write_text(yaml.safe_dump({"setups": setups, "shared": shared}))
+    file.write_text(yaml.safe_dump({"setups": setups, "shared": shared}), "utf-8")
     assert main(["fit", "--setups", str(file), "--valve", "4weh10_soft", "--model", "fluid"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert words in line
@@ -136,10 +136,10 @@ def test_what_a_file_of_set_ups_gets_wrong_is_one_line(
 def test_missing_records_of_set_ups_are_refused_together_before_any_is_read(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    (tmp_path / "here.csv").write_text("nonsense that reading would refuse first")
+    (tmp_path / "here.csv").write_text("nonsense that reading would refuse first", "utf-8")
     setups = [{**entry("first"), "records": ["here.csv"]}, entry("a"), entry("b")]
     file = tmp_path / "setups.yaml"
-    file.write_text(yaml.safe_dump({"setups": setups}))
+    file.write_text(yaml.safe_dump({"setups": setups}), "utf-8")
     assert main(["fit", "--setups", str(file), "--valve", "4weh10_soft", "--model", "fluid"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     missing = f"set-up 'a': {tmp_path / 'a.csv'}, set-up 'b': {tmp_path / 'b.csv'}"
@@ -150,7 +150,7 @@ def test_a_shared_parameter_that_is_fixed_is_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file = tmp_path / "setups.yaml"
-    file.write_text(yaml.safe_dump({"setups": [entry("a"), entry("b")], "shared": ["mass"]}))
+    file.write_text(yaml.safe_dump({"setups": [entry("a"), entry("b")], "shared": ["mass"]}), "utf-8")
     given = ["--valve", "4weh10_soft", "--model", "fluid", "--fix", "mass=0.2"]
     assert main(["fit", "--setups", str(file), *given]) == 2
     assert "shared: mass: --fix holds it" in capsys.readouterr().err

@@ -51,7 +51,7 @@ def test_the_numbers_are_those_that_were_kept(
     code, out, _ = run(capsys, "press/left", "--state-folder", kept, "--json", file)
     assert code == 0
     assert "travel in all: 250 m" in out
-    result: dict[str, Any] = json.loads(file.read_text())
+    result: dict[str, Any] = json.loads(file.read_text("utf-8"))
     assert result["span_s"] == 60
     assert result["counters"] == {"travel": {"value": 250.0, "unit": "m"}}
     force = result["parameters"]["coulomb_force"]
@@ -71,7 +71,7 @@ def test_people_read_the_displacement_in_mm_and_programs_in_m(
     _, out, _ = run(capsys, "press/left", "--state-folder", kept, "--json", file, "--out", drawn)
     assert re.search(r"relative displacement +mm +1\.2500 +1\.2500 +1\.2500", out)
     assert "relative displacement from 1.250 to 1.250 mm" in drawn.read_text(encoding="utf-8")
-    displacement = json.loads(file.read_text())["parameters"]["relative_displacement"]
+    displacement = json.loads(file.read_text("utf-8"))["parameters"]["relative_displacement"]
     assert displacement["unit"] == "m"
     assert displacement["maximum"][0] == 0.00125
 
@@ -88,7 +88,7 @@ def test_one_parameter_since_a_time(
     file = tmp_path / "trend.json"
     arguments = ("--state-folder", kept, "--parameter", "coulomb_force", "--since", since, "--json", file)
     assert run(capsys, "press/left", *arguments)[0] == 0
-    result = json.loads(file.read_text())
+    result = json.loads(file.read_text("utf-8"))
     assert list(result["parameters"]) == ["coulomb_force"]
     assert len(result["parameters"]["coulomb_force"]["mean"]) == minutes
 

@@ -47,7 +47,9 @@ def fitted(path: Path, stiffness: float, damping: float) -> str:
 def _steps(tmp_path: Path) -> str:
     """Return an excitation of a few frequencies: a whole sweep takes thirty times as long."""
     path = tmp_path / "steps.yaml"
-    path.write_text("kind: stepped_sine\nfrequencies: [8, 12, 14, 16, 20, 30]\ndwell: 1\namplitude: 10\n")
+    path.write_text(
+        "kind: stepped_sine\nfrequencies: [8, 12, 14, 16, 20, 30]\ndwell: 1\namplitude: 10\n", "utf-8"
+    )
     return str(path)
 
 
@@ -150,7 +152,7 @@ def test_intervals_hold_the_truth_in_95_of_100_drawn_fits(tmp_path: Path) -> Non
     """200 fits drawn around a truth, each with the same uncertainty; today and with other springs."""
     steps = tmp_path / "steps.yaml"
     steps.write_text(
-        "kind: stepped_sine\nfrequencies: [8, 12, 14, 16, 20, 27, 30, 40]\ndwell: 1\namplitude: 10\n"
+        "kind: stepped_sine\nfrequencies: [8, 12, 14, 16, 20, 27, 30, 40]\ndwell: 1\namplitude: 10\n", "utf-8"
     )
     drawn = np.random.default_rng(7).multivariate_normal(
         (SOFT.spring_stiffness, SOFT.viscous_coefficient), np.outer(STD, STD) * CORRELATION, 200
@@ -188,7 +190,7 @@ def test_the_command_writes_json_and_a_page(tmp_path: Path, capsys: pytest.Captu
     ]
     assert main(["what-if", *words, "--model", model, "--json", str(written), "--report", str(page)]) == 0
     assert "avoid these speeds: order 1: " in capsys.readouterr().out
-    after: dict[str, Any] = json.loads(written.read_text())["after"]
+    after: dict[str, Any] = json.loads(written.read_text("utf-8"))["after"]
     sizes = {len(after[key]) for key in ("frequency_Hz", "amplitude_ratio", "low", "high", "stroke_m")}
     assert len(sizes) == 1
     assert all(
@@ -196,7 +198,7 @@ def test_the_command_writes_json_and_a_page(tmp_path: Path, capsys: pytest.Captu
         for low, best, high in zip(after["low"], after["amplitude_ratio"], after["high"], strict=True)
     )
     assert after["resonances"][0].keys() >= {"frequency_Hz", "order", "speed_rpm", "margin"}
-    text = page.read_text()
+    text = page.read_text("utf-8")
     for label in ("Campbell diagram", "What changes", "Resonances and margins"):
         assert label in text
 
@@ -236,7 +238,7 @@ def test_a_valve_without_its_film_is_refused_unless_the_model_states_the_drag(
 ) -> None:
     short = Valve(id="short", moving_mass=0.18, spring_stiffness=1632.0)
     path = tmp_path / "short.yaml"
-    path.write_text("id: short\nmoving_mass: 0.18\nspring_stiffness: 1632.0\n")
+    path.write_text("id: short\nmoving_mass: 0.18\nspring_stiffness: 1632.0\n", "utf-8")
     assert main(["what-if", "--valve", str(path)]) == 2
     model = fitted(tmp_path / "model.yaml", short.spring_stiffness, 8.2)
     assert what_if(WhatIfRequest(str(path), model, excitation=steps)).draws > 0
@@ -258,6 +260,6 @@ def test_an_impossible_uncertainty_of_a_model_file_is_refused(
     block: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "model.yaml"
-    path.write_text(f"name: one\nterms: [inertia, spring, viscous_friction]\nuncertainty: {block}\n")
+    path.write_text(f"name: one\nterms: [inertia, spring, viscous_friction]\nuncertainty: {block}\n", "utf-8")
     assert main(["what-if", "--valve", "4weh10_soft", "--model", str(path)]) == 2
     assert said in capsys.readouterr().err

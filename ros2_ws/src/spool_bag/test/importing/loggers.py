@@ -398,7 +398,7 @@ def lvm(path: Path, x: str = "No", segments: int = 1) -> None:
             cells = ["" if x == "No" else f"{TIME[at]:.6f}", f"{BODY[at] / GRAVITY:.9f}"]
             cells += [cells[0], f"{SPOOL[at] / GRAVITY:.9f}"] if beside else [f"{SPOOL[at] / GRAVITY:.9f}"]
             top += "\t".join(cells).replace(".", ",") + "\n"
-    path.write_text(top)
+    path.write_text(top, "utf-8")
 
 
 def volts(sign: str = "") -> list[str]:
@@ -410,7 +410,7 @@ def volts(sign: str = "") -> list[str]:
 
 
 def keysight(path: Path) -> None:
-    path.write_text("\n".join(["x-axis,1,2", "second,Volt,Volt", *volts("+")]) + "\n")
+    path.write_text("\n".join(["x-axis,1,2", "second,Volt,Volt", *volts("+")]) + "\n", "utf-8")
 
 
 def siglent(path: Path) -> None:
@@ -420,7 +420,7 @@ def siglent(path: Path) -> None:
         "Horizontal Scale,5.00E-02", "Model Number,SDS1204X-E", "Serial Number,SDSMMEBC4R0001",
         "Software Version,7.6.1.20", "Source,CH1,CH2", "Second,Volt,Volt",
     ]  # fmt: skip
-    path.write_text("\n".join([*top, *volts()]) + "\n")
+    path.write_text("\n".join([*top, *volts()]) + "\n", "utf-8")
 
 
 def tektronix(path: Path) -> None:
@@ -430,7 +430,7 @@ def tektronix(path: Path) -> None:
         "Gating,0.0% to 100.0%,", "Probe Attenuation,1,1", "Vertical Units,V,V", "Vertical Offset,0,0",
         "Vertical Scale,1,1", "Label,,", "TIME,CH1,CH2",
     ]  # fmt: skip
-    path.write_text("\n".join([*top, *volts()]) + "\n")
+    path.write_text("\n".join([*top, *volts()]) + "\n", "utf-8")
 
 
 def tektronix_old(path: Path) -> None:
@@ -442,18 +442,20 @@ def tektronix_old(path: Path) -> None:
         ("Vertical Units", "V"),
     ]
     beside = [f"{key},{value}" for key, value in top] + [","] * (COUNT - len(top))
-    path.write_text("\n".join(f"{one},,{row}" for one, row in zip(beside, volts(), strict=True)) + "\n")
+    path.write_text(
+        "\n".join(f"{one},,{row}" for one, row in zip(beside, volts(), strict=True)) + "\n", "utf-8"
+    )
 
 
 def rigol(path: Path) -> None:
     rows = [f"{at},{0.1 * b:.6e},{0.1 * s:.6e},," for at, (b, s) in enumerate(zip(BODY, SPOOL, strict=True))]
     top = ["X,CH1,CH2,Start,Increment,", "Sequence,Volt,Volt,-6.000000e-02,5.000000e-04"]
-    path.write_text("\n".join([*top, *rows]) + "\n")
+    path.write_text("\n".join([*top, *rows]) + "\n", "utf-8")
 
 
 def rigol_new(path: Path) -> None:
     rows = [f"{0.1 * b:.6e},{0.1 * s:.6e},," for b, s in zip(BODY, SPOOL, strict=True)]
-    path.write_text("\n".join(["CH1V,CH2V,t0 = -6.0e-02, tInc = 5.0e-04,", *rows]) + "\n")
+    path.write_text("\n".join(["CH1V,CH2V,t0 = -6.0e-02, tInc = 5.0e-04,", *rows]) + "\n", "utf-8")
 
 
 def mat4(path: Path) -> None:

@@ -43,7 +43,7 @@ def record(n: int = 4000, rate: float = 2000.0, *, keep: np.ndarray | None = Non
 
 def save(folder: Path, text: str) -> Path:
     path = folder / "record.csv"
-    path.write_text(text)
+    path.write_text(text, "utf-8")
     return path
 
 
@@ -335,7 +335,7 @@ def test_csv_to_bag_to_csv_is_exact(tmp_path: Path) -> None:
         for bag in (tmp_path / "bag", tmp_path / "bag_2")
     )
     assert first == second
-    text = (tmp_path / "again.csv").read_text().splitlines()
+    text = (tmp_path / "again.csv").read_text("utf-8").splitlines()
     assert text[0] == HEADER + ",oil_temperature_C"
     cells = record(oil=True).splitlines()[2].split(",")
     assert text[2] == ",".join([*(f"{float(cell):g}" for cell in cells[:3]), "40"])
@@ -370,7 +370,7 @@ def test_targets_of_export_are_checked(tmp_path: Path, name: str) -> None:
     import_csv(save(tmp_path, record()), tmp_path / "bag")
     with pytest.raises(InputError, match=name):
         export_bag(tmp_path / "bag", tmp_path / name)
-    (tmp_path / "there.csv").write_text("")
+    (tmp_path / "there.csv").write_text("", "utf-8")
     with pytest.raises(InputError, match=r"there\.csv exists already"):
         export_bag(tmp_path / "bag", tmp_path / "there.csv")
     with pytest.raises(InputError, match="no valve 'valve_7'"):

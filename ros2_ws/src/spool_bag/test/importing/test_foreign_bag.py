@@ -127,7 +127,8 @@ def test_parts_are_read_whatever_their_quality_of_service_and_metadata(
         )
         (tmp_path / "metadata.yaml").write_text(
             "rosbag2_bagfile_information:\n  version: 99\n  storage_identifier: mcap\n  message_count: 0\n"
-            f"  relative_file_paths:{files}\n  topics_with_message_count:{counts}\n"
+            f"  relative_file_paths:{files}\n  topics_with_message_count:{counts}\n",
+            "utf-8",
         )
     whole(tmp_path)
     assert {name: topic.messages for name, topic in BagReader(tmp_path).topics.items()} == dict.fromkeys(
@@ -146,8 +147,10 @@ def test_parts_named_as_by_lyrical_are_ordered_by_number_and_none_counts_as_remo
 def test_missing_parts_are_named(tmp_path: Path) -> None:
     made.imu_bag(StoragePlugin.MCAP)(tmp_path / "bag")
     told = tmp_path / "bag" / "metadata.yaml"
-    text = told.read_text().replace("  - bag.mcap", "  - bag.mcap\n  - bag_1.mcap")
-    told.write_text(text.replace(f"message_count: {made.COUNT}", f"message_count: {made.COUNT + 50}"))
+    text = told.read_text("utf-8").replace("  - bag.mcap", "  - bag.mcap\n  - bag_1.mcap")
+    told.write_text(
+        text.replace(f"message_count: {made.COUNT}", f"message_count: {made.COUNT + 50}"), "utf-8"
+    )
     said = read(tmp_path / "bag").warnings
     assert any("bag_1.mcap is missing" in one for one in said)
     assert any(

@@ -203,7 +203,7 @@ def test_dates_of_a_workbook_are_times(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("kind", ["csv", "csv.gz", "parquet"])
 def test_what_is_exported_comes_back(tmp_path: Path, kind: str) -> None:
-    (tmp_path / "first.csv").write_text(CONTRACT + made.rows())
+    (tmp_path / "first.csv").write_text(CONTRACT + made.rows(), "utf-8")
     import_record(tmp_path / "first.csv", tmp_path / "bag")
     export_bag(tmp_path / "bag", tmp_path / f"out.{kind}")
     import_record(tmp_path / f"out.{kind}", tmp_path / "again")
@@ -215,7 +215,7 @@ def test_what_is_exported_comes_back(tmp_path: Path, kind: str) -> None:
 
 
 def test_a_bag_of_our_own_topics_is_read_by_its_roles(tmp_path: Path) -> None:
-    (tmp_path / "first.csv").write_text(CONTRACT + made.rows())
+    (tmp_path / "first.csv").write_text(CONTRACT + made.rows(), "utf-8")
     import_record(tmp_path / "first.csv", tmp_path / "bag")
     found = read_record(tmp_path / "bag")
     np.testing.assert_allclose(found.columns["spool_m_s2"], made.SPOOL, rtol=1e-6, atol=1e-6)

@@ -110,7 +110,7 @@ def lines_of(held: Content) -> list[list[Any]]:
 
 
 def csv(path: Path, held: Content) -> None:
-    path.write_text("".join(";".join(map(str, line)) + "\n" for line in lines_of(held)))
+    path.write_text("".join(";".join(map(str, line)) + "\n" for line in lines_of(held)), "utf-8")
 
 
 def excel(path: Path, held: Content) -> None:

@@ -128,7 +128,7 @@ def lvm(path: Path, draw: Callable[[st.SearchStrategy[Any]], Any]) -> Case:
         + ("" if above else note) + "***End_of_Header***\t\nX_Value\tbody\tspool\tComment\n"
     )  # fmt: skip
     rows = zip(body, spool, strict=True)
-    path.write_text(top + "".join(f"\t{b:.9f}\t{s:.9f}\n".replace(".", ",") for b, s in rows))
+    path.write_text(top + "".join(f"\t{b:.9f}\t{s:.9f}\n".replace(".", ",") for b, s in rows), "utf-8")
     return case
 
 
@@ -282,7 +282,9 @@ def bag(path: Path, draw: Callable[[st.SearchStrategy[Any]], Any]) -> Case:
                 writer.write(channel, stamp, store.serialize_cdr(message, kind))
     if counted:
         told = path / "metadata.yaml"
-        told.write_text(told.read_text().replace(f"message_count: {COUNT}", f"message_count: {counted}"))
+        told.write_text(
+            told.read_text("utf-8").replace(f"message_count: {COUNT}", f"message_count: {counted}"), "utf-8"
+        )
     return case
 
 

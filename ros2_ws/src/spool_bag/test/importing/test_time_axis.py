@@ -29,7 +29,7 @@ def mat(path: Path, **held: object) -> Path:
 
 def csv(path: Path, header: str, *columns: Callable[[int], str]) -> Path:
     rows = (",".join(column(at) for column in columns) for at in range(COUNT))
-    path.write_text("\n".join([header, *rows]) + "\n")
+    path.write_text("\n".join([header, *rows]) + "\n", "utf-8")
     return path
 
 

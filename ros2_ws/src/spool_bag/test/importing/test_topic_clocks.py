@@ -190,16 +190,16 @@ def test_a_compressed_file_and_a_bag_whose_storage_is_not_named(tmp_path: Path) 
     packed = tmp_path / f"{file.name}.zstd"
     packed.write_bytes(zstandard.compress(file.read_bytes()))
     check_right(packed)
-    metadata = yaml.safe_load((bag / "metadata.yaml").read_text())
+    metadata = yaml.safe_load((bag / "metadata.yaml").read_text("utf-8"))
     metadata["rosbag2_bagfile_information"]["storage_identifier"] = ""
-    (bag / "metadata.yaml").write_text(yaml.safe_dump(metadata))
+    (bag / "metadata.yaml").write_text(yaml.safe_dump(metadata), "utf-8")
     check_right(bag)
 
 
 def test_a_choice_that_is_none_or_that_no_other_file_has(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="write header, log or arrival"):
         choices(stamps="received")
-    (tmp_path / "a.csv").write_text("time_s,body_m_s2,spool_m_s2\n0,1,2\n0.001,2,3\n0.002,3,4\n")
+    (tmp_path / "a.csv").write_text("time_s,body_m_s2,spool_m_s2\n0,1,2\n0.001,2,3\n0.002,3,4\n", "utf-8")
     with pytest.raises(InputError, match="--stamps log: only messages with a header"):
         import_record(tmp_path / "a.csv", tmp_path / "out", how=choices(stamps="log"))
 

@@ -71,7 +71,7 @@ def test_offset_and_drift_are_found_and_the_stiffness_is_the_valves(tmp_path: Pa
     found = fit(records_from_blocks(reader.blocks("valve_1"), "two"), load_model("coulomb"), VALVE)
     stiffness = next(one.value for one in found.parameters if one.name == "spring_stiffness")
     assert stiffness == pytest.approx(VALVE.spring_stiffness, rel=1e-3)
-    told = (tmp_path / "bag" / "metadata.yaml").read_text()
+    told = (tmp_path / "bag" / "metadata.yaml").read_text("utf-8")
     assert "import_clock_offset_s" in told
     assert "import_clock_drift_ppm" in told
 

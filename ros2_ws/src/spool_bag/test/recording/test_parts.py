@@ -98,7 +98,9 @@ def test_the_metadata_is_true_for_what_is_there(tmp_path: Path, block: MakeBlock
     writer = recorded(tmp_path / "bag", block, 2000, TEN_SECONDS)
     assert writer.remove_oldest()
     writer.close()
-    told = yaml.safe_load((tmp_path / "bag" / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    told = yaml.safe_load((tmp_path / "bag" / "metadata.yaml").read_text("utf-8"))[
+        "rosbag2_bagfile_information"
+    ]
     names = [path.name for path in sorted((tmp_path / "bag").glob("*.mcap"))]
     assert told["relative_file_paths"] == names == ["bag_1.mcap", "bag_2.mcap", "bag_3.mcap"]
     assert told["message_count"] == sum(file["message_count"] for file in told["files"]) == 1500 + 3
@@ -517,7 +519,9 @@ def test_old_parts_keep_what_they_tell_without_accelerations(
     reader = BagReader(tmp_path / "bag")
     assert sequences(tmp_path / "bag") == list(range(1000, 1100))
     assert len(list(reader.records("/valve_1/estimate"))) == 11
-    told = yaml.safe_load((tmp_path / "bag" / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    told = yaml.safe_load((tmp_path / "bag" / "metadata.yaml").read_text("utf-8"))[
+        "rosbag2_bagfile_information"
+    ]
     assert [file["message_count"] for file in told["files"]] == [5, 6, 102]
     found = verify(tmp_path / "bag", public)
     assert (found.wrong, found.signed) == ([], 3)
@@ -559,7 +563,9 @@ def test_a_slow_disk_holds_up_nobody_and_what_it_costs_is_stated(
     assert one.close(180.0)
     kept = sequences(tmp_path / "bag")
     assert len(kept) == 500 - lost
-    told = yaml.safe_load((tmp_path / "bag" / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    told = yaml.safe_load((tmp_path / "bag" / "metadata.yaml").read_text("utf-8"))[
+        "rosbag2_bagfile_information"
+    ]
     assert told["custom_data"]["lost_messages"] == str(lost)
 
 

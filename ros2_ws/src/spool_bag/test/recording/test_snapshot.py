@@ -238,7 +238,7 @@ def test_what_is_no_snapshot_never_goes_for_one(writer: SnapshotWriter, tmp_path
 
 
 def test_a_folder_that_cannot_be_made_is_said(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    (tmp_path / "file").write_text("")
+    (tmp_path / "file").write_text("", "utf-8")
     writer = SnapshotWriter(SnapshotKeeper(3.0, 2.0), tmp_path / "file", logging.getLogger("test"))
     for message in [*(block(number) for number in range(250)), event(4.9)]:
         writer.keeper.take(message)

@@ -65,7 +65,9 @@ def test_a_parameter_file_is_read_without_ros_as_a_node_reads_it(
     domain_id: int, tmp_path: Path, sections: list[tuple[str, str]]
 ) -> None:
     file = tmp_path / "parameters.yaml"
-    file.write_text("".join(f"{name}:\n  ros__parameters:\n    gain: {value}\n" for name, value in sections))
+    file.write_text(
+        "".join(f"{name}:\n  ros__parameters:\n    gain: {value}\n" for name, value in sections), "utf-8"
+    )
     context = Context()
     rclpy.init(args=["--ros-args", "--params-file", str(file)], context=context, domain_id=domain_id)
     try:

@@ -136,7 +136,7 @@ def _valve(name: str, alarms: int, *, active: bool) -> HeardValve:
 
 
 def _memory() -> float:
-    return int(Path("/proc/self/statm").read_text().split()[1]) * _PAGE / 1e6
+    return int(Path("/proc/self/statm").read_text("utf-8").split()[1]) * _PAGE / 1e6
 
 
 if __name__ == "__main__":

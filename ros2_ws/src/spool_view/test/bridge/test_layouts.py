@@ -102,5 +102,5 @@ def test_a_bag_gives_its_valves_and_the_command_writes_both(tmp_path: Path) -> N
     assert main(simulated) == 0
     assert [one.name for one in recorded_valves(BagReader(bag), ["valve_1"])] == ["valve_1"]
     assert main(["layout", str(bag), "--out", str(tmp_path / "out")]) == 0
-    json.loads((tmp_path / "out" / "foxglove.json").read_text())
-    ElementTree.fromstring((tmp_path / "out" / "plotjuggler.xml").read_text())
+    json.loads((tmp_path / "out" / "foxglove.json").read_text("utf-8"))
+    ElementTree.fromstring((tmp_path / "out" / "plotjuggler.xml").read_text("utf-8"))

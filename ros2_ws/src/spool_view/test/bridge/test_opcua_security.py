@@ -26,7 +26,7 @@ def test_an_operator_is_known_by_the_password_alone(folder: Path) -> None:
     assert set(kept) == {"anna", "jan"}
     assert kept["anna"].fits("second secret")
     assert not kept["anna"].fits("first secret")
-    assert "secret" not in (folder / OPERATORS).read_text()
+    assert "secret" not in (folder / OPERATORS).read_text("utf-8")
 
 
 def test_a_new_password_renews_no_certificate(folder: Path) -> None:
@@ -49,12 +49,12 @@ def test_what_cannot_be_used_is_named(folder: Path) -> None:
         keep_operator(folder, "anna", "short")
     with pytest.raises(InputError, match="operator"):
         keep_operator(folder, "anna\n", "a good secret")
-    (folder / OPERATORS).write_text("[1]")
+    (folder / OPERATORS).write_text("[1]", "utf-8")
     (folder / OPERATORS).chmod(0o600)
     with pytest.raises(InputError, match="not a list of operators"):
         Security.read(folder)
     (folder / OPERATORS).unlink()
-    (folder / TRUSTED / "client.pem").write_text("-----BEGIN nothing")
+    (folder / TRUSTED / "client.pem").write_text("-----BEGIN nothing", "utf-8")
     with pytest.raises(InputError, match="not a certificate"):
         Security.read(folder)
     with pytest.raises(InputError, match="make it with"):

@@ -109,12 +109,12 @@ class Station:
     @property
     def token(self) -> str:
         assert self.desk.token is not None
-        return self.desk.token.path.read_text().strip()
+        return self.desk.token.path.read_text("utf-8").strip()
 
     @property
     def log(self) -> str:
         assert self.desk.log is not None
-        return self.desk.log.path.read_text()
+        return self.desk.log.path.read_text("utf-8")
 
     def headers(self, **more: str) -> dict[str, str]:
         own = {"origin": OWN, "authorization": f"Bearer {self.token}"}
@@ -212,19 +212,19 @@ class Domain:
         number = len(self.running)
         process = self.start("spool_view", "page", port=0, operator=str(operator).lower(), **parameters)
         log = self.folder / f"{number}_page.log"
-        until(lambda: "page is at" in log.read_text(), "the page is served")
-        address = log.read_text().partition("page is at ")[2].split()[0]
+        until(lambda: "page is at" in log.read_text("utf-8"), "the page is served")
+        address = log.read_text("utf-8").partition("page is at ")[2].split()[0]
         return process, address
 
     @property
     def token(self) -> str:
         (file,) = (self.folder / "state" / "spool" / "web_page").glob("token_*")
-        return file.read_text().strip()
+        return file.read_text("utf-8").strip()
 
     @property
     def log(self) -> str:
         file = self.folder / "state" / "spool" / "web_page" / "operator_log.jsonl"
-        return file.read_text() if file.exists() else ""
+        return file.read_text("utf-8") if file.exists() else ""
 
     def close(self) -> None:
         for process in self.running:

@@ -66,9 +66,9 @@ def _measure(valves: int, readers: int, seconds: float, folder: Path, *, metrics
     speaker: subprocess.Popen[bytes] | None = None
     stop = threading.Event()
     try:
-        while "page is at" not in log.read_text():
+        while "page is at" not in log.read_text("utf-8"):
             time.sleep(0.1)
-        port = int(log.read_text().partition("page is at http://127.0.0.1:")[2].partition("/")[0])
+        port = int(log.read_text("utf-8").partition("page is at http://127.0.0.1:")[2].partition("/")[0])
         time.sleep(3.0)
         before = _say("no valve, no reader", page.pid, seconds / 4, 0)
         command = [sys.executable, __file__, "--speak", "--valves", str(valves)]
@@ -101,14 +101,14 @@ def _say(what: str, process: int, seconds: float, before: int) -> int:
     begin, ticks = time.monotonic(), _ticks(process)
     time.sleep(seconds)
     share = 100.0 * (_ticks(process) - ticks) / _TICKS / (time.monotonic() - begin)
-    memory = int(Path(f"/proc/{process}/statm").read_text().split()[1]) * _PAGE
+    memory = int(Path(f"/proc/{process}/statm").read_text("utf-8").split()[1]) * _PAGE
     more = f" ({(memory - before) / 1e6:+.1f})" if before else ""
     print(f"{what}: {share:.2f} % of a core, {memory / 1e6:.1f} MB{more}", flush=True)
     return memory
 
 
 def _ticks(process: int) -> int:
-    fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
+    fields = Path(f"/proc/{process}/stat").read_text("utf-8").rpartition(")")[2].split()
     return int(fields[11]) + int(fields[12])
 
 

@@ -252,7 +252,7 @@ def test_no_request_leaves_this_host(
         becomes(page, "good")
     page.wait_for_timeout(3000)
     browser.close()
-    text = log.read_text(errors="replace").rstrip()
+    text = log.read_text(errors="replace", encoding="utf-8").rstrip()
     found = json.loads(text if text.endswith("}") else text.rstrip(",") + "]}")
     names = {number: name for name, number in found["constants"]["logEventTypes"].items()}
     events = [(names[one["type"]], one.get("params", {})) for one in found["events"]]

@@ -150,13 +150,13 @@ def names_in(expression: str) -> set[str]:
 
 
 def test_rules_and_dashboard_use_metrics_that_are_served() -> None:
-    (group,) = yaml.safe_load((PAGES / "rules.yaml").read_text())["groups"]
+    (group,) = yaml.safe_load((PAGES / "rules.yaml").read_text("utf-8"))["groups"]
     assert len({rule["alert"] for rule in group["rules"]}) == 6
     for rule in group["rules"]:
         assert rule["annotations"]["summary"]
         assert rule["annotations"]["description"]
         assert names_in(rule["expr"]) <= served_names()
-    panels = json.loads((PAGES / "dashboard.json").read_text())["panels"]
+    panels = json.loads((PAGES / "dashboard.json").read_text("utf-8"))["panels"]
     used = [names_in(target["expr"]) for panel in panels for target in panel.get("targets", [])]
     assert all(used)
     assert set().union(*used) <= served_names()

@@ -60,7 +60,11 @@ def test_pictures_of_the_page_show_its_labels_of_today(
             height = HEIGHTS[view, width]
             page = open_page(where, width=width, height=height, color_scheme=scheme, locale="en-GB")
             pages[f"page_{view}_{width}_{scheme}.png"] = page
-    stated = json.loads((PICTURES / "labels.json").read_text()) if (PICTURES / "labels.json").exists() else {}
+    stated = (
+        json.loads((PICTURES / "labels.json").read_text("utf-8"))
+        if (PICTURES / "labels.json").exists()
+        else {}
+    )
     for page in pages.values():
         page.wait_for_selector("[data-alarm=resonance] [data-state=unacknowledged]")
         if view == "valve":
@@ -78,5 +82,5 @@ def test_pictures_of_the_page_show_its_labels_of_today(
         assert stated[name]["labels"] == labels, "make the pictures again, as above"
     if out:
         (out / "labels.json").write_text(
-            json.dumps(stated, indent=1, ensure_ascii=False, sort_keys=True) + "\n"
+            json.dumps(stated, indent=1, ensure_ascii=False, sort_keys=True) + "\n", "utf-8"
         )
