@@ -17,7 +17,8 @@ from spool_core.node import qos
 from spool_msgs.msg import Alarm, AlarmList, ValveHealth
 
 from ..conftest import PATIENCE
-from ..test_conditions import OPERATOR, PASSWORD, SILENCE, Plant, _plant  # noqa: F401 - a fixture
+from ..opcua import OPERATOR
+from ..test_conditions import SILENCE, Plant, _plant  # noqa: F401 - a fixture
 
 HERE = Path(__file__).parent
 VALVES = 100
@@ -43,14 +44,14 @@ def looked(plant: Plant, who: tuple[Path, Path], *user: str) -> dict[str, Any]:
 
 
 def test_it_finds_machine_and_valves_and_acts_as_an_operator_only(plant: Plant) -> None:
-    stranger = looked(plant, plant.stranger, OPERATOR, PASSWORD)
+    stranger = looked(plant, plant.stranger, *OPERATOR.values())
     assert set(stranger) == {"refused"}
     onlooker = looked(plant, plant.trusted)
     assert onlooker["machines"] == [{"name": "press_7", "valves": ["valve_1"]}]
     assert {"name": SILENCE, "acknowledged": False} in onlooker["active"]
     assert {one.partition("=")[0] for one in onlooker["types"]} == {"DI i"}
     assert onlooker["acknowledge"] == "BadUserAccessDenied"
-    assert looked(plant, plant.trusted, OPERATOR, PASSWORD)["acknowledge"] == "Good"
+    assert looked(plant, plant.trusted, *OPERATOR.values())["acknowledge"] == "Good"
 
 
 def test_raises_and_clears_of_100_valves_in_a_second_reach_it_in_order(plant: Plant) -> None:

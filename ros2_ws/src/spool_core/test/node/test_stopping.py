@@ -100,7 +100,7 @@ REFUSED = [
     ("-- -r __ns:=/valve_9", "type --ros-args -r __ns:=/valve_9"),
     ("-- nonsense", "nonsense: no option of this program"),
     ("--bogus", "unknown ROS arguments"),
-    ("--params-file my_valve.yaml", "my_valve.yaml: this is a valve description: pass it as --valve "),
+    ("--params-file valve.yaml", "valve.yaml: this is a valve description: pass it as --valve "),
 ]
 #: The node with each of these arguments, in a fork: its output, and a line with its code.
 EACH = """
@@ -119,7 +119,7 @@ for arguments in json.loads(sys.argv[1]):
 def test_arguments_that_rcl_refuses_are_said_in_one_line(environment: dict[str, str], tmp_path: Path) -> None:
     (tmp_path / "broken.yaml").write_text("probe:\n  ros__parameters: [unclosed", "utf-8")
     (tmp_path / "bare.yaml").write_text("probe:\n  ros__parameters: {gain: 2.0}", "utf-8")
-    (tmp_path / "my_valve.yaml").write_text("id: a\nmoving_mass: 0.18\nspring_stiffness: 1632.0\n", "utf-8")
+    (tmp_path / "valve.yaml").write_text("id: a\nmoving_mass: 0.18\nspring_stiffness: 1632.0\n", "utf-8")
     probe = Path(__file__).with_name("probe_node.py")
     given = json.dumps([arguments.split() for arguments, _ in REFUSED])
     answer = subprocess.run(
