@@ -196,6 +196,7 @@ def relative_rms(value: Array, reference: Array) -> float:
     [
         ("fluid", {}, 3.8),
         ("coulomb", {"coulomb_force": 0.5}, 3.7),
+        ("coulomb", {"coulomb_force": 1.2}, 3.7),
         ("stribeck", {}, 3.7),
         ("fluid_presliding_friction", {}, 3.5),
         ("fluid_spring_backlash", {"backlash": 2e-4}, 3.7),

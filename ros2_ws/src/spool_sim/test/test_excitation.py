@@ -8,14 +8,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from spool_core.errors import InputError
-from spool_core.numbers import Array
 from spool_sim.excitation import (
     PRESETS,
     Excitation,
     MachineOrders,
     Multisine,
     Sequence,
-    SteadySine,
     SteppedSine,
     SweptSine,
     from_mapping,
@@ -116,23 +114,6 @@ def test_rms_of_a_multisine_is_as_told_and_its_crest_low() -> None:
     assert found.max() <= 100.0
 
 
-def test_broadband_has_its_rms_and_its_band() -> None:
-    broadband = MachineOrders(
-        speed_profile=((0.0, 0.0),),
-        orders=(),
-        broadband_rms=3.0,
-        broadband_low=20.0,
-        broadband_high=60.0,
-        soft_start=0.0,
-    )
-    value = broadband.acceleration(np.arange(0.0, 120.0, 1.0 / 500.0))
-    assert np.sqrt(np.mean(value**2)) == pytest.approx(3.0, rel=0.03)
-    power = np.abs(np.fft.rfft(value * np.hanning(value.size))) ** 2
-    frequency = np.fft.rfftfreq(value.size, 1.0 / 500.0)
-    inside = (frequency >= 19.9) & (frequency <= 60.1)
-    assert power[inside].sum() > 0.999 * power.sum()
-
-
 @pytest.mark.parametrize("seeded", ["multisine", "orders"])
 def test_the_seed_makes_the_phases(seeded: str) -> None:
     t = np.arange(1.0, 2.0, 1e-3)
@@ -140,56 +121,6 @@ def test_the_seed_makes_the_phases(seeded: str) -> None:
     other = one.model_copy(update={"seed": 5})
     np.testing.assert_array_equal(one.acceleration(t), one.model_copy().acceleration(t))
     assert np.abs(one.acceleration(t) - other.acceleration(t)).max() > 1.0
-
-
-def instantaneous_frequency(excitation: Excitation, t: Array) -> float:
-    """Return the frequency (Hz) from the rising zeros within ``t``."""
-    value = excitation.acceleration(t)
-    rising = np.flatnonzero((value[:-1] < 0.0) & (value[1:] >= 0.0))
-    zeros = t[rising] - value[rising] * (t[1] - t[0]) / (value[rising + 1] - value[rising])
-    return float((zeros.size - 1) / (zeros[-1] - zeros[0]))
-
-
-def test_frequencies_run_as_told() -> None:
-    step = 1.0 / 50_000.0
-    stepped = SteppedSine(
-        start_frequency=10.0, stop_frequency=100.0, frequency_step=45.0, dwell=2.0, amplitude=1.0
-    )
-    np.testing.assert_allclose(stepped.steps, [10.0, 55.0, 100.0])
-    for start, frequency in ((0.5, 10.0), (2.1, 55.0), (4.1, 100.0), (6.1, 10.0)):
-        assert instantaneous_frequency(stepped, np.arange(start, start + 1.4, step)) == pytest.approx(
-            frequency
-        )
-    linear = SweptSine(start_frequency=10.0, stop_frequency=100.0, duration=20.0, amplitude=1.0)
-    octaves = linear.model_copy(update={"scale": "logarithmic"})
-    for middle, slow, fast in ((10.0, 55.0, 10.0**1.5), (30.0, 55.0, 10.0**1.5)):
-        t = np.arange(middle - 0.5, middle + 0.5, step)
-        assert instantaneous_frequency(linear, t) == pytest.approx(slow, rel=0.01)
-        assert instantaneous_frequency(octaves, t) == pytest.approx(fast, rel=0.01)
-
-
-def test_shaft_turns_as_often_as_the_profile_says() -> None:
-    orders = MachineOrders(
-        speed_profile=((0.0, 600.0), (10.0, 1800.0), (20.0, 1800.0)), orders=((2.0, 1.0),), soft_start=0.0
-    )
-    times = np.array([0.0, 5.0, 10.0, 20.0, 30.0])
-    np.testing.assert_allclose(orders.revolutions(times), [0.0, 75.0, 200.0, 500.0, 800.0])
-    t = np.arange(12.0, 13.0, 1e-5)
-    assert instantaneous_frequency(orders, t) == pytest.approx(60.0, rel=1e-5)
-    assert orders.highest_frequency == 60.0
-
-
-def test_parts_of_a_sequence_follow_one_another() -> None:
-    sequence = from_mapping(SEQUENCE)
-    sine = SteadySine(frequency=12.0, amplitude=5.0)
-    assert not sequence.acceleration(np.arange(0.0, 2.7, 1e-3)).any()
-    t = np.arange(3.3, 6.7, 1e-3)
-    np.testing.assert_allclose(sequence.acceleration(t), sine.acceleration(t - 3.0), atol=1e-12)
-    late = np.arange(30.0, 31.0, 1e-3)
-    multisine = Multisine(low_frequency=10.0, high_frequency=80.0, rms=3.0)
-    np.testing.assert_allclose(sequence.acceleration(late), multisine.acceleration(late - 7.0), atol=1e-12)
-    again = from_mapping({**SEQUENCE, "repeat": True})
-    np.testing.assert_allclose(again.acceleration(t + 24.0), again.acceleration(t), atol=1e-9)
 
 
 @settings(max_examples=50, deadline=None)

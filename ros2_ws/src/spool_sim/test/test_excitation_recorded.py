@@ -27,18 +27,6 @@ def test_between_samples_the_record_is_band_limited(frequency: float, seed: int)
     np.testing.assert_allclose(sine(frequency).acceleration(t), truth, atol=2e-4)
 
 
-def test_at_the_samples_it_is_the_samples() -> None:
-    noise = np.random.default_rng(0).standard_normal(500)
-    record = Recorded(samples=noise, sample_rate=RATE)
-    np.testing.assert_allclose(record.acceleration(np.arange(500) / RATE), noise, atol=1e-11)
-
-
-def test_body_stands_still_outside_of_the_record() -> None:
-    record = sine(50.0)
-    assert record.duration == pytest.approx(1.9995)
-    assert not record.acceleration(np.array([-1.0, -1e-6, 2.0, 100.0])).any()
-
-
 @settings(max_examples=30, deadline=None)
 @given(borders=st.lists(st.integers(1, 999), max_size=8))
 def test_any_split_of_the_times_gives_the_same_bits(borders: list[int]) -> None:

@@ -2,38 +2,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
 import pytest
 from spool_core.errors import InputError
 from spool_sim.model import MODELS, load_model, model_from_mapping
-from spool_sim.terms import TERMS, Term
 from spool_sim.valve import Valve
-
-
-def test_registry_finds_the_terms_of_the_folder() -> None:
-    assert {"inertia", "spring", "viscous_friction", "coulomb_friction"} <= set(TERMS)
-
-
-@pytest.mark.parametrize("entry", TERMS.values(), ids=TERMS.keys())
-def test_every_term_tells_about_itself(entry: Term) -> None:
-    for text in (entry.name, entry.law, entry.source, entry.meaning):
-        assert text.strip()
-    assert type(entry).__module__.endswith(f".{entry.name}")
-    for parameter in entry.parameters:
-        assert parameter.low <= parameter.start <= parameter.high
-        assert parameter.unit
-        assert parameter.meaning
-
-
-@pytest.mark.parametrize("name", ["viscous_friction", "coulomb_friction"])
-def test_friction_is_odd_and_dissipates(name: str) -> None:
-    velocity = np.linspace(-0.5, 0.5, 101)
-    zero = np.zeros(velocity.size)
-    entry = TERMS[name]
-    values = {parameter.name: parameter.start for parameter in entry.parameters}
-    force = entry.force(zero, velocity, zero, values)
-    assert np.all(force[velocity != 0.0] * velocity[velocity != 0.0] > 0.0)
-    np.testing.assert_allclose(force, -entry.force(zero, -velocity, zero, values))
 
 
 def test_start_values_come_from_the_valve(valve: Valve) -> None:

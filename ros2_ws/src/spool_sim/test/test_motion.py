@@ -1,13 +1,10 @@
 from __future__ import annotations
 
 import math
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from spool_core.errors import InputError
 from spool_core.numbers import Array
 from spool_sim.excitation import SteadySine, SweptSine
@@ -163,18 +160,6 @@ def test_energy_supplied_is_stored_or_dissipated(coulomb_force: float, energy_ba
     assert abs(balance.residual) < 1e-5 * balance.supplied
 
 
-@pytest.mark.parametrize("coulomb_force", [0.0, 0.5, 1.2])
-def test_error_falls_with_the_fourth_power_of_the_step(coulomb_force: float) -> None:
-    reference = sweep(64, coulomb_force=coulomb_force).displacement
-    errors = [
-        relative_rms(sweep(substeps, coulomb_force=coulomb_force).displacement, reference)
-        for substeps in (1, 2, 4, 8)
-    ]
-    order = np.log2(errors[0] / errors[-1]) / 3.0
-    assert order > 3.5
-    assert errors[1] < 1e-5
-
-
 def test_step_error_tells_what_the_chosen_step_costs() -> None:
     substeps = substeps_needed(1.0 / 2000.0, **SOFT, highest_frequency=110.0)
     values = {**SOFT, "coulomb_force": 0.5}
@@ -191,79 +176,6 @@ def test_step_error_tells_what_the_chosen_step_costs() -> None:
 def test_a_spool_that_rests_has_no_step_error() -> None:
     error = halving_error(MOTION, FREE, np.zeros_like, seconds=0.1, sample_rate=2000.0, substeps=1)
     assert error == 0.0
-
-
-@settings(max_examples=60, deadline=None)
-@given(
-    cuts=st.lists(st.integers(1, 599), max_size=12, unique=True),
-    coulomb_force=st.sampled_from([0.0, 0.3, 1.2]),
-    substeps=st.integers(1, 4),
-)
-def test_any_split_into_blocks_gives_the_same_numbers(
-    cuts: list[int], coulomb_force: float, substeps: int
-) -> None:
-    rate, samples = 2000.0, 600
-    stiffness = np.linspace(1632.0, 1200.0, samples)
-    whole, end = run(
-        SWEEP.acceleration(half_step_times(0, samples, rate, substeps)),
-        substeps,
-        rate,
-        coulomb_force=coulomb_force,
-        spring_stiffness=stiffness,
-    )
-    state = MotionState()
-    parts = []
-    edges = [0, *sorted(cuts), samples]
-    for first, last in pairwise(edges):
-        forcing = SWEEP.acceleration(half_step_times(first, last - first, rate, substeps))
-        part, state = run(
-            forcing,
-            substeps,
-            rate,
-            state,
-            coulomb_force=coulomb_force,
-            spring_stiffness=stiffness[first:last],
-        )
-        parts.append(part)
-    for name in ("displacement", "velocity", "acceleration", "stuck"):
-        np.testing.assert_array_equal(
-            np.concatenate([getattr(part, name) for part in parts]), getattr(whole, name)
-        )
-    assert state == end
-
-
-@settings(max_examples=60, deadline=None)
-@given(
-    amplitude=st.floats(0.0, 100.0),
-    frequency=st.floats(1.0, 200.0),
-    coulomb_force=st.floats(0.0, 20.0),
-    viscous_coefficient=st.floats(0.0, 100.0),
-    spring_stiffness=st.floats(10.0, 1e5),
-)
-def test_motion_stays_finite_and_friction_never_supplies_energy(
-    amplitude: float,
-    frequency: float,
-    coulomb_force: float,
-    viscous_coefficient: float,
-    spring_stiffness: float,
-    energy_balance: Any,
-) -> None:
-    rate, samples = 10_000.0, 3000
-    parameters = {
-        "mass": MASS,
-        "viscous_coefficient": viscous_coefficient,
-        "spring_stiffness": spring_stiffness,
-    }
-    substeps = substeps_needed(1.0 / rate, **parameters, highest_frequency=frequency)
-    sine = SteadySine(frequency=frequency, amplitude=amplitude, soft_start=0.0)
-    forcing = sine.acceleration(half_step_times(0, samples, rate, substeps))
-    trajectory, _ = run(forcing, substeps, rate, coulomb_force=coulomb_force, **parameters)
-    assert np.isfinite(trajectory.acceleration).all()
-    values = {**parameters, "coulomb_force": coulomb_force}
-    body = forcing[: -1 : 2 * substeps]
-    balance = energy_balance(MOTION, values, trajectory, body, sample_period=1.0 / rate)
-    turned_over = abs(balance.supplied) + abs(balance.stored) + balance.dissipated
-    assert abs(balance.residual) <= 0.02 * turned_over + 1e-12
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-import math
-from itertools import pairwise
 from typing import Any
 
 import pytest
@@ -14,29 +12,6 @@ NAMES = st.sampled_from(sorted(OILS))
 #: deg C at which the thinnest grade, ISO VG 10, has the 2 mm^2/s down to which the law holds, less a margin.
 THINNEST = 115.0
 TEMPERATURES = st.floats(LOWEST_TEMPERATURE, THINNEST)
-
-
-@pytest.mark.parametrize(("name", "at_40", "at_100"), [("HL68", 68.0, 8.7), ("Azolla ZS22", 22.0, 4.3)])
-def test_law_passes_through_both_catalogue_points(name: str, at_40: float, at_100: float) -> None:
-    assert OILS[name].kinematic_viscosity(40.0) == pytest.approx(at_40, rel=1e-12)
-    assert OILS[name].kinematic_viscosity(100.0) == pytest.approx(at_100, rel=1e-12)
-
-
-def test_law_is_a_straight_line_on_walther_paper() -> None:
-    for oil in OILS.values():
-        at = [
-            (math.log10(t + 273.15), math.log10(math.log10(oil.kinematic_viscosity(t) + 0.7)))
-            for t in (-20.0, 15.0, 40.0, 75.0, THINNEST)
-        ]
-        slopes = [(y1 - y0) / (x1 - x0) for (x0, y0), (x1, y1) in pairwise(at)]
-        assert slopes == pytest.approx([slopes[0]] * len(slopes), rel=1e-9)
-        # Mineral oils have Walther slopes of about 3.2 to 4.2.
-        assert 3.0 < -slopes[0] < 4.5
-
-
-def test_oils_of_such_grades_have_about_three_times_the_viscosity_at_20_degrees() -> None:
-    for oil in OILS.values():
-        assert 2.0 < oil.kinematic_viscosity(20.0) / oil.kinematic_viscosity(40.0) < 3.5
 
 
 @given(name=NAMES, one=TEMPERATURES, other=TEMPERATURES)
