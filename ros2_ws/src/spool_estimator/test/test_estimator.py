@@ -2,22 +2,18 @@ from __future__ import annotations
 
 import cmath
 import math
-import pickle
 from collections.abc import Iterable
 from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from spool_core.block import Block
-from spool_core.block_gate import Fault
 from spool_core.uncertainty import Validity
 from spool_estimator.estimate import Estimate, State
 from spool_estimator.estimator import Estimator, settings_for
 from spool_estimator.stream_estimator import EstimatorSettings
-from spool_sim.excitation import PRESETS, Excitation, MachineOrders, Multisine, Part, Sequence, Standstill
+from spool_sim.excitation import PRESETS, Excitation, MachineOrders
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
 from spool_sim.valve import find_valve
@@ -82,17 +78,6 @@ def test_recovers_what_was_simulated(valve: str, excitation: str, coulomb_force:
     assert len(last.parameters) == 3
 
 
-@pytest.mark.parametrize("rate", [1000.0, 5000.0, 10000.0])
-def test_recovers_at_other_sample_rates(rate: float) -> None:
-    source = simulator(rate=rate)
-    last = estimates_of(source.records(15.0), Estimator(settings_for(source.valve)))[-1]
-    assert last.parameter("spring_stiffness").value == pytest.approx(source.truth.spring_stiffness, rel=0.01)
-    assert last.parameter("viscous_coefficient").value == pytest.approx(
-        source.truth.viscous_coefficient, rel=0.05
-    )
-    assert last.parameter("coulomb_force").value == pytest.approx(0.3, rel=0.06)
-
-
 def test_one_estimate_a_second_stamped_with_the_newest_sample() -> None:
     blocks = record()
     estimates = estimates_of(blocks)
@@ -118,40 +103,6 @@ def test_dry_friction_of_point_values_is_certain_a_chunk_after_the_start() -> No
     source = simulator(coulomb_force=0.5, rate=500.0)
     found = estimates_of(source.records(2.2), Estimator(settings_for(source.valve, memory=1.0, period=0.1)))
     assert found[-2].parameter("coulomb_force").value == pytest.approx(0.5, rel=0.01)
-
-
-def test_follows_a_drift_of_friction() -> None:
-    source = simulator(coulomb_force=0.2)
-    estimator = Estimator(settings_for(source.valve))
-    before = estimates_of(source.records(15.0), estimator)[-1]
-    source.set_drift("coulomb_force", 0.4)
-    after = estimates_of(source.records(20.0), estimator)[-1]
-    assert before.parameter("coulomb_force").value == pytest.approx(0.2, rel=0.06)
-    assert after.parameter("coulomb_force").value == pytest.approx(0.4, rel=0.06)
-
-
-def split(blocks: Iterable[Block], sizes: list[int]) -> list[Block]:
-    """Return the same samples in blocks of ``sizes``, over and over."""
-    blocks = list(blocks)
-    body = np.concatenate([block.body for block in blocks])
-    spool = np.concatenate([block.spool for block in blocks])
-    again, start = [], 0
-    while start < body.size:
-        size = sizes[len(again) % len(sizes)]
-        part = slice(start, start + size)
-        stamp = blocks[0].stamp + start * 500_000
-        again.append(Block(stamp, len(again), blocks[0].sample_period, body[part], spool[part]))
-        start += size
-    return again
-
-
-@settings(max_examples=15, deadline=None)
-@given(sizes=st.lists(st.integers(1, 700), min_size=1, max_size=12))
-def test_how_a_stream_is_split_into_blocks_changes_nothing(sizes: list[int]) -> None:
-    blocks = record()[:200]
-    expected = exactly(estimates_of(blocks), last_sequence=0)
-    assert len(expected) == 4
-    assert exactly(estimates_of(split(blocks, sizes)), last_sequence=0) == expected
 
 
 def malformed(block: Block, kind: str) -> Block:
@@ -186,74 +137,6 @@ def test_malformed_blocks_never_reach_the_estimate(kind: str) -> None:
     assert estimates[-1].refused_blocks == 5
     assert estimator.gate.refused == 5
     assert exactly(estimates, refused_blocks=0) == exactly(estimates_of(blocks))
-
-
-def test_goes_on_after_a_gap_and_counts_what_was_lost() -> None:
-    blocks = record()
-    estimator = Estimator(SETTINGS)
-    estimates = estimates_of((*blocks[:350], *blocks[360:]), estimator)
-    assert [estimate.lost_blocks for estimate in estimates][-1] == 10
-    assert estimator.gate.faults == {Fault.LOST: 1}
-    whole = estimates_of(blocks)[-1]
-    last = estimates[-1]
-    assert last.state is State.TRACKING
-    for name in ("spring_stiffness", "viscous_coefficient", "coulomb_force"):
-        with_gap, without = last.parameter(name), whole.parameter(name)
-        assert abs(with_gap.value - without.value) < 3.0 * without.standard_deviation
-    assert last.samples < whole.samples
-
-
-def test_a_standstill_of_8_s_moves_nothing() -> None:
-    excitation = Sequence(
-        parts=(
-            Part(duration=12.0, excitation=Multisine(low_frequency=10.0, high_frequency=100.0, rms=7.0)),
-            Part(duration=8.0, excitation=Standstill()),
-            Part(duration=6.0, excitation=Multisine(low_frequency=10.0, high_frequency=100.0, rms=7.0)),
-        )
-    )
-    estimates = estimates_of(simulator(excitation=excitation).records(26.0))
-    before, during, after = estimates[10], estimates[14:19], estimates[-1]
-    assert before.state is State.TRACKING
-    for estimate in during:
-        assert estimate.state is State.NOT_EXCITED
-        for old, new in zip(before.parameters, estimate.parameters, strict=True):
-            assert new.validity is Validity.HELD
-            assert new.value == pytest.approx(old.value, rel=0.01)
-            assert new.standard_deviation < 1.5 * old.standard_deviation
-    assert after.state is State.TRACKING
-
-
-def constant(value: float, count: int, first: Block) -> list[Block]:
-    samples = np.full(40, value, dtype=np.float32)
-    length = 20_000_000
-    return [
-        Block(first.stamp + n * length, first.sequence + n, first.sample_period, samples, samples)
-        for n in range(count)
-    ]
-
-
-@pytest.mark.parametrize("value", [0.0, 1e-42, -1e-38, 9.81, 1e7, 1e30, math.nan, math.inf])
-def test_survives_any_number(value: float) -> None:
-    estimator = Estimator(SETTINGS)
-    # No bias here: one that sets in with the record would be a jolt to the regression.
-    blocks = list(simulator(bias=0.0).records(12.0))
-    for estimate in estimates_of(constant(value, 100, blocks[0]), estimator):
-        assert not any(quantity.known for quantity in estimate.parameters)
-    shift = 100 * 20_000_000
-    following = [replace(block, stamp=block.stamp + shift, sequence=block.sequence + 100) for block in blocks]
-    last = estimates_of(following, estimator)[-1]
-    assert last.state is State.TRACKING
-    assert last.parameter("spring_stiffness").value == pytest.approx(1632.0, rel=0.01)
-    assert last.parameter("coulomb_force").value == pytest.approx(0.3, rel=0.06)
-
-
-@pytest.mark.parametrize("after", [3, 77, 333])
-def test_a_pickled_estimator_goes_on_bit_for_bit(after: int) -> None:
-    blocks = record()
-    estimator = Estimator(SETTINGS)
-    estimates_of(blocks[:after], estimator)
-    copy = pickle.loads(pickle.dumps(estimator))
-    assert exactly(estimates_of(blocks[after:], copy)) == exactly(estimates_of(blocks[after:], estimator))
 
 
 def test_two_valves_never_mix() -> None:

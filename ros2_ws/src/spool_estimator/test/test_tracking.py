@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from spool_core.numbers import Array
+from spool_core.uncertainty import Validity
 from spool_estimator import tracking
 from spool_estimator.estimate import Estimate, State
 from spool_estimator.estimator import Estimator, settings_for
@@ -183,6 +184,7 @@ def test_minutes_at_rest_neither_wind_up_nor_freeze_the_covariance() -> None:
     held = during[-1]
     assert held.state is State.NOT_EXCITED
     for name in NAMES:
+        assert held.parameter(name).validity is Validity.HELD
         assert held.parameter(name).value == pytest.approx(before.parameter(name).value, rel=0.01)
         assert held.parameter(name).standard_deviation < 2.0 * before.parameter(name).standard_deviation
     source.set_drift("viscous_coefficient", 4.0)
