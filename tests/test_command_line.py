@@ -228,12 +228,6 @@ def test_shown_completion_is_for_the_launcher() -> None:
     assert "_SPOOL_COMPLETE" in done.stdout + done.stderr
 
 
-def test_json_on_standard_output_is_all_there_is(bag: Path) -> None:
-    done = program("replay", bag, "--json", "-")
-    assert done.returncode == 0, done.stderr
-    assert set(json.loads(done.stdout)["valves"]) == {"valve_1"}
-
-
 def test_names_in_a_bag_do_not_steer_the_terminal(tmp_path: Path) -> None:
     with BagWriter(tmp_path / "bag") as writer:
         writer.add_topic("/\x1b[2J\x07[red]/oil", "sensor_msgs/msg/Temperature")

@@ -56,8 +56,7 @@ ABOUT: Mapping[str, tuple[str, ...]] = {
         "spool_estimator.estimator_node",
         "spool_estimator.stream_estimator",
     ),
-    "test_supervision": ("spool_bringup.host.*",),
-    "test_two_valves": ("spool_*.*_node",),
+    "test_supervision": ("spool_bringup.host.*", "spool_*.*_node"),
     "test_watch": ("spool_monitor.listener", "spool_tools.operations.watch"),
     "test_wrong_valve_file": ("spool_estimator.estimator_node", "spool_estimator.plausibility"),
 }

@@ -1,11 +1,9 @@
-"""Latch and acknowledgement are there after a kill at any moment."""
+"""What is kept of a valve comes back after a full, a failing and a shared disk."""
 
 from __future__ import annotations
 
 import json
 import os
-import random
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -32,69 +30,6 @@ def stuck(state: EventState, stamp: int) -> Event:
     return Event(stamp, "stuck_spool", state, Severity.ALARM, "", Quantity("x", "1"))
 
 
-WORKER = """
-import sys
-from pathlib import Path
-from spool_monitor.alarm import Operator
-from spool_monitor.event import Event, EventState, Severity
-from spool_monitor.monitor import Monitor
-from spool_monitor.valve_state import ValveState
-from spool_core.uncertainty import Quantity
-
-state = ValveState(Monitor(), Path(sys.argv[1]), print)
-state.open()
-stamp = 0
-def event(what):
-    global stamp
-    stamp += 1
-    state.alarms.update(Event(stamp, "stuck_spool", what, Severity.ALARM, "", Quantity("x", "1")))
-def kept():
-    state.keep_alarms()
-    alarm = state.alarms.alarms["stuck_spool"]
-    print(int(alarm.state), alarm.occurrence, alarm.acknowledged_by, flush=True)
-while True:
-    event(EventState.RAISED); kept()
-    event(EventState.CLEARED); kept()
-    number = state.alarms.alarms["stuck_spool"].occurrence
-    state.alarms.acknowledge("stuck_spool", Operator(f"operator_{number}", stamp)); kept()
-    state.alarms.reset("stuck_spool", Operator("Eva", stamp)); kept()
-"""
-
-
-@pytest.mark.slow
-def test_latch_and_acknowledgement_survive_kills_at_random_moments(
-    tmp_path: Path, killed: Callable[[str, list[str], int], list[str]]
-) -> None:
-    chance = random.Random(1)
-    for _ in range(4):
-        told = killed(WORKER, [str(tmp_path)], chance.randrange(1, 60))[-1].split()
-        state, warnings = opened(tmp_path)
-        state.close()
-        assert warnings == []
-        alarm = state.alarms.alarms["stuck_spool"]
-        # The last one reported, or the step after it, which was on the disk but not reported any more.
-        step = {4: 2, 2: 5, 5: 6, 6: 1, 1: 2}
-        assert int(alarm.state) in (int(told[0]), step[int(told[0])])
-        if int(alarm.state) == int(told[0]):
-            assert alarm.occurrence == int(told[1])
-            assert alarm.acknowledged_by == (told[2] if len(told) > 2 else "")
-
-
-def test_a_damaged_file_is_said_and_the_good_copy_used(tmp_path: Path) -> None:
-    state, _ = opened(tmp_path)
-    state.alarms.update(stuck(EventState.RAISED, 1))
-    state.keep_alarms()
-    state.alarms.acknowledge("stuck_spool", Operator("Eva", 2))
-    state.keep_alarms()
-    state.close()
-    (tmp_path / ALARMS).write_text("{}", "utf-8")
-    again, warnings = opened(tmp_path)
-    again.close()
-    assert len(warnings) == 1
-    assert "alarms.json.last is used" in warnings[0]
-    assert again.alarms.alarms["stuck_spool"].active
-
-
 def test_a_folder_in_use_is_left_alone(tmp_path: Path) -> None:
     first, _ = opened(tmp_path)
     second, warnings = opened(tmp_path)
@@ -105,26 +40,6 @@ def test_a_folder_in_use_is_left_alone(tmp_path: Path) -> None:
     second.keep_alarms()
     assert not (tmp_path / ALARMS).exists()
     first.close()
-
-
-def test_a_downgrade_keeps_latches_and_leaves_the_later_version_s_file(tmp_path: Path) -> None:
-    state, _ = opened(tmp_path)
-    state.alarms.update(stuck(EventState.RAISED, 1))
-    state.alarms.update(stuck(EventState.CLEARED, 2))
-    state.keep_alarms()
-    state.close()
-    later = json.loads((tmp_path / ALARMS).read_text("utf-8")) | {"format": 2}
-    (tmp_path / ALARMS).write_text(json.dumps(later), "utf-8")
-    for operator in ("", "Eva"):
-        older, warnings = opened(tmp_path)
-        assert older.alarms.alarms["stuck_spool"].latched
-        assert older.alarms.alarms["stuck_spool"].acknowledged_by == operator
-        assert len(warnings) == 1
-        if not operator:
-            older.alarms.acknowledge("stuck_spool", Operator("Eva", 3))
-            older.keep_alarms()
-        older.close()
-    assert json.loads((tmp_path / ALARMS).read_text("utf-8")) == later
 
 
 def test_what_can_t_be_understood_is_kept_aside(tmp_path: Path) -> None:

@@ -136,15 +136,6 @@ def test_numbers_out_of_range_and_unknown_choices_are_refused_by_the_option_s_na
 # The command line.
 
 
-def test_wrong_usage_is_one_line_on_stderr_and_2(capsys: pytest.CaptureFixture[str]) -> None:
-    for arguments in (["no_such_command"], ["info"], ["replay", "x", "--colour"], ["info", "no_such_bag"]):
-        assert main(arguments) == 2
-        said = capsys.readouterr()
-        assert said.out == ""
-        assert said.err.startswith("spool: ")
-        assert said.err.count("\n") == 1
-
-
 def test_an_interrupted_simulation_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     whole = Simulator.records
 

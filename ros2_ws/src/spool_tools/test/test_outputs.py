@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import json
-import math
 import os
 import threading
 from pathlib import Path
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -146,38 +144,6 @@ def test_nothing_is_left_of_a_file_that_could_not_be_written(
     with pytest.raises(InputError, match=r"result\.json: cannot be written: No space left on device"):
         outputs.write_file(tmp_path / "result.json", "{}")
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_file_that_came_up_meanwhile_is_left_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = tmp_path / "result.json"
-    monkeypatch.setattr(os, "fsync", lambda _: path.write_text("theirs", "utf-8"))
-    with pytest.raises(InputError, match="already exists"):
-        outputs.write_file(path, "mine")
-    assert path.read_text("utf-8") == "theirs"
-    assert list(tmp_path.iterdir()) == [path]
-
-
-def test_what_is_not_finite_becomes_null_at_any_depth(tmp_path: Path) -> None:
-    value = {
-        "nan": math.nan,
-        "list": [1.5, math.inf, -math.inf, (math.nan, 2)],
-        "deep": {
-            "numpy": np.float64("nan"),
-            "number": np.float64(0.1),
-            "none": None,
-            "text": "nan",
-            "true": True,
-        },
-    }
-    path = tmp_path / "value.json"
-    outputs.write_json(path, value)
-    text = path.read_text(encoding="utf-8")
-    assert text.endswith("\n")
-    assert json.loads(text, parse_constant=pytest.fail) == {
-        "nan": None,
-        "list": [1.5, None, None, [None, 2]],
-        "deep": {"numpy": None, "number": 0.1, "none": None, "text": "nan", "true": True},
-    }
 
 
 @given(value=st.floats(allow_nan=False, allow_infinity=False))
