@@ -21,6 +21,9 @@ WARNING, ALARM = Severity.WARNING, Severity.ALARM
 QUIET, BETWEEN, WARN, ALARMING = (None, True), (None, False), (WARNING, False), (ALARM, False)
 #: The same below the deadband of an alarm.
 EASED, OVER = (WARNING, False, True), (None, True, True)
+INDICATED = {
+    "quiet": QUIET, "between": BETWEEN, "warn": WARN, "alarm": ALARMING, "eased": EASED, "over": OVER,
+}  # fmt: skip
 What = tuple[Severity | None, bool] | tuple[Severity | None, bool, bool]
 
 
@@ -36,116 +39,67 @@ def course(*steps: tuple[float, What]) -> list[tuple[float, EventState, Severity
     return [(event.stamp / SECOND, event.state, event.severity) for event in events]
 
 
-@pytest.mark.parametrize(
-    ("steps", "expected"),
-    [
-        pytest.param([(0.0, QUIET), (9.0, QUIET)], [], id="quiet"),
-        pytest.param([(0.0, WARN), (0.49, WARN)], [], id="shorter than the on delay"),
-        pytest.param([(0.0, WARN), (0.5, WARN), (9.0, WARN)], [(0.5, RAISED, WARNING)], id="on delay"),
-        pytest.param([(0.0, WARN), (0.4, QUIET), (0.5, WARN), (0.9, WARN)], [], id="interrupted by quiet"),
-        pytest.param(
-            [(0.0, WARN), (0.4, BETWEEN), (0.5, WARN), (0.9, WARN)], [], id="interrupted by between"
-        ),
-        pytest.param([(0.0, BETWEEN), (9.0, BETWEEN)], [], id="between never raises"),
-        pytest.param(
-            [(0.0, WARN), (0.5, WARN), (1.0, BETWEEN), (9.0, BETWEEN)],
-            [(0.5, RAISED, WARNING)],
-            id="between never clears",
-        ),
-        pytest.param(
-            [(0.0, WARN), (0.5, WARN), (1.0, QUIET), (1.9, QUIET)],
-            [(0.5, RAISED, WARNING)],
-            id="off too short",
-        ),
-        pytest.param(
-            [(0.0, WARN), (0.5, WARN), (1.0, QUIET), (2.0, QUIET), (9.0, QUIET)],
-            [(0.5, RAISED, WARNING), (2.0, CLEARED, WARNING)],
-            id="off delay",
-        ),
-        pytest.param(
-            [(0.0, WARN), (0.5, WARN), (1.0, QUIET), (1.5, BETWEEN), (2.0, QUIET), (2.9, QUIET)],
-            [(0.5, RAISED, WARNING)],
-            id="the off delay starts again after between",
-        ),
-        pytest.param(
-            [(0.0, WARN), (0.5, WARN), (1.0, QUIET), (1.5, WARN), (2.0, QUIET), (2.9, QUIET)],
-            [(0.5, RAISED, WARNING)],
-            id="the off delay starts again after an indication",
-        ),
-        pytest.param(
-            [
-                (0.0, WARN),
-                (0.5, WARN),
-                (0.6, ALARMING),
-                (0.7, WARN),
-                (1.2, ALARMING),
-                (1.6, ALARMING),
-                (9.0, WARN),
-            ],
-            [(0.5, RAISED, WARNING)],
-            id="looks at a higher severity that are shorter than the on delay",
-        ),
-        pytest.param(
-            [(0.0, WARN), (0.5, WARN), (0.6, ALARMING), (1.1, ALARMING), (1.2, WARN), (1.8, ALARMING)],
-            [(0.5, RAISED, WARNING), (1.1, RAISED, ALARM)],
-            id="a higher severity after the on delay and once",
-        ),
-        pytest.param(
-            [(0.0, WARN), (0.4, ALARMING), (0.5, ALARMING), (0.8, ALARMING), (0.9, ALARMING)],
-            [(0.5, RAISED, WARNING), (0.9, RAISED, ALARM)],
-            id="a warning first where the alarm did not hold as long",
-        ),
-        pytest.param(
-            [(0.0, ALARMING), (0.5, ALARMING), (1.0, WARN), (2.0, QUIET), (3.0, QUIET)],
-            [(0.5, RAISED, ALARM), (3.0, CLEARED, ALARM)],
-            id="an alarm that weakens stays one above its deadband",
-        ),
-        pytest.param(
-            [
-                (0.0, ALARMING),
-                (0.5, ALARMING),
-                (1.0, EASED),
-                (1.9, ALARMING),
-                (2.0, EASED),
-                (2.9, EASED),
-                (3.0, EASED),
-                (9.0, EASED),
-            ],
-            [(0.5, RAISED, ALARM), (3.0, RAISED, WARNING)],
-            id="an alarm below its deadband is a warning after the off delay and once",
-        ),
-        pytest.param(
-            [
-                (0.0, ALARMING),
-                (0.5, ALARMING),
-                (1.0, EASED),
-                (2.0, EASED),
-                (2.1, ALARMING),
-                (2.5, ALARMING),
-                (2.6, ALARMING),
-            ],
-            [(0.5, RAISED, ALARM), (2.0, RAISED, WARNING), (2.6, RAISED, ALARM)],
-            id="and an alarm again after the on delay",
-        ),
-        pytest.param(
-            [(0.0, ALARMING), (0.5, ALARMING), (1.0, OVER), (2.0, OVER)],
-            [(0.5, RAISED, ALARM), (2.0, CLEARED, ALARM)],
-            id="what is over needs no step to a warning",
-        ),
-        pytest.param(
-            [(9.0, WARN), (1.0, WARN), (1.4, WARN), (1.5, WARN)],
-            [(1.5, RAISED, WARNING)],
-            id="a clock set back starts the delay again",
-        ),
-        pytest.param(
-            [(9.0, WARN), (9.5, WARN), (20.0, QUIET), (1.0, QUIET), (1.9, QUIET), (2.0, QUIET)],
-            [(9.5, RAISED, WARNING), (2.0, CLEARED, WARNING)],
-            id="a clock set back does not hold an event",
-        ),
-    ],
-)
-def test_course(steps: list[tuple[float, What]], expected: list[tuple[float, EventState, Severity]]) -> None:
-    assert course(*steps) == expected
+#: Whether each course raises and clears: what is indicated, by s, and what is announced, by s.
+COURSES = {
+    "quiet": ("0 quiet, 9 quiet", ""),
+    "shorter than the on delay": ("0 warn, 0.49 warn", ""),
+    "on delay": ("0 warn, 0.5 warn, 9 warn", "0.5 raised warning"),
+    "interrupted by quiet": ("0 warn, 0.4 quiet, 0.5 warn, 0.9 warn", ""),
+    "interrupted by between": ("0 warn, 0.4 between, 0.5 warn, 0.9 warn", ""),
+    "between never raises": ("0 between, 9 between", ""),
+    "between never clears": ("0 warn, 0.5 warn, 1 between, 9 between", "0.5 raised warning"),
+    "off too short": ("0 warn, 0.5 warn, 1 quiet, 1.9 quiet", "0.5 raised warning"),
+    "off delay": ("0 warn, 0.5 warn, 1 quiet, 2 quiet, 9 quiet", "0.5 raised warning, 2 cleared warning"),
+    "the off delay starts again after between": (
+        "0 warn, 0.5 warn, 1 quiet, 1.5 between, 2 quiet, 2.9 quiet",
+        "0.5 raised warning",
+    ),
+    "the off delay starts again after an indication": (
+        "0 warn, 0.5 warn, 1 quiet, 1.5 warn, 2 quiet, 2.9 quiet",
+        "0.5 raised warning",
+    ),
+    "looks at a higher severity that are shorter than the on delay": (
+        "0 warn, 0.5 warn, 0.6 alarm, 0.7 warn, 1.2 alarm, 1.6 alarm, 9 warn",
+        "0.5 raised warning",
+    ),
+    "a higher severity after the on delay and once": (
+        "0 warn, 0.5 warn, 0.6 alarm, 1.1 alarm, 1.2 warn, 1.8 alarm",
+        "0.5 raised warning, 1.1 raised alarm",
+    ),
+    "a warning first where the alarm did not hold as long": (
+        "0 warn, 0.4 alarm, 0.5 alarm, 0.8 alarm, 0.9 alarm",
+        "0.5 raised warning, 0.9 raised alarm",
+    ),
+    "an alarm that weakens stays one above its deadband": (
+        "0 alarm, 0.5 alarm, 1 warn, 2 quiet, 3 quiet",
+        "0.5 raised alarm, 3 cleared alarm",
+    ),
+    "an alarm below its deadband is a warning after the off delay and once": (
+        "0 alarm, 0.5 alarm, 1 eased, 1.9 alarm, 2 eased, 2.9 eased, 3 eased, 9 eased",
+        "0.5 raised alarm, 3 raised warning",
+    ),
+    "and an alarm again after the on delay": (
+        "0 alarm, 0.5 alarm, 1 eased, 2 eased, 2.1 alarm, 2.5 alarm, 2.6 alarm",
+        "0.5 raised alarm, 2 raised warning, 2.6 raised alarm",
+    ),
+    "what is over needs no step to a warning": (
+        "0 alarm, 0.5 alarm, 1 over, 2 over",
+        "0.5 raised alarm, 2 cleared alarm",
+    ),
+    "a clock set back starts the delay again": ("9 warn, 1 warn, 1.4 warn, 1.5 warn", "1.5 raised warning"),
+    "a clock set back does not hold an event": (
+        "9 warn, 9.5 warn, 20 quiet, 1 quiet, 1.9 quiet, 2 quiet",
+        "9.5 raised warning, 2 cleared warning",
+    ),
+}
+
+
+@pytest.mark.parametrize(("steps", "announced"), COURSES.values(), ids=COURSES.keys())
+def test_course(steps: str, announced: str) -> None:
+    words = [step.split() for step in steps.split(", ")]
+    found = course(*((float(seconds), INDICATED[what]) for seconds, what in words))
+    shown = [f"{seconds:g} {state.name} {severity.name}".lower() for seconds, state, severity in found]
+    assert ", ".join(shown) == announced
 
 
 def test_without_delays_it_follows_at_once() -> None:
