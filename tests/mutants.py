@@ -51,14 +51,7 @@ WAITS, COMPUTES = 15.0, 1.0
 #: B of memory that tests of a mutant may take: a loop without an end takes all. And how many s they may take
 #: for each of processor time: live nodes wait.
 MEMORY, WAITING = 6 << 30, 3.0
-PYTEST = [
-    sys.executable,
-    "-m",
-    "pytest",
-    "-xq",
-    "--tb=no",
-    *(f"-p{name}" for name in ("as_given", "no:xdist")),
-]
+PYTEST = [sys.executable, "-m", "pytest", "-xq", "--tb=no", "-pas_given", "-pno:xdist"]
 OUTCOMES = ("noticed", "without effect", "not noticed", "cut")
 HISTORY = ("date", "seed", "version", "drawn", *OUTCOMES)
 EQUIVALENT = without_effect(Path(__file__).with_suffix(".yaml"))
@@ -77,16 +70,11 @@ BORDERS: dict[type[ast.cmpop], tuple[type[ast.cmpop], type[ast.cmpop]]] = {
     ast.In: (ast.NotIn, ast.NotIn),
     ast.NotIn: (ast.In, ast.In),
 }
-OPERATORS: dict[type[ast.operator], type[ast.operator]] = {
-    ast.Add: ast.Sub,
-    ast.Sub: ast.Add,
-    ast.Mult: ast.Div,
-    ast.Div: ast.Mult,
-    ast.FloorDiv: ast.Mult,
-    ast.Mod: ast.Mult,
-    ast.BitOr: ast.BitAnd,
-    ast.BitAnd: ast.BitOr,
-}
+_TURNED = {ast.Add: ast.Sub, ast.Mult: ast.Div, ast.BitOr: ast.BitAnd}
+OPERATORS = {
+    **_TURNED, **{after: before for before, after in _TURNED.items()},
+    **dict.fromkeys((ast.FloorDiv, ast.Mod), ast.Mult),
+}  # fmt: skip
 
 
 def module_of(path: Path) -> str:

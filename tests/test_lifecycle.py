@@ -161,13 +161,6 @@ def test_simulated_time_drives_the_simulator(claim_domain: Domains) -> None:
 @pytest.mark.parametrize(
     ("node", "parameters", "expected"),
     [
-        ("estimator", {"memry": 3.0}, "/valve_1/estimator: parameter memry is unknown"),
-        (
-            "estimator",
-            {"memory": -1.0},
-            "/valve_1/estimator: parameter memory = -1.0 is out of range (from 0.2 to 3600.0 s)",
-        ),
-        ("estimator", {"memory": "long"}, "/valve_1/estimator: parameter memory must be of type double"),
         ("estimator", {"valve_file": "4weh11"}, "4weh11: no such valve"),
         ("adapter", {"body_axis": "+q"}, "body_axis: '+q' is no axis of sensor_msgs/msg/Imu: write +x, "),
         ("simulator", {"excitation": "dance"}, "dance: no such excitation"),
