@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -101,14 +101,6 @@ def test_an_operator_works_from_a_terminal_and_the_alarm_keeps_its_surroundings(
 
 
 # By the rules of the standard tools: REP 107 and what diagnostic_aggregator and rqt show.
-
-
-def until_stale(system: System, tasks: list[str], after: float) -> Callable[[], bool]:
-    def stale() -> bool:
-        newest = [system.statuses(task, after=after) for task in tasks]
-        return all(one and one[-1][1].level == DiagnosticStatus.STALE for one in newest)
-
-    return stale
 
 
 def memory(statuses: Iterable[DiagnosticStatus], *keys: str) -> dict[str, tuple[int, bool]]:

@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 from spool_core.errors import InputError
-from spool_estimator.identification.record import Record
+from spool_estimator.identification.record import Record, records_from_blocks
 from spool_gap.evidence.analyse import analyse
 from spool_gap.likelihood.structure import structure_of
 from spool_gap.report import nothing_missing, result_to_dict
@@ -36,10 +36,8 @@ def record(model: str = "fluid", lengths: Lengths = SHORT, seed: int = 1, **give
         VALVE, sweep, model=model, parameters=given, sample_rate=1250.0, block_size=50, seed=seed,
         body_sensor=Sensor(noise=0.03), spool_sensor=Sensor(**{"noise": 0.03, **spool}),
     )  # fmt: skip
-    blocks = list(simulator.records(seconds))
-    body = np.concatenate([block.body for block in blocks]).astype(np.float64)
-    reading = np.concatenate([block.spool for block in blocks]).astype(np.float64)
-    return Record(f"hidden {model}", 0, blocks[0].sample_period, body, reading)
+    (found,) = records_from_blocks(simulator.records(seconds), f"hidden {model}")
+    return found
 
 
 @lru_cache

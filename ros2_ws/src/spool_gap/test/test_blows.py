@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from spool_core.numbers import Array
 from spool_estimator.identification.nuisances import spikes_of
-from spool_estimator.identification.record import Record
+from spool_estimator.identification.record import Record, records_from_blocks
 from spool_gap.likelihood.kernel import motions_for
 from spool_gap.likelihood.prediction import Prediction, Predictions
 from spool_gap.likelihood.readings import readings_of
@@ -51,9 +51,8 @@ def hit(effect: str, **given: float) -> Record:
         VALVE, Recorded(sample_rate=RATE, samples=blows()), model=model,
         parameters=given, sample_rate=RATE, block_size=200, seed=3, body_sensor=sensor, spool_sensor=sensor,
     )  # fmt: skip
-    parts = list(simulator.records(SECONDS))
-    body, spool = (np.concatenate([getattr(one, name) for one in parts]) for name in ("body", "spool"))
-    return Record("hit", 0, 1.0 / RATE, body.astype(np.float64), spool.astype(np.float64))
+    (found,) = records_from_blocks(simulator.records(SECONDS), "hit")
+    return found
 
 
 def predictions(of: Record) -> Predictions:
@@ -91,9 +90,8 @@ def shaken(**given: float) -> Record:
         VALVE, Recorded(sample_rate=rate, samples=body), model=model,
         parameters=given, sample_rate=rate, block_size=200, seed=3, body_sensor=sensor, spool_sensor=sensor,
     )  # fmt: skip
-    parts = list(simulator.records(seconds))
-    rows = (np.concatenate([getattr(one, name) for one in parts]) for name in ("body", "spool"))
-    return Record("shaken", 0, 1.0 / rate, *(row.astype(np.float64) for row in rows))
+    (found,) = records_from_blocks(simulator.records(seconds), "shaken")
+    return found
 
 
 @pytest.mark.parametrize("bias", [0.0, 0.3, 0.6, -0.6, 3.0])

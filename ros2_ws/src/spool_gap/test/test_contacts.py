@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
-from spool_estimator.identification.record import Record
+from spool_estimator.identification.record import Record, records_from_blocks
 from spool_gap.evidence.analyse import analyse
 from spool_sim.excitation import SweptSine
 from spool_sim.model import MODELS, Model
@@ -27,10 +26,8 @@ def record(terms: tuple[str, ...], rate: float = 2500.0, seconds: float = 24.0, 
         VALVE, SWEEP, model=model, parameters=given, sample_rate=rate, block_size=50, seed=3,
         body_sensor=Sensor(noise=0.03), spool_sensor=Sensor(noise=0.03),
     )  # fmt: skip
-    blocks = list(simulator.records(seconds))
-    body = np.concatenate([block.body for block in blocks]).astype(np.float64)
-    spool = np.concatenate([block.spool for block in blocks]).astype(np.float64)
-    return Record("hidden", 0, blocks[0].sample_period, body, spool)
+    (found,) = records_from_blocks(simulator.records(seconds), "hidden")
+    return found
 
 
 def with_stop(loss: dict[str, float], rate: float = 2500.0) -> Record:

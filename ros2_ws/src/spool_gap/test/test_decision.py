@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from spool_estimator.identification.record import Record
+from spool_estimator.identification.record import records_from_blocks
 from spool_gap.evidence import decision as decision_module
 from spool_gap.evidence import intervals
 from spool_gap.evidence.decision import (
@@ -72,9 +72,7 @@ def fitted(effect: str = "", spool: Sensor | None = None, **given: float) -> Fit
         sample_rate=RATE, block_size=50, seed=5,
         body_sensor=Sensor(noise=NOISE), spool_sensor=spool or Sensor(noise=NOISE),
     )  # fmt: skip
-    blocks = list(simulator.records(SECONDS))
-    body, spool_row = (np.concatenate([getattr(one, name) for one in blocks]) for name in ("body", "spool"))
-    record = Record("short", 0, 1.0 / RATE, body.astype(np.float64), spool_row.astype(np.float64))
+    (record,) = records_from_blocks(simulator.records(SECONDS), "short")
     look = look_at([record], (), VALVE)
     predictions = Predictions([Prediction(look.readings[0], VALVE, MOTIONS)])
     search = Search(predictions, structure_of(BASE, VALVE), [])

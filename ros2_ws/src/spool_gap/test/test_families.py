@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 from functools import lru_cache
 
-import numpy as np
 import pytest
-from spool_estimator.identification.record import Record
+from spool_estimator.identification.record import Record, records_from_blocks
 from spool_gap.catalogue import EFFECTS
 from spool_gap.evidence.analyse import analyse
 from spool_gap.likelihood.kernel import motions_for
@@ -64,9 +63,8 @@ def simulated(model: Model, values: dict[str, float], sensor: dict[str, float]) 
         VALVE, SWEEP, model=model, parameters=values, sample_rate=1000.0, block_size=50, seed=6,
         body_sensor=Sensor(noise=NOISE), spool_sensor=Sensor(**{"noise": NOISE, **sensor}),
     )  # fmt: skip
-    blocks = list(simulator.records(16.0))
-    body, spool = (np.concatenate([getattr(one, name) for one in blocks]) for name in ("body", "spool"))
-    return Record("family", 0, 1e-3, body.astype(np.float64), spool.astype(np.float64))
+    (found,) = records_from_blocks(simulator.records(16.0), "family")
+    return found
 
 
 @lru_cache

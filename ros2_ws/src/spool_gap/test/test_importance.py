@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from spool_core.errors import InputError
-from spool_estimator.identification.record import Record
+from spool_estimator.identification.record import Record, records_from_blocks
 from spool_gap.evidence.analyse import analyse
 from spool_gap.result import GapSettings
 from spool_sim.excitation import SweptSine
@@ -30,9 +30,8 @@ def recorded(effect: str, noise: float = 0.03, **values: float) -> Record:
     simulator = Simulator(
         VALVE, sweep, model=model, sample_rate=RATE, block_size=500, body_sensor=sensor, spool_sensor=sensor
     )
-    blocks = list(simulator.records(24.0))
-    body, spool = (np.concatenate([getattr(block, name) for block in blocks]) for name in ("body", "spool"))
-    return Record("sweeps", 0, 1.0 / RATE, body.astype(np.float64), spool.astype(np.float64))
+    (found,) = records_from_blocks(simulator.records(24.0), "sweeps")
+    return found
 
 
 @pytest.mark.slow

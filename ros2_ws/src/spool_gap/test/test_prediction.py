@@ -41,10 +41,8 @@ def record(effect: str = "", seconds: float = 12.0, **given: float) -> Record:
         sample_rate=1000.0, block_size=50, seed=5,
         body_sensor=Sensor(noise=NOISE), spool_sensor=Sensor(noise=NOISE),
     )  # fmt: skip
-    blocks = list(simulator.records(seconds))
-    body = np.concatenate([block.body for block in blocks]).astype(np.float64)
-    spool = np.concatenate([block.spool for block in blocks]).astype(np.float64)
-    return Record(effect, 0, blocks[0].sample_period, body, spool)
+    (found,) = records_from_blocks(simulator.records(seconds), effect)
+    return found
 
 
 def with_play() -> Record:

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from spool_estimator.identification.determination import RISE_95, verdict_of
-from spool_estimator.identification.record import Record
+from spool_estimator.identification.record import records_from_blocks
 from spool_gap.evidence.analyse import analyse
 from spool_gap.force.analyse import analyse_forces
 from spool_gap.force.balance import ForceRecord
@@ -49,9 +49,7 @@ def test_the_friction_of_a_sweep_is_identifiable_and_its_interval_holds_the_trut
         valve, sweep, model="coulomb", parameters={"coulomb_force": 0.4}, sample_rate=1000.0,
         block_size=500, body_sensor=sensor, spool_sensor=sensor, seed=4,
     )  # fmt: skip
-    blocks = list(simulator.records(16.0))
-    body, spool = (np.concatenate([getattr(b, name) for b in blocks]) for name in ("body", "spool"))
-    record = Record("sweep", 0, 1e-3, body.astype(np.float64), spool.astype(np.float64))
+    (record,) = records_from_blocks(simulator.records(16.0), "sweep")
     result = analyse([record], valve, MODELS["fluid"], settings=GapSettings(profiles=True))
     assert result.verdict == "coulomb_friction"
     (profile,) = result.profiles

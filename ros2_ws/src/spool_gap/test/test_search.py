@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 from scipy import signal
-from spool_estimator.identification.record import Record
+from spool_estimator.identification.record import Record, records_from_blocks
 from spool_gap.evidence import analyse as workflow
 from spool_gap.evidence.analyse import DOUBTFUL, analyse, words_of
 from spool_gap.evidence.decision import decide
@@ -55,9 +55,8 @@ def record(effect: str = "", excitation: Excitation = SWEEP, **given: float) -> 
         sample_rate=RATE, block_size=50, seed=5,
         body_sensor=Sensor(noise=NOISE), spool_sensor=Sensor(noise=NOISE),
     )  # fmt: skip
-    blocks = list(simulator.records(SECONDS))
-    body, spool = (np.concatenate([getattr(one, name) for one in blocks]) for name in ("body", "spool"))
-    return Record("hidden", 0, 1.0 / RATE, body.astype(np.float64), spool.astype(np.float64))
+    (found,) = records_from_blocks(simulator.records(SECONDS), "hidden")
+    return found
 
 
 def hiding(effect: str) -> Record:

@@ -15,7 +15,6 @@ from spool_sim.terms import TERMS, Parameter, Term
 from spool_sim.valve import Valve
 
 FRICTION = [entry for entry in TERMS.values() if entry.dissipates]
-SLIDING = [entry for entry in TERMS.values() if "sliding_law" in entry.laws]
 ODD = [entry for entry in TERMS.values() if entry.odd and "memory_law" not in entry.laws]
 # Printed as they stand, these do not have the unit of a force: that is what is wrong with them.
 WRONG_UNITS = {"coulomb_hydrodynamic_friction_printed", "microwedge_friction_printed"}
