@@ -33,7 +33,7 @@ class Plant:
     server: Process
     folder: Path
     trusted: tuple[Path, Path]
-    stranger: tuple[Path, Path]
+    untrusted: tuple[Path, Path]
 
     @property
     def url(self) -> str:
@@ -51,7 +51,7 @@ def _plant(
     own = folder / "security"
     make_server(own)
     keep_operator(own, *OPERATOR.values())
-    trusted, stranger = (asyncio.run(identity(folder / name)) for name in ("trusted", "stranger"))
+    trusted, untrusted = (asyncio.run(identity(folder / name)) for name in ("trusted", "untrusted"))
     trust(own, trusted[0])
     with make_system(tmp_path_factory.mktemp("conditions")) as system:
         port = free_port()
@@ -68,7 +68,7 @@ def _plant(
         source.kill()
         system.until(lambda: alarms.heard and SILENCE in _names(alarms.last), "the monitor misses its data")
         system.until(lambda: listens(port), "the server starts")
-        yield Plant(system, port, server, own, trusted, stranger)
+        yield Plant(system, port, server, own, trusted, untrusted)
 
 
 def _names(message: AlarmList) -> list[str]:
@@ -250,13 +250,13 @@ def test_only_the_operator_acts_on_an_alarm_and_on_the_figures_and_sees_it_end_a
     plant.system.until(noted, "the monitor knows who it was")
 
 
-def test_strangers_wrong_passwords_and_open_channels_get_nothing(plant: Plant) -> None:
+def test_untrusted_certificates_wrong_passwords_and_open_channels_get_nothing(plant: Plant) -> None:
     async def work() -> None:
         refused = (ua.UaError, ConnectionError, TimeoutError, asyncio.TimeoutError)
-        stranger = await plant.client(plant.stranger, **OPERATOR)
-        stranger.uaclient._timeout = 5.0
+        untrusted = await plant.client(plant.untrusted, **OPERATOR)
+        untrusted.uaclient._timeout = 5.0
         with pytest.raises(refused):
-            await stranger.connect()
+            await untrusted.connect()
         wrong = await plant.client(plant.trusted, **OPERATOR | {"password": "a wrong secret"})
         with pytest.raises(ua.uaerrors.BadUserAccessDenied):
             await wrong.connect()

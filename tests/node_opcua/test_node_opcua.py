@@ -44,8 +44,8 @@ def looked(plant: Plant, who: tuple[Path, Path], *user: str) -> dict[str, Any]:
 
 
 def test_it_finds_machine_and_valves_and_acts_as_an_operator_only(plant: Plant) -> None:
-    stranger = looked(plant, plant.stranger, *OPERATOR.values())
-    assert set(stranger) == {"refused"}
+    untrusted = looked(plant, plant.untrusted, *OPERATOR.values())
+    assert set(untrusted) == {"refused"}
     onlooker = looked(plant, plant.trusted)
     assert onlooker["machines"] == [{"name": "press_7", "valves": ["valve_1"]}]
     assert {"name": SILENCE, "acknowledged": False} in onlooker["active"]
