@@ -23,7 +23,7 @@ from spool_core.node.managed_node import ManagedNode
 from spool_core.node.messages import to_time
 
 Domains: TypeAlias = Callable[[], AbstractContextManager[int]]
-#: s that is waited for a message, which comes within milliseconds on an idle machine.
+#: s, what is waited for comes much sooner on an idle machine, and still comes on a busy one.
 PATIENCE = 180.0
 #: ns of the clock: the first time, and what it advances by at once.
 START, STEP = 1_700_000_000_000_000_000, 100_000_000

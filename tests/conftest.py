@@ -28,13 +28,12 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from spool_core.node.service_calls import ServiceCalls
 from spool_tools.operations.node_processes import find_executable
 
+from .clocked import PATIENCE
 from .forks import Fork, completed, server
 
 if TYPE_CHECKING:
     from spool_evaluation.pictures.structure import Module
 
-#: s, what is waited for comes much sooner on an idle machine, and still comes on a busy one.
-PATIENCE = 180.0
 PACKAGES = {
     "simulator": "spool_sim",
     "estimator": "spool_estimator",
