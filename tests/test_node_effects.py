@@ -6,6 +6,7 @@ import array
 import math
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import islice
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -283,6 +284,17 @@ def test_a_longer_silence_that_is_allowed_live_makes_nothing_stale(claim_domain:
         reports = len(nodes.heard["/diagnostics"])
         nodes.until(lambda: len(nodes.heard["/diagnostics"]) >= reports + 3, "three reports of silence")
         assert ModelEstimate.STATE_STALE not in {message.state for message in heard[stale:]}
+
+
+def test_what_moves_too_little_is_not_estimated(claim_domain: Domains, valve: str) -> None:
+    with clocked(claim_domain, "valve_6") as nodes:
+        nodes.start(EstimatorNode, valve_file=valve, stale_after=60.0, minimum_excitation=50.0)
+        nodes.listen(ModelEstimate, "estimate")
+        send, heard = nodes.offer(AccelerationBlock, "acceleration"), nodes.heard["estimate"]
+        for block in islice(disturbed(valve), 120):
+            send(from_block(block, "4weh10_stiff"))
+        nodes.until(lambda: len(heard) >= 3, "three estimates")
+        assert ModelEstimate.STATE_TRACKING not in {message.state for message in heard}
 
 
 def wave(stamp: int) -> float:
