@@ -14,7 +14,7 @@ from spool_core.errors import InputError
 from spool_fleet import execution
 from spool_fleet.analyses.base import REFERRED, analyses, chosen
 from spool_fleet.execution import Done, ProcessPool, Task, run_task
-from spool_fleet.manifest import Manifest
+from spool_fleet.manifest import Entry, Manifest, StoredResult
 from spool_fleet.operations import add_service, add_to_store, answer, run_over_store
 from spool_fleet.parquet import RECORD_TABLES
 from spool_report.outputs import write_json
@@ -201,6 +201,18 @@ def test_bags_that_come_later_give_the_same_bytes(recordings: Path, store: Path,
         run_over_store(later, "features", 1, None)
     run_over_store(later, "monitor", 1, None)
     assert tables_of(later) == tables_of(store)
+
+
+def test_a_bag_whose_tables_were_removed_is_due_again(tmp_path: Path) -> None:
+    manifest, keys = Manifest(tmp_path, make=True), {"fit": "k"}
+    record = Entry("/bag", "valve_1", "0" * 64, "s", "press", "valve", 10**18, 60.0, 2e3, 0, 45.0, "ok", "")
+    manifest.put("/bag", [record])
+    manifest.keep("/bag", keys, [("valve_1", StoredResult("fit", "ok", "", {}))])
+    manifest.written(record.month)
+    assert manifest.due(keys) == {}
+    manifest.forget(record.month)
+    assert manifest.due(keys) == {"/bag": {"valve_1": ["fit"]}}
+    manifest.close()
 
 
 @pytest.mark.slow
