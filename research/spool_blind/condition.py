@@ -90,9 +90,9 @@ class ExperimentCondition:
     gain: float
     delay: float
 
-    def move(self, plant: Plant, like: Plant | None = None) -> SpoolMotion:
-        """Move ``plant`` under this condition's excitation, in steps as short as ``like`` would need."""
-        longest = plant.longest_step if like is None else like.longest_step
+    def move(self, plant: Plant, like: Plant | None = None, points: int = 1) -> SpoolMotion:
+        """Move ``plant`` under this excitation, in steps that suit ``like``, ``points`` a sample or more."""
+        longest = min((like or plant).longest_step, 1.0 / (points * self.sample_rate))
         time, h = steps(self.duration, self.sample_rate, self.before, longest)
         return move(plant, time, h, self.amplitude * self.excitation.at(time))
 

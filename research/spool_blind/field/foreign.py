@@ -29,7 +29,7 @@ from spool_blind.field.nuisances import (
 )
 
 #: Seeds of this family: choices may be made on the first, the second are for the report.
-DEVELOPMENT, REPORT = range(410_000, 410_100), range(330_000, 330_100)
+DEVELOPMENT, REPORT = range(410_000, 410_100), range(530_000, 530_100)
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -338,9 +338,7 @@ class AntiAlias(FieldNuisance):
         """The delay at low frequencies, s."""
         if self.kind == "fir":
             return 0.5 * (self.order - 1) / self.rate
-        low = 0.002 * self.rate
-        _, response = sosfreqz(self._sections(40.0 * self.rate), [low], fs=40.0 * self.rate)
-        return float(-np.angle(response[0]) / (2.0 * np.pi * low))
+        return slow_delay(self._sections, self.rate)
 
     @property
     def may_be_named(self) -> tuple[str, ...]:
@@ -589,6 +587,13 @@ def draw_channels(
     """Draw the channels that have it: the body's, the spool's or both, with these chances."""
     found = str(generator.choice([BODY, SPOOL, BOTH], p=shares))
     return CHANNELS if found == BOTH else (found,)
+
+
+def slow_delay(sections: Callable[[float], Array], rate: float) -> float:
+    """Return the delay (s) far below ``rate`` (Hz) of a filter that ``sections`` designs for a rate."""
+    low, dense = 0.002 * rate, 40.0 * rate
+    _, response = sosfreqz(sections(dense), [low], fs=dense)
+    return float(-np.angle(response[0]) / (2.0 * np.pi * low))
 
 
 def log_between(generator: Generator, low: float, high: float) -> float:
