@@ -17,6 +17,7 @@ from spool_blind.field.nuisances import (
     SPOOL,
     AcCoupling,
     Array,
+    CrossAxis,
     FieldNuisance,
     Generator,
     Jitter,
@@ -76,17 +77,10 @@ class LowPassedNoise(FieldNuisance):
 
 
 @dataclass(frozen=True)
-class LateralVibration(FieldNuisance):
-    """Vibration across the axis that both sensors read, each with its own share; sizes are its rms.
-
-    ``low`` and ``high`` in Hz are its band.
-    """
+class LateralVibration(CrossAxis):
+    """Vibration across the axis that both sensors read, each with its own share of either sign."""
 
     id = "lateral_vibration"
-    unit = "m/s^2"
-    stage = 10
-    low: float = 5.0
-    high: float = 200.0
 
     @classmethod
     def draw(cls, generator: Generator, seen: Seen) -> FieldNuisance:
@@ -97,12 +91,6 @@ class LateralVibration(FieldNuisance):
         }
         high = float(min(generator.uniform(1.0, 3.0) * seen.high, 0.4 * seen.rate))
         return cls(sizes, new_seed(generator), low=0.5 * seen.low, high=high)
-
-    def disturbance(self, channel: str, reading: Array, rate: float) -> Array:
-        """Return the same vibration for both channels, but for its size."""
-        frequency = rfftfreq(reading.size, 1.0 / rate)
-        inside = ((frequency >= self.low) & (frequency <= self.high)).astype(np.float64)
-        return self.sizes[channel] * coloured(np.random.default_rng(self.seed), inside, reading.size)
 
 
 @dataclass(frozen=True)
