@@ -57,11 +57,12 @@ TITLE = "Field study of the gap workflow"
 #: What the tables count, for a reader who comes from elsewhere.
 ABOUT = (
     "Records of a [second simulator](../../research/spool_blind/README.md#field-cases) behind a measuring "
-    "chain with the faults of real ones, drawn without looking whether anything can be seen. *Right* is the "
-    "whole verdict; *over-cautious*: the names are right, and something is called unexplained besides; "
-    "*false*: a name of what is not there; *missed*: names are missing, none is false. A name is demanded "
-    "where an effect changes the spool's acceleration by more than 0.25 % (rms, the base refitted) and a "
-    "test that knows it sees it in the noise of that record. Intervals are 95 %, Wilson's."
+    "chain with the faults of real ones, drawn without looking whether anything can be seen. Nine loggers of"
+    " ten low-pass each channel before they sample. *Right* is the whole verdict; *over-cautious*: the names"
+    " are right, and something is called unexplained besides; *false*: a name of what is not there; "
+    "*missed*: names are missing, none is false. A name is demanded where an effect changes the spool's "
+    "acceleration by more than 0.25 % (rms, the base refitted) and a test that knows it sees it in the noise"
+    " of that record. Intervals are 95 %, Wilson's."
 )
 NOT_REPORTED = (
     "These seeds are of the window **{window}**: choices may be made on such records. Errors to report are "
