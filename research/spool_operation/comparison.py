@@ -146,9 +146,9 @@ ABOUT = (
     "limits follow from `false_alarm_interval` and the estimates' covariance. Of "
     "each peer the setting counts that does best on these faults, which favours it. Cells: median delay "
     "from when the change is as large as it has to be found, with the 95 % interval of the median, and how "
-    "many were missed. river's ADWIN and KSWIN have no threshold to set to a rate; they are compared in "
-    "[benchmarks](bench_monitor.md). Warm oil looks like wear where no thermometer corrects for it, so the "
-    "viscous coefficient of such days has separate thresholds and rows."
+    "many were missed. river's ADWIN and KSWIN have no threshold to set to a rate: they are left out. Warm "
+    "oil looks like wear where no thermometer corrects for it, so the viscous coefficient of such days has "
+    "separate thresholds and rows."
 )
 
 

@@ -127,11 +127,11 @@ def stream(case: Scenario) -> Iterator[Block | tuple[int, float]]:
             yield hurt
 
 
-def replay(case: Scenario, *, keep: bool = False, settings: MonitorSettings | None = None) -> Replay:
+def replay(case: Scenario) -> Replay:
     """Return the cores after ``case``: those of the live nodes, with their default settings."""
     valve = case.drawn_valve
-    chosen = settings or MonitorSettings(natural_frequency=valve.natural_frequency)
-    one = Replay(Estimator(settings_for(valve)), Monitor(chosen), keep=keep)
+    settings = MonitorSettings(natural_frequency=valve.natural_frequency)
+    one = Replay(Estimator(settings_for(valve)), Monitor(settings))
     for item in stream(case):
         if isinstance(item, Block):
             one.update(item)

@@ -13,7 +13,7 @@ from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.estimator import Estimator, settings_for
 from spool_estimator.identification.oil import OilReference, oil_law
 from spool_operation.comparison import YEAR, threshold_of
-from spool_operation.peers import WINDOW, best_split, page_sum
+from spool_operation.peers import WINDOW, best_split, page_hinkley, page_sum, run_level
 from spool_operation.run_day import (
     MEMORY,
     DayOutcome,
@@ -149,6 +149,39 @@ def test_the_best_split_is_the_one_that_ruptures_finds() -> None:
     search = ruptures.KernelCPD(kernel="linear", min_size=4).fit(values)
     assert len(search.predict(pen=0.99 * gain)) > 1
     assert len(search.predict(pen=1.01 * gain)) == 1
+
+
+@pytest.mark.parametrize(("delta", "forgets"), [(0.05, 1.0), (0.2, 0.99)])
+@pytest.mark.parametrize("step", [1.0, -1.0])
+def test_page_and_hinkley_find_a_step_at_the_value_at_which_river_finds_it(
+    delta: float, forgets: float, step: float
+) -> None:
+    from river.drift import PageHinkley  # noqa: PLC0415 - slow to load
+
+    values = np.random.default_rng(4).normal(0.0, 0.1, 200) + step * (np.arange(200) >= 120)
+    statistic = page_hinkley(values, delta, forgets)
+    for threshold in (0.5, 2.0, 8.0):
+        peer = PageHinkley(min_instances=1, delta=delta, threshold=threshold, alpha=forgets)
+        found = []
+        for value in values:
+            peer.update(value)
+            found.append(peer.drift_detected)
+        assert found.index(True) == np.argmax(statistic > threshold) >= 120
+
+
+def test_without_a_hazard_the_level_of_a_run_is_the_conjugate_mean_of_all_values() -> None:
+    """Bayes' rule for a normal level whose standard deviation beforehand is 1: the mean in closed form."""
+    values = np.array([0.3, 0.5, 0.1, 0.4])
+    expected = values.sum() / 0.2**2 / (1.0 + values.size / 0.2**2)
+    assert run_level(values, 0.0, 0.2)[-1] == pytest.approx(expected)
+
+
+def test_the_level_of_a_run_follows_a_step_and_forgets_what_was_before() -> None:
+    generator = np.random.default_rng(3)
+    values = np.concatenate([generator.normal(0.0, 0.1, 60), generator.normal(1.0, 0.1, 40)])
+    level = run_level(values, 1e-3, 0.1)
+    assert level[59] < 0.05
+    assert level[-1] == pytest.approx(1.0, abs=0.05)
 
 
 def test_pages_sum_of_a_constant_grows_by_what_exceeds_the_allowance() -> None:
