@@ -49,8 +49,8 @@ TITLE = "Blind study of the gap workflow"
 #: What the tables count, for a reader who comes from elsewhere.
 ABOUT = (
     "Records of a [second simulator](../../research/spool_blind/README.md) that shares no law and no step "
-    "with the one that ships. What the figures mean, and what falls short: "
-    "[how often it is right](../methods/gap.md#how-often-it-is-right)."
+    "with the one that ships. They are sampled at the instants, without the low-pass of a logger. What the "
+    "figures mean, and what falls short: [how often it is right](../methods/gap.md#how-often-it-is-right)."
 )
 
 
