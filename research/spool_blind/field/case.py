@@ -132,6 +132,12 @@ class FieldCase:
         """What the measuring chain does to the record."""
         return self.chain.nuisances
 
+    @property
+    def sampled(self) -> str:
+        """Kind of the filters that it was sampled behind, and whether they differ."""
+        body, spool = (self.chain.filters[name] for name in CHANNELS)
+        return body.kind if body == spool else f"{body.kind}, channels differ"
+
 
 def make_field(seed: int, hidden: str | None = None, nuisances: Sequence[str] | None = None) -> FieldCase:
     """Make the field case of ``seed``.

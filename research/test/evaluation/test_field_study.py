@@ -127,6 +127,13 @@ def test_outcomes_are_counted_by_nuisance():
     assert (where.count, where.of, elsewhere.count, elsewhere.of) == (1, 1, 0, 2)
 
 
+def test_outcomes_are_counted_by_the_filter_of_the_logger():
+    rows = [row("none", "none", sampled="causal"), row("a", "b", sampled="causal"), row("a", "a")]
+    groups = by_nuisance(rows)
+    assert counted(groups["logger's filter: causal"])[FALSE].count == 1
+    assert [name for name in groups if name.startswith("logger")] == ["logger's filter: causal"]
+
+
 def test_names_count_as_right_whatever_is_left_and_none_has_to_be_said_alone():
     rows = [row("a", "a+unexplained"), row("a", "a"), row("none", "unexplained")]
     met = {target.name: target.met for target in field_targets(rows)}
@@ -193,7 +200,7 @@ def test_a_study_goes_on_where_it_was_ended(tmp_path: Path, monkeypatch):
 def test_rows_with_a_diagnosis_are_kept_apart_and_have_a_page(tmp_path: Path, monkeypatch):
     wrong = row("a", "none", seed=5, diagnosis=Diagnosis(NEVER, 812.3, "a"))
     monkeypatch.setattr(workers, "suite_version", lambda: "1.0 (commit ab)")
-    monkeypatch.setattr(study, "judge_and_diagnose_seed", lambda seed: looked.append(seed) or wrong)
+    monkeypatch.setattr(study, "judge_field_seed", lambda seed, **_: looked.append(seed) or wrong)
     looked: list[int] = []
     for _ in range(2):
         assert study.run(1, 5, tmp_path, 1, diagnosing=True) == [wrong]

@@ -80,6 +80,7 @@ class FieldVerdict:
         seed, window, kind, hidden, accepted: of the case; see :mod:`spool_blind.field.case`.
         importance: of each hidden effect.
         nuisances, told: of the measuring chain, drawn and as the workflow told them.
+        sampled: kind of the loggers' filters, see ``FieldCase.sampled``; empty in rows of older versions.
         verdict: the verdict given; "refused" where the record was refused, "failed" where no verdict came.
         candidates: the class that was named together with "unexplained".
         confidence: 0 to 1.
@@ -105,6 +106,7 @@ class FieldVerdict:
     nuisances: tuple[ChainFault, ...]
     verdict: str
     told: tuple[ChainFault, ...] = ()
+    sampled: str = ""
     candidates: tuple[str, ...] = ()
     confidence: float | None = None
     truth: dict[str, float] = field(default_factory=dict)
@@ -229,11 +231,13 @@ def counted(rows: Iterable[FieldVerdict]) -> dict[str, Proportion]:
 
 
 def by_nuisance(rows: Sequence[FieldVerdict]) -> dict[str, list[FieldVerdict]]:
-    """Return the rows with each nuisance, by its id; first those without any."""
+    """Return the rows with each nuisance, by its id; first those without any, last by logger's filter."""
     groups = {"no nuisance": [row for row in rows if not row.nuisances]}
     groups["any nuisance"] = [row for row in rows if row.nuisances]
     for name in sorted({one.id for row in rows for one in row.nuisances}):
         groups[name] = [row for row in rows if any(one.id == name for one in row.nuisances)]
+    for kind in sorted({row.sampled for row in rows} - {""}):
+        groups[f"logger's filter: {kind}"] = [row for row in rows if row.sampled == kind]
     return groups
 
 
