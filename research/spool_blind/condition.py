@@ -5,6 +5,7 @@ Field cases have other machines and loggers: they come last here.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -162,7 +163,7 @@ class DrawnExcitation:
     """Excitation of the body, drawn.
 
     Attributes:
-        kind: one of ``KINDS``.
+        kind: one of ``FIELD_KINDS``.
         low, high: Hz, where most of it lies.
         levels: relative amplitudes of equal stretches of the record.
         start, end: s, from before the record's start to its end.
@@ -189,7 +190,7 @@ def draw_excitation(
 
     Args:
         generator: drawn from.
-        kind: one of ``KINDS``.
+        kind: one of ``FIELD_KINDS``.
         resonance: natural frequency of the spool, Hz: the band begins below and ends above it.
         start: s, not above 0; at rest there.
         end: s.
@@ -197,18 +198,42 @@ def draw_excitation(
     Raises:
         KeyError: there is no such kind.
     """
-    t: Array = np.arange(start, end + 1.0 / GRID_RATE, 1.0 / GRID_RATE, dtype=np.float64)
-    low = generator.uniform(0.45, 0.75) * resonance
-    high = generator.uniform(3.0, 5.5) * resonance
-    high = float(min(high, 120.0))
-    shape = {"sweep": _sweep, "stepped_sine": _stepped, "multisine": _multisine, "machine_orders": _orders}[
-        kind
-    ](generator, t - start, low, high)
-    levels = _levels(generator)
-    value = shape * _profile(t, max(start, 0.0), end, levels)
-    rise = np.clip((t - start) / RISE, 0.0, 1.0)
-    value *= 0.5 - 0.5 * np.cos(np.pi * rise)
-    return DrawnExcitation(kind, float(low), high, levels, float(t[0]), float(t[-1]), CubicSpline(t, value))
+    t = grid(start, end)
+    if kind in KINDS:
+        low = generator.uniform(0.45, 0.75) * resonance
+        high = min(generator.uniform(3.0, 5.5) * resonance, 120.0)
+        shape = SHAPES[kind](generator, t - start, low, high)
+        levels = _levels(generator)
+        shape *= _profile(t, max(start, 0.0), end, levels)
+        return risen(kind, low, high, t, shape, levels)
+    low, high = generator.uniform(0.4, 0.8) * resonance, generator.uniform(60.0, 150.0)
+    return risen(kind, low, high, t, SHAPES[kind](generator, t - start, low, high), rms=0.5)
+
+
+def grid(start: float, end: float) -> Array:
+    """Return the instants (s) at which an excitation from ``start`` to ``end`` is worked out."""
+    return np.arange(start, end + 1.0 / GRID_RATE, 1.0 / GRID_RATE, dtype=np.float64)
+
+
+def risen(
+    kind: str,
+    low: float,
+    high: float,
+    t: Array,
+    value: Array,
+    levels: tuple[float, ...] = (1.0,),
+    *,
+    rms: float | None = None,
+) -> DrawnExcitation:
+    """Return the excitation with the acceleration ``value`` at ``t`` (s) that rises from 0 over ``RISE``.
+
+    With ``rms`` (m/s^2) it is scaled to that; other names as in ``DrawnExcitation``.
+    """
+    value = value * (0.5 - 0.5 * np.cos(np.pi * np.clip((t - t[0]) / RISE, 0.0, 1.0)))
+    if rms is not None:
+        value *= rms / value.std()
+    spline = CubicSpline(t, value)
+    return DrawnExcitation(kind, float(low), float(high), levels, float(t[0]), float(t[-1]), spline)
 
 
 def _levels(generator: np.random.Generator) -> tuple[float, ...]:
@@ -267,7 +292,12 @@ def _orders(generator: np.random.Generator, t: Array, low: float, high: float) -
     return total + _lines(generator, t, broadband, generator.uniform(0.15, 0.3))
 
 
-def _lines(generator: np.random.Generator, t: Array, frequencies: Array, rms: float) -> Array:
+def random_lines(generator: np.random.Generator, t: Array, low: float, high: float, count: int = 80) -> Array:
+    """Return a sum of ``count`` sines of drawn frequencies (Hz) and phases; rms 1, shape of ``t``."""
+    return _lines(generator, t, generator.uniform(low, high, count))
+
+
+def _lines(generator: np.random.Generator, t: Array, frequencies: Array, rms: float = 1.0) -> Array:
     total = np.zeros(t.shape)
     for frequency, phase in zip(frequencies, generator.random(frequencies.size), strict=True):
         total += np.sin(2.0 * np.pi * (frequency * t + phase))
@@ -311,7 +341,7 @@ def draw_field_condition(generator: np.random.Generator, *, from_rest: bool = Fa
     condition = ExperimentCondition(
         base=Plant(numbers),
         nominal_stiffness=nominal,
-        excitation=draw_field_excitation(generator, kind, resonance, -before, duration + AFTER),
+        excitation=draw_excitation(generator, kind, resonance, -before, duration + AFTER),
         amplitude=float(np.exp(generator.uniform(*np.log(AMPLITUDE)))),
         sample_rate=float(generator.choice(list(FIELD_RATES))),
         duration=duration,
@@ -322,40 +352,6 @@ def draw_field_condition(generator: np.random.Generator, *, from_rest: bool = Fa
     )
     too_far = condition.scale().travel_peak / LARGEST_TRAVEL
     return replace(condition, amplitude=condition.amplitude / max(too_far, 1.0))
-
-
-def draw_field_excitation(
-    generator: np.random.Generator, kind: str, resonance: float, start: float, end: float
-) -> DrawnExcitation:
-    """Draw an excitation of ``kind`` from rest; its strongest sine or twice its rms is 1 m/s^2.
-
-    Args:
-        generator: drawn from.
-        kind: one of ``FIELD_KINDS``.
-        resonance: natural frequency of the spool, Hz.
-        start: s, not above 0; at rest there.
-        end: s.
-
-    Raises:
-        KeyError: there is no such kind.
-    """
-    if kind in KINDS:
-        return draw_excitation(generator, kind, resonance, start, end)
-    t: Array = np.arange(start, end + 1.0 / GRID_RATE, 1.0 / GRID_RATE, dtype=np.float64)
-    low = float(generator.uniform(0.4, 0.8) * resonance)
-    high = float(generator.uniform(60.0, 150.0))
-    shape = {IDLE: _idle, HAMMER: _hammer, OPERATION: _operation}[kind](generator, t - start, low, high)
-    shape = shape * (0.5 - 0.5 * np.cos(np.pi * np.clip((t - start) / RISE, 0.0, 1.0)))
-    shape *= 0.5 / shape.std()
-    return DrawnExcitation(kind, low, high, (1.0,), float(t[0]), float(t[-1]), CubicSpline(t, shape))
-
-
-def random_lines(generator: np.random.Generator, t: Array, low: float, high: float, count: int = 80) -> Array:
-    """Return a sum of ``count`` sines of drawn frequencies (Hz) and phases; rms 1, shape of ``t``."""
-    total = np.zeros(t.shape)
-    for frequency, phase in zip(generator.uniform(low, high, count), generator.random(count), strict=True):
-        total += np.sin(2.0 * np.pi * (frequency * t + phase))
-    return np.asarray(total * np.sqrt(2.0 / count))
 
 
 def _idle(generator: np.random.Generator, t: Array, low: float, high: float) -> Array:
@@ -397,3 +393,15 @@ def _operation(generator: np.random.Generator, t: Array, low: float, high: float
     return np.asarray(
         envelope * (random_lines(generator, t, low, high) + 0.5 * _idle(generator, t, low, high))
     )
+
+
+#: Shape of each kind: takes the generator, s since the start, and low and high frequency in Hz.
+SHAPES: dict[str, Callable[[np.random.Generator, Array, float, float], Array]] = {
+    "sweep": _sweep,
+    "stepped_sine": _stepped,
+    "multisine": _multisine,
+    "machine_orders": _orders,
+    IDLE: _idle,
+    HAMMER: _hammer,
+    OPERATION: _operation,
+}

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
-from spool_blind.condition import GRID_RATE, MASS, RISE, DrawnExcitation, ExperimentCondition, random_lines
+from spool_blind.condition import MASS, DrawnExcitation, ExperimentCondition, grid, random_lines, risen
 from spool_blind.field.case import LOOK_AHEAD, FieldCase, MeasuringChain
 from spool_blind.field.logger import POINTS, draw_filters
-from spool_blind.field.nuisances import BODY, SPOOL, Array, Generator
+from spool_blind.field.nuisances import BODY, SPOOL, Generator
 from spool_blind.simulator import AFTER, Plant
 
 #: First number of a record's stream of random numbers: no other family has it.
@@ -63,7 +62,7 @@ def make_logged(seed: int, points: int = POINTS) -> FieldCase:
 
 def _excitation(generator: Generator) -> DrawnExcitation:
     """Draw a sweep or a multisine that rises from rest, for an amplitude of 1 m/s^2."""
-    t: Array = np.arange(0.0, SECONDS + AFTER + 1.0 / GRID_RATE, 1.0 / GRID_RATE, dtype=np.float64)
+    t = grid(0.0, SECONDS + AFTER)
     if generator.random() < 0.5:
         low, high = float(generator.uniform(BAND[0], 10.0)), float(generator.uniform(90.0, BAND[1]))
         turns = low * t + 0.5 * (high - low) / SECONDS * t**2
@@ -71,8 +70,7 @@ def _excitation(generator: Generator) -> DrawnExcitation:
     else:
         kind, (low, high) = "multisine", BAND
         row = np.sqrt(0.5) * random_lines(generator, t, low, high, TONES)
-    row *= 0.5 - 0.5 * np.cos(np.pi * np.clip(t / RISE, 0.0, 1.0))
-    return DrawnExcitation(kind, low, high, (1.0,), 0.0, float(t[-1]), CubicSpline(t, row))
+    return risen(kind, low, high, t, row)
 
 
 def _friction(generator: Generator, inertia: float) -> tuple[str, dict[str, float]]:

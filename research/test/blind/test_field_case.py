@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from spool_blind.case import kind_of
-from spool_blind.condition import FIELD_KINDS, OPERATION, draw_field_excitation
+from spool_blind.condition import FIELD_KINDS, OPERATION, draw_excitation
 from spool_blind.field.case import LOOK_AHEAD, WINDOWS, Importance, accepted_verdicts, make_field, window_of
 from spool_blind.field.hiding import BLOCK, FIELD_LAWS, HiddenPhysics, field_hidden_by, warming
 from spool_blind.field.nuisances import Clipping
@@ -157,7 +157,7 @@ def test_windows_of_seeds_do_not_touch():
 
 @pytest.mark.parametrize("kind", FIELD_KINDS)
 def test_an_excitation_begins_at_rest_and_has_the_size_that_is_told(kind):
-    excitation = draw_field_excitation(np.random.default_rng(3), kind, 15.0, -1.0, 20.0)
+    excitation = draw_excitation(np.random.default_rng(3), kind, 15.0, -1.0, 20.0)
     t = np.arange(-1.0, 20.0, 1e-3)
     row = excitation.at(t)
     assert abs(row[0]) < 1e-9
