@@ -155,11 +155,14 @@ def field_row(hidden: str, verdict: str) -> FieldVerdict:
     shares = {} if hidden == "none" else {hidden: HiddenShare(0.1, 0.1, 10.0, matters=True)}
     hum = (ChainFault("hum", "spool", 0.2, "m/s^2"),)
     known = {"truth": {"end_stop.gap": 1.0}, "found": {"end_stop.gap": (1.0, 0.1)}, "confidence": 0.9}
-    return FieldVerdict(1, "report", kind, hidden, (hidden,), shares, hum, verdict, **known)
+    return FieldVerdict(
+        seed=1, window="report", kind=kind, hidden=hidden, accepted=(hidden,), importance=shares,
+        nuisances=hum, verdict=verdict, **known,
+    )  # fmt: skip
 
 
 def test_result_pages_have_the_columns_that_their_commands_write() -> None:
-    known = {"truth": {"a.x": 1.0}, "found": {"a.x": 1.0}, "before": 0.1, "after": 0.01, "floor": 0.01}
+    known = {"truth": {"a.x": 1.0}, "found": {"a.x": (1.0, 0.1)}, "before": 0.1, "after": 0.01, "floor": 0.01}
     case = {"kind": "effect", "hidden": "end_stop", "accepted": ("end_stop",), "factor": 1.0}
     right = BlindVerdict(seed=1, verdict="end_stop", **case, **known)
     wrong = BlindVerdict(seed=2, verdict="none", **case)

@@ -8,12 +8,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from statistics import median
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 import yaml
 from matplotlib.figure import Figure
-from spool_blind.case import BlindCase, DescribedCase, make, valve_text
+from spool_blind.case import BlindCase, make, valve_text
+from spool_blind.field.case import FieldCase
 from spool_core.errors import InputError
 from spool_estimator.identification.record import Record
 from spool_sim.model import MODELS
@@ -33,6 +34,9 @@ from spool_evaluation.results.page import (
 )
 from spool_evaluation.results.timing import Stopwatch
 from spool_evaluation.studies.workers import resumed
+
+#: Case of either family.
+AnyCase: TypeAlias = BlindCase | FieldCase
 
 BASE = "fluid"
 REFUSED, FAILED = "refused", "failed"
@@ -65,16 +69,16 @@ def run(cases: int, seed: int, out: Path, workers: int | None = None) -> list[Bl
         out / "cases.jsonl", BlindVerdict, lambda row: row.seed, judge_seed, seeds, "blind cases", workers
     )
     rows = sorted(done, key=lambda row: row.seed)
-    renew_json(out / "gap_study.json", summary(rows))
+    renew_json(out / "gap_study.json", summary(rows, targets(rows)))
     page = write_study(rows, out, study_command("gap", cases, seed))
     show_targets(targets(rows))
     print(f"{page}: every number, what went wrong and how to make it again")
     return rows
 
 
-def summary(rows: Sequence[BlindVerdict]) -> dict[str, Any]:
-    """Return everything the study found, for JSON."""
-    return {"cases": len(rows), "targets": [target.to_dict() for target in targets(rows)], "rows": rows}
+def summary(rows: Sequence[CaseVerdict], targets: Sequence[Target]) -> dict[str, Any]:
+    """Return everything a study found, for JSON."""
+    return {"cases": len(rows), "targets": [target.to_dict() for target in targets], "rows": rows}
 
 
 def judge_seed(seed: int, hidden: str | None = None, factor: float | None = None) -> BlindVerdict:
@@ -126,37 +130,45 @@ def row_of(
     case: BlindCase, result: dict[str, Any], seconds: tuple[float, float], message: str = ""
 ) -> BlindVerdict:
     """Return the row of ``case`` with ``result``, the workflow's own JSON."""
-    found = {
-        f"{effect['id']}.{name}": entry["value"]
-        for effect in result.get("effects", [])
-        for name, entry in effect["parameters"].items()
-        if entry["value"] is not None
-    }
-    gap = result.get("gap", {})
     visible = case.visibility
     condition = case.condition
     return BlindVerdict(
-        seed=case.seed,
-        kind=case.kind,
-        hidden=case.hidden,
-        accepted=case.accepted,
+        **common_fields(case, result, seconds, message),
         factor=case.factor,
-        verdict=result["verdict"],
-        candidates=tuple(result.get("candidates") or ()),
-        confidence=result.get("confidence"),
-        truth=by_parameter(case.truth),
-        found=found,
-        before=gap.get("before", {}).get("nrmse"),
-        after=gap.get("after", {}).get("nrmse"),
-        floor=gap.get("noise_floor"),
-        seconds=seconds[0],
-        processor_seconds=seconds[1],
         visible=None if visible is None else visible.over_noise,
         evidence=None if visible is None else visible.evidence,
         threshold=None if visible is None else case.threshold,
         condition=f"{condition_text(case)}, gain {condition.gain:.3f}, delay {1e3 * condition.delay:+.2f} ms",
-        message=message,
     )
+
+
+def common_fields(
+    case: AnyCase, result: dict[str, Any], seconds: tuple[float, float], message: str
+) -> dict[str, Any]:
+    """Return the fields of a ``CaseVerdict`` but its condition; arguments as of ``row_of``."""
+    gap = result.get("gap", {})
+    return {
+        "seed": case.seed,
+        "kind": case.kind,
+        "hidden": case.hidden,
+        "accepted": case.accepted,
+        "verdict": result["verdict"],
+        "candidates": tuple(result.get("candidates") or ()),
+        "confidence": result.get("confidence"),
+        "truth": by_parameter(case.truth),
+        "found": {
+            f"{effect['id']}.{name}": (entry["value"], entry.get("std"))
+            for effect in result.get("effects", [])
+            for name, entry in effect["parameters"].items()
+            if entry["value"] is not None
+        },
+        "before": gap.get("before", {}).get("nrmse"),
+        "after": gap.get("after", {}).get("nrmse"),
+        "floor": gap.get("noise_floor"),
+        "seconds": seconds[0],
+        "processor_seconds": seconds[1],
+        "message": message,
+    }
 
 
 def by_parameter(truth: Mapping[str, Mapping[str, float]]) -> dict[str, float]:
@@ -168,7 +180,7 @@ def by_parameter(truth: Mapping[str, Mapping[str, float]]) -> dict[str, float]:
     }
 
 
-def condition_text(case: DescribedCase) -> str:
+def condition_text(case: AnyCase) -> str:
     """Return excitation, spring, rate and noise of a case, for looking up."""
     condition = case.condition
     return (
@@ -179,48 +191,58 @@ def condition_text(case: DescribedCase) -> str:
     )
 
 
-@dataclass(frozen=True, slots=True)
-class BlindVerdict:
-    """Verdict of the workflow on one blind case, with its truth.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CaseVerdict:
+    """Verdict of the workflow on a case, with its truth.
 
     Attributes:
         seed, kind, hidden, accepted: of the case; see :mod:`spool_blind.case`.
-        factor: size of what is hidden over the size that was drawn.
-        verdict: the verdict given; "refused" where the record was refused.
+        verdict: the verdict given; "refused" where the record was refused, "failed" where no verdict came.
         candidates: the class that was named together with "unexplained".
         confidence: 0 to 1.
-        truth, found: values of the parameters by "effect.parameter"; SI.
+        truth: values of the parameters by "effect.parameter"; SI.
+        found: the fitted ones with their standard deviations, ``None`` where that is not known.
         before, after, floor: held-out gap and noise floor, rms over rms; ``None`` where unknown.
         seconds: taken by the workflow.
         processor_seconds: of them spent computing, which other work on the machine does not change.
-        visible: remainder after the base over the noise floor; ``None`` where nothing is hidden.
-        evidence, threshold: of the likelihood-ratio test that knows what is hidden.
         condition: excitation, spring, rate and so on, for looking up.
         message: why it was refused.
     """
-
-    JSON_PROPERTIES: ClassVar = ("right", "errors")
 
     seed: int
     kind: str
     hidden: str
     accepted: tuple[str, ...]
-    factor: float
     verdict: str
     candidates: tuple[str, ...] = ()
     confidence: float | None = None
     truth: dict[str, float] = field(default_factory=dict)
-    found: dict[str, float] = field(default_factory=dict)
+    found: dict[str, tuple[float, float | None]] = field(default_factory=dict)
     before: float | None = None
     after: float | None = None
     floor: float | None = None
     seconds: float = 0.0
     processor_seconds: float = 0.0
+    condition: str = ""
+    message: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BlindVerdict(CaseVerdict):
+    """Verdict of the workflow on one blind case, with its truth.
+
+    Attributes:
+        factor: size of what is hidden over the size that was drawn.
+        visible: remainder after the base over the noise floor; ``None`` where nothing is hidden.
+        evidence, threshold: of the likelihood-ratio test that knows what is hidden.
+    """
+
+    JSON_PROPERTIES: ClassVar = ("right", "errors")
+
+    factor: float
     visible: float | None = None
     evidence: float | None = None
     threshold: float | None = None
-    condition: str = ""
-    message: str = ""
 
     @property
     def right(self) -> bool:
@@ -234,7 +256,7 @@ class BlindVerdict:
     def errors(self) -> dict[str, float]:
         """Relative errors of the parameters that are known and were found."""
         return {
-            name: self.found[name] / true - 1.0
+            name: self.found[name][0] / true - 1.0
             for name, true in self.truth.items()
             if name in self.found and true != 0.0
         }
@@ -319,12 +341,9 @@ def write_study(rows: Sequence[BlindVerdict], folder: Path, command: str) -> Pat
 
 def page_parts(rows: Sequence[BlindVerdict]) -> list[str]:
     """Return the page's paragraphs and tables, Markdown."""
-    times = [row.seconds for row in rows]
-    computing = median(row.processor_seconds for row in rows)
     return [
         ABOUT,
-        f"{len(rows)} cases. A case: median {median(times):.1f} s ({computing:.1f} s of computing), "
-        f"longest {max(times):.1f} s.",
+        times_line(rows),
         markdown_table(TARGET_HEAD, target_rows(targets(rows))),
         f"![confusion matrix]({PICTURE})",
         "## By what was hidden",
@@ -334,6 +353,15 @@ def page_parts(rows: Sequence[BlindVerdict]) -> list[str]:
         "## What went wrong",
         _failures(rows),
     ]
+
+
+def times_line(rows: Sequence[CaseVerdict]) -> str:
+    """Return how many cases there are and how long they took."""
+    times, computing = zip(*((row.seconds, row.processor_seconds) for row in rows), strict=True)
+    return (
+        f"{len(rows)} cases. A case: median {median(times):.1f} s ({median(computing):.1f} s of computing), "
+        f"longest {max(times):.1f} s."
+    )
 
 
 def confusion_figure(rows: Sequence[BlindVerdict]) -> Figure:

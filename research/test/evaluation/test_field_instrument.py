@@ -36,7 +36,10 @@ OTHER: Key = frozenset({"mixed_friction"}), frozenset()
 
 def row(hidden: str, verdict: str, kind: str = "effect", why: Diagnosis | None = None) -> FieldVerdict:
     important = {hidden: HiddenShare(0.1, 0.1, 10.0, True)}
-    return FieldVerdict(1, "development", kind, hidden, (hidden,), important, (), verdict, diagnosis=why)
+    return FieldVerdict(
+        seed=1, window="development", kind=kind, hidden=hidden, accepted=(hidden,), importance=important,
+        nuisances=(), verdict=verdict, diagnosis=why,
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize(

@@ -71,7 +71,7 @@ def test_exact_intervals_are_those_of_clopper_and_pearson():
 
 
 def test_targets_are_met_only_by_what_was_found():
-    good = [row("effect", "a", "a", truth={"a.x": 2.0}, found={"a.x": 2.1}, after=0.012, floor=0.01)]
+    good = [row("effect", "a", "a", truth={"a.x": 2.0}, found={"a.x": (2.1, 0.1)}, after=0.012, floor=0.01)]
     bad = [row("effect", "a", "b"), row("none", "none", "a"), row("out_of_catalogue", "s", "a")]
     assert all(target.met for target in targets(good) if target.share.of)
     assert {target.answer for target in targets(good) if not target.share.of} == {"unknown"}
@@ -98,7 +98,7 @@ def test_every_case_is_in_the_confusion_matrix_once(tmp_path: Path):
     page = write_study(rows, tmp_path, "./spool study gap").read_text("utf-8")
     assert "too short" in page
     assert (tmp_path / PICTURE).stat().st_size > 1000
-    assert summary(rows)["cases"] == len(rows)
+    assert summary(rows, targets(rows))["cases"] == len(rows)
 
 
 def test_parameters_are_held_against_the_truth_under_the_names_of_the_catalogue():

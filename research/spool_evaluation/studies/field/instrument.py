@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from rich.console import Console
@@ -77,7 +78,7 @@ def diagnosed(case: FieldCase, row: FieldVerdict, run: Run | None) -> Diagnosis 
         decision = run.decided()
         again = run.words(decision, run.judged(decision)).verdict
     lead = true.evidence - said.evidence
-    same = _with_verdict(row, again).outcome == RIGHT
+    same = replace(row, verdict=again, explained=()).outcome == RIGHT
     return Diagnosis(reason(known, true.structure.key, lead, right_again=same), lead, again)
 
 
@@ -177,12 +178,6 @@ def _numbers(other: Structure, parts: Sequence[str], one: Structure) -> dict[str
 def _as_fitted(effects: Iterable[str]) -> frozenset[str]:
     """Return ``effects`` as they are fitted: forces of two directions as one, which is split afterwards."""
     return frozenset("coulomb_friction" if one == "asymmetric_friction" else one for one in effects)
-
-
-def _with_verdict(row: FieldVerdict, verdict: str) -> FieldVerdict:
-    return FieldVerdict(
-        row.seed, row.window, row.kind, row.hidden, row.accepted, row.importance, row.nuisances, verdict
-    )
 
 
 def _parts(rows: Sequence[FieldVerdict], counts: Mapping[str, int]) -> list[str]:

@@ -46,7 +46,7 @@ from spool_evaluation.studies.field.verdicts import (
     reliability_figure,
     told_of,
 )
-from spool_evaluation.studies.gap import BASE, answered, by_parameter, condition_text
+from spool_evaluation.studies.gap import BASE, answered, common_fields, condition_text, summary, times_line
 from spool_evaluation.studies.workers import resumed
 
 ROWS, DIAGNOSED, RESULT = "field_cases.jsonl", "field_cases_diagnosed.jsonl", "field_study.json"
@@ -88,7 +88,7 @@ def run(
     path = out / (DIAGNOSED if diagnosing else ROWS)
     done = resumed(path, FieldVerdict, lambda row: row.seed, work, seeds, "field cases", workers)
     rows = sorted(done, key=lambda row: row.seed)
-    renew_json(out / RESULT, field_result(rows))
+    renew_json(out / RESULT, summary(rows, field_targets(rows)))
     command = study_command("field", cases, seed)
     page = write_field_page(rows, out, command)
     show_targets(field_targets(rows))
@@ -96,11 +96,6 @@ def run(
     if diagnosing:
         diagnosis_page(rows, out, f"{command} --diagnose")
     return rows
-
-
-def field_result(rows: Sequence[FieldVerdict]) -> dict[str, Any]:
-    """Return everything the study found, for JSON."""
-    return {"cases": len(rows), "targets": [target.to_dict() for target in field_targets(rows)], "rows": rows}
 
 
 def judge_field_seed(seed: int, *, diagnosing: bool = False) -> FieldVerdict:
@@ -151,45 +146,25 @@ def field_row(
     case: FieldCase, result: dict[str, Any], seconds: tuple[float, float], message: str = ""
 ) -> FieldVerdict:
     """Return the row of ``case`` with ``result``, the workflow's own JSON."""
-    gap = result.get("gap", {})
     return FieldVerdict(
-        seed=case.seed,
+        **common_fields(case, result, seconds, message),
         window=case.window,
-        kind=case.kind,
-        hidden=case.hidden,
-        accepted=case.accepted,
         importance={
             name: HiddenShare(one.with_without, one.share, one.evidence / one.threshold, bool(one.matters))
             for name, one in case.importance.items()
         },
         nuisances=tuple(ChainFault(one.id, one.channel, one.size, one.unit) for one in case.nuisances),
-        verdict=result["verdict"],
         told=tuple(
             ChainFault(one["id"], one["channel"], one["size"], one["unit"])
             for one in result.get("nuisances", [])
         ),
         sampled=case.sampled,
-        candidates=tuple(result.get("candidates") or ()),
-        confidence=result.get("confidence"),
-        truth=by_parameter(case.truth),
-        found={
-            f"{effect['id']}.{name}": (entry["value"], entry["std"])
-            for effect in result.get("effects", [])
-            for name, entry in effect["parameters"].items()
-            if entry["value"] is not None
-        },
-        before=gap.get("before", {}).get("nrmse"),
-        after=gap.get("after", {}).get("nrmse"),
-        floor=gap.get("noise_floor"),
-        seconds=seconds[0],
-        processor_seconds=seconds[1],
         condition=f"{condition_text(case)}, size {case.factor:.2g}",
         explained=tuple(
             tuple(one["effects"])
             for one in result.get("explanations", [])
             if "unexplained" not in one["effects"]
         ),
-        message=message,
         signs=result.get("confidence_from", {}),
     )
 
@@ -202,12 +177,10 @@ def write_field_page(rows: Sequence[FieldVerdict], folder: Path, command: str) -
 
 def field_parts(rows: Sequence[FieldVerdict]) -> list[str]:
     """Return the page's paragraphs and tables, Markdown."""
-    times = [row.seconds for row in rows]
     return [
         ABOUT,
         window_line(rows),
-        f"{len(rows)} cases. A case: median {median(times):.1f} s "
-        f"({median(row.processor_seconds for row in rows):.1f} s of computing), longest {max(times):.1f} s.",
+        times_line(rows),
         markdown_table(TARGET_HEAD, target_rows(field_targets(rows))),
         "## By what was asked",
         _outcomes("asked", {name: [row for row in rows if row.question == name] for name in QUESTIONS}),

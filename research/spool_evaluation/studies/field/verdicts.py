@@ -10,13 +10,13 @@ from matplotlib.figure import Figure
 from spool_gap.catalogue import EFFECTS, group_of
 
 from spool_evaluation.results.page import Proportion, Target
+from spool_evaluation.studies.gap import FAILED, REFUSED, CaseVerdict
 
 UNEXPLAINED, NONE = "unexplained", "none"
 #: Laws of no catalogue that are linear.
 LINEAR = ("spring_surge", "oil_chamber")
 #: Ids of groups of effects, as verdicts have them.
 GROUPS = frozenset(entry.group.replace(" ", "_") for entry in EFFECTS.values())
-REFUSED, FAILED = "refused", "failed"
 RIGHT, OVER_CAUTIOUS, FALSE, MISSED, NO_VERDICT = "right", "over-cautious", "false", "missed", "no verdict"
 OUTCOMES = (RIGHT, OVER_CAUTIOUS, FALSE, MISSED, NO_VERDICT)
 #: The workflow's task, by what matters in the record.
@@ -72,53 +72,28 @@ class Diagnosis:
     again: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class FieldVerdict:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FieldVerdict(CaseVerdict):
     """Verdict of the workflow on one field case, with its truth.
 
     Attributes:
-        seed, window, kind, hidden, accepted: of the case; see :mod:`spool_blind.field.case`.
+        window: of its seed; see :mod:`spool_blind.field.case`.
         importance: of each hidden effect.
         nuisances, told: of the measuring chain, drawn and as the workflow told them.
         sampled: kind of the loggers' filters, see ``FieldCase.sampled``; empty in rows of older versions.
-        verdict: the verdict given; "refused" where the record was refused, "failed" where no verdict came.
-        candidates: the class that was named together with "unexplained".
-        confidence: 0 to 1.
-        truth: values of the parameters by "effect.parameter"; SI.
-        found: the fitted ones with their standard deviations, ``None`` where that is not known.
-        before, after, floor: held-out gap and noise floor, rms over rms; ``None`` where unknown.
-        seconds, processor_seconds: taken by the workflow, and of them spent computing.
-        condition: excitation, spring, rate and so on, for looking up.
         explained: effects of each explanation that has a name, the most probable first.
-        message: why it was refused.
         signs: what the confidence went by.
         diagnosis: why it is wrong, where that was asked for.
     """
 
     JSON_PROPERTIES: ClassVar = ("outcome", "question")
 
-    seed: int
     window: str
-    kind: str
-    hidden: str
-    accepted: tuple[str, ...]
     importance: dict[str, HiddenShare]
     nuisances: tuple[ChainFault, ...]
-    verdict: str
     told: tuple[ChainFault, ...] = ()
     sampled: str = ""
-    candidates: tuple[str, ...] = ()
-    confidence: float | None = None
-    truth: dict[str, float] = field(default_factory=dict)
-    found: dict[str, tuple[float, float | None]] = field(default_factory=dict)
-    before: float | None = None
-    after: float | None = None
-    floor: float | None = None
-    seconds: float = 0.0
-    processor_seconds: float = 0.0
-    condition: str = ""
     explained: tuple[tuple[str, ...], ...] = ()
-    message: str = ""
     signs: dict[str, float | None] = field(default_factory=dict)
     diagnosis: Diagnosis | None = None
 
