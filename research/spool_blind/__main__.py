@@ -5,7 +5,9 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from spool_blind.case import make, write
+from spool_blind.case import HiddenCase, make, write
+from spool_blind.field.case import make_field
+from spool_blind.field.logged import make_logged
 
 
 def main() -> None:
@@ -13,17 +15,26 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Write blind cases: record.csv.gz, valve.yaml, truth.json.")
     parser.add_argument("seed", type=int, nargs="+")
     parser.add_argument("--out", type=Path, required=True, help="folder; each case gets one inside")
+    parser.add_argument("--family", choices=("case", "field", "logged"), default="case")
     parser.add_argument(
         "--hidden", help="none, an effect, two joined by +, or one out of the catalogue; default: by the seed"
     )
-    parser.add_argument("--factor", type=float, help="size over what is drawn; default: clear")
+    parser.add_argument("--factor", type=float, help="size over what is drawn; default: clear (case only)")
+    parser.add_argument("--nuisances", nargs="*", help="of the measuring chain; default: by the seed (field)")
     given = parser.parse_args()
     for seed in given.seed:
         try:
-            case = make(seed, given.hidden, factor=given.factor)
+            case: HiddenCase = (
+                make(seed, given.hidden, factor=given.factor)
+                if given.family == "case"
+                else make_field(seed, given.hidden, given.nuisances)
+                if given.family == "field"
+                else make_logged(seed)
+            )
         except KeyError as error:
             parser.error(f"--hidden {given.hidden}: {error} is no effect of the blind simulator")
-        print(write(case, given.out / f"case_{seed}"), case.hidden, flush=True)
+        record, _ = write(case, given.out / f"{given.family}_{seed}")
+        print(record, case.hidden, flush=True)
 
 
 if __name__ == "__main__":

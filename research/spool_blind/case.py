@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,7 @@ from spool_blind.visibility import Visibility, look, noncentrality, threshold
 Array = NDArray[np.float64]
 
 NONE = "none"
+RECORD, VALVE, TRUTH = "record.csv.gz", "valve.yaml", "truth.json"
 #: At clear size the remainder after the base is at least this many times the noise floor, rms over rms.
 CLEAR = 1.0
 #: For out-of-catalogue effects gain and delay may be so many times out of tolerance: those have names.
@@ -62,21 +63,20 @@ STEP, ROOM, RUNS = 0.05, 200.0, 8
 _SIZES = np.array([0.002, 0.02, 0.05, 0.05, 0.02])
 
 
-@dataclass(frozen=True, slots=True)
-class BlindCase:
-    """A record with its truth.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HiddenCase:
+    """A record with its truth, of any family.
 
     Attributes:
         seed: makes it again.
-        hidden: "none", an effect's id, two joined by "+", or an out-of-catalogue effect's name.
-        accepted: verdicts that are right.
-        factor: size over the size that was drawn.
+        hidden: "none", an effect's id, two joined by "+", or the id of a law outside of the catalogue.
+        accepted: verdicts that are right; of a field case with "unexplained" among them, so is that next to
+            names.
+        factor: size over the size that was drawn, of a field case over that of the clear cases.
         condition: drawn.
-        plant: drawn, with what is hidden.
-        channels: drawn, with what is hidden.
+        plant: numbers of the plant, with what is hidden.
         truth: values a fit should find, by effect, then by parameter; SI.
-        visibility: of what is hidden, together; ``None`` where nothing is.
-        time, body, spool: the record, s and m/s^2, shape (n,).
+        time, body, spool: the record as it is stored, s and m/s^2, shape (n,); NaN where a sample is empty.
     """
 
     seed: int
@@ -85,9 +85,7 @@ class BlindCase:
     factor: float
     condition: ExperimentCondition
     plant: Mapping[str, float]
-    channels: Channels
     truth: Mapping[str, Mapping[str, float]]
-    visibility: Visibility | None
     time: Array
     body: Array
     spool: Array
@@ -97,10 +95,60 @@ class BlindCase:
         """Kind of what is hidden, see ``kind_of``."""
         return kind_of(self.hidden)
 
+    def told(self) -> dict[str, Any]:
+        """Return what is true of it, for JSON, SI units."""
+        condition = self.condition
+        return {
+            "seed": self.seed,
+            "kind": self.kind,
+            "hidden": self.hidden,
+            "accepted": list(self.accepted),
+            "factor": self.factor,
+            "effects": {name: dict(values) for name, values in self.truth.items()},
+            "plant": dict(self.plant),
+            "drive": condition.excitation.kind,
+            "amplitude_m_s2": condition.amplitude,
+            "band_Hz": [condition.excitation.low, condition.excitation.high],
+            "sample_rate_Hz": condition.sample_rate,
+            "duration_s": condition.duration,
+            "nominal_stiffness_N_m": condition.nominal_stiffness,
+        }
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BlindCase(HiddenCase):
+    """A clear case, or one of a given size.
+
+    Attributes:
+        channels: drawn, with what is hidden.
+        visibility: of what is hidden, together; ``None`` where nothing is.
+    """
+
+    channels: Channels
+    visibility: Visibility | None
+
     @property
     def threshold(self) -> float:
         """Detection threshold: evidence at which a test that knows the effect sees half of the records."""
         return threshold(max(1, sum(len(values) for values in self.truth.values())))
+
+    def told(self) -> dict[str, Any]:
+        """Return what is true of it, for JSON, SI units."""
+        seen = self.visibility
+        return {
+            **HiddenCase.told(self),
+            "channels": {name: getattr(self.channels, name) for name in type(self.channels).__slots__},
+            "levels": list(self.condition.excitation.levels),
+            "noise_share": self.condition.noise_share,
+            "visible": None
+            if seen is None
+            else {
+                "nrmse": seen.nrmse,
+                "noise_nrmse": seen.noise_nrmse,
+                "evidence": seen.evidence,
+                "threshold": self.threshold,
+            },
+        }
 
 
 def kind_of(hidden: str) -> str:
@@ -239,19 +287,7 @@ def sample_times(condition: ExperimentCondition) -> Array:
     return np.arange(round(condition.duration * condition.sample_rate)) / condition.sample_rate
 
 
-class DescribedCase(Protocol):
-    """Case of any family, as far as its valve's description needs it."""
-
-    @property
-    def plant(self) -> Mapping[str, float]:
-        """Numbers of the plant."""
-
-    @property
-    def condition(self) -> ExperimentCondition:
-        """Condition of the experiment."""
-
-
-def valve_text(case: DescribedCase) -> str:
+def valve_text(case: HiddenCase) -> str:
     """Return the valve's description, YAML: its mass is true, its spring is the maker's number."""
     mass = case.plant["mass"]
     return (
@@ -264,45 +300,13 @@ def valve_text(case: DescribedCase) -> str:
     )
 
 
-def truth_of(case: BlindCase) -> dict[str, Any]:
-    """Return what is true of the case, for JSON, SI units."""
-    condition, seen = case.condition, case.visibility
-    return {
-        "seed": case.seed,
-        "kind": case.kind,
-        "hidden": case.hidden,
-        "accepted": list(case.accepted),
-        "factor": case.factor,
-        "effects": {name: dict(values) for name, values in case.truth.items()},
-        "plant": dict(case.plant),
-        "channels": {name: getattr(case.channels, name) for name in type(case.channels).__slots__},
-        "drive": condition.excitation.kind,
-        "amplitude_m_s2": condition.amplitude,
-        "levels": list(condition.excitation.levels),
-        "band_Hz": [condition.excitation.low, condition.excitation.high],
-        "sample_rate_Hz": condition.sample_rate,
-        "duration_s": condition.duration,
-        "nominal_stiffness_N_m": condition.nominal_stiffness,
-        "noise_share": condition.noise_share,
-        "visible": None
-        if seen is None
-        else {
-            "nrmse": seen.nrmse,
-            "noise_nrmse": seen.noise_nrmse,
-            "evidence": seen.evidence,
-            "threshold": case.threshold,
-        },
-    }
-
-
-def write(case: BlindCase, folder: Path) -> Path:
-    """Write ``record.csv.gz``, ``valve.yaml`` and ``truth.json`` into ``folder``; return the record."""
+def write(case: HiddenCase, folder: Path) -> tuple[Path, Path]:
+    """Write ``record.csv.gz``, ``valve.yaml`` and ``truth.json`` into ``folder``; return the first two."""
     folder.mkdir(parents=True, exist_ok=True)
-    record = folder / "record.csv.gz"
-    write_record(record, case.time, case.body, case.spool)
-    (folder / "valve.yaml").write_text(valve_text(case), "utf-8")
-    (folder / "truth.json").write_text(json.dumps(truth_of(case), indent=1), "utf-8")
-    return record
+    write_record(folder / RECORD, case.time, case.body, case.spool)
+    (folder / VALVE).write_text(valve_text(case), "utf-8")
+    (folder / TRUTH).write_text(json.dumps(case.told(), indent=1), "utf-8")
+    return folder / RECORD, folder / VALVE
 
 
 def write_record(path: Path, time: Array, body: Array, spool: Array) -> None:

@@ -7,11 +7,9 @@ take what they can.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import product
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,15 +18,7 @@ from scipy.fft import rfft, rfftfreq
 from scipy.optimize import lsq_linear
 from scipy.signal import welch
 
-from spool_blind.case import (
-    FROM_REST,
-    NONE,
-    OUT_OF_CATALOGUE_TOLERANCE,
-    kind_of,
-    sample_times,
-    valve_text,
-    write_record,
-)
+from spool_blind.case import FROM_REST, NONE, OUT_OF_CATALOGUE_TOLERANCE, HiddenCase, sample_times
 from spool_blind.condition import (
     DELAY_TOLERANCE,
     FIELD_NOISE,
@@ -63,8 +53,6 @@ CONDITION, HIDDEN, NUISANCE_NAMES, NUISANCE_SIZES, NOISE_STREAM, LOGGER = range(
 LOOK_AHEAD = 0.05
 UNEXPLAINED = "unexplained"
 
-RECORD, VALVE, TRUTH = "record.csv.gz", "valve.yaml", "truth.json"
-
 #: Seeds by window: confidence is calibrated on the first, checked on the second; the third is touched by no
 #: choice and gives the errors that are reported. All others are development, those from 300,000 on since the
 #: figures that they gave were made without a logger's filter.
@@ -87,40 +75,17 @@ ROUNDS, ENOUGH = 6, 0.97
 LARGEST_CHANGE = (0.6, 1.6)
 
 
-@dataclass(frozen=True, slots=True)
-class FieldCase:
-    """A record with its truth.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FieldCase(HiddenCase):
+    """A record behind a measuring chain.
 
     Attributes:
-        seed: makes it again.
-        hidden: "none", an effect's id, two joined by "+", or the id of a law outside of the catalogue.
-        accepted: verdicts that are right; if "unexplained" is, so is it next to names.
-        factor: size over that of the clear cases.
-        condition: drawn.
-        plant: numbers of the plant, with what is hidden.
         chain: both channels, with their nuisances.
-        truth: values a fit should find, by effect, then by parameter; SI.
         importance: of each hidden effect or law.
-        time, body, spool: the record as it is stored, s and m/s^2, shape (n,); NaN where a sample is empty.
     """
 
-    seed: int
-    hidden: str
-    accepted: tuple[str, ...]
-    factor: float
-    condition: ExperimentCondition
-    plant: Mapping[str, float]
     chain: MeasuringChain
-    truth: Mapping[str, Mapping[str, float]]
     importance: Mapping[str, Importance]
-    time: Array
-    body: Array
-    spool: Array
-
-    @property
-    def kind(self) -> str:
-        """Kind of what is hidden, see ``spool_blind.case.kind_of``."""
-        return kind_of(self.hidden)
 
     @property
     def window(self) -> str:
@@ -137,6 +102,24 @@ class FieldCase:
         """Kind of the filters that it was sampled behind, and whether they differ."""
         body, spool = (self.chain.filters[name] for name in CHANNELS)
         return body.kind if body == spool else f"{body.kind}, channels differ"
+
+    def told(self) -> dict[str, Any]:
+        """Return what is true of it, for JSON, SI units."""
+        return {
+            **HiddenCase.told(self),
+            "window": self.window,
+            "importance": {
+                name: {**asdict(one), "matters": one.matters} for name, one in self.importance.items()
+            },
+            "nuisances": [
+                {"id": one.id, "channel": one.channel, "size": one.size, "unit": one.unit}
+                for one in self.nuisances
+            ],
+            "observation": {name: one.told() for name, one in self.chain.filters.items()},
+            "noise_m_s2": dict(self.chain.noise),
+            "gain": self.chain.gain,
+            "delay_s": self.chain.delay,
+        }
 
 
 def make_field(seed: int, hidden: str | None = None, nuisances: Sequence[str] | None = None) -> FieldCase:
@@ -284,47 +267,6 @@ class MeasuringChain:
         return (
             np.clip(row, -self.full_scale, self.full_scale) if channel == SPOOL and self.full_scale else row
         )
-
-
-def field_truth_of(case: FieldCase) -> dict[str, Any]:
-    """Return what is true of a field case, for JSON, SI units."""
-    condition = case.condition
-    return {
-        "seed": case.seed,
-        "window": case.window,
-        "kind": case.kind,
-        "hidden": case.hidden,
-        "accepted": list(case.accepted),
-        "factor": case.factor,
-        "effects": {name: dict(values) for name, values in case.truth.items()},
-        "importance": {
-            name: {**asdict(one), "matters": one.matters} for name, one in case.importance.items()
-        },
-        "nuisances": [
-            {"id": one.id, "channel": one.channel, "size": one.size, "unit": one.unit}
-            for one in case.nuisances
-        ],
-        "plant": dict(case.plant),
-        "drive": condition.excitation.kind,
-        "amplitude_m_s2": condition.amplitude,
-        "band_Hz": [condition.excitation.low, condition.excitation.high],
-        "sample_rate_Hz": condition.sample_rate,
-        "duration_s": condition.duration,
-        "nominal_stiffness_N_m": condition.nominal_stiffness,
-        "observation": {name: one.told() for name, one in case.chain.filters.items()},
-        "noise_m_s2": dict(case.chain.noise),
-        "gain": case.chain.gain,
-        "delay_s": case.chain.delay,
-    }
-
-
-def write_field(case: FieldCase, folder: Path) -> tuple[Path, Path]:
-    """Write ``record.csv.gz``, ``valve.yaml`` and ``truth.json`` into ``folder``; return the first two."""
-    folder.mkdir(parents=True, exist_ok=True)
-    write_record(folder / RECORD, case.time, case.body, case.spool)
-    (folder / VALVE).write_text(valve_text(case), "utf-8")
-    (folder / TRUTH).write_text(json.dumps(field_truth_of(case), indent=1), "utf-8")
-    return folder / RECORD, folder / VALVE
 
 
 def window_of(seed: int) -> str:

@@ -56,8 +56,11 @@ def make_logged(seed: int, points: int = POINTS) -> FieldCase:
     )
     truth = {"spring_stiffness": numbers["stiffness"], "viscous_coefficient": numbers["damping"], **friction}
     time = np.arange(round((SECONDS - LOOK_AHEAD) * condition.sample_rate)) / condition.sample_rate
-    stored = chain.record(condition.move(plant, points=points), time)
-    return FieldCase(seed, law, (law,), 1.0, condition, plant.numbers, chain, {law: truth}, {}, *stored)
+    time, body, spool = chain.record(condition.move(plant, points=points), time)
+    return FieldCase(
+        seed=seed, hidden=law, accepted=(law,), factor=1.0, condition=condition, plant=plant.numbers,
+        truth={law: truth}, time=time, body=body, spool=spool, chain=chain, importance={},
+    )  # fmt: skip
 
 
 def _excitation(generator: Generator) -> DrawnExcitation:

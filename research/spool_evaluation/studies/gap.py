@@ -8,13 +8,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from statistics import median
-from typing import Any, ClassVar, TypeAlias
+from typing import Any, ClassVar
 
 import numpy as np
 import yaml
 from matplotlib.figure import Figure
-from spool_blind.case import BlindCase, make, valve_text
-from spool_blind.field.case import FieldCase
+from spool_blind.case import BlindCase, HiddenCase, make, valve_text
 from spool_core.errors import InputError
 from spool_estimator.identification.record import Record
 from spool_sim.model import MODELS
@@ -34,9 +33,6 @@ from spool_evaluation.results.page import (
 )
 from spool_evaluation.results.timing import Stopwatch
 from spool_evaluation.studies.workers import resumed
-
-#: Case of either family.
-AnyCase: TypeAlias = BlindCase | FieldCase
 
 BASE = "fluid"
 REFUSED, FAILED = "refused", "failed"
@@ -143,7 +139,7 @@ def row_of(
 
 
 def common_fields(
-    case: AnyCase, result: dict[str, Any], seconds: tuple[float, float], message: str
+    case: HiddenCase, result: dict[str, Any], seconds: tuple[float, float], message: str
 ) -> dict[str, Any]:
     """Return the fields of a ``CaseVerdict`` but its condition; arguments as of ``row_of``."""
     gap = result.get("gap", {})
@@ -180,7 +176,7 @@ def by_parameter(truth: Mapping[str, Mapping[str, float]]) -> dict[str, float]:
     }
 
 
-def condition_text(case: AnyCase) -> str:
+def condition_text(case: HiddenCase) -> str:
     """Return excitation, spring, rate and noise of a case, for looking up."""
     condition = case.condition
     return (

@@ -6,7 +6,7 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from spool_blind.field.case import MeasuringChain, accepted_verdicts, field_truth_of, make_field
+from spool_blind.field.case import MeasuringChain, accepted_verdicts, make_field
 from spool_blind.field.hiding import HiddenPhysics
 from spool_blind.field.logged import make_logged
 from spool_blind.field.logger import FAMILIES, POINTS, LoggerFilter, draw_filters
@@ -103,7 +103,7 @@ def test_nine_in_ten_loggers_filter_and_a_quarter_of_those_each_channel_apart():
 
 def test_a_field_record_lags_its_motion_by_what_its_truth_says_of_the_filter():
     case = make_field(19, "none", ())
-    told = field_truth_of(case)["observation"]["body"]
+    told = case.told()["observation"]["body"]
     motion = case.condition.move(Plant(case.plant))
     ideal = np.interp(case.time, motion.time, motion.body)
     slope = np.gradient(ideal, case.time)

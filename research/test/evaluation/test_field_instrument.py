@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from spool_blind.field.case import make_field, write_field
+from spool_blind.case import write
+from spool_blind.field.case import make_field
 from spool_evaluation.studies.field.instrument import (
     CHAIN,
     DETECTOR,
@@ -95,7 +96,7 @@ def test_a_law_that_the_search_does_not_try_was_never_fitted(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setattr(analyse, "tried_effects", lambda _base: ["cubic_stiffness"])
-    run = analyse.searched(*stretches_as_told(*write_field(CASE, tmp_path)), MODELS[BASE])
+    run = analyse.searched(*stretches_as_told(*write(CASE, tmp_path)), MODELS[BASE])
     decision = run.decided()
     said = run.words(decision, run.judged(decision)).verdict
     found = diagnosed(CASE, field_row(CASE, {"verdict": said}, (0.0, 0.0)), run)

@@ -13,7 +13,8 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from spool_blind.field.case import FieldCase, make_field, write_field
+from spool_blind.case import write
+from spool_blind.field.case import FieldCase, make_field
 from spool_gap.evidence.analyse import Run
 from spool_sim.model import MODELS
 
@@ -110,7 +111,7 @@ def judge_field(case: FieldCase, *, diagnosing: bool = False) -> FieldVerdict:
     """
     runs: list[Run] = []
     with tempfile.TemporaryDirectory() as folder:
-        record, valve = write_field(case, Path(folder))
+        record, valve = write(case, Path(folder))
 
         def analysed_in_time() -> dict[str, Any]:
             with _at_most(LONGEST):
