@@ -116,7 +116,7 @@ class ExperimentCondition:
 
 
 def draw_condition(
-    generator: np.random.Generator, *, from_rest: bool = False, moderate: bool = False
+    generator: np.random.Generator, *, from_rest: bool = False, moderate: bool = False, field: bool = False
 ) -> ExperimentCondition:
     """Draw a condition whose travel stays within the stroke wherever the least amplitude allows it.
 
@@ -124,37 +124,43 @@ def draw_condition(
         generator: of the numbers.
         from_rest: the record begins before the motion does.
         moderate: a short record at a common rate, with middling noise and nothing of the tolerances used.
+        field: other machines and loggers besides, and no least amplitude.
     """
     nominal = float(generator.choice([SOFT, STIFF]))
-    base = Plant(
-        {
-            "mass": float(generator.uniform(*MASS)),
-            "stiffness": nominal * float(generator.uniform(0.96, 1.04)),
-            "damping": float(np.exp(generator.uniform(*np.log(VISCOUS)))),
-        }
-    )
-    resonance = float(np.sqrt(base.numbers["stiffness"] / base.numbers["mass"]) / (2.0 * np.pi))
-    duration = round(float(generator.uniform(*(MODERATE_DURATION if moderate else DURATION))))
-    before = 0.0 if from_rest else float(generator.choice([0.0, 1.0]))
-    kind = str(generator.choice(list(KINDS)))
+    numbers = {
+        "mass": float(generator.uniform(*MASS)),
+        "stiffness": nominal * float(generator.uniform(0.96, 1.04)),
+        "damping": float(np.exp(generator.uniform(*np.log(VISCOUS)))),
+    }
+    resonance = float(np.sqrt(numbers["stiffness"] / numbers["mass"]) / (2.0 * np.pi))
+    duration = float(round(generator.uniform(*(MODERATE_DURATION if moderate else DURATION))))
+    # What is drawn in which order makes the records of all seeds.
+    before = float(generator.choice([0.0, 1.0])) if field or not from_rest else 0.0
+    before = 0.0 if from_rest else before
+    kind = str(generator.choice(list(FIELD_KINDS if field else KINDS)))
+    nuisance = field and generator.random() < NUISANCE_SHARE
     excitation = draw_excitation(generator, kind, resonance, -before, duration + AFTER)
-    nuisance = generator.random() < NUISANCE_SHARE and not moderate
+    if not field:
+        nuisance = generator.random() < NUISANCE_SHARE and not moderate
     use = NUISANCE_USE if nuisance else 0.0
+    amplitude = float(np.exp(generator.uniform(*np.log(AMPLITUDE))))
+    rate = MODERATE_RATE if moderate else float(generator.choice(list(FIELD_RATES if field else RATES)))
+    noise = np.log(FIELD_NOISE if field else NOISE)
     condition = ExperimentCondition(
-        base=base,
+        base=Plant(numbers),
         nominal_stiffness=nominal,
         excitation=excitation,
-        amplitude=float(np.exp(generator.uniform(*np.log(AMPLITUDE)))),
-        sample_rate=MODERATE_RATE if moderate else float(generator.choice(list(RATES))),
-        duration=float(duration),
+        amplitude=amplitude,
+        sample_rate=rate,
+        duration=duration,
         before=before,
-        noise_share=MODERATE_NOISE if moderate else float(np.exp(generator.uniform(*np.log(NOISE)))),
+        noise_share=MODERATE_NOISE if moderate else float(np.exp(generator.uniform(*noise))),
         gain=1.0 + use * GAIN_TOLERANCE * float(generator.uniform(-1.0, 1.0)),
         delay=use * DELAY_TOLERANCE * float(generator.uniform(-1.0, 1.0)),
     )
     too_far = condition.scale().travel_peak / LARGEST_TRAVEL
     if too_far > 1.0:
-        condition = replace(condition, amplitude=max(condition.amplitude / too_far, AMPLITUDE[0]))
+        condition = replace(condition, amplitude=max(amplitude / too_far, 0.0 if field else AMPLITUDE[0]))
     return condition
 
 
@@ -317,41 +323,6 @@ ORDERS = ((0.5, 0.15), (1.0, 0.3), (1.5, 0.12), (2.0, 1.0), (3.0, 0.15), (4.0, 0
 BLOWS, BURST, PAUSE = (6.0, 14.0), (1.0, 4.0), (0.5, 3.0)
 #: s of work and of rest of a machine that is operated, and of the edges between.
 WORK, REST, EDGE = (3.0, 10.0), (1.0, 4.0), 0.3
-
-
-def draw_field_condition(generator: np.random.Generator, *, from_rest: bool = False) -> ExperimentCondition:
-    """Draw a condition whose travel stays within the stroke wherever the least amplitude allows it.
-
-    Args:
-        generator: of the numbers.
-        from_rest: the record begins before the motion does.
-    """
-    nominal = float(generator.choice([SOFT, STIFF]))
-    numbers = {
-        "mass": float(generator.uniform(*MASS)),
-        "stiffness": nominal * float(generator.uniform(0.96, 1.04)),
-        "damping": float(np.exp(generator.uniform(*np.log(VISCOUS)))),
-    }
-    resonance = float(np.sqrt(numbers["stiffness"] / numbers["mass"]) / (2.0 * np.pi))
-    duration = float(round(generator.uniform(*DURATION)))
-    before = float(generator.choice([0.0, 1.0]))
-    before = 0.0 if from_rest else before
-    kind = str(generator.choice(list(FIELD_KINDS)))
-    use = NUISANCE_USE if generator.random() < NUISANCE_SHARE else 0.0
-    condition = ExperimentCondition(
-        base=Plant(numbers),
-        nominal_stiffness=nominal,
-        excitation=draw_excitation(generator, kind, resonance, -before, duration + AFTER),
-        amplitude=float(np.exp(generator.uniform(*np.log(AMPLITUDE)))),
-        sample_rate=float(generator.choice(list(FIELD_RATES))),
-        duration=duration,
-        before=before,
-        noise_share=float(np.exp(generator.uniform(*np.log(FIELD_NOISE)))),
-        gain=1.0 + use * GAIN_TOLERANCE * float(generator.uniform(-1.0, 1.0)),
-        delay=use * DELAY_TOLERANCE * float(generator.uniform(-1.0, 1.0)),
-    )
-    too_far = condition.scale().travel_peak / LARGEST_TRAVEL
-    return replace(condition, amplitude=condition.amplitude / max(too_far, 1.0))
 
 
 def _idle(generator: np.random.Generator, t: Array, low: float, high: float) -> Array:

@@ -24,7 +24,7 @@ from spool_blind.condition import (
     FIELD_NOISE,
     GAIN_TOLERANCE,
     ExperimentCondition,
-    draw_field_condition,
+    draw_condition,
 )
 from spool_blind.field.foreign import KINDS, foreign_names
 from spool_blind.field.hiding import HiddenPhysics, draw_hidden, field_hidden_by
@@ -136,7 +136,7 @@ def make_field(seed: int, hidden: str | None = None, nuisances: Sequence[str] | 
     hidden = field_hidden_by(seed) if hidden is None else hidden
     names = hidden.split("+")
     from_rest = any(name in FROM_REST for name in names)
-    condition = draw_field_condition(_stream(seed, CONDITION), from_rest=from_rest)
+    condition = draw_condition(_stream(seed, CONDITION), from_rest=from_rest, field=True)
     physics = draw_hidden(_stream(seed, HIDDEN), hidden, condition, condition.scale())
     plant = plant_of(condition, list(physics.parts.values()))
     motion = condition.move(plant)
