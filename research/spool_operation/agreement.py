@@ -38,7 +38,6 @@ class DayPair:
 
 def run(cases: int, seed: int, out: Path, workers: int | None = None) -> list[DayPair]:
     """Run ``cases`` days both ways and compare; write the page into ``out``."""
-    out.mkdir(parents=True, exist_ok=True)
     pairs: list[DayPair] = []
     for pair in spread(both, [seed + number for number in range(cases)], "days in full", workers):
         pairs.append(pair)

@@ -71,7 +71,6 @@ class GapRecord:
 
 def run(cases: int, seed: int, out: Path, workers: int | None = None) -> list[GapRecord]:
     """Run ``cases`` healthy records and as many in which an effect appears; write the page into ``out``."""
-    out.mkdir(parents=True, exist_ok=True)
     wanted = [(seed + number, faulty) for number in range(cases) for faulty in (False, True)]
     found = list(spread(live, wanted, "records", workers))
     command = study_command("operation-gap", cases, seed)

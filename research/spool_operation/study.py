@@ -44,7 +44,6 @@ def run(
     Days that ``out`` already holds are not simulated again; the comparison of detectors comes last.
     ``day`` replays the one day of that seed instead, healthy unless ``faulty`` is not 0.
     """
-    out.mkdir(parents=True, exist_ok=True)
     if day is not None:
         outcome = run_day(day, faulty=faulty > 0)
         for line in _story(outcome):

@@ -267,7 +267,6 @@ class FitRun:
 
 def run(cases: int, seed: int, out: Path, workers: int | None = None) -> Surrogate:
     """Fit the surrogate to ``cases`` runs from ``seed`` on; write its file, and a page to ``out``."""
-    out.mkdir(parents=True, exist_ok=True)
     seeds = [seed + number for number in range(cases)]
     runs = sorted(spread(_run_of, seeds, "runs of the estimator", workers), key=lambda one: one[0])
     command = study_command("operation-fit", cases, seed)

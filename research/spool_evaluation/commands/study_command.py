@@ -64,6 +64,7 @@ def study(
         raise InputError(f"study {what}: only the study operation has valve-days; remove --faulty and --day")
     if out is None:
         raise InputError(f"study {what}: name a folder for its tables and pictures with --out")
+    out.mkdir(parents=True, exist_ok=True)
     module, function = STUDIES[what]
     given = {"diagnosing": diagnose or None, "faulty": faulty, "day": day}
     options = {name: value for name, value in given.items() if value is not None}

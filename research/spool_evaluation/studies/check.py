@@ -60,7 +60,6 @@ class Halves:
 
 def run(cases: int, seed: int, out: Path, workers: int | None = None) -> list[Recovered]:
     """Recover ``cases`` valves, split half as many records; write rows and table into ``out``."""
-    out.mkdir(parents=True, exist_ok=True)
     items = [(seed, number) for number in range(cases)]
     rows = [one for found in spread(recover_case, items, f"{cases} recovered", workers) for one in found]
     pairs = items[: max(1, cases // 2)]

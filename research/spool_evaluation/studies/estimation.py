@@ -58,14 +58,15 @@ LIMITS = (
 
 def run(records: int, seed: int, out: Path, workers: int | None = None) -> list[RecordFit]:
     """Fit ``records`` simulated records; write rows, table and picture into ``out``."""
-    out.mkdir(parents=True, exist_ok=True)
     items = [(seed, number) for number in range(records)]
     rows = sorted(
         spread(judge, items, f"{records} simulated records", workers), key=lambda entry: entry.number
     )
     estimates = [entry for row in rows if row.converged for entry in row.estimates]
     write_json(out / "estimation.json", {"rows": rows, "summary": summary(estimates)})
-    page = write_study(rows, out, study_command("estimation", records, seed))
+    save_picture(scores_figure(estimates), out / PICTURE)
+    command = study_command("estimation", records, seed)
+    page = write_page(out / PAGE, TITLE, command, page_parts(rows, estimates))
     show(estimates)
     print(f"{page}: the same as a table, with a picture")
     return rows
@@ -262,13 +263,6 @@ def summary(estimates: Sequence[Estimated]) -> list[dict[str, Any]]:
         groups.setdefault((entry.model, entry.quantity), []).append(entry)
     found = [_counted(model, quantity, entries) for (model, quantity), entries in sorted(groups.items())]
     return [*found, _counted(ALL, ALL, estimates)]
-
-
-def write_study(rows: Sequence[RecordFit], folder: Path, command: str) -> Path:
-    """Write the table and the picture into ``folder``; return the page."""
-    estimates = [entry for row in rows if row.converged for entry in row.estimates]
-    save_picture(scores_figure(estimates), folder / PICTURE)
-    return write_page(folder / PAGE, TITLE, command, page_parts(rows, estimates))
 
 
 def page_parts(rows: Sequence[RecordFit], estimates: Sequence[Estimated]) -> list[str]:

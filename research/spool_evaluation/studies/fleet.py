@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import io
-import json
 import math
 import shutil
 import time
@@ -13,7 +12,6 @@ from dataclasses import dataclass
 from datetime import date, timedelta
 from functools import cache, partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from spool_core.errors import InputError
@@ -31,7 +29,7 @@ from spool_sim.simulator import Simulator
 from spool_sim.valve import Valve, find_valve
 
 from spool_evaluation.results.page import Proportion, markdown_table, renew_json, study_command, write_page
-from spool_evaluation.studies.workers import spread
+from spool_evaluation.studies.workers import resumed, spread
 
 #: Months after its beginning by which a change is to be found.
 IN_TIME = 2.0
@@ -63,18 +61,19 @@ class FleetOutcome:
 
 
 def run(cases: int, seed: int, out: Path, workers: int | None = None) -> None:
-    """Judge ``cases`` fleets from ``seed`` on; ``out`` gets ``fleet_study.md`` and a file of each fleet."""
-    out.mkdir(parents=True, exist_ok=True)
-    seeds = [seed + number for number in range(cases)]
-    done = {one: _kept(out, one) for one in seeds if _file(out, one).is_file()}
+    """Judge ``cases`` fleets from ``seed`` on; ``out`` gets ``fleet_study.md`` and a row of each fleet.
+
+    Fleets whose rows ``out`` holds already are not judged again.
+    """
     errors = list(spread(simulated_error, range(ERRORS_FROM, ERRORS_FROM + ERRORS), "bags", workers))
     errors.sort(key=repr)  # they come in any order
-    judged = partial(judge_fleet, errors=errors)
-    for outcome in spread(judged, [one for one in seeds if one not in done], "fleets", workers):
-        renew_json(_file(out, outcome.seed), outcome)
-        done[outcome.seed] = outcome
-        _write(out, [done[one] for one in seeds if one in done], study_command("fleet", cases, seed))
-    _write(out, [done[one] for one in seeds], study_command("fleet", cases, seed))
+    judged, seeds, done = partial(judge_fleet, errors=errors), range(seed, seed + cases), list[FleetOutcome]()
+    for outcome in resumed(
+        out / "fleets.jsonl", FleetOutcome, lambda one: one.seed, judged, seeds, "fleets", workers
+    ):
+        done.append(outcome)
+        done.sort(key=lambda one: one.seed)
+        _write(out, done, study_command("fleet", cases, seed))
 
 
 def judge_fleet(seed: int, errors: Sequence[EstimationError | None]) -> FleetOutcome:
@@ -142,18 +141,6 @@ def _row(name: str, found: list[tuple[float, bool]]) -> list[str]:
     known = sorted(months for months, _ in found if not math.isnan(months))
     spent = f"{known[len(known) // 2]:.1f} ({known[int(0.9 * len(known))]:.1f})" if known else "-"
     return [name, str(Proportion(sum(in_time), len(found))), str(Proportion(sum(right), len(right))), spent]
-
-
-def _file(out: Path, seed: int) -> Path:
-    return out / f"fleet_{seed}.json"
-
-
-def _kept(out: Path, seed: int) -> FleetOutcome:
-    kept: dict[str, Any] = json.loads(_file(out, seed).read_text(encoding="utf-8"))
-    kept["false"] = tuple(kept["false"])
-    for name in ("wear_months", "dirt_months"):
-        kept[name] = math.nan if kept[name] is None else kept[name]
-    return FleetOutcome(**kept)
 
 
 DAY = 86_400.0
@@ -455,7 +442,6 @@ def run_cost(cases: int, seed: int, out: Path, workers: int | None = None) -> li
     """
     if cases < SMALLEST:
         raise InputError(f"--cases {cases}: a store has {SMALLEST} bags at least here")
-    out.mkdir(parents=True, exist_ok=True)
     bags = out / "bags"
     for _ in spread(partial(_bag, bags, seed), range(cases), "bags", workers):
         pass

@@ -59,7 +59,6 @@ def run(cases: int, seed: int, out: Path, workers: int | None = None) -> list[Bl
 
     What the rows in ``out`` hold already is not analysed again.
     """
-    out.mkdir(parents=True, exist_ok=True)
     seeds = range(seed, seed + cases)
     done = resumed(
         out / "cases.jsonl", BlindVerdict, lambda row: row.seed, judge_seed, seeds, "blind cases", workers

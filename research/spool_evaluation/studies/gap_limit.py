@@ -49,7 +49,6 @@ def run(
 
     ``out`` gets table and picture; what ``gap_limits.jsonl`` there holds already is not looked for again.
     """
-    out.mkdir(parents=True, exist_ok=True)
     wanted = [(effect, seed + case) for case in range(cases) for effect in effects]
     done = resumed(
         out / "gap_limits.jsonl", DetectionLimit, lambda one: (one.effect, one.seed), smallest_named, wanted,
@@ -57,7 +56,8 @@ def run(
     )  # fmt: skip
     limits = sorted(done, key=lambda one: wanted.index((one.effect, one.seed)))
     renew_json(out / "gap_limits.json", limits)
-    page = write_study(limits, out, study_command("gap-limit", cases, seed))
+    save_picture(limits_figure(limits), out / PICTURE, dpi=150)
+    page = write_page(out / PAGE, TITLE, study_command("gap-limit", cases, seed), page_parts(limits))
     print(page.read_text("utf-8"))
     return limits
 
@@ -130,12 +130,6 @@ def within(limits: Sequence[DetectionLimit]) -> bool:
 def sentence(met: int, effects: int) -> str:
     """Return how many effects reach the target, in words."""
     return f"{met} of {effects} effects are named in half of the cases at {TARGET:g} times the limit or less."
-
-
-def write_study(limits: Sequence[DetectionLimit], folder: Path, command: str) -> Path:
-    """Write ``gap_limits.md`` and its picture into ``folder``; return the page."""
-    save_picture(limits_figure(limits), folder / PICTURE, dpi=150)
-    return write_page(folder / PAGE, TITLE, command, page_parts(limits))
 
 
 def page_parts(limits: Sequence[DetectionLimit]) -> list[str]:

@@ -68,7 +68,6 @@ class OrdersOutcome:
 
 def run(cases: int, seed: int, out: Path, workers: int | None = None) -> list[OrdersOutcome]:
     """Judge ``cases`` pieces of each kind; ``out`` gets the page."""
-    out.mkdir(parents=True, exist_ok=True)
     wanted = [OrdersCase(kind, seed + number) for kind in KINDS for number in range(cases)]
     found = list(spread(judge, wanted, "pieces", workers))
     write_page(out / PAGE, TITLE, study_command("orders", cases, seed), [ABOUT, table(found), LIMIT])

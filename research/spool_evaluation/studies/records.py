@@ -78,7 +78,6 @@ def run(cases: int, seed: int, out: Path, workers: int | None = None) -> list[Sa
     """
     if not BAGS.is_dir():
         raise InputError(f"study records: no folder {BAGS} here: call it from the root of the repository")
-    out.mkdir(parents=True, exist_ok=True)
     places = range(len(SAMPLES[:cases]))
     rows = [row for _, found in sorted(spread(judge, places, "sample records", workers)) for row in found]
     write_json(out / f"{NAME}.json", rows)

@@ -30,7 +30,6 @@ SHOWN_STEPS = 4
 
 def run(cases: int, seed: int, out: Path, workers: int | None = None) -> dict[str, list[float]]:  # noqa: ARG001 - not drawn
     """Compute the errors of the first ``cases`` models; ``out`` gets the table and the picture."""
-    out.mkdir(parents=True, exist_ok=True)
     names = list(SHOWN)[:cases]
     unordered = dict(spread(judge, names, "models", workers))
     found = {name: unordered[name] for name in names}

@@ -83,7 +83,6 @@ def run(
     What the rows in ``out`` hold already is not analysed again. With ``diagnosing`` a second page states why
     each wrong verdict is wrong, and the rows are kept in a separate file.
     """
-    out.mkdir(parents=True, exist_ok=True)
     seeds = range(seed, seed + cases)
     work = partial(judge_field_seed, diagnosing=diagnosing)
     path = out / (DIAGNOSED if diagnosing else ROWS)
