@@ -17,11 +17,11 @@ from typing import Any
 import numpy as np
 from spool_core.numbers import Array
 from spool_evaluation.results.page import markdown_table
+from spool_evaluation.studies.peers import PEERS, first_alarm, median, soonest
 from spool_evaluation.studies.workers import spread
 from spool_monitor.parameter_drift import VISCOUS
 
 from spool_operation.faults import SPEEDS
-from spool_operation.peers import PEERS
 from spool_operation.run_day import TRACED, Trace, outcome_of, severity_of
 from spool_operation.world import ValveDay, draw_day
 
@@ -103,9 +103,8 @@ class Comparison:
     def best(self, detector: str, parameter: str, speed: str) -> tuple[Setting, Array]:
         """Return the setting that misses least and is soonest on these faults, and its delays."""
         some = [one for one in self.faults if (one.parameter, one.speed) == (parameter, speed)]
-        settings = [(MONITOR, "")] if detector == MONITOR else [(detector, name) for name in PEERS[detector]]
-        tried = [(setting, np.array([one.delays[setting] for one in some])) for setting in settings]
-        return min(tried, key=lambda one: (int((~np.isfinite(one[1])).sum()), _median(one[1])))
+        settings = [(detector, name) for name in _settings(detector)]
+        return soonest({setting: np.array([one.delays[setting] for one in some]) for setting in settings})
 
     def parts(self) -> list[str]:
         """Return the parts of the page."""
@@ -120,15 +119,14 @@ class Comparison:
                     parameter.replace("_", " "), speed, str(found[MONITOR].size),
                     *(_cell(found[name]) for name in detectors),
                 ))  # fmt: skip
-                soonest = min(_median(found[name]) for name in PEERS)
-                if _median(found[MONITOR]) > soonest + 1.0:
+                if median(found[MONITOR]) > min(median(found[name]) for name in PEERS) + 1.0:
                     lost.append(f"{parameter.replace('_', ' ')} {speed}")
         behind = ", ".join(lost) if lost else "none"
         false = [
-            (name, str(min(self.false_alarms((name, setting)) for setting in _settings(name))),
-             str(max(self.false_alarms((name, setting)) for setting in _settings(name))))
+            (name, str(min(alarms)), str(max(alarms)))
             for name in detectors
-        ]  # fmt: skip
+            for alarms in ([self.false_alarms((name, setting)) for setting in _settings(name)],)
+        ]
         return [
             ABOUT.format(calibrated=self.calibrated, tried=len(self.tried)),
             markdown_table(("parameter", "grows", "days", *detectors), rows),
@@ -146,9 +144,9 @@ ABOUT = (
     "limits follow from `false_alarm_interval` and the estimates' covariance. Of "
     "each peer the setting counts that does best on these faults, which favours it. Cells: median delay "
     "from when the change is as large as it has to be found, with the 95 % interval of the median, and how "
-    "many were missed. river's ADWIN and KSWIN have no threshold to set to a rate: they are left out. Warm "
-    "oil looks like wear where no thermometer corrects for it, so the viscous coefficient of such days has "
-    "separate thresholds and rows."
+    "many were missed. river's ADWIN and KSWIN have no threshold to set to a rate; they are compared in "
+    "[benchmarks](bench_monitor.md). Warm oil looks like wear where no thermometer corrects for it, so the "
+    "viscous coefficient of such days has separate thresholds and rows."
 )
 
 
@@ -167,9 +165,7 @@ def compare(healthy: int, faulty: int, seed: int, workers: int | None) -> Compar
     tried = list(spread(healthy_maxima, others, "healthy days", workers))
     drifting = drift_days(faulty, seed + 3 * APART)
     found = spread(partial(fault_times, thresholds), drifting, "days with a drift", workers)
-    return Comparison(
-        thresholds, len(calibrated), tried, sorted(found, key=lambda one: one.seed)
-    )  # fmt: skip
+    return Comparison(thresholds, len(calibrated), tried, sorted(found, key=lambda one: one.seed))
 
 
 def drift_days(wanted: int, seed: int) -> list[int]:
@@ -217,8 +213,7 @@ def fault_times(thresholds: dict[tuple[str, str, str], float], seed: int) -> Fau
     delays: dict[Setting, float] = {(MONITOR, ""): outcome.delay}
     for detector, settings in PEERS.items():
         for setting, statistic in settings.items():
-            above = np.flatnonzero(statistic(values) > thresholds[(detector, setting, name)])
-            first = at[above[0]] if above.size else math.inf
+            first = first_alarm(statistic(values), thresholds[(detector, setting, name)], at)
             delays[(detector, setting)] = math.nan if first < fault.begin else first - fault.reached
     return FaultTimes(seed, name, fault.speed, delays)
 
@@ -241,11 +236,6 @@ def _clock(day: ValveDay, times: Array) -> Array:
 
 def _settings(detector: str) -> list[str]:
     return [""] if detector == MONITOR else list(PEERS[detector])
-
-
-def _median(delays: Array) -> float:
-    found = delays[np.isfinite(delays)]
-    return float(np.median(found)) if found.size else math.inf
 
 
 def _cell(delays: Array) -> str:

@@ -25,6 +25,7 @@ from spool_estimator.estimate import Estimate, State
 from spool_estimator.estimator import Estimator, settings_for
 from spool_estimator.gap_watch import GapWatch
 from spool_estimator.identification.oil import LAG, USUAL_DEVIATION
+from spool_evaluation.studies.peers import judged_share
 from spool_monitor.detectors import MonitorSettings
 from spool_monitor.detectors.resonance import RESONANCE_BAND
 from spool_monitor.event import Event, EventState
@@ -107,12 +108,7 @@ class Trace:
 
     def take(self, second: float, monitor: Monitor) -> None:
         """Take what the last estimate showed."""
-        row = []
-        for name in TRACED:
-            test = monitor.detection.parameters[name]
-            size = test.matters * (abs(test.baseline.value) if test.relative else 1.0)
-            judged = test.judged and test.baseline.frozen
-            row.append((test.quantity.value - test.baseline.value) / size if judged else math.nan)
+        row = [judged_share(monitor.detection.parameters[name]) for name in TRACED]
         self.times.append(second)
         self.shares.append((row[0], row[1], row[2]))
 

@@ -12,8 +12,9 @@ from spool_core.errors import InputError
 from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.estimator import Estimator, settings_for
 from spool_estimator.identification.oil import OilReference, oil_law
+from spool_evaluation.studies.peers import WINDOW, best_split, page_hinkley, page_sum, run_change, run_level
+from spool_monitor.parameter_drift import CAP, CumulativeSum
 from spool_operation.comparison import YEAR, threshold_of
-from spool_operation.peers import WINDOW, best_split, page_hinkley, page_sum, run_level
 from spool_operation.run_day import (
     MEMORY,
     DayOutcome,
@@ -182,6 +183,23 @@ def test_the_level_of_a_run_follows_a_step_and_forgets_what_was_before() -> None
     level = run_level(values, 1e-3, 0.1)
     assert level[59] < 0.05
     assert level[-1] == pytest.approx(1.0, abs=0.05)
+
+
+def test_a_change_of_level_is_as_good_as_certain_after_it_and_unlikely_before() -> None:
+    generator = np.random.default_rng(3)
+    values = np.concatenate([generator.normal(0.0, 0.1, 60), generator.normal(1.0, 0.1, 40)])
+    changed = run_change(values, 1e-3, 0.1)
+    assert changed[59] < 0.2
+    assert changed[-1] > 0.999
+
+
+def test_pages_sum_is_the_one_that_ships() -> None:
+    values = np.random.default_rng(5).normal(0.3, 2.0, 100)
+    total, sizes = CumulativeSum(0.1, CAP), []
+    for number, value in enumerate(values):
+        total.update((number + 1) * 1_000_000_000, float(value), 1.0)
+        sizes.append(total.size)
+    assert page_sum(values, 0.1) == pytest.approx(np.array(sizes))
 
 
 def test_pages_sum_of_a_constant_grows_by_what_exceeds_the_allowance() -> None:

@@ -1,26 +1,31 @@
 """Peers of the drift test: what each watches, so that its threshold can be set to a false-alarm rate.
 
 Each takes changes of one parameter against its baseline, over the change that has to be found, one a second,
-and gives a statistic for each; an alarm is where that exceeds the threshold.
+and gives a statistic for each; an alarm is where that exceeds the threshold. Users: `./spool study operation`
+and `./spool bench monitor`.
 
 Page, Continuous inspection schemes, Biometrika 41 (1954), and Hinkley (1971) as in river's ``PageHinkley``;
-Adams and MacKay, Bayesian online changepoint detection (2007), the level of the present run; the gain of the
-best split of the last values, which ruptures' ``KernelCPD`` with a linear kernel compares with its penalty;
-the level of a local-level Kalman filter in the steady state, fed by its innovations.
+Adams and MacKay, Bayesian online changepoint detection (2007, arXiv:0710.3742), a recursion over lengths of
+the present run, whose level is normal around 0 beforehand with standard deviation 1; the gain of the best
+split of the last values, which ruptures' ``KernelCPD`` with a linear kernel compares with its penalty; the
+level of a local-level Kalman filter in the steady state, fed by its innovations.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Mapping
 from functools import partial
-from typing import TypeAlias
+from typing import TypeAlias, TypeVar
 
 import numpy as np
 from spool_core.kernels.compiled import compiled
 from spool_core.numbers import Array
+from spool_monitor.parameter_drift import ParameterDrift
 
 #: Statistic at each of the values.
 Statistic: TypeAlias = Callable[[Array], Array]
+Setting = TypeVar("Setting")
 
 #: Values that the best split is looked for in, the shortest part, and values between two looks.
 WINDOW, SHORTEST, EVERY = 90, 4, 3
@@ -102,10 +107,20 @@ def best_split(values: Array) -> Array:
     return found
 
 
-@compiled
 def run_level(values: Array, hazard: float, scatter: float) -> Array:
-    """Return the size of the posterior mean level of the present run; run lengths up to ``LENGTHS``."""
-    found = np.empty(values.size)
+    """Return the size of the posterior mean level of the present run."""
+    return np.asarray(run_posterior(values, hazard, scatter)[0])
+
+
+def run_change(values: Array, hazard: float, scatter: float) -> Array:
+    """Return the probability that a run began among the last ``LENGTHS`` values but the first of all."""
+    return np.asarray(run_posterior(values, hazard, scatter)[1])
+
+
+@compiled
+def run_posterior(values: Array, hazard: float, scatter: float) -> Array:
+    """Return level and probability of a change, shape (2, n); run lengths up to ``LENGTHS``."""
+    found = np.empty((2, values.size))
     noise, prior = scatter**-2, 1.0
     weights, sums = np.zeros(LENGTHS + 1), np.zeros(LENGTHS + 1)
     weights[0] = 1.0
@@ -136,7 +151,8 @@ def run_level(values: Array, hazard: float, scatter: float) -> Array:
         level = 0.0
         for r in range(used):
             level += weights[r] * noise * sums[r] / (prior + noise * r)
-        found[i] = abs(level)
+        found[0, i] = abs(level)
+        found[1, i] = 1.0 - weights[used - 1]
     return found
 
 
@@ -162,3 +178,27 @@ PEERS: dict[str, dict[str, Statistic]] = {
         for hazard, scatter in ((1e-3, 0.05), (1e-5, 0.2))
     },
 }
+
+
+def judged_share(test: ParameterDrift) -> float:
+    """Return the last change over the one that matters, which the peers see; NaN where it was not judged."""
+    size = test.matters * (abs(test.baseline.value) if test.relative else 1.0)
+    judged = test.judged and test.baseline.frozen
+    return (test.quantity.value - test.baseline.value) / size if judged else math.nan
+
+
+def first_alarm(statistic: Array, threshold: float, at: Array) -> float:
+    """Return at which of the times ``at`` (s) ``statistic`` first exceeds ``threshold``; else infinite."""
+    above = np.flatnonzero(statistic > threshold)
+    return float(at[above[0]]) if above.size else math.inf
+
+
+def soonest(delays: Mapping[Setting, Array]) -> tuple[Setting, Array]:
+    """Return the setting that misses least and then is soonest, and its delays, s; not finite: missed."""
+    return min(delays.items(), key=lambda one: (int((~np.isfinite(one[1])).sum()), median(one[1])))
+
+
+def median(delays: Array) -> float:
+    """Return the median of the delays that are finite, infinite where none is."""
+    found = delays[np.isfinite(delays)]
+    return float(np.median(found)) if found.size else math.inf
