@@ -184,6 +184,7 @@ def test_result_pages_have_the_columns_that_their_commands_write() -> None:
         "bench_sim.md": compiled,
         "bench_estimate.md": compiled,
         "bench_gap.md": judged,
+        "bench_monitor.md": judged,
     }
     for name, text in wanted.items():
         assert headers(result(name)) == headers(text)

@@ -24,7 +24,7 @@ RATCHETS = {
     "lines": 86_438,
     "lines of code": 55_469,
     "files": 404,
-    "lines of research": 14_705,
+    "lines of research": 14_903,
     "lines up to the last import, %": 8.38,
     "private functions with one caller, %": 16.31,
     "modules with one importer, %": 14.74,

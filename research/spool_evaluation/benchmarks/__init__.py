@@ -8,6 +8,7 @@ BENCHMARKS: dict[str, tuple[str, ...]] = {
     "bag": (),
     "estimate": (),
     "gap": ("seed", "cases"),
+    "monitor": ("seed", "cases"),
     "host": ("seconds", "valves"),
     "record": ("seconds", "valves"),
 }

@@ -52,7 +52,6 @@ def run(cases: int, seed: int, out: Path, workers: int | None = None) -> list[Sc
 
 def write_study(outcomes: Sequence[ScenarioOutcome], out: Path, command: str) -> Path:
     """Write page and JSON file into ``out``; return the page."""
-    out.mkdir(parents=True, exist_ok=True)
     renew_json(out / "monitor_study.json", [one.to_dict() for one in outcomes])
     page = out / "monitor_study.md"
     return write_page(page, "Scenarios of the monitor", command, [ABOUT, table(outcomes)])
@@ -127,11 +126,11 @@ def stream(case: Scenario) -> Iterator[Block | tuple[int, float]]:
             yield hurt
 
 
-def replay(case: Scenario) -> Replay:
+def replay(case: Scenario, *, keep: bool = False) -> Replay:
     """Return the cores after ``case``: those of the live nodes, with their default settings."""
     valve = case.drawn_valve
     settings = MonitorSettings(natural_frequency=valve.natural_frequency)
-    one = Replay(Estimator(settings_for(valve)), Monitor(settings))
+    one = Replay(Estimator(settings_for(valve)), Monitor(settings), keep=keep)
     for item in stream(case):
         if isinstance(item, Block):
             one.update(item)

@@ -184,9 +184,9 @@ def test_what_cannot_be_run_is_refused_by_name(words, named, tmp_path, capsys):
 
 def test_a_benchmark_names_the_peer_that_is_not_installed(monkeypatch):
     """A machine without peers lacks their benchmarks, and nothing else."""
-    monkeypatch.setitem(sys.modules, "pysindy", None)
-    with pytest.raises(InputError, match="bench gap: pysindy is not installed"):
-        run_bench("gap", None)
+    monkeypatch.setitem(sys.modules, "river", None)
+    with pytest.raises(InputError, match="bench monitor: river is not installed"):
+        run_bench("monitor", None)
 
 
 def test_a_result_page_says_when_and_by_what_it_was_made(tmp_path: Path):
