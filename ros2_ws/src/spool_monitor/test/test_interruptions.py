@@ -326,6 +326,7 @@ def test_an_interruption_changes_no_judgement(plot: str, place: int, what: Inter
 
 @FEW
 @given(moment=st.integers(0, LEARNED), what=interruptions())
+@example(moment=5, what=Interruption(1.0, sequence="counts"))
 def test_what_is_healthy_is_learned_after_an_interruption(moment: int, what: Interruption) -> None:
     chain, _ = follow("healthy", moment, what)
     assert episodes(chain.events) == []
@@ -333,7 +334,11 @@ def test_what_is_healthy_is_learned_after_an_interruption(moment: int, what: Int
     expected, found = healthy(told("healthy").copies[-1]), healthy(chain)
     assert found.keys() == expected.keys()
     for name, value in found.items():
-        assert abs(value.value - expected[name].value) < 0.01 * abs(expected[name].value) + 0.005, name
+        uninterrupted = expected[name]
+        # A mean of a few windows is no more exact than the baseline states.
+        deviation = math.hypot(value.standard_deviation, uninterrupted.standard_deviation)
+        limit = max(0.01 * abs(uninterrupted.value) + 0.005, 2.0 * deviation)
+        assert abs(value.value - uninterrupted.value) < limit, name
 
 
 @FEW
