@@ -6,7 +6,7 @@ from dataclasses import replace
 from functools import cache
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from spool_core.block import Block
 from spool_core.one_source import Standing
@@ -79,18 +79,22 @@ def test_every_estimate_of_one_estimator_is_used(method: str, period: float) -> 
 
 @settings(max_examples=40 if settings().derandomize else 300)
 @given(
-    start=st.integers(0, 80),
+    start=st.integers(1, 80),
     joins=st.integers(30, 150),
     phase=st.integers(0, 9),
     ahead=st.sampled_from([0, -LATER, LATER]),
     first=st.booleans(),
     other=st.booleans(),
 )
+@example(start=0, joins=30, phase=1, ahead=0, first=False, other=False)
 def test_a_second_estimator_is_never_used_and_a_fault(
     start: int, joins: int, phase: int, ahead: int, first: bool, other: bool
 ) -> None:
-    """It began later by ``start`` blocks, or is a record of another day, played into the live valve."""
-    watched, own, theirs = Watched(), estimates(), estimates(start, 1.0, phase)
+    """It began later by ``start`` blocks, or is a record of another day, played into the live valve.
+
+    Both have the ``phase`` of the valve's namespace.
+    """
+    watched, own, theirs = Watched(), estimates(0, 1.0, phase), estimates(start, 1.0, phase)
     for number in range(10 * SECONDS):
         second = theirs.get(number) if number >= joins else None
         if second is not None:
