@@ -345,6 +345,7 @@ def test_what_is_healthy_is_learned_after_an_interruption(moment: int, what: Int
 @given(before=st.floats(5.0, 60.0), after=st.floats(5.0, 60.0), monitor=st.booleans(), late=st.integers(0, 9))
 @example(before=20.0, after=45.0, monitor=True, late=0)
 @example(before=20.0, after=25.0, monitor=True, late=5)
+@example(before=8.2, after=60.0, monitor=False, late=6)
 def test_a_healthy_valve_whose_oil_changed_in_a_pause_is_not_worn(
     before: float, after: float, monitor: bool, late: int
 ) -> None:

@@ -395,9 +395,9 @@ class SensorScale(Detector):
         self._found = False
 
     def restart(self) -> None:
-        """Take note that samples are missing."""
+        """Take note that samples are missing: the next estimate is still of the valve before and may jump."""
         super().restart()
-        self._unexplained = self._lost = 0
+        self._unexplained, self._lost = -1, 0
 
     def _compare(self, estimate: Estimate) -> None:
         """Count the estimates in a row that leave more unexplained than the reference."""
