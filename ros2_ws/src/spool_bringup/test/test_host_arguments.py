@@ -13,8 +13,11 @@ from rclpy.context import Context
 from rclpy.node import Node
 from spool_bringup.host import program
 from spool_bringup.host.arguments import arguments_of_nodes, arguments_of_process, names_for_all, node_name
+from spool_bringup.host.host_process import valve_timings
 from spool_core.errors import InputError
 from spool_core.kernels.kernel_files import KernelCache
+from spool_core.node.block_hub import TopicTimes
+from spool_core.node.diagnostics import Level
 from spool_core.node.parameters import refuse_other_nodes
 
 Reader = Callable[[Sequence[str], int], dict[str, Any]]
@@ -154,3 +157,22 @@ def test_a_host_of_several_processes_says_that_it_compiles(
     monkeypatch.setattr("spool_estimator.warm_up.warm_up_estimator", lambda: None)
     program._load([], program.FirstList())
     assert not capsys.readouterr().err
+
+
+def test_a_host_s_diagnostics_name_each_valve_with_its_share_and_its_late_and_lost_blocks() -> None:
+    times = {
+        "/valve_1/acceleration": TopicTimes(7, 1, work=0.5, longest_wait=0.2, age=0.3),
+        "/line/valve_2/acceleration": TopicTimes(9, 2, 4, 1.5, 0.6, 0.7, 3),
+        "/valve_3/acceleration": TopicTimes(),
+    }
+    found = valve_timings(times, 10.0, 600)
+    assert [(one.task, one.level, one.message) for one in found] == [
+        ("valve_1", Level.OK, "in time"),
+        ("line/valve_2", Level.WARNING, "4 blocks late, 3 blocks lost"),
+        ("valve_3", Level.WARNING, "no blocks"),
+    ]
+    assert found[1].values == {
+        "blocks": 9, "blocks_late": 4, "blocks_lost": 3, "blocks_waiting": 2, "block_age_s": 0.7,
+        "longest_wait_s": 0.6, "cpu_share": 0.15, "cpu_time_s": "1.500", "resident_B": 200,
+    }  # fmt: skip
+    assert [one.message for one in valve_timings(times, 10.0, 600)] == ["no blocks"] * 3

@@ -17,8 +17,10 @@ from spool_core.numbers import Array
 from spool_core.uncertainty import Quantity, Validity
 from spool_gap.catalogue import EFFECTS
 from spool_report.fit_tables import save_model
+from spool_sim.excitation import PRESETS
 from spool_sim.integration.composed_motion import ComposedMotion, MotionState, half_step_times
 from spool_sim.model import MODELS, Model, load_model
+from spool_sim.simulator import Simulator
 from spool_sim.terms import term
 from spool_sim.valve import find_valve
 from spool_tools.cli import main
@@ -204,16 +206,26 @@ def test_an_unevenly_sampled_force_record_is_resampled_and_said(
 def test_page_json_and_terminal_show_what_was_taken_where_nothing_is_missing(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    bag, page = tmp_path / "bag", tmp_path / "gap.html"
-    words = ["--model", "fluid", "--excitation", "multisine", "--sample-rate", "500", "--seconds", "10"]
-    assert main(["simulate", *words, "--out", str(bag)]) == 0
-    capsys.readouterr()
-    found = gap(tmp_path, bag, "--report", page)
+    page, made = (
+        tmp_path / "gap.html",
+        Simulator(SOFT, PRESETS["multisine"], model="fluid", sample_rate=500.0),
+    )
+    blocks = list(made.records(10.0))
+    body, spool = (np.concatenate([getattr(one, name) for one in blocks]) for name in ("body", "spool"))
+    time = np.arange(body.size) / 500.0
+    hum = 0.3 * np.cos(2.0 * np.pi * 50.03 * time)
+    record = write(tmp_path / "x.csv", time, body, spool + hum, names="time_s,body_m_s2,spool_m_s2")
+    found = gap(tmp_path, record, "--valve", SOFT.id, "--report", page)
     assert found["verdict"] == "none"
     assert [row["id"] for row in found["ranking"] if row["accepted"]] == ["none"]
     text, printed = page.read_text("utf-8"), capsys.readouterr().out
     assert re.search(r"<td>none</td>(\s*<td[^>]*>[^<]*</td>){3}\s*<td>accepted</td>", text)
     assert "of windows that no fit has seen" in text
+    assert re.search(
+        r"Measuring-chain effects.*?<td>hum[^<]*</td>\s*<td>spool</td>\s*<td[^>]*>0\.30 m/s", text, re.S
+    )
+    errors = [f"{100.0 * found['gap'][when]['nrmse']:.2g} %" for when in ("before", "after")]
+    assert f"Held-out error {errors[0]} before, {errors[1]} after" in text
     for shown in (text, printed):
         assert "The record determines: spring stiffness, viscous coefficient." in shown
         assert "another one is better" not in shown

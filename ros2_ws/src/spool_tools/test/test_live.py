@@ -51,7 +51,9 @@ def test_datagrams_dropped_while_listening_are_a_problem_and_older_ones_are_not(
 
 def test_a_small_buffer_little_memory_and_a_free_clock_are_told_with_what_to_do() -> None:
     assert "net.core.rmem_max" in buffer_finding(UdpCounts(0, 0), UdpCounts(0, 0), "212992").text
-    assert shared_memory_finding(10_000_000).level == "warning"
+    little = shared_memory_finding(10_000_000)
+    assert little.level == "warning"
+    assert little.text.startswith("shared memory: 10 MB free")
     assert shared_memory_finding(500_000_000).level == "ok"
     assert clock_finding(0x2001).level == "ok"
     assert "chrony" in clock_finding(0x40).text

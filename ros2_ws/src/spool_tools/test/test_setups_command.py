@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import base64
 import json
+import re
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
 from spool_core.uncertainty import Z_95
+from spool_report.evidence.exhibit import STYLES
 from spool_sim.model import load_model
 from spool_tools.cli import main
 
@@ -76,7 +79,31 @@ def test_each_set_up_has_a_model_file_and_the_report_a_picture(fitted: Path) -> 
     for name, (stiffness, _, _) in SERIES.items():
         model = load_model(fitted / f"model_{name}.yaml")
         assert model.values["spring_stiffness"] == stiffness
-    assert "from all set-ups together" in (fitted / "fit.html").read_text("utf-8")
+    page = (fitted / "fit.html").read_text("utf-8")
+    assert "from all set-ups together" in page
+    intervals = base64.b64decode(re.findall(r"image/svg\+xml;base64,([^\"]+)", page)[0]).decode().lower()
+    assert all(f"stroke: {colour.lower()}" in intervals for colour, _, _ in STYLES[: len(SERIES)])
+
+
+def test_a_known_stiffness_is_doubted_where_its_record_shows_another_and_a_fitted_one_is_not(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    setups = []
+    for name, valve, known in (
+        ("stated", "4weh10_soft", {"spring_stiffness": 5846.0}),
+        ("free", "4weh10_stiff", {}),
+    ):
+        words = ["--valve", valve, "--model", "fluid", "--excitation", "multisine", "--sample-rate", "500"]
+        assert main(["simulate", *words, "--seconds", "20", "--out", str(tmp_path / name)]) == 0
+        setups.append({"name": name, "records": [name], "known": known})
+    file = tmp_path / "setups.yaml"
+    file.write_text(yaml.safe_dump({"setups": setups, "shared": ["mass"]}), "utf-8")
+    capsys.readouterr()
+    assert main(["fit", "--setups", str(file), "--valve", "4weh10_soft", "--model", "fluid"]) == 0
+    (doubt,) = [line for line in capsys.readouterr().err.splitlines() if "the record shows" in line]
+    assert doubt.startswith(
+        "warning: stated: the valve file of '4weh10_soft' says 28.7 Hz, the record shows 15.2 Hz"
+    )
 
 
 def entry(name: str, **known: object) -> dict[str, Any]:
