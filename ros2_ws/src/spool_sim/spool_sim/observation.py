@@ -1,0 +1,155 @@
+"""What a data logger reads of a motion: each channel passes a low-pass before it is sampled.
+
+Dry friction makes the spool's acceleration jump. The low-pass smears each jump over some samples and lets it
+ring; the acceleration at the instant of a sample is another number. A simulation that locates its jumps and
+kinks adds to its points what the low-pass makes of each, from a table: the band-limited steps of sound
+synthesis. The smooth rest passes the low-pass in the frequency domain.
+
+Sources: Stilson and Smith, Alias-free digital synthesis of classic analog waveforms, 1996; Brandt, Hard sync
+without aliasing, 2001.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft
+from spool_core.kernels.compiled import compiled
+from spool_core.numbers import Array
+
+Spectrum = NDArray[np.complex128]
+
+INSTANTS, MEAN, LINEAR, CAUSAL = "instants", "mean", "linear", "causal"
+#: Steps before and after an event that a table reaches, its points in a step, and steps that it is made over.
+REACH, FINE, SPAN = 32, 32, 256
+#: Corner (over the rate of the steps) and order of the low-pass that keeps points free of aliases: flat below
+#: the corners of loggers, and 1e-4 beyond half the rate.
+SHARP, SHARP_ORDER = 0.44, 36
+#: Samples beyond both ends that the low-pass sees.
+EDGE = 64
+
+
+@dataclass(frozen=True, slots=True)
+class Observation:
+    """How a channel is read.
+
+    Attributes:
+        kind: ``instants``; ``mean`` over a sample; ``linear``: low-pass without phase; ``causal``:
+            Butterworth's low-pass, whose delay of slow motion is taken off.
+        order: of the low-pass, whose gain is 1 / (1 + (f / corner)^(2 order)), its root for ``causal``: there
+            a whole number.
+        corner: over the sample rate.
+    """
+
+    kind: str = INSTANTS
+    order: float = 0.0
+    corner: float = math.inf
+
+    def response(self, frequency: Array) -> Spectrum:
+        """Return the factor on the spectrum at ``frequency``, over the sample rate."""
+        if self.kind == INSTANTS:
+            return np.ones(frequency.size, dtype=np.complex128)
+        if self.kind == MEAN:
+            return np.sinc(frequency).astype(np.complex128)
+        ratio = frequency / self.corner
+        if self.kind == LINEAR:
+            return (1.0 / (1.0 + ratio ** (2 * self.order))).astype(np.complex128)
+        count = int(self.order)
+        poles = np.exp(0.5j * np.pi * (2 * np.arange(count) + count + 1) / count)
+        found: Spectrum = np.exp(1j * ratio * float(np.sum((-1.0 / poles).real)))
+        for pole in poles:
+            found /= 1.0 - 1j * ratio / pole
+        return found
+
+    def read(
+        self, points: Array, events: Array, every: int, delay: float = 0.0, gains: Spectrum | None = None
+    ) -> Array:
+        """Return what the channel reads at its samples, shape (n,), unit of ``points``.
+
+        Args:
+            points: acceleration at each step, shape (n every,).
+            events: rows of place (steps), jump and change of the rate (over a step), shape (e, 3).
+            every: steps in a sample.
+            delay: of the reading, samples.
+            gains: further factors on the spectrum at ``lines_of(n, every)``.
+        """
+        samples = points.size // every
+        if not math.isfinite(points[-1]):  # the motion diverged
+            return np.full(samples, math.inf)
+        if self.kind == INSTANTS and delay == 0.0 and gains is None:
+            return points[::every].copy()
+        tables = tables_of(self, every)
+        dense = points.copy()
+        add_events(dense, events, *tables[0], 1, 0.0, 1.0)
+        edge = min(dense.size - 1, EDGE * every)
+        lines = fft.rfft(np.pad(dense, edge, mode="reflect", reflect_type="odd"), _length(samples, every))
+        frequency = lines_of(samples, every)
+        lines *= self.response(frequency)
+        if delay != 0.0:
+            lines *= np.exp(-2j * np.pi * frequency * delay)
+        if gains is not None:
+            lines *= gains
+        found = np.array(fft.irfft(lines, _length(samples, every))[edge : edge + dense.size : every])
+        if self.kind != INSTANTS:
+            add_events(found, events, *tables[1], every, delay * every, 0.0)
+        return found
+
+
+def lines_of(samples: int, every: int) -> Array:
+    """Return the frequencies, over the sample rate, at which ``read`` takes further factors."""
+    return np.asarray(fft.rfftfreq(_length(samples, every), 1.0 / every))
+
+
+@lru_cache(maxsize=512)
+def tables_of(observation: Observation, every: int) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+    """Return what a jump and a kink become, in two stages: (step, ramp) each, at ``1 / FINE`` of a step.
+
+    The first one makes points free of aliases; the second is what the channel reads beyond its factor on
+    such points.
+    """
+    frequency = fft.rfftfreq(SPAN * FINE, 1.0 / FINE)  # over the rate of the steps
+    sharp = 1.0 / (1.0 + (frequency / SHARP) ** SHARP_ORDER)
+    beyond = observation.response(frequency * every) * (1.0 - sharp)
+    return _integrals(sharp.astype(np.complex128)), _integrals(beyond)
+
+
+def _integrals(response: Spectrum) -> tuple[Array, Array]:
+    """Return step and ramp of a response, from ``-REACH`` to ``REACH`` steps."""
+    pulse = fft.fftshift(fft.irfft(response, SPAN * FINE))
+    step = np.cumsum(pulse) - 0.5 * pulse  # a pulse stands for the time half a point before and after it
+    ramp = (np.cumsum(step) - 0.5 * step) / FINE
+    middle = SPAN * FINE // 2
+    part = slice(middle - REACH * FINE, middle + REACH * FINE + 2)
+    return step[part].copy(), ramp[part].copy()
+
+
+@lru_cache(maxsize=64)
+def _length(samples: int, every: int) -> int:
+    dense = samples * every
+    return int(fft.next_fast_len(dense + 2 * min(dense - 1, EDGE * every), real=True))
+
+
+@compiled
+def add_events(
+    row: Array, events: Array, step: Array, ramp: Array, every: int, late: float, ideal: float
+) -> None:
+    """Add to ``row`` (n,), whose values are ``every`` steps apart, what the tables make of each event.
+
+    ``late``: steps by which the row is late; ``ideal``: 1 to take off the jump that the row has, else 0.
+    """
+    for e in range(events.shape[0]):
+        place = events[e, 0] + late
+        first = max(0, math.ceil((place - REACH) / every))
+        last = min(row.size - 1, math.floor((place + REACH) / every))
+        for n in range(first, last + 1):
+            after = n * every - place
+            x = (after + REACH) * FINE
+            i = int(x)
+            w = x - i
+            there = ideal if after >= 0.0 else 0.0
+            row[n] += events[e, 1] * ((1.0 - w) * step[i] + w * step[i + 1] - there)
+            row[n] += events[e, 2] * ((1.0 - w) * ramp[i] + w * ramp[i + 1] - there * after)
