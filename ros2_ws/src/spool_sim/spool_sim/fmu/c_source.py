@@ -23,7 +23,7 @@ from spool_sim.terms import Term
 #: Module of the kernel: its functions keep their names in C, those of others are named after their module.
 _KERNEL = "spool_sim.integration.stepping"
 #: Functions of the kernel that an FMU calls; all that these call comes with them.
-ROOTS = ("acceleration", "slip", "needed_at_rest", "step_with_events", "sliding", "rest", "drag")
+ROOTS = ("acceleration", "slip", "needed_at_rest", "piece", "step_with_events", "sliding", "rest", "drag")
 #: Functions of ``math`` and built-in ones, by what C calls them.
 _C_NAMES = {
     **{name: name for name in ("copysign", "sqrt", "exp", "expm1", "log", "log10", "log1p", "pow", "sin")},

@@ -71,6 +71,23 @@ class Trajectory:
     memory: Array
 
 
+@dataclass(frozen=True, slots=True)
+class Points:
+    """Motion as an observation reads it.
+
+    Attributes:
+        acceleration: of the spool itself at each step, m/s^2, shape (n substeps,).
+        events: place (steps), jump (m/s^2) and change of the rate (m/s^2 over a step) of each jump and kink
+            of the acceleration, shape (e, 3).
+        displacement, velocity: relative to the body, m, m/s, shape (n,).
+    """
+
+    acceleration: Array
+    events: Array
+    displacement: Array
+    velocity: Array
+
+
 def _body_rows(count: int, bodies: int, tables: int, stands_on: Sequence[int] | None) -> NDArray[np.int64]:
     """Return the row of the body that each of ``count`` valves stands on, shape (count,)."""
     if (stands_on is None and bodies not in (1, count)) or tables not in (1, count):
@@ -251,6 +268,46 @@ class ComposedMotion:
             for z, v, direction, *memory in packed.tolist()
         ]
         return result, last
+
+    def read_batch(
+        self,
+        state: MotionState,
+        body_acceleration: Array,
+        tables: Array,
+        *,
+        rows: NDArray[np.int64],
+        sample_period: float,
+        substeps: int,
+        first_sample: int = 0,
+        towards: Array | None = None,
+        pull: float = 0.0,
+    ) -> list[Points]:
+        """Return what an observation makes readings of, for s parameter sets from one ``state``.
+
+        Args:
+            state: at the first sample.
+            body_acceleration: m/s^2, shape (b, 2 n substeps + 1), as in ``advance``.
+            tables: parameters, shape (s, 1 or n, p).
+            rows: of ``body_acceleration`` for each set, shape (s,).
+            sample_period, substeps, first_sample: as in ``advance``.
+            towards: displacement and velocity that the motion is pulled to, m and m/s, shape (2, n).
+            pull: share of the way that it goes at each sample.
+        """
+        count, steps = tables.shape[0], (body_acceleration.shape[1] - 1) // 2
+        samples = steps // substeps
+        states = np.zeros((count, 3 + max(1, self._memories)))
+        states[:, :3] = state.displacement, state.velocity, state.direction
+        points, z, v = (np.empty((count, size)) for size in (steps, samples, samples))
+        # Where reversals come closer than this, what they add is noise.
+        events, counts = np.empty((count, 2 * steps + 16, 3)), np.zeros(count, dtype=np.int64)
+        self._kernel.read_batch_kernel(
+            states, np.ascontiguousarray(body_acceleration), rows, first_sample, sample_period / substeps,
+            substeps, self._packed(np.ascontiguousarray(tables)), points, z, v, events, counts,
+            np.zeros((2, 1)) if towards is None else towards, pull,
+        )  # fmt: skip
+        return [
+            Points(points[one], events[one, : counts[one]].copy(), z[one], v[one]) for one in range(count)
+        ]
 
     def predict_batch(
         self,

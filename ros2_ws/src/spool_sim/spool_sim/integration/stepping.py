@@ -38,6 +38,8 @@ Numbers = tuple[float, ...]
 LARGEST_EVENT_COUNT = 40
 #: Displacement (m) and speed (m/s) beyond which a prediction has diverged and starts again from rest.
 FARTHEST, FASTEST = 1.0, 100.0
+#: Share of a step over which one-sided rates are taken.
+NEAR = 1e-3
 
 
 @inlined
@@ -144,6 +146,83 @@ def first_time(
 
 
 @inner
+def piece(
+    z: float, v: float, s: float, x: Numbers, u: float, t: float, h: float, a0: float, b: float, d: float,
+    q: Numbers,
+) -> tuple[float, float, float, Numbers, float, float]:  # fmt: skip
+    """Return (z, v, direction, memory, share) at the next event of a step from share ``u`` on, or at its end.
+
+    The last value is the share at which a spool that was held was released, -1 where none was.
+    """
+    left = (1.0 - u) * h
+    released = -1.0
+    if v == 0.0:
+        low, high = rest(z, q)
+        need = needed_at_rest(z, u, x, t, h, a0, b, d, q)
+        if low <= need <= high:
+            middle = needed_at_rest(z, 0.5 * (u + 1.0), x, t, h, a0, b, d, q)
+            end = needed_at_rest(z, 1.0, x, t, h, a0, b, d, q)
+            y, s = release(
+                need, -3.0 * need + 4.0 * middle - end, 2.0 * (need - 2.0 * middle + end), low, high
+            )
+            if y > 1.0:
+                return z, 0.0, 0.0, x, 1.0, -1.0
+            u += y * (1.0 - u)
+            released = u
+            left = (1.0 - u) * h
+            if left <= 0.0:
+                return z, 0.0, s, x, 1.0, released
+        else:
+            s = 1.0 if need > high else -1.0
+    k1 = acceleration(z, v, t + u * h, s, a0 + u * (b + u * d), z, x, q)
+    z1, v1 = slip(z, v, s, x, left, k1, u, t, h, a0, b, d, q)
+    tau, stops = left, False
+    if s * v1 > 0.0:
+        rate0 = s * k1
+        rate1 = s * acceleration(z1, v1, t + h, s, a0 + b + d, z, x, q) if v != 0.0 and rate0 < 0.0 else 0.0
+        if rate1 > 0.0:
+            # Both ends slip the same way, but the velocity may have dipped through zero between.
+            dip = left * rate0 / (rate0 - rate1)
+            z2, v2 = slip(z, v, s, x, dip, k1, u, t, h, a0, b, d, q)
+            if s * v2 <= 0.0:
+                tau, z1, v1 = first_time(
+                    math.nan, z, v, s, x, 0.0, s * v, dip, z2, v2, k1, u, t, h, a0, b, d, q
+                )
+                stops = True
+    else:
+        first, last, before = 0.0, left, s * v
+        if v == 0.0:
+            # Released and at rest again within the step: find an instant of slip before that.
+            first = left
+            z2, v2 = z1, v1
+            for _ in range(30):
+                last, z1, v1 = first, z2, v2
+                first *= 0.5
+                z2, v2 = slip(z, v, s, x, first, k1, u, t, h, a0, b, d, q)
+                if s * v2 > 0.0:
+                    break
+            before = s * v2
+            if before <= 0.0:
+                return z, 0.0, 0.0, x, 1.0, -1.0  # too short to move: the next step settles it
+        tau, z1, v1 = first_time(math.nan, z, v, s, x, first, before, last, z1, v1, k1, u, t, h, a0, b, d, q)
+        stops = True
+    level = next_level(z, z1, q)
+    if not math.isnan(level):
+        before = s * (level - z)
+        tau, _, v1 = first_time(level, z, v, s, x, 0.0, before, tau, z1, v1, k1, u, t, h, a0, b, d, q)
+        z1, stops = level, s * v1 <= 0.0
+    x = remembered(x, z1 - z, s, q)
+    z = z1
+    u = 1.0 if tau >= left else u + tau / h
+    if not stops:
+        return z, v1, s, x, u, released
+    low, high = rest(z, q)
+    need = needed_at_rest(z, u, x, t, h, a0, b, d, q)
+    s = 0.0 if low <= need <= high else math.copysign(1.0, need - 0.5 * (low + high))
+    return z, 0.0, s, x, u, released
+
+
+@inner
 def step_with_events(
     z: float, v: float, s: float, x: Numbers, t: float, h: float, a0: float, am: float, a1: float, q: Numbers
 ) -> tuple[float, float, float, Numbers]:
@@ -154,75 +233,9 @@ def step_with_events(
     for _ in range(LARGEST_EVENT_COUNT):
         if v != 0.0:
             s = math.copysign(1.0, v)
-        left = (1.0 - u) * h
-        if left <= 0.0:
+        if (1.0 - u) * h <= 0.0:
             break
-        if v == 0.0:
-            low, high = rest(z, q)
-            need = needed_at_rest(z, u, x, t, h, a0, b, d, q)
-            if low <= need <= high:
-                middle = needed_at_rest(z, 0.5 * (u + 1.0), x, t, h, a0, b, d, q)
-                end = needed_at_rest(z, 1.0, x, t, h, a0, b, d, q)
-                y, s = release(
-                    need, -3.0 * need + 4.0 * middle - end, 2.0 * (need - 2.0 * middle + end), low, high
-                )
-                if y > 1.0:
-                    return z, 0.0, 0.0, x
-                u += y * (1.0 - u)
-                left = (1.0 - u) * h
-                if left <= 0.0:
-                    return z, 0.0, s, x
-            else:
-                s = 1.0 if need > high else -1.0
-        k1 = acceleration(z, v, t + u * h, s, a0 + u * (b + u * d), z, x, q)
-        z1, v1 = slip(z, v, s, x, left, k1, u, t, h, a0, b, d, q)
-        tau, stops = left, False
-        if s * v1 > 0.0:
-            rate0 = s * k1
-            rate1 = s * acceleration(z1, v1, t + h, s, a1, z, x, q) if v != 0.0 and rate0 < 0.0 else 0.0
-            if rate1 > 0.0:
-                # Both ends slip the same way, but the velocity may have dipped through zero between.
-                dip = left * rate0 / (rate0 - rate1)
-                z2, v2 = slip(z, v, s, x, dip, k1, u, t, h, a0, b, d, q)
-                if s * v2 <= 0.0:
-                    tau, z1, v1 = first_time(
-                        math.nan, z, v, s, x, 0.0, s * v, dip, z2, v2, k1, u, t, h, a0, b, d, q
-                    )
-                    stops = True
-        else:
-            first, last, before = 0.0, left, s * v
-            if v == 0.0:
-                # Released and at rest again within the step: find an instant of slip before that.
-                first = left
-                z2, v2 = z1, v1
-                for _ in range(30):
-                    last, z1, v1 = first, z2, v2
-                    first *= 0.5
-                    z2, v2 = slip(z, v, s, x, first, k1, u, t, h, a0, b, d, q)
-                    if s * v2 > 0.0:
-                        break
-                before = s * v2
-                if before <= 0.0:
-                    return z, 0.0, 0.0, x  # too short to move: the next step settles it
-            tau, z1, v1 = first_time(
-                math.nan, z, v, s, x, first, before, last, z1, v1, k1, u, t, h, a0, b, d, q
-            )
-            stops = True
-        level = next_level(z, z1, q)
-        if not math.isnan(level):
-            before = s * (level - z)
-            tau, _, v1 = first_time(level, z, v, s, x, 0.0, before, tau, z1, v1, k1, u, t, h, a0, b, d, q)
-            z1, stops = level, s * v1 <= 0.0
-        x = remembered(x, z1 - z, s, q)
-        z = z1
-        u = 1.0 if tau >= left else u + tau / h
-        if not stops:
-            v = v1
-            continue
-        v = 0.0
-        low, high = rest(z, q)
-        need = needed_at_rest(z, u, x, t, h, a0, b, d, q)
-        s = 0.0 if low <= need <= high else math.copysign(1.0, need - 0.5 * (low + high))
+        z, v, s, x, u, _ = piece(z, v, s, x, u, t, h, a0, b, d, q)
     left = (1.0 - u) * h
     if left > 0.0 and s != 0.0:
         # Events crowd together (the spool comes to rest against a stop): the rest goes in one piece.
@@ -474,3 +487,141 @@ def predict_batch_kernel(
             out_z[number],
             out_v[number],
         )
+
+
+@inner
+def one_side(
+    side: float, z: float, v: float, s: float, x: Numbers, u: float, t: float, h: float, a0: float, b: float,
+    d: float, q: Numbers,
+) -> tuple[float, float]:  # fmt: skip
+    """Return the spool's acceleration, m/s^2, just after (``side`` 1) or before (-1) an event, and its rate.
+
+    The rate is over ``h``. At the event, share ``u`` of a step, the spool is at (z, v) and slips in direction
+    ``s``, or is held (0).
+    """
+    if s == 0.0:
+        return a0 + u * (b + u * d), b + 2.0 * u * d
+    tau = side * NEAR * h
+    rate = acceleration(z, v, t + u * h, s, a0 + u * (b + u * d), z, x, q)
+    first = acceleration(z + tau * (v + 0.5 * tau * rate), v + tau * rate, t + u * h + tau, s, 0.0, z, x, q)
+    tau *= 2.0
+    second = acceleration(z + tau * (v + 0.5 * tau * rate), v + tau * rate, t + u * h + tau, s, 0.0, z, x, q)
+    return 2.0 * first - second, side * (second - first) / NEAR
+
+
+@inner
+def note(
+    row: Array, step: int, z: float, v: float, s0: float, s1: float, x: Numbers, u: float, t: float, h: float,
+    a0: float, b: float, d: float, q: Numbers,
+) -> None:  # fmt: skip
+    """Fill ``row`` for an event at share ``u`` of ``step``: slip in direction ``s0`` before, ``s1`` after."""
+    before, rate0 = one_side(-1.0, z, v, s0, x, u, t, h, a0, b, d, q)
+    after, rate1 = one_side(1.0, z, v, s1, x, u, t, h, a0, b, d, q)
+    row[0], row[1], row[2] = step + u, after - before, rate1 - rate0
+
+
+@inner
+def read_kernel(
+    state: Array,
+    body: Array,
+    first_sample: int,
+    h: float,
+    substeps: int,
+    parameters: Array,
+    out_points: Array,
+    out_z: Array,
+    out_v: Array,
+    out_events: Array,
+    towards: Array,
+    pull: float,
+) -> int:
+    """Fill the acceleration at the start of each step, and displacement and velocity at each sample.
+
+    Rows of ``out_events`` become place (steps), jump of the acceleration (m/s^2) and change of its rate
+    (m/s^2 over a step) of each event; return how many there are. ``pull`` is the share of the way to
+    ``towards`` (displacement and velocity at each sample) that the motion goes at each sample.
+    """
+    z, v, s = state[0], state[1], state[2]
+    x = start_memory(state)
+    count = 0
+    for n in range(out_z.size):
+        q = given(parameters, min(n, parameters.shape[0] - 1))
+        if pull > 0.0 and v != 0.0:
+            z += pull * (towards[0, n] - z)
+            v += pull * (towards[1, n] - v)
+        out_z[n] = z
+        out_v[n] = v
+        for j in range(substeps):
+            i = n * substeps + j
+            t = (first_sample * substeps + i) * h
+            a0, am, a1 = body[2 * i], body[2 * i + 1], body[2 * i + 2]
+            b, d = -3.0 * a0 + 4.0 * am - a1, 2.0 * (a0 - 2.0 * am + a1)
+            if not EVENTS:
+                k1 = acceleration(z, v, t, 0.0, a0, z, x, q)
+                out_points[i] = k1 + a0
+                z, v = slip(z, v, 0.0, x, h, k1, 0.0, t, h, a0, b, d, q)
+                continue
+            if v != 0.0:
+                s = math.copysign(1.0, v)
+            stuck = False
+            if s == 0.0:
+                low, high = rest(z, q)
+                stuck = low < high
+            out_points[i] = a0 if stuck else acceleration(z, v, t, s, 0.0, z, x, q)
+            u = 0.0
+            for _ in range(LARGEST_EVENT_COUNT):
+                if (1.0 - u) * h <= 0.0:
+                    break
+                if v != 0.0:
+                    s = math.copysign(1.0, v)
+                held = z
+                z, v1, s1, x, u, released = piece(z, v, s, x, u, t, h, a0, b, d, q)
+                if released >= 0.0 and count < out_events.shape[0]:
+                    side = s1 if v1 == 0.0 and s1 != 0.0 and u >= 1.0 else math.copysign(1.0, z - held)
+                    note(out_events[count], i, held, 0.0, 0.0, side, x, released, t, h, a0, b, d, q)
+                    count += 1
+                if u < 1.0 and count < out_events.shape[0]:
+                    side = math.copysign(1.0, v if v != 0.0 else z - held)
+                    note(out_events[count], i, z, v1, side, s1, x, u, t, h, a0, b, d, q)
+                    count += 1
+                v, s = v1, s1
+            left = (1.0 - u) * h
+            if left > 0.0 and s != 0.0:
+                k1 = acceleration(z, v, t + u * h, s, a0 + u * (b + u * d), z, x, q)
+                z1, v = slip(z, v, s, x, left, k1, u, t, h, a0, b, d, q)
+                x = remembered(x, z1 - z, s, q)
+                z = z1
+        if not (abs(z) < FARTHEST and abs(v) < FASTEST):
+            out_points[(n + 1) * substeps :] = math.inf
+            out_z[n + 1 :] = 0.0
+            out_v[n + 1 :] = 0.0
+            break
+    if not EVENTS:
+        s = 0.0
+    state[0], state[1], state[2] = z, v, s
+    return count
+
+
+@compiled
+def read_batch_kernel(
+    states: Array,
+    body: Array,
+    body_rows: NDArray[np.int64],
+    first_sample: int,
+    h: float,
+    substeps: int,
+    parameters: Array,
+    out_points: Array,
+    out_z: Array,
+    out_v: Array,
+    out_events: Array,
+    out_counts: NDArray[np.int64],
+    towards: Array,
+    pull: float,
+) -> None:
+    """Do the same for several sets of parameters; the first axis counts them."""
+    for number in range(states.shape[0]):
+        out_counts[number] = read_kernel(
+            states[number], body[body_rows[number]], first_sample, h, substeps, parameters[number],
+            out_points[number], out_z[number], out_v[number], out_events[number], towards, pull,
+        )  # fmt: skip
