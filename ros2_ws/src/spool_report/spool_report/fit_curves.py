@@ -10,7 +10,7 @@ import numpy as np
 from spool_core.errors import InputError
 from spool_core.numbers import Array
 from spool_estimator.identification.fit_result import SPOOL_DELAY, SPOOL_GAIN, Fit
-from spool_estimator.identification.free_run import FreeRun, Response
+from spool_estimator.identification.free_run import FreeRun, Reading, Response
 from spool_estimator.identification.record import Record, first_seconds
 from spool_estimator.identification.spectra import ZeroPhase, density_of, relative_motion
 from spool_sim.valve import Valve
@@ -94,8 +94,8 @@ def overlay(records: Sequence[Record], fit: Fit, valve: Valve) -> Overlay:
     """
     run = FreeRun(records, fit.model, valve, window=WINDOW, low_cut=LOW_CUT, longest=LONGEST)
     run.choose_substeps(fit.values)
-    gain, delay = fit.sensor.get(SPOOL_GAIN, 0.0), fit.sensor.get(SPOOL_DELAY, 0.0)
-    return Overlay(run, tuple(run.responses(run.sets(fit.values), np.array([gain]), np.array([delay]))))
+    reading = Reading(fit.sensor.get(SPOOL_GAIN, 0.0), fit.sensor.get(SPOOL_DELAY, 0.0), fit.observation)
+    return Overlay(run, tuple(run.responses(run.sets(fit.values), [reading])))
 
 
 def excerpts(run: FreeRun) -> list[Excerpt]:

@@ -255,8 +255,8 @@ def validated(data: FitData, found: Fit, settings: FitSettings) -> ValidatedFit:
         return ValidatedFit(data, found, None)
     try:
         held_out = free_run_agreement(
-            data.held_out, found.model, data.valve, found.values, sensor=found.sensor, run_in=settings.run_in,
-            low_cut=settings.low_cut,
+            data.held_out, found.model, data.valve, found.values, sensor=found.sensor,
+            observation=found.observation, run_in=settings.run_in, low_cut=settings.low_cut,
         )  # fmt: skip
     except InputError:  # every held-out stretch is shorter than what settling takes
         return ValidatedFit(data, found, None)

@@ -24,7 +24,7 @@ from scipy.optimize import least_squares, lsq_linear
 from spool_core.errors import InputError
 from spool_core.numbers import Array
 
-from spool_estimator.identification.fit_result import MASS, SPOOL_DELAY, SPOOL_GAIN
+from spool_estimator.identification.fit_result import FILTER, MASS, SPOOL_DELAY, SPOOL_GAIN
 from spool_estimator.identification.free_run import FALL, FreeRun, excitation_gain, excitation_limit
 from spool_estimator.identification.least_squares import Unknown, bounds_of, sizes_of
 from spool_estimator.identification.record import Record, first_seconds
@@ -68,7 +68,7 @@ class EquationError:
         self._run = run
         self._values = values
         self._unknowns = tuple(unknowns)
-        own = [u for u in unknowns if u.name not in (SPOOL_GAIN, SPOOL_DELAY)]
+        own = [u for u in unknowns if u.name not in (SPOOL_GAIN, SPOOL_DELAY, *FILTER)]
         self._own = own
         self._columns = [run.names.index(unknown.name) for unknown in own]
         self._low, self._high = bounds_of(own)
@@ -332,6 +332,16 @@ def noise_density(record: Record, highest: float) -> float:
     return noise_of(record.body, record.spool, record.sample_rate).body
 
 
+def diverging(residuals: Residuals, point: Array) -> InputError:
+    """Return the error of a fit whose motion cannot be followed at ``point``, shape (u,)."""
+    run = residuals.run
+    found = ", ".join(f"{one.name} {value:.3g}" for one, value in zip(residuals.unknowns, point, strict=True))
+    return InputError(
+        f"{run.records[0].name}: the motion of model '{run.model.name}' diverges near {found}: the law is "
+        "stiffer than the sample rate can follow; fit a simpler model, or hold a parameter of it"
+    )
+
+
 def input_noise_effect(
     residuals: Residuals, point: Array, shown: NDArray[np.bool_], seconds: float
 ) -> NoiseEffect | None:
@@ -358,25 +368,15 @@ def input_noise_effect(
             # As if ``made`` had been measured, and the excitation with the noise added.
             windows = [
                 replace(
-                    window,
-                    excitation=window.excitation + sign * noise,
-                    measured=response.acceleration[0],
-                    measured_means=response.means[0],
+                    window, excitation=window.excitation + sign * noise, measured=response.acceleration[0]
                 )
                 for window, response, noise in zip(run.windows, made, noises, strict=True)
             ]
             shaken = _over(residuals, run.driven_by(windows))
-            shaken.leave_jumps_out(shaken.respond(point[np.newaxis]))
+            shaken.leave_out(shaken.respond(point[np.newaxis]))
             error, slopes = shaken.at_with_slopes(point)
             if not (np.isfinite(error).all() and np.isfinite(slopes[:, shown]).all()):
-                found = ", ".join(
-                    f"{one.name} {value:.3g}" for one, value in zip(residuals.unknowns, point, strict=True)
-                )
-                raise InputError(
-                    f"{run.records[0].name}: the motion of model '{run.model.name}' diverges near {found}: "
-                    "the law is stiffer than the sample rate can follow; fit a simpler model, or hold a "
-                    "parameter of it"
-                )
+                raise diverging(residuals, point)
             pair.append(-np.linalg.lstsq(slopes[:, shown], error, rcond=None)[0])
         steps.append(pair)
     moves = np.array(steps)
@@ -401,8 +401,7 @@ class _Stretch:
 def _over(residuals: Residuals, run: FreeRun) -> Residuals:
     """Return the same weights over the windows of ``run``, whose samples all count."""
     other = copy.copy(residuals)
-    other.run = run
-    other.kept = [np.ones(window.measured.size) for window in run.windows]
+    other.run, other.kept = run, [np.ones(1)] * len(run.windows)
     return other
 
 

@@ -2,7 +2,8 @@
 
 1. Start: the balance of forces at the measured motion (:mod:`.equation_error`).
 2. Descent: least squares of the free run over windows (:mod:`.free_run`, :mod:`.residuals`), first with equal
-   weights, then weighed by the spectrum of the residual, samples at friction's jumps left out.
+   weights, then weighed by the spectrum of the residual. Where a force jumps, the record shows how its logger
+   filters (:mod:`spool_sim.observation`); the filter's numbers are fitted with the others.
 3. Standard deviations (:mod:`.residuals`); what the noise of the excitation does to the parameters
    (:mod:`.equation_error`) is taken off; rank of the information matrix (:mod:`.least_squares`).
 """
@@ -18,6 +19,7 @@ from spool_core.errors import InputError
 from spool_core.numbers import Array
 from spool_core.uncertainty import Z_95, Quantity, Validity, rate_power
 from spool_sim.model import Model
+from spool_sim.observation import CAUSAL, INSTANTS, LINEAR, MEAN, Observation
 from spool_sim.sensors import PAPER_CHAIN
 from spool_sim.valve import Valve
 
@@ -30,7 +32,7 @@ from spool_estimator.identification.determination import (
     hidden_by_name,
     refuted,
 )
-from spool_estimator.identification.equation_error import EquationError, input_noise_effect
+from spool_estimator.identification.equation_error import EquationError, diverging, input_noise_effect
 from spool_estimator.identification.fit_check import (
     UnusedParameterError,
     at_result,
@@ -40,6 +42,7 @@ from spool_estimator.identification.fit_check import (
     to_hold,
 )
 from spool_estimator.identification.fit_result import (
+    FILTER,
     MASS,
     SPOOL_DELAY,
     SPOOL_GAIN,
@@ -47,14 +50,17 @@ from spool_estimator.identification.fit_result import (
     Fit,
     FitSettings,
 )
-from spool_estimator.identification.free_run import FreeRun, Response
+from spool_estimator.identification.free_run import USUAL, FreeRun, Reading, Response
 from spool_estimator.identification.record import Record
 from spool_estimator.identification.residuals import (
     Residuals,
     Weighted,
+    filter_numbers,
+    filter_unknowns,
     fit_covariance,
     information_criterion,
     standard_deviations,
+    with_numbers,
 )
 from spool_estimator.identification.spectra import density_of
 
@@ -62,8 +68,16 @@ from spool_estimator.identification.spectra import density_of
 FIRST_SECONDS = 8.0
 #: Rounds of the first descents and of each later one, at most, and the fall of the cost that ends them.
 FIRST_ROUNDS, ROUNDS, ENOUGH = 30, 20, 1e-6
-#: How often the weights are taken again after the first descents.
-REWEIGHED = 2
+#: How often the weights are taken again after the first descents, at most, and the relative fall of the cost
+#: below which they have settled.
+REWEIGHED, SETTLED = 5, 0.01
+#: Ways of reading that are tried first, and further orders of a causal low-pass.
+OBSERVATIONS = (Observation(MEAN), Observation(LINEAR, 4.0, 0.42), Observation(CAUSAL, 4.0, 0.36))
+CAUSAL_ORDERS = ((3.0, 2.0), (6.0, 8.0))
+#: Corner of a low-pass, over the sample rate, beyond which it keeps no alias out: samples at instants.
+NO_FILTER = 0.5
+#: Rounds of these descents, and jumps from which they are made.
+OBSERVED, FEWEST_JUMPS = 8, 20
 #: Sizes of what friction at rest may be, relative to its start value, that are tried.
 BLIND_FACTORS = (0.1, 0.3, 1.0, 3.0)
 #: Relative standard deviation from which a quantity that cannot be 0 (a velocity, a length) is not told.
@@ -181,6 +195,7 @@ def free_run_agreement(
     values: Mapping[str, float],
     *,
     sensor: Mapping[str, float] | None = None,
+    observation: Observation = USUAL,
     run_in: float = 0.5,
     low_cut: float = 3.0,
 ) -> Agreement:
@@ -191,6 +206,7 @@ def free_run_agreement(
         model, valve: as in a fit.
         values: all parameters of the model.
         sensor: gain error and delay of the spool's sensor, none by default.
+        observation: of both channels.
         run_in: s at the start of each record that do not count.
         low_cut: Hz, of the conditioning that gives the motion to start from.
 
@@ -200,22 +216,14 @@ def free_run_agreement(
     run = FreeRun(records, model, valve, run_in=run_in, low_cut=low_cut)
     run.choose_substeps(values)
     errors = sensor or {}
-    gain, delay = errors.get(SPOOL_GAIN, 0.0), errors.get(SPOOL_DELAY, 0.0)
-    return agreement(run, run.responses(run.sets(values), np.array([gain]), np.array([delay])))
+    reading = Reading(errors.get(SPOOL_GAIN, 0.0), errors.get(SPOOL_DELAY, 0.0), observation)
+    return agreement(run, run.responses(run.sets(values), [reading]))
 
 
 def agreement(run: FreeRun, responses: Sequence[Response]) -> Agreement:
-    """Return how the first set of ``responses`` agrees with the windows of ``run``.
-
-    Samples are compared, or their means over the sample intervals where those agree better: of a record that
-    was band-limited before it was sampled, jumps of friction are smeared, which samples of a model are not.
-    """
+    """Return how the first set of ``responses`` agrees with the windows of ``run``."""
     measured = [window.measured for window in run.windows]
     simulated = [response.acceleration[0] for response in responses]
-    means = [window.measured_means for window in run.windows]
-    simulated_means = [response.means[0] for response in responses]
-    if _squares(simulated_means, means) < _squares(simulated, measured):
-        measured, simulated = means, simulated_means
     errors = [one - other for one, other in zip(simulated, measured, strict=True)]
     squares = _squares(simulated, measured)
     power = float(sum(np.sum(row**2) for row in measured))
@@ -300,26 +308,62 @@ def follow(
     first = {unknown.name: float(value) for unknown, value in zip(free, points[0], strict=True)}
     run.choose_substeps({**values, **{name: value for name, value in first.items() if name in values}})
     band = (settings.low_cut, settings.high_cut)
+    some = Residuals(run.fewer(FIRST_SECONDS), free, values, band)
+    if not np.isfinite(some.at(points[0])).all():
+        raise diverging(some, points[0])
     before: list[Determination] = []
     if settings.check:
         start = np.array([first.get(unknown.name, values.get(unknown.name, 0.0)) for unknown in unknowns])
-        before = before_fit(run.fewer(FIRST_SECONDS), unknowns, start, values, settings)
-    some = Residuals(run.fewer(FIRST_SECONDS), free, values, band)
+        before = before_fit(some.run, unknowns, start, values, settings)
     best = some.descend(np.array(points), FIRST_ROUNDS, ENOUGH, len(points))
-    residuals = Residuals(run, free, values, band)
-    rings = residuals.rings(residuals.respond(best.point[np.newaxis]))
-    doubts = []
-    if rings and residuals.has_jumps:
-        # The filter's shape is not known: what the other reading gives is a measure of its effect.
-        residuals.band_limited = False
-        other = refine(residuals, best, 1)
-        residuals.read_as_means()
-        best = refine(residuals, best, REWEIGHED)
-        doubts.append(other.point - best.point)
-    else:
-        residuals.band_limited = rings
-        best = refine(residuals, best, REWEIGHED)
-    return Ended(residuals, best, law, doubts, before)
+    observation, best = observed(some, best)
+    numbers = filter_unknowns(observation) if best.point.size > len(free) else ()
+    residuals = Residuals(run, (*free, *numbers), values, band)
+    residuals.observation = observation
+    best = refine(residuals, best, REWEIGHED)
+    residuals.observation = with_numbers(observation, residuals.unknowns, best.point.tolist())
+    return Ended(residuals, best, law, [], before)
+
+
+def observed(some: Residuals, best: least_squares.Descent) -> tuple[Observation, least_squares.Descent]:
+    """Return how both channels are read, and the end of a descent with its free numbers behind the unknowns.
+
+    A force that jumps shows the logger's low-pass; where none does, the usual one serves.
+
+    Args:
+        some: of equal weights.
+        best: end of its descent.
+    """
+    jumps = [response.jumps.size for response in some.respond(best.point[np.newaxis])]
+    if sum(jumps) < FEWEST_JUMPS:
+        return some.observation, best
+    most = some.run.windows[int(np.argmax(jumps))]
+    glance = some.run.driven_by([most]) if max(jumps) >= FEWEST_JUMPS else some.run
+
+    def tried(
+        one: Observation, start: Array, run: FreeRun, rounds: int
+    ) -> tuple[float, Observation, least_squares.Descent]:
+        numbers = filter_unknowns(one)
+        trial = Residuals(run, (*some.unknowns, *numbers), some.values, some.band)
+        trial.observation = one
+        start = np.append(start[: best.point.size], filter_numbers(one))
+        found = trial.descend(start[np.newaxis], rounds, ENOUGH)
+        return found.cost, with_numbers(one, trial.unknowns, found.point.tolist()), found
+
+    rows = [tried(one, best.point, glance, OBSERVED) for one in OBSERVATIONS]
+    for orders in CAUSAL_ORDERS:
+        before = rows[2]
+        for order in orders:
+            row = tried(replace(before[1], order=order), before[2].point, glance, OBSERVED)
+            rows.append(row)
+            if row[0] > before[0]:
+                break
+            before = row
+    _, found, ended = min(rows, key=lambda row: row[0])
+    if math.isfinite(found.corner) and found.corner > NO_FILTER:
+        found = Observation(INSTANTS)
+    _, found, ended = tried(found, ended.point, some.run, FIRST_ROUNDS)
+    return found, ended
 
 
 def _held_back(
@@ -389,7 +433,10 @@ def refine(residuals: Weighted, start: least_squares.Descent, rounds: int) -> le
     best = start
     for _ in range(rounds):
         residuals.reweigh(best.point)
+        before = float(residuals.costs(residuals.residuals(best.point[np.newaxis]))[0])
         best = residuals.descend(best.point[np.newaxis], ROUNDS, ENOUGH)
+        if best.cost > (1.0 - SETTLED) * before:
+            break
     return best
 
 
@@ -467,12 +514,12 @@ def _result(
     named = {unknown.name: float(value) for unknown, value in zip(free, best.point, strict=True)}
     final = {**values, **{name: value for name, value in named.items() if name in values}}
     sensor = {name: named[name] for name in (SPOOL_GAIN, SPOOL_DELAY) if name in named}
-    constants = [p for p in run.model.parameters if p.name in held]
     # Nuisances that are not observable beside the rest were held at 0.
     ending = {SPOOL_GAIN: 0.0, SPOOL_DELAY: 0.0, **final, **sensor}
     ends = np.array([ending[name] for name in names])
     scales = least_squares.sizes_of(unknowns, ends)
     unseen = least_squares.unseen_directions(law.force_slopes(inside(ends, unknowns)), scales)
+    constants = [p for p in run.model.parameters if p.name in held]
     lost, told = least_squares.combinations(
         np.hstack([unseen, np.zeros((unseen.shape[0], len(constants)))]),
         [*names, *(constant.name for constant in constants)],
@@ -504,14 +551,15 @@ def _result(
                 ends_of = [end for end in (one.low, one.high) if end is not None]
                 deviation = max((abs(end - value) / Z_95 for end in ends_of), default=deviation)
             parameters.append(Quantity(unknown.name, unknown.unit, value, deviation, Validity.VALID))
-    observable = [n for n, unknown in enumerate(free) if unknown.name not in unclear]
+    observable = [n for n, unknown in enumerate(free) if unknown.name not in (*unclear, *FILTER)]
     spread = standard_deviations(covariance)[observable]
     at_bound = tuple(
         unknown.name
         for unknown, value in zip(free, best.point.tolist(), strict=True)
-        if min(value - unknown.low, unknown.high - value) <= 1e-6 * unknown.scale
+        if unknown.name not in FILTER
+        and min(value - unknown.low, unknown.high - value) <= 1e-6 * unknown.scale
     )
-    places = [names.index(unknown.name) for unknown in free]
+    places = [names.index(unknown.name) for unknown in free if unknown.name not in FILTER]
     criterion, samples = information_criterion(residuals, best.point, int(shown.sum()))
     return Fit(
         model=run.model,
@@ -521,7 +569,7 @@ def _result(
         not_observable=tuple(unclear),
         combinations=tuple(
             quantity
-            for quantity in (_told(entry, covariance, places) for entry in told)
+            for quantity in (_told(entry, covariance[: len(places), : len(places)], places) for entry in told)
             if math.isfinite(quantity.standard_deviation)
         ),
         held=held,
@@ -531,9 +579,10 @@ def _result(
         observable=tuple(free[n].name for n in observable),
         at_bound=at_bound,
         agreement=free_run_agreement(
-            run.records, run.model, valve, final, sensor=sensor, run_in=settings.run_in,
-            low_cut=settings.low_cut,
+            run.records, run.model, valve, final, sensor=sensor, observation=residuals.observation,
+            run_in=settings.run_in, low_cut=settings.low_cut,
         ),
+        observation=residuals.observation,
         information_criterion=criterion,
         effective_samples=samples,
         determinations=tuple(determinations),

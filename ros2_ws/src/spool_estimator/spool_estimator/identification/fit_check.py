@@ -40,7 +40,7 @@ NEAR, HALVINGS = 3.0, 8
 #: Rise where a run failed.
 FAILED = 1e300
 #: Rounds of the fit of the others at each, and the fall of the cost that ends it.
-ROUNDS, ENOUGH = 6, 1e-6
+ROUNDS, ENOUGH = 12, 1e-6
 
 
 class UnusedParameterError(InputError):

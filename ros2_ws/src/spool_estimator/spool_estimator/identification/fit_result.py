@@ -11,6 +11,7 @@ import numpy as np
 from spool_core.numbers import Array
 from spool_core.record_limits import LIMITS
 from spool_core.uncertainty import Quantity
+from spool_sim.observation import Observation
 
 from spool_estimator.identification.determination import Determination
 
@@ -19,6 +20,8 @@ if TYPE_CHECKING:  # slow to load
 
 #: Nuisance parameters of the spool's measuring chain, by name.
 SPOOL_GAIN, SPOOL_DELAY = "spool_gain", "spool_delay"
+#: Numbers of both channels' low-pass: corner over the sample rate, and order.
+FILTER = ("filter_corner", "filter_order")
 #: The parameter that scales all forces.
 MASS = "mass"
 #: Simulated steps of a fit: about a minute of computing. Fits of records that determine their parameters take
@@ -71,7 +74,7 @@ class FitSettings:
     window: float = 4.0
     run_in: float = 0.5
     low_cut: float = 3.0
-    high_cut: float = 400.0
+    high_cut: float = 2000.0
     longest: float = 60.0
     fit_gain: bool = False
     fit_delay: bool = False
@@ -127,6 +130,7 @@ class Fit:
         values: a full set to simulate with, held and free; of parameters that only act together it is one
             choice.
         sensor: gain error (1) and delay (s) of the spool's sensor, ``spool_gain`` and ``spool_delay``.
+        observation: how both channels were read.
         correlation: of ``observable``, shape (p, p).
         observable: names of the rows of ``correlation``.
         at_bound: names of parameters that stopped at a bound.
@@ -149,6 +153,7 @@ class Fit:
     held: Mapping[str, float] = field(default_factory=dict)
     values: Mapping[str, float] = field(default_factory=dict)
     sensor: Mapping[str, float] = field(default_factory=dict)
+    observation: Observation = field(default_factory=Observation)
     correlation: Array = field(default_factory=lambda: np.empty((0, 0)))
     observable: tuple[str, ...] = ()
     at_bound: tuple[str, ...] = ()

@@ -9,7 +9,7 @@ without phase, so that it does not shake dry friction loose.
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,11 +19,13 @@ from spool_core.errors import InputError
 from spool_core.numbers import Array
 from spool_sim.integration.composed_motion import ComposedMotion, MotionState, substeps_for
 from spool_sim.model import Model
+from spool_sim.observation import LINEAR, REACH, Observation, Spectrum, lines_of
 from spool_sim.valve import Valve
 
+from spool_estimator.identification.chain import LOWEST, ChainPart
 from spool_estimator.identification.least_squares import Work, in_parallel
 from spool_estimator.identification.record import Record
-from spool_estimator.identification.spectra import ZeroPhase, faded, interval_mean_response, relative_motion
+from spool_estimator.identification.spectra import ZeroPhase, faded, relative_motion
 
 #: s of samples on both sides of a window that its interpolation uses.
 MARGIN = 0.25
@@ -33,6 +35,14 @@ STANDS_OUT = 4.0
 SINGLE = 20_000
 #: Steps per sample at most, whatever a fit tries.
 MOST_STEPS = 16
+#: Samples that are simulated after the last one that counts: a low-pass without phase rings before a jump.
+AFTER = REACH
+#: Smallest factor of a channel's response that is undone, and observations whose excitations are kept.
+SMALLEST, DRIVES = 0.1, 4
+#: m/s^2 from which a change of the acceleration is a jump.
+LEAST_JUMP = 1e-6
+#: How a good chain reads: sharp, without phase, below half the rate.
+USUAL = Observation(LINEAR, 6, 0.42)
 #: Gain of the excitation falls from 1 to 0 from its highest frequency to this many times it.
 FALL = 1.3
 
@@ -50,8 +60,7 @@ class Window:
         length: samples of the excitation.
         state: relative displacement (m) and velocity (m/s) at ``first``, from the accelerometers.
         measured: spool acceleration from ``start`` to ``stop``, m/s^2.
-        measured_means: its mean from each of these samples to the next, band-limited between them, m/s^2.
-        viscosity: its ratio to that of the valve's description from ``first`` to ``stop`` inclusive.
+        viscosity: its ratio to that of the valve's description from ``first`` to ``stop`` and ``AFTER``.
     """
 
     record: int
@@ -63,7 +72,6 @@ class Window:
     length: int
     state: tuple[float, float]
     measured: Array
-    measured_means: Array
     viscosity: Array | None
 
 
@@ -72,26 +80,49 @@ class Response:
     """Motion in one window for s parameter sets; every array has shape (s, n), n the samples that count.
 
     Attributes:
-        acceleration: of the spool at the samples, m/s^2, gain error included.
-        means: its mean from each sample to the next, exact whatever jumps in between.
+        acceleration: of the spool as its channel reads it, m/s^2, gain error included.
         displacement, velocity: relative to the body, m, m/s.
-        jumps: whether friction changed its direction, began or ended between a sample and the next.
+        jumps: instants at which the acceleration of the first set jumps, samples from ``start``, shape (j,).
     """
 
     acceleration: Array
-    means: Array
     displacement: Array
     velocity: Array
-    jumps: NDArray[np.bool_]
+    jumps: Array
 
 
 @dataclass(frozen=True, slots=True)
-class _Drive:
-    """Excitation of a window in the time domain, m/s^2: at the half steps, and its means between samples."""
+class Reading:
+    """What the measuring chain makes of the motion.
 
-    spectrum: NDArray[np.complex128]
-    half_steps: Array
-    means: Array
+    Attributes:
+        gain, delay: relative gain error and delay (s) of the spool's channel behind the body's.
+        observation: of both channels.
+        parts: further parts of the chain, with their numbers.
+    """
+
+    gain: float = 0.0
+    delay: float = 0.0
+    observation: Observation = USUAL
+    parts: tuple[tuple[ChainPart, tuple[float, ...]], ...] = ()
+
+    def of(self, channel: str) -> tuple[tuple[ChainPart, tuple[float, ...]], ...]:
+        """Return the parts that are filters of ``channel``."""
+        return tuple(one for one in self.parts if one[0].channel == channel and one[0].response is not None)
+
+    @property
+    def drift(self) -> float:
+        """Relative change of the spool's gain in a second."""
+        return next((numbers[0] for part, numbers in self.parts if part.response is None), 0.0)
+
+
+def response_of(parts: Iterable[tuple[ChainPart, tuple[float, ...]]], frequency: Array) -> Spectrum:
+    """Return the factor of ``parts`` on a spectrum at ``frequency``, Hz."""
+    found: Spectrum = np.ones(frequency.size, dtype=np.complex128)
+    for part, numbers in parts:
+        if part.response is not None:
+            found *= part.response(np.maximum(frequency, LOWEST), numbers)
+    return found
 
 
 class FreeRun:
@@ -138,11 +169,12 @@ class FreeRun:
         self.model = model
         self.valve = valve
         self.work = work or Work(float("inf"))
-        self.motion = ComposedMotion(model.terms)
+        self.motion: ComposedMotion = ComposedMotion(model.terms)
         self.names = self.motion.names
         self.highest_frequency = [excitation_limit(entry) for entry in self.records]
         self.substeps = [1] * len(self.records)
-        self._drives: dict[tuple[int, int], _Drive] = {}
+        self._drives: dict[tuple[object, ...], Array] = {}
+        self._towards: list[Array] = []
         windows: list[Window] = []
         for number, entry in enumerate(self.records):
             windows += self._cut(number, entry, window, run_in, low_cut)
@@ -153,6 +185,8 @@ class FreeRun:
                 f"{self.records[0].name if self.records else 'records'}: the longest stretch without gaps "
                 f"has {longest_one:.2f} s, a fit needs more than {needed:.2f} s"
             )
+        self.pull = 0.0
+        self.towards = self._towards
         self.windows = _spread(windows, longest, [entry.sample_period for entry in self.records])
         self.choose_substeps(model.values_for(valve))
 
@@ -161,13 +195,13 @@ class FreeRun:
         conditioning = ZeroPhase(period, low_cut)
         # At its ends the conditioned motion is not known; the free run may go on to the last sample.
         begin = conditioning.settling
-        means = ZeroPhase(period, 0.0).apply(entry.spool, interval_means=True)
         lead = max(1, round(run_in / period))
-        last = entry.body.size - 2  # the steps to the two samples after the last one need their excitation
+        last = entry.body.size - 2 - AFTER  # what a low-pass rings before a jump
         room = last - begin - lead
         if room < max(16, lead):
             return []
         motion = relative_motion(entry.body, entry.spool, conditioning)
+        self._towards.append(np.array([motion.displacement, motion.velocity]))
         count = max(1, round(room * period / window)) if np.isfinite(window) else 1
         edges = begin + lead + (room * np.arange(count + 1)) // count
         margin = round(MARGIN / period)
@@ -175,7 +209,8 @@ class FreeRun:
         cut = []
         for start, stop in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
             first = start - lead
-            low, high = first - margin, stop + 2 + margin
+            low = first - margin
+            high = low + fft.next_fast_len(stop + 2 + AFTER + margin - low, real=True)
             excitation = limited(
                 _around(entry.body, low, high, max(1, margin // 2)), period, self.highest_frequency[number]
             )
@@ -190,8 +225,7 @@ class FreeRun:
                     excitation.size,
                     (float(motion.displacement[first]), float(motion.velocity[first])),
                     entry.spool[start:stop],
-                    means[start:stop],
-                    None if viscosity is None else viscosity[first : stop + 1],
+                    None if viscosity is None else viscosity[first : stop + AFTER],
                 )
             )
         return cut
@@ -214,6 +248,15 @@ class FreeRun:
         some = copy.copy(self)
         some.windows = _spread(list(self.windows), seconds, [entry.sample_period for entry in self.records])
         return some
+
+    def of(self, model: Model, motion: ComposedMotion | None = None) -> FreeRun:
+        """Return the same windows under another ``model``, stepped by ``motion`` where it is given."""
+        other = copy.copy(self)
+        other.model = model
+        other.motion = ComposedMotion(model.terms) if motion is None else motion
+        other.names = other.motion.names
+        other.substeps = list(self.substeps)
+        return other
 
     def driven_by(self, windows: Sequence[Window]) -> FreeRun:
         """Return the same with other ``windows`` of the same records."""
@@ -245,79 +288,86 @@ class FreeRun:
         """Return one set of parameters as ``responses`` takes it, shape (1, p)."""
         return np.array([[float(values[name]) for name in self.names]])
 
-    def responses(
-        self, sets: Array, gains: Array | None = None, delays: Array | None = None
-    ) -> list[Response]:
+    def responses(self, sets: Array, readings: Sequence[Reading] | None = None) -> list[Response]:
         """Return the response in each window.
 
         Args:
             sets: parameters, shape (s, p), in the order of ``names``.
-            gains: relative gain error of the spool's sensor, shape (s,), 0 without.
-            delays: delay of the spool's sensor behind the body's, s, shape (s,), 0 without.
+            readings: of the spool's channel for each set; without, the usual ones of a good chain.
         """
         count = sets.shape[0]
         self.work.add(count * self.steps)
-        gain = np.zeros(count) if gains is None else gains
-        delay = np.zeros(count) if delays is None else delays
+        read = [Reading()] * count if readings is None else list(readings)
         if count * sum(window.stop - window.first for window in self.windows) < SINGLE:
-            return [self._respond(window, sets, gain, delay) for window in self.windows]
-        return in_parallel(lambda window: self._respond(window, sets, gain, delay), self.windows)
+            return [self._respond(window, sets, read) for window in self.windows]
+        return in_parallel(lambda window: self._respond(window, sets, read), self.windows)
 
-    def _respond(self, window: Window, sets: Array, gains: Array, delays: Array) -> Response:
+    def _respond(self, window: Window, sets: Array, readings: Sequence[Reading]) -> Response:
         entry = self.records[window.record]
         substeps = self.substeps[window.record]
         state = MotionState(*window.state, float(np.sign(window.state[1])))
-        one_drive = bool((delays == delays[0]).all())
-        drives = [
-            self._drive(window, substeps, float(delay)) for delay in (delays[:1] if one_drive else delays)
-        ]
+        causes = [(one.observation, one.of("body")) for one in readings]
+        distinct = list(dict.fromkeys(causes))
         tables = sets[:, np.newaxis, :]
         if window.viscosity is not None and "viscous_coefficient" in self.names:
             tables = np.repeat(tables, window.viscosity.size, axis=1)
             tables[:, :, self.names.index("viscous_coefficient")] *= window.viscosity
-        trajectory, _ = self.motion.advance_batch(
-            [state] * sets.shape[0],
-            np.array([drive.half_steps for drive in drives]),
+        runs = self.motion.read_batch(
+            state,
+            np.array([self._drive(window, substeps, *one) for one in distinct]),
             tables,
+            rows=np.array([distinct.index(one) for one in causes]),
             sample_period=entry.sample_period,
             substeps=substeps,
             first_sample=entry.first_sample + window.first,
+            towards=self.towards[window.record][:, window.first : window.stop + AFTER] if self.pull else None,
+            pull=self.pull * entry.sample_period,
         )
-        lead = window.start - window.first
-        velocity, stuck = trajectory.velocity[:, lead:], trajectory.stuck[:, lead:]
-        jumps = (np.sign(velocity[:, 1:]) != np.sign(velocity[:, :-1])) | (stuck[:, 1:] != stuck[:, :-1])
-        gain = 1.0 + gains[:, np.newaxis]
-        body_means = np.array([drive.means for drive in drives])
+        lead, count = window.start - window.first, window.stop - window.start
+        part = slice(lead, lead + count)
+        period = entry.sample_period
+        rows = []
+        for run, one in zip(runs, readings, strict=True):
+            gains = None
+            if one.of("spool"):
+                lines = lines_of(run.acceleration.size // substeps, substeps)
+                gains = response_of(one.of("spool"), lines / period)
+            row = one.observation.read(run.acceleration, run.events, substeps, one.delay / period, gains)
+            row *= 1.0 + one.gain
+            if one.drift:
+                row *= 1.0 + one.drift * period * (entry.first_sample + window.first + np.arange(row.size))
+            rows.append(row[part])
         return Response(
-            gain * trajectory.acceleration[:, lead:-1],
-            gain * (np.diff(velocity, axis=1) / entry.sample_period + body_means),
-            trajectory.displacement[:, lead:-1],
-            velocity[:, :-1],
-            jumps,
+            np.array(rows),
+            np.array([run.displacement[part] for run in runs]),
+            np.array([run.velocity[part] for run in runs]),
+            runs[0].events[np.abs(runs[0].events[:, 1]) > LEAST_JUMP, 0] / substeps - lead,
         )
 
-    def _drive(self, window: Window, substeps: int, delay: float) -> _Drive:
-        """Return the excitation of ``window``; without a delay it is kept: every point is run with it."""
-        period = self.records[window.record].sample_period
-        key = (id(window.excitation), substeps)
-        kept = self._drives.get(key) if delay == 0.0 else None
+    def _drive(
+        self,
+        window: Window,
+        substeps: int,
+        observation: Observation,
+        parts: tuple[tuple[ChainPart, tuple[float, ...]], ...],
+    ) -> Array:
+        """Return the acceleration of the body at the half steps of ``window``, m/s^2: the reading's cause."""
+        key = (id(window.excitation), substeps, observation, parts)
+        kept = self._drives.get(key)
         if kept is not None:
             return kept
-        frequency, spectrum = fft.rfftfreq(window.length, period), window.excitation
-        if delay != 0.0:
-            spectrum = spectrum * np.exp(-2j * np.pi * frequency * delay)
+        frequency = fft.rfftfreq(window.length)
+        period = self.records[window.record].sample_period
+        response = observation.response(frequency) * response_of(parts, frequency / period)
+        size = np.maximum(np.abs(response), SMALLEST)
         # The excitation has nothing left at half the sample rate, so its line there needs no halving.
         finer = 2 * substeps
-        fine = fft.irfft(spectrum, finer * window.length)
+        fine = fft.irfft(window.excitation * np.conj(response) / size**2, finer * window.length)
         first = finer * window.margin
-        half_steps = fine[first : first + finer * (window.stop + 1 - window.first) + 1] * finer
-        # The mean of the excitation from each sample that counts to the next.
-        means = fft.irfft(spectrum * interval_mean_response(frequency, period), window.length)
-        first = window.margin + window.start - window.first
-        means = means[first : first + window.stop - window.start]
-        found = _Drive(window.excitation, np.asarray(half_steps), np.asarray(means))
-        if delay == 0.0:
-            self._drives[key] = found
+        found = np.asarray(fine[first : first + finer * (window.stop + AFTER - window.first) + 1] * finer)
+        if len(self._drives) > DRIVES * len(self.windows):
+            self._drives.clear()
+        self._drives[key] = found
         return found
 
 

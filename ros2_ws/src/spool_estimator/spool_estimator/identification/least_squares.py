@@ -1,7 +1,7 @@
 """Least squares: unknowns, the descent to the minimum, and which of them the data determine.
 
-The slopes of all unknowns are one batch of simulations, and so are the trials of all dampings. With
-``scipy.optimize.least_squares``, which runs its trials singly, fits take 1.4 times as long.
+The slopes of all unknowns are one batch of simulations. They are taken again only where a step falls short of
+what they promise; in between, each step corrects them in its direction.
 
 The slopes of the forces along the measured motion, and of what friction takes up at rest, have full rank
 where every unknown shows in its own way. A direction in which they vanish is a change of several unknowns
@@ -27,10 +27,10 @@ from spool_core.system import processors
 #: Size of an unknown near 0, as a share of its typical size.
 SMALLEST_SIZE = 0.1
 
-#: Dampings that are tried together, over the present one; its first, least and largest value, and the factor
-#: on it where no trial falls.
-DAMPINGS = (1e-3, 1.0)
-FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING, BACK_OFF = 1.0, 1e-6, 1e3, 1e3
+#: First, least and largest damping; factors on it after a step that falls and after one that does not.
+FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING, EASED, BACK_OFF = 0.1, 1e-6, 1e4, 0.2, 10.0
+#: Share of the promised fall from which the slopes are trusted for another step.
+TRUSTED = 0.4
 #: Largest change of an unknown in one round, over its size.
 LONGEST_STEP = 0.7
 #: Step of an unknown over its size for slopes.
@@ -250,56 +250,62 @@ def in_parallel(work: Callable[[Item], Found], items: Iterable[Item]) -> list[Fo
 def _follow(problem: LeastSquares, x: Array, residual: Array, rounds: int, enough: float) -> Descent:
     low, high = bounds_of(problem.unknowns)
     typical = np.array([unknown.scale for unknown in problem.unknowns])
-    damping = FIRST_DAMPING
     cost = float(problem.costs(residual[np.newaxis])[0])
-    converged = not x.size
+    damping, converged, known, exact = FIRST_DAMPING, not x.size, False, False
+    sizes = typical
+    slopes: Array = np.empty((0, 0))
     before: tuple[Array, Array, float] | None = None
     for _ in range(rounds if x.size else 0):
-        sizes = sizes_of(problem.unknowns, x)
-        step = STEP * sizes
-        step = np.where(x + step > high, -step, step)
-        changes = problem.residuals(x + np.diag(step)) - residual
-        if not np.isfinite(problem.costs(changes)).all():
-            # Beside motions that cannot be followed: nearer to where the slopes were known.
-            if before is None or damping > MOST_DAMPING:
-                break
-            x, residual, cost = before
-            damping *= BACK_OFF
-            continue
-        # In units of the unknowns' sizes: stiffnesses and delays differ by ten powers of ten.
-        slopes = (changes * (sizes / step)[:, np.newaxis]).T
-        information = slopes.T @ slopes
-        gradient = slopes.T @ residual
-        limit = LONGEST_STEP * np.maximum(sizes, typical)
+        if not known:
+            sizes = sizes_of(problem.unknowns, x)
+            step = np.where(x + STEP * sizes > high, -STEP, STEP) * sizes
+            changes = problem.residuals(x + np.diag(step)) - residual
+            if not np.isfinite(problem.costs(changes)).all():
+                # Beside motions that cannot be followed: nearer to where the slopes were known.
+                if before is None or damping > MOST_DAMPING:
+                    break
+                x, residual, cost = before
+                damping, known, exact = damping * BACK_OFF, slopes.size > 0, False
+                continue
+            # In units of the unknowns' sizes: stiffnesses and delays differ by ten powers of ten.
+            slopes, known, exact = (changes * (sizes / step)[:, np.newaxis]).T, True, True
+        information, gradient = slopes.T @ slopes, slopes.T @ residual
         # What would leave its bounds stays there, and the others are solved for without it.
-        held = ((x <= low) & (gradient > 0.0)) | ((x >= high) & (gradient < 0.0))
-        own = np.flatnonzero(~held)
-        diagonal = np.diag(information) + 1e-12 * np.trace(information)
-        points = []
-        for factor in DAMPINGS:
-            move = np.zeros(x.size)
-            if own.size:
-                matrix = information[np.ix_(own, own)] + np.diag(damping * factor * diagonal[own])
-                move[own] = -np.linalg.lstsq(matrix, gradient[own], rcond=1e-12)[0]
-            points.append(np.clip(x + np.clip(sizes * move, -limit, limit), low, high))
-        trials = np.array(points)
-        outcomes = problem.residuals(trials)
-        costs = problem.costs(outcomes)
-        winner = int(np.argmin(costs))
-        if not costs[winner] < cost:
+        own = np.flatnonzero(~(((x <= low) & (gradient > 0.0)) | ((x >= high) & (gradient < 0.0))))
+        move = np.zeros(x.size)
+        if own.size:
+            diagonal = np.diag(information) + 1e-12 * np.trace(information)
+            matrix = information[np.ix_(own, own)] + np.diag(damping * diagonal[own])
+            move[own] = -np.linalg.lstsq(matrix, gradient[own], rcond=1e-12)[0]
+        if exact and _promised(move, gradient, information) < enough * cost:
+            converged = True
+            break
+        longest = float(np.max(np.abs(move) * sizes / np.maximum(sizes, typical)))
+        trial = np.clip(x + sizes * move * LONGEST_STEP / max(longest, LONGEST_STEP), low, high)
+        move = (trial - x) / sizes
+        promised = _promised(move, gradient, information)
+        outcome = problem.residuals(trial[np.newaxis])[0]
+        fall = cost - float(problem.costs(outcome[np.newaxis])[0])
+        if fall > 0.0:
+            # What the step showed corrects the slopes in its direction (Broyden, 1965).
+            slopes = slopes + np.outer(outcome - residual - slopes @ move, move / (move @ move))
+            known = fall > TRUSTED * promised and fall > enough * cost
+            damping = max(damping * EASED, LEAST_DAMPING)
+            before = x, residual, cost
+            x, residual, cost = trial, outcome, cost - fall
+            exact = False
+        elif exact:
+            damping *= BACK_OFF
             if damping > MOST_DAMPING:
                 converged = True
                 break
-            damping *= BACK_OFF
-            continue
-        fall = cost - float(costs[winner])
-        damping = float(np.clip(damping * DAMPINGS[winner] * 10.0, LEAST_DAMPING, MOST_DAMPING))
-        before = x, residual, cost
-        x, residual, cost = trials[winner], outcomes[winner], float(costs[winner])
-        if fall < enough * cost:
-            converged = True
-            break
+        else:
+            known = False
     return Descent(x, cost, converged)
+
+
+def _promised(move: Array, gradient: Array, information: Array) -> float:
+    return -float(2.0 * gradient @ move + move @ information @ move)
 
 
 def _candidates(

@@ -1,9 +1,8 @@
 """Residuals of a fit: what they weigh, what they inform of, and the deviations that follow.
 
-Samples next to a jump of the dry friction are left out, a straight line in their place: where in its sample
-interval a reversal falls is chance, and the slopes of a sampled jump are spikes. The rest is weighed by the
-spectrum of the residual, so that the weighted residual is white whatever sensors, resonance and
-excitation make of the noise. Windows fade at both ends: a step there would reach far through the weighing.
+Samples are weighed by the spectrum of the residual, so that the weighted residual is white whatever sensors,
+resonance and excitation make of the noise. Windows fade at both ends: a step there would reach far through
+the weighing.
 
 Whittle's likelihood of a residual with power density S(f) is a sum of log S over the lines of its spectrum.
 For a residual of n independent lines in the band and p parameters
@@ -11,7 +10,7 @@ For a residual of n independent lines in the band and p parameters
     BIC = n mean(log S) + p log n
 
 up to a constant that all models of one set of data share. For a white residual it is the known n log(rms^2) +
-p log n. Every model is judged on all samples in the band, jumps of the friction included.
+p log n.
 
 They hold for noise of any colour and for noise whose strength changes along the record; how far the sensors'
 timing is not known, and other doubts, are added.
@@ -24,33 +23,21 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import fft
 from spool_core.numbers import Array
+from spool_sim.observation import CAUSAL, INSTANTS, LINEAR, Observation
 
-from spool_estimator.identification.fit_result import SPOOL_DELAY, SPOOL_GAIN, FitSettings
-from spool_estimator.identification.free_run import FreeRun, Response
-from spool_estimator.identification.least_squares import (
-    DAMPINGS,
-    Descent,
-    Unknown,
-    Work,
-    bounds_of,
-    descend,
-    sizes_of,
-)
+from spool_estimator.identification.fit_result import FILTER, SPOOL_DELAY, SPOOL_GAIN, FitSettings
+from spool_estimator.identification.free_run import USUAL, FreeRun, Reading, Response
+from spool_estimator.identification.least_squares import Descent, Unknown, Work, bounds_of, descend, sizes_of
 from spool_estimator.identification.spectra import Spectrum, ZeroPhase, faded, residual_spectrum
 
-#: s around a jump of the friction that are left out, at least one sample on each side.
-JUMP_TIME = 1.5e-4
-#: Share of samples that may be left out; where friction jumps more often, nothing is.
-MOST_LEFT_OUT = 0.6
 #: s over which the differences fade in and out at the ends of a window.
 FADE = 0.05
-#: Samples around a jump in which a filter before the sampling shows, and the share of power that it adds.
-RINGING, RINGS = 5, 0.15
 #: Highest frequency that is compared, as a share of the sample rate.
-HIGHEST_SHARE = 0.35
+HIGHEST_SHARE = 0.45
+#: Share of samples at instants that must lie apart from jumps for the others to be left out.
+LEAST_KEPT = 0.4
 #: Relative step of the slopes.
 STEP = 1e-3
 
@@ -58,6 +45,29 @@ STEP = 1e-3
 BLOCK = 0.5
 #: Change of the whole weighted residual by a typical size below which an unknown does not show.
 SHOWS = 1e-2
+
+CORNER = Unknown(FILTER[0], "1", 0.15, 0.6, 0.1, absolute=True)
+ORDER = Unknown(FILTER[1], "1", 1.5, 24.0, 2.0)
+
+
+def filter_unknowns(observation: Observation) -> tuple[Unknown, ...]:
+    """Return which numbers of ``observation`` a fit finds."""
+    return {LINEAR: (CORNER, ORDER), CAUSAL: (CORNER,)}.get(observation.kind, ())
+
+
+def filter_numbers(observation: Observation) -> list[float]:
+    """Return the values of its ``filter_unknowns``."""
+    return [observation.corner, observation.order][: len(filter_unknowns(observation))]
+
+
+def with_numbers(
+    observation: Observation, unknowns: Sequence[Unknown], point: Sequence[float]
+) -> Observation:
+    """Return ``observation`` with those of the ``unknowns`` that are its numbers at ``point``, length u."""
+    named = {unknown.name: value for unknown, value in zip(unknowns, point, strict=True)}
+    corner = named.get(CORNER.name, observation.corner)
+    order = named.get(ORDER.name, observation.order)
+    return Observation(observation.kind, order, corner)
 
 
 class Weighted(ABC):
@@ -83,8 +93,8 @@ class Weighted(ABC):
 
     def descend(self, starts: Array, rounds: int, enough: float, tries: int = 1) -> Descent:
         """Return the end of the descents, as :func:`.least_squares.descend`, within the limit of work."""
-        # Slopes and trials of each start; known before they begin, so that threads do not matter.
-        of_a_round = tries * (len(self.unknowns) + len(DAMPINGS)) * self.steps
+        # Slopes and trial of each start; known before they begin, so that threads do not matter.
+        of_a_round = tries * (len(self.unknowns) + 1) * self.steps
         most = self.work.rounds(rounds, of_a_round)
         found = descend(self, starts, most, enough, tries)
         self.work.cut |= most < rounds and not found.converged
@@ -100,7 +110,7 @@ class Weighted(ABC):
 
     @abstractmethod
     def reweigh(self, point: Array) -> None:
-        """Leave out jumps and take the weights from the residual at ``point`` (u,)."""
+        """Take the weights from the residual at ``point`` (u,)."""
 
     @property
     @abstractmethod
@@ -148,9 +158,10 @@ class Residuals(Weighted):
 
     Attributes:
         run: the windows.
-        band_limited: compare means over the sample intervals, not samples.
-        kept: weight 0 or 1 of each sample, one array for each window.
+        observation: of both channels.
         spectrum: of the residual, one for each record, or ``None`` for equal weights.
+        kept: weight 0 or 1 of the samples, for each window. Only samples at instants are left out, beside a
+            jump: they show on which side of it they are, which has no slope.
     """
 
     def __init__(
@@ -160,15 +171,14 @@ class Residuals(Weighted):
         values: Mapping[str, float],
         band: tuple[float, float],
     ) -> None:
-        """Start with equal weights and every sample kept; ``band`` in Hz."""
+        """Start with equal weights and the usual observation; ``band`` in Hz."""
         self.run = run
         self.unknowns = tuple(unknowns)
         self.values = dict(values)
         self.band = band
-        self.band_limited = True
-        self.kept: list[Array] = [np.ones(window.measured.size) for window in run.windows]
+        self.observation = USUAL
         self.spectrum: list[Spectrum | None] = [None] * len(run.records)
-        self._jumps = any(entry.jumps for entry in run.model.terms)
+        self.kept: list[Array] = [np.ones(1)] * len(run.windows)
 
     @property
     def work(self) -> Work:
@@ -180,25 +190,15 @@ class Residuals(Weighted):
         """Simulated steps of the residuals at one point."""
         return self.run.steps
 
-    @property
-    def has_jumps(self) -> bool:
-        """Whether the model has friction that jumps."""
-        return self._jumps
-
-    def read_as_means(self) -> None:
-        """Compare means over the sample intervals from now on, all of them."""
-        self.band_limited = True
-        self.kept = [np.ones(kept.size) for kept in self.kept]
-
     def late(self, point: Array, samples: float) -> Array:
         """Return the weighted residual at ``point`` with the spool's sensor later by ``samples``."""
         delay = samples * self.run.records[0].sample_period
         return np.asarray(self.weighted(self.differences(self.respond(point[np.newaxis], delay)))[0])
 
     def reweigh(self, point: Array) -> None:
-        """Leave out jumps and take the weights from the residual at ``point`` (u,)."""
+        """Take the weights from the residual at ``point`` (u,)."""
         responses = self.respond(point[np.newaxis])
-        self.leave_jumps_out(responses)
+        self.leave_out(responses)
         self.take_spectrum(self.differences(responses))
 
     @property
@@ -220,26 +220,20 @@ class Residuals(Weighted):
     def respond(self, points: Array, delay: float = 0.0) -> list[Response]:
         """Return the response at ``points`` (s, u) in each window, the sensor ``delay`` s later still."""
         sets = np.repeat(self.run.sets(self.values), points.shape[0], axis=0)
-        gains: Array = np.zeros(points.shape[0])
-        delays: Array = np.full(points.shape[0], delay)
+        readings = []
+        for row in points.tolist():
+            named = {unknown.name: value for unknown, value in zip(self.unknowns, row, strict=True)}
+            gain, late = named.get(SPOOL_GAIN, 0.0), named.get(SPOOL_DELAY, 0.0) + delay
+            readings.append(Reading(gain, late, with_numbers(self.observation, self.unknowns, row)))
         for place, unknown in enumerate(self.unknowns):
-            if unknown.name == SPOOL_GAIN:
-                gains = points[:, place]
-            elif unknown.name == SPOOL_DELAY:
-                delays = points[:, place] + delay
-            else:
+            if unknown.name in self.run.names:
                 sets[:, self.run.names.index(unknown.name)] = points[:, place]
-        return self.run.responses(sets, gains, delays)
+        return self.run.responses(sets, readings)
 
     def differences(self, responses: Sequence[Response]) -> list[Array]:
-        """Return model - measured, m/s^2, (s, n) for each window; straight where samples are left out."""
-        if self.band_limited:
-            return [
-                response.means - window.measured_means
-                for response, window in zip(responses, self.run.windows, strict=True)
-            ]
+        """Return model - measured, m/s^2, (s, n) for each window, 0 where a sample is left out."""
         return [
-            _bridged(response.acceleration - window.measured, kept)
+            (response.acceleration - window.measured) * kept
             for response, window, kept in zip(responses, self.run.windows, self.kept, strict=True)
         ]
 
@@ -262,39 +256,10 @@ class Residuals(Weighted):
         """Return the weighted residuals at ``points`` (s, u), shape (s, all samples)."""
         return self.weighted(self.differences(self.respond(points)))
 
-    def leave_jumps_out(self, responses: Sequence[Response]) -> None:
-        """Leave out the samples next to jumps of the friction in the first set of ``responses``."""
-        if not self._jumps or self.band_limited:
-            return
-        for number, (response, window) in enumerate(zip(responses, self.run.windows, strict=True)):
-            period = self.run.records[window.record].sample_period
-            reach = max(1, math.ceil(JUMP_TIME / period))
-            near = _within(response.jumps[0].astype(np.float64), reach)
-            if near.mean() <= MOST_LEFT_OUT:
-                self.kept[number] = np.where(near, 0.0, 1.0)
-
-    def rings(self, responses: Sequence[Response]) -> bool:
-        """Return whether the samples around jumps of the friction ring: the record was band-limited first.
-
-        The first set of ``responses`` must fit about. Samples two to six away from a jump are compared with
-        those farther off; without a filter before the sampling, both differ from the model alike.
-        """
-        if not self._jumps:
-            return True
-        near_power, near_count, far_power, far_count = 0.0, 0, 0.0, 0
-        for response, window in zip(responses, self.run.windows, strict=True):
-            squares = (response.acceleration[0] - window.measured) ** 2
-            jumps = response.jumps[0].astype(np.float64)
-            reach = max(1, math.ceil(JUMP_TIME / self.run.records[window.record].sample_period))
-            close, wide = _within(jumps, reach), _within(jumps, reach + RINGING)
-            near_power += float(squares[wide & ~close].sum())
-            near_count += int((wide & ~close).sum())
-            far_power += float(squares[~wide].sum())
-            far_count += int((~wide).sum())
-        if min(near_count, far_count) < 50:
-            return True
-        ratio = near_power / near_count / (far_power / far_count)
-        return ratio > 1.0 + RINGS + 4.0 * math.sqrt(2.0 / min(near_count, far_count))
+    def leave_out(self, responses: Sequence[Response]) -> None:
+        """Leave out which samples at instants stand beside a jump of ``responses``."""
+        if self.observation.kind == INSTANTS:
+            self.kept = [_apart(response) for response in responses]
 
     def take_spectrum(self, differences: Sequence[Array]) -> None:
         """Weigh from now on by the spectrum of the first set of ``differences``."""
@@ -317,12 +282,12 @@ def information_criterion(residuals: Residuals, point: Array, parameters: int) -
         parameters: how many of them the data tell.
     """
     run = residuals.run
-    responses = residuals.respond(point[np.newaxis])
+    differences = residuals.differences(residuals.respond(point[np.newaxis]))
     total, count = 0.0, 0.0
     for record, entry in enumerate(run.records):
         rows = [
-            response.means[0] - window.measured_means
-            for response, window in zip(responses, run.windows, strict=True)
+            columns[0]
+            for columns, window in zip(differences, run.windows, strict=True)
             if window.record == record
         ]
         if not rows:
@@ -398,22 +363,10 @@ def standard_deviations(covariance: Array) -> Array:
     return np.asarray(np.sqrt(np.where(variances >= 0.0, variances, np.nan)))
 
 
-def _within(jumps: Array, reach: int) -> NDArray[np.bool_]:
-    """Return which samples stand at most ``reach`` before or after the two around a jump, shape (n,)."""
-    near = np.convolve(jumps, np.ones(2 * reach + 2))[reach : reach + jumps.size]
-    return np.asarray(near > 0.5)
-
-
-def _bridged(columns: Array, kept: Array) -> Array:
-    """Return ``columns`` (s, n) with straight lines where ``kept`` (n,) is 0."""
-    left_out = np.flatnonzero(kept == 0.0)
-    if not left_out.size or left_out.size == kept.size:
-        return columns
-    known = np.flatnonzero(kept)
-    place = np.searchsorted(known, left_out)
-    after = known[np.minimum(place, known.size - 1)]
-    before = known[np.maximum(place - 1, 0)]
-    share = (left_out - before) / np.maximum(1, after - before)
-    share = np.where(place == 0, 1.0, np.where(place == known.size, 0.0, share))
-    columns[:, left_out] = columns[:, before] * (1.0 - share) + columns[:, after] * share
-    return columns
+def _apart(response: Response) -> Array:
+    """Return 0 for each sample beside a jump, else 1, shape (n,); all 1 where too few would be left."""
+    size = response.acceleration.shape[1]
+    kept: Array = np.ones(size)
+    beside = np.floor(response.jumps).astype(np.int64)[:, np.newaxis] + np.arange(2)
+    kept[beside[(beside >= 0) & (beside < size)]] = 0.0
+    return kept if kept.mean() > LEAST_KEPT else np.ones(size)

@@ -328,11 +328,7 @@ def _part(
     residuals = ended.residuals
     seen = np.array([unknown.name in fitted for unknown in unknowns])
     whole = Residuals(residuals.run, unknowns, residuals.values, residuals.band)
-    whole.band_limited, whole.kept, whole.spectrum = (
-        residuals.band_limited,
-        residuals.kept,
-        residuals.spectrum,
-    )
+    whole.observation, whole.spectrum, whole.kept = residuals.observation, residuals.spectrum, residuals.kept
     return _Part(
         setup, settings, ended, whole, tuple(names), np.array(scales), np.array(offsets), seen
     )  # fmt: skip
@@ -590,6 +586,7 @@ def _fit_of(
         held={name: value for name, value in values.items() if name not in named},
         values=values,
         sensor=sensor,
+        observation=part.residuals.observation,
         correlation=spread[np.ix_(observable, observable)] / np.outer(deviations, deviations),
         observable=tuple(part.unknowns[n].name for n in observable),
         at_bound=tuple(
@@ -599,7 +596,8 @@ def _fit_of(
         ),
         agreement=free_run_agreement(
             part.setup.records, part.residuals.run.model, part.setup.valve, values, sensor=sensor,
-            run_in=part.settings.run_in, low_cut=part.settings.low_cut,
+            observation=part.residuals.observation, run_in=part.settings.run_in,
+            low_cut=part.settings.low_cut,
         ),
         information_criterion=criterion,
         effective_samples=samples,

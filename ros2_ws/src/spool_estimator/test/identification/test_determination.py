@@ -191,6 +191,7 @@ def test_friction_of_bristles_that_is_not_there_is_bounded_and_its_stiffness_not
 
 
 def test_a_fit_that_ends_beside_motions_that_diverge_says_so_in_one_line() -> None:
-    found = fit([record("fluid", {})], MODELS["fluid_presliding_friction"], SOFT, CHECKED)
+    stiff = replace(CHECKED, held={"dahl_stiffness": 1e7})
+    found = fit([record("fluid", {})], MODELS["fluid_presliding_friction"], SOFT, stiff)
     assert found.reason is not None
     assert "the motion of model 'fluid_presliding_friction' diverges near spring_stiffness" in found.reason

@@ -19,6 +19,7 @@ from spool_estimator.identification.spectra import ZeroPhase, relative_motion
 from spool_sim.excitation import Excitation, Multisine, SweptSine
 from spool_sim.integration.composed_motion import ComposedMotion
 from spool_sim.model import MODELS
+from spool_sim.observation import INSTANTS, Observation
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
 from spool_sim.valve import Valve, find_valve
@@ -143,9 +144,9 @@ def test_forces_at_given_motion_are_those_of_the_terms(name: str, valve: Valve) 
 def test_the_true_parameters_run_free_give_the_record(name: str, valve: Valve) -> None:
     truth = MODELS[name].values_for(valve)
     exact = record(valve, name, truth, noise=0.0, seconds=5.0)
-    agreement = free_run_agreement([exact], MODELS[name], valve, truth)
-    # The residual is a jump of friction here and there on the other side of a sample.
-    assert agreement.nrmse < (1e-4 if name == "fluid" else 2e-2)
+    # The simulated sensors sample at instants.
+    agreement = free_run_agreement([exact], MODELS[name], valve, truth, observation=Observation(INSTANTS))
+    assert agreement.nrmse < 1e-5
     assert agreement.amplitude_ratio == pytest.approx(1.0, abs=1e-3)
 
 

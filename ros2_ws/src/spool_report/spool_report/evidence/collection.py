@@ -142,6 +142,7 @@ def fit_exhibits(found: Fit, valve: Valve, records: Sequence[Record]) -> list[Ex
         found.values,
         found.sensor.get(SPOOL_GAIN, 0.0),
         found.sensor.get(SPOOL_DELAY, 0.0),
+        found.observation,
     )
     ellipse = made(
         confidence.ELLIPSE_TITLE,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from spool_core.errors import InputError
 from spool_core.numbers import Array
 from spool_core.uncertainty import Z_95, number, percent
-from spool_estimator.identification.free_run import FreeRun, excitation_limit
+from spool_estimator.identification.free_run import USUAL, FreeRun, Reading, excitation_limit
 from spool_estimator.identification.record import Record, first_seconds
 from spool_estimator.identification.spectra import ZeroPhase, delayed, relative_motion
 from spool_report.evidence.exhibit import (
@@ -32,6 +32,7 @@ from spool_report.evidence.exhibit import (
 from spool_report.evidence.spectra import CrossSpectra, cross_spectra
 from spool_sim.integration.composed_motion import ComposedMotion
 from spool_sim.model import Model
+from spool_sim.observation import Observation
 from spool_sim.valve import Valve
 
 #: s of data that are simulated at most, of a window, and Hz of the conditioning, as in the pictures of fits.
@@ -79,6 +80,7 @@ class Numbers:
         values: a full set of its parameters.
         gain: relative gain error of the spool's channel, 1.
         delay: of the spool's channel behind the body's, s.
+        observation: of both channels.
     """
 
     name: str
@@ -86,6 +88,7 @@ class Numbers:
     values: Mapping[str, float] = field(default_factory=dict)
     gain: float = 0.0
     delay: float = 0.0
+    observation: Observation = USUAL
 
     @property
     def natural_frequency(self) -> float:
@@ -144,7 +147,7 @@ def runs_of(records: Sequence[Record], valve: Valve, sides: Sequence[Numbers]) -
     for side in sides:
         run = FreeRun(rows, side.model, valve, window=WINDOW, low_cut=LOW_CUT, longest=LONGEST)
         run.choose_substeps(side.values)
-        found = run.responses(run.sets(side.values), np.array([side.gain]), np.array([side.delay]))
+        found = run.responses(run.sets(side.values), [Reading(side.gain, side.delay, side.observation)])
         # The numbers of windows in groups that follow one another without a gap.
         joined: list[list[int]] = []
         for place, window in enumerate(run.windows):
