@@ -37,11 +37,12 @@ LONGEST = 8.0
 TRIALS, DECADES = 12, 1.0
 #: Samples at which the rank of the forces' slopes is judged, and the relative step of these.
 SLOPE_SAMPLES, SLOPE_STEP = 4000, 1e-5
-#: How many of them are followed by a descent.
-FOLLOWED = 2
+#: How many of them are followed by a descent, and parts of their range from which the best is a start.
+FOLLOWED, PARTS = 2, 4
 
-#: Pairs of noise, added and taken away.
-PAIRS = 6
+#: Pairs of noise, added and taken away. A few will do where none moves an unknown by this share of its
+#: deviation.
+PAIRS, FEW_PAIRS, NEGLIGIBLE = 6, 2, 0.2
 #: Standard deviations up to which a bias is believed.
 BELIEVED = 3.0
 
@@ -267,6 +268,13 @@ class EquationError:
         solved = sorted((self._solve_linear(trial) for trial in trials), key=lambda pair: pair[1])
         followed = [self._descend(point) for point, _ in solved[:FOLLOWED]]
         followed.sort(key=lambda pair: pair[1])
+        # The measured motion is smooth where the spool turns round, and its balance of forces may mislead: the
+        # best trial in each part of the range is a start as well.
+        across = sorted(solved, key=lambda pair: float(pair[0][self._others[0]]))
+        size = len(across) // PARTS
+        followed += [
+            min(across[n : n + size], key=lambda pair: pair[1]) for n in range(0, size * PARTS, size)
+        ]
         return [self._complete(point) for point, _ in followed]
 
     def _descend(self, start: Array) -> tuple[Array, float]:
@@ -343,13 +351,17 @@ def diverging(residuals: Residuals, point: Array) -> InputError:
 
 
 def input_noise_effect(
-    residuals: Residuals, point: Array, shown: NDArray[np.bool_], seconds: float
+    residuals: Residuals,
+    point: Array,
+    shown: NDArray[np.bool_],
+    seconds: float,
+    deviations: Array | None = None,
 ) -> NoiseEffect | None:
     """Return what the excitation's noise does to the ``shown`` unknowns at ``point``; ``None`` without noise.
 
-    It is looked at on ``seconds`` of data at most.
-
-    The noise is drawn from a fixed seed, so that the same records give the same result.
+    It is looked at on ``seconds`` of data at most. The noise is drawn from a fixed seed, so that the same
+    records give the same result. With the ``deviations`` of the shown unknowns a small effect takes few of
+    them.
 
     Raises:
         InputError: with a little more noise the motion cannot be followed.
@@ -360,8 +372,8 @@ def input_noise_effect(
         return None
     made = _over(residuals, run).respond(point[np.newaxis])
     generator = np.random.default_rng(0)
-    steps = []
-    for _ in range(PAIRS):
+    steps: list[list[Array]] = []
+    while len(steps) < PAIRS and not (len(steps) == FEW_PAIRS and _negligible(steps, deviations)):
         noises = [_noise(run, number, densities, generator) for number in range(len(run.windows))]
         pair = []
         for sign in (1.0, -1.0):
@@ -373,7 +385,7 @@ def input_noise_effect(
                 for window, response, noise in zip(run.windows, made, noises, strict=True)
             ]
             shaken = _over(residuals, run.driven_by(windows))
-            shaken.leave_out(shaken.respond(point[np.newaxis]))
+            shaken.leave_out(point)
             error, slopes = shaken.at_with_slopes(point)
             if not (np.isfinite(error).all() and np.isfinite(slopes[:, shown]).all()):
                 raise diverging(residuals, point)
@@ -382,9 +394,13 @@ def input_noise_effect(
     moves = np.array(steps)
     even, odd = moves.mean(axis=1), 0.5 * (moves[:, 0] - moves[:, 1])
     share = sum(w.stop - w.start for w in run.windows) / sum(w.stop - w.start for w in residuals.run.windows)
-    return NoiseEffect(
-        even.mean(axis=0), odd.T @ odd / PAIRS * share, even.std(axis=0, ddof=1) / np.sqrt(PAIRS)
-    )
+    covariance = odd.T @ odd / len(steps) * share * (len(steps) == PAIRS)
+    return NoiseEffect(even.mean(axis=0), covariance, even.std(axis=0, ddof=1) / np.sqrt(len(steps)))
+
+
+def _negligible(steps: Sequence[Sequence[Array]], deviations: Array | None) -> bool:
+    even = np.mean(steps, axis=1)
+    return deviations is not None and bool(np.all(np.abs(even) < NEGLIGIBLE * deviations))
 
 
 @dataclass(frozen=True, slots=True)

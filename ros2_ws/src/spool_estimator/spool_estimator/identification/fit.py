@@ -66,8 +66,9 @@ from spool_estimator.identification.spectra import density_of
 
 #: s of data that the first descents from several starts use.
 FIRST_SECONDS = 8.0
-#: Rounds of the first descents and of each later one, at most, and the fall of the cost that ends them.
-FIRST_ROUNDS, ROUNDS, ENOUGH = 30, 20, 1e-6
+#: Rounds of the first descents and of each later one, at most, and the fall of the cost that ends them. After a
+#: glance it is chosen which starts are followed.
+FIRST_ROUNDS, ROUNDS, ENOUGH, GLANCE = 30, 20, 1e-6, 6
 #: How often the weights are taken again after the first descents, at most, and the relative fall of the cost
 #: below which they have settled.
 REWEIGHED, SETTLED = 5, 0.01
@@ -315,6 +316,9 @@ def follow(
     if settings.check:
         start = np.array([first.get(unknown.name, values.get(unknown.name, 0.0)) for unknown in unknowns])
         before = before_fit(some.run, unknowns, start, values, settings)
+    if len(points) > settings.starts:
+        glances = [some.descend(point[np.newaxis], GLANCE, ENOUGH) for point in points]
+        points = [one.point for one in sorted(glances, key=lambda one: one.cost)[: max(1, settings.starts)]]
     best = some.descend(np.array(points), FIRST_ROUNDS, ENOUGH, len(points))
     observation, best = observed(some, best)
     numbers = filter_unknowns(observation) if best.point.size > len(free) else ()
@@ -447,7 +451,7 @@ def _starts(
     values: Mapping[str, float],
     settings: FitSettings,
 ) -> list[Array]:
-    """Return the best points to start from, judged by the free run."""
+    """Return points to start from, the best first, judged by the free run."""
     points = balance.starts()
     blind = [n for n, unknown in enumerate(unknowns) if unknown.name in balance.blind]
     given = np.array([values.get(unknown.name, 0.0) for unknown in unknowns])
@@ -469,11 +473,11 @@ def _starts(
         return points
     named_best = {u.name: float(v) for u, v in zip(unknowns, points[0], strict=True) if u.name in values}
     run.choose_substeps({**values, **named_best})
-    trial = Residuals(run, unknowns, values, (settings.low_cut, settings.high_cut))
+    trial = Residuals(run.fewer(FIRST_SECONDS), unknowns, values, (settings.low_cut, settings.high_cut))
     order = np.argsort(trial.costs(trial.residuals(np.array(points))))
     if held is not None and order[0] != len(points) - 1:
         order = order[order != len(points) - 1]
-    return [points[number] for number in order[: max(1, settings.starts)].tolist()]
+    return [points[number] for number in order.tolist()]
 
 
 def inside(point: Array, unknowns: Sequence[least_squares.Unknown]) -> Array:
@@ -503,14 +507,7 @@ def _result(
         residuals, best.point, least_squares.sizes_of(free, best.point), settings, doubts
     )
     shown = np.isfinite(np.diag(covariance))
-    effect = input_noise_effect(residuals, best.point, shown, settings.noise_seconds) if shown.any() else None
-    if effect is not None:
-        moved, covariance[np.ix_(shown, shown)] = effect.taken_off(
-            best.point[shown], covariance[np.ix_(shown, shown)]
-        )
-        point = best.point.copy()
-        point[shown] = moved
-        best = replace(best, point=inside(point, free))
+    best = replace(best, point=_without_noise(residuals, best.point, covariance, settings))
     named = {unknown.name: float(value) for unknown, value in zip(free, best.point, strict=True)}
     final = {**values, **{name: value for name, value in named.items() if name in values}}
     sensor = {name: named[name] for name in (SPOOL_GAIN, SPOOL_DELAY) if name in named}
@@ -588,6 +585,21 @@ def _result(
         determinations=tuple(determinations),
         notes=_moved_starts(run.model, settings),
     )  # fmt: skip
+
+
+def _without_noise(residuals: Residuals, point: Array, covariance: Array, settings: FitSettings) -> Array:
+    """Return ``point`` (u,) without the effect of the excitation's noise, which ``covariance`` takes in."""
+    shown = np.isfinite(np.diag(covariance))
+    part = np.ix_(shown, shown)
+    deviations = standard_deviations(covariance)[shown]
+    effect = None
+    if shown.any():
+        effect = input_noise_effect(residuals, point, shown, settings.noise_seconds, deviations)
+    if effect is None:
+        return point
+    moved = point.copy()
+    moved[shown], covariance[part] = effect.taken_off(point[shown], covariance[part])
+    return inside(moved, residuals.unknowns)
 
 
 def _judged(

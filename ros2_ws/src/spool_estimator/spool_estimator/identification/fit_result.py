@@ -80,7 +80,7 @@ class FitSettings:
     fit_delay: bool = False
     timing: float = 0.01
     starts: int = 2
-    noise_seconds: float = 40.0
+    noise_seconds: float = 15.0
     check: bool = False
     force_free: bool = False
     allowed: float = ALLOWED

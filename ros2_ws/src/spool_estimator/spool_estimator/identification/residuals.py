@@ -197,9 +197,8 @@ class Residuals(Weighted):
 
     def reweigh(self, point: Array) -> None:
         """Take the weights from the residual at ``point`` (u,)."""
-        responses = self.respond(point[np.newaxis])
-        self.leave_out(responses)
-        self.take_spectrum(self.differences(responses))
+        self.leave_out(point)
+        self.take_spectrum(self.differences(self.respond(point[np.newaxis])))
 
     @property
     def blocks(self) -> list[slice]:
@@ -256,10 +255,10 @@ class Residuals(Weighted):
         """Return the weighted residuals at ``points`` (s, u), shape (s, all samples)."""
         return self.weighted(self.differences(self.respond(points)))
 
-    def leave_out(self, responses: Sequence[Response]) -> None:
-        """Leave out which samples at instants stand beside a jump of ``responses``."""
+    def leave_out(self, point: Array) -> None:
+        """Leave out which samples at instants stand beside a jump at ``point`` (u,)."""
         if self.observation.kind == INSTANTS:
-            self.kept = [_apart(response) for response in responses]
+            self.kept = [_apart(response) for response in self.respond(point[np.newaxis])]
 
     def take_spectrum(self, differences: Sequence[Array]) -> None:
         """Weigh from now on by the spectrum of the first set of ``differences``."""
@@ -314,8 +313,7 @@ def fit_covariance(
         settings: how well the sensors' timing is known, and whether it was fitted.
         doubts: changes of the point, shape (u,) each, that other readings of the record give.
     """
-    residual = residuals.at(point)
-    slopes = residuals.central_slopes(point)
+    residual, slopes = residuals.at_with_slopes(point)
     shown = np.linalg.norm(slopes * scales, axis=0) > SHOWS
     covariance = np.diag(np.where(shown, 0.0, math.inf))
     slopes = slopes[:, shown]
