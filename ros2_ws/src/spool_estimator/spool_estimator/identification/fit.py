@@ -496,18 +496,19 @@ def _result(
     settings: FitSettings,
 ) -> Fit:
     residuals, best, law = ended.residuals, ended.best, ended.law
-    run, descended, doubts = residuals.run, best.point, ended.doubts
+    run, doubts = residuals.run, ended.doubts
     free = residuals.unknowns
     names = [unknown.name for unknown in unknowns]
     rate_std = max(entry.rate_std for entry in run.records)
     if rate_std > 0.0:
         powers = np.array([rate_power(unknown.unit) for unknown in free])
         doubts = [*doubts, rate_std * powers * best.point]
-    covariance = fit_covariance(
+    descended, covariance = fit_covariance(
         residuals, best.point, least_squares.sizes_of(free, best.point), settings, doubts
     )
+    descended = inside(descended, free)
     shown = np.isfinite(np.diag(covariance))
-    best = replace(best, point=_without_noise(residuals, best.point, covariance, settings))
+    best = replace(best, point=_without_noise(residuals, descended, covariance, settings))
     named = {unknown.name: float(value) for unknown, value in zip(free, best.point, strict=True)}
     final = {**values, **{name: value for name, value in named.items() if name in values}}
     sensor = {name: named[name] for name in (SPOOL_GAIN, SPOOL_DELAY) if name in named}

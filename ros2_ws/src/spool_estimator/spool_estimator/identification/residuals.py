@@ -303,12 +303,15 @@ def information_criterion(residuals: Residuals, point: Array, parameters: int) -
 
 def fit_covariance(
     residuals: Weighted, point: Array, scales: Array, settings: FitSettings, doubts: Sequence[Array] = ()
-) -> Array:
-    """Return the covariance of the u unknowns at ``point`` (u,), shape (u, u).
+) -> tuple[Array, Array]:
+    """Return the end of a fit and the covariance of its u unknowns, shapes (u,) and (u, u).
+
+    The time between both channels is an unknown as well where it is not fitted: the records and how well it is
+    known beforehand (``settings.timing``) find it together.
 
     Args:
         residuals: weighed by their spectrum.
-        point: where the descent ended.
+        point: where the descent ended, shape (u,).
         scales: typical sizes, shape (u,); an unknown whose typical size hardly shows has infinite variance.
         settings: how well the sensors' timing is known, and whether it was fitted.
         doubts: changes of the point, shape (u,) each, that other readings of the record give.
@@ -318,16 +321,19 @@ def fit_covariance(
     covariance = np.diag(np.where(shown, 0.0, math.inf))
     slopes = slopes[:, shown]
     if not shown.any():
-        return covariance
-    told = covariance_of(slopes, residual, residuals.blocks)
-    shifts = [doubt[shown] for doubt in doubts]
+        return point, covariance
+    own, moved = np.arange(slopes.shape[1]), point.copy()
     if settings.timing > 0.0 and not settings.fit_delay:
-        late = residuals.late(point, settings.timing)
-        shifts.append(np.linalg.lstsq(slopes, late - residual, rcond=None)[0])
-    for shift in shifts:
-        told += np.outer(shift, shift)
+        late = residuals.late(point, settings.timing) - residual
+        # In units of its standard deviation, which is the last row.
+        slopes = np.vstack([np.column_stack([slopes, late]), np.eye(1, own.size + 1, own.size)])
+        residual = np.append(residual, 0.0)
+        moved[shown] -= np.linalg.lstsq(slopes, residual, rcond=None)[0][own]
+    told = covariance_of(slopes, residual, residuals.blocks)[np.ix_(own, own)]
+    for doubt in doubts:
+        told += np.outer(doubt[shown], doubt[shown])
     covariance[np.ix_(shown, shown)] = told
-    return covariance
+    return moved, covariance
 
 
 def covariance_of(slopes: Array, residual: Array, blocks: Sequence[slice]) -> Array:

@@ -387,11 +387,11 @@ def _joined(
     best = joint.descend(start[free][np.newaxis], ROUNDS, ENOUGH)
     best = refine(joint, best, REWEIGHED)
     moves = _moves(joint, best.point, joint.central_slopes(best.point))
-    covariance = fit_covariance(
+    ended, covariance = fit_covariance(
         joint, best.point, least_squares.sizes_of(joint.unknowns, best.point), settings,
         _doubts(joint, best.point, moves),
     )  # fmt: skip
-    ended = best.point
+    best = replace(best, point=inside(ended, joint.unknowns))
     effects = _noise_effects(joint, best.point, settings.noise_seconds)
     effect = _together(effects, moves)
     shown = np.isfinite(np.diag(covariance))
@@ -520,7 +520,7 @@ def _alone(
         **fitted.values,
         **{one.name: float(value) for one, value in zip(part.unknowns, own, strict=True)},
     }
-    covariance = fit_covariance(fitted, own[part.seen], sizes[part.seen], settings, part.ended.doubts)
+    _, covariance = fit_covariance(fitted, own[part.seen], sizes[part.seen], settings, part.ended.doubts)
     if effect is not None and np.isfinite(covariance).all():
         _, covariance = effect.taken_off(own[part.seen], covariance)
     wide = np.full((own.size, own.size), math.inf)
