@@ -10,9 +10,10 @@ import numpy as np
 from spool_core.errors import InputError
 from spool_core.numbers import Array
 from spool_estimator.identification.fit_result import SPOOL_DELAY, SPOOL_GAIN, Fit
-from spool_estimator.identification.free_run import FreeRun, Reading, Response
+from spool_estimator.identification.free_run import USUAL, FreeRun, Reading, Response
 from spool_estimator.identification.record import Record, first_seconds
 from spool_estimator.identification.spectra import ZeroPhase, density_of, relative_motion
+from spool_sim.observation import Observation
 from spool_sim.valve import Valve
 
 #: s of data that pictures are made from at most, and of a window of a free run.
@@ -76,6 +77,7 @@ class Overlay:
 
     run: FreeRun
     responses: tuple[Response, ...]
+    observation: Observation = USUAL
 
     def measured(self, excerpt: Excerpt) -> Array:
         """Return the accelerometer's reading, shape (n,)."""
@@ -95,7 +97,7 @@ def overlay(records: Sequence[Record], fit: Fit, valve: Valve) -> Overlay:
     run = FreeRun(records, fit.model, valve, window=WINDOW, low_cut=LOW_CUT, longest=LONGEST)
     run.choose_substeps(fit.values)
     reading = Reading(fit.sensor.get(SPOOL_GAIN, 0.0), fit.sensor.get(SPOOL_DELAY, 0.0), fit.observation)
-    return Overlay(run, tuple(run.responses(run.sets(fit.values), [reading])))
+    return Overlay(run, tuple(run.responses(run.sets(fit.values), [reading])), fit.observation)
 
 
 def excerpts(run: FreeRun) -> list[Excerpt]:

@@ -27,6 +27,7 @@ from spool_core.uncertainty import (
 )
 from spool_estimator.identification.determination import ONE_SIDED, sentences
 from spool_estimator.identification.fit_result import Fit
+from spool_estimator.identification.free_run import USUAL
 from spool_sim.model import Model
 
 from spool_report.outputs import write_file
@@ -79,6 +80,11 @@ def to_dictionary(validated: ValidatedFit) -> dict[str, Any]:
         "held": {
             name: {"value": value, "unit": found.model.parameter(name).unit}
             for name, value in found.held.items()
+        },
+        "observation": {
+            "kind": found.observation.kind,
+            "order": found.observation.order,
+            "corner_Hz": found.observation.corner / data.fitted[0].sample_period,
         },
         "correlation": {"parameters": found.observable, "matrix": found.correlation},
         "objective": math.nan if fitted is None else fitted.objective,
@@ -146,6 +152,9 @@ def quality_rows(validated: ValidatedFit) -> list[dict[str, str]]:
         "damping ratio": _with_unit(damping_ratio(found), ""),
         "data": f"{fitted.seconds:.1f} s fitted, "
         f"{0.0 if validated.held_out is None else validated.held_out.seconds:.1f} s held out",
+        "filter of the logger": "not visible: no force jumps"
+        if found.observation == USUAL
+        else found.observation.sentence(1.0 / validated.data.fitted[0].sample_period),
         "optimisation": "converged" if found.converged else "NOT converged: do not use the numbers",
     }
     return [{"what": what, "value": value} for what, value in rows.items()]

@@ -1,8 +1,8 @@
 """Ranking of models: each fitted and validated, and which one the data prefer.
 
-Models are compared where sampling lets them be: a jump of dry friction between two samples, behind the
-anti-aliasing filter of a data logger, rings for a few samples, and a model with a smaller jump than the truth
-would seem better there. Those samples are left out, the same ones for every model.
+Models are compared by what the logger reads of them, each with the filter that fits it best. Of samples at
+instants those beside a jump of dry friction are left out, the same ones for every model: chance decides on
+which side of the jump they are.
 
 With many samples almost any further term is significant without mattering. So a term must earn its place: of
 the models whose error is about the least, the one with the fewest parameters is preferred.
@@ -21,13 +21,13 @@ from spool_core.numbers import Array
 from spool_estimator.identification.fit import fit, free_run_agreement
 from spool_estimator.identification.fit_result import Agreement, Fit, FitSettings
 from spool_estimator.identification.record import Record
+from spool_estimator.identification.residuals import apart
 from spool_sim.model import Model
+from spool_sim.observation import INSTANTS
 
 from spool_report.fit_curves import Overlay, overlay, sensor_noise
 from spool_report.records.record_loading import FitData
 
-#: Samples on each side of a jump of the friction that are left out.
-RINGING = 4
 #: By how much a larger model must cut the error, 1.
 WORTH = 0.03
 #: How many times the sensor's noise is more than noise: the body's sensor shakes the model as well.
@@ -186,21 +186,14 @@ def residuals(run: Overlay) -> list[Array]:
 
 
 def away_from_jumps(runs: Sequence[Overlay | None]) -> list[NDArray[np.bool_]]:
-    """Return by window which samples lie away from the friction's jumps in the run that leaves least."""
+    """Return by window which samples count: of samples at instants those beside no jump of the best run."""
     known = [run for run in runs if run is not None]
     if not known:
         return []
     best = min(known, key=lambda run: sum(float(np.sum(row**2)) for row in residuals(run)))
-    dry = any({"sliding_law", "memory_law"} & set(term.laws) for term in best.run.model.terms)
-    kept = []
-    for response in best.responses:
-        jumps = response.jumps[0] if dry else np.zeros(response.jumps.shape[1])
-        near = np.convolve(jumps, np.ones(2 * RINGING + 2))[RINGING : RINGING + jumps.size] > 0.0
-        kept.append(~near)
-    total = sum(keep.size for keep in kept)
-    if sum(int(np.count_nonzero(keep)) for keep in kept) < 0.1 * total:
-        return [np.ones(keep.size, dtype=np.bool_) for keep in kept]
-    return kept
+    if best.observation.kind == INSTANTS:
+        return [apart(response) for response in best.responses]
+    return [np.ones(response.acceleration.shape[1], dtype=np.bool_) for response in best.responses]
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,12 +9,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from spool_estimator.identification.fit_result import Fit
+from spool_estimator.identification.free_run import USUAL
 from spool_estimator.identification.record import Record
 from spool_report.fit_curves import overlay, sensor_noise
-from spool_report.ranking import RINGING, WORTH, Rank, away_from_jumps, ordered
+from spool_report.ranking import WORTH, Rank, away_from_jumps, ordered
 from spool_report.records.record_loading import load_recording
 from spool_sim.excitation import SteadySine
 from spool_sim.model import load_model
+from spool_sim.observation import INSTANTS, Observation
 from spool_sim.simulator import Simulator
 from spool_sim.valve import find_valve
 
@@ -99,8 +101,8 @@ def test_no_smaller_model_does_as_well_as_the_preferred(entries: list[tuple[int,
             assert math.isnan(rank.error) or rank.excess > WORTH or rank.parameters >= best.parameters
 
 
-def test_samples_around_reversals_are_left_out_for_all_alike() -> None:
-    """At 20 Hz the spool reverses 40 times a second, and each takes 2 RINGING + 2 samples at most."""
+def test_samples_at_instants_beside_reversals_are_left_out_for_all_alike() -> None:
+    """At 20 Hz the spool reverses 40 times a second, each time between two samples."""
     valve = find_valve("4weh10_soft")
     simulator = Simulator(
         valve, SteadySine(frequency=20.0, amplitude=10.0), model="coulomb", coulomb_force=0.3
@@ -113,13 +115,15 @@ def test_samples_around_reversals_are_left_out_for_all_alike() -> None:
     )  # fmt: skip
     dry = load_model("coulomb")
     values = dry.values_for(valve, {"coulomb_force": 0.3})
-    truth = overlay([made], Fit(dry, valve.id, values=values), valve)
+    instants = Observation(INSTANTS)
+    truth = overlay([made], Fit(dry, valve.id, values=values, observation=instants), valve)
+    filtered = overlay([made], Fit(dry, valve.id, values=values, observation=USUAL), valve)
     smooth = load_model("fluid")
     wrong = overlay([made], Fit(smooth, valve.id, values=smooth.values_for(valve)), valve)
     kept = away_from_jumps([wrong, truth, None])
     total = sum(row.size for row in kept)
     left_out = total - sum(int(row.sum()) for row in kept)
     reversals = 40.0 * total * simulator.sample_period
-    assert left_out == pytest.approx(reversals * (2 * RINGING + 2), rel=0.05)
-    # What fits best says where; without dry friction nothing jumps.
-    assert all(row.all() for row in away_from_jumps([wrong]))
+    assert left_out == pytest.approx(2.0 * reversals, rel=0.05)
+    # What fits best says where; without dry friction nothing jumps, and a filter is part of the model.
+    assert all(row.all() for run in (wrong, filtered) for row in away_from_jumps([run]))

@@ -27,7 +27,7 @@ INSTANTS, MEAN, LINEAR, CAUSAL = "instants", "mean", "linear", "causal"
 #: Steps before and after an event that a table reaches, its points in a step, and steps that it is made over.
 REACH, FINE, SPAN = 32, 32, 256
 #: Corner (over the rate of the steps) and order of the low-pass that keeps points free of aliases: flat below
-#: the corners of loggers, and 1e-4 beyond half the rate.
+#: the corners of loggers, and a hundredth at half the rate.
 SHARP, SHARP_ORDER = 0.44, 36
 #: Samples beyond both ends that the low-pass sees.
 EDGE = 64
@@ -48,6 +48,16 @@ class Observation:
     kind: str = INSTANTS
     order: float = 0.0
     corner: float = math.inf
+
+    def sentence(self, rate: float) -> str:
+        """Describe the reading at sample ``rate``, Hz, in words."""
+        corner = f", corner {self.corner * rate:.4g} Hz"
+        return {
+            INSTANTS: "none: samples at instants",
+            MEAN: "mean over each sample",
+            LINEAR: f"low-pass without phase, order {self.order:.2g}{corner}",
+            CAUSAL: f"Butterworth low-pass, order {self.order:.2g}{corner}",
+        }[self.kind]
 
     def response(self, frequency: Array) -> Spectrum:
         """Return the factor on the spectrum at ``frequency``, over the sample rate."""
@@ -86,7 +96,11 @@ class Observation:
         dense = points.copy()
         add_events(dense, events, *tables[0], 1, 0.0, 1.0)
         edge = min(dense.size - 1, EDGE * every)
-        lines = fft.rfft(np.pad(dense, edge, mode="reflect", reflect_type="odd"), _length(samples, every))
+        padded = np.pad(dense, edge, mode="reflect", reflect_type="odd")
+        fade = np.sin(0.5 * np.pi * (np.arange(edge) + 0.5) / edge) ** 2
+        padded[:edge] *= fade
+        padded[padded.size - edge :] *= fade[::-1]
+        lines = fft.rfft(padded, _length(samples, every))
         frequency = lines_of(samples, every)
         lines *= self.response(frequency)
         if delay != 0.0:

@@ -268,8 +268,8 @@ class EquationError:
         solved = sorted((self._solve_linear(trial) for trial in trials), key=lambda pair: pair[1])
         followed = [self._descend(point) for point, _ in solved[:FOLLOWED]]
         followed.sort(key=lambda pair: pair[1])
-        # The measured motion is smooth where the spool turns round, and its balance of forces may mislead: the
-        # best trial in each part of the range is a start as well.
+        # The measured motion is smooth where the spool turns round, and its balance of forces may mislead:
+        # the best trial in each part of the range is a start as well.
         across = sorted(solved, key=lambda pair: float(pair[0][self._others[0]]))
         size = len(across) // PARTS
         followed += [
@@ -375,7 +375,7 @@ def input_noise_effect(
     steps: list[list[Array]] = []
     while len(steps) < PAIRS and not (len(steps) == FEW_PAIRS and _negligible(steps, deviations)):
         noises = [_noise(run, number, densities, generator) for number in range(len(run.windows))]
-        pair = []
+        pair: list[Array] = []
         for sign in (1.0, -1.0):
             # As if ``made`` had been measured, and the excitation with the noise added.
             windows = [
@@ -389,7 +389,9 @@ def input_noise_effect(
             error, slopes = shaken.at_with_slopes(point)
             if not (np.isfinite(error).all() and np.isfinite(slopes[:, shown]).all()):
                 raise diverging(residuals, point)
-            pair.append(-np.linalg.lstsq(slopes[:, shown], error, rcond=None)[0])
+            pair.append(
+                np.asarray(-np.linalg.lstsq(slopes[:, shown], error, rcond=None)[0], dtype=np.float64)
+            )
         steps.append(pair)
     moves = np.array(steps)
     even, odd = moves.mean(axis=1), 0.5 * (moves[:, 0] - moves[:, 1])

@@ -66,8 +66,8 @@ from spool_estimator.identification.spectra import density_of
 
 #: s of data that the first descents from several starts use.
 FIRST_SECONDS = 8.0
-#: Rounds of the first descents and of each later one, at most, and the fall of the cost that ends them. After a
-#: glance it is chosen which starts are followed.
+#: Most rounds of the first descents and of each later one, fall of the cost that ends them, and rounds after
+#: which the starts to follow are chosen.
 FIRST_ROUNDS, ROUNDS, ENOUGH, GLANCE = 30, 20, 1e-6, 6
 #: How often the weights are taken again after the first descents, at most, and the relative fall of the cost
 #: below which they have settled.

@@ -23,6 +23,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import fft
 from spool_core.numbers import Array
 from spool_sim.observation import CAUSAL, INSTANTS, LINEAR, Observation
@@ -258,7 +259,7 @@ class Residuals(Weighted):
     def leave_out(self, point: Array) -> None:
         """Leave out which samples at instants stand beside a jump at ``point`` (u,)."""
         if self.observation.kind == INSTANTS:
-            self.kept = [_apart(response) for response in self.respond(point[np.newaxis])]
+            self.kept = [apart(response).astype(np.float64) for response in self.respond(point[np.newaxis])]
 
     def take_spectrum(self, differences: Sequence[Array]) -> None:
         """Weigh from now on by the spectrum of the first set of ``differences``."""
@@ -306,8 +307,8 @@ def fit_covariance(
 ) -> tuple[Array, Array]:
     """Return the end of a fit and the covariance of its u unknowns, shapes (u,) and (u, u).
 
-    The time between both channels is an unknown as well where it is not fitted: the records and how well it is
-    known beforehand (``settings.timing``) find it together.
+    The time between both channels is an unknown as well: the records tell it, and how well it is known
+    beforehand (``settings.timing``).
 
     Args:
         residuals: weighed by their spectrum.
@@ -367,10 +368,10 @@ def standard_deviations(covariance: Array) -> Array:
     return np.asarray(np.sqrt(np.where(variances >= 0.0, variances, np.nan)))
 
 
-def _apart(response: Response) -> Array:
-    """Return 0 for each sample beside a jump, else 1, shape (n,); all 1 where too few would be left."""
+def apart(response: Response) -> NDArray[np.bool_]:
+    """Return which samples stand beside no jump, shape (n,); all where too few would be left."""
     size = response.acceleration.shape[1]
-    kept: Array = np.ones(size)
+    kept = np.ones(size, dtype=np.bool_)
     beside = np.floor(response.jumps).astype(np.int64)[:, np.newaxis] + np.arange(2)
-    kept[beside[(beside >= 0) & (beside < size)]] = 0.0
-    return kept if kept.mean() > LEAST_KEPT else np.ones(size)
+    kept[beside[(beside >= 0) & (beside < size)]] = False
+    return kept if kept.mean() > LEAST_KEPT else np.ones(size, dtype=np.bool_)
