@@ -10,6 +10,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -56,9 +57,9 @@ from spool_estimator.identification.residuals import (
     Residuals,
     Weighted,
     filter_numbers,
-    filter_unknowns,
     fit_covariance,
     information_criterion,
+    read_as,
     standard_deviations,
     with_numbers,
 )
@@ -68,7 +69,7 @@ from spool_estimator.identification.spectra import density_of
 FIRST_SECONDS = 8.0
 #: Most rounds of the first descents and of each later one, fall of the cost that ends them, and rounds after
 #: which the starts to follow are chosen.
-FIRST_ROUNDS, ROUNDS, ENOUGH, GLANCE = 30, 20, 1e-6, 6
+FIRST_ROUNDS, ROUNDS, ENOUGH, GLANCE = 30, 20, 1e-6, 8
 #: How often the weights are taken again after the first descents, at most, and the relative fall of the cost
 #: below which they have settled.
 REWEIGHED, SETTLED = 5, 0.01
@@ -316,58 +317,62 @@ def follow(
     if settings.check:
         start = np.array([first.get(unknown.name, values.get(unknown.name, 0.0)) for unknown in unknowns])
         before = before_fit(some.run, unknowns, start, values, settings)
-    if len(points) > settings.starts:
-        glances = [some.descend(point[np.newaxis], GLANCE, ENOUGH) for point in points]
-        points = [one.point for one in sorted(glances, key=lambda one: one.cost)[: max(1, settings.starts)]]
-    best = some.descend(np.array(points), FIRST_ROUNDS, ENOUGH, len(points))
-    observation, best = observed(some, best)
-    numbers = filter_unknowns(observation) if best.point.size > len(free) else ()
-    residuals = Residuals(run, (*free, *numbers), values, band)
-    residuals.observation = observation
+    seen = observed(some, points[0])
+    trial, best = _first_end(some, points, seen, settings.starts)
+    if seen is None or len(points) > 1:  # the start may have been too far off to show it
+        again = observed(some, best.point[: len(free)])
+        if again is not None and (seen is None or (again.kind, again.order) != (seen.kind, seen.order)):
+            points = [best.point[: len(free)], *points]
+            ends = (trial, best), _first_end(some, points, again, settings.starts)
+            trial, best = min(ends, key=lambda end: end[1].cost)
+    residuals = Residuals(run, trial.unknowns, values, band)
+    residuals.observation = trial.observation
     best = refine(residuals, best, REWEIGHED)
-    residuals.observation = with_numbers(observation, residuals.unknowns, best.point.tolist())
+    residuals.observation = with_numbers(trial.observation, residuals.unknowns, best.point.tolist())
     return Ended(residuals, best, law, [], before)
 
 
-def observed(some: Residuals, best: least_squares.Descent) -> tuple[Observation, least_squares.Descent]:
-    """Return how both channels are read, and the end of a descent with its free numbers behind the unknowns.
+def _first_end(
+    some: Residuals, points: Sequence[Array], seen: Observation | None, starts: int
+) -> tuple[Residuals, least_squares.Descent]:
+    """Return where the best descent from ``points`` ends, with the numbers of the filter that was seen."""
+    trial, numbers = (some, []) if seen is None else (read_as(some, seen), filter_numbers(seen))
+    chosen = [np.append(point, numbers) for point in points]
+    if len(chosen) > max(1, starts):
+        glances = [trial.descend(point[np.newaxis], GLANCE, ENOUGH) for point in chosen]
+        chosen = [one.point for one in sorted(glances, key=lambda one: one.cost)[: max(1, starts)]]
+    return trial, trial.descend(np.array(chosen), FIRST_ROUNDS, ENOUGH, len(chosen))
 
-    A force that jumps shows the logger's low-pass; where none does, the usual one serves.
 
-    Args:
-        some: of equal weights.
-        best: end of its descent.
+def observed(some: Residuals, point: Array) -> Observation | None:
+    """Return how both channels are read, as the record shows near ``point`` (u,); ``None`` if it does not.
+
+    A force that jumps shows the logger's low-pass. ``some`` has equal weights.
     """
-    jumps = [response.jumps.size for response in some.respond(best.point[np.newaxis])]
+    jumps = [response.jumps.size for response in some.respond(point[np.newaxis])]
     if sum(jumps) < FEWEST_JUMPS:
-        return some.observation, best
-    most = some.run.windows[int(np.argmax(jumps))]
-    glance = some.run.driven_by([most]) if max(jumps) >= FEWEST_JUMPS else some.run
+        return None
+    glance = copy.copy(some)
+    if max(jumps) >= FEWEST_JUMPS:
+        glance.run = some.run.driven_by([some.run.windows[int(np.argmax(jumps))]])
 
-    def tried(
-        one: Observation, start: Array, run: FreeRun, rounds: int
-    ) -> tuple[float, Observation, least_squares.Descent]:
-        numbers = filter_unknowns(one)
-        trial = Residuals(run, (*some.unknowns, *numbers), some.values, some.band)
-        trial.observation = one
-        start = np.append(start[: best.point.size], filter_numbers(one))
-        found = trial.descend(start[np.newaxis], rounds, ENOUGH)
-        return found.cost, with_numbers(one, trial.unknowns, found.point.tolist()), found
+    def tried(one: Observation, start: Array) -> tuple[float, Observation, Array]:
+        trial = read_as(glance, one)
+        start = np.append(start[: point.size], filter_numbers(one))
+        found = trial.descend(start[np.newaxis], OBSERVED, ENOUGH)
+        return found.cost, with_numbers(one, trial.unknowns, found.point.tolist()), found.point
 
-    rows = [tried(one, best.point, glance, OBSERVED) for one in OBSERVATIONS]
+    rows = [tried(one, point) for one in OBSERVATIONS]
     for orders in CAUSAL_ORDERS:
         before = rows[2]
         for order in orders:
-            row = tried(replace(before[1], order=order), before[2].point, glance, OBSERVED)
+            row = tried(replace(before[1], order=order), before[2])
             rows.append(row)
             if row[0] > before[0]:
                 break
             before = row
-    _, found, ended = min(rows, key=lambda row: row[0])
-    if math.isfinite(found.corner) and found.corner > NO_FILTER:
-        found = Observation(INSTANTS)
-    _, found, ended = tried(found, ended.point, some.run, FIRST_ROUNDS)
-    return found, ended
+    _, found, _ = min(rows, key=lambda row: row[0])
+    return Observation(INSTANTS) if NO_FILTER < found.corner < math.inf else found
 
 
 def _held_back(

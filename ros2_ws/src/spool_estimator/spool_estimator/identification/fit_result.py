@@ -79,7 +79,7 @@ class FitSettings:
     fit_gain: bool = False
     fit_delay: bool = False
     timing: float = 0.01
-    starts: int = 2
+    starts: int = 3
     noise_seconds: float = 15.0
     check: bool = False
     force_free: bool = False

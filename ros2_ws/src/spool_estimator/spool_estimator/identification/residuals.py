@@ -273,6 +273,15 @@ class Residuals(Weighted):
                 self.spectrum[record] = residual_spectrum(rows, self.run.records[record].sample_period)
 
 
+def read_as(residuals: Residuals, observation: Observation) -> Residuals:
+    """Return ``residuals`` of equal weights under ``observation``, whose numbers become unknowns."""
+    other = Residuals(
+        residuals.run, (*residuals.unknowns, *filter_unknowns(observation)), residuals.values, residuals.band
+    )
+    other.observation = observation
+    return other
+
+
 def information_criterion(residuals: Residuals, point: Array, parameters: int) -> tuple[float, float]:
     """Return BIC at ``point`` and the number of independent samples n that it counts.
 
