@@ -322,13 +322,17 @@ def follow(
     if seen is None or len(points) > 1:  # the start may have been too far off to show it
         again = observed(some, best.point[: len(free)])
         if again is not None and (seen is None or (again.kind, again.order) != (seen.kind, seen.order)):
+            seen = again
             points = [best.point[: len(free)], *points]
             ends = (trial, best), _first_end(some, points, again, settings.starts)
             trial, best = min(ends, key=lambda end: end[1].cost)
     residuals = Residuals(run, trial.unknowns, values, band)
-    residuals.observation = trial.observation
+    residuals.observation = with_numbers(trial.observation, trial.unknowns, best.point.tolist())
+    if seen is not None and NO_FILTER < residuals.observation.corner < math.inf:
+        residuals.unknowns, residuals.observation = free, Observation(INSTANTS)
+        best = replace(best, point=best.point[: len(free)])
     best = refine(residuals, best, REWEIGHED)
-    residuals.observation = with_numbers(trial.observation, residuals.unknowns, best.point.tolist())
+    residuals.observation = with_numbers(residuals.observation, residuals.unknowns, best.point.tolist())
     return Ended(residuals, best, law, [], before)
 
 
@@ -372,7 +376,7 @@ def observed(some: Residuals, point: Array) -> Observation | None:
                 break
             before = row
     _, found, _ = min(rows, key=lambda row: row[0])
-    return Observation(INSTANTS) if NO_FILTER < found.corner < math.inf else found
+    return found
 
 
 def _held_back(
