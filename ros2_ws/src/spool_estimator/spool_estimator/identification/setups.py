@@ -59,6 +59,11 @@ from spool_estimator.identification.residuals import (
 
 #: The parameter that follows the viscosity of the oil.
 DRAG = "viscous_coefficient"
+#: A set-up does not agree where its error in the joint fit is over so many times that of its own fit
+#: and a share of the measured motion.
+AGREES, LEAST_SHARE = 1.5, 0.005
+#: Factors on the mass from which a joint fit of the mass starts, and how many of these are followed.
+MASSES, FOLLOWED = tuple(2.0 ** (0.25 * step) for step in range(-4, 5)), 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -254,13 +259,19 @@ def fit_setups(
         found = replace(found, stopped_early=early, fits=fits)
     except (np.linalg.LinAlgError, FloatingPointError, OverflowError, ValueError) as error:
         return JointFit(model, reason=f"the numbers broke down: {error}")
+    if found.reason is not None:
+        return found
     weightless = tuple(name for name in found.not_observable if _parameter(name) == MASS)
     if not weightless or chosen.force_free:
         return found
     # All other numbers are known over the mass: a fit as if it had not been freed.
     again = fit_setups(
         setups, model, {name: groups for name, groups in shared.items() if name != MASS},
-        replace(chosen, free=tuple(name for name in chosen.free if name != MASS)),
+        replace(
+            chosen,
+            free=tuple(name for name in chosen.free if name != MASS),
+            start={name: value for name, value in chosen.start.items() if name != MASS},
+        ),
         tell,
     )  # fmt: skip
     if again.reason is not None:
@@ -299,11 +310,16 @@ def _settings_of(
     free = [name for name in here if name not in (SPOOL_GAIN, SPOOL_DELAY)]
     for name in free:
         model.parameter(name, "shared")
+    start = {name: value for name, value in settings.start.items() if name not in setup.held}
+    if MASS in start:
+        start[MASS] += setup.added_mass
+    if DRAG in start and len(_group(DRAG, setup, shared)) > 1:
+        start[DRAG] *= setup.drag_ratio
     return replace(
         settings,
         held={**settings.held, **setup.held},
         free=tuple(dict.fromkeys((*(n for n in settings.free if n not in setup.held), *free))),
-        start={name: value for name, value in settings.start.items() if name not in setup.held},
+        start=start,
         fit_gain=settings.fit_gain or SPOOL_GAIN in here,
         fit_delay=settings.fit_delay or SPOOL_DELAY in here,
         check=False,
@@ -384,7 +400,11 @@ def _joined(
         joint.unknowns, start[free], joint.central_slopes(start[free]),
         hidden_by_name(unseen[:, free], [names[n] for n in free]),
     )  # fmt: skip
-    best = joint.descend(start[free][np.newaxis], ROUNDS, ENOUGH)
+    starts = _mass_starts(parts, names, start)[:, free] if MASS in names else start[free][np.newaxis]
+    best = joint.descend(starts, ROUNDS, ENOUGH, min(FOLLOWED, len(starts)))
+    apart = _apart(joint, best.point)
+    if apart:
+        return JointFit(model, reason=apart)
     best = refine(joint, best, REWEIGHED)
     moves = _moves(joint, best.point, joint.central_slopes(best.point))
     ended, covariance = fit_covariance(
@@ -447,6 +467,54 @@ def _joined(
         ),
         stopped_early=joint.work.cut,
     )
+
+
+def _mass_starts(parts: Sequence[_Part], names: Sequence[str], start: Array) -> Array:
+    """Return starts with other masses than those of the valve's description, shape (s, u).
+
+    A set-up by itself shows forces over its mass: with another mass all its forces are as much larger.
+    """
+    place = {name: n for n, name in enumerate(names)}
+    rows = [start]
+    for factor in MASSES:
+        mass = start[place[MASS]] * factor
+        found: dict[str, list[float]] = {}
+        for part in parts:
+            ended = dict(
+                zip((u.name for u in part.ended.residuals.unknowns), part.ended.best.point, strict=True)
+            )
+            grown = (mass + part.setup.added_mass) / part.residuals.values[MASS]
+            for unknown, name, scale in zip(part.unknowns, part.names, part.scales, strict=True):
+                if unknown.unit.startswith("N") and unknown.name in ended:
+                    found.setdefault(name, []).append(float(ended[unknown.name]) * grown / scale)
+        row = start.copy()
+        row[place[MASS]] = mass
+        for name, values in found.items():
+            row[place[name]] = np.median(values)
+        rows.append(row)
+    return np.array(rows)
+
+
+def _apart(joint: _Joint, point: Array) -> str:
+    """Return why the set-ups do not agree at the joint ``point`` (u,), empty where they do."""
+    for part in joint.parts:
+        alone = _error(part.ended.residuals, part.ended.best.point)
+        together = _error(part.residuals, joint.own(part, point[np.newaxis])[0])
+        rows = [window.measured for window in part.residuals.run.windows]
+        motion = math.sqrt(float(np.mean(np.concatenate(rows) ** 2)))
+        if together > AGREES * alone + LEAST_SHARE * motion:
+            return (
+                f"the set-ups do not agree: together they leave {100.0 * together / motion:.3g} % of the "
+                f"spool's acceleration of set-up '{part.setup.name}', its own fit leaves "
+                f"{100.0 * alone / motion:.3g} %; check springs, oil and added masses, or share less"
+            )
+    return ""
+
+
+def _error(residuals: Residuals, point: Array) -> float:
+    """Return model - measured at ``point`` (u,), rms, m/s^2."""
+    rows = [columns[0] for columns in residuals.differences(residuals.respond(point[np.newaxis]))]
+    return math.sqrt(float(np.mean(np.concatenate(rows) ** 2)))
 
 
 def _law(joint: _Joint, point: Array) -> Array:

@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 from spool_core.uncertainty import Z_95
 from spool_estimator.identification.determination import IDENTIFIABLE, TOGETHER
-from spool_estimator.identification.fit_result import MASS, SPOOL_GAIN
+from spool_estimator.identification.fit_result import MASS, SPOOL_GAIN, FitSettings
 from spool_estimator.identification.record import Record, records_from_blocks
 from spool_estimator.identification.setups import JointFit, SetUp, fit_setups
-from spool_sim.excitation import SweptSine
+from spool_sim.excitation import Multisine, SweptSine
 from spool_sim.model import MODELS
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
@@ -140,3 +140,43 @@ def test_dry_friction_of_each_set_up_is_found_beside_shared_mass_and_stiffness()
     }
     for name, true in truth.items():
         assert abs(named[name].value - true) < Z_95 * named[name].standard_deviation, named[name]
+
+
+def heavy(name: str, stiffness: float, added: float) -> SetUp:
+    """Return a multisine's record of a spool of 0.25 kg, far from the 0.18 kg of the data sheet."""
+    simulator = Simulator(
+        DESCRIBED,
+        Multisine(low_frequency=4.0, high_frequency=80.0, rms=6.0),
+        model="coulomb",
+        parameters={
+            "mass": 0.25 + added, "spring_stiffness": stiffness, "viscous_coefficient": 8.0,
+            "coulomb_force": 0.3,
+        },
+        sample_rate=1000.0,
+        seed=len(name),
+        body_sensor=Sensor(noise=0.02),
+        spool_sensor=Sensor(noise=0.02, gain_error=0.02),
+    )  # fmt: skip
+    return setup(name, records_from_blocks(simulator.records(10.0), name)[0], added)
+
+
+FORCES = dict.fromkeys((MASS, SPOOL_GAIN, "viscous_coefficient", "coulomb_force"), EVERY)
+SHARED = {**FORCES, "spring_stiffness": (("soft", "loaded"),)}
+
+
+@pytest.mark.parametrize("start", [None, 0.25])
+def test_a_mass_far_from_the_data_sheets_is_found_from_any_start(start: float | None) -> None:
+    setups = [heavy("soft", 1750.0, 0.0), heavy("stiff", 5200.0, 0.0), heavy("loaded", 1750.0, 0.08)]
+    settings = FitSettings(start={} if start is None else {MASS: start})
+    found = {one.name: one for one in fit_setups(setups, MODELS["coulomb"], SHARED, settings).parameters}
+    assert found[MASS].value == pytest.approx(0.25, rel=0.01)
+    assert found["spring_stiffness[soft, loaded]"].value == pytest.approx(1750.0, rel=0.01)
+
+
+def test_set_ups_whose_springs_differ_do_not_agree_as_one() -> None:
+    """Loaded with 80 g and with springs that are 10 % stiffer than declared."""
+    setups = [heavy("soft", 1750.0, 0.0), heavy("stiff", 5200.0, 0.0), heavy("loaded", 1925.0, 0.08)]
+    found = fit_setups(setups, MODELS["coulomb"], {**SHARED, MASS: (), SPOOL_GAIN: ()})
+    assert found.reason is not None
+    assert found.reason.startswith("the set-ups do not agree: together they leave")
+    assert not found.parameters
