@@ -59,7 +59,7 @@ from spool_estimator.identification.residuals import (
 
 #: The parameter that follows the viscosity of the oil.
 DRAG = "viscous_coefficient"
-#: A set-up does not agree where its error in the joint fit is over so many times that of its own fit
+#: A set-up does not agree where its error in the joint fit is over so many times that of its separate fit
 #: and a share of the measured motion.
 AGREES, LEAST_SHARE = 1.5, 0.005
 #: Factors on the mass from which a joint fit of the mass starts, and how many of these are followed.
