@@ -586,7 +586,9 @@ def _result(
         observable=tuple(free[n].name for n in observable),
         at_bound=at_bound,
         agreement=free_run_agreement(
-            run.records, run.model, valve, final, sensor=sensor, observation=residuals.observation,
+            run.records, run.model, valve, final,
+            sensor={**sensor, SPOOL_DELAY: sensor.get(SPOOL_DELAY, 0.0) + residuals.delay},
+            observation=residuals.observation,
             run_in=settings.run_in, low_cut=settings.low_cut,
         ),
         observation=residuals.observation,

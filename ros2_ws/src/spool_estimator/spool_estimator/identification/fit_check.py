@@ -28,7 +28,7 @@ from spool_estimator.identification.determination import (
     judgement,
 )
 from spool_estimator.identification.equation_error import EquationError
-from spool_estimator.identification.fit_result import MASS, SPOOL_DELAY, SPOOL_GAIN, FitSettings
+from spool_estimator.identification.fit_result import FILTER, MASS, SPOOL_DELAY, SPOOL_GAIN, FitSettings
 from spool_estimator.identification.free_run import FreeRun
 from spool_estimator.identification.residuals import Residuals, Weighted
 
@@ -107,7 +107,7 @@ def at_result(
         if (
             (misled or one.verdict != IDENTIFIABLE)
             and not hidden.get(name)
-            and name not in (SPOOL_GAIN, SPOOL_DELAY)
+            and name not in (SPOOL_GAIN, SPOOL_DELAY, *FILTER)
         ):
             spread = math.inf if misled else float(spreads[place])
             own[name] = by_profile(residuals, point, one, spread, float(dispersions[place]))

@@ -110,6 +110,10 @@ class Weighted(ABC):
         """Return the weighted residual at ``point`` with the spool's sensor later by ``samples``."""
 
     @abstractmethod
+    def delay_by(self, samples: float) -> None:
+        """Let the spool's sensor be later by ``samples`` from now on."""
+
+    @abstractmethod
     def reweigh(self, point: Array) -> None:
         """Take the weights from the residual at ``point`` (u,)."""
 
@@ -160,6 +164,7 @@ class Residuals(Weighted):
     Attributes:
         run: the windows.
         observation: of both channels.
+        delay: of the spool's sensor, s, beside what is fitted of it.
         spectrum: of the residual, one for each record, or ``None`` for equal weights.
         kept: weight 0 or 1 of the samples, for each window. Only samples at instants are left out, beside a
             jump: they show on which side of it they are, which has no slope.
@@ -178,6 +183,7 @@ class Residuals(Weighted):
         self.values = dict(values)
         self.band = band
         self.observation = USUAL
+        self.delay = 0.0
         self.spectrum: list[Spectrum | None] = [None] * len(run.records)
         self.kept: list[Array] = [np.ones(1)] * len(run.windows)
 
@@ -195,6 +201,10 @@ class Residuals(Weighted):
         """Return the weighted residual at ``point`` with the spool's sensor later by ``samples``."""
         delay = samples * self.run.records[0].sample_period
         return np.asarray(self.weighted(self.differences(self.respond(point[np.newaxis], delay)))[0])
+
+    def delay_by(self, samples: float) -> None:
+        """Let the spool's sensor be later by ``samples`` from now on."""
+        self.delay += samples * self.run.records[0].sample_period
 
     def reweigh(self, point: Array) -> None:
         """Take the weights from the residual at ``point`` (u,)."""
@@ -223,7 +233,7 @@ class Residuals(Weighted):
         readings = []
         for row in points.tolist():
             named = {unknown.name: value for unknown, value in zip(self.unknowns, row, strict=True)}
-            gain, late = named.get(SPOOL_GAIN, 0.0), named.get(SPOOL_DELAY, 0.0) + delay
+            gain, late = named.get(SPOOL_GAIN, 0.0), named.get(SPOOL_DELAY, 0.0) + delay + self.delay
             readings.append(Reading(gain, late, with_numbers(self.observation, self.unknowns, row)))
         for place, unknown in enumerate(self.unknowns):
             if unknown.name in self.run.names:
@@ -316,6 +326,8 @@ def fit_covariance(
 ) -> tuple[Array, Array]:
     """Return the end of a fit and the covariance of its u unknowns, shapes (u,) and (u, u).
 
+    ``residuals`` take the delay that belongs to it.
+
     The time between both channels is an unknown as well: the records tell it, and how well it is known
     beforehand (``settings.timing``).
 
@@ -338,7 +350,9 @@ def fit_covariance(
         # In units of its standard deviation, which is the last row.
         slopes = np.vstack([np.column_stack([slopes, late]), np.eye(1, own.size + 1, own.size)])
         residual = np.append(residual, 0.0)
-        moved[shown] -= np.linalg.lstsq(slopes, residual, rcond=None)[0][own]
+        step = np.linalg.lstsq(slopes, residual, rcond=None)[0]
+        moved[shown] -= step[own]
+        residuals.delay_by(-float(step[-1]) * settings.timing)
     told = covariance_of(slopes, residual, residuals.blocks)[np.ix_(own, own)]
     for doubt in doubts:
         told += np.outer(doubt[shown], doubt[shown])

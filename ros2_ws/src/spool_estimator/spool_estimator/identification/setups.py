@@ -199,6 +199,11 @@ class _Joint(Weighted):
         rows = [part.residuals.late(self.own(part, point[np.newaxis])[0], samples) for part in self.parts]
         return np.concatenate(rows)
 
+    def delay_by(self, samples: float) -> None:
+        """Let every spool's sensor be later by ``samples`` from now on."""
+        for part in self.parts:
+            part.residuals.delay_by(samples)
+
     def reweigh(self, point: Array) -> None:
         """Take the weights of each set-up from its residual at ``point`` (u,)."""
         for part in self.parts:
