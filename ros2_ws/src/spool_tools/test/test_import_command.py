@@ -35,7 +35,8 @@ def table(
 def fitted(bag: Path, capsys: pytest.CaptureFixture[str]) -> dict[str, tuple[float, float]]:
     """Return value and standard deviation of each parameter."""
     capsys.readouterr()
-    assert main(["fit", str(bag), "--valve", "4weh10_soft", "--stop", "10", "--json", "-"]) == 0
+    how = ["--valve", "4weh10_soft", "--model", "fluid", "--stop", "10", "--json", "-"]
+    assert main(["fit", str(bag), *how]) == 0
     found = json.loads(capsys.readouterr().out)
     return {name: (one["value"], one["std"]) for name, one in found["parameters"].items()}
 
