@@ -16,8 +16,8 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+from numpy import fft
 from numpy.typing import NDArray
-from scipy import fft
 from spool_core.kernels.compiled import compiled
 from spool_core.numbers import Array
 
@@ -98,13 +98,10 @@ class Observation:
         edge = min(dense.size - 1, EDGE * every)
         padded = np.pad(dense, edge, mode="reflect", reflect_type="odd")
         fade = np.sin(0.5 * np.pi * (np.arange(edge) + 0.5) / edge) ** 2
-        padded[:edge] *= fade
-        padded[padded.size - edge :] *= fade[::-1]
+        padded *= np.concatenate([fade, np.ones(dense.size), fade[::-1]])
         lines = fft.rfft(padded, _length(samples, every))
         frequency = lines_of(samples, every)
-        lines *= self.response(frequency)
-        if delay != 0.0:
-            lines *= np.exp(-2j * np.pi * frequency * delay)
+        lines *= self.response(frequency) * np.exp(-2j * np.pi * frequency * delay)
         if gains is not None:
             lines *= gains
         found = np.array(fft.irfft(lines, _length(samples, every))[edge : edge + dense.size : every])
@@ -125,7 +122,7 @@ def tables_of(observation: Observation, every: int) -> tuple[tuple[Array, Array]
     The first one makes points free of aliases; the second is what the channel reads beyond its factor on
     such points.
     """
-    frequency = fft.rfftfreq(SPAN * FINE, 1.0 / FINE)  # over the rate of the steps
+    frequency = np.asarray(fft.rfftfreq(SPAN * FINE, 1.0 / FINE))  # over the rate of the steps
     sharp = 1.0 / (1.0 + (frequency / SHARP) ** SHARP_ORDER)
     beyond = observation.response(frequency * every) * (1.0 - sharp)
     return _integrals(sharp.astype(np.complex128)), _integrals(beyond)
@@ -143,8 +140,10 @@ def _integrals(response: Spectrum) -> tuple[Array, Array]:
 
 @lru_cache(maxsize=64)
 def _length(samples: int, every: int) -> int:
+    from scipy.fft import next_fast_len  # noqa: PLC0415 - slow to load
+
     dense = samples * every
-    return int(fft.next_fast_len(dense + 2 * min(dense - 1, EDGE * every), real=True))
+    return int(next_fast_len(dense + 2 * min(dense - 1, EDGE * every), real=True))
 
 
 @compiled
