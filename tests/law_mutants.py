@@ -79,7 +79,7 @@ ONLY = {
     },
     "spool_gap.likelihood.structure": {"high_pass", "low_pass", "mode"},
     "spool_estimator.identification.spectra": {
-        "_rise", "apply", "delayed", "gain", "interval_mean_response", "relative_motion",
+        "_rise", "apply", "delayed", "gain", "relative_motion",
         "settling",
     },
     "spool_estimator.stream_estimator": {"_derived"},

@@ -21,13 +21,13 @@ RESEARCH = {path.parent.name for path in (ROOT / "research").glob("*/__init__.py
 #: What was measured, and may only become less: put the new figure here with the change that improves it.
 #: Lines and files may grow only in a change that adds a feature; its commit message says what that costs.
 RATCHETS = {
-    "lines": 87_142,
-    "lines of code": 55_922,
-    "files": 406,
+    "lines": 86_947,
+    "lines of code": 55_794,
+    "files": 405,
     "lines of research": 14_903,
     "lines up to the last import, %": 8.38,
     "private functions with one caller, %": 16.31,
-    "modules with one importer, %": 14.93,
+    "modules with one importer, %": 14.74,
 }
 
 

@@ -15,7 +15,7 @@ from typing import cast
 import numpy as np
 import pytest
 from spool_core.numbers import Array
-from spool_estimator.identification.spectra import ZeroPhase, interval_mean_response, quiet, relative_motion
+from spool_estimator.identification.spectra import ZeroPhase, quiet, relative_motion
 from spool_gap.catalogue import EFFECTS
 from spool_gap.effect import Motion, SensorEffect, scan
 from spool_gap.likelihood.structure import CHAIN_PARTS
@@ -290,12 +290,6 @@ def test_integrals_of_a_sine_are_those_worked_out_by_hand() -> None:
         assert middle(band.apply(wave(12.0), times)) == pytest.approx(
             middle(wave(12.0, gain, phase)), abs=MIDDLE * gain
         )
-    # Mean over the sample that follows: sin(0.012 pi) / (0.012 pi), half a sample ahead
-    response = interval_mean_response(np.array([12.0, 300.0]), 1.0 / RATE)
-    assert np.abs(response) == pytest.approx([0.9997632, 0.8583937], rel=EXACT)
-    assert np.angle(response) == pytest.approx([0.03769911, 0.9424778], rel=EXACT)
-    means = middle(band.apply(wave(12.0), interval_means=True))
-    assert means == pytest.approx(middle(wave(12.0, 0.9997632, 0.03769911)), abs=MIDDLE)
 
 
 def test_relative_motion_is_the_one_worked_out_by_hand() -> None:

@@ -75,9 +75,7 @@ class Observation:
             found /= 1.0 - 1j * ratio / pole
         return found
 
-    def read(
-        self, points: Array, events: Array, every: int, delay: float = 0.0, gains: Spectrum | None = None
-    ) -> Array:
+    def read(self, points: Array, events: Array, every: int, delay: float = 0.0) -> Array:
         """Return what the channel reads at its samples, shape (n,), unit of ``points``.
 
         Args:
@@ -85,12 +83,11 @@ class Observation:
             events: rows of place (steps), jump and change of the rate (over a step), shape (e, 3).
             every: steps in a sample.
             delay: of the reading, samples.
-            gains: further factors on the spectrum at ``lines_of(n, every)``.
         """
         samples = points.size // every
         if not math.isfinite(points[-1]):  # the motion diverged
             return np.full(samples, math.inf)
-        if self.kind == INSTANTS and delay == 0.0 and gains is None:
+        if self.kind == INSTANTS and delay == 0.0:
             return points[::every].copy()
         tables = tables_of(self, every)
         dense = points.copy()
@@ -99,20 +96,14 @@ class Observation:
         padded = np.pad(dense, edge, mode="reflect", reflect_type="odd")
         fade = np.sin(0.5 * np.pi * (np.arange(edge) + 0.5) / edge) ** 2
         padded *= np.concatenate([fade, np.ones(dense.size), fade[::-1]])
-        lines = fft.rfft(padded, _length(samples, every))
-        frequency = lines_of(samples, every)
-        lines *= self.response(frequency) * np.exp(-2j * np.pi * frequency * delay)
-        if gains is not None:
-            lines *= gains
-        found = np.array(fft.irfft(lines, _length(samples, every))[edge : edge + dense.size : every])
+        length = _length(samples, every)
+        frequency = np.asarray(fft.rfftfreq(length, 1.0 / every))
+        factor = self.response(frequency) * np.exp(-2j * np.pi * frequency * delay)
+        filtered = fft.irfft(fft.rfft(padded, length) * factor, length)
+        found = np.array(filtered[edge : edge + dense.size : every])
         if self.kind != INSTANTS:
             add_events(found, events, *tables[1], every, delay * every, 0.0)
         return found
-
-
-def lines_of(samples: int, every: int) -> Array:
-    """Return the frequencies, over the sample rate, at which ``read`` takes further factors."""
-    return np.asarray(fft.rfftfreq(_length(samples, every), 1.0 / every))
 
 
 @lru_cache(maxsize=512)

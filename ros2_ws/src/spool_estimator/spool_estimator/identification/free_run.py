@@ -9,7 +9,7 @@ without phase, so that it does not shake dry friction loose.
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,10 +19,9 @@ from spool_core.errors import InputError
 from spool_core.numbers import Array
 from spool_sim.integration.composed_motion import ComposedMotion, MotionState, substeps_for
 from spool_sim.model import Model
-from spool_sim.observation import LINEAR, REACH, Observation, Spectrum, lines_of
+from spool_sim.observation import LINEAR, REACH, Observation
 from spool_sim.valve import Valve
 
-from spool_estimator.identification.chain import LOWEST, ChainPart
 from spool_estimator.identification.least_squares import Work, in_parallel
 from spool_estimator.identification.record import Record
 from spool_estimator.identification.spectra import ZeroPhase, faded, relative_motion
@@ -98,31 +97,11 @@ class Reading:
     Attributes:
         gain, delay: relative gain error and delay (s) of the spool's channel behind the body's.
         observation: of both channels.
-        parts: further parts of the chain, with their numbers.
     """
 
     gain: float = 0.0
     delay: float = 0.0
     observation: Observation = USUAL
-    parts: tuple[tuple[ChainPart, tuple[float, ...]], ...] = ()
-
-    def of(self, channel: str) -> tuple[tuple[ChainPart, tuple[float, ...]], ...]:
-        """Return the parts that are filters of ``channel``."""
-        return tuple(one for one in self.parts if one[0].channel == channel and one[0].response is not None)
-
-    @property
-    def drift(self) -> float:
-        """Relative change of the spool's gain in a second."""
-        return next((numbers[0] for part, numbers in self.parts if part.response is None), 0.0)
-
-
-def response_of(parts: Iterable[tuple[ChainPart, tuple[float, ...]]], frequency: Array) -> Spectrum:
-    """Return the factor of ``parts`` on a spectrum at ``frequency``, Hz."""
-    found: Spectrum = np.ones(frequency.size, dtype=np.complex128)
-    for part, numbers in parts:
-        if part.response is not None:
-            found *= part.response(np.maximum(frequency, LOWEST), numbers)
-    return found
 
 
 class FreeRun:
@@ -174,7 +153,6 @@ class FreeRun:
         self.highest_frequency = [excitation_limit(entry) for entry in self.records]
         self.substeps = [1] * len(self.records)
         self._drives: dict[tuple[object, ...], Array] = {}
-        self._towards: list[Array] = []
         windows: list[Window] = []
         for number, entry in enumerate(self.records):
             windows += self._cut(number, entry, window, run_in, low_cut)
@@ -185,8 +163,6 @@ class FreeRun:
                 f"{self.records[0].name if self.records else 'records'}: the longest stretch without gaps "
                 f"has {longest_one:.2f} s, a fit needs more than {needed:.2f} s"
             )
-        self.pull = 0.0
-        self.towards = self._towards
         self.windows = _spread(windows, longest, [entry.sample_period for entry in self.records])
         self.choose_substeps(model.values_for(valve))
 
@@ -201,7 +177,6 @@ class FreeRun:
         if room < max(16, lead):
             return []
         motion = relative_motion(entry.body, entry.spool, conditioning)
-        self._towards.append(np.array([motion.displacement, motion.velocity]))
         count = max(1, round(room * period / window)) if np.isfinite(window) else 1
         edges = begin + lead + (room * np.arange(count + 1)) // count
         margin = round(MARGIN / period)
@@ -306,7 +281,7 @@ class FreeRun:
         entry = self.records[window.record]
         substeps = self.substeps[window.record]
         state = MotionState(*window.state, float(np.sign(window.state[1])))
-        causes = [(one.observation, one.of("body")) for one in readings]
+        causes = [one.observation for one in readings]
         distinct = list(dict.fromkeys(causes))
         tables = sets[:, np.newaxis, :]
         if window.viscosity is not None and "viscous_coefficient" in self.names:
@@ -314,28 +289,20 @@ class FreeRun:
             tables[:, :, self.names.index("viscous_coefficient")] *= window.viscosity
         runs = self.motion.read_batch(
             state,
-            np.array([self._drive(window, substeps, *one) for one in distinct]),
+            np.array([self._drive(window, substeps, one) for one in distinct]),
             tables,
             rows=np.array([distinct.index(one) for one in causes]),
             sample_period=entry.sample_period,
             substeps=substeps,
             first_sample=entry.first_sample + window.first,
-            towards=self.towards[window.record][:, window.first : window.stop + AFTER] if self.pull else None,
-            pull=self.pull * entry.sample_period,
         )
         lead, count = window.start - window.first, window.stop - window.start
         part = slice(lead, lead + count)
         period = entry.sample_period
         rows = []
         for run, one in zip(runs, readings, strict=True):
-            gains = None
-            if one.of("spool"):
-                lines = lines_of(run.acceleration.size // substeps, substeps)
-                gains = response_of(one.of("spool"), lines / period)
-            row = one.observation.read(run.acceleration, run.events, substeps, one.delay / period, gains)
+            row = one.observation.read(run.acceleration, run.events, substeps, one.delay / period)
             row *= 1.0 + one.gain
-            if one.drift:
-                row *= 1.0 + one.drift * period * (entry.first_sample + window.first + np.arange(row.size))
             rows.append(row[part])
         return Response(
             np.array(rows),
@@ -344,21 +311,13 @@ class FreeRun:
             runs[0].events[np.abs(runs[0].events[:, 1]) > LEAST_JUMP, 0] / substeps - lead,
         )
 
-    def _drive(
-        self,
-        window: Window,
-        substeps: int,
-        observation: Observation,
-        parts: tuple[tuple[ChainPart, tuple[float, ...]], ...],
-    ) -> Array:
+    def _drive(self, window: Window, substeps: int, observation: Observation) -> Array:
         """Return the acceleration of the body at the half steps of ``window``, m/s^2: the reading's cause."""
-        key = (id(window.excitation), substeps, observation, parts)
+        key = (id(window.excitation), substeps, observation)
         kept = self._drives.get(key)
         if kept is not None:
             return kept
-        frequency = fft.rfftfreq(window.length)
-        period = self.records[window.record].sample_period
-        response = observation.response(frequency) * response_of(parts, frequency / period)
+        response = observation.response(fft.rfftfreq(window.length))
         size = np.maximum(np.abs(response), SMALLEST)
         # The excitation has nothing left at half the sample rate, so its line there needs no halving.
         finer = 2 * substeps

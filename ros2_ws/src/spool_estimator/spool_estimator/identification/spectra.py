@@ -203,11 +203,8 @@ class ZeroPhase:
             gain *= 1.0 - _rise(4.0 * (frequency / self.high_cut - 1.0))
         return gain
 
-    def apply(self, columns: Array, integrations: int = 0, *, interval_means: bool = False) -> Array:
-        """Return ``columns`` (..., n) filtered and integrated ``integrations`` times over time (s).
-
-        With ``interval_means`` each value is the mean from its sample to the next one.
-        """
+    def apply(self, columns: Array, integrations: int = 0) -> Array:
+        """Return ``columns`` (..., n) filtered and integrated ``integrations`` times over time (s)."""
         n = columns.shape[-1]
         reach = min(n - 1, 2 * self.settling + 16)
         length = fast_length(n + 2 * reach)
@@ -216,8 +213,6 @@ class ZeroPhase:
         if integrations:
             response[0] = 0.0
             response[1:] /= (2j * np.pi * frequency[1:]) ** integrations
-        if interval_means:
-            response *= interval_mean_response(frequency, self.sample_period)
         padding = [(0, 0)] * (columns.ndim - 1) + [(reach, reach)]
         continued = np.pad(columns, padding, mode="reflect", reflect_type="odd") if reach else columns
         filtered = fft.irfft(fft.rfft(continued, length, axis=-1) * response, length, axis=-1)
@@ -233,12 +228,6 @@ def delayed(rows: Array, delay: float, period: float) -> Array:
     frequency = frequencies(padded.shape[-1], period)
     lines = np.fft.rfft(padded) * np.exp(-2j * np.pi * frequency * delay)
     return np.asarray(np.fft.irfft(lines, padded.shape[-1])[..., reach : reach + count])
-
-
-def interval_mean_response(frequency: Array, sample_period: float) -> NDArray[np.complex128]:
-    """Return what the mean over the interval after each sample makes of ``frequency`` (Hz), same shape."""
-    turns = frequency * sample_period
-    return np.asarray(np.sinc(turns) * np.exp(1j * np.pi * turns))
 
 
 @dataclass(frozen=True, slots=True)

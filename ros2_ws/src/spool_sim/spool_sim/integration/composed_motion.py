@@ -279,8 +279,6 @@ class ComposedMotion:
         sample_period: float,
         substeps: int,
         first_sample: int = 0,
-        towards: Array | None = None,
-        pull: float = 0.0,
     ) -> list[Points]:
         """Return what an observation makes readings of, for s parameter sets from one ``state``.
 
@@ -290,8 +288,6 @@ class ComposedMotion:
             tables: parameters, shape (s, 1 or n, p).
             rows: of ``body_acceleration`` for each set, shape (s,).
             sample_period, substeps, first_sample: as in ``advance``.
-            towards: displacement and velocity that the motion is pulled to, m and m/s, shape (2, n).
-            pull: share of the way that it goes at each sample.
         """
         count, steps = tables.shape[0], (body_acceleration.shape[1] - 1) // 2
         samples = steps // substeps
@@ -303,7 +299,6 @@ class ComposedMotion:
         self._kernel.read_batch_kernel(
             states, np.ascontiguousarray(body_acceleration), rows, first_sample, sample_period / substeps,
             substeps, self._packed(np.ascontiguousarray(tables)), points, z, v, events, counts,
-            np.zeros((2, 1)) if towards is None else towards, pull,
         )  # fmt: skip
         return [
             Points(points[one], events[one, : counts[one]].copy(), z[one], v[one]) for one in range(count)

@@ -532,23 +532,17 @@ def read_kernel(
     out_z: Array,
     out_v: Array,
     out_events: Array,
-    towards: Array,
-    pull: float,
 ) -> int:
     """Fill the acceleration at the start of each step, and displacement and velocity at each sample.
 
     Rows of ``out_events`` become place (steps), jump of the acceleration (m/s^2) and change of its rate
-    (m/s^2 over a step) of each event; return how many there are. ``pull`` is the share of the way to
-    ``towards`` (displacement and velocity at each sample) that the motion goes at each sample.
+    (m/s^2 over a step) of each event; return how many there are.
     """
     z, v, s = state[0], state[1], state[2]
     x = start_memory(state)
     count = 0
     for n in range(out_z.size):
         q = given(parameters, min(n, parameters.shape[0] - 1))
-        if pull > 0.0 and v != 0.0:
-            z += pull * (towards[0, n] - z)
-            v += pull * (towards[1, n] - v)
         out_z[n] = z
         out_v[n] = v
         for j in range(substeps):
@@ -616,12 +610,10 @@ def read_batch_kernel(
     out_v: Array,
     out_events: Array,
     out_counts: NDArray[np.int64],
-    towards: Array,
-    pull: float,
 ) -> None:
     """Do the same for several sets of parameters; the first axis counts them."""
     for number in range(states.shape[0]):
         out_counts[number] = read_kernel(
             states[number], body[body_rows[number]], first_sample, h, substeps, parameters[number],
-            out_points[number], out_z[number], out_v[number], out_events[number], towards, pull,
+            out_points[number], out_z[number], out_v[number], out_events[number],
         )  # fmt: skip
