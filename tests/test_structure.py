@@ -21,8 +21,8 @@ RESEARCH = {path.parent.name for path in (ROOT / "research").glob("*/__init__.py
 #: What was measured, and may only become less: put the new figure here with the change that improves it.
 #: Lines and files may grow only in a change that adds a feature; its commit message says what that costs.
 RATCHETS = {
-    "lines": 86_947,
-    "lines of code": 55_794,
+    "lines": 86_950,
+    "lines of code": 55_797,
     "files": 405,
     "lines of research": 14_903,
     "lines up to the last import, %": 8.38,

@@ -101,7 +101,10 @@ class Observation:
         factor = self.response(frequency) * np.exp(-2j * np.pi * frequency * delay)
         filtered = fft.irfft(fft.rfft(padded, length) * factor, length)
         found = np.array(filtered[edge : edge + dense.size : every])
-        if self.kind != INSTANTS:
+        if self.kind == INSTANTS:  # a jump itself: a table would smear it over the samples next to it
+            step, ramp = tables[0]
+            add_events(found, events, -step, -ramp, every, delay * every, -1.0)
+        else:
             add_events(found, events, *tables[1], every, delay * every, 0.0)
         return found
 

@@ -88,6 +88,15 @@ def test_samples_at_instants_are_the_points() -> None:
     np.testing.assert_array_equal(Observation(INSTANTS).read(points, np.zeros((0, 3)), 3), points[::3])
 
 
+@pytest.mark.parametrize("every", [1, 4])
+@pytest.mark.parametrize("late", [0.005, -0.005])
+def test_an_instant_close_to_a_jump_is_on_one_side_of_it(late: float, every: int) -> None:
+    events = EVENTS * (every, 1.0, 1.0 / every)
+    points = acceleration(np.arange(SAMPLES * every) / every)
+    found = Observation(INSTANTS).read(points, events, every, late)
+    np.testing.assert_allclose(found[60:-60], acceleration(np.arange(SAMPLES) - late)[60:-60], atol=6e-3)
+
+
 @pytest.mark.parametrize("one", KINDS, ids=lambda one: f"{one.kind} {one.order}")
 def test_slow_motion_is_read_as_it_is(one: Observation) -> None:
     frequency = np.array([0.0, 1e-3])
