@@ -16,8 +16,8 @@ from spool_sim.model import MODELS
 from spool_sim.valve import find_valve
 
 BAGS = Path(__file__).parents[1] / "bags"
-#: Relative difference of a parameter by the time stepping of two simulators.
-STEPS = 1e-4
+#: The records were filtered digitally at four times their rate, which no low-pass of a fit is exactly.
+SHAPE = pytest.mark.xfail(strict=True, reason="the deviations do not count the shape of the logger's filter")
 
 
 @pytest.mark.parametrize(
@@ -25,7 +25,7 @@ STEPS = 1e-4
     [
         ("practice_01", "4weh10_soft", "fluid", (1632.0, 4.0)),
         ("practice_03", "4weh10_soft", "coulomb", (1632.0, 4.0, 0.5)),
-        ("practice_04", "4weh10_stiff", "coulomb", (5846.0, 8.2, 0.3)),
+        pytest.param("practice_04", "4weh10_stiff", "coulomb", (5846.0, 8.2, 0.3), marks=SHAPE),
     ],
 )
 def test_the_truth_lies_within_two_standard_deviations(
@@ -37,8 +37,7 @@ def test_the_truth_lies_within_two_standard_deviations(
     names = ("spring_stiffness", "viscous_coefficient", "coulomb_force")
     for name, value in zip(names, truth, strict=False):
         found = result.parameter(name)
-        # The intervals are narrower than what the steps of that simulator and this one agree to.
-        assert abs(found.value - value) < 2.0 * found.standard_deviation + STEPS * value
+        assert abs(found.value - value) < 2.0 * found.standard_deviation
 
 
 @pytest.mark.slow
