@@ -289,7 +289,8 @@ class ServerThread:
         self._begun = threading.Event()
 
     def start(self) -> None:
-        """Begin to serve."""
+        """Begin to serve; who connects from now on is answered."""
+        self._socket.listen(self._server.config.backlog)
         self._thread.start()
         self._begun.wait(5.0)
 

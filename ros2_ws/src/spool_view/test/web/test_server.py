@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import asyncio
 import socket
+import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -27,7 +29,6 @@ class Served:
         self.port = own.getsockname()[1]
         self.thread = ServerThread(station.application, own)
         self.thread.start()
-        until(self.answers, "the server answers")
 
     def connect(self, path: str, buffer: int | None = None) -> socket.socket:
         one = socket.socket()
@@ -39,11 +40,8 @@ class Served:
         return one
 
     def answers(self) -> bool:
-        try:
-            with self.connect("/static/style.css") as one:
-                return b"200 OK" in one.recv(100)
-        except OSError:
-            return False
+        with self.connect("/static/style.css") as one:
+            return b"200 OK" in one.recv(100)
 
 
 @pytest.fixture
@@ -68,6 +66,26 @@ def test_a_stream_begins_with_all_and_goes_on_with_changes(served: Served) -> No
         # The stand-in monitor has said its last word: nothing is known any more.
         assert b'"condition":"no_word"' in read_until(one, b'"whole":false')
         read_until(one, b"event: beat")
+
+
+def test_who_comes_before_the_server_is_ready_is_answered(
+    station: Station, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ready, serve = threading.Event(), application.uvicorn.Server.serve
+
+    async def later(server: application.uvicorn.Server, sockets: list[socket.socket]) -> None:
+        await asyncio.to_thread(ready.wait)
+        await serve(server, sockets)
+
+    monkeypatch.setattr(application.uvicorn.Server, "serve", later)
+    served = Served(station)
+    try:
+        with served.connect("/static/style.css") as one:
+            ready.set()
+            assert b"200 OK" in one.recv(100)
+    finally:
+        ready.set()
+        served.thread.stop()
 
 
 def test_the_server_ends_its_streams_as_it_ends(served: Served) -> None:
