@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from spool_core.errors import InputError
 from spool_core.numbers import Array
-from spool_core.uncertainty import Z_95, Quantity, Validity, rate_power
+from spool_core.uncertainty import Z_95, Quantity, Validity
 from spool_sim.model import Model
 from spool_sim.observation import CAUSAL, INSTANTS, LINEAR, MEAN, Observation
 from spool_sim.sensors import PAPER_CHAIN
@@ -259,14 +259,12 @@ class Ended:
         residuals: weighed by their spectrum; its unknowns are those that were fitted.
         best: where the descent ended.
         law: balance of forces with all unknowns.
-        doubts: changes of the point that another reading of the record gives.
         before: the judgement at the start values, empty without ``FitSettings.check``.
     """
 
     residuals: Residuals
     best: least_squares.Descent
     law: EquationError
-    doubts: list[Array]
     before: list[Determination]
 
 
@@ -333,7 +331,7 @@ def follow(
         best = replace(best, point=best.point[: len(free)])
     best = refine(residuals, best, REWEIGHED)
     residuals.observation = with_numbers(residuals.observation, residuals.unknowns, best.point.tolist())
-    return Ended(residuals, best, law, [], before)
+    return Ended(residuals, best, law, before)
 
 
 def _first_end(
@@ -505,15 +503,12 @@ def _result(
     settings: FitSettings,
 ) -> Fit:
     residuals, best, law = ended.residuals, ended.best, ended.law
-    run, doubts = residuals.run, ended.doubts
+    run = residuals.run
     free = residuals.unknowns
     names = [unknown.name for unknown in unknowns]
     rate_std = max(entry.rate_std for entry in run.records)
-    if rate_std > 0.0:
-        powers = np.array([rate_power(unknown.unit) for unknown in free])
-        doubts = [*doubts, rate_std * powers * best.point]
     descended, covariance = fit_covariance(
-        residuals, best.point, least_squares.sizes_of(free, best.point), settings, doubts
+        residuals, best.point, least_squares.sizes_of(free, best.point), settings, rate_std
     )
     descended = inside(descended, free)
     shown = np.isfinite(np.diag(covariance))

@@ -13,7 +13,7 @@ up to a constant that all models of one set of data share. For a white residual 
 p log n.
 
 They hold for noise of any colour and for noise whose strength changes along the record; how far the sensors'
-timing is not known, and other doubts, are added.
+timing and the sampling rate are not known is added.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 from spool_core.numbers import Array
+from spool_core.uncertainty import rate_power
 from spool_sim.observation import CAUSAL, INSTANTS, LINEAR, Observation
 
 from spool_estimator.identification.fit_result import FILTER, SPOOL_DELAY, SPOOL_GAIN, FitSettings
@@ -322,7 +323,7 @@ def information_criterion(residuals: Residuals, point: Array, parameters: int) -
 
 
 def fit_covariance(
-    residuals: Weighted, point: Array, scales: Array, settings: FitSettings, doubts: Sequence[Array] = ()
+    residuals: Weighted, point: Array, scales: Array, settings: FitSettings, rate_std: float = 0.0
 ) -> tuple[Array, Array]:
     """Return the end of a fit and the covariance of its u unknowns, shapes (u,) and (u, u).
 
@@ -336,7 +337,7 @@ def fit_covariance(
         point: where the descent ended, shape (u,).
         scales: typical sizes, shape (u,); an unknown whose typical size hardly shows has infinite variance.
         settings: how well the sensors' timing is known, and whether it was fitted.
-        doubts: changes of the point, shape (u,) each, that other readings of the record give.
+        rate_std: relative standard deviation of the sampling rate.
     """
     residual, slopes = residuals.at_with_slopes(point)
     shown = np.linalg.norm(slopes * scales, axis=0) > SHOWS
@@ -354,8 +355,10 @@ def fit_covariance(
         moved[shown] -= step[own]
         residuals.delay_by(-float(step[-1]) * settings.timing)
     told = covariance_of(slopes, residual, residuals.blocks)[np.ix_(own, own)]
-    for doubt in doubts:
-        told += np.outer(doubt[shown], doubt[shown])
+    if rate_std > 0.0:
+        powers = np.array([rate_power(unknown.unit) for unknown in residuals.unknowns])
+        doubt = (rate_std * powers * point)[shown]
+        told += np.outer(doubt, doubt)
     covariance[np.ix_(shown, shown)] = told
     return moved, covariance
 

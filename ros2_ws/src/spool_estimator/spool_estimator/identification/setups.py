@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from spool_core.errors import InputError
 from spool_core.numbers import Array
-from spool_core.uncertainty import Quantity, Validity, rate_power
+from spool_core.uncertainty import Quantity, Validity
 from spool_sim.model import Model
 from spool_sim.valve import Valve
 
@@ -414,7 +414,7 @@ def _joined(
     moves = _moves(joint, best.point, joint.central_slopes(best.point))
     ended, covariance = fit_covariance(
         joint, best.point, least_squares.sizes_of(joint.unknowns, best.point), settings,
-        _doubts(joint, best.point, moves),
+        max(entry.rate_std for part in parts for entry in part.setup.records),
     )  # fmt: skip
     best = replace(best, point=inside(ended, joint.unknowns))
     effects = _noise_effects(joint, best.point, settings.noise_seconds)
@@ -548,17 +548,6 @@ def _moves(joint: _Joint, point: Array, slopes: Array) -> list[Array]:
     return found
 
 
-def _doubts(joint: _Joint, point: Array, moves: Sequence[Array]) -> list[Array]:
-    """Return changes of the joint point that other readings of the records and their clocks give."""
-    found = [
-        move @ doubt for part, move in zip(joint.parts, moves, strict=True) for doubt in part.ended.doubts
-    ]
-    rate_std = max(entry.rate_std for part in joint.parts for entry in part.setup.records)
-    if rate_std > 0.0:
-        found.append(rate_std * np.array([rate_power(unknown.unit) for unknown in joint.unknowns]) * point)
-    return found
-
-
 def _noise_effects(joint: _Joint, point: Array, seconds: float) -> list[NoiseEffect | None]:
     """Return what the noise of each set-up's excitation does to what its own fit found."""
     return [
@@ -593,7 +582,7 @@ def _alone(
         **fitted.values,
         **{one.name: float(value) for one, value in zip(part.unknowns, own, strict=True)},
     }
-    _, covariance = fit_covariance(fitted, own[part.seen], sizes[part.seen], settings, part.ended.doubts)
+    _, covariance = fit_covariance(fitted, own[part.seen], sizes[part.seen], settings)
     if effect is not None and np.isfinite(covariance).all():
         _, covariance = effect.taken_off(own[part.seen], covariance)
     wide = np.full((own.size, own.size), math.inf)
