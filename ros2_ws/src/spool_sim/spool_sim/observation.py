@@ -75,7 +75,9 @@ class Observation:
             found /= 1.0 - 1j * ratio / pole
         return found
 
-    def read(self, points: Array, events: Array, every: int, delay: float = 0.0) -> Array:
+    def read(
+        self, points: Array, events: Array, every: int, delay: float = 0.0, gains: Spectrum | None = None
+    ) -> Array:
         """Return what the channel reads at its samples, shape (n,), unit of ``points``.
 
         Args:
@@ -83,11 +85,12 @@ class Observation:
             events: rows of place (steps), jump and change of the rate (over a step), shape (e, 3).
             every: steps in a sample.
             delay: of the reading, samples.
+            gains: further factors on the spectrum at ``lines_of(n, every)``.
         """
         samples = points.size // every
         if not math.isfinite(points[-1]):  # the motion diverged
             return np.full(samples, math.inf)
-        if self.kind == INSTANTS and delay == 0.0:
+        if self.kind == INSTANTS and delay == 0.0 and gains is None:
             return points[::every].copy()
         tables = tables_of(self, every)
         dense = points.copy()
@@ -96,17 +99,24 @@ class Observation:
         padded = np.pad(dense, edge, mode="reflect", reflect_type="odd")
         fade = np.sin(0.5 * np.pi * (np.arange(edge) + 0.5) / edge) ** 2
         padded *= np.concatenate([fade, np.ones(dense.size), fade[::-1]])
-        length = _length(samples, every)
-        frequency = np.asarray(fft.rfftfreq(length, 1.0 / every))
-        factor = self.response(frequency) * np.exp(-2j * np.pi * frequency * delay)
-        filtered = fft.irfft(fft.rfft(padded, length) * factor, length)
-        found = np.array(filtered[edge : edge + dense.size : every])
+        lines = fft.rfft(padded, _length(samples, every))
+        frequency = lines_of(samples, every)
+        lines *= _response(self, samples, every) * np.exp(-2j * np.pi * frequency * delay)
+        if gains is not None:
+            lines *= gains
+        found = np.array(fft.irfft(lines, _length(samples, every))[edge : edge + dense.size : every])
         if self.kind == INSTANTS:  # a jump itself: a table would smear it over the samples next to it
             step, ramp = tables[0]
             add_events(found, events, -step, -ramp, every, delay * every, -1.0)
         else:
             add_events(found, events, *tables[1], every, delay * every, 0.0)
         return found
+
+
+@lru_cache(maxsize=64)
+def lines_of(samples: int, every: int) -> Array:
+    """Return the frequencies, over the sample rate, at which ``read`` takes further factors."""
+    return np.asarray(fft.rfftfreq(_length(samples, every), 1.0 / every))
 
 
 @lru_cache(maxsize=512)
@@ -130,6 +140,11 @@ def _integrals(response: Spectrum) -> tuple[Array, Array]:
     middle = SPAN * FINE // 2
     part = slice(middle - REACH * FINE, middle + REACH * FINE + 2)
     return step[part].copy(), ramp[part].copy()
+
+
+@lru_cache(maxsize=64)
+def _response(observation: Observation, samples: int, every: int) -> Spectrum:
+    return observation.response(lines_of(samples, every))
 
 
 @lru_cache(maxsize=64)

@@ -9,19 +9,22 @@ without phase, so that it does not shake dry friction loose.
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 from spool_core.errors import InputError
 from spool_core.numbers import Array
+from spool_core.system import processors
 from spool_sim.integration.composed_motion import ComposedMotion, MotionState, substeps_for
 from spool_sim.model import Model
-from spool_sim.observation import LINEAR, REACH, Observation
+from spool_sim.observation import LINEAR, REACH, Observation, Spectrum, lines_of
 from spool_sim.valve import Valve
 
+from spool_estimator.identification.chain import LOWEST, ChainPart
 from spool_estimator.identification.least_squares import Work, in_parallel
 from spool_estimator.identification.record import Record
 from spool_estimator.identification.spectra import ZeroPhase, faded, relative_motion
@@ -97,11 +100,31 @@ class Reading:
     Attributes:
         gain, delay: relative gain error and delay (s) of the spool's channel behind the body's.
         observation: of both channels.
+        parts: further parts of the chain, with their numbers.
     """
 
     gain: float = 0.0
     delay: float = 0.0
     observation: Observation = USUAL
+    parts: tuple[tuple[ChainPart, tuple[float, ...]], ...] = ()
+
+    def of(self, channel: str) -> tuple[tuple[ChainPart, tuple[float, ...]], ...]:
+        """Return the parts that are filters of ``channel``."""
+        return tuple(one for one in self.parts if one[0].channel == channel and one[0].response is not None)
+
+    @property
+    def drift(self) -> float:
+        """Relative change of the spool's gain in a second."""
+        return next((numbers[0] for part, numbers in self.parts if part.response is None), 0.0)
+
+
+def response_of(parts: Iterable[tuple[ChainPart, tuple[float, ...]]], frequency: Array) -> Spectrum:
+    """Return the factor of ``parts`` on a spectrum at ``frequency``, Hz."""
+    found: Spectrum = np.ones(frequency.size, dtype=np.complex128)
+    for part, numbers in parts:
+        if part.response is not None:
+            found *= part.response(np.maximum(frequency, LOWEST), numbers)
+    return found
 
 
 class FreeRun:
@@ -275,13 +298,18 @@ class FreeRun:
         read = [Reading()] * count if readings is None else list(readings)
         if count * sum(window.stop - window.first for window in self.windows) < SINGLE:
             return [self._respond(window, sets, read) for window in self.windows]
-        return in_parallel(lambda window: self._respond(window, sets, read), self.windows)
+        # Windows or, where there are few of them, groups of the sets at once.
+        pieces = min(count, -(-processors() // len(self.windows)))
+        cuts = np.linspace(0, count, pieces + 1).astype(int).tolist()
+        jobs = [(window, slice(*cut)) for window in self.windows for cut in pairwise(cuts)]
+        found = in_parallel(lambda job: self._respond(job[0], sets[job[1]], read[job[1]]), jobs)
+        return [_joined(found[place : place + pieces]) for place in range(0, len(found), pieces)]
 
     def _respond(self, window: Window, sets: Array, readings: Sequence[Reading]) -> Response:
         entry = self.records[window.record]
         substeps = self.substeps[window.record]
         state = MotionState(*window.state, float(np.sign(window.state[1])))
-        causes = [one.observation for one in readings]
+        causes = [(one.observation, one.of("body")) for one in readings]
         distinct = list(dict.fromkeys(causes))
         tables = sets[:, np.newaxis, :]
         if window.viscosity is not None and "viscous_coefficient" in self.names:
@@ -289,7 +317,7 @@ class FreeRun:
             tables[:, :, self.names.index("viscous_coefficient")] *= window.viscosity
         runs = self.motion.read_batch(
             state,
-            np.array([self._drive(window, substeps, one) for one in distinct]),
+            np.array([self._drive(window, substeps, *one) for one in distinct]),
             tables,
             rows=np.array([distinct.index(one) for one in causes]),
             sample_period=entry.sample_period,
@@ -301,8 +329,14 @@ class FreeRun:
         period = entry.sample_period
         rows = []
         for run, one in zip(runs, readings, strict=True):
-            row = one.observation.read(run.acceleration, run.events, substeps, one.delay / period)
+            gains = None
+            if one.of("spool"):
+                lines = lines_of(run.acceleration.size // substeps, substeps)
+                gains = response_of(one.of("spool"), lines / period)
+            row = one.observation.read(run.acceleration, run.events, substeps, one.delay / period, gains)
             row *= 1.0 + one.gain
+            if one.drift:
+                row *= 1.0 + one.drift * period * (entry.first_sample + window.first + np.arange(row.size))
             rows.append(row[part])
         return Response(
             np.array(rows),
@@ -311,13 +345,21 @@ class FreeRun:
             runs[0].events[np.abs(runs[0].events[:, 1]) > LEAST_JUMP, 0] / substeps - lead,
         )
 
-    def _drive(self, window: Window, substeps: int, observation: Observation) -> Array:
+    def _drive(
+        self,
+        window: Window,
+        substeps: int,
+        observation: Observation,
+        parts: tuple[tuple[ChainPart, tuple[float, ...]], ...],
+    ) -> Array:
         """Return the acceleration of the body at the half steps of ``window``, m/s^2: the reading's cause."""
-        key = (id(window.excitation), substeps, observation)
+        key = (id(window.excitation), substeps, observation, parts)
         kept = self._drives.get(key)
         if kept is not None:
             return kept
-        response = observation.response(fft.rfftfreq(window.length))
+        frequency = fft.rfftfreq(window.length)
+        period = self.records[window.record].sample_period
+        response = observation.response(frequency) * response_of(parts, frequency / period)
         size = np.maximum(np.abs(response), SMALLEST)
         # The excitation has nothing left at half the sample rate, so its line there needs no halving.
         finer = 2 * substeps
@@ -328,6 +370,18 @@ class FreeRun:
             self._drives.clear()
         self._drives[key] = found
         return found
+
+
+def _joined(rows: Sequence[Response]) -> Response:
+    """Return responses of several groups of sets as one; jumps are those of the first set."""
+    if len(rows) == 1:
+        return rows[0]
+    return Response(
+        np.concatenate([one.acceleration for one in rows]),
+        np.concatenate([one.displacement for one in rows]),
+        np.concatenate([one.velocity for one in rows]),
+        rows[0].jumps,
+    )
 
 
 def excitation_limit(entry: Record) -> float:
