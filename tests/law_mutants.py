@@ -38,8 +38,8 @@ EFFECTS = "spool_gap/test/test_reference_values.py"
 ESTIMATES = "spool_estimator/test/test_reference_values.py"
 #: Functions that hold no law: texts, checks of settings, what a search tries, and the optimiser of phases.
 NOT_LAWS = {
-    "_low_crest_phases", "_samples", "shapes", "starts", "sensible", "unknowns", "acting_like",
-    "speeds_to_try", "Recorded.highest_frequency", "laws", "slides", "jumps", "uncompiled", "start_for",
+    "_low_crest_phases", "_samples", "shapes", "guesses", "sensible", "unknowns",
+    "Recorded.highest_frequency", "laws", "slides", "jumps", "uncompiled", "start_for",
     "check", "term", "found", "load_sensors", "trials", "on_the_machine", "to_check", "law",
     "numbers", "is_friction", "__init_subclass__",
 }  # fmt: skip
@@ -60,7 +60,7 @@ MODULES: dict[str, str] = {
         if path.stem != "__init__"
     },
     "spool_gap.effect": EFFECTS,
-    "spool_gap.likelihood.structure": EFFECTS,
+    "spool_estimator.identification.chain": EFFECTS,
     "spool_estimator.identification.spectra": EFFECTS,
     "spool_estimator.stream_estimator": ESTIMATES,
 }
@@ -77,7 +77,7 @@ ONLY = {
         "acceleration", "duration", "frequencies", "highest_frequency", "revolutions", "rise",
         "steps", "sum_of_lines", "turns_to_sine",
     },
-    "spool_gap.likelihood.structure": {"high_pass", "low_pass", "mode"},
+    "spool_estimator.identification.chain": {"high_pass", "low_pass", "mode"},
     "spool_estimator.identification.spectra": {
         "_rise", "apply", "delayed", "gain", "relative_motion",
         "settling",

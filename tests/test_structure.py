@@ -21,9 +21,9 @@ RESEARCH = {path.parent.name for path in (ROOT / "research").glob("*/__init__.py
 #: What was measured, and may only become less: put the new figure here with the change that improves it.
 #: Lines and files may grow only in a change that adds a feature; its commit message says what that costs.
 RATCHETS = {
-    "lines": 86_938,
-    "lines of code": 55_788,
-    "files": 405,
+    "lines": 85_327,
+    "lines of code": 54_629,
+    "files": 403,
     "lines of research": 14_903,
     "lines up to the last import, %": 8.37,
     "private functions with one caller, %": 16.29,

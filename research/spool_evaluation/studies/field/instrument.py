@@ -18,11 +18,12 @@ from rich.table import Table
 from spool_blind.case import NONE
 from spool_blind.field.case import FieldCase
 from spool_core.errors import InputError
+from spool_estimator.identification.chain import CHAIN_PARTS
 from spool_estimator.identification.record import Record
 from spool_gap.catalogue import EFFECTS
 from spool_gap.evidence.analyse import Run
 from spool_gap.likelihood.search import DECISIVE, Key
-from spool_gap.likelihood.structure import CHAIN_PARTS, DELAY, GAIN, Structure, structure_of
+from spool_gap.likelihood.structure import DELAY, GAIN, Structure, structure_of
 from spool_gap.likelihood.structure_fit import StructureFit
 from spool_sim.valve import Valve
 
@@ -163,7 +164,7 @@ def _fitted(run: Run, one: Structure, other: Structure) -> StructureFit:
     starts = [start.having(start.effects, parts, _numbers(other, parts, one)) for parts in chains
               for start in (one, with_numbers)]  # fmt: skip
     for start in starts:
-        run.search.tried(start)
+        run.search.finish(start)
     effects = frozenset(one.effects)
     same = [fit for fit in run.search.fits.values() if frozenset(fit.structure.effects) == effects]
     return max(same, key=lambda fit: fit.evidence)

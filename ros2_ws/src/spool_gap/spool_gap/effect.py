@@ -17,6 +17,9 @@ from spool_core.numbers import Array
 from spool_estimator.identification.least_squares import Unknown
 from spool_sim.terms import Parameter, term
 
+#: Shares of the force that moves the spool with which an effect is tried.
+SHARES = (0.02, 0.06, 0.15, 0.4)
+
 
 @dataclass(frozen=True, slots=True)
 class Motion:
@@ -61,6 +64,24 @@ class Motion:
     def largest_velocity(self) -> float:
         """The 99 % quantile of abs(z'), m/s."""
         return float(np.quantile(np.abs(self.velocity), 0.99))
+
+
+@dataclass(frozen=True, slots=True)
+class Scale:
+    """Sizes of a motion.
+
+    Attributes:
+        force: that moves the spool, rms, N.
+        travel: largest displacement, m; ``speed``: that the spool hardly exceeds, m/s.
+        seconds: of the record.
+        peaks: frequency (Hz), amplitude (N) and phase (rad) of forces of a line in what the base leaves.
+    """
+
+    force: float
+    travel: float
+    speed: float
+    seconds: float
+    peaks: tuple[tuple[float, float, float], ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,21 +204,18 @@ class Effect(ABC):
         linear = (name for name in self.fitted if name not in shape)
         return {**shape, **dict(zip(linear, coefficients.tolist(), strict=True))}
 
-    def starts(self, values: Mapping[str, float], reach: float) -> list[dict[str, float]]:  # noqa: ARG002
-        """Return the points from which a fit by simulation starts; ``reach`` is the largest travel, m."""
-        return [dict(values)]
+    def guesses(self, scale: Scale) -> list[dict[str, float]]:
+        """Return numbers from which fits of a motion of ``scale`` begin: sizes from slight to all that acts.
 
-    def acting_like(self, contained: Mapping[str, float]) -> dict[str, float]:  # noqa: ARG002
-        """Return numbers with which it acts much like the effect that it ``replaces``, with those numbers."""
-        return {}
-
-    def speeds_to_try(self, fastest: float) -> list[dict[str, float]]:  # noqa: ARG002
-        """Return choices of the speeds in its law, along which fits have local minima; none: it has none.
-
-        Args:
-            fastest: speed that the spool hardly exceeds, m/s.
+        By default each amplitude makes these shares of the force.
         """
-        return [{}]
+        (own,) = self.amplitudes
+        signs = (1.0,) if self.positive else (1.0, -1.0)
+        return [{own: sign * share * self.unit(scale)} for share in SHARES for sign in signs]
+
+    def unit(self, scale: Scale) -> float:
+        """Return the amplitude whose force is that of ``scale``."""
+        return scale.force
 
     def sensible(self, values: Mapping[str, float], deviations: Mapping[str, float]) -> str:
         """Return why the fitted ``values`` make no sense on a machine, or an empty string."""

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from spool_core.errors import InputError
 from spool_gap.catalogue import EFFECTS, effect
-from spool_gap.effect import Effect, Motion
+from spool_gap.effect import Effect, Motion, Scale
 from spool_gap.likelihood.kernel import motions_for
 from spool_gap.report import named
 from spool_sim.integration.composed_motion import ComposedMotion, MotionState
@@ -117,6 +117,20 @@ def _force(entry: Effect, values: dict[str, float], motion: Motion) -> NDArray[n
             motion.displacement, motion.velocity, motion.acceleration, given, motion.time
         )
     )
+
+
+@pytest.mark.parametrize("name", [name for name in FORCES if EFFECTS[name].searched])
+def test_fits_begin_from_several_sizes_within_the_bounds(name: str) -> None:
+    entry, seconds = EFFECTS[name], 20.0
+    guesses = entry.guesses(Scale(0.7, 1.5e-3, 0.12, seconds, ((47.0, 0.1, 0.3), (61.0, 0.05, 2.0))))
+    first = (entry.amplitudes or entry.fitted)[0]
+    assert len({abs(guess[first]) for guess in guesses}) > 1
+    for guess in guesses:
+        assert set(guess) >= set(entry.amplitudes)
+        bounds = {one.name: (one.low, one.high) for one in entry.unknowns(guess, seconds)}
+        assert set(bounds) <= {parameter.name for parameter in entry.numbers}
+        for number in set(bounds) & set(guess):
+            assert bounds[number][0] <= guess[number] <= bounds[number][1]
 
 
 @pytest.mark.parametrize("name", FORCES)

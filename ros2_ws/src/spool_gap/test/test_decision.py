@@ -21,13 +21,12 @@ from spool_gap.evidence.decision import (
     BEYOND,
     OUTSIDE,
     RIGHTLY_UNEXPLAINED,
-    RUNS,
     Decision,
     decide,
     probabilities_of,
 )
 from spool_gap.evidence.held_out import HeldOut, Judged
-from spool_gap.evidence.intervals import EXACT, Numbers, numbers_of, refined
+from spool_gap.evidence.intervals import Numbers, numbers_of
 from spool_gap.evidence.look import Look, look_at
 from spool_gap.likelihood.kernel import motions_for
 from spool_gap.likelihood.prediction import Prediction, Predictions
@@ -76,6 +75,9 @@ def fitted(effect: str = "", spool: Sensor | None = None, **given: float) -> Fit
     look = look_at([record], (), VALVE)
     predictions = Predictions([Prediction(look.readings[0], VALVE, MOTIONS)])
     search = Search(predictions, structure_of(BASE, VALVE), [])
+    # As at the end of a search: a level of noise for each tile.
+    predictions.plain = False
+    search.base = fit_structure(predictions, search.base.structure)
     search.fits = {search.base.structure.key: search.base}
     return Fitted(predictions, search, look)
 
@@ -121,27 +123,20 @@ def leave(monkeypatch: pytest.MonkeyPatch, left: float) -> None:
 
 
 @pytest.mark.parametrize(
-    ("gain", "share", "confirmed", "left", "unexplained"),
+    ("gain", "share", "left", "unexplained"),
     [
-        (1e4, 0.05, 1.1 * RUNS, 1.1, True),
-        (1e4, 0.05, 0.9 * RUNS, 1.1, False),
-        (1e4, 0.05, 1.0, 0.9, False),
-        (1e4, 0.0024, 1.0, 1.1, False),
-        (0.9 * DECISIVE, 0.05, 1.0, 1.1, False),
+        (1e4, 0.05, 1.1, True),
+        (1e4, 0.05, 0.9, False),
+        (1e4, 0.0024, 1.1, False),
+        (0.9 * DECISIVE, 0.05, 1.1, False),
     ],
-    ids=["confirmed", "in no free run", "a free run leaves noise alone", "too small", "not decided"],
+    ids=["more than noise is left", "a free run leaves noise alone", "too small", "not decided"],
 )
 def test_a_remainder_is_unexplained_where_it_is_certain_large_and_seen_in_a_free_run(
-    monkeypatch: pytest.MonkeyPatch,
-    gain: float,
-    share: float,
-    confirmed: float,
-    left: float,
-    unexplained: bool,
+    monkeypatch: pytest.MonkeyPatch, gain: float, share: float, left: float, unexplained: bool
 ) -> None:
     leave(monkeypatch, left)
     monkeypatch.setattr(decision_module, "rest_of", lambda *_: Rest(gain, share, "speed"))
-    monkeypatch.setattr(decision_module, "foreseen", lambda *_: confirmed * gain)
     monkeypatch.setattr(decision_module, "patterns_of", lambda *_: [])
     found = drag().decided()
     assert found.unexplained is unexplained
@@ -206,20 +201,6 @@ def test_no_verdict_is_surer_than_the_share_of_records_that_some_structure_fits(
     assert replace(doubted, unexplained=True).confidence == pytest.approx(0.3 * RIGHTLY_UNEXPLAINED)
 
 
-@pytest.mark.parametrize(("own", "nearest"), [(0.1, (0.03,)), (0.03, (0.1, 0.01)), (0.01, (0.03,))])
-def test_an_interval_reaches_to_what_the_next_corrections_make_of_its_number(
-    own: float, nearest: tuple[float, ...]
-) -> None:
-    """But not to what one makes that lets the motion follow the measured one, 0.3 or more."""
-    predictions = drag().predictions
-    fit, numbers = refined(predictions, replace(drag().search.base, looseness=own))
-    others = [fit_structure(predictions, fit.structure, (one,), enough=EXACT).structure for one in nearest]
-    alone = numbers_of(predictions, fit).deviations
-    for one in numbers.quantities:
-        moved = max(abs(other.values[one.name] - one.value) for other in others)
-        assert one.standard_deviation == pytest.approx(math.hypot(alone[one.name], moved))
-
-
 def test_the_pulls_of_a_few_windows_scatter_as_a_sample_of_them_does() -> None:
     """By hand: one number and four windows, whose pulls are 1, -1, 2 and 0."""
     parts = [SimpleNamespace(inside=np.ones(2, np.bool_), lines=np.arange(3.0)) for _ in range(2)]
@@ -269,10 +250,11 @@ def test_where_the_spool_hits_something_what_is_left_is_no_noise(
     monkeypatch: pytest.MonkeyPatch, hit: bool, left: float, unexplained: bool
 ) -> None:
     leave(monkeypatch, left)
-    monkeypatch.setattr(Search, "hit", hit)
     monkeypatch.setattr(decision_module, "patterns_of", lambda *_: [])
     monkeypatch.setattr(decision_module, "rest_of", lambda *_: Rest(0.0, 0.0, "nothing"))
-    found = drag().decided()
+    search = copy(drag().search)
+    search.hit = hit
+    found = replace(drag(), search=search).decided()
     assert found.unexplained is unexplained
     assert (found.rest.follows == decision_module.BLOWS) is unexplained
 
@@ -304,18 +286,17 @@ def ended() -> tuple[Search, list[tuple[str, float]]]:
     return searched("cubic_stiffness", "quadratic_damping", tell=tell), said
 
 
-def test_the_search_ends_at_the_drag_after_it_tried_each_effect_and_the_pair() -> None:
+def test_the_search_ends_at_the_drag_that_leaves_noise_and_tries_no_pair() -> None:
     search, _ = ended()
     assert search.simplest.structure.effects == ("quadratic_damping",)
     assert search.simplest.structure.values["quadratic_coefficient"] == pytest.approx(20.0, rel=0.03)
-    pair = frozenset({"cubic_stiffness", "quadratic_damping"})
     tried = {effects for effects, _ in search.fits}
-    assert tried == {frozenset(), frozenset({"cubic_stiffness"}), frozenset({"quadratic_damping"}), pair}
+    assert tried == {frozenset(), frozenset({"cubic_stiffness"}), frozenset({"quadratic_damping"})}
 
 
 def test_the_progress_of_a_search_only_rises() -> None:
     shares = [share for _, share in ended()[1]]
-    assert len(shares) >= 5
+    assert len(shares) >= 4
     assert shares == sorted(shares)
     assert shares[0] > 0.0
     assert shares[-1] < 1.0
@@ -329,17 +310,24 @@ def test_a_search_without_work_left_tries_no_pair() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "ahead", "static_force", "chosen"),
+    ("name", "ahead", "fall", "static_force", "chosen"),
     [
-        ("quadratic_damping", 9.0, 0.0, False),
-        ("quadratic_damping", 11.0, 0.0, True),
-        ("stribeck_friction", 1e4, 0.5, True),
-        ("stribeck_friction", 1e4, 0.4, False),
+        ("quadratic_damping", 9.0, 0.0, 0.0, False),
+        ("quadratic_damping", 11.0, 0.0, 0.0, False),
+        ("quadratic_damping", 11.0, 0.02, 0.0, True),
+        ("stribeck_friction", 11.0, 0.02, 0.5, True),
+        ("stribeck_friction", 11.0, 0.02, 0.4, False),
     ],
-    ids=["not decisive", "decisive", "sensible", "friction that does not fall with speed"],
+    ids=[
+        "not decisive",
+        "hardly less remains",
+        "decisive",
+        "sensible",
+        "friction that does not fall with speed",
+    ],
 )
 def test_a_richer_fit_counts_where_the_evidence_decides_for_it_and_its_numbers_make_sense(
-    name: str, ahead: float, static_force: float, chosen: bool
+    name: str, ahead: float, fall: float, static_force: float, chosen: bool
 ) -> None:
     search = copy(ended()[0])
     base = search.base
@@ -347,7 +335,7 @@ def test_a_richer_fit_counts_where_the_evidence_decides_for_it_and_its_numbers_m
     wider = base.structure.having((name,), ())
     wider = wider.moved({key: value for key, value in own.items() if key in wider.values})
     # One number more costs half the logarithm of the count of samples.
-    likelihood = base.log_likelihood + ahead + 0.5 * math.log(base.numbers)
+    likelihood = base.log_likelihood + ahead + fall * base.numbers + 0.5 * math.log(base.numbers)
     richer = replace(base, structure=wider, count=base.count + 1, log_likelihood=likelihood)
     search.fits = {one.structure.key: one for one in (richer, base)}
     assert search.simplest.structure.effects == ((name,) if chosen else ())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from spool_gap.catalogue import EFFECTS
 from spool_gap.likelihood.kernel import Point, motions_for, steps_a_sample
 from spool_sim.excitation import SweptSine
 from spool_sim.integration.composed_motion import ComposedMotion, MotionState, half_step_times
@@ -53,3 +54,26 @@ def test_steps_grow_shorter_with_stiffness_and_where_a_force_has_kinks() -> None
     smooth, kinked = (steps_a_sample(point, 1e-3, 100.0) for point in (start, stop))
     assert smooth < kinked
     assert smooth < steps_a_sample(stiff, 1e-3, 100.0) <= 8
+
+
+#: Values at which an effect moves the valve well within the sweep; what is not named starts as declared.
+SIZES = {
+    "stop_gap": 1e-3, "stop_stiffness": 2e4, "backlash": 2e-4, "preload_force": 0.5, "preload_travel": 1e-4,
+    "cubic_coefficient": 1e8,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("extra", dict.fromkeys(name for one in EFFECTS.values() for name in one.terms))
+def test_four_times_the_steps_of_a_structure_move_the_spool_alike(extra: str) -> None:
+    active = (*BASE, extra)
+    values = {p.name: p.start for name in active for p in term(name).parameters}
+    values |= {**FLUID.values_for(VALVE), **{name: v for name, v in SIZES.items() if name in values}}
+    motion = next(one for one in motions_for(FLUID) if one.has(active))
+    substeps = steps_a_sample(Point(active, values), 2e-3, 100.0)
+    rows = []
+    for steps in (substeps, 4 * substeps):
+        body = SWEEP.acceleration(half_step_times(0, 2000, 500.0, steps))
+        given = {"sample_period": 2e-3, "substeps": steps}
+        found, _ = motion.advance(MotionState(), body, motion.row(active, values)[np.newaxis], **given)
+        rows.append(found.velocity)
+    assert float(np.std(rows[0] - rows[1])) < 1e-4 * float(np.std(rows[1]))

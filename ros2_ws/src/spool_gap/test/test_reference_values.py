@@ -15,10 +15,10 @@ from typing import cast
 import numpy as np
 import pytest
 from spool_core.numbers import Array
+from spool_estimator.identification.chain import CHAIN_PARTS
 from spool_estimator.identification.spectra import ZeroPhase, quiet, relative_motion
 from spool_gap.catalogue import EFFECTS
-from spool_gap.effect import Motion, SensorEffect, scan
-from spool_gap.likelihood.structure import CHAIN_PARTS
+from spool_gap.effect import Motion, Scale, SensorEffect, scan
 
 #: Relative; values are given with seven digits.
 EXACT = 1e-6
@@ -237,6 +237,16 @@ def test_sizes_of_a_motion_are_those_worked_out_by_hand() -> None:
     assert scan(2.0, 2e-3, 4) == scan(0.0, 2e-3, 4) == []
 
 
+@pytest.mark.parametrize(
+    ("name", "by_hand"),
+    # 0.7; 0.7 / 0.0015^3; 0.7 / 0.12^2
+    [("coulomb_friction", 0.7), ("cubic_stiffness", 2.074074e8), ("quadratic_damping", 48.61111)],
+)
+def test_the_unit_of_an_effect_is_the_one_worked_out_by_hand(name: str, by_hand: float) -> None:
+    scale = Scale(force=0.7, travel=1.5e-3, speed=0.12, seconds=20.0)
+    assert EFFECTS[name].unit(scale) == pytest.approx(by_hand, rel=EXACT)
+
+
 @pytest.mark.parametrize(("name", "values", "by_hand"), CHANNELS)
 def test_channel_reads_a_sine_as_worked_out_by_hand(
     name: str, values: Mapping[str, float], by_hand: dict[float, tuple[float, float]]
@@ -263,8 +273,8 @@ def test_part_of_the_chain_passes_a_sine_as_worked_out_by_hand(
 ) -> None:
     part = CHAIN_PARTS[f"{channel}_{name}"]
     assert part.response is not None
-    values = {f"{channel}_{number}": value for number, value in numbers.items()}
-    (found,) = part.response(np.array([hertz]), values)
+    assert [p.name for p in part.parameters] == [f"{channel}_{number}" for number in numbers]
+    (found,) = part.response(np.array([hertz]), tuple(numbers.values()))
     assert cmath.polar(complex(found)) == pytest.approx(by_hand, rel=EXACT)
 
 

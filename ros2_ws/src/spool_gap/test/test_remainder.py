@@ -22,6 +22,7 @@ from spool_gap.report import looks_like
 from spool_gap.result import GapSettings
 from spool_sim.excitation import Excitation, Multisine, SweptSine
 from spool_sim.model import MODELS, Model
+from spool_sim.observation import INSTANTS, Observation
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
 from spool_sim.terms import term
@@ -74,9 +75,10 @@ def fitted(
     motions = motions_for(BASE)
     predictions = Predictions([Prediction(look.readings[0], VALVE, motions)])
     search = Search(predictions, structure_of(BASE, VALVE), [])
+    search.base = fit_structure(predictions, search.base.structure)
     search.fits = {search.base.structure.key: search.base}
     if effect:
-        wider = search.base.structure.having([effect])
+        wider = structure_of(BASE, VALVE, [effect]).read_by(Observation(INSTANTS))
         fits = [fit_structure(predictions, wider.moved(one)) for one in starts]
         search.fits[wider.key] = max(fits, key=lambda one: one.evidence)
         assert search.simplest.structure.effects == (effect,)
@@ -175,7 +177,7 @@ def low_passed(rows: Rows) -> Rows:
 
 def narrow(rows: Rows) -> Rows:
     """Return ``rows`` with vibration across the spool's axis, of a mount that resonates."""
-    shaped = drawn(6, rows[0].size, lambda f: 1.0 / np.abs(1.0 - (f / 97.0) ** 2 + 0.02j * f / 97.0))
+    shaped = drawn(6, rows[0].size, lambda f: 1.0 / np.abs(1.0 - (f / 97.0) ** 2 + 0.005j * f / 97.0))
     return rows[0], rows[1] + 10.0 * NOISE * shaped
 
 

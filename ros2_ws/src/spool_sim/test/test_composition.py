@@ -14,13 +14,11 @@ import spool_sim
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from spool_core.errors import InputError
-from spool_core.numbers import Array
 from spool_sim.excitation import SteadySine, SweptSine
-from spool_sim.integration import composed_motion
 from spool_sim.integration.composed_motion import (
     ComposedMotion,
-    Correction,
     MotionState,
+    Points,
     Trajectory,
     checked_substeps,
     half_step_times,
@@ -125,38 +123,33 @@ def test_valves_together_move_as_each_alone() -> None:
         np.testing.assert_array_equal(mixed.velocity[n], alone.velocity)
 
 
-@pytest.mark.parametrize("shares", [1, 3])
-def test_of_many_sets_of_parameters_the_true_one_alone_predicts_what_was_measured(
-    monkeypatch: pytest.MonkeyPatch, shares: int
-) -> None:
-    """Each set is predicted as it is alone, however many there are and however many threads they take."""
-    monkeypatch.setattr(composed_motion, "processors", lambda: shares)
+def test_of_many_sets_of_parameters_the_true_one_alone_moves_as_was_measured() -> None:
+    """Each set moves as it does alone, however many there are and whatever body it stands on."""
     motion, values = everything()
-    samples, count, true = 200, 7 * shares, 5 * shares
+    samples, count, true = 200, 14, 10
     bodies = np.stack(
         [size * SWEEP.acceleration(half_step_times(0, samples, 2000.0, 4)) for size in (1.0, 2.0)]
     )
-    tables = [motion.table({**values, "coulomb_force": 0.2 + 0.05 * n}, samples) for n in range(count)]
+    tables = [motion.table({**values, "coulomb_force": 0.2 + 0.05 * n}, 1) for n in range(count)]
     body = np.arange(count) % 2
     measured, _ = motion.advance(
         MotionState(), bodies[body[true]], tables[true], sample_period=5e-4, substeps=4
     )
-    sets = np.array([table[0] for table in tables])
 
-    def predicted(places: list[int]) -> tuple[Array, Array, Array]:
-        rows = body[places], np.zeros(len(places), dtype=np.int64)
-        return motion.predict_batch(
-            bodies, measured.acceleration[np.newaxis], np.zeros(samples), sets[places], rows=rows,
-            correction=Correction(0.0, 0.0, 1.0), sample_period=5e-4, substeps=4, means=False,
-        )  # fmt: skip
+    def read(places: list[int]) -> list[Points]:
+        sets = np.array([tables[n] for n in places])
+        return motion.read_batch(
+            MotionState(), bodies, sets, rows=body[places], sample_period=5e-4, substeps=4
+        )
 
-    together = predicted(list(range(count)))
-    size = np.abs(together[0]).max(axis=1)
+    together = read(list(range(count)))
+    size = np.array([np.abs(one.acceleration[::4] - measured.acceleration).max() for one in together])
     assert size[true] < 1e-9
     assert np.delete(size, true).min() > 1e-3
-    for n in range(count):
-        for all_of_them, alone in zip(together, predicted([n]), strict=True):
-            np.testing.assert_array_equal(all_of_them[n], alone[0])
+    for n, one in enumerate(together):
+        (alone,) = read([n])
+        np.testing.assert_array_equal(one.acceleration, alone.acceleration)
+        np.testing.assert_array_equal(one.events, alone.events)
 
 
 @pytest.mark.parametrize(

@@ -10,12 +10,12 @@ from spool_core.numbers import Array
 from spool_estimator.identification.least_squares import Unknown
 from spool_sim.terms.damping_drift import LINE
 
-from spool_gap.effect import Effect, Motion
+from spool_gap.effect import Effect, Motion, Scale
 
 #: Time constants of oil that warms, over the record's length: longer ones are a line, shorter ones soon over.
 COURSES = (0.15, 0.5)
-#: s, time constants from which a bent course is fitted in place of a line, and its first rate over its.
-BENDS, STEEPER = (4.0, 10.0, 25.0, 60.0), 2.5
+#: Changes of the drag, relative, that are tried.
+CHANGES = (0.2, -0.2, 1.0, -0.6)
 #: Change of the drag along a bent course, relative, that no oil makes within a record: 60 K do that.
 IMPOSSIBLE = 10.0
 #: Hz, lowest frequency that is fitted: slower ones are drift.
@@ -33,6 +33,10 @@ class QuadraticDamping(Effect):
     positive = True
     confusable_with = ("coulomb_friction", "damping_drift")
     distinguished_by = "several amplitudes, in a wide band"
+
+    def unit(self, scale: Scale) -> float:
+        """Return the coefficient whose force is that of ``scale``."""
+        return scale.force / scale.speed**2
 
     def signature(self, motion: Motion, shape: Mapping[str, float]) -> Array:  # noqa: ARG002
         """Return v abs(v)."""
@@ -76,13 +80,14 @@ class DampingDrift(Effect):
             return [rate]
         return [rate, replace(constant, low=1.0, high=3.0 * seconds, scale=0.3 * seconds)]
 
-    def acting_like(self, contained: Mapping[str, float]) -> dict[str, float]:
-        """Return a bent course that begins more steeply than the line."""
-        return {"damping_drift_rate": STEEPER * contained["damping_drift_rate"]}
-
-    def speeds_to_try(self, fastest: float) -> list[dict[str, float]]:  # noqa: ARG002
-        """Return choices of the time constant."""
-        return [{"damping_drift_time": time} for time in BENDS]
+    def guesses(self, scale: Scale) -> list[dict[str, float]]:
+        """Return lines, and courses that bend within the record, by which the drag changes in it."""
+        found = [
+            {"damping_drift_rate": change / scale.seconds, "damping_drift_time": LINE} for change in CHANGES
+        ]
+        for time in (max(1.0, share * scale.seconds) for share in COURSES):
+            found += [{"damping_drift_rate": change / time, "damping_drift_time": time} for change in CHANGES]
+        return found
 
     def sensible(self, values: Mapping[str, float], deviations: Mapping[str, float]) -> str:
         """Return why ``values`` make no sense: no oil changes its drag tenfold within a record."""
@@ -112,6 +117,10 @@ class PeriodicForce(Effect):
         found |= {name: replace(found[name], scale=size, absolute=True) for name, size in scales.items()}
         found["force_frequency"] = replace(found["force_frequency"], low=LOWEST)
         return list(found.values())
+
+    def guesses(self, scale: Scale) -> list[dict[str, float]]:
+        """Return the lines that stand out of what the base leaves."""
+        return [dict(zip(self.fitted, peak, strict=True)) for peak in scale.peaks]
 
     def shapes(self, motion: Motion) -> list[dict[str, float]]:
         """Return the shapes to try."""

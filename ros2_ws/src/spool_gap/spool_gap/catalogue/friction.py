@@ -10,7 +10,7 @@ from spool_core.kernels.compiled import compiled
 from spool_core.numbers import Array
 from spool_sim.terms import term
 
-from spool_gap.effect import Effect, Motion, scan
+from spool_gap.effect import SHARES, Effect, Motion, Scale, scan
 
 #: Share of the force at speed by which the force at rest exceeds it at least: less is Coulomb friction.
 LEAST_EXCESS = 0.1
@@ -18,6 +18,9 @@ LEAST_EXCESS = 0.1
 FASTEST = 0.3
 #: m/s, choices of gamma_m.
 VELOCITIES = (0.003, 0.006, 0.012, 0.025, 0.05)
+#: Stribeck velocities over the motion's speed, m/s at which contacts fall, and travels before sliding over
+#: the motion's that are tried.
+SLOW, CONTACTS, TRAVELS = (0.05, 0.2, 0.6), (0.01, 0.05, 0.2), (0.01, 0.06, 0.25)
 #: m of travel before sliding below which no record of an accelerometer shows any.
 SHORTEST = 1e-7
 
@@ -75,14 +78,6 @@ class AsymmetricFriction(Effect):
         half = float(np.clip(half, -0.9 * mean, 0.9 * mean))
         return {"forward_force": mean + half, "backward_force": mean - half}
 
-    def starts(self, values: Mapping[str, float], reach: float) -> list[dict[str, float]]:  # noqa: ARG002
-        """Return a start to both sides: the regression does not see the difference."""
-        mean = 0.5 * (values["forward_force"] + values["backward_force"])
-        return [
-            {"forward_force": (1.0 + side) * mean, "backward_force": (1.0 - side) * mean}
-            for side in (0.3, -0.3)
-        ]
-
     def sensible(self, values: Mapping[str, float], deviations: Mapping[str, float]) -> str:
         """Return why ``values`` make no sense: the two forces must differ."""
         difference = abs(values["forward_force"] - values["backward_force"])
@@ -133,14 +128,18 @@ class StribeckFriction(Effect):
             **shape,
         }
 
-    def speeds_to_try(self, fastest: float) -> list[dict[str, float]]:
-        """Return choices of the Stribeck velocity."""
-        return [{"stribeck_velocity": velocity} for velocity in scan(0.02 * fastest, 0.6 * fastest, 6)]
-
-    def acting_like(self, contained: Mapping[str, float]) -> dict[str, float]:
-        """Return a static force that exceeds Coulomb friction a little."""
-        force = contained["coulomb_force"]
-        return {"coulomb_force": 0.9 * force, "static_force": 1.2 * force, "stribeck_exponent": 1.0}
+    def guesses(self, scale: Scale) -> list[dict[str, float]]:
+        """Return forces at speed and at rest, and Stribeck velocities."""
+        return [
+            {
+                "coulomb_force": 0.7 * share * scale.force,
+                "static_force": 1.3 * share * scale.force,
+                "stribeck_velocity": slow * scale.speed,
+                "stribeck_exponent": 2.0,
+            }
+            for share in SHARES
+            for slow in SLOW
+        ]
 
     def sensible(self, values: Mapping[str, float], deviations: Mapping[str, float]) -> str:
         """Return why ``values`` make no sense: friction at rest must exceed friction at speed."""
@@ -167,9 +166,19 @@ class MixedFriction(Effect):
         """Return the shapes to try."""
         return [{"mixed_velocity": velocity} for velocity in VELOCITIES]
 
-    def speeds_to_try(self, fastest: float) -> list[dict[str, float]]:  # noqa: ARG002
-        """Return choices of the velocity."""
-        return [{"mixed_velocity": velocity} for velocity in VELOCITIES]
+    def guesses(self, scale: Scale) -> list[dict[str, float]]:
+        """Return contacts that fall at some speed, with and without a film's part."""
+        load = next(p.start for p in term("mixed_friction").parameters if p.name == "normal_load")
+        return [
+            {
+                "mixed_root_coefficient": film * share * scale.force / load / math.sqrt(scale.speed),
+                "mixed_inverse_coefficient": share * scale.force * slow / load,
+                "mixed_velocity": slow,
+            }
+            for share in SHARES
+            for slow in CONTACTS
+            for film in (0.0, 0.5)
+        ]
 
     def signature(self, motion: Motion, shape: Mapping[str, float]) -> Array:
         """Return both parts for a few velocities gamma_m."""
@@ -193,12 +202,6 @@ class MixedFriction(Effect):
             "mixed_inverse_coefficient": inverse / load,
             **shape,
         }
-
-    def acting_like(self, contained: Mapping[str, float]) -> dict[str, float]:
-        """Return contacts that hardly fall with speed."""
-        load = next(p.start for p in term("mixed_friction").parameters if p.name == "normal_load")
-        share = 0.2 * contained["coulomb_force"] / load
-        return {"mixed_root_coefficient": 0.0, "mixed_inverse_coefficient": share, "mixed_velocity": 0.2}
 
     def sensible(self, values: Mapping[str, float], deviations: Mapping[str, float]) -> str:
         """Return why ``values`` make no sense: contacts must fall with speed at the speeds of a spool."""
@@ -224,6 +227,17 @@ class PreslidingFriction(Effect):
         """Return the shapes to try."""
         largest = motion.largest_displacement
         return [{"travel": travel} for travel in scan(2e-3 * largest, 0.5 * largest, 9)]
+
+    def guesses(self, scale: Scale) -> list[dict[str, float]]:
+        """Return forces, and travels over which they build up."""
+        return [
+            {
+                "dahl_force": share * scale.force,
+                "dahl_stiffness": share * scale.force / (travel * scale.travel),
+            }
+            for share in SHARES
+            for travel in TRAVELS
+        ]
 
     def signature(self, motion: Motion, shape: Mapping[str, float]) -> Array:
         """Return Dahl's state for a row of travels."""

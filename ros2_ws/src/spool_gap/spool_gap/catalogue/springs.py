@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 from spool_core.numbers import Array
+from spool_estimator.identification.least_squares import Unknown
 
-from spool_gap.effect import Effect, Motion, scan
+from spool_gap.effect import Effect, Motion, Scale, scan
 
 #: Stiffness of a contact over that of the spring, at least.
 STIFFER = 8.0
+#: Dead zones and clearances over the largest travel that are tried.
+PLAYS, GAPS = (0.01, 0.04, 0.12, 0.3, 0.6), (0.7, 0.8, 0.86, 0.9, 0.93, 0.95, 0.97, 0.985, 1.0, 1.03)
 
 
 class CubicStiffness(Effect):
@@ -24,6 +28,10 @@ class CubicStiffness(Effect):
     picture = "displacement"
     confusable_with = ("end_stop", "spring_backlash", "spring_preload")
     distinguished_by = "amplitudes from small to the whole stroke"
+
+    def unit(self, scale: Scale) -> float:
+        """Return the coefficient whose force is that of ``scale``."""
+        return scale.force / scale.travel**3
 
     def signature(self, motion: Motion, shape: Mapping[str, float]) -> Array:  # noqa: ARG002
         """Return z^3."""
@@ -42,6 +50,10 @@ class SpringBacklash(Effect):
     local_minima = True
     confusable_with = ("cubic_stiffness", "spring_preload", "presliding_friction")
     distinguished_by = "amplitudes from below the dead zone to the stroke"
+
+    def guesses(self, scale: Scale) -> list[dict[str, float]]:
+        """Return dead zones."""
+        return [{"backlash": share * scale.travel} for share in PLAYS]
 
     def shapes(self, motion: Motion) -> list[dict[str, float]]:
         """Return the shapes to try."""
@@ -75,6 +87,14 @@ class SpringPreload(Effect):
     local_minima = True
     confusable_with = ("cubic_stiffness", "spring_backlash")
     distinguished_by = "amplitudes from below the give of the seats to the stroke"
+
+    def guesses(self, scale: Scale) -> list[dict[str, float]]:
+        """Return forces, and travels over which they build up."""
+        return [
+            {"preload_force": share * scale.force, "preload_travel": travel * scale.travel}
+            for share in (0.05, 0.2, 0.6)
+            for travel in (0.01, 0.06, 0.2)
+        ]
 
     def shapes(self, motion: Motion) -> list[dict[str, float]]:
         """Return the shapes to try."""
@@ -126,22 +146,30 @@ class EndStop(Effect):
             "stop_damping": 1.0,
         }
 
-    def starts(self, values: Mapping[str, float], reach: float) -> list[dict[str, float]]:
-        """Return several contact laws: the regression smooths a contact that lasts few samples."""
-        return [dict(values)] + [
+    def guesses(self, scale: Scale) -> list[dict[str, float]]:
+        """Return clearances and contact laws: a contact lasts few samples."""
+        return [
             {
-                "stop_gap": share * reach,
+                "stop_gap": share * scale.travel,
                 "stop_stiffness": stiffness,
                 "stop_dissipation": loss,
                 "stop_damping": 1.0,
             }
-            for share in (0.8, 0.87, 0.91, 0.94, 0.96, 0.98, 0.99, 1.0)
-            for stiffness in (6e4, 2e5, 6e5)
-            for loss in (0.5, 4.0, 12.0)
+            for share in GAPS
+            for stiffness in (6e4, 3e5)
+            for loss in (0.5, 4.0)
+        ]
+
+    def unknowns(self, values: Mapping[str, float], seconds: float) -> list[Unknown]:
+        """Return its numbers; what gives way like a spring is no stop."""
+        least = STIFFER * values.get("spring_stiffness", 0.0)
+        found = super().unknowns(values, seconds)
+        return [
+            replace(one, low=min(least, one.high)) if one.name == "stop_stiffness" else one for one in found
         ]
 
     def sensible(self, values: Mapping[str, float], deviations: Mapping[str, float]) -> str:
         """Return why ``values`` make no sense: what gives way like a spring is no stop."""
-        if values["stop_stiffness"] < STIFFER * values.get("spring_stiffness", 0.0):
+        if values["stop_stiffness"] <= 1.001 * STIFFER * values.get("spring_stiffness", 0.0):
             return f"stop_stiffness is not even {STIFFER:g} times the spring's"
         return super().sensible(values, deviations)

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 
 from spool_core.errors import InputError
 from spool_core.uncertainty import Quantity, Validity
+from spool_estimator.identification.chain import CHAIN_PARTS
 from spool_estimator.identification.fit_result import explains_nothing
 from spool_estimator.identification.free_run import excitation_limit
 from spool_estimator.identification.nuisances import Nuisance
@@ -30,9 +31,9 @@ from spool_gap.evidence.intervals import Numbers, numbers_of, profiles_of
 from spool_gap.evidence.look import Look, as_stuck, jitter_of, look_at, sentence
 from spool_gap.likelihood.kernel import motions_for
 from spool_gap.likelihood.prediction import Prediction, Predictions
-from spool_gap.likelihood.search import COMPARED, Search, senseless
-from spool_gap.likelihood.structure import CHAIN_PARTS, Structure, structure_of
-from spool_gap.likelihood.structure_fit import LOOSENESS, StructureFit, fit_structure
+from spool_gap.likelihood.search import Search, senseless
+from spool_gap.likelihood.structure import Structure, structure_of, told
+from spool_gap.likelihood.structure_fit import StructureFit, fit_structure
 from spool_gap.report import (
     CHECK_COLOURED,
     looks_like,
@@ -135,9 +136,9 @@ class Run:
                 names = [quantity.name for effect in result.effects for quantity in effect.parameters]
                 own = profiles_of(self.predictions, decision.fit, decision.numbers, names)
                 result = replace(result, profiles=own)
-        hurried = "the search stopped early with the best result so far; pass --thorough for a full search"
-        told = (hurried,) if late else ()
-        result = replace(result, warnings=(*self.look.warnings, *told, *result.warnings))
+        hurried = ("the search stopped early with the best result so far; pass --thorough for a full search",)
+        warnings = (*self.look.warnings, *(hurried if late else ()), *result.warnings)
+        result = replace(result, warnings=warnings)
         return as_stuck(result) if self.look.stuck else result
 
     def judged(self, decision: Decision) -> tuple[Judged, Judged]:
@@ -247,7 +248,7 @@ def words_of(
     power = (after.agreement.nrmse / max(after.floor, 1e-12)) ** 2
     remainder = _remainder(decision, power, before, after) if open_ else None
     values, deviations = decision.fit.structure.values, decision.numbers.deviations
-    nuisances = [*look.nuisances, *(CHAIN_PARTS[key].told(values, deviations) for key in decision.parts)]
+    nuisances = [*look.nuisances, *(told(CHAIN_PARTS[key], values, deviations) for key in decision.parts)]
     if jitter is not None:
         nuisances.append(jitter)
     elif not open_ and power > COLOURED and not decision.fit.structure.jumps:
@@ -275,10 +276,10 @@ def words_of(
     # A name beside a remainder may be the nearest law's; a model that explains nothing is no evidence.
     capped = doubtful or (open_ and (bool(names) or not decision.unexplained))
     confidence = min(decision.confidence, DOUBTFUL) if capped else decision.confidence
-    told = (EFFECTS[name].distinguished_by for name in (*names, *candidates) if name in EFFECTS)
+    apart = (EFFECTS[name].distinguished_by for name in (*names, *candidates) if name in EFFECTS)
     return Words(
         verdict, confidence, text, tuple(names), candidates, remainder, tuple(nuisances),
-        "; ".join(dict.fromkeys(one for one in told if one)), tuple(warnings), extra=extra,
+        "; ".join(dict.fromkeys(one for one in apart if one)), tuple(warnings), extra=extra,
         alternatives=tuple(alternatives),
     )  # fmt: skip
 
@@ -291,7 +292,7 @@ def _alternatives(decision: Decision, members: Sequence[tuple[str, ...]]) -> lis
         share = sum(other.share for other in decision.others if other.effects == names)
         numbers = tuple(quantity for name in names for quantity in _own(one.numbers, name))
         chain = one.fit.structure
-        parts = [CHAIN_PARTS[key].told(chain.values, one.numbers.deviations) for key in chain.parts]
+        parts = [told(CHAIN_PARTS[key], chain.values, one.numbers.deviations) for key in chain.parts]
         apart = "; ".join(dict.fromkeys(EFFECTS[name].distinguished_by for name in names))
         found.append(Explanation(names, share, numbers, tuple(parts), apart))
     return found
@@ -302,8 +303,8 @@ def _bridging(predictions: Predictions, base: Structure) -> Predictions:
 
     They are several samples long, and no curve through the others restores them as well as a model.
     """
-    rough = fit_structure(predictions, base, [one for one in LOOSENESS if one >= COMPARED])
-    return Predictions([part.bridged(rough.structure, COMPARED) for part in predictions.parts])
+    rough = fit_structure(predictions, base)
+    return Predictions([part.bridged(rough.structure) for part in predictions.parts])
 
 
 def _assembled(
@@ -406,7 +407,7 @@ def _ranked(search: Search, decision: Decision, held: HeldOut, after: Judged) ->
     others.sort(key=lambda fit: (len(fit.structure.effects), -fit.evidence))
     return [
         _row(taken, decision, after),
-        *(_row(fit, decision, held.judged(fit)) for fit in others[: RANKED - 1]),
+        *(_row(fit, decision, held.judged(fit, refitted=False)) for fit in others[: RANKED - 1]),
     ]
 
 

@@ -27,7 +27,6 @@ from spool_gap.likelihood.remainder import patterns_of, phase_kept
 from spool_gap.likelihood.rest import (
     Rest,
     TwoForces,
-    foreseen,
     rest_of,
     share_between,
     share_of_effect,
@@ -35,7 +34,7 @@ from spool_gap.likelihood.rest import (
     split_by_direction,
     two_forces,
 )
-from spool_gap.likelihood.search import CLOSE, DECISIVE, Search, senseless
+from spool_gap.likelihood.search import DECISIVE, Search, senseless
 from spool_gap.likelihood.structure import DELAY, GAIN, Structure
 from spool_gap.likelihood.structure_fit import StructureFit, fit_structure
 from spool_gap.result import UNEXPLAINED, GapSettings
@@ -54,9 +53,6 @@ RIGHTLY_UNEXPLAINED = 0.5
 BEYOND = 2.0
 #: Delay of a low-pass far below its corner over 1 over the corner in Hz (Butterworth, second order).
 FILTERED = math.sqrt(2.0) / (2.0 * math.pi)
-#: Evidence of a remainder in a free run over that in prediction errors, at least. In cases of development it
-#: was 0.008 for vibration across the axis, and 0.3 to 4 for laws.
-RUNS = 0.1
 #: Share of what a named effect changes that may be left unexplained beside it, and by which a plainer law may
 #: leave more.
 MOST_LEFT = 0.1
@@ -182,13 +178,14 @@ def decide(
         for name in [one for one in named if shares.get(one, 0.0) < least]:
             named.remove(name)
             refused[name] = "the remainder is too large for this law to be right"
+    standing = [one for one in standing if not _as_plain(predictions, one, chosen, settings.least_share)]
     odds = _evidence_of_sets(standing, fit, chosen, refused)
     # Where the evidence decides for a richer law and a free run sees no difference, neither is chosen.
     count = len(chosen.structure.effects)
     undecided = [
         one
         for one in richer
-        if len(one.structure.effects) == count and one.evidence > chosen.evidence + CLOSE
+        if len(one.structure.effects) == count and one.evidence > chosen.evidence + DECISIVE
     ]
     odds |= {_joined(one): max(odds.values()) + DECISIVE for one in undecided}
     standing += undecided
@@ -340,9 +337,6 @@ def _left(
     rest = replace(smooth, gain=smooth.gain / dispersion)
     # A free run that leaves no more than noise explains the record, whatever its prediction errors follow.
     matters = rest.share >= least[0] and judged.agreement.nrmse > judged.floor
-    # Nor does a sensor's own error, which is in the measured motion, too, and not in that of a free run.
-    if matters and rest.gain > DECISIVE:
-        matters = foreseen(predictions, fit, rest.follows) > RUNS * smooth.gain
     known = rest.share if matters and rest.gain > DECISIVE else 0.0
     for one in patterns_of(predictions, fit):
         # A pattern beside which noise leaves more is none that a user would look for.
@@ -426,10 +420,21 @@ def _plainest(
                     if shown < settings.least_share
                     else f"the free-run error of {plain.replace('_', ' ')} is also within noise"
                 )
-                left.append(fit)
+                if shown >= settings.least_share:
+                    left.append(fit)
                 fit = other
                 break
     return fit
+
+
+def _as_plain(predictions: Predictions, one: StructureFit, plain: StructureFit, least: float) -> bool:
+    """Whether laws of ``one`` contain those of ``plain`` and differ from them by less than ``least``."""
+    own, other = set(one.structure.effects), set(plain.structure.effects)
+    richer, laws = own - other, other - own
+    if not laws or laws != {law for name in richer for law in EFFECTS[name].replaces if law in laws}:
+        return False
+    terms = [tuple(term for name in names for term in EFFECTS[name].terms) for names in (richer, laws)]
+    return share_between(predictions, one, terms[0], plain, terms[1]) < least
 
 
 def _gain(plainer: Judged, richer: Judged) -> float:
@@ -477,7 +482,7 @@ def _by_direction(
     mean = numbers.of("coulomb_force")
     assert mean is not None
     structure = split_by_direction(fit.structure, forces.ratio)
-    again = fit_structure(predictions, structure, (fit.looseness,), steps=0)
+    again = fit_structure(predictions, structure, steps=0)
     # A moving spool shows their mean; their difference has the error of the start.
     deviation = math.hypot(mean.standard_deviation, mean.value * forces.deviation)
     place = list(numbers.deviations).index("coulomb_force")

@@ -115,23 +115,24 @@ class HeldOut:
         if key not in self._known:
             steps = STEPS if refitted else 0
             with self.apart():
-                again = fit_structure(self._predictions, fit.structure, (fit.looseness,), steps=steps)
-                found = self._judged(again.structure, fit.looseness)
+                again = fit_structure(self._predictions, fit.structure, steps=steps)
+                found = self._judged(again.structure)
             self._known[key] = found if refitted else replace(found, rows=[])
         return self._known[key]
 
-    def _judged(self, one: Structure, looseness: float) -> Judged:
+    def _judged(self, one: Structure) -> Judged:
         measured = noise = 0.0
         rows, windows = [], []
         ratios: list[tuple[Array, Array, Array]] = []
         for part in self._predictions.parts:
-            predicted, found = part.free_run(one, looseness)
+            found = part.responses([one])
+            predicted = found.acceleration[0]
             error = part.counted_lines(part.spool - predicted)[part.held]
             reading = part.counted_lines(part.spool)[part.held]
             windows.append(np.sum(np.abs(error) ** 2, axis=1))
             measured += float(np.sum(np.abs(reading) ** 2))
             noise += part.noise_of(one, int(part.held.sum()))
-            rows.append(np.array([part.spool, predicted, found.displacement, found.velocity]))
+            rows.append(np.array([part.spool, predicted, found.displacement[0], found.velocity[0]]))
             # Samples left out would leak into quiet bands, in one row and not in the other.
             whole = [_power(part.lines_of(row)[part.held]) for row in (part.spool, predicted)]
             ratios.append((part.lines, whole[0], whole[1]))
@@ -149,8 +150,7 @@ class HeldOut:
         parts = []
         for part, rows, windows in zip(self._predictions.parts, judged.rows, self.windows, strict=True):
             inside = part.samples_of(windows)
-            record = part.readings.record
-            time = record.first_sample * record.sample_period + np.arange(part.size) * part.period
+            time = part.time + np.arange(part.size) * part.period
             error = rows[0] - rows[1]
             parts.append(np.array([time, rows[2], rows[3], values["mass"] * error])[:, inside])
         time, z, v, force = np.concatenate(parts, axis=1)
@@ -166,13 +166,13 @@ class HeldOut:
             zip(self._predictions.parts, before.rows, self.windows, strict=True)
         ):
             error = part.windows_of(rows[0] - rows[1])
-            for place in np.flatnonzero(windows & (np.arange(part.windows) > 0)).tolist():
+            for place in np.flatnonzero(windows).tolist():
                 best = max(best, (float(np.sum(error[place] ** 2)), number, place))
         _, number, place = best
         part = self._predictions.parts[number]
         count = part.windows_of(part.spool).shape[1]
         cut = slice(place * count, (place + 1) * count)
-        time = part.readings.time + np.arange(cut.start, cut.stop, dtype=np.float64) * part.period
+        time = part.time + np.arange(cut.start, cut.stop, dtype=np.float64) * part.period
         spectra = [self._density(number, row) for row in (
             before.rows[number][0],
             before.rows[number][0] - before.rows[number][1],

@@ -5,12 +5,10 @@ maximum gives the covariance of the numbers. Errors that go with the motion, as 
 law that is a little wrong, repeat from line to line; each window of a second then pulls the numbers another
 way than chance allows. The sandwich of curvature and of the scatter of the windows' pulls counts that. Where
 a force jumps, its instants scatter, and slopes over short steps seem to tell more than they do: the wider
-interval of two lengths of step counts. Under the right model, two corrections of different strength give the
-same numbers but for chance; the largest difference to those of the next corrections is added to the interval.
+interval of two lengths of step counts.
 
 Sources: Huber, 1967; White, 1982 (sandwich); Murphy and van der Vaart, JASA 95, 2000 (profile likelihood);
-Raue and others, Bioinformatics 25, 2009 (what a profile shows); Hausman, Specification tests in
-econometrics, 1978 (two estimators).
+Raue and others, Bioinformatics 25, 2009 (what a profile shows).
 """
 
 from __future__ import annotations
@@ -25,8 +23,7 @@ from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.identification.determination import RISE_95, ProfileLikelihood, verdict_of
 
 from spool_gap.likelihood.prediction import Predictions
-from spool_gap.likelihood.search import COMPARED
-from spool_gap.likelihood.structure_fit import LOOSENESS, Curvature, StructureFit, curvature_of, fit_structure
+from spool_gap.likelihood.structure_fit import Curvature, StructureFit, curvature_of, fit_structure
 
 #: Lengths of the steps that slopes of intervals are taken over, in those of a fit.
 WIDENED = (1.0, 10.0)
@@ -128,18 +125,9 @@ def profiles_of(
 
 
 def refined(predictions: Predictions, fit: StructureFit) -> tuple[StructureFit, Numbers]:
-    """Return ``fit`` fitted to its end, and its numbers with what other corrections make of them."""
-    again = fit_structure(predictions, fit.structure, (fit.looseness,), enough=EXACT)
-    numbers = numbers_of(predictions, again)
-    place = LOOSENESS.index(again.looseness)
-    around = (*LOOSENESS[max(0, place - 1) : place], *LOOSENESS[place + 1 : place + 2])
-    nearest = [one for one in around if one <= COMPARED]
-    others = [fit_structure(predictions, again.structure, (one,), enough=EXACT).structure for one in nearest]
-    quantities = []
-    for one in numbers.quantities:
-        moved = max(abs(other.values[one.name] - one.value) for other in others)
-        quantities.append(replace(one, standard_deviation=math.hypot(one.standard_deviation, moved)))
-    return again, replace(numbers, quantities=tuple(quantities))
+    """Return ``fit`` fitted to its end, and its numbers."""
+    again = fit_structure(predictions, fit.structure, enough=EXACT)
+    return again, numbers_of(predictions, again)
 
 
 def _by_window(predictions: Predictions, rows: Array) -> Array:
@@ -184,9 +172,7 @@ def _side(
     start = fit.structure
     for step in STEPS:
         value = min(max(best + side * step * spread, unknown.low), unknown.high)
-        held = fit_structure(
-            predictions, start.moved({name: value}), (fit.looseness,), held=frozenset({name}), steps=6
-        )
+        held = fit_structure(predictions, start.moved({name: value}), held=frozenset({name}), steps=6)
         rise = max(0.0, 2.0 * (fit.log_likelihood - held.log_likelihood) / widened)
         yield value, rise, held
         start = held.structure

@@ -1,33 +1,26 @@
 """One kernel for every structure: all terms of the catalogue compiled together, each with a switch.
 
 A separate kernel for each structure would be compiled at its first use, for seconds each. Here a term
-whose switch is 0 costs one comparison. The step is that of :mod:`spool_sim.integration.stepping`; slopes come
-with :mod:`spool_gap.likelihood.slope_stepping`.
+whose switch is 0 costs one comparison. The step is that of :mod:`spool_sim.integration.stepping`.
 """
 
 from __future__ import annotations
 
-import ast
-import dis
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from pathlib import Path
 from types import ModuleType
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import linalg
 from spool_core.errors import InputError
 from spool_core.numbers import Array
 from spool_sim.integration import composition
-from spool_sim.integration.composed_motion import ComposedMotion, Correction, substeps_for
+from spool_sim.integration.composed_motion import ComposedMotion, MotionState, substeps_for
 from spool_sim.model import Model
 from spool_sim.terms import TERMS, Parameter, Term, term
 
 from spool_gap.catalogue import EFFECTS
-from spool_gap.likelihood import slope_stepping
 
 ALWAYS = ("inertia", "spring", "viscous_friction")
 #: Switch of all terms together that do more than slide, but those of ``ALWAYS``: most hypotheses have none.
@@ -36,8 +29,6 @@ PUSHING = "pushing"
 INNERMOST = ("smooth", "sliding", "remembered")
 #: Most steps per sample that a structure may ask for; a stiffer one is stepped more coarsely.
 MOST_SUBSTEPS = 8
-#: Step for the slopes of a law in the motion, over the motion's typical size.
-SMALL = 1e-5
 #: How much longer a step may be than the simulator's where no force has kinks, and how much longer still as
 #: to the excitation: a fit compares with noise, so an error of 1e-4 of the signal will do.
 COARSER, SMOOTHER = 2.0, 1.7
@@ -98,85 +89,12 @@ class SwitchableMotion(ComposedMotion):
 
     def warm_up(self) -> None:
         """Compile what analyses use of the kernel, or load it from the disk."""
-        sets, first = self.row(ALWAYS, {})[np.newaxis], np.zeros(1, dtype=np.int64)
-        self.predict_batch(
-            np.zeros((1, 3)), np.zeros((1, 1)), np.ones(1), sets, rows=(first, first),
-            correction=Correction(0.0, 0.0, 1.0), sample_period=1e-3, substeps=1, means=False,
+        sets = self.row(ALWAYS, {})[np.newaxis]
+        self.read_batch(
+            MotionState(0.0, 0.0, 0.0), np.zeros((1, 3)), sets[:, np.newaxis],
+            rows=np.zeros(1, dtype=np.int64), sample_period=1e-3, substeps=1,
         )  # fmt: skip
         self.forces(np.zeros(1), np.zeros(1), sets, sample_period=1e-3)
-
-    def predict_with_slopes(
-        self,
-        body_acceleration: Array,
-        measured: Array,
-        heard: Array,
-        sets: Array,
-        *,
-        forced: tuple[Array, NDArray[np.int64]],
-        shifted: tuple[Array, NDArray[np.int64]],
-        correction: Correction,
-        sample_period: float,
-        substeps: int,
-        means: bool,
-        begin: float = 0.0,
-    ) -> tuple[Array, Array, Array, Array]:
-        """Predict as ``predict_batch`` does for one set, and how the errors change with u numbers.
-
-        Args:
-            body_acceleration: m/s^2, shape (2 n substeps + 1,); ``measured``, ``heard``: shape (n,).
-            sets: the parameters, and these with each number but the mass changed by a small step, shape
-                (1 + u, p).
-            forced: changes of the body's acceleration by a number of the measuring chain, m/s^2, shape
-                (r, 2 n substeps + 1), and the row of each number, -1 for none, shape (u,).
-            shifted: the same for what was measured, shape (r, n) and (u,).
-            correction, sample_period, substeps, means, begin: as there.
-
-        Returns:
-            Errors, displacement and velocity, shape (n,) each, and the change of the errors with each number,
-            shape (u, n), over its step.
-        """
-        samples, count = measured.size, sets.shape[0] - 1
-        step = sample_period / substeps
-        mass = float(sets[0, self.columns["inertia", "mass"]])
-        valve = np.zeros((count + 1, 2))
-        for place, column in enumerate(
-            (("spring", "spring_stiffness"), ("viscous_friction", "viscous_coefficient"))
-        ):
-            values = sets[:, self.columns[column]]
-            valve[0, place], valve[1:, place] = values[0], (values[0] - values[1:]) / mass
-        stiffness, drag = valve[0].tolist()
-        linear = np.concatenate(
-            [transition(mass, stiffness, drag, one).ravel() for one in (step, 0.5 * step)]
-        )
-        natural = math.sqrt(max(abs(stiffness), 1.0) / mass)
-        speed = max(float(body_acceleration.std()), 1e-3) / natural
-        found, slopes = np.empty((3, samples)), np.zeros((samples, count))
-        self._kernel.predict_slopes_kernel(
-            body_acceleration, measured, heard, step, substeps,
-            self._packed(np.ascontiguousarray(sets, dtype=np.float64)), self._acting(sets), valve, linear,
-            *forced, *shifted, SMALL * speed / natural, SMALL * speed,
-            correction.displacement, correction.velocity, correction.largest, means, begin, *found, slopes,
-        )  # fmt: skip
-        return *found, np.ascontiguousarray(slopes.T)
-
-    def _acting(self, sets: Array) -> tuple[NDArray[np.int64], ...]:
-        """Return the numbers of the terms that act in ``sets``, as ``slope_stepping.Terms``."""
-        places = {number: entry for number, entry in enumerate(self.terms) if entry.name in self.switches}
-        acting = [number for number, entry in places.items() if sets[0, self.switches[entry.name]] != 0.0]
-        changed = [set(np.flatnonzero(row != sets[0])) for row in sets[1:]]
-        of = {
-            number: {self.columns[places[number].name, one.name] for one in places[number].parameters}
-            for number in acting
-        }
-        owners = [[number for number in acting if of[number] & columns] for columns in changed]
-        table = np.full((len(owners), max(map(len, owners), default=0) + 1), -1)
-        for row, numbers in zip(table, owners, strict=True):
-            row[: len(numbers)] = numbers
-        by_place, by_speed = (
-            [number for number in acting if depends_on(places[number], names)]
-            for names in (("z",), ("v", "speed"))
-        )
-        return *(np.array(one, dtype=np.int64) for one in (acting, by_place, by_speed)), table
 
     def _packed(self, parameters: Array) -> NDArray[np.void]:
         # A record goes to a function as its address; dozens of numbers by value cost more than the laws.
@@ -185,14 +103,6 @@ class SwitchableMotion(ComposedMotion):
     def has(self, active: Sequence[str]) -> bool:
         """Whether all terms of ``active`` are compiled in."""
         return all(name in ALWAYS or name in self.switches for name in active)
-
-    def has_slopes(self, active: Sequence[str]) -> bool:
-        """Whether a run with the terms ``active`` gives slopes that a fit can use.
-
-        A term that remembers has none here. After some hits at a stop a small change is anything, and
-        differences over steps of some length are the better guide.
-        """
-        return not any(_remembers_or_hits(term(name)) for name in active)
 
     def row(self, active: Sequence[str], values: Mapping[str, float]) -> Array:
         """Return a set with the terms ``active`` switched on, shape (width,); what is not given starts.
@@ -222,30 +132,6 @@ class SwitchableMotion(ComposedMotion):
         return sorted(
             {place for (name, own), place in self.columns.items() if own == parameter and name in active}
         )
-
-
-@lru_cache(maxsize=64)
-def depends_on(entry: Term, names: tuple[str, ...]) -> bool:
-    """Whether a force of ``entry`` uses an argument of one of ``names``."""
-    laws = [entry.uncompiled(law) for law in ("force_law", "sliding_law")]
-    return any(one.argval in names for law in laws if law is not None for one in dis.get_instructions(law))
-
-
-def transition(mass: float, stiffness: float, drag: float, period: float) -> Array:
-    """Return how displacement and velocity of the linear valve follow from what they were, shape (2, 5).
-
-    Columns: displacement, velocity, and the coefficients of the body's acceleration a + b u + d u^2, where u
-    is the share of ``period`` (s) that has passed.
-    """
-    rates = np.zeros((5, 5))
-    rates[0, 1], rates[1, :2] = period, (-period * stiffness / mass, -period * drag / mass)
-    rates[1, 2], rates[2, 3], rates[3, 4] = -period, 1.0, 2.0
-    return np.asarray(linalg.expm(rates)[:2])
-
-
-def _remembers_or_hits(entry: Term) -> bool:
-    contact = "levels_law" in entry.laws and depends_on(entry, ("v",))
-    return "memory_law" in entry.laws or contact
 
 
 def _places(terms: Sequence[Term]) -> tuple[dict[tuple[str, str], int], dict[str, int], int]:
@@ -328,8 +214,6 @@ def laws_source(terms: Sequence[Term]) -> str:
          [f"return ({tuple_of([f'state[{3 + place}]' for place in range(kept)])})"]),
         (f"smooth(z: float, v: float, t: float, x: {numbers}, q: np.void) -> float",
          ["total = 0.0", *smooth, "return total"]),
-        ("term_force(number: int, z: float, v: float, t: float, s: float, q: np.void) -> float",
-         [*_one_by_one(terms), "return 0.0"]),
         ("sliding(z: float, speed: float, s: float, q: np.void) -> float",
          ["total = 0.0", *sliding, "return total"]),
         ("rest(z: float, q: np.void) -> tuple[float, float]",
@@ -353,26 +237,6 @@ def laws_source(terms: Sequence[Term]) -> str:
     return "\n".join(text) + "\n"
 
 
-def _one_by_one(terms: Sequence[Term]) -> list[str]:
-    """Return lines that give the force of the term called ``number``, of those that do not remember."""
-    columns, switches, _ = _places(terms)
-    lines: list[str] = []
-    for number, entry in enumerate(terms):
-        if entry.name not in switches or "memory_law" in entry.laws:
-            continue
-        ends = "".join(f", q.c{columns[entry.name, p.name]}" for p in entry.parameters)
-        parts = [f"force_law_{number}(z, v, t{ends})"] if "force_law" in entry.laws else []
-        if "sliding_law" in entry.laws:
-            parts.append(f"s * sliding_law_{number}(z, max(s * v, 0.0), s{ends})")
-        lines += [f"if number == {number}:", f"    return {' + '.join(parts)}"]
-    return lines
-
-
 @lru_cache(maxsize=16)
 def _kernel(names: tuple[str, ...]) -> ModuleType:
-    stepping = composition.kernel_with(laws_source([term(name) for name in names]))
-    # The slopes' kernel without what laws and stepping bring.
-    text = Path(slope_stepping.__file__).read_text("utf-8")
-    stand_in = next(node for node in ast.parse(text).body if isinstance(node, ast.FunctionDef))
-    own = "\n".join(text.splitlines()[stand_in.end_lineno :])
-    return composition.load_kernel(f"{stepping}\n\n{own}")
+    return composition.load_kernel(composition.kernel_with(laws_source([term(name) for name in names])))

@@ -1,160 +1,127 @@
-"""Likelihood of a structure: errors of predicting each sample of the spool from those before it.
+"""Likelihood of a structure: what it leaves of the spool's reading in a free run.
 
-A structure is the base, effects of the catalogue and parts of the measuring chain. Its motion is
-simulated from the measured body acceleration, and after each sample the error of the predicted spool
-acceleration corrects displacement and velocity by constant factors: those of the stationary Kalman
-filter of the valve as described, whose input noise is ``looseness`` of the excitation or the body
-sensor's noise, whichever is larger. For a linear valve the errors are those of a free run through a
-monic filter, so that no information is lost; where the motion is sensitive to its start (play, stops),
-the correction keeps the simulated motion at the measured one. A loose correction follows any motion:
-from there fits converge from afar, and are then tightened.
+A structure is the base, effects of the catalogue, parts of the measuring chain and the low-pass of the
+logger. Its motion is simulated from the measured body acceleration, and what the spool's channel reads of it
+is compared with the record.
 
-The errors are cut into windows of a second and bands of frequency. In each of these tiles they are noise
-of an unknown level, whose maximum-likelihood estimate is their power, so that the log likelihood is the
-sum of -n/2 log(power): neither coloured noise nor noise that comes and goes needs a model, and all
-structures are compared on the same samples.
+The rest is cut into windows of a second and bands of frequency. In each of these tiles it is noise of an
+unknown level: its power, or the median of its band where that is more. Neither coloured noise nor noise that
+comes and goes needs a model, a window that happens to be quiet is not trusted more than others, and one in
+which the motion took another branch, as with play or stops, does not decide. All structures are compared on
+the same samples.
 
-Sources: Ljung, System Identification, 2nd ed., 1999, ch. 7 (prediction errors, innovations form);
-Whittle, 1953 (likelihood by spectra).
+Source: Whittle, 1953 (likelihood by spectra).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import fft, interpolate, linalg, signal
+from scipy import fft, signal
 from spool_core.numbers import Array
-from spool_estimator.identification.spectra import ZeroPhase
-from spool_sim.integration.composed_motion import Correction
+from spool_estimator.identification.free_run import FreeRun, Response, response_of
+from spool_sim.model import MODELS
+from spool_sim.observation import Spectrum
 from spool_sim.valve import Valve
 
 from spool_gap.likelihood.kernel import Point, SwitchableMotion, steps_a_sample
-from spool_gap.likelihood.readings import Readings, bridged
-from spool_gap.likelihood.structure import DELAY, GAIN, SMALLEST, ChainPart, Spectrum, Structure, inverse
+from spool_gap.likelihood.readings import Mask, Readings, averaged, bridged
+from spool_gap.likelihood.structure import GAIN, Structure
 
-Mask = NDArray[np.bool_]
-
-#: Hz: a faster record is averaged to about this rate, 13 samples a period of the highest excitation (150 Hz).
-RATE = 2000.0
-#: Upper end of the band that is compared over that of the excitation, and at least, Hz.
-HARMONICS, AT_LEAST = 5.0, 250.0
+#: Upper end of the band that is compared, over the sample rate.
+UPPER = 0.45
 #: s of a window, bands of frequency, and lines of a band at least.
 WINDOW, BANDS, LINES = 1.0, 12, 6
-#: Prediction error over its standard deviation from which no more of it corrects the motion.
-LARGEST = 4.0
-#: Share of the spool's rms that its noise is taken to be at least, for the correction.
-LEAST_NOISE = 0.002
 #: Share of the spool's white noise, in power, that stands for rounding and keeps logarithms finite.
 LEAST_POWER = 0.0125
 #: m/s^2: errors of a simulation that diverges.
 FAR = 1e3
-#: Speed over its 80 % quantile below which the side of a reversal is not certain.
-SLOW = 0.06
-#: Excerpts in which structures are fitted briefly, and s of each: whole windows, and what averages round off.
-EXCERPTS, EXCERPT = 3, 7.01
-#: Looseness of a free run, which is not corrected at all.
-FREE = -1.0
-
-
-@dataclass(frozen=True, slots=True)
-class Errors:
-    """Prediction errors of s structures.
-
-    Attributes:
-        lines: of the windows, in the spool channel's unit, shape (s, windows, lines).
-        displacement, velocity: of the first structure, relative to the body, m and m/s, shape (n,).
-        series: of the first structure, measured minus predicted, m/s^2, shape (n,).
-    """
-
-    lines: Spectrum
-    displacement: Array
-    velocity: Array
-    series: Array
+#: Excerpts in which structures are fitted briefly, s of each, and windows behind the run-in that count.
+EXCERPTS, EXCERPT, COUNTED = 2, 5.5, 4
 
 
 class Prediction:
     """Predictions of one stretch of a record by structures of one valve.
 
     Attributes:
-        readings, valve: as given.
-        period: s between the samples that are predicted; ``size``: their number; ``seconds``: their time.
+        readings, valve: as given, averaged where they are sampled faster than is needed.
+        run: the free run.
+        period: s between samples; ``size``: how many are compared; ``seconds``: their time.
+        time: of the first sample that is compared, s.
         lines: frequencies that are compared, Hz, shape (lines,).
         windows: of a second; ``inside``: those whose errors count, shape (windows,).
         settled: windows in which a body that clips is known, and half a second before them, shape (windows,).
-        spool, body: measured, averaged, m/s^2, shape (n,).
+        spool, body: measured, m/s^2, shape (n,); of the body with its noise.
+        plain: all tiles have one level: such fits converge from afar.
         work: steps of integration so far.
     """
 
-    def __init__(self, readings: Readings, valve: Valve, motions: Sequence[SwitchableMotion]) -> None:
-        """Average the readings to about ``RATE`` and lay out the tiles.
+    def __init__(
+        self,
+        readings: Readings,
+        valve: Valve,
+        motions: Sequence[SwitchableMotion],
+        *,
+        shot: float = math.inf,
+        run_in: float = 0.5,
+    ) -> None:
+        """Lay out the tiles.
 
         Args:
             readings: of at least three windows.
-            valve: gives the corrections.
+            valve: as described.
             motions: kernels, the quickest first; the first one that has all terms of a structure runs it.
+            shot: s after which the motion begins again at the measured one.
+            run_in: s before each shot, in which the motion forgets how it began.
+
+        Raises:
+            InputError: the stretch is too short.
         """
-        self.readings, self.valve, self.motions = readings, valve, tuple(motions)
-        self._every = max(1, math.floor(1.0 / (readings.period * RATE) + 1e-9))
-        self.period = readings.period * self._every
-        box = np.ones(self._every) / self._every
-        averaged, body = (
-            np.asarray(np.convolve(row, box, mode="valid")[:: self._every], dtype=np.float64)
-            for row in (readings.spool, readings.body)
-        )
-        self.size = averaged.size - 1
-        self.spool: Array = averaged[: self.size]
+        self.valve, self.motions = valve, tuple(motions)
+        self.readings = readings = averaged(readings)
+        self.period = readings.period
+        cleaned = replace(readings.record, body=readings.body, spool=readings.spool, oil_temperature=None)
+        self.run = FreeRun([cleaned], MODELS["fluid"], valve, window=shot, run_in=run_in)
+        first, last = self.run.windows[0].start, self.run.windows[-1].stop
+        cut = self._compared = slice(first, last)
+        self.spool, self.body = readings.spool[cut], readings.record.body[cut]
+        self.size = self.spool.size
         self.seconds = self.size * self.period
-        self._all_heard = self._heard = self._whole(readings.heard)[: self.size]
-        self._there = self._whole(readings.counted)[: self.size]
-        self._reversals: Array = np.zeros(self.size)
+        self.time = readings.time + first * self.period
         self._window = round(WINDOW / self.period)
         self.windows = self.size // self._window
         frequency = fft.rfftfreq(self._window, self.period)
         low = max(readings.low_cut, readings.noise.noisy_below, 1.5)
-        high = min(0.45 / self.period, max(HARMONICS * readings.noise.high, AT_LEAST))
         hummed = np.zeros(frequency.size, dtype=np.bool_)
         for line in readings.hum:
             hummed |= np.abs(frequency - line) < 1.5 / WINDOW
-        self._places = np.flatnonzero((frequency >= low) & (frequency < high) & ~hummed)
+        self._places = np.flatnonzero((frequency >= low) & (frequency < UPPER / self.period) & ~hummed)
         self.lines: Array = frequency[self._places]
         self._edges = _edges(self.lines)
         self._hum = _waves(readings.hum, self._window, self.period)
         self._taper = signal.windows.tukey(self._window, 0.1)
         self._lines_of_hum: Spectrum = fft.rfft(self._hum.T * self._taper, axis=-1)[..., self._places]
-        self._whole_windows: Mask = np.ones(self.windows, dtype=np.bool_)
-        self._whole_windows[[0, -1]] = False
-        self.inside: Mask = self._whole_windows
         self.held: Mask = np.zeros(self.windows, dtype=np.bool_)
-        self.settled: Mask = self._known_body()
-        self._dense: dict[tuple[float, ...], tuple[Array, int]] = {}
+        self.inside: Mask = ~self.held
         self._steps: dict[tuple[object, ...], int] = {}
-        self._inputs: dict[tuple[float, ...], Array] = {}
-        self._spools: dict[tuple[float, ...], Array] = {}
-        self._corrections: dict[float, Correction] = {}
-        self.work = 0.0
+        self.work, self.plain = 0.0, False
         # Power of a line that rounding stands for.
         density = self.readings.noise.spool * LEAST_POWER
         self._floor = max(density * 0.5 / self.period * float(np.sum(self._taper**2)), 1e-12)
-        self.body: Array = body[: self.size]
         self._length = fft.next_fast_len(self.size, real=True)
-        self._every_line: Array = np.maximum(fft.rfftfreq(self._length, self.period), 0.3)
-        self.count(self._there)
-
-    def _whole(self, mask: Mask) -> Array:
-        """Return 1 where all samples that are averaged are in ``mask``, else 0."""
-        missing = np.convolve(~mask, np.ones(self._every), mode="valid")[:: self._every]
-        return np.asarray(missing < 0.5, dtype=np.float64)
+        self._every_line: Array = fft.rfftfreq(self._length, self.period)
+        self.count(readings.counted[cut].astype(np.float64))
+        self.settled: Mask = self._known_body()
 
     def _known_body(self) -> Mask:
         if self.readings.body_limit <= 0.0:
             return np.ones(self.windows, dtype=np.bool_)
-        known = self._whole(~self.readings.heard | self.readings.counted) > 0.0
+        known = (~self.readings.heard | self.readings.counted)[self._compared]
         half = self._window // 2
         ends = (np.arange(self.windows) + 1) * self._window
         return np.array(
@@ -171,35 +138,9 @@ class Prediction:
         trends = rows[self._broken, :, np.newaxis] * np.stack([np.ones_like(line), line], axis=1)
         self._trends: Array = np.linalg.qr(trends)[0]
 
-    def leave_out_reversals(self) -> None:
-        """Count no sample whose side of a reversal of the measured motion is not certain.
-
-        There a force that jumps makes an error that depends on the time of the reversal within the sample.
-        All structures are compared without these samples. A mean of several samples has no side.
-        """
-        if self._every > 1:
-            return
-        relative = ZeroPhase(self.period, self.readings.low_cut).apply(self.spool - self.body, 1)
-        velocity = np.asarray(relative)
-        slow = SLOW * float(np.quantile(np.abs(velocity), 0.8))
-        change = np.maximum(np.abs(np.diff(velocity, append=0.0)), np.abs(np.diff(velocity, prepend=0.0)))
-        kept = self.counted * (np.abs(velocity) > np.maximum(change, slow))
-        self._reversals = self.counted - kept
-        self.use_reversals(counted=False, heard=True)
-
-    def use_reversals(self, *, counted: bool, heard: bool) -> None:
-        """Count the samples at reversals or not, and correct the motion by them or not."""
-        others = 1.0 - self._reversals
-        unheld = np.where(np.repeat(self.held, self._window), 0.0, 1.0)
-        unheld = np.concatenate([unheld, np.ones(self.size - unheld.size)])
-        self._heard = (self._all_heard if heard else self._all_heard * others) * unheld
-        self.count(self._there if counted else self._there * others)
-
     def hold_out(self, held: Mask) -> None:
-        """Hold out the windows ``held`` (windows,): they do not count, and the motion runs free in them."""
-        self.held = held & self._whole_windows
-        self.inside = self._whole_windows & ~held
-        self.use_reversals(counted=False, heard=True)
+        """Hold out the windows ``held`` (windows,): they do not count."""
+        self.held, self.inside = held, ~held
 
     @property
     def numbers(self) -> float:
@@ -208,89 +149,31 @@ class Prediction:
 
     # Prediction -----------------------------------------------------------------------------------------
 
-    def errors(self, structures: Sequence[Structure], looseness: float) -> Errors:
-        """Return the prediction errors of ``structures``, which have the same effects and parts.
-
-        Args:
-            structures: with different numbers.
-            looseness: share of the excitation's rms that the correction takes for input noise, or ``FREE``.
-        """
+    def responses(self, structures: Sequence[Structure]) -> Response:
+        """Return what ``structures``, which have the same effects and parts, predict of the record."""
         first = structures[0]
         motion, substeps = self._run_by(first)
         self.work += float(len(structures) * substeps * self.size)
-        body_rows, bodies = _distinct([self._input(one, substeps) for one in structures])
-        spool_rows, spools = _distinct([self._corrected_spool(one) for one in structures])
-        errors, displacement, velocity = motion.predict_batch(
-            bodies,
-            spools,
-            self._heard,
-            np.array([motion.row(one.terms, one.values) for one in structures]),
-            rows=(body_rows, spool_rows),
-            correction=self._correction(looseness),
-            sample_period=self.period,
-            substeps=substeps,
-            means=self._every > 1,
-            begin=self.readings.time,
+        run = self.run.of(MODELS["fluid"], motion)
+        run.substeps = [substeps]
+        sets = np.array([motion.row(one.terms, one.values) for one in structures])
+        rows = run.responses(sets, [one.reading for one in structures])
+        if len(rows) == 1:
+            return rows[0]
+        return Response(
+            np.concatenate([one.acceleration for one in rows], axis=1),
+            np.concatenate([one.displacement for one in rows], axis=1),
+            np.concatenate([one.velocity for one in rows], axis=1),
+            rows[0].jumps,
         )
-        far = ~(np.abs(errors).max(axis=1) < FAR)
-        seen = np.clip(np.nan_to_num(errors, nan=FAR), -FAR, FAR)
-        for number, one in enumerate(structures):
-            if one.parts and not far[number]:
-                seen[number] = self._as_read(seen[number], one)
-        lines = self.counted_lines(seen)
-        for number, one in enumerate(structures):
-            lines[number] *= self._scale(one, looseness)
-            if far[number]:
-                lines[number] = FAR
-        return Errors(lines, displacement[0], velocity[0], errors[0])
 
-    def errors_near(
-        self, one: Structure, lines: Spectrum, near: Sequence[Structure], looseness: float
-    ) -> Spectrum:
-        """Return the error lines of ``near``, which differ a little from ``one`` in their numbers.
-
-        They are taken from slopes, which come with one run, where the terms of ``one`` allow that. ``lines``
-        are those of ``one``, shape (windows, lines).
-        """
-        motion, substeps = self._run_by(one)
-        if not motion.has_slopes(one.terms):
-            return self.errors(near, looseness).lines
-        # The allowance of a search counts what is learned, not what it costs.
-        self.work += float(len(near) * substeps * self.size)
-        everyone = (one, *near)
-        errors, _, _, slopes = motion.predict_with_slopes(
-            self._input(one, substeps),
-            self._corrected_spool(one),
-            self._heard,
-            np.array([motion.row(other.terms, other.values) for other in everyone]),
-            forced=_changes([self._input(other, substeps) for other in everyone]),
-            shifted=_changes([self._corrected_spool(other) for other in everyone]),
-            correction=self._correction(looseness),
-            sample_period=self.period,
-            substeps=substeps,
-            means=self._every > 1,
-            begin=self.readings.time,
-        )
-        if not np.abs(slopes).max(initial=0.0) < np.abs(self.spool).max():
-            # A small step changes more than there is: the motion is so sensitive, or the correction unstable.
-            return self.errors(near, looseness).lines
-        if one.parts:
-            response, *changed = (self._flat_response(other) for other in everyone)
-            slopes = self._through(slopes, response)
-            for number, other in enumerate(changed):
-                if not np.array_equal(other, response):
-                    slopes[number] += self._through(np.clip(errors, -FAR, FAR), other - response)
-        here, *others = (self._scale(other, looseness) for other in everyone)
-        return (lines / here + self.counted_lines(slopes)) * np.array(others)
-
-    def _flat_response(self, one: Structure) -> Array:
-        """Return the size of the response of the spool's channel at every frequency, but for its gain."""
-        return np.asarray(np.abs(one.response("spool", self._every_line)) / (1.0 + one.values[GAIN]))
-
-    def _scale(self, one: Structure, looseness: float) -> Array:
-        """Return the factor on the errors of ``one`` in each window and line, shape (windows, lines)."""
-        gains = self._gains(one, self.windows)[:, np.newaxis]
-        return np.asarray((1.0 + one.values[GAIN]) * self._volume(one, looseness) * gains)
+    def errors(self, structures: Sequence[Structure]) -> Spectrum:
+        """Return what ``structures``, of the same effects and parts, leave, shape (s, windows, lines)."""
+        rows = self.spool - self.responses(structures).acceleration
+        far = ~(np.abs(rows).max(axis=1) < FAR)
+        lines = self.counted_lines(np.clip(np.nan_to_num(rows, nan=FAR), -FAR, FAR))
+        lines[far] = FAR
+        return lines
 
     def _run_by(self, one: Structure) -> tuple[SwitchableMotion, int]:
         """Return the kernel that runs ``one``, and its steps a sample."""
@@ -304,37 +187,16 @@ class Prediction:
             )
         return motion, self._steps[key]
 
-    def _as_read(self, row: Array, one: Structure) -> Array:
-        """Return errors ``row`` (n,) as the spool's channel shows them, but for its gain.
-
-        What the inverse of its response leaves out is not predicted.
-        """
-        response = self._flat_response(one)
-        if np.allclose(response, 1.0):
-            return row
-        left_out = 1.0 - np.minimum(1.0, response / SMALLEST) ** 2
-        return self._through(row, response) + self._through(self.spool, left_out)
-
     def _through(self, rows: Array, transfer: Spectrum | Array) -> Array:
         """Return ``rows`` (..., n) times ``transfer`` at every frequency of them."""
         lines = fft.rfft(rows, self._length, axis=-1) * transfer
         return np.asarray(fft.irfft(lines, self._length, axis=-1)[..., : self.size])
 
-    def free_run(self, one: Structure, looseness: float) -> tuple[Array, Errors]:
-        """Return the reading that ``one`` predicts, m/s^2, (n,), and its motion; free in ``held`` windows."""
-        found = self.errors([one], looseness)
-        error = found.series * self._gains(one, self.size)
-        if one.parts or one.values[GAIN]:
-            error = self._through(error, one.response("spool", self._every_line))
-        return self.spool - error, found
-
-    def bridged(self, one: Structure, looseness: float) -> Prediction:
+    def bridged(self, one: Structure) -> Prediction:
         """Return this with the samples that the spool lacks bridged by the reading that ``one`` predicts."""
-        predicted, _ = self.free_run(one, looseness)
-        middle = (np.arange(self.size) + 0.5) * self._every - 0.5
-        spline = interpolate.CubicSpline(middle, predicted, bc_type="natural")
-        places = np.clip(np.arange(self.readings.spool.size), middle[0], middle[-1])
-        return Prediction(bridged(self.readings, spline(places)), self.valve, self.motions)
+        guess = self.readings.spool.copy()
+        guess[self._compared] = self.responses([one]).acceleration[0]
+        return Prediction(bridged(self.readings, guess), self.valve, self.motions)
 
     def counted_lines(self, rows: Array) -> Spectrum:
         """Return the spectra of what counts of ``rows`` (..., n), shape (..., windows, lines).
@@ -361,37 +223,6 @@ class Prediction:
         if self._hum.size:
             lines -= (cut @ self._hum) @ self._lines_of_hum
         return lines
-
-    def lines_of_part(
-        self, part: ChainPart, values: Mapping[str, float], one: Structure, looseness: float, errors: Spectrum
-    ) -> Spectrum:
-        """Return what a small ``part`` of the chain adds to the errors of ``one``, over its size.
-
-        Args:
-            part: of either channel.
-            values: its numbers, with a small size.
-            one: without it.
-            looseness: of the correction.
-            errors: of ``one``.
-        """
-        size = values[part.parameters[0].name]
-        frequency, volume = self._every_line, self._volume(one, looseness)
-        share: Spectrum = np.abs(one.response("spool", frequency)) / self._ratio(one, looseness, frequency)
-        if part.response is None:
-            time = self.readings.time + np.arange(self.size, dtype=np.float64) * self.period
-            middle = self.windows_of(time).mean(axis=1)[:, np.newaxis]
-            read = self._through(self.spool * time, share)
-            return np.asarray(errors * middle - self.counted_lines(read) * volume)
-        changed = (part.response(frequency, values) - 1.0) / size
-        if part.channel == "spool":
-            lines = self.counted_lines(self._through(self.spool, changed * share))
-            own = ((part.response(self.lines, values) - 1.0) / size).real
-            return np.asarray(errors * own - lines * volume)
-        turn = 2j * np.pi * frequency
-        mass, stiffness, damping = _linear(one)
-        passed = (damping * turn + stiffness) / (mass * turn**2 + damping * turn + stiffness)
-        moved = self._through(self.body, changed * passed * share)
-        return np.asarray(self.counted_lines(moved) * volume)
 
     @property
     def bands(self) -> list[int]:
@@ -427,152 +258,29 @@ class Prediction:
         density = self.noise_density(one)
         return float(windows * np.sum(density) * float(np.sum(self._taper**2)) / (2.0 * self.period))
 
-    def lines_of_forces(self, forces: Array, one: Structure, looseness: float) -> Spectrum:
+    def lines_of_forces(self, forces: Array, one: Structure) -> Spectrum:
         """Return what small ``forces`` (q, n) add to the errors of ``one``, shape (q, windows, lines).
 
-        Forces of a term, N, through the linear valve that ``one`` has, corrected as the errors are.
+        Forces of a term, N, through the linear valve that ``one`` has.
         """
         turn = 2j * np.pi * self._every_line
         mass, stiffness, damping = _linear(one)
         moved = -(turn**2) / (mass * turn**2 + damping * turn + stiffness)
-        middle = np.exp(0.5 * turn * self.period) if self._every > 1 else 1.0
-        share = moved * middle / self._ratio(one, looseness, self._every_line)
-        share = share * np.abs(one.response("spool", self._every_line))
-        felt = self._through(forces, share)
-        return np.asarray(-self.counted_lines(felt) * self._volume(one, looseness))
+        read = response_of(one.reading.of("spool"), self._every_line) * (1.0 + one.values[GAIN])
+        return np.asarray(-self.counted_lines(self._through(forces, moved * read)))
 
     def force_of(
-        self,
-        one: Structure,
-        terms: Sequence[str],
-        looseness: float,
-        values: Mapping[str, float] | None = None,
+        self, one: Structure, terms: Sequence[str], values: Mapping[str, float] | None = None
     ) -> Array:
         """Return the force of ``terms`` along the motion of ``one``, by its or other ``values``, N, (n,)."""
         motion = next(entry for entry in self.motions if entry.has((*one.terms, *terms)))
-        errors = self.errors([one], looseness)
+        found = self.responses([one])
         rows = np.array([motion.row(("inertia", *terms), values or one.values)])
-        first = round(self.readings.time / self.period)
+        first = round(self.time / self.period)
         force = motion.forces(
-            errors.displacement, errors.velocity, rows, sample_period=self.period, first_sample=first
+            found.displacement[0], found.velocity[0], rows, sample_period=self.period, first_sample=first
         )
         return np.asarray(force[0])
-
-    def _input(self, one: Structure, substeps: int) -> Array:
-        """Return the excitation at the ends and midpoints of all steps, m/s^2."""
-        own = [one.values[p.name] for part in one.chain if part.channel == "body" for p in part.parameters]
-        key = (float(substeps), one.values[DELAY], *own)
-        if key not in self._inputs:
-            dense, finer, reach = self._finer_body(one, substeps, own)
-            # An averaged sample stands for the middle of its samples, a predicted mean for its beginning.
-            ahead = (-0.5 if self._every > 1 else 0.0) - one.values[DELAY] / self.readings.period
-            place = (reach + ahead) * finer + np.arange(2 * substeps * self.size + 1) * (
-                self._every * finer / (2 * substeps)
-            )
-            whole = np.floor(place).astype(np.int64)
-            share = place - whole
-            whole = np.clip(whole, 0, dense.size - 2)
-            if len(self._inputs) > 24:
-                self._inputs.clear()
-            self._inputs[key] = dense[whole] * (1.0 - share) + dense[whole + 1] * share
-        return self._inputs[key]
-
-    def _finer_body(self, one: Structure, substeps: int, own: Sequence[float]) -> tuple[Array, int, int]:
-        """Return the excitation more densely, how many times, and by how many samples it begins earlier."""
-        period, every = self.readings.period, self._every
-        finer = max(2, math.ceil(2 * substeps / every))
-        reach = min(self.readings.body.size - 1, round(1.0 / period))
-        key = (float(finer), *own)
-        if key not in self._dense:
-            padded = np.pad(self.readings.body, reach, mode="reflect", reflect_type="odd")
-            length = fft.next_fast_len(padded.size, real=True)
-            lines = fft.rfft(padded, length)
-            if own:
-                frequency = np.maximum(fft.rfftfreq(length, period), 0.3)
-                lines *= inverse(one.response("body", frequency))
-            if len(self._dense) > 8:
-                self._dense.clear()
-            self._dense[key] = fft.irfft(lines, length * finer) * finer, finer
-        return *self._dense[key], reach
-
-    def _corrected_spool(self, one: Structure) -> Array:
-        """Return the measured spool acceleration without what its channel does to it, m/s^2."""
-        own = [one.values[p.name] for part in one.chain if part.channel == "spool" for p in part.parameters]
-        key = tuple(own)
-        if key not in self._spools:
-            row = self.spool
-            if one.parts:
-                reach = min(row.size - 1, round(0.5 / self.period))
-                padded = np.pad(row, reach, mode="reflect", reflect_type="odd")
-                length = fft.next_fast_len(padded.size, real=True)
-                frequency = np.maximum(fft.rfftfreq(length, self.period), 0.3)
-                lines = fft.rfft(padded, length) * inverse(one.response("spool", frequency))
-                row = fft.irfft(lines, length)[reach : reach + row.size]
-            else:
-                row = row / (1.0 + one.values[GAIN])
-            if len(self._spools) > 24:
-                self._spools.clear()
-            self._spools[key] = row / self._gains(one, self.size)
-        return self._spools[key]
-
-    def _gains(self, one: Structure, count: int) -> Array:
-        """Return the drifting gain of the spool's channel, ``count`` times evenly over the record."""
-        rate = one.values["gain_drift_rate"] if "spool_gain_drift" in one.parts else 0.0
-        return np.asarray(1.0 + rate * (self.readings.time + (np.arange(count) + 0.5) * self.seconds / count))
-
-    def _correction(self, looseness: float) -> Correction:
-        """Return the correction of the stationary Kalman filter of the valve as described."""
-        if looseness == FREE:
-            return Correction(0.0, 0.0, 1.0)
-        if looseness not in self._corrections:
-            mass, stiffness = self.valve.moving_mass, self.valve.spring_stiffness
-            damping = self.valve.likely_viscous_coefficient
-            step = linalg.expm(self.period * np.array([[0.0, 1.0], [-stiffness / mass, -damping / mass]]))
-            seen = np.array([[-stiffness / mass, -damping / mass]])
-            noise = self.readings.noise
-            root = math.sqrt(self._every)
-            pushed = max(noise.body_rms / root, looseness * float(self.readings.body.std()))
-            read = max(noise.spool_rms / root, LEAST_NOISE * float(self.spool.std()))
-            moved = np.array([[0.5 * self.period**2], [self.period]]) * pushed
-            spread = linalg.solve_discrete_are(
-                step.T, seen.T, moved @ moved.T + np.diag([1e-18, 1e-14]), np.array([[read**2]])
-            )
-            variance = float((seen @ spread @ seen.T)[0, 0]) + read**2
-            factors = (spread @ seen.T)[:, 0] / variance
-            self._corrections[looseness] = Correction(
-                float(factors[0]), float(factors[1]), LARGEST * math.sqrt(variance)
-            )
-        return self._corrections[looseness]
-
-    def _ratio(self, one: Structure, looseness: float, frequency: Array) -> Spectrum:
-        """Return the errors of a free run over those of the corrected one, for the linear valve."""
-        mass, stiffness, damping = _linear(one)
-        correction = self._correction(looseness)
-        step = _step_of(mass, stiffness, damping, self.period)
-        factors = np.array([correction.displacement, correction.velocity])
-        if self._every > 1:
-            seen = (step[1] - np.array([0.0, 1.0])) / self.period
-        else:
-            seen, factors = np.array([-stiffness / mass, -damping / mass]), step @ factors
-        turn = np.exp(2j * np.pi * frequency * self.period)
-        determinant = (turn - step[0, 0]) * (turn - step[1, 1]) - step[0, 1] * step[1, 0]
-        moved = (
-            (turn - step[1, 1]) * factors[0] + step[0, 1] * factors[1],
-            step[1, 0] * factors[0] + (turn - step[0, 0]) * factors[1],
-        )
-        return np.asarray(1.0 + (seen[0] * moved[0] + seen[1] * moved[1]) / determinant)
-
-    def _volume(self, one: Structure, looseness: float) -> Array:
-        """Return the size of that ratio in the mean of each band, which keeps likelihoods comparable.
-
-        Over all frequencies the mean of its logarithm is 0 (the filter between both is monic); within the
-        band that is compared it is not, and a fit could make errors small by moving them out of the band.
-        """
-        if looseness == FREE:
-            return np.ones(self.lines.size)
-        ratio = np.log(np.abs(self._ratio(one, looseness, self.lines)))
-        means = np.add.reduceat(ratio, self._edges[:-1]) / np.diff(self._edges)
-        return np.repeat(np.exp(means), np.diff(self._edges))
 
     # Likelihood -----------------------------------------------------------------------------------------
 
@@ -582,17 +290,14 @@ class Prediction:
 
     def by_window(self, lines: Spectrum) -> Array:
         """Return the log likelihood of each window, shape (windows,); 0 for those that do not count."""
-        return np.asarray(-0.5 * np.sum(self._freedom() * np.log(self._levels(lines) + self._floor), axis=1))
+        power, levels = self._powers(lines) + self._floor, self._levels(lines) + self._floor
+        return np.asarray(-0.5 * np.sum(self._freedom() * (np.log(levels) + power / levels), axis=1))
 
     def weights(self, lines: Spectrum) -> Array:
-        """Return the root of 1 over the level of each line's tile, shape of ``lines``.
-
-        A tile that happens to be quiet is not trusted more than three times as much as its band.
-        """
-        levels = self._levels(lines)
-        levels = np.maximum(levels, 0.3 * np.median(levels, axis=0, keepdims=True)) + self._floor
+        """Return the root of 1 over the level of each line's tile, shape of ``lines``."""
         kept = np.sqrt(self.inside * np.maximum(self._kept, 0.0))[:, np.newaxis]
-        return np.repeat(kept / np.sqrt(levels), np.diff(self._edges), axis=1)
+        weights = kept / np.sqrt(self._levels(lines) + self._floor)
+        return np.repeat(weights, np.diff(self._edges), axis=1)
 
     def weighed(self, lines: Spectrum, weights: Array) -> Array:
         """Return ``lines`` (..., windows, lines) times ``weights`` as real numbers, shape (..., numbers)."""
@@ -600,10 +305,19 @@ class Prediction:
         flat = inside.reshape(*lines.shape[:-2], -1)
         return np.concatenate([flat.real, flat.imag], axis=-1) * math.sqrt(2.0)
 
-    def _levels(self, lines: Spectrum) -> Array:
+    def _powers(self, lines: Spectrum) -> Array:
         """Return the mean power of a line in each tile, shape (windows, bands)."""
         power = np.add.reduceat(np.abs(lines) ** 2, self._edges[:-1], axis=1)
         return np.asarray(power / np.diff(self._edges) / np.maximum(self._kept[:, np.newaxis], 0.05))
+
+    def _levels(self, lines: Spectrum) -> Array:
+        """Return the level of noise in each tile, shape (windows, bands)."""
+        power = self._powers(lines)
+        if self.plain:
+            freedom = self._freedom()
+            return np.full(power.shape, float((power * freedom).sum()) / max(float(freedom.sum()), 1.0))
+        usual = np.median(power[self.inside], axis=0) if self.inside.any() else np.zeros(power.shape[1])
+        return np.maximum(power, usual)
 
     def _freedom(self) -> Array:
         """Return how many real numbers each tile holds, shape (windows, bands)."""
@@ -617,28 +331,29 @@ class Predictions:
     def __init__(self, parts: Sequence[Prediction]) -> None:
         """Take ``parts`` together."""
         self.parts = tuple(parts)
-        self.seconds = max(part.readings.time + part.seconds for part in parts)
+        self.seconds = max(part.time + part.seconds for part in parts)
 
-    def excerpt(self, motions: Sequence[SwitchableMotion]) -> Predictions:
+    def excerpt(self) -> Predictions:
         """Return this for excerpts with much motion, spread over the time, or itself where that is short."""
         if sum(part.seconds for part in self.parts) <= EXCERPTS * EXCERPT:
             return self
         found = []
         for part in (one for one in self.parts if one.inside.any()):
-            length = round(EXCERPT / part.readings.period)
+            length = round(EXCERPT / part.period)
             count = max(1, round(EXCERPTS * part.seconds / sum(one.seconds for one in self.parts)))
             edges = np.linspace(0, part.readings.spool.size, count + 1).astype(int).tolist()
             for begin, end in pairwise(edges):
-                if end - begin < 3.0 * WINDOW / part.readings.period:
+                if end - begin < length:
                     continue
-                starts = range(begin, max(begin + 1, end - length), max(1, length // 4))
-                # Fourth powers: what is hit now and then is in few samples. The outer windows do not count.
-                edge = round(WINDOW / part.readings.period)
+                starts = [*range(begin, end - length, max(1, length // 8)), end - length]
+                # Fourth powers: what is hit now and then is in few samples. The run-in does not count.
+                edge, counted = part.run.windows[0].start, round(WINDOW / part.period) * COUNTED
                 squares = part.readings.spool**2
-                power = [float(np.mean(squares[one + edge : one + length - edge] ** 2)) for one in starts]
+                power = [float(np.mean(squares[one + edge : one + edge + counted] ** 2)) for one in starts]
                 first = starts[int(np.argmax(power))]
-                found.append(part.readings.part(first, min(first + length, end)))
-        brief = Predictions([Prediction(one, self.parts[0].valve, motions) for one in found])
+                found.append(part.readings.part(first, first + length))
+        own = self.parts[0]
+        brief = Predictions([Prediction(one, own.valve, own.motions) for one in found]) if found else self
         brief.seconds = self.seconds
         return brief if brief.numbers > 0.0 else self  # all of it may be clipped
 
@@ -647,16 +362,15 @@ class Predictions:
         """Steps of integration so far."""
         return sum(part.work for part in self.parts)
 
-    @contextmanager
-    def reversals(self, *, counted: bool, heard: bool) -> Iterator[None]:
-        """Count samples at reversals or not, and hear them or not, while this lasts."""
+    @property
+    def plain(self) -> bool:
+        """Whether all tiles of a part have one level."""
+        return self.parts[0].plain
+
+    @plain.setter
+    def plain(self, on: bool) -> None:
         for part in self.parts:
-            part.use_reversals(counted=counted, heard=heard)
-        try:
-            yield
-        finally:
-            for part in self.parts:
-                part.use_reversals(counted=False, heard=True)
+            part.plain = on
 
     def hold_out(self, held: Sequence[Mask]) -> None:
         """Hold out the windows ``held`` of each part."""
@@ -668,22 +382,28 @@ class Predictions:
         """Count of real numbers that are compared."""
         return sum(part.numbers for part in self.parts)
 
-    def errors(self, structures: Sequence[Structure], looseness: float) -> list[list[Spectrum]]:
+    def errors(self, structures: Sequence[Structure]) -> list[list[Spectrum]]:
         """Return the error lines of each of ``structures`` in each part."""
-        found = [part.errors(structures, looseness).lines for part in self.parts]
+        found = [part.errors(structures) for part in self.parts]
         return [[lines[number] for lines in found] for number in range(len(structures))]
-
-    def errors_near(
-        self, one: Structure, lines: Sequence[Spectrum], near: Sequence[Structure], looseness: float
-    ) -> list[list[Spectrum]]:
-        """Return the error lines of each of ``near``, little different from ``one``, in each part."""
-        rows = zip(self.parts, lines, strict=True)
-        found = [part.errors_near(one, own, near, looseness) for part, own in rows]
-        return [[lines[number] for lines in found] for number in range(len(near))]
 
     def log_likelihood(self, lines: Sequence[Spectrum]) -> float:
         """Return the log likelihood of ``lines``, a spectrum a part."""
         return sum(part.log_likelihood(one) for part, one in zip(self.parts, lines, strict=True))
+
+    def noise(self, one: Structure) -> float:
+        """Return the rms that noise alone leaves of ``one`` over that of the spool's reading."""
+        noise = sum(part.noise_of(one, int(part.inside.sum())) for part in self.parts)
+        rows = [part.counted_lines(part.spool)[part.inside] for part in self.parts]
+        return math.sqrt(noise / max(sum(float(np.sum(np.abs(row) ** 2)) for row in rows), 1e-300))
+
+    def left(self, lines: Sequence[Spectrum]) -> float:
+        """Return the rms of ``lines`` over that of the spool's reading, in the windows that count."""
+        sums = np.zeros(2)
+        for part, one in zip(self.parts, lines, strict=True):
+            rows = (one[part.inside], part.counted_lines(part.spool)[part.inside])
+            sums += [float(np.sum(np.abs(row) ** 2)) for row in rows]
+        return math.sqrt(sums[0] / max(sums[1], 1e-300))
 
     def by_window(self, lines: Sequence[Spectrum]) -> Array:
         """Return the log likelihood of each window of all parts that counts."""
@@ -706,18 +426,6 @@ def _linear(one: Structure) -> tuple[float, float, float]:
     return values["mass"], values["spring_stiffness"], values.get("viscous_coefficient", 0.0)
 
 
-def _step_of(mass: float, stiffness: float, damping: float, period: float) -> Array:
-    """Return the transition of displacement and velocity over ``period``: exp(A t) in closed form."""
-    half = -0.5 * damping / mass
-    root = np.sqrt(complex(half**2 - stiffness / mass))
-    grown = np.exp(half * period)
-    even = (grown * np.cosh(root * period)).real
-    odd = (grown * np.sinh(root * period) / root).real if root else grown * period
-    return np.array(
-        [[even - half * odd, odd], [-stiffness / mass * odd, even + (-damping / mass - half) * odd]]
-    )
-
-
 def _waves(frequencies: Sequence[float], count: int, period: float) -> Array:
     """Return an orthonormal basis of waves of ``frequencies`` (Hz), shape (count, 2 f)."""
     turns = 2.0 * np.pi * np.outer(np.arange(count) * period, np.asarray(frequencies, dtype=np.float64))
@@ -732,19 +440,3 @@ def _edges(lines: Array) -> NDArray[np.int64]:
         if place - edges[-1] >= LINES and lines.size - place >= LINES:
             edges.append(place)
     return np.array([*edges, lines.size], dtype=np.int64)
-
-
-def _changes(rows: Sequence[Array]) -> tuple[Array, NDArray[np.int64]]:
-    """Return how the rows after the first differ from it where they are other objects, and where each is.
-
-    The place is -1 for those that are the same.
-    """
-    places, distinct = _distinct(rows)
-    return distinct[1:] - distinct[0] if len(distinct) > 1 else distinct[:1], places[1:] - 1
-
-
-def _distinct(rows: Sequence[Array]) -> tuple[NDArray[np.int64], Array]:
-    """Return the place of each of ``rows`` among those that are different objects, and these."""
-    places: dict[int, int] = {}
-    numbers = np.array([places.setdefault(id(row), len(places)) for row in rows], dtype=np.int64)
-    return numbers, np.array(list({id(row): row for row in rows}.values()))

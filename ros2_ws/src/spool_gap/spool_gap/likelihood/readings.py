@@ -1,12 +1,12 @@
 """Readings of one record as a likelihood takes them: both channels, what is missing, noise and excitation.
 
-Samples that clip, spike or are missing are missing in both roles: the spool's do not correct the model
-and do not count, and after a missing sample of the body nothing counts until the correction has made up
-for it.
+Samples that clip, spike or are missing are missing in both roles: the spool's do not count, and after a
+missing sample of the body nothing counts until the motion has forgotten it.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,6 +18,8 @@ from spool_estimator.identification.spectra import ChannelNoise, ZeroPhase, nois
 
 Mask = NDArray[np.bool_]
 
+#: Hz: a record at twice this rate or more is averaged.
+RATE = 2500.0
 #: Hz, below which no excitation of a valve is looked for.
 LOWEST = 1.0
 #: s after a missing sample of the body, and after a longer gap (of ``LONG`` s), that do not count.
@@ -46,6 +48,7 @@ class Readings:
         body_clipped, spool_clipped: share of the samples at the limit.
         hum: lines of the mains in either channel, Hz.
         record: as measured.
+        means: each sample is the mean of several.
     """
 
     period: float
@@ -62,6 +65,7 @@ class Readings:
     spool_clipped: float
     hum: tuple[float, ...]
     record: Record
+    means: bool = False
 
     def part(self, begin: int, end: int) -> Readings:
         """Return the samples from ``begin`` to before ``end``."""
@@ -118,6 +122,39 @@ def readings_of(
         shares[1],
         hum,
         record,
+    )
+
+
+def averaged(readings: Readings) -> Readings:
+    """Return ``readings`` averaged to no more than ``RATE`` where they are sampled faster than twice that."""
+    every = math.floor(1.0 / (readings.period * RATE))
+    if every < 2:
+        return readings
+    size = readings.body.size // every * every
+
+    def means(row: Array) -> Array:
+        return np.asarray(row[:size].reshape(-1, every).mean(axis=1), dtype=np.float64)
+
+    def whole(mask: Mask) -> Mask:
+        return np.asarray(mask[:size].reshape(-1, every).all(axis=1))
+
+    record = readings.record
+    period = record.sample_period * every
+    return replace(
+        readings,
+        period=period,
+        body=means(readings.body),
+        spool=means(readings.spool),
+        heard=whole(readings.heard),
+        counted=whole(readings.counted),
+        means=True,
+        record=replace(
+            record,
+            sample_period=period,
+            body=means(record.body),
+            spool=means(record.spool),
+            oil_temperature=None,
+        ),
     )
 
 

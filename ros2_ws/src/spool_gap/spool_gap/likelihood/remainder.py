@@ -28,23 +28,24 @@ from itertools import pairwise
 import numpy as np
 from scipy import fft, special
 from spool_core.numbers import Array
+from spool_sim.observation import Spectrum
 
 from spool_gap.catalogue import EFFECTS
-from spool_gap.likelihood.prediction import FREE, Prediction, Predictions
+from spool_gap.likelihood.prediction import Prediction, Predictions
 from spool_gap.likelihood.rest import settled
-from spool_gap.likelihood.structure import Spectrum, Structure
-from spool_gap.likelihood.structure_fit import StructureFit, fit_structure
+from spool_gap.likelihood.structure import Structure
+from spool_gap.likelihood.structure_fit import StructureFit
 
 BODY, MOTION, LINE = "the motion of the body", "the motion of the spool", "a wave"
 #: Numbers of a periodic force.
 FORCE, FREQUENCY = "force_amplitude", "force_frequency"
-#: Steps of the fit of the free run.
-STEPS = 8
 #: Lines of a tile at least: three for each regressor.
 LEAST_LINES = 12
 #: Power of a line of the body's reading over that of a quiet line from which it shows the valve, and not what
 #: else shakes both sensors; share of all lines that is quiet at least.
 LOUD, QUIET = 30.0, 0.2
+#: Sensitivity across the axis that data sheets of accelerometers allow: weaker lines of the body may be that.
+ACROSS = 0.05
 #: Zero-padding of the spectrum in which a line is looked for, candidates, and windows at least.
 PADDING, CANDIDATES, FEWEST = 4, 3, 3
 #: Lines by which a line may wander; share of the power in four times as many that it holds in each window.
@@ -81,15 +82,10 @@ def patterns_of(predictions: Predictions, fit: StructureFit) -> list[Pattern]:
             term for name in fit.structure.effects if EFFECTS[name].localised for term in EFFECTS[name].terms
         ]
         for part in predictions.parts if hits else ():
-            touched = part.force_of(fit.structure, hits, fit.looseness) != 0.0
+            touched = part.force_of(fit.structure, hits) != 0.0
             part.inside = part.inside & ~part.windows_of(touched.astype(np.float64)).any(axis=1)
-        free = fit_structure(predictions, fit.structure, (FREE,), steps=STEPS).structure
-        found = _patterns(predictions, free, FREE)
-        if any(EFFECTS[name].local_minima or EFFECTS[name].localised for name in fit.structure.effects):
-            # A free run with play or stops parts from the measured motion at chance, a corrected one not.
-            close = {one.follows: one for one in _patterns(predictions, fit.structure, fit.looseness)}
-            found = [min(one, close[one.follows], key=_size) for one in found if one.follows in close]
-    return sorted(found, key=_size, reverse=True)
+        found = _patterns(predictions, fit.structure)
+    return sorted(found, key=lambda one: one.share, reverse=True)
 
 
 def phase_kept(predictions: Predictions, fit: StructureFit) -> float:
@@ -98,16 +94,12 @@ def phase_kept(predictions: Predictions, fit: StructureFit) -> float:
     Noise in a narrow band, as of a mount that resonates, has a line in each window, with another phase.
     """
     own = fit.structure.moved({FORCE: 0.0})
-    looks = [_Remainder(part, own, fit.looseness) for part in predictions.parts if part.inside.any()]
+    looks = [_Remainder(part, own) for part in predictions.parts if part.inside.any()]
     return max((one.kept(fit.structure.values[FREQUENCY])[0] for one in looks), default=0.0)
 
 
-def _size(one: Pattern) -> float:
-    return one.share
-
-
-def _patterns(predictions: Predictions, own: Structure, looseness: float) -> list[Pattern]:
-    looks = [_Remainder(part, own, looseness) for part in predictions.parts if part.inside.any()]
+def _patterns(predictions: Predictions, own: Structure) -> list[Pattern]:
+    looks = [_Remainder(part, own) for part in predictions.parts if part.inside.any()]
     looks = [one for one in looks if one.finite]
     reading = sum(one.reading for one in looks)
     if reading <= 0.0:
@@ -172,11 +164,12 @@ class _Remainder:
         finite: whether the simulation did not diverge.
     """
 
-    def __init__(self, part: Prediction, own: Structure, looseness: float) -> None:
-        self._part, self._own, self._looseness = part, own, looseness
-        self._predicted, motion = part.free_run(own, looseness)
+    def __init__(self, part: Prediction, own: Structure) -> None:
+        self._part, self._own = part, own
+        found = part.responses([own])
+        self._predicted = found.acceleration[0]
         self._error: Array = part.spool - self._predicted
-        self._motion: Array = np.array([motion.displacement, motion.velocity])
+        self._motion: Array = np.array([found.displacement[0], found.velocity[0]])
         self.finite = bool(np.isfinite(self._error).all() and np.isfinite(self._motion).all())
         self._windows = np.flatnonzero(part.inside)
         self._lines: Spectrum = part.counted_lines(self._error)[self._windows]
@@ -194,11 +187,11 @@ class _Remainder:
         quiet = float(np.quantile(body, QUIET))
         through = part.counted_lines(self._predicted)[self._windows]
         # What other numbers of spring and drag would change.
-        moved = part.lines_of_forces(self._motion, self._own, self._looseness)[:, self._windows]
+        moved = part.lines_of_forces(self._motion, self._own)[:, self._windows]
         for cut in self._bands:
             slope = np.linspace(-1.0, 1.0, cut.stop - cut.start)
             for place in range(self._windows.size):
-                loud = body[place, cut] > LOUD * quiet
+                loud = body[place, cut] > max(LOUD * quiet, ACROSS**2 * float(body[place].max()))
                 if int(loud.sum()) < LEAST_LINES:
                     continue
                 own = through[place, cut]
@@ -219,7 +212,7 @@ class _Remainder:
         side, seen = np.sign(v), self._predicted / (np.std(self._predicted) + TINY)
         forces = np.array([z, v, z * z, z * v, v * v, z**3, v**3, z * z * v, v * np.abs(v), side, side * z])
         rows = np.concatenate([
-            part.lines_of_forces(forces, self._own, self._looseness),
+            part.lines_of_forces(forces, self._own),
             part.counted_lines(np.array([seen, seen**2, seen**3])),
         ])[:, self._windows]  # fmt: skip
         power = np.mean(np.abs(self._lines) ** 2, axis=0)

@@ -26,12 +26,11 @@ from spool_sim.valve import Valve
 from spool_gap.catalogue import EFFECTS
 from spool_gap.effect import Motion
 from spool_gap.likelihood.kernel import SwitchableMotion
-from spool_gap.likelihood.prediction import FREE, Prediction, Predictions
+from spool_gap.likelihood.prediction import Prediction, Predictions
 from spool_gap.likelihood.readings import Readings, readings_of
-from spool_gap.likelihood.score import Score
 from spool_gap.likelihood.search import DECISIVE
-from spool_gap.likelihood.structure import CHAIN_PARTS, Structure
-from spool_gap.likelihood.structure_fit import StructureFit, fit_structure
+from spool_gap.likelihood.structure import Structure
+from spool_gap.likelihood.structure_fit import StructureFit, curvature_of
 
 #: Degree of the functions of one variable, and of each of two.
 DEGREE, BOTH = 9, 4
@@ -85,24 +84,45 @@ def rest_of(predictions: Predictions, fit: StructureFit) -> Rest:
     with settled(predictions, fit) as enough:
         if not enough:
             return best
-        score = Score(predictions, fit)
-        for name, forces in _columns(score.motion).items():
-            gain, coefficients = _evidence(*score.left_with(forces))
+        motion = _motion_of(predictions, fit.structure)
+        weights = predictions.weights(fit.lines)
+        slopes = curvature_of(predictions, fit).slopes
+        own = np.linalg.qr((slopes / (np.linalg.norm(slopes, axis=1, keepdims=True) + 1e-300)).T)[0]
+        residual = predictions.weighed(fit.lines, weights)
+        residual = residual - own @ (own.T @ residual)
+        for name, forces in _columns(motion).items():
+            lines = [
+                part.lines_of_forces(row, fit.structure)
+                for part, row in zip(predictions.parts, _by_part(predictions, forces), strict=True)
+            ]
+            columns = predictions.weighed(lines, weights)
+            gain, coefficients = _evidence(columns - (columns @ own) @ own.T, residual)
             if gain > best.gain:
                 share = share_of_force(predictions, fit.structure, coefficients @ forces)
                 best = Rest(gain, share, name)
     return best
 
 
-def foreseen(predictions: Predictions, fit: StructureFit, follows: str) -> float:
-    """Return the evidence that a force which ``follows`` something gains in a free run of ``fit``.
+def _by_part(predictions: Predictions, rows: Array) -> list[Array]:
+    """Return ``rows`` (q, n) of all stretches cut into those of each."""
+    return np.split(rows, np.cumsum([part.size for part in predictions.parts])[:-1], axis=1)
 
-    What is no function of the motion, as vibration that a sensor picks up from across its axis, is in the
-    measured motion, too, and looks like a force along that. A free run does not hold it.
-    """
-    with settled(predictions, fit):
-        score = Score(predictions, fit_structure(predictions, fit.structure, (FREE,), steps=0))
-        return _evidence(*score.left_with(_columns(score.motion)[follows]))[0]
+
+def _motion_of(predictions: Predictions, own: Structure) -> Motion:
+    """Return the motion of ``own`` in all stretches, one after the other."""
+    found = [part.responses([own]) for part in predictions.parts]
+    z, v = (np.concatenate([getattr(one, name)[0] for one in found]) for name in ("displacement", "velocity"))
+    first = predictions.parts[0]
+    time = np.concatenate([part.time + np.arange(part.size) * part.period for part in predictions.parts])
+    # White noise of the reading above the lowest frequency, integrated.
+    noise = max(
+        float(np.sqrt(part.readings.noise.spool / (4.0 * np.pi**2 * part.readings.low_cut)))
+        for part in predictions.parts
+    )
+    return Motion(
+        z, v, np.gradient(v, first.period), time, first.period, noise,
+        own.values["mass"], own.values["spring_stiffness"], own.values.get("viscous_coefficient", 0.0),
+    )  # fmt: skip
 
 
 def share_of_effect(predictions: Predictions, fit: StructureFit, terms: tuple[str, ...]) -> float:
@@ -111,21 +131,18 @@ def share_of_effect(predictions: Predictions, fit: StructureFit, terms: tuple[st
     What the base with other numbers would do as well is not counted.
     """
     own = fit.structure
-    rows = []
-    for part in predictions.parts:
-        rows.append(part.force_of(own, terms, fit.looseness))
+    rows = [part.force_of(own, terms) for part in predictions.parts]
     return share_of_force(predictions, own, np.concatenate(rows))
 
 
 def share_of_force(predictions: Predictions, own: Structure, force: Array) -> float:
     """Return the rms of what ``force`` (n,) along the motion adds to the acceleration, over that measured."""
-    begin, changed, measured = 0, 0.0, 0.0
-    for part in predictions.parts:
-        row = force[begin : begin + part.size]
-        begin += part.size
-        errors = part.errors([own], 1.0)
-        others = np.array([errors.displacement, errors.velocity])
-        lines = part.lines_of_forces(np.concatenate([row[np.newaxis], others]), own, FREE)[:, part.inside]
+    changed = measured = 0.0
+    rows = _by_part(predictions, force[np.newaxis])
+    for part, row in zip(predictions.parts, rows, strict=True):
+        found = part.responses([own])
+        others = np.array([found.displacement[0], found.velocity[0]])
+        lines = part.lines_of_forces(np.concatenate([row, others]), own)[:, part.inside]
         flat = lines.reshape(3, -1)
         reading = part.lines_of(part.spool)[part.inside].reshape(1, -1)
         beside = np.concatenate([flat[1:], reading])
@@ -147,8 +164,7 @@ def share_between(
 ) -> float:
     """Return the share by which ``terms`` of ``fit`` and ``others`` of ``other`` differ along its motion."""
     rows = [
-        part.force_of(fit.structure, terms, fit.looseness)
-        - part.force_of(fit.structure, others, fit.looseness, values=other.structure.values)
+        part.force_of(fit.structure, terms) - part.force_of(fit.structure, others, other.structure.values)
         for part in predictions.parts
     ]
     return share_of_force(predictions, fit.structure, np.concatenate(rows))
@@ -156,15 +172,10 @@ def share_between(
 
 def share_of_part(predictions: Predictions, fit: StructureFit, key: str) -> float:
     """Return the share of the spool's acceleration (rms) that the part ``key`` of the chain changes."""
-    own, part = fit.structure, CHAIN_PARTS[key]
-    bare = own.without(key)
     changed = measured = 0.0
-    size = own.values[part.parameters[0].name]
-    if size == 0.0:
-        return 0.0
     for one in predictions.parts:
-        errors = np.zeros((one.windows, one.lines.size), dtype=np.complex128)
-        lines = one.lines_of_part(part, own.values, bare, FREE, errors) * size
+        with_it, without = (one.errors([own])[0] for own in (fit.structure, fit.structure.without(key)))
+        lines = with_it - without
         # Without what a gain or a delay of the reading makes.
         read = one.lines_of(one.spool)[one.inside].ravel()
         late = read * np.tile(2j * np.pi * one.lines, int(one.inside.sum()))
@@ -206,9 +217,7 @@ def two_forces(
     if first is None or ONE not in fit.structure.effects:
         return None
     prediction = Prediction(_with_rest(first), valve, motions)
-    lines = prediction.errors(
-        [split_by_direction(fit.structure, ratio) for ratio in RATIOS.tolist()], FREE
-    ).lines
+    lines = prediction.errors([split_by_direction(fit.structure, ratio) for ratio in RATIOS.tolist()])
     likely = np.array([prediction.log_likelihood(one) for one in lines])
     best = int(np.argmax(likely))
     if best in (0, RATIOS.size - 1):
@@ -246,7 +255,7 @@ def settled(predictions: Predictions, fit: StructureFit) -> Iterator[bool]:
     for part in predictions.parts:
         part.inside = part.inside & part.settled
         if hits:
-            touched = part.force_of(own, hits, fit.looseness) != 0.0
+            touched = part.force_of(own, hits) != 0.0
             part.count(part.counted * (np.convolve(touched, np.ones(BESIDE), mode="same") < 0.5))
     try:
         yield sum(int(part.inside.sum()) for part in predictions.parts) >= FEWEST

@@ -1,63 +1,75 @@
-"""Search for the most likely structures: every set of effects by simulation, the best ones to their end.
+"""Search for the most likely structures: a list of moves over a table of finished fits.
 
-Three steps. In excerpts of the record every effect alone, every part of the measuring chain, and every pair
-is simulated from many starts and fitted briefly from the likeliest. The best of these are fitted to the whole
-record, with each part that may help and with the numbers of those that act alike, so that finished fits only
-are compared. Last, each component is left out to see what it is worth. All that was fitted to the whole
-record stays, for the decision.
+In excerpts of the record a structure is simulated from all guesses of its effects and fitted briefly from
+the best ones; the likeliest of a move are fitted to the whole record. Only finished fits are compared, and
+all stay in the table, for the decision.
 """
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
+from spool_core.numbers import Array
+from spool_estimator.identification.chain import CHAIN_PARTS
+from spool_estimator.identification.spectra import ZeroPhase
+from spool_sim.observation import CAUSAL, INSTANTS, LINEAR, MEAN, Observation
 
-from spool_gap.catalogue import EFFECTS, FRICTIONS
-from spool_gap.likelihood.prediction import FREE, Predictions
-from spool_gap.likelihood.score import Balance, close_proposals, parts_of, proposals, resolved_by
-from spool_gap.likelihood.starts import Starts, numbers_of_part, several
-from spool_gap.likelihood.structure import CHAIN_PARTS, DELAY, GAIN, Structure, Values
-from spool_gap.likelihood.structure_fit import ENOUGH, LOOSENESS, STEPS, StructureFit, fit_structure, judged
+from spool_gap.catalogue import EFFECTS
+from spool_gap.effect import Scale
+from spool_gap.likelihood.prediction import Prediction, Predictions
+from spool_gap.likelihood.structure import Limits, Structure
+from spool_gap.likelihood.structure_fit import ENOUGH, StructureFit, fit_structure
 
 Key = tuple[frozenset[str], frozenset[str]]
 
-#: Looseness at which fits have few minima, and of those starts that are near the minimum.
-LOOSE, TIGHT = LOOSENESS[0], 0.03
-#: Looseness up to which structures are compared: a looser one follows the measured motion, whatever acts.
-COMPARED = LOOSENESS[2]
-#: Starts that are looked at in all excerpts, that are fitted of each structure, and steps of such a fit.
-GLANCED, STARTS, QUICK = 8, 2, 4
-#: Steps of a fit while structures are only compared.
-BRIEF = 15
-#: Draws around the best structure's numbers, and their standard deviations (ln): a factor of 3 either way,
-#: and 5 %, by which a gain within the tolerance of a data sheet makes them wrong.
-DRAWS, SHAKEN, GENTLY = 24, 1.1, 0.05
-#: Parts of the chain, but for modes, that are fitted beside the best structure.
-SHOWN = 3
-#: Parts of the chain that are modes.
-MODES_OF_CHAIN = tuple(key for key, part in CHAIN_PARTS.items() if part.id == "extra_mode")
-#: Rise of the log likelihood that ends a fit while structures are only compared: at least, and as a share of
-#: what the best one gains over the base.
-ROUGH, ROUGHLY = 3.0, 1e-3
-#: Structures that are fitted whole whatever they gain in excerpts, and at most.
-BESIDE, FINALISTS = 3, 5
-#: Share of the best one's gain over the base in excerpts that a structure must have to be fitted whole.
-HOPEFUL = 0.7
-#: Share of what the likeliest effect gains in excerpts from which a part may hide another effect.
-HIDING = 0.1
+#: Guesses from which a brief fit begins, steps of such a fit, and of a finished one at most.
+STARTS, QUICK, STEPS = 2, 8, 20
+#: Draws around a guess where the likelihood has many maxima, groups of them, and the relative spreads of the
+#: first one: of the effect's numbers, and of the base's.
+DRAWS, GROUPS, SPREADS = 40, 10, (0.2, 0.03)
+#: Fits of a move whose low-pass is looked for.
+SETTLED = 2
+#: Rise of the log likelihood that ends a fit while structures are only compared.
+ROUGH = 3.0
+#: Fits of a move that are made on the whole record.
+FINALISTS = 2
+#: What a fit leaves over what the best one does up to which it is fitted to its end.
+NEAR = 1.02
+#: Evidence by which a fit is behind that is not worth its last digits.
+HOPELESS = 300.0
 #: Components of a structure at most: effects, and parts of the chain.
-MOST_EFFECTS, MOST_PARTS = 3, 5
+MOST_EFFECTS, MOST_PARTS = 3, 4
 #: Evidence (log likelihood less its penalty) from which a component stays: twice what counts as decisive
 #: (Kass and Raftery, 1995), since many are tried.
 DECISIVE = 10.0
-#: Evidence by which a structure without a component must be behind not to be fitted to its end.
-CLOSE = 100.0
-#: Share of the steps that are left which pairs may take, and pairs after which is looked whether one does.
-PAIRED, IN_TURN = 0.5, 8
+#: Share of the rest (rms) that a component takes away at least: laws near rest and low-passes of loggers
+#: are described to about that.
+LEAST_FALL = 0.01
+#: Low-passes of loggers that are tried where a force jumps, each with its corner free; steps of these fits.
+OBSERVATIONS = (
+    Observation(LINEAR, 4.0, 0.42),
+    Observation(CAUSAL, 2.0, 0.36),
+    Observation(CAUSAL, 4.0, 0.36),
+    Observation(CAUSAL, 6.0, 0.36),
+    Observation(MEAN),
+    Observation(INSTANTS),
+)
+OBSERVED = 5
+#: Hz, and shares of the reading, of modes of a mounting that are tried; sizes of other parts over their
+#: typical one.
+MODES, MODE_SHARES, SIZES = (30.0, 60.0, 110.0, 180.0, 300.0, 500.0), (0.05, 0.3), (1.0, 3.0)
+#: Share of the motion's reversals that are slower than those that limit what a record resolves.
+SLOWEST = 0.1
+#: Quantile of the motion that it reaches, force over that of spring and drag there, share of the reach, and
+#: samples from which the spool may hit something.
+REACH, HARD, ENDS, FEWEST_HARD = 0.995, 1.4, 0.7, 2
+#: Share of the force that moves the spool which friction has where another law's guesses begin around it.
+ALIKE = 0.15
+#: Lines of what the base leaves that may be a force, and how far they must stand out of the median, in power.
+PEAKS, STANDS_OUT = 3, 30.0
 
 
 class Search:
@@ -66,6 +78,7 @@ class Search:
     Attributes:
         fits: the most likely fit of each structure that was fitted to the whole record.
         base: nothing but the base.
+        hit: whether the spool may hit something.
     """
 
     def __init__(
@@ -85,47 +98,31 @@ class Search:
             names: of the effects that may be missing.
             tell: takes what is done and the share of the work.
             allowed: steps of integration, after which nothing further is tried.
-            least_share: of the spool's acceleration, rms, that a second effect must change to be looked for.
+            least_share: of the spool's acceleration, rms, that a component must explain.
         """
         self._least_share = least_share
         self._predictions, self._names, self._tell = predictions, tuple(names), tell
         self._allowed = allowed
         self.fits: dict[Key, StructureFit] = {}
-        self._rough: dict[Key, StructureFit] = {}
-        base = replace(base, limits=resolved_by(predictions))
         tell("fitting the base", 0.1)
-        rough = fit_structure(predictions, base)
-        self._brief = predictions.excerpt(predictions.parts[0].motions)
-        strongest = max(self._brief.parts, key=lambda one: float(np.mean(one.spool**4)) * (one.numbers > 0.0))
-        self._glance = Predictions([strongest])
-        self._glance.seconds = predictions.seconds
-        for part in {*predictions.parts, *self._brief.parts}:
-            part.leave_out_reversals()
-        self.base = judged(predictions, rough)
-        for one, looseness in ((rough.structure, LOOSE), (base, TIGHT)):
-            self.base = self._tighten(one, looseness)
-        values = self.base.structure.values
-        damping = values.get("viscous_coefficient", 0.0)
-        balance = Balance(predictions, values["spring_stiffness"], damping, names)
-        motions = (part.errors([self.base.structure], COMPARED).displacement for part in predictions.parts)
-        furthest = max(float(np.abs(motion).max()) for motion in motions)
-        self._starts = Starts(balance, names, furthest)
-        self._scan(self.base.structure, [values])
+        self._brief = predictions.excerpt()
+        self._brief.plain = True
+        longest = max(predictions.parts, key=lambda one: one.seconds)
+        base = replace(base, limits=_resolved_by(longest))
+        self._kinds: Sequence[Observation] = OBSERVATIONS
+        if predictions.parts[0].readings.means:
+            self._kinds = (Observation(MEAN),)
+            base = base.read_by(self._kinds[0])
+        self._described = {one.name: base.values[one.name] for one in base.unknowns(predictions.seconds)}
+        rough = fit_structure(self._brief, base)
+        self.base = self.finish(rough.structure)
+        self._scale = _scale_of(predictions, self.base.structure)
+        self.hit = _hit(longest, self.base.structure)
 
     @property
     def late(self) -> bool:
         """Whether no further structure is tried."""
-        return self._work > self._allowed
-
-    @property
-    def hit(self) -> bool:
-        """Whether the spool may hit something: springs and drag do not make the largest of its forces."""
-        return self._starts.balance.hit
-
-    @property
-    def _work(self) -> float:
-        """Steps of integration so far."""
-        return sum(one.work for one in {self._predictions, self._brief})
+        return self._predictions.work + self._brief.work > self._allowed
 
     @property
     def best(self) -> StructureFit:
@@ -133,7 +130,7 @@ class Search:
         return max(self._sensible(), key=lambda one: one.evidence)
 
     def _sensible(self) -> list[StructureFit]:
-        return [one for one in self.fits.values() if not senseless(one)]
+        return [one for one in self.fits.values() if not senseless(one)] or [self.base]
 
     @property
     def of_each_set(self) -> dict[frozenset[str], StructureFit]:
@@ -143,449 +140,279 @@ class Search:
 
     @property
     def simplest(self) -> StructureFit:
-        """The structure with the fewest numbers among those whose evidence does not decide against it."""
-        least = self.best.evidence - DECISIVE
-        near = [one for one in self._sensible() if one.evidence >= least]
+        """The structure with the fewest numbers of those that nothing beats by evidence and by its share."""
+        best = self.best
+        near = [
+            one
+            for one in self._sensible()
+            if one.evidence >= best.evidence - DECISIVE
+            or best.beyond(one) < self._least_share
+            or best.ratio(one) > 1.0 - LEAST_FALL
+        ]
         return min(near, key=lambda one: (one.count, -one.evidence))
-
-    @property
-    def _enough(self) -> float:
-        """Rise of the log likelihood that ends a fit while structures are only compared."""
-        if not self.fits:
-            return ROUGH
-        return max(ROUGH, ROUGHLY * (self.best.log_likelihood - self.base.log_likelihood))
 
     def without(self, fit: StructureFit, name: str) -> StructureFit | None:
         """Return the fit of ``fit`` without the effect ``name``, if there is one."""
         return self.fits.get(fit.structure.without(name).key)
 
-    def tried(self, one: Structure) -> StructureFit:
-        """Return the likeliest fit of ``one`` from its numbers, by strong and by weak corrections.
-
-        It is kept for the decision, where it is likelier than what is known.
-        """
-        for looseness in (COMPARED, LOOSE):
-            found = self._tighten(one.bounded(self._predictions.seconds), looseness)
-        self._settle(found.structure, found.looseness)
-        return self.fits[one.key]
+    # Moves ----------------------------------------------------------------------------------------------
 
     def run(self) -> None:
-        """Try every effect alone, every pair where one does not do, and finish what is best."""
-        self._tell("every effect alone", 0.15)
-        bare = self.base.structure
-        for name, rows in proposals(self._predictions, self.base, self._names).items():
-            for one in rows:
-                self._starts.note((name,), one.values)
-        for name in self._names:
-            self._scan_set(bare, (name,))
-        self._scan_alike(1)
-        self._tell("the measuring chain", 0.3)
-        self._scan_parts()
-        self._tell("the likeliest on the whole record", 0.35)
-        self._fit_whole(BESIDE)
-        self._add_parts(1)
-        self._add_effect()
-        self._fit_alike()
-        if self._open() and self._scan_pairs():
-            self._scan_alike(2)
-            self._tell("the likeliest on the whole record", 0.6)
-            self._fit_whole(FINALISTS)
-            self._share_chain()
-            self._add_parts()
-            self._fit_alike()
-            self._add_effect()
-        self._shake()
-        self._without_chain()
-        # Fit on what may turn out to be the best.
-        least = self.best.evidence - 5.0 * self._enough
-        for close in [fit for fit in self._sensible() if fit.evidence > least]:
-            self._settle(close.structure, close.looseness)
-        # Numbers that make no sense on a machine say in most cases that a plainer law is enough.
-        self._plainer(max(self.fits.values(), key=lambda one: one.evidence))
-        for _ in range(3):
-            before = self.simplest
-            self.leave_out(before)
-            self._plainer(before)
-            if self.simplest.structure.key == before.structure.key:
-                break
-
-    # In excerpts ----------------------------------------------------------------------------------------
-
-    def _scan(self, wider: Structure, starts: Iterable[Mapping[str, float]]) -> StructureFit:
-        """Return the best brief fit of ``wider`` in the excerpts from the likeliest of ``starts``."""
-        seconds = self._predictions.seconds
-        trials = [wider.moved(one).bounded(seconds) for one in starts]
-        fitted = STARTS if any(several(name) for name in wider.effects) else 1
-        begun: list[tuple[Structure, tuple[float, ...]]] = [
-            (one, (COMPARED,)) for one in self._likeliest(trials, COMPARED, fitted)
-        ]
-        if len(wider.effects) == 1 and not wider.parts:
-            # A motion bound to the measured one has few minima.
-            begun += [(one, LOOSENESS[:3]) for one in self._likeliest(trials, LOOSE, 1)]
-        fits = [self._fit(one, looseness, brief=True) for one, looseness in begun]
-        found = max((judged(self._brief, one) for one in fits), key=lambda one: one.evidence)
-        known = self._rough.get(wider.key)
-        if known is None or found.evidence > known.evidence:
-            self._rough[wider.key] = found
-        return self._rough[wider.key]
-
-    def _scan_set(self, own: Structure, names: tuple[str, ...]) -> None:
-        """Scan ``own`` with the effects ``names``, from the numbers of each alone and from the balance."""
-        wider = own.having((*own.effects, *names), own.parts)
-        singles = [one for name in wider.effects if (one := self._single(name)) is not None]
-        self._scan(wider, self._starts.of(wider, own, singles))
-
-    def _single(self, name: str) -> StructureFit | None:
-        """Return the likeliest brief fit with the effect ``name`` alone, whatever the chain."""
-        found = [one for (effects, _), one in self._rough.items() if effects == {name}]
-        return max(found, key=lambda one: one.evidence, default=None)
-
-    def _ranked(self, effects: int | None = None) -> list[StructureFit]:
-        """Return the brief fits with so many ``effects``, the likeliest of each set, best first."""
-        rising = sorted(self._rough.values(), key=lambda one: one.evidence)
-        of_set = {frozenset(one.structure.effects): one for one in rising}
-        found = [one for own, one in of_set.items() if effects is None or len(own) == effects]
-        return sorted(found, key=lambda one: -one.evidence)
-
-    def _scan_alike(self, effects: int) -> None:
-        """Scan what acts like the likeliest with so many ``effects``, from its numbers."""
-        for fit in self._ranked(effects)[:1]:
-            for wider, starts in self._alike(fit):
-                if not self.late:
-                    self._scan(wider, starts)
-
-    def _alike(self, fit: StructureFit) -> Iterator[tuple[Structure, list[dict[str, float]]]]:
-        """Yield ``fit`` with an effect exchanged for one that acts like it, and numbers to start from."""
-        for name in fit.structure.effects:
-            bare = fit.structure.without(name)
-            for other in self._starts.like(name):
-                if other in bare.effects or not self._may_add(bare, other):
-                    continue
-                starts = [
-                    {**fit.structure.values, **one}
-                    for one in self._starts.acting_like(name, other, fit.structure.values)
-                ]
-                if starts:
-                    yield bare.having((*bare.effects, other), bare.parts), starts
-
-    def _scan_parts(self) -> None:
-        """Scan parts of the chain beside the base and the likeliest effect, then every effect beside these.
-
-        A strong mode hides the effect, and the effect the mode: neither may be taken first for good.
-        """
-        bare = self.base.structure
-        beside = [self._rough[bare.key], *self._ranked(1)[:1]]
-        chains: dict[str, tuple[float, Structure]] = {}
-        least = max(DECISIVE, HIDING * (max(one.evidence for one in beside) - beside[0].evidence))
-        for fit in beside:
-            for key in CHAIN_PARTS:
-                if self.late:
-                    return
-                found = self._scan_part(fit.structure, key)
-                gain = found.evidence - fit.evidence
-                if gain > max(least, chains.get(key, (0.0, bare))[0]):
-                    chains[key] = gain, found.structure
-        for _, one in sorted(chains.values(), key=lambda row: -row[0])[:STARTS]:
-            chain = {p.name: one.values[p.name] for part in one.chain for p in part.parameters}
-            own = bare.having((), one.parts, chain)
-            self._scan(own, [own.values])
-            for name in self._names:
-                if not self.late:
-                    self._scan_set(own, (name,))
-
-    def _scan_part(self, own: Structure, key: str) -> StructureFit:
-        """Return the best brief fit of ``own`` with the part ``key``."""
-        wider = own.having(own.effects, (*own.parts, key))
-        return self._scan(wider, [{**own.values, **one} for one in numbers_of_part(key)])
-
-    def _open(self) -> bool:
-        """Whether a score test finds something that matters in what the best structure leaves."""
-        best = self.best
-        if self.hit and not any(EFFECTS[name].localised for name in best.structure.effects):
-            return True
-        numbers = self._predictions.numbers
-        penalty = 0.5 * math.log(numbers)
-        allowed = [name for name in self._names if self._may_add(best.structure, name)]
-        found = close_proposals(self._predictions, best, allowed).values()
-        # A rise of the log likelihood by this much takes this share of the errors' power away.
-        gains = [one.gain for one in found if one.gain > DECISIVE + one.count * penalty]
-        explained = 1.0 - math.exp(-2.0 * max(gains, default=0.0) / numbers)
-        # What a free run leaves of the spool's acceleration, rms over rms.
-        left = read = 0.0
-        for part in self._predictions.parts:
-            error = part.spool - part.free_run(best.structure, FREE)[0]
-            lines = part.counted_lines(np.array([error, part.spool]))[:, part.inside]
-            left, read = np.array([left, read]) + np.sum(np.abs(lines) ** 2, axis=(1, 2))
-        return math.sqrt(left / max(read, 1e-300)) * math.sqrt(explained) >= self._least_share
-
-    def _scan_pairs(self) -> bool:
-        """Scan every pair of effects, the most promising first, with the chain of the best and without.
-
-        It ends early where a pair leaves nothing that a score test finds; returns whether there is any pair.
-        """
-        until = self._work + PAIRED * (self._allowed - self._work)
-        pairs = [
-            pair
-            for pair in itertools.combinations(self._names, 2)
-            if self._may_add(self.base.structure.having((pair[0],), ()), pair[1])
-        ]
-        promise = self._promised()
-        pairs.sort(key=lambda pair: -max(promise.get(pair, -math.inf), promise.get(pair[::-1], -math.inf)))
-        best = self.best.structure
-        chain = {p.name: best.values[p.name] for part in best.chain for p in part.parameters}
-        bare = self.base.structure
-        chains = {one.parts: one for one in (bare.having((), best.parts, chain), bare)}
-        for number, pair in enumerate(pairs):
-            self._tell(" and ".join(pair).replace("_", " "), 0.4 + 0.2 * number / len(pairs))
-            for own in chains.values():
-                if self._work > until:
-                    return True
-                self._scan_set(own, pair)
-            if number % IN_TURN == IN_TURN - 1:
-                self._fit_whole(1)
-                if not self._open():
-                    break
-        return bool(pairs)
-
-    def _promised(self) -> dict[tuple[str, str], float]:
-        """Return the evidence that each pair promises: that of one, and what a score test of it finds."""
-        found: dict[tuple[str, str], float] = {}
-        singles = self._ranked(1)
-        for fit in singles:
-            name = fit.structure.effects[0]
-            allowed = [one for one in self._names if self._may_add(fit.structure, one)]
-            near = close_proposals(self._brief, fit, allowed) if fit in singles[: 2 * BESIDE] else {}
-            for other in allowed:
-                found[name, other] = fit.evidence + (near[other].gain if other in near else 0.0)
-                if other in near:
-                    self._starts.note((name, other), near[other].values)
-        return found
-
-    # On the whole record --------------------------------------------------------------------------------
-
-    def _fit_whole(self, most: int) -> None:
-        """Fit the likeliest of what was scanned, ``most`` sets of effects, to the whole record."""
-        ranked = [one for one in self._ranked() if not senseless(one)]
-        floor = self._rough[self.base.structure.key].evidence
-        least = floor + HOPEFUL * (ranked[0].evidence - floor)
-        for number, one in enumerate(ranked[:most]):
-            # Excerpts may mislead: some are fitted whatever they gain there.
-            if (number >= BESIDE and one.evidence < least) or (self.late and len(self.fits) > 1):
-                break
-            known = self.fits.get(one.structure.key)
-            if known is None:
-                self._tighten(one.structure, COMPARED)
-
-    def _share_chain(self) -> None:
-        """Fit the likeliest other sets of effects with the chain of the best."""
-        best = self.best
-        chain = {
-            p.name: best.structure.values[p.name] for part in best.structure.chain for p in part.parameters
-        }
-        others = [one for one in self.of_each_set.values() if one.structure.effects != best.structure.effects]
-        others.sort(key=lambda one: -one.evidence)
-        for one in others[:BESIDE]:
-            wider = one.structure.having(one.structure.effects, best.structure.parts, chain)
-            if wider.key not in self.fits and not self.late:
-                self._tighten(wider, COMPARED)
-
-    def _add_parts(self, most: int = MOST_PARTS) -> None:
-        """Add at most so many parts of the chain to the best structure, as long as they are decisive.
-
-        By score tests on the whole record, since a drift, or a corner below the motion, hardly shows in
-        excerpts; a strong mode is far from the small one that a score test sees, so modes are scanned, too.
-        """
-        for number in range(most):
-            best = self.best
-            own = best.structure
-            if len(own.parts) >= MOST_PARTS or (number > 1 and self.late):
-                return
-            fits = [
-                judged(self._predictions, self._fit(one, (best.looseness,), steps=QUICK))
-                for one in self._with_parts(best)
+        """Make the moves by turns while the structure grows, then take each component away."""
+        made: set[tuple[str, Key]] = set()
+        for number in range(2 * (MOST_EFFECTS + MOST_PARTS)):
+            name, move = (("one component more", self._one_more), ("laws that act alike", self._alike))[
+                number % 2
             ]
-            for one in sorted(fits, key=lambda one: -one.evidence)[:STARTS]:
-                if one.evidence > best.evidence + DECISIVE:
-                    self._tighten(one.structure, COMPARED)
-            if self.best.evidence < best.evidence + DECISIVE:
+            own = self.simplest.structure
+            if (name, own.key) in made or (self.late and number > 0):
+                break
+            if move == self._one_more and self._explained(self.simplest):
+                break
+            self._tell(name, 0.15 + 0.3 * number / (MOST_EFFECTS + MOST_PARTS))
+            made.add((name, own.key))
+            move(own)
+        self._tell("one component less", 0.8)
+        self._one_less()
+        best = self.simplest.structure
+        if best.sharp:
+            self.finish(self._observed(best))
+        self._conclude()
+
+    def _explained(self, fit: StructureFit) -> bool:
+        """Whether ``fit`` leaves too little beside noise for a further component."""
+        return fit.left**2 - self._predictions.noise(fit.structure) ** 2 < self._least_share**2
+
+    def _one_more(self, own: Structure) -> None:
+        """Each effect and each part of the measuring chain beside ``own``."""
+        # However late it is, every effect is tried alone.
+        rows = [
+            self._scanned(own, name)
+            for name in self._names
+            if self._may_add(own, name) and not (self.late and own.effects)
+        ]
+        jumping = [one for one in rows if one.structure.sharp and not own.sharp]
+        if jumping:
+            # Forces that jump or bend show the logger's low-pass, once the fit is near.
+            ranked = sorted(jumping, key=lambda one: -one.evidence)[:SETTLED]
+            ended = [self._roughly(one.structure, STEPS) for one in ranked]
+            settled = self._settled(max(ended, key=lambda one: one.evidence))
+            seen = settled.structure.observation
+            rows = [one for one in rows if one not in jumping] + [
+                self._roughly(one.structure.read_by(seen)) for one in jumping
+            ]
+            rows = [one for one in rows if one.structure.key != settled.structure.key] + [settled]
+        for key in CHAIN_PARTS if len(own.parts) < MOST_PARTS else ():
+            if key not in own.parts and not self.late:
+                wider = own.having(own.effects, (*own.parts, key))
+                rows.append(self._fitted(wider, [{**own.values, **one} for one in guesses_of_part(key)]))
+        self._finish_best(rows)
+
+    def _alike(self, own: Structure) -> None:
+        """Laws of friction in place of that of ``own``, from its force."""
+        for name in [one for one in own.effects if EFFECTS[one].is_friction]:
+            bare = own.without(name)
+            part = self._predictions.parts[0]
+            force = float(np.mean(np.abs(part.force_of(own, EFFECTS[name].terms))))
+            scale = replace(self._scale, force=force / ALIKE)
+            rows = [
+                self._scanned(bare, other, scale)
+                for other in self._names
+                if other != name and EFFECTS[other].is_friction and not self.late
+            ]
+            rows.sort(key=lambda one: -one.evidence)
+            if rows and rows[0].evidence > self._roughly(own).evidence - HOPELESS:
+                rows[0] = self._settled(self._roughly(rows[0].structure, STEPS))
+            self._finish_best(rows)
+
+    def _one_less(self) -> None:
+        """The best structure without each of its components."""
+        for _ in range(MOST_EFFECTS):
+            own = self.simplest.structure
+            for name in (*own.effects, *own.parts):
+                if own.without(name).key not in self.fits:
+                    self.finish(own.without(name))
+            if self.simplest.structure.key == own.key:
                 return
 
-    def _with_parts(self, fit: StructureFit) -> Iterator[Structure]:
-        """Yield ``fit`` with each mode that it lacks, and with the other parts that are likeliest."""
-        own, seconds = fit.structure, self._predictions.seconds
-        begun: dict[str, list[Values]] = {one.name: [one.values] for one in parts_of(self._predictions, fit)}
-        tried: list[tuple[float, Structure]] = []
-        for key in (key for key in CHAIN_PARTS if key not in own.parts):
-            if key in MODES_OF_CHAIN:
-                yield self._scan_part(own, key).structure
-                continue
-            wider = own.having(own.effects, (*own.parts, key))
-            starts = [
-                wider.moved(one).bounded(seconds) for one in (*begun.get(key, ()), *numbers_of_part(key))
-            ]
-            for one, lines in zip(starts, self._predictions.errors(starts, fit.looseness), strict=True):
-                tried.append((self._predictions.log_likelihood(lines), one))
-        tried.sort(key=lambda row: -row[0])
-        of_part: dict[str, Structure] = {}
-        for _, one in tried:
-            of_part.setdefault(one.parts[-1], one)
-        yield from list(of_part.values())[:SHOWN]
-
-    def _fit_alike(self) -> None:
-        """Fit what acts like an effect of the best structure beside its chain, from its numbers."""
-        best = self.best
-        if not best.structure.parts:
-            return
-        scanned = [self._scan(wider, starts) for wider, starts in self._alike(best) if not self.late]
-        for one in sorted(scanned, key=lambda one: -one.evidence)[:STARTS]:
-            self._tighten(one.structure, COMPARED)
-
-    def _add_effect(self) -> None:
-        """Add an effect to the best structure by score tests, where no scan did so beside its parts."""
-        best = self.best
-        scanned = len(best.structure.effects) < MOST_EFFECTS - 1 and not best.structure.parts
-        if scanned or len(best.structure.effects) >= MOST_EFFECTS:
-            return
-        penalty = 0.5 * math.log(self._predictions.numbers)
-        allowed = [name for name in self._names if self._may_add(best.structure, name)]
-        found = close_proposals(self._predictions, best, allowed)
-        ranked = sorted(found.values(), key=lambda one: -one.gain)
-        for one in ranked[:STARTS]:
-            if one.gain > DECISIVE + one.count * penalty and not self.late:
-                wider = best.structure.having((*best.structure.effects, one.name), best.structure.parts)
-                self._tighten(wider.moved(one.values).bounded(self._predictions.seconds), best.looseness)
-
-    def _without_chain(self) -> None:
-        """Fit the likeliest sets of effects without any part of the chain, however late it is."""
-        ranked = sorted(self.of_each_set.values(), key=lambda one: -one.evidence)
-        for one in ranked[:BESIDE]:
-            if one.structure.parts:
-                self._tighten(one.structure.having(one.structure.effects, ()), COMPARED)
-
-    def _shake(self) -> None:
-        """Look for a better minimum of the best structure: from its numbers, each several times off."""
-        best = self.best
-        names = [own for name in best.structure.effects if several(name) for own in EFFECTS[name].fitted]
-        if self.late or not names:
-            return
-        own = best.structure
-        generator = np.random.default_rng(0)
-        far = np.exp(generator.normal(0.0, SHAKEN, (DRAWS, len(names)))).tolist()
-        for one in self._likeliest(self._scaled(own, names, far), LOOSENESS[1], STARTS):
-            begun = self._fit(one, (LOOSENESS[1],)).structure
-            self._keep(self._fit(begun, (best.looseness,)))
-        if any(EFFECTS[name].localised for name in own.effects):
-            # A gain that is a little wrong, and springs and clearances that make up for it, are a valley.
-            nominal = own.moved({GAIN: 0.0, DELAY: 0.0})
-            everything = [*names, *(one.name for one in own.base_unknowns)]
-            near = np.exp(generator.normal(0.0, GENTLY, (DRAWS, len(everything)))).tolist()
-            starts = [nominal, *self._likeliest(self._scaled(nominal, everything, near), TIGHT, STARTS)]
-            for one, share in zip(starts, (COMPARED, *[TIGHT] * STARTS), strict=True):
-                begun = self._fit(one, (share,)).structure
-                tighter = [at for at in LOOSENESS if min(best.looseness, share) <= at <= share]
-                self._keep(self._fit(begun, tighter))
-        if self.best.evidence > best.evidence + ROUGH:
-            self._settle(self.best.structure, self.best.looseness)
-
-    def _scaled(self, own: Structure, names: Sequence[str], factors: list[list[float]]) -> list[Structure]:
-        """Return ``own`` with the numbers called ``names`` times each row of ``factors`` (draws, names)."""
-        return [
-            own.moved(
-                {name: own.values[name] * factor for name, factor in zip(names, row, strict=True)}
-            ).bounded(self._predictions.seconds)
-            for row in factors
-        ]
-
-    def _plainer(self, fit: StructureFit) -> None:
-        """Fit ``fit`` with the plainer laws that its laws contain, however late it is."""
-        for wider, starts in self._alike(fit):
-            plain = set(wider.effects) - set(fit.structure.effects)
-            replaced = {one for name in fit.structure.effects for one in EFFECTS[name].replaces}
-            if plain <= replaced and wider.key not in self.fits:
-                self._tighten(self._scan(wider, starts).structure, fit.looseness)
-
-    def leave_out(self, fit: StructureFit) -> None:
-        """Fit ``fit`` without each of its components."""
-        for name in (*fit.structure.effects, *fit.structure.parts):
-            bare = fit.structure.without(name)
-            known = self.fits.get(bare.key)
-            self._tell(f"without {name.replace('_', ' ')}", 0.8)
-            for one in [bare] if known is None else [bare.moved(known.structure.values), bare]:
-                found = self._keep(self._fit(one, (fit.looseness,)))
-                if found.evidence > fit.evidence - CLOSE:
-                    self._settle(found.structure, fit.looseness)
-
-    def _settle(self, one: Structure, looseness: float) -> None:
-        """Fit ``one`` to its end; with forces that jump at last by all that corrects the motion."""
-        found = self._keep(self._fit(one, (looseness,), enough=ENOUGH, steps=STEPS))
-        if one.jumps:
-            self._keep(fit_structure(self._predictions, found.structure, (looseness,)))
+    def _conclude(self) -> None:
+        """Fit those that come near the best one to their end."""
+        best, least = self.best.evidence, NEAR * min(one.left for one in self.fits.values())
+        for key, fit in self.fits.items():
+            if fit.left <= least or fit.evidence >= best - HOPELESS:
+                self.fits[key] = fit_structure(self._predictions, fit.structure, steps=STEPS, enough=ENOUGH)
+        self.base = self.fits[self.base.structure.key]
 
     # Fits -----------------------------------------------------------------------------------------------
 
-    def _fit(
-        self,
-        one: Structure,
-        looseness: Sequence[float],
-        *,
-        steps: int = BRIEF,
-        enough: float | None = None,
-        brief: bool = False,
+    def _scanned(self, own: Structure, name: str, scale: Scale | None = None) -> StructureFit:
+        """Return the best brief fit of ``own`` with the effect ``name``."""
+        guesses = EFFECTS[name].guesses(scale or self._scale)
+        wider = own.having((*own.effects, name), own.parts, guesses[0] if guesses else None)
+        # Numbers of a base without a stop or friction may be far off: those of the description, too.
+        besides = ({}, self._described) if not own.effects else ({},)
+        starts = [{**own.values, **beside, **one} for beside in besides for one in guesses]
+        return self._fitted(wider, starts, zoom=EFFECTS[name].localised or EFFECTS[name].local_minima)
+
+    def _fitted(
+        self, wider: Structure, starts: Iterable[Mapping[str, float]], *, zoom: bool = False
     ) -> StructureFit:
-        """Return the fit of ``one``, without samples at reversals where its force jumps there.
+        """Return the best brief fit of ``wider`` in the excerpts from the likeliest of ``starts``."""
+        several = any(len(EFFECTS[name].fitted) > 1 for name in wider.effects) and not wider.parts
+        best = self._likeliest([wider.moved(one) for one in starts] or [wider])[: STARTS if several else 1]
+        if zoom:
+            best = [self._zoomed(best[0])]
+        return max((self._roughly(one) for one in best), key=lambda one: one.evidence)
 
-        A ``brief`` one is of few steps and of excerpts of the record.
+    def _likeliest(self, trials: Sequence[Structure]) -> list[Structure]:
+        """Return ``trials`` in the order of their likelihood in the excerpts, as they stand."""
+        bounded = [one.bounded(self._predictions.seconds) for one in trials]
+        bounded = [one for one in bounded if not _senseless(one)] or bounded
+        likely = [self._brief.log_likelihood(lines) for lines in self._brief.errors(bounded)]
+        return [bounded[place] for place in np.argsort(likely)[::-1].tolist()]
+
+    def _zoomed(self, one: Structure) -> Structure:
+        """Return the likeliest of draws around ``one``, each group around the best of the one before.
+
+        The likelihood has many maxima there. Source: Rubinstein, The cross-entropy method, 1999.
         """
-        # A force that jumps is fitted without what depends on the instants of its jumps; they are not heard
-        # either, as errors would be moved there.
-        apart = one.jumps
-        predictions = self._brief if brief else self._predictions
-        with predictions.reversals(counted=not apart, heard=not apart):
-            return fit_structure(
-                predictions, one, looseness, steps=QUICK if brief else steps, enough=enough or self._enough
-            )
+        generator = np.random.default_rng(0)
+        own = [number for name in one.effects for number in EFFECTS[name].fitted]
+        names = [*own, *(unknown.name for unknown in one.base_unknowns)]
+        spread = np.where(np.arange(len(names)) < len(own), *SPREADS)
+        centre = np.array([one.values[name] for name in names])
+        for _ in range(GROUPS):
+            draws = centre * np.exp(spread * generator.standard_normal((DRAWS, len(names))))
+            trials = [one.moved(dict(zip(names, row, strict=True))) for row in draws.tolist()]
+            trials = [each for each in trials if not _senseless(each)]
+            one, *others = self._likeliest([one, *trials])[: DRAWS // 4]
+            best = np.array([[abs(each.values[name]) + 1e-12 for name in names] for each in (one, *others)])
+            centre = best.mean(axis=0)
+            spread = np.log(best).std(axis=0) + 1e-4
+        return one
 
-    def _may_add(self, own: Structure, name: str) -> bool:
-        if (
-            name in own.effects
-            or len(own.effects) >= MOST_EFFECTS
-            or set(EFFECTS[name].terms) & set(own.terms)
-        ):
-            return False
-        return not (name in FRICTIONS and any(one in FRICTIONS for one in own.effects))
+    def _roughly(self, one: Structure, steps: int = QUICK) -> StructureFit:
+        """Return a brief fit of ``one`` in the excerpts."""
+        return fit_structure(self._brief, one, steps=steps, enough=ROUGH)
 
-    def _likeliest(self, trials: Sequence[Structure], looseness: float, most: int) -> list[Structure]:
-        """Return the ``most`` of ``trials`` that are likeliest in the excerpts, as they stand."""
-        for of, kept in ((self._glance, max(most, GLANCED)), (self._brief, most)):
-            if len(trials) > kept:
-                rows = of.errors(trials, looseness)
-                likely = [of.log_likelihood(lines) for lines in rows]
-                trials = [trials[place] for place in np.argsort(likely)[::-1][:kept].tolist()]
-        return list(trials)
+    def _settled(self, near: StructureFit) -> StructureFit:
+        """Return the brief fit ``near`` with the low-pass that it shows at its end."""
+        seen = self._observed(near.structure)
+        return near if seen.observation == near.structure.observation else self._roughly(seen, STEPS)
 
-    def _tighten(self, begun: Structure, looseness: float = LOOSE) -> StructureFit:
-        """Fit on from ``begun``, with the correction ``looseness`` and with tighter ones."""
-        # Which correction is best is judged by the samples that count in comparisons, not in fits.
-        last = begun
-        for share in (one for one in LOOSENESS if one <= looseness):
-            fit = self._fit(last, (share,))
-            last = fit.structure
-            if share <= COMPARED:
-                found = self._keep(fit)
-        return found
+    def _observed(self, own: Structure) -> Structure:
+        """Return ``own`` with the logger's low-pass that is likeliest beside it."""
+        trials = [own, *(own.read_by(one) for one in self._kinds)]
+        return max((self._roughly(one, OBSERVED) for one in trials), key=lambda one: one.evidence).structure
 
-    def _keep(self, fit: StructureFit) -> StructureFit:
-        fit = judged(self._predictions, fit)
-        known = self.fits.get(fit.structure.key)
+    def _finish_best(self, rows: Sequence[StructureFit], most: int = FINALISTS) -> None:
+        ranked = sorted(rows, key=lambda one: (bool(senseless(one)), -one.evidence))
+        for number, one in enumerate(ranked):
+            # Others are shown, and not worth their last digits.
+            hopeless = number >= most or self.late or one.evidence < ranked[0].evidence - HOPELESS
+            self.finish(one.structure, steps=0 if hopeless else STEPS)
+
+    def finish(self, one: Structure, steps: int = STEPS) -> StructureFit:
+        """Fit ``one`` to the whole record; keep it where it is likelier than what is known."""
+        fit = fit_structure(self._predictions, one, steps=steps, enough=ROUGH)
+        known = self.fits.get(one.key)
         # Numbers that make no sense on a machine never hide others that do.
         if known is None or (not senseless(fit), fit.evidence) > (not senseless(known), known.evidence):
-            self.fits[fit.structure.key] = fit
-            return fit
-        return known
+            self.fits[one.key] = fit
+        return self.fits[one.key]
+
+    def _may_add(self, own: Structure, name: str) -> bool:
+        if len(own.effects) >= MOST_EFFECTS or set(EFFECTS[name].terms) & set(own.terms):
+            return False
+        if EFFECTS[name].is_friction and any(EFFECTS[one].is_friction for one in own.effects):
+            return False
+        return bool(EFFECTS[name].guesses(self._scale))
+
+
+def guesses_of_part(key: str) -> list[dict[str, float]]:
+    """Return numbers of the part ``key`` of the chain from which fits begin."""
+    size, *others = CHAIN_PARTS[key].parameters
+    if CHAIN_PARTS[key].id == "extra_mode":
+        damping = {others[1].name: others[1].start}
+        return [
+            {size.name: share, others[0].name: frequency, **damping}
+            for frequency in MODES
+            for share in MODE_SHARES
+        ]
+    signs = (1.0, -1.0) if size.low < 0.0 else (1.0,)
+    return [{size.name: sign * one * size.start} for one in SIZES for sign in signs]
 
 
 def senseless(fit: StructureFit) -> str:
     """Return which numbers of the effects make no sense on a machine and why, "" where all do."""
-    values = fit.structure.values
-    reasons = (EFFECTS[name].sensible(values, {}) for name in fit.structure.effects)
-    return next((one for one in reasons if one), "")
+    return _senseless(fit.structure)
+
+
+def _senseless(one: Structure) -> str:
+    reasons = (EFFECTS[name].sensible(one.values, {}) for name in one.effects)
+    return next((reason for reason in reasons if reason), "")
+
+
+def _scale_of(predictions: Predictions, base: Structure) -> Scale:
+    """Return the sizes of the measured motion; ``base``: as fitted."""
+    rows = [_measured(part) for part in predictions.parts]
+    z, v = (np.abs(np.concatenate(row)) for row in zip(*rows, strict=True))
+    force = base.values["mass"] * float(np.std(np.concatenate([part.spool for part in predictions.parts])))
+    peaks = [peak for part in predictions.parts[:1] for peak in _peaks(part, base)]
+    return Scale(
+        force,
+        max(float(np.quantile(z, 0.999)), 1e-9),
+        max(float(np.quantile(v, 0.99)), 1e-9),
+        predictions.seconds,
+        tuple(peaks),
+    )
+
+
+def _peaks(part: Prediction, base: Structure) -> list[tuple[float, float, float]]:
+    """Return frequency (Hz), amplitude (N), phase of forces whose lines stand out of what ``base`` leaves."""
+    error = (part.spool - part.responses([base]).acceleration[0]) * part.counted
+    taper = np.hanning(error.size)
+    length = 8 * error.size
+    lines = np.fft.rfft(error * taper, length)
+    frequency = np.fft.rfftfreq(length, part.period)
+    power = np.where((frequency > part.lines[0]) & (frequency < part.lines[-1]), np.abs(lines) ** 2, 0.0)
+    level = float(np.median(power[power > 0.0])) if np.any(power > 0.0) else math.inf
+    found = []
+    for _ in range(PEAKS):
+        place = int(np.argmax(power))
+        if power[place] < STANDS_OUT * level:
+            break
+        own = float(frequency[place])
+        turn = 2j * np.pi * own
+        mass, stiffness = base.values["mass"], base.values["spring_stiffness"]
+        moved = turn**2 / (mass * turn**2 + base.values.get("viscous_coefficient", 0.0) * turn + stiffness)
+        # A term takes amplitude * sin(2 pi f t + phase) off the spool's force.
+        size = 2.0 * lines[place] * np.exp(-turn * part.time) / taper.sum() / moved
+        found.append((own, abs(size), float(np.angle(size) + 0.5 * np.pi)))
+        power[np.abs(frequency - own) < 4.0 / (error.size * part.period)] = 0.0
+    return found
+
+
+def _measured(part: Prediction) -> tuple[Array, Array]:
+    """Return displacement (m) and velocity (m/s) that the accelerometers of ``part`` show."""
+    band, relative = ZeroPhase(part.period, part.readings.low_cut), part.spool - part.body
+    return band.apply(relative, 2), band.apply(relative, 1)
+
+
+def _resolved_by(part: Prediction) -> Limits:
+    """Return what ``part`` resolves of laws of friction, by the measured motion."""
+    displacement, velocity = _measured(part)
+    turns = np.abs((part.spool - part.body)[:-1][np.diff(np.sign(velocity)) != 0.0])
+    slowest = part.period * float(np.quantile(turns, SLOWEST)) if turns.size else 0.0
+    return Limits(slowest, float(np.abs(displacement).max()))
+
+
+def _hit(part: Prediction, base: Structure) -> bool:
+    """Whether the spool may hit something: springs and drag of ``base`` do not make its largest forces."""
+    displacement, velocity = (np.abs(row) for row in _measured(part))
+    reach, fastest = (float(np.quantile(row, REACH)) for row in (displacement, velocity))
+    largest = base.values["spring_stiffness"] * reach + base.values.get("viscous_coefficient", 0.0) * fastest
+    strong = part.valve.moving_mass * np.abs(part.spool) * part.counted > HARD * largest
+    # A spike of a sensor is as strong, and anywhere in the stroke.
+    outside = displacement > ENDS * reach
+    return int((strong & outside).sum()) >= max(FEWEST_HARD, int((strong & ~outside).sum()))

@@ -99,20 +99,6 @@ def _body_rows(count: int, bodies: int, tables: int, stands_on: Sequence[int] | 
     return np.array(stands_on, dtype=np.int64)
 
 
-@dataclass(frozen=True, slots=True)
-class Correction:
-    """Pulls a predicted motion towards the measured spool acceleration (a constant-gain observer).
-
-    Attributes:
-        displacement, velocity: change of the state over the prediction error, m and m/s per m/s^2.
-        largest: prediction error (m/s^2) that counts in full; of a larger one this much counts.
-    """
-
-    displacement: float
-    velocity: float
-    largest: float
-
-
 class ComposedMotion:
     """Time stepping of a list of force terms, compiled for that list.
 
@@ -303,75 +289,6 @@ class ComposedMotion:
         return [
             Points(points[one], events[one, : counts[one]].copy(), z[one], v[one]) for one in range(count)
         ]
-
-    def predict_batch(
-        self,
-        body_acceleration: Array,
-        measured: Array,
-        heard: Array,
-        sets: Array,
-        *,
-        rows: tuple[NDArray[np.int64], NDArray[np.int64]],
-        correction: Correction,
-        sample_period: float,
-        substeps: int,
-        means: bool,
-        begin: float = 0.0,
-    ) -> tuple[Array, Array, Array]:
-        """Predict each sample of the spool's acceleration from those before it, for s parameter sets.
-
-        The motion starts at rest in the centre and is corrected after each sample, so that an error of its
-        start fades, and so does the difference of two motions that the same forces could produce.
-
-        Args:
-            body_acceleration: m/s^2, shape (b, 2 n substeps + 1), as in ``advance``.
-            measured: spool acceleration, m/s^2, shape (c, n): at the samples or, with ``means``, its mean
-                from each sample to the next.
-            heard: 1 where a sample corrects the motion, 0 where it does not, shape (n,).
-            sets: parameters, shape (s, p).
-            rows: of ``body_acceleration`` and of ``measured`` for each set, shape (s,) each.
-            correction: of the state after each sample.
-            sample_period, substeps: as in ``advance``.
-            means: see ``measured``.
-            begin: time of the first sample, s, for laws that depend on time.
-
-        Returns:
-            Measured minus predicted acceleration, m/s^2, and displacement and velocity before the correction,
-            each of shape (s, n).
-        """
-        count, samples = sets.shape[0], measured.shape[1]
-        states = np.zeros((count, 3 + max(1, self._memories)))
-        found = np.empty((3, count, samples))
-        parameters = self._packed(np.ascontiguousarray(sets[:, np.newaxis, :], dtype=np.float64))
-
-        def predict_some(part: slice) -> None:
-            self._kernel.predict_batch_kernel(
-                states[part],
-                body_acceleration,
-                rows[0][part],
-                measured,
-                rows[1][part],
-                heard,
-                sample_period / substeps,
-                substeps,
-                parameters[part],
-                correction.displacement,
-                correction.velocity,
-                correction.largest,
-                means,
-                begin,
-                *found[:, part],
-            )
-
-        shares = max(1, min(processors(), count))
-        edges = [count * number // shares for number in range(shares + 1)]
-        parts = [slice(first, last) for first, last in pairwise(edges)]
-        if len(parts) == 1:
-            predict_some(parts[0])
-        else:
-            with ThreadPoolExecutor(len(parts)) as pool:
-                list(pool.map(predict_some, parts))
-        return found[0], found[1], found[2]
 
     def _packed(self, parameters: Array) -> NDArray[Any]:
         """Return ``parameters`` as the kernel takes them."""
