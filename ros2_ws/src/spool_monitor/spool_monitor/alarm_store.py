@@ -84,13 +84,15 @@ class AlarmStore:
         return self.operate(which, lambda alarm: maintain(alarm, operator, on=on, seconds=seconds))
 
     def operate(self, which: str, change: Callable[[Alarm], Transition]) -> list[Transition]:
-        """Change the alarm named ``which``, all of that kind, or all (empty) that can be changed so.
+        """Change the alarm named ``which``, all whose names begin with it, or all (empty) that can be changed so.
 
         Raises:
             AlarmRefusedError: there is no such alarm, or none of them can; nothing is changed.
 
         """
-        chosen = [alarm for alarm in self.alarms.values() if which in ("", alarm.name, alarm.kind)]
+        chosen = [
+            alarm for name, alarm in self.alarms.items() if not which or f"{name}/".startswith(f"{which}/")
+        ]
         if not chosen:
             raise AlarmRefusedError(f"no alarm {which!r}; there are: {', '.join(sorted(self.alarms))}")
         transitions, refusals = [], []
@@ -156,7 +158,9 @@ class AlarmStore:
 
         def later(alarm: Alarm) -> bool:
             own = self.alarms.get(alarm.name)
-            return own is None or alarm.changed_at > own.changed_at
+            if own is None or own == Alarm(own.kind, own.source, own.latching):
+                return True
+            return alarm.changed_at > own.changed_at
 
         self._take(content, later)
 
@@ -172,6 +176,7 @@ class AlarmStore:
             except (ValidationError, TypeError, KeyError) as error:
                 unreadable.append(str(error).splitlines()[0])
                 continue
+            alarm = replace(alarm, source=self._source(alarm))
             if wanted(alarm):
                 latching = alarm.kind in self.latching
                 self.alarms[alarm.name] = replace(
@@ -181,6 +186,15 @@ class AlarmStore:
             raise InputError(
                 f"{len(unreadable)} of {len(content)} of the kept alarms can't be read: {unreadable[0]}"
             )
+
+    def _source(self, alarm: Alarm) -> str:
+        """Return the source of ``alarm``; an earlier version kept one for several faults: that of its last."""
+        longer = [one.source for one in self.alarms.values() if one.name.startswith(f"{alarm.name}/")]
+        if alarm.name in self.alarms or not longer:
+            return alarm.source
+        facts = Facts() if alarm.event is None else alarm.event.facts
+        known = {alarm.cause, facts.parameter, facts.subject}
+        return next((one for one in longer if known & {*one.split("/")}), longer[0])
 
     def _of(self, kind: str, source: str) -> Alarm:
         name = condition_name(kind, source)

@@ -186,10 +186,11 @@ class ChannelLook(NamedTuple):
     pair: PairLook | None
     paired: bool
 
-    def fault(self, cause: str) -> ChannelFault | None:
-        """Return the fault of this ``cause``, ``None`` where it is not seen."""
+    def fault(self, cause: str, channel: str = "") -> ChannelFault | None:
+        """Return the fault of this ``cause``, ``None`` where it is not seen; ``channel``: only of that."""
         pair = self.pair.fault if self.pair is not None else None
-        return next((one for one in (*self.rows, pair) if one is not None and one.cause == cause), None)
+        found = (one for one in (*self.rows, pair) if one is not None and one.cause == cause)
+        return next((one for one in found if channel in ("", one.channel)), None)
 
 
 @dataclass(slots=True)

@@ -20,7 +20,8 @@ from spool_monitor.detectors.base import (
     NotJudged,
     judgement,
 )
-from spool_monitor.event import Condition, Event, condition_name
+from spool_monitor.detectors.unknowable import unknowable
+from spool_monitor.event import Condition, Event, Finding, condition_name
 from spool_monitor.orders import OrderTracker
 from spool_monitor.parameter_drift import VISCOSITY_PER_KELVIN, VISCOUS, ParameterDrift
 from spool_monitor.state_file import Baseline
@@ -44,9 +45,6 @@ JUDGES = (Judgement.JUDGED, Judgement.LEARNING, Judgement.NOT_EXCITED)
 #: s of blocks without a whole window among them from which gaps keep every detector from judging.
 NO_WINDOW = 2.0
 
-#: Rank of what judges parameters.
-PARAMETERS = 9
-
 #: Windows that fit the reference response before it follows them, and by how much it does each.
 FOLLOWS = 0.1
 
@@ -62,7 +60,7 @@ class Detection:
         parameters: tests of the estimated parameters, by name.
         learned: start values of what the channels show, by name.
         units: of both, by name.
-        conditions: delays and state of each detector's event, by the detector's name.
+        conditions: delays and state of each fault's event, by the detector's name and the fault's part.
         orders: speed and body of the last seconds, and what turns with the shaft.
         doubt: why nothing that depends on time or frequency can be judged now, empty where it can.
 
@@ -84,9 +82,8 @@ class Detection:
     _judged_at: int | None = field(default=None, init=False)
     _windowed_at: int = field(default=0, init=False)
     line: Line | None = field(default=None, init=False)
-    _suspicions: dict[str, tuple[int, int, str]] = field(default_factory=dict, init=False)
+    _suspicions: dict[str, tuple[int, str, str]] = field(default_factory=dict, init=False)
     _memory: float = field(default=4.0, init=False)
-    _velocity: float = field(default=math.nan, init=False)
     _stamp: int = field(default=0, init=False)
     _celsius: float = field(default=math.nan, init=False)
     _followed_at: float | None = field(default=None, init=False)
@@ -96,10 +93,11 @@ class Detection:
         self.reference = configured(settings[NATURAL_FREQUENCY])
         self.detectors = detectors(settings)
         self.conditions = {
-            one.name: Condition(
-                one.kind, one.delay, one.off_delay, "" if one.name == one.kind.name else one.name
+            condition_name(one.name, part): Condition(
+                one.kind, one.delay, one.off_delay, one.fault(part).partition("/")[2]
             )
             for one in self.detectors
+            for part in one.parts
         }
         duration = settings[BASELINE_TIME]
         self.units = {name: unit for one in self.detectors for name, unit in one.learns.items()}
@@ -116,7 +114,7 @@ class Detection:
     @property
     def distrust(self) -> str:
         """Why parameters can't be judged now, empty where they can."""
-        return self._distrust(self._stamp, PARAMETERS)
+        return self._distrust(self._stamp, "friction_drift")
 
     @property
     def judgements(self) -> dict[str, Judgement]:
@@ -140,7 +138,8 @@ class Detection:
         self.settings = settings
         for one in self.detectors:
             one.settings = settings
-            self.conditions[one.name].on_delay = one.delay
+            for condition in self.conditions_of(one):
+                condition.on_delay = one.delay
             for test in one.drifts:
                 drift, matters = self.parameters[test.parameter], settings[test.limit]
                 drift.run_length = settings[FALSE_ALARM_INTERVAL] * 86400.0
@@ -173,8 +172,8 @@ class Detection:
             self._judged_at += pause
         for drift in self.parameters.values():
             drift.pause(pause)
-        for name, (stamp, rank, reason) in self._suspicions.items():
-            self._suspicions[name] = stamp + pause, rank, reason
+        for name, (stamp, fault, reason) in self._suspicions.items():
+            self._suspicions[name] = stamp + pause, fault, reason
         self.windows.restart(period)
         self.response.restart()
         self.channels.restart(period)
@@ -208,10 +207,13 @@ class Detection:
             self._look_for_judges(block.end, "the data have a gap in every second")
             moment = self._moment(block.end, natural_frequency)
             for one in self.detectors:
-                finding = one.update(moment) if isinstance(one, NotJudged) else None
-                if finding is not None:
-                    events += self.conditions[one.name].judge(finding)
+                if isinstance(one, NotJudged):
+                    events += self.conditions[one.name].judge(one.update(moment))
         return events
+
+    def conditions_of(self, detector: Detector) -> list[Condition]:
+        """Return the conditions of ``detector``, one for each of its faults."""
+        return [self.conditions[condition_name(detector.name, part)] for part in detector.parts]
 
     @property
     def blind(self) -> str:
@@ -226,7 +228,7 @@ class Detection:
         if judged or self._judged_at is None or stamp < self._judged_at:
             self._judged_at = stamp
         if not reason:
-            reason = self._distrust(stamp, PARAMETERS)
+            reason = self.distrust
             if not reason and self.reference.natural_frequency == 0.0:
                 reason = "the valve's natural frequency is not known"
         seconds = 1e-9 * (stamp - self._judged_at)
@@ -256,8 +258,6 @@ class Detection:
 
     def _show_signals(self, signals: Signals, natural_frequency: float) -> list[Event]:
         shaken = signals.body.rms >= self.settings[MINIMUM_BODY]
-        if shaken:
-            self._velocity = signals.relative_velocity
         known = shaken and self.reference.natural_frequency > 0.0
         old = self._reference_now()
         response = self.response.update(signals, old) if known else None
@@ -307,7 +307,7 @@ class Detection:
         )
         return Moment(
             stamp, natural_frequency, self._reference_now(), self.parameters, self.learned,
-            line, silent, signals, response, estimate, self._velocity,
+            line, silent, signals, response, estimate,
             unjudged=self._unjudged, explained=explained, channels=channels, orders=self.orders,
         )  # fmt: skip
 
@@ -316,29 +316,30 @@ class Detection:
         events: list[Event] = []
         described = moment.described
         for one in self.detectors:
-            condition, finding = self.conditions[one.name], None
+            found: Finding | tuple[Finding, ...] | None = None
             if one.needs_valve and not described:
                 one.judgement, one.suspicious = Judgement.NOT_JUDGED, ""
             elif what in one.looks_at:
-                distrust = self._distrust(moment.stamp, one.rank)
-                finding = one.update(moment._replace(distrust=distrust) if distrust else moment)
-                if finding is not None:
-                    events += condition.judge(finding)
-            going_on = one.judgement is not Judgement.JUDGED or (finding is not None and not finding.released)
-            active = condition.active is not None and going_on
-            if one.suspicious or (active and one.rank < PARAMETERS):
+                distrust = self._distrust(moment.stamp, one.fault())
+                found = one.update(moment._replace(distrust=distrust) if distrust else moment)
+            findings = () if found is None else (found,) if isinstance(found, Finding) else found
+            for finding in findings:
+                events += self.conditions[condition_name(one.name, finding.part)].judge(finding)
+            lasts = one.judgement is not Judgement.JUDGED or not all(each.released for each in findings)
+            raised = lasts and next((each for each in self.conditions_of(one) if each.active is not None), None)
+            if one.suspicious or raised:
                 reason = one.suspicious or f"{one.name.replace('_', ' ')} is active"
-                self._suspicions[one.name] = (moment.stamp, one.rank, reason)
+                self._suspicions[one.name] = (moment.stamp, one.fault(), reason)
             elif one.refuted:
                 self._suspicions.pop(one.name, None)
         return events
 
-    def _distrust(self, now: int, rank: int) -> str:
-        """Return why a detector of ``rank`` can't believe what it sees at ``now`` (ns), empty if it can."""
+    def _distrust(self, now: int, fault: str) -> str:
+        """Return why the detector of ``fault`` can't believe what it sees at ``now`` (ns), empty if it can."""
         if self.doubt:
             return self.doubt
-        for stamp, doubting, reason in self._suspicions.values():
-            if doubting < rank and 0 <= now - stamp <= WARY * self._memory * 1e9:
+        for stamp, doubted, reason in self._suspicions.values():
+            if unknowable(fault, doubted) and 0 <= now - stamp <= WARY * self._memory * 1e9:
                 return reason
         return ""
 

@@ -12,9 +12,13 @@ from spool_core.events.sentences import title
 from spool_core.uncertainty import Quantity
 
 __all__ = [
+    "EACH_CHANNEL",
     "Condition", "Event", "EventCause", "EventKind", "EventState", "Facts", "Finding", "Namur", "Severity",
     "condition_name", "sensor_fault",
 ]  # fmt: skip
+
+#: Parts of a fault that each channel has by itself.
+EACH_CHANNEL = ("body", "spool")
 
 #: Facts, or what makes them: most of what is judged never becomes an event.
 FactsSource = Facts | Callable[[], Facts]
@@ -70,7 +74,8 @@ class Finding(NamedTuple):
 
     ``indicated`` is ``None`` where nothing is wrong; between ``indicated`` and ``released`` nothing changes.
     ``hurries``: the limit of an alarm is reached before a planned stop. ``eased``: it is below the deadband
-    of an alarm's limit, as ``released`` is for a warning's.
+    of an alarm's limit, as ``released`` is for a warning's. ``part``: which of the detector's faults this is.
+    ``side``: direction (1, -1) of a change whose directions are different faults, else 0.
     """
 
     stamp: int
@@ -81,6 +86,8 @@ class Finding(NamedTuple):
     facts: FactsSource = Facts()
     hurries: bool = False
     eased: bool = False
+    part: str = ""
+    side: int = 0
 
 
 @dataclass(slots=True)
@@ -91,7 +98,8 @@ class Condition:
     ``off_delay`` s; between both (the deadband) nothing changes. A higher severity is reported when it held
     for ``on_delay`` s as well, so one look makes no alarm of a warning (ISA-18.2: on-delay of each limit). An
     alarm that has eased for ``off_delay`` s is a warning again, which is reported as well.
-    What is indicated again within ``off_delay`` s is the same event, with its first time.
+    What is indicated again within ``off_delay`` s is the same event, with its first time. A change in the
+    other direction is another fault: it ends the event, and has its own on-delay.
     """
 
     declared: EventKind
@@ -110,6 +118,8 @@ class Condition:
     def judge(self, finding: Finding) -> list[Event]:
         """Return the event that follows, if any; where the stamp goes back, the delay starts again."""
         stamp, indicated = finding.stamp, finding.indicated
+        if self.active is not None and indicated is not None and finding.side * self._last.change < 0.0:
+            return self.clear(stamp, finding.quantity, finding.facts)
         # The highest severity that has been indicated for the on-delay, at least, without a break.
         for severity in (Severity.WARNING, Severity.ALARM):
             if indicated is None or severity > indicated:
@@ -210,7 +220,8 @@ class Condition:
     @property
     def title(self) -> str:
         """Title of its events while it is active, in English, e.g. ``Friction drift (wear)``."""
-        return title(self.declared.cause(self.cause).code, self.kind)
+        own, subject = title(self.declared.cause(self.cause).code, self.kind), self._last.subject
+        return f"{own} ({subject})" if subject in EACH_CHANNEL else own
 
     def restore(self, severity: Severity, cause: str, facts: Facts = Facts()) -> None:  # noqa: B008
         """Go on as active, as it was before a restart; no event follows. ``facts``: of the last event."""

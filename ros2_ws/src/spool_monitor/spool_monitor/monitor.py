@@ -84,7 +84,8 @@ class Monitor:
         # Only a loss says how long nothing came: a clock that was set or a restarted source does not.
         if before is not None and self.gate.fault is Fault.LOST:
             silent, patience = ((block.stamp - before[1]) * 1e-9, self.settings[STALE_AFTER])
-            if silent > patience:
+            # Blocks that came late ended a silence that was reported while it lasted.
+            if silent > patience and not before[1] <= self._stale.told < block.stamp:
                 events += self._stale.silent(
                     "acceleration", before[1] + round(patience * 1e9), silent, patience
                 )
@@ -246,7 +247,7 @@ class Monitor:
         if stale:
             return "no " + " and no ".join(stale)
         if active:
-            return ", ".join(one.title for one in active)
+            return ", ".join(one.title for one in active) + self._unjudged()
         if self.gate.accepted == 0:
             missing = f"nobody publishes on {self._nobody}: start the source or check its topic name"
             return missing if self._nobody else "waiting for data"
@@ -262,7 +263,7 @@ class Monitor:
         if self.estimate is None or self.estimate.state is not State.TRACKING:
             return ""
         oil = "unknown" if not self.estimate.oil_temperature.known else "uncertain after a large change"
-        told = []
+        told: dict[str, list[str]] = {}
         for test, judgement in self.detection.judgements.items():
             name = test.partition("/")[2]
             drift = self.detection.parameters.get(name)
@@ -273,10 +274,10 @@ class Monitor:
             if drift.incomparable or wide:
                 reason = f"the oil temperature is {oil}" if name == VISCOUS else "its limit exceeds its value"
             if judgement is not Judgement.JUDGED:
-                told.append(f"; {SHOWN[name]} not judged: {reason}")
+                told.setdefault(f"not judged: {reason}", []).append(SHOWN[name])
             elif wide:
-                told.append(f"; {SHOWN[name]} judged with a wider limit: {reason}")
-        return "".join(told)
+                told.setdefault(f"judged with a wider limit: {reason}", []).append(SHOWN[name])
+        return "".join(f"; {', '.join(names)} {verdict}" for verdict, names in told.items())
 
 
 class HealthLevel(enum.IntEnum):

@@ -663,7 +663,7 @@ def _detector_status(task: str, detection: Detection, health: Health, shown: Ite
     """Return what the detectors of ``task`` report, also what they can't judge."""
     ours = [one for one in detection.detectors if one.kind.task == task]
     names = {one.name for one in ours}
-    conditions = [detection.conditions[one.name] for one in ours]
+    conditions = [condition for one in ours for condition in detection.conditions_of(one)]
     active = [condition for condition in conditions if condition.active is not None]
     worst = max((condition.active for condition in active if condition.active is not None), default=None)
     level = _LEVELS[worst]

@@ -89,13 +89,13 @@ class ValveState:
 
     def open(self) -> None:
         """Take up what was kept; never raises for what it finds."""
+        self.alarms.expect(self.monitor.conditions)
         if self.folder is not None:
             self._files = {name: StateFile(self.folder / name) for name in (ALARMS, BASELINE)}
             self._take_lock()
             self._unread = {ALARMS, BASELINE}
             for name in (ALARMS, BASELINE):
                 self._read(name)
-        self.alarms.expect(self.monitor.conditions)
         self.alarms.restore(self.monitor.conditions)
 
     def keep_alarms(self) -> None:

@@ -20,9 +20,7 @@ VARIABLE = "SPOOL_LANGUAGE"
 SHARES = frozenset(
     ("relative_motion", "residual", "channel_level", "flat_share", "dissipation", "period_departure")
 )
-COUNTS = frozenset(
-    ("faulty_blocks", "lost_blocks", "refused_blocks", "outliers", "body_outliers", "spool_outliers")
-)
+COUNTS = frozenset(("faulty_blocks", "lost_blocks", "refused_blocks", "outliers", "second_estimates"))
 
 #: Significant digits of a number without an interval.
 DIGITS = 3
@@ -61,7 +59,7 @@ def language_of(code: str = "") -> Language:
 
 
 def headline(event: Event, language: Language = ENGLISH) -> str:
-    """Return what happened in twelve words at most: what, how large, and the limit.
+    """Return what happened in twelve words at most: what, how large, and the limit, as far as they are known.
 
     An event of an earlier version has its own sentence: the first clause of that is returned.
     """
@@ -70,7 +68,12 @@ def headline(event: Event, language: Language = ENGLISH) -> str:
         return event.text.partition("; ")[0] or _title(event, language)
     value, limit, _ = _numbers(event, language)
     template = language.cleared if event.state is EventState.CLEARED else language.raised
-    return template.format(
+    parts = [template]
+    if facts.parameter in COUNTS:  # any is too many
+        parts.append(": {value}")
+    elif math.isfinite(facts.value):
+        parts += [": {parameter} {value}", language.labels["passed"] if math.isfinite(facts.limit) else ""]
+    return "".join(parts).format(
         title=_title(event, language), parameter=language.parameter(facts.parameter), value=value, limit=limit
     )
 

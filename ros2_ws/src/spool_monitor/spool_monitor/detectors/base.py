@@ -114,7 +114,6 @@ class Moment(NamedTuple):
         reference: the last response that nothing spoke against, or the configured one.
         estimate: the estimator's parameters.
         natural_frequency: Hz, as estimated or as configured.
-        velocity: of the spool in the body, m/s rms, last seen.
         distrust: why parameters can't be judged now, empty where they can.
         unjudged: for how long (s) no detector has been able to judge the valve's condition, and why.
         channels: what a look at the channels showed.
@@ -135,7 +134,6 @@ class Moment(NamedTuple):
     signals: Signals | None = None
     response: ValveResponse | None = None
     estimate: Estimate | None = None
-    velocity: float = math.nan
     distrust: str = ""
     unjudged: tuple[float, str] = (0.0, "")
     explained: bool = False
@@ -152,17 +150,20 @@ class Detector(ABC):
     """Detector of one kind of trouble of one valve, moment by moment; time comes from the stamps.
 
     ``name`` distinguishes it from others of its ``kind``; ``looks_at`` says which moments it is shown.
-    ``rank`` orders the detectors of one moment: what is judged first is doubted by nothing that comes later.
+    ``parts`` names its faults where it has several, e.g. one for each channel: each has its own condition.
+    ``rank`` orders the detectors of one moment; which one keeps another from judging is a table in
+    :mod:`.unknowable`.
     ``needs_valve``: it is shown nothing until the valve's natural frequency is known. ``drifts`` are the
     tests of parameters that it needs; ``learns`` names what of the channels needs a start value, with units.
     ``on_delay`` and ``off_delay`` are in s, the former a number or the parameter that has it. ``suspicious``
-    says why detectors of a higher rank can't believe this moment, already before the event is raised;
-    ``refuted`` that what it suspected was not so.
+    says why others can't believe this moment, already before the event is raised; ``refuted`` that what it
+    suspected was not so.
     """
 
     name: ClassVar[str]
     kind: ClassVar[EventKind]
     looks_at: ClassVar[tuple[str, ...]]
+    parts: ClassVar[tuple[str, ...]] = ("",)
     rank: ClassVar[int] = 9
     needs_valve: ClassVar[bool] = False
     drifts: ClassVar[tuple[DriftTest, ...]] = ()
@@ -181,9 +182,15 @@ class Detector(ABC):
         """The on-delay, s."""
         return self.settings[self.on_delay] if isinstance(self.on_delay, MonitorLimit) else self.on_delay
 
+    @classmethod
+    def fault(cls, part: str = "") -> str:
+        """Return the name of the condition of ``part``; without one, what all of them begin with."""
+        own = "" if cls.name == cls.kind.name else cls.name
+        return "/".join(filter(None, (cls.kind.name, own, part)))
+
     @abstractmethod
-    def update(self, moment: Moment) -> Finding | None:
-        """Judge ``moment``; ``None`` where it shows nothing to this detector."""
+    def update(self, moment: Moment) -> Finding | tuple[Finding, ...] | None:
+        """Judge ``moment``, each part by itself; ``None`` where it shows nothing to this detector."""
 
     def restart(self) -> None:
         """Take note that samples are missing before the next moment."""
@@ -243,7 +250,7 @@ class NotJudged(Detector):
     looks_at = (LINE,)
     rank = 99
 
-    def update(self, moment: Moment) -> Finding | None:
+    def update(self, moment: Moment) -> Finding:
         """Judge for how long nothing was."""
         self.judgement = Judgement.JUDGED
         seconds, reason = moment.unjudged

@@ -10,9 +10,15 @@ from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.identification.channel_faults import ChannelFault
 
 from spool_monitor.channels import ChannelLook
-from spool_monitor.detectors.base import CHANNELS, Detector, Judgement, Moment, MonitorSettings
+from spool_monitor.detectors.base import (
+    CHANNELS,
+    Detector,
+    Judgement,
+    Moment,
+    MonitorSettings,
+)
 from spool_monitor.detectors.data_fault import KIND as DATA_FAULT
-from spool_monitor.event import EventCause, Facts, Finding, Severity, sensor_fault
+from spool_monitor.event import EACH_CHANNEL, EventCause, Facts, Finding, Severity, sensor_fault
 
 SAME_CHANNEL = sensor_fault(EventCause("same_channel", 606))
 WRAP_AROUND = sensor_fault(EventCause("wrap_around", 607))
@@ -36,13 +42,13 @@ class RowFault(Detector):
 
     def __init__(self, settings: MonitorSettings) -> None:
         super().__init__(settings)
-        self._last: ChannelFault | None = None
+        self._last: dict[str, ChannelFault | None] = {}
         self._agreed = False
 
     def restart(self) -> None:
         """Keep what is suspected: a gap in the data repairs no sensor."""
 
-    def update(self, moment: Moment) -> Finding | None:
+    def update(self, moment: Moment) -> Finding | tuple[Finding, ...] | None:
         """Judge a look at the channels, where there is a new one."""
         look = moment.channels
         if look is None:
@@ -50,15 +56,14 @@ class RowFault(Detector):
         if moment.distrust:
             self.judgement = Judgement.NOT_JUDGED
             return None
-        self.judgement = Judgement.JUDGED
-        found = look.fault(self.cause)
-        self._agreed = found is not None
-        return self._finding(moment.stamp, found)
+        self.judgement, self.suspicious, self._agreed = Judgement.JUDGED, "", True
+        return tuple(
+            self._finding(moment.stamp, look.fault(self.cause, part), part) for part in self.parts
+        )
 
-    def _finding(self, stamp: int, found: ChannelFault | None) -> Finding:
-        self._last = found if found is not None else self._last
-        self.suspicious = found.text if found is not None else ""
-        told = found or self._last
+    def _finding(self, stamp: int, found: ChannelFault | None, part: str = "") -> Finding:
+        told = self._last[part] = found or self._last.get(part)
+        self.suspicious = found.text if found is not None else self.suspicious
         return Finding(
             stamp,
             Severity.ALARM if found is not None and self._agreed else None,
@@ -73,6 +78,7 @@ class RowFault(Detector):
             Facts(note="not_seen_any_more")
             if found is None
             else Facts.of(Quantity(found.parameter, found.unit, found.value), found.limit, found.channel),
+            part=part,
         )
 
 
@@ -88,6 +94,7 @@ class WrapAround(RowFault):
     """A channel jumps from one end of its range to the other."""
 
     name = "sensor_wrap_around"
+    parts = EACH_CHANNEL
     kind = WRAP_AROUND
     cause = "wrap_around"
 
@@ -96,6 +103,7 @@ class Repeats(RowFault):
     """A channel repeats its samples."""
 
     name = "data_repeats"
+    parts = EACH_CHANNEL
     kind = DATA_FAULT
     cause = "repeats"
 
@@ -115,7 +123,7 @@ class PairFault(RowFault):
             self.judgement = Judgement.NOT_JUDGED if moment.distrust else Judgement.NOT_EXCITED
             self.suspicious = ""
             return None
-        self.judgement = Judgement.JUDGED
+        self.judgement, self.suspicious = Judgement.JUDGED, ""
         return self._judge(moment, look)
 
     def _judge(self, moment: Moment, look: ChannelLook) -> Finding:
@@ -123,11 +131,11 @@ class PairFault(RowFault):
 
     def _compared(self, look: ChannelLook) -> ChannelFault | None:
         """Return the fault that ``look`` shows, and take note whether it agrees with the last one."""
-        found, last = look.fault(self.cause), self._last
+        found, last = look.fault(self.cause), self._last.get("")
         self._agreed = (
             found is not None and last is not None and abs(found.value - last.value) < AGREE * abs(last.value)
         )
-        self._last = found
+        self._last[""] = found
         return found
 
 

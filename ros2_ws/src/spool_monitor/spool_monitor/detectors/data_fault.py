@@ -12,7 +12,7 @@ from spool_core.rate_check import LIMIT as RATE_LIMIT
 from spool_core.uncertainty import Quantity, Validity
 
 from spool_monitor.estimate_gate import EstimateGate
-from spool_monitor.event import Condition, Event, EventCause, EventKind, Facts, Finding, Namur, Severity
+from spool_monitor.event import EACH_CHANNEL, Condition, Event, EventCause, EventKind, Facts, Finding, Namur, Severity
 
 KIND = EventKind(
     "data_fault",
@@ -32,8 +32,23 @@ KIND = EventKind(
     ),
 )
 
-#: Causes with a separate condition, and those that make what is seen worthless.
-SEPARATE, WORTHLESS = ("rate", "source", "clock_step"), ("rate", "clock_step")
+#: Which of the faults with one cause a block has, where there are several: each is a condition.
+PARTS = {
+    Fault.SECOND_SOURCE: "second",
+    Fault.FOREIGN: "foreign",
+    Fault.LENGTHS_DIFFER: "lengths",
+    Fault.BAD_PERIOD: "period",
+    Fault.NEW_PERIOD: "period",
+    Fault.NOT_FINITE: "samples",
+    Fault.NO_TIME: "no_time",
+    Fault.TIME_BACK: "time",
+    Fault.GAP: "time",
+    Fault.NEW_TIME: "time",
+    Fault.SEQUENCE_BACK: "sequence",
+    Fault.SEQUENCE_AHEAD: "sequence",
+}
+#: Causes that make what is seen worthless.
+WORTHLESS = ("rate", "clock_step")
 #: Conditions that do not come from the gate's judgement of a block.
 OUTLIERS, ESTIMATE = "outliers", "estimate"
 
@@ -42,17 +57,28 @@ OUTLIERS, ESTIMATE = "outliers", "estimate"
 OFF_DELAY, COMES_AND_GOES, OUTLIERS_OFF = 5.0, 60.0, 30.0
 
 
+def fault_source(fault: Fault) -> str:
+    """Return the source of the condition of ``fault``, e.g. ``lost`` or ``malformed/samples``."""
+    part = PARTS.get(fault, "")
+    return f"{fault.cause}/{part}" if part else fault.cause
+
+
 class DataFaultWatch:
-    """Data faults of one valve: a condition for each cause that stands for itself, and one for the others."""
+    """Data faults of one valve: a condition for each kind of bad block, each channel's outliers, estimates."""
 
     def __init__(self) -> None:
         self.conditions = {
-            source: Condition(KIND, 0.0, OFF_DELAY if source in WORTHLESS else COMES_AND_GOES, source)
-            for source in ("", *SEPARATE)
+            source: Condition(
+                KIND, 0.0, OFF_DELAY if fault.cause in WORTHLESS else COMES_AND_GOES, source
+            )
+            for fault in Fault
+            if (source := fault_source(fault))
         }
         self._gate_conditions = dict(self.conditions)
-        self.conditions[OUTLIERS] = Condition(KIND, 0.0, OUTLIERS_OFF, OUTLIERS)
+        for name in EACH_CHANNEL:
+            self.conditions[f"{OUTLIERS}/{name}"] = Condition(KIND, 0.0, OUTLIERS_OFF, f"{OUTLIERS}/{name}")
         self.conditions[ESTIMATE] = Condition(KIND, 0.0, COMES_AND_GOES, ESTIMATE)
+        self._counted = {name: 0 for name in EACH_CHANNEL}
 
     def judge(self, gate: BlockGate, stamp: int) -> list[Event]:
         """Return what follows from what is certainly wrong by ``gate``'s newest block, at ``stamp`` (ns)."""
@@ -61,12 +87,12 @@ class DataFaultWatch:
         severity = Severity.ALARM if cause in WORTHLESS else Severity.WARNING
         events: list[Event] = []
         for source, condition in self._gate_conditions.items():
-            new = cause != "" and source == (cause if cause in SEPARATE else "")
+            new = fault is not None and source == fault_source(fault)
             if new or condition.active is not None:
-                own = cause or condition.cause
-                faulty = sum(number for one, number in gate.faults.items() if one.cause == own)
+                own, _, part = source.partition("/")
+                faulty = sum(number for one, number in gate.faults.items() if fault_source(one) == source)
                 count = _count("faulty_blocks", gate.lost if own == "lost" else faulty)
-                facts = Facts.of(count, 0.0)
+                facts = Facts.of(count, 0.0, part if own == "malformed" else "")
                 if own == "rate":
                     departure = Quantity(
                         "period_departure", "1", gate.rate.departure, validity=Validity.VALID
@@ -79,7 +105,7 @@ class DataFaultWatch:
                 counts = (_count("lost_blocks", gate.lost), _count("refused_blocks", gate.refused))
                 facts = replace(facts, evidence=counts)
                 events += condition.judge(
-                    Finding(stamp, severity if new else None, not new, cause if new else "", count, facts)
+                    Finding(stamp, severity if new else None, not new, own if new else "", count, facts)
                 )
         return events
 
@@ -92,27 +118,31 @@ class DataFaultWatch:
         note = "a second estimator sends" if second else "the estimates are of another valve from now on"
         count = _count("second_estimates", gate.second)
         own = gate.last is not None and second and gate.other == gate.last.source
-        facts = Facts.of(count, 0.0, "" if own or not new else gate.other, note if new else "")
+        subject = "" if own or not new else gate.other
+        note = note if new else ""
+        # Of a replaced estimator there is nothing to count.
+        facts = Facts.of(count, 0.0, subject, note) if gate.second else Facts(subject=subject, note=note)
         severity = Severity.WARNING if new else None
         return condition.judge(Finding(stamp, severity, not new, "source", count, facts))
 
     def judge_outliers(self, outliers: OutlierFilter, stamp: int) -> list[Event]:
         """Return what follows from the samples that were left out of the newest block, at ``stamp`` (ns)."""
-        condition, found = self.conditions[OUTLIERS], outliers.first
-        if found is None and condition.active is None:
-            return []
-        count = _count("outliers", outliers.count)
-        severity = None if found is None else Severity.WARNING
-        facts = Facts.of(count, 0.0, "" if found is None else found.channel)
-        each = (_count("body_outliers", outliers.body), _count("spool_outliers", outliers.spool))
-        if found is None:
-            return condition.judge(
-                Finding(stamp, severity, True, OUTLIERS, count, replace(facts, evidence=each))
-            )
-        sample = Quantity("outlier", "m/s^2", found.value, validity=Validity.VALID)
-        span = Quantity("signal_span", "m/s^2", found.half_span, validity=Validity.VALID)
-        facts = replace(facts, evidence=(sample, span, *each))
-        return condition.judge(Finding(found.stamp, severity, False, OUTLIERS, count, facts))
+        first, events = outliers.first, []
+        for name in EACH_CHANNEL:
+            condition, count = self.conditions[f"{OUTLIERS}/{name}"], getattr(outliers, name)
+            new, self._counted[name] = count > self._counted[name], count
+            if not new and condition.active is None:
+                continue
+            seen, at, evidence = _count(OUTLIERS, count), stamp, ()
+            if new and first is not None and first.channel == name:
+                at, evidence = first.stamp, (
+                    Quantity("outlier", "m/s^2", first.value, validity=Validity.VALID),
+                    Quantity("signal_span", "m/s^2", first.half_span, validity=Validity.VALID),
+                )
+            facts = replace(Facts.of(seen, 0.0, name), evidence=evidence)
+            severity = Severity.WARNING if new else None
+            events += condition.judge(Finding(at, severity, not new, OUTLIERS, seen, facts))
+        return events
 
 
 def _count(name: str, number: int) -> Quantity:

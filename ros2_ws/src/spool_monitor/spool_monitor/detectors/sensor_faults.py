@@ -27,7 +27,7 @@ from spool_monitor.detectors.base import (
     MonitorLimit,
     MonitorSettings,
 )
-from spool_monitor.event import EventCause, Facts, Finding, Severity, sensor_fault
+from spool_monitor.event import EACH_CHANNEL, EventCause, Facts, Finding, Severity, sensor_fault
 
 CLIPPING_KIND = sensor_fault(EventCause("clipping", 602))
 
@@ -103,40 +103,44 @@ class SensorClipping(Detector):
     name = "sensor_clipping"
     kind = CLIPPING_KIND
     looks_at = (SIGNALS,)
+    parts = EACH_CHANNEL
     rank = 1
     off_delay: ClassVar[float] = 15.0
 
     def __init__(self, settings: MonitorSettings) -> None:
         super().__init__(settings)
-        self._flat: deque[tuple[str, float]] = deque(maxlen=WINDOWS)
+        self._flat: dict[str, deque[float]] = {name: deque(maxlen=WINDOWS) for name in self.parts}
 
-    def update(self, moment: Moment) -> Finding | None:
+    def update(self, moment: Moment) -> tuple[Finding, ...]:
         """Judge the window of ``moment``, if there is a new one."""
-        signals = moment.signals
-        if signals is None:
-            return None
-        channels = {"body": signals.body, "spool": signals.spool}
-        name = max(channels, key=lambda one: channels[one].flat_top)
-        share, loud = (channels[name].flat_top, channels[name].rms >= self.settings[MINIMUM_BODY])
-        self.judgement = Judgement.JUDGED if loud else Judgement.NOT_EXCITED
-        self._flat.append((name, share if loud else 0.0))
-        flat = [(one, value) for one, value in self._flat if value > 0.0]
-        self.suspicious = f"the {flat[-1][0]} accelerometer clips" if flat else ""
-        latest = flat[-1] if flat else (name, 0.0)
-        flatness = Quantity("flat_share", "1", latest[1], validity=Validity.VALID)
+        if moment.signals is None:
+            return ()
+        self.judgement, self.suspicious = Judgement.NOT_EXCITED, ""
+        channels = _channels(moment.signals)
+        return tuple(self._judge(moment.stamp, name, channel) for name, channel in channels.items())
+
+    def _judge(self, stamp: int, name: str, channel: Channel) -> Finding:
+        loud = channel.rms >= self.settings[MINIMUM_BODY]
+        self._flat[name].append(channel.flat_top if loud else 0.0)
+        flat = [value for value in self._flat[name] if value > 0.0]
+        self.judgement = Judgement.JUDGED if loud else self.judgement
+        self.suspicious = f"the {name} accelerometer clips" if flat else self.suspicious
+        flatness = Quantity("flat_share", "1", flat[-1] if flat else 0.0, validity=Validity.VALID)
         return Finding(
-            moment.stamp,
+            stamp,
             Severity.ALARM if len(flat) >= FLAT else None,
             not flat,
             "clipping",
             flatness,
-            lambda: Facts.of(flatness, LIMITS.clipped, latest[0]),
+            lambda: Facts.of(flatness, LIMITS.clipped, name),
+            part=name,
         )
 
     def restart(self) -> None:
         """Forget the windows before a gap."""
         super().restart()
-        self._flat.clear()
+        for flat in self._flat.values():
+            flat.clear()
 
 
 class SensorDead(Detector):
@@ -149,6 +153,7 @@ class SensorDead(Detector):
     name = "sensor_dead"
     kind = DEAD_KIND
     looks_at = (SIGNALS,)
+    parts = EACH_CHANNEL
     rank = 0
     on_delay: ClassVar[float] = 1.0
 
@@ -156,13 +161,13 @@ class SensorDead(Detector):
         super().__init__(settings)
         self._steps = {"body": math.nan, "spool": math.nan}
         self._stopped = {"body": True, "spool": True}
-        self._stood = False
+        self._stood = {"body": False, "spool": False}
 
-    def update(self, moment: Moment) -> Finding | None:
+    def update(self, moment: Moment) -> tuple[Finding, ...]:
         """Judge the window of ``moment``, if there is a new one."""
         signals = moment.signals
         if signals is None:
-            return None
+            return ()
         # The channels that stand still and should not.
         found = []
         for name, channel in _channels(signals).items():
@@ -174,37 +179,33 @@ class SensorDead(Detector):
                 self._stopped[name] = channel.before > SWINGS * self._steps[name]
             if channel.standing >= SUSPICIOUS and (self._stopped[name] or not coarse):
                 found.append(name)
+        compared = self._compare(moment, signals, known=not found)
         if found:
-            return self._stand(moment, signals, tuple(found))
-        return self._compare(moment, signals)
+            self.judgement = Judgement.JUDGED
+            verb = "repeat" if len(found) == 2 else "repeats"
+            self.suspicious = f"the {' and the '.join(found)} accelerometer {verb} one value"
+        standing = {name: self._stand(moment.stamp, name, _channels(signals)[name]) for name in found}
+        return tuple(standing.get(name) or compared[name] for name in self.parts)
 
-    def _stand(self, moment: Moment, signals: Signals, names: tuple[str, ...]) -> Finding:
-        channels = _channels(signals)
-        seconds = min(channels[name].standing for name in names)
-        self.judgement = Judgement.JUDGED
-        both = len(names) == 2
-        self.suspicious = f"the {' and the '.join(names)} accelerometer repeat{'' if both else 's'} one value"
-        self._stood = self._stood or seconds >= STANDS
+    def _stand(self, stamp: int, name: str, channel: Channel) -> Finding:
+        seconds = channel.standing
+        self._stood[name] = self._stood[name] or seconds >= STANDS
         level = Quantity("channel_level", "1", 0.0, validity=Validity.VALID)
 
         def facts() -> Facts:
-            means = [
-                Quantity(f"{name}_mean", "m/s^2", channels[name].mean, validity=Validity.VALID)
-                for name in names
-            ]
+            mean = Quantity(f"{name}_mean", "m/s^2", channel.mean, validity=Validity.VALID)
             unchanged = Quantity("unchanged_time", "s", seconds, validity=Validity.VALID)
-            own = Facts.of(level, DEAD, "both" if both else names[0])
-            return replace(own, evidence=(unchanged, *means))
+            return replace(Facts.of(level, DEAD, name), evidence=(unchanged, mean))
 
         dead = Severity.ALARM if seconds >= STANDS else None
-        return Finding(moment.stamp, dead, False, "dead", level, facts)
+        return Finding(stamp, dead, False, "dead", level, facts, part=name)
 
-    def _compare(self, moment: Moment, signals: Signals) -> Finding | None:
-        """Compare each channel's level with what the reference response makes of the other one."""
+    def _compare(self, moment: Moment, signals: Signals, *, known: bool) -> dict[str, Finding]:
+        """Compare each channel's level with what the reference response makes of the other, if both are known."""
         reference = moment.reference
         shares: dict[str, float] = {}
-        due = seen = dict.fromkeys(("spool", "body"), math.nan)
-        if moment.described and not moment.distrust:
+        due = seen = dict.fromkeys(self.parts, math.nan)
+        if known and moment.described and not moment.distrust:
             due_spool, due_body, seen_body, common = due_powers(
                 signals.frequency,
                 signals.body_power,
@@ -228,29 +229,28 @@ class SensorDead(Detector):
         self.judgement = Judgement.JUDGED if shares else Judgement.NOT_EXCITED
         if moment.distrust or not moment.described:
             self.judgement = Judgement.NOT_JUDGED
-        name = min(shares, key=lambda one: shares[one], default="spool")
+        self.suspicious = ""
+        return {name: self._level(moment.stamp, name, shares, (seen[name], due[name])) for name in self.parts}
+
+    def _level(self, stamp: int, name: str, shares: dict[str, float], sizes: tuple[float, float]) -> Finding:
         share = shares.get(name, math.nan)
         dead = share < DEAD
-        self._stood = self._stood and not dead
-        self.suspicious = f"the {name} accelerometer shows almost no signal" if share < ALIVE else ""
-        validity = Validity.VALID if shares else Validity.UNKNOWN
-        level = Quantity("channel_level", "1", share, validity=validity)
+        self._stood[name] = self._stood[name] and not dead
+        if share < ALIVE:
+            self.suspicious = f"the {name} accelerometer shows almost no signal"
+        level = Quantity(
+            "channel_level", "1", share, validity=Validity.VALID if name in shares else Validity.UNKNOWN
+        )
 
         def facts() -> Facts:
-            if not shares:
+            if name not in shares:
                 return Facts(note="changes_again")
-            further = (("shown_acceleration", seen[name]), ("expected_acceleration", due[name]))
+            further = zip(("shown_acceleration", "expected_acceleration"), sizes, strict=True)
             evidence = tuple(Quantity(key, "m/s^2", one, validity=Validity.VALID) for key, one in further)
             return replace(Facts.of(level, DEAD, name), evidence=evidence)
 
-        return Finding(
-            moment.stamp,
-            Severity.ALARM if dead else None,
-            min(shares.values()) > ALIVE if shares else self._stood,
-            "dead",
-            level,
-            facts,
-        )
+        over = share > ALIVE if name in shares else self._stood[name]
+        return Finding(stamp, Severity.ALARM if dead else None, over, "dead", level, facts, part=name)
 
 
 @compiled
@@ -283,6 +283,7 @@ class SensorOffset(Detector):
     name = "sensor_offset"
     kind = OFFSET_KIND
     looks_at = (SIGNALS,)
+    parts = EACH_CHANNEL
     rank = 2
     learns: ClassVar[Mapping[str, str]] = {"body_mean": "m/s^2", "spool_mean": "m/s^2"}
     on_delay: ClassVar[float] = 3.0
@@ -291,15 +292,15 @@ class SensorOffset(Detector):
         super().__init__(settings)
         self._means = {"body": math.nan, "spool": math.nan}
 
-    def update(self, moment: Moment) -> Finding | None:
+    def update(self, moment: Moment) -> tuple[Finding, ...]:
         """Judge the window of ``moment``, if there is a new one."""
         signals = moment.signals
         if signals is None:
-            return None
+            return ()
         if moment.distrust:
             self.judgement = Judgement.NOT_JUDGED
-            return None
-        for name, channel in (("body", signals.body), ("spool", signals.spool)):
+            return ()
+        for name, channel in _channels(signals).items():
             old = self._means[name]
             self._means[name] = channel.mean if math.isnan(old) else old + (channel.mean - old) / SMOOTHING
         starts = {name: moment.learned[f"{name}_mean"] for name in self._means}
@@ -307,29 +308,28 @@ class SensorOffset(Detector):
             for name, start in starts.items():
                 start.learn(moment.stamp, self._means[name])
             self.judgement = Judgement.LEARNING
-            return None
+            return ()
         self.judgement = Judgement.JUDGED
         moved = {name: self._means[name] - starts[name].value for name in starts}
-        apart = moved["spool"] - moved["body"]
         spread = math.hypot(*(start.spread for start in starts.values()))
-        limit = max(self.settings[OFFSET_CHANGE], 8.0 * spread)
-        name = max(moved, key=lambda one: abs(moved[one]))
-        offset = Quantity("offset_change", "m/s^2", moved[name], spread, Validity.VALID)
+        # What both means moved alike is a tilt; the rest is the channel's that moved farther.
+        body, spool = moved["body"], moved["spool"]
+        tilt = 0.0 if body * spool < 0.0 else min(body, spool, key=abs)
+        return tuple(self._judge(moment.stamp, name, moved[name], tilt, spread) for name in self.parts)
+
+    def _judge(self, stamp: int, name: str, moved: float, tilt: float, spread: float) -> Finding:
+        limit, apart = max(self.settings[OFFSET_CHANGE], 8.0 * spread), abs(moved - tilt)
+        offset = Quantity("offset_change", "m/s^2", moved, spread, Validity.VALID)
 
         def facts() -> Facts:
             mean = Quantity(f"{name}_mean", "m/s^2", self._means[name], validity=Validity.VALID)
-            own = Facts.of(offset, math.copysign(limit, moved[name]), name)
+            own = Facts.of(offset, math.copysign(limit, moved), name)
             return replace(own, evidence=(mean,))
 
-        # A constant is filtered away before anything is estimated: parameters may still be judged.
-        return Finding(
-            moment.stamp,
-            Severity.WARNING if abs(apart) >= limit else None,
-            abs(apart) < 0.6 * limit,
-            "offset",
-            offset,
-            facts,
-        )
+        # An offset lasts while its channel stays away: the other one that follows is no repair.
+        severity = Severity.WARNING if apart >= limit else None
+        over = apart < 0.6 * limit and abs(moved) < limit
+        return Finding(stamp, severity, over, "offset", offset, facts, part=name)
 
     def restart(self) -> None:
         """Begin the smoothing again."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import ClassVar
 
@@ -53,5 +54,5 @@ class SpringChange(Detector):
 
         return Finding(
             moment.stamp, stiffness.level, stiffness.released, cause, stiffness.latest_change, facts,
-            stiffness.hurries, stiffness.eased,
+            stiffness.hurries, stiffness.eased, side=int(math.copysign(1.0, stiffness.share)),
         )  # fmt: skip

@@ -21,9 +21,15 @@ STALE_AFTER = MonitorLimit("stale_after", 1.5, "Silence that is reported.", "s",
 
 
 class StaleWatch:
-    """Stale data of one valve: a condition for each of ``acceleration`` and ``estimate``."""
+    """Stale data of one valve: a condition for each of ``acceleration`` and ``estimate``.
+
+    Attributes:
+        told: until when (ns) blocks were last said to be missing.
+
+    """
 
     def __init__(self) -> None:
+        self.told = -1
         self.conditions = {
             source: Condition(KIND, 0.0, 0.0, source) for source in ("acceleration", "estimate")
         }
@@ -49,10 +55,11 @@ class StaleWatch:
 
     def arrived(self, source: str, stamp: int) -> list[Event]:
         """Say that ``source`` is heard at ``stamp`` (ns)."""
-        return self.conditions[source].clear(stamp, _silence(0.0), Facts(note="arrives_again"))
+        return self.conditions[source].clear(stamp, Quantity("silence", "s"), Facts(note="arrives_again"))
 
     def _raise(self, source: str, cause: str, stamp: int, seconds: float, limit: float) -> list[Event]:
         silence = _silence(seconds)
+        self.told = stamp if source == "acceleration" else self.told
         finding = Finding(stamp, Severity.ALARM, False, cause, silence, Facts.of(silence, limit))
         return self.conditions[source].judge(finding)
 
