@@ -82,7 +82,7 @@ class Detection:
     _judged_at: int | None = field(default=None, init=False)
     _windowed_at: int = field(default=0, init=False)
     line: Line | None = field(default=None, init=False)
-    _suspicions: dict[str, tuple[int, str, str]] = field(default_factory=dict, init=False)
+    _suspicions: dict[str, tuple[int, Detector, str]] = field(default_factory=dict, init=False)
     _memory: float = field(default=4.0, init=False)
     _stamp: int = field(default=0, init=False)
     _celsius: float = field(default=math.nan, init=False)
@@ -114,7 +114,8 @@ class Detection:
     @property
     def distrust(self) -> str:
         """Why parameters can't be judged now, empty where they can."""
-        return self._distrust(self._stamp, "friction_drift")
+        judge = next(one for one in self.detectors if one.name == "friction_drift")
+        return self._distrust(self._stamp, judge)
 
     @property
     def judgements(self) -> dict[str, Judgement]:
@@ -172,8 +173,8 @@ class Detection:
             self._judged_at += pause
         for drift in self.parameters.values():
             drift.pause(pause)
-        for name, (stamp, fault, reason) in self._suspicions.items():
-            self._suspicions[name] = stamp + pause, fault, reason
+        for name, (stamp, doubting, reason) in self._suspicions.items():
+            self._suspicions[name] = stamp + pause, doubting, reason
         self.windows.restart(period)
         self.response.restart()
         self.channels.restart(period)
@@ -320,7 +321,7 @@ class Detection:
             if one.needs_valve and not described:
                 one.judgement, one.suspicious = Judgement.NOT_JUDGED, ""
             elif what in one.looks_at:
-                distrust = self._distrust(moment.stamp, one.fault())
+                distrust = self._distrust(moment.stamp, one)
                 found = one.update(moment._replace(distrust=distrust) if distrust else moment)
             findings = () if found is None else (found,) if isinstance(found, Finding) else found
             for finding in findings:
@@ -329,17 +330,18 @@ class Detection:
             raised = lasts and next((each for each in self.conditions_of(one) if each.active is not None), None)
             if one.suspicious or raised:
                 reason = one.suspicious or f"{one.name.replace('_', ' ')} is active"
-                self._suspicions[one.name] = (moment.stamp, one.fault(), reason)
+                self._suspicions[one.name] = (moment.stamp, one, reason)
             elif one.refuted:
                 self._suspicions.pop(one.name, None)
         return events
 
-    def _distrust(self, now: int, fault: str) -> str:
-        """Return why the detector of ``fault`` can't believe what it sees at ``now`` (ns), empty if it can."""
+    def _distrust(self, now: int, judge: Detector) -> str:
+        """Return why ``judge`` can't believe what it sees at ``now`` (ns), empty if it can."""
         if self.doubt:
             return self.doubt
-        for stamp, doubted, reason in self._suspicions.values():
-            if unknowable(fault, doubted) and 0 <= now - stamp <= WARY * self._memory * 1e9:
+        for stamp, doubting, reason in self._suspicions.values():
+            lasts = 0 <= now - stamp <= WARY * self._memory * 1e9
+            if lasts and doubting.rank < judge.rank and unknowable(judge.fault(), doubting.fault()):
                 return reason
         return ""
 

@@ -12,6 +12,7 @@ from spool_monitor.alarm import AlarmRefusedError, AlarmState, Operator
 from spool_monitor.alarm_store import AlarmStore
 from spool_monitor.detectors import event_kind
 from spool_monitor.event import Condition, Event, EventState, Facts, Severity
+from spool_monitor.monitor import Monitor
 
 SECOND = 1_000_000_000
 CONDITIONS = (
@@ -210,7 +211,29 @@ def test_alarms_of_an_earlier_version_are_taken_up_and_stay_readable_for_it() ->
     }  # fmt: skip
     alarms = store()
     alarms.load([earlier])
-    event = alarms.alarms["friction_drift"].event
+    event = alarms.alarms["friction_drift/viscous_coefficient"].event
     assert event is not None
     assert (event.text, event.quantity.value, event.code) == (sentence, 0.25, 201)
     assert any(earlier.items() <= kept.items() for kept in alarms.dump())
+
+
+@pytest.mark.parametrize(
+    ("kind", "source", "cause", "facts", "name"),
+    [
+        ("friction_drift", "", "wear", Facts("viscous_coefficient"), "friction_drift/viscous_coefficient"),
+        ("sensor_fault", "sensor_dead", "dead", Facts(subject="spool"), "sensor_fault/sensor_dead/spool"),
+        ("data_fault", "", "lost", Facts("faulty_blocks"), "data_fault/lost"),
+        ("data_fault", "outliers", "outliers", Facts(subject="body"), "data_fault/outliers/body"),
+    ],
+)
+def test_an_alarm_that_stood_for_several_faults_is_taken_up_as_that_of_its_last_one(
+    kind: str, source: str, cause: str, facts: Facts, name: str
+) -> None:
+    earlier, now, monitor = AlarmStore(), AlarmStore(), Monitor()
+    raised = Event(5, kind, RAISED, Severity.ALARM, cause, Quantity("", "1"), source, facts=facts)
+    earlier.update(raised)
+    now.expect(monitor.conditions)
+    now.load(earlier.dump())
+    now.restore(monitor.conditions)
+    assert [one.name for one in now.alarms.values() if one.active] == [name]
+    assert [one.name for one in monitor.conditions if one.active is not None] == [name]

@@ -192,11 +192,9 @@ def told(plot: str) -> Story:
 
 def drifted(monitor: Monitor) -> list[float]:
     """Return how far the drift tests have come: sums and smoothed change of each, and what is raised."""
-    tests, raised = (
-        monitor.detection.parameters.values(),
-        monitor.detection.conditions["friction_drift"].active,
-    )
-    return [value for one in tests for value in (one.sum.up, one.sum.down, one.share)] + [float(raised or 0)]
+    tests, conditions = monitor.detection.parameters.values(), monitor.detection.conditions
+    raised = [float(one.active or 0) for name, one in conditions.items() if name.startswith("friction_drift")]
+    return [value for one in tests for value in (one.sum.up, one.sum.down, one.share)] + raised
 
 
 @cache
@@ -698,7 +696,7 @@ def check_judged(happened: list[Act], *, sound: bool) -> None:
     current = chain.state.baseline.current
     assert current is not None
     assert (current.version, current.valve_id) == (1, VALVE.id)
-    found = monitor.detection.conditions["friction_drift"].active is not None
+    found = monitor.detection.conditions[f"friction_drift/{VISCOUS}"].active is not None
     drag = dict(health.judgements)["friction_drift/viscous_coefficient"]
     hot = any((one.what, one.how) == ("thermometer", "wrong") for one in happened)
     unfit = not sound and any(one.what == "thermometer" for one in happened)

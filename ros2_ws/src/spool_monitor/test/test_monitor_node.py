@@ -529,7 +529,7 @@ def test_diagnostics_have_the_counts_and_the_numbers_of_what_was_published(
     node.take([*later[:120], *broken[123:125], *later[123:850], broken[870], *later[870:]])
     for name in ("stuck_spool", "resonance", "spring_change"):
         assert node.ask("shelve_alarm", alarm=name, duration=60.0, who="Eva").success
-    assert len(node.ask("suppress_alarm", alarm="sensor_fault", who="Eva").changed) == 9
+    assert len(node.ask("suppress_alarm", alarm="sensor_fault", who="Eva").changed) == 13
     for name in ("friction_drift", "stale/estimate", "data_fault/rate", "data_fault/source"):
         way = SuppressAlarm.Request.OUT_OF_SERVICE
         assert node.ask("suppress_alarm", alarm=name, way=way, who="Eva").success

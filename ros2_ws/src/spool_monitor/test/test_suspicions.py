@@ -71,8 +71,8 @@ def offset(wanders: float, moved: float) -> bool:
         signals = moving(second, 0.5).signals
         assert signals is not None
         signals = signals._replace(spool=BODY._replace(mean=mean))
-        finding = detector.update(moving(second, 0.5)._replace(signals=signals, learned=starts))
-        found = found or (finding is not None and finding.indicated is not None)
+        findings = detector.update(moving(second, 0.5)._replace(signals=signals, learned=starts))
+        found = found or any(one.indicated is not None and one.part == "spool" for one in findings)
     return found
 
 

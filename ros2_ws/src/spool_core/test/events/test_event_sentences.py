@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from spool_core.errors import InputError
 from spool_core.events.event import Event, EventState, Facts, Namur, Severity, Urgency, urgency_of
 from spool_core.events.language import ENGLISH, LANGUAGES, Language
-from spool_core.events.sentences import VARIABLE, described, details, duration, headline, language_of
+from spool_core.events.sentences import COUNTS, VARIABLE, described, details, duration, headline, language_of
 from spool_core.uncertainty import Quantity, Validity
 
 SECOND = 1_000_000_000
@@ -80,7 +80,7 @@ def test_an_event_reads_as_people_need_it() -> None:
     half=st.floats(1e-6, 1e3) | st.just(math.nan),
     subject=st.sampled_from(["", "body", "spool", "both", "valve_2", "a name of five words"]),
 )
-def test_a_headline_has_twelve_words_at_most_and_names_the_limit(
+def test_a_headline_has_twelve_words_at_most_and_names_the_limit_of_what_is_known(
     language: Language,
     code: int,
     state: EventState,
@@ -97,12 +97,30 @@ def test_a_headline_has_twelve_words_at_most_and_names_the_limit(
         parameter, subject = "viscous_coefficient", ""
     elif len(language.parameter(parameter).split()) > 3:  # evidence, never judged
         parameter = "amplification"
+    if code // 100 == 8:  # of silence only
+        parameter = "silence"
     facts = Facts(parameter, unit, value, value - half, value + half, limit=limit, subject=subject)
     said = headline(event(facts, code, state), language)
     assert len(said.split()) <= 12, said
     assert said.startswith(language.event(code).title)
-    assert re.search(r"(limit|Grenze|granica) -?[0-9]", said)
+    limited = math.isfinite(value) and parameter not in COUNTS
+    assert bool(re.search(r"(limit|Grenze|granica) -?[0-9]", said)) is limited
     assert "\n" not in said
+
+
+@pytest.mark.parametrize(
+    ("facts", "code", "state", "said"),
+    [
+        (Facts("faulty_blocks", "1", 24.0, limit=0.0), 703, RAISED, "Lost blocks: 24"),
+        (Facts("silence", "s", limit=1.5), 801, CLEARED, "No acceleration ended"),
+        (Facts(subject="4weh10_stiff"), 702, RAISED, "Second source (4weh10_stiff)"),
+        (Facts("silence", "s", 3.7, limit=1.5), 801, RAISED, "No acceleration: silence 3.7 s, limit 1.5 s"),
+    ],
+)
+def test_a_headline_names_no_limit_of_a_count_and_nothing_that_is_unknown(
+    facts: Facts, code: int, state: EventState, said: str
+) -> None:
+    assert headline(event(facts, code, state)) == said
 
 
 @every_language

@@ -151,8 +151,8 @@ class Detector(ABC):
 
     ``name`` distinguishes it from others of its ``kind``; ``looks_at`` says which moments it is shown.
     ``parts`` names its faults where it has several, e.g. one for each channel: each has its own condition.
-    ``rank`` orders the detectors of one moment; which one keeps another from judging is a table in
-    :mod:`.unknowable`.
+    ``rank`` orders the detectors of one moment: what is judged first is doubted by nothing that comes later.
+    What keeps which other from judging is a table in :mod:`.unknowable`.
     ``needs_valve``: it is shown nothing until the valve's natural frequency is known. ``drifts`` are the
     tests of parameters that it needs; ``learns`` names what of the channels needs a start value, with units.
     ``on_delay`` and ``off_delay`` are in s, the former a number or the parameter that has it. ``suspicious``

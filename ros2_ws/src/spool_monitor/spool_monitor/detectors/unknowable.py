@@ -70,7 +70,7 @@ TABLE: tuple[Row, ...] = (
 
 def unknowable(fault: str, by: str) -> bool:
     """Return whether the condition ``fault`` is not judged while the condition ``by`` lasts."""
-    return any(_lists(row.by, by) and _lists(row.what, fault) for row in TABLE)
+    return fault != by and any(_lists(row.by, by) and _lists(row.what, fault) for row in TABLE)
 
 
 def _lists(names: tuple[str, ...], name: str) -> bool:
