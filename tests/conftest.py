@@ -39,7 +39,6 @@ PACKAGES = {
     "estimator": "spool_estimator",
     "monitor": "spool_monitor",
     "recorder": "spool_bag",
-    "plots": "spool_view",
     "opcua": "spool_view",
     "adapter": "spool_bag",
 }

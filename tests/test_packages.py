@@ -41,7 +41,6 @@ ROSDEP_KEYS = {
     "python3-rich",
     "python3-rosbags-pip",
     "python3-scipy",
-    "python3-textual",
     "python3-typer",
     "python3-uvicorn",
     "python3-yaml",

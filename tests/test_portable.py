@@ -18,7 +18,7 @@ ROOT = Path(__file__).resolve().parent.parent
 SOURCE = ROOT / "ros2_ws" / "src"
 #: Commands that need no running nodes.
 OFFLINE = (
-    "check", "compare", "export", "fit", "fleet", "gap", "import", "info", "layout", "plan", "recover",
+    "check", "compare", "export", "fit", "fleet", "gap", "import", "info", "plan", "recover",
     "replay", "simulate", "valve", "verify",
 )  # fmt: skip
 #: Modules that only run in a node.

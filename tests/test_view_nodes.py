@@ -24,13 +24,12 @@ from spool_core.node.messages import from_block, nanoseconds, to_event_message, 
 from spool_core.opcua_folder import keep_operator
 from spool_core.uncertainty import Quantity as Measured
 from spool_core.uncertainty import Validity
-from spool_msgs.msg import Alarm, AlarmList, ModelEstimate, PlotValue, Quantity, ValveHealth, WaveformEnvelope
+from spool_msgs.msg import Alarm, AlarmList, ModelEstimate, Quantity, ValveHealth
 from spool_msgs.srv import AcknowledgeAlarm, ResetAlarms, ShelveAlarm
 from spool_tools.operations.opcua_certificate import make_server, trust
 from spool_view import recorded
 from spool_view.opcua_node import OpcUaNode
 from spool_view.page_node import PageNode
-from spool_view.plots_node import PlotsNode
 from spool_view.view import alarms_of
 
 from .clocked import PATIENCE, Domains, clocked
@@ -418,59 +417,6 @@ def own_address() -> str:
             return "127.0.0.2"
         address = str(probe.getsockname()[0])
     return "127.0.0.2" if address == "127.0.0.1" else address
-
-
-# Plotters.
-
-
-@pytest.fixture(name="plots", scope="module")
-def _plots(claim_domain: Domains) -> Iterator[dict[str, list[Any]]]:
-    """Return what the node publishes of an estimate, a health message and two seconds of a block."""
-    rows = np.arange(8, dtype=np.float32), 100.0 + np.arange(8, dtype=np.float32)
-    block = from_block(Block(7 * 10**9, 0, 0.125, *rows), "valve of the block")
-    assert [one.name for one in PlotsNode.PARAMETERS] == ["waveform_rate"]
-    with clocked(claim_domain, "press") as nodes:
-        sent = [
-            (nodes.offer(type(message), topic, latched=topic != "acceleration"), message)
-            for topic, message in (("estimate", estimate()), ("health", health()), ("acceleration", block))
-        ]
-        topics = {name: f"plot/{name}" for name in (*PARAMETERS, *ESTIMATE, *HEALTH, "waveform")}
-        for topic in topics.values():
-            nodes.listen(WaveformEnvelope if topic == "plot/waveform" else PlotValue, topic)
-        nodes.start(PlotsNode, waveform_rate=4.0)
-
-        def met() -> bool:
-            block.sequence += 1
-            for publish, message in sent:
-                publish(message)
-            nodes.settle()
-            return all(nodes.heard[topic] for topic in topics.values())
-
-        nodes.until(lambda: met() and len(nodes.heard["plot/waveform"]) >= 4, "all topics")
-        yield {name: nodes.heard[topic] for name, topic in topics.items()}
-
-
-def test_each_number_comes_on_a_topic_of_its_own_with_its_interval_unit_and_stamp(
-    plots: dict[str, list[Any]],
-) -> None:
-    for name, (unit, value, deviation) in (PARAMETERS | ESTIMATE | HEALTH).items():
-        one, half = plots[name][0], 1.96 * deviation
-        assert (one.low, one.value, one.high) == pytest.approx((value - half, value, value + half), rel=1e-4)
-        source, second = ("health", 8) if name in HEALTH else ("estimate", 9)
-        found = one.unit, one.header.frame_id, one.header.stamp
-        assert found == (unit, f"valve of the {source}", stamp(second))
-
-
-def test_the_envelope_has_as_many_points_a_second_as_are_asked_for(plots: dict[str, list[Any]]) -> None:
-    names = ("body_low", "body_high", "spool_low", "spool_high")
-    points = {  # of the same block, several times
-        nanoseconds(one.header.stamp): (one.header.frame_id, [getattr(one, name) for name in names])
-        for one in plots["waveform"]
-    }
-    assert points == {
-        (28 + n) * 250_000_000: ("valve of the block", [2 * n, 2 * n + 1, 100 + 2 * n, 101 + 2 * n])
-        for n in range(4)
-    }
 
 
 # Browsers.

@@ -1,27 +1,22 @@
-"""`./spool watch`, `baseline` and `analyse` on real nodes: what is shown, and what an operator's keys do."""
+"""`./spool watch`, `baseline` and `analyse` on real nodes: what is shown, and what an operator does."""
 
 from __future__ import annotations
 
-import asyncio
+import io
 import json
-import time
-from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import pytest
+from rich.console import Console, Group
+from spool_core.events.language import ENGLISH
 from spool_monitor.listener import DRIFT, HeardValve
-from spool_msgs.msg import Alarm, AlarmList, ValveHealth
+from spool_msgs.msg import ValveHealth
+from spool_tools.cli import main
 from spool_tools.operations.valve_rows import shown_condition
 
 if TYPE_CHECKING:
-    from textual.pilot import Pilot
-
     from .conftest import System
-
-SILENCE = "stale/acceleration"
-#: s; what is waited for comes much sooner on an idle machine.
-PATIENCE = 180.0
 
 
 def heard(level: int, judgement: str = "judged") -> HeardValve:
@@ -53,60 +48,39 @@ def test_marks_tell_conditions_without_colour() -> None:
     assert len({shown_condition(heard(level), 100.0).mark for level in levels}) == len(levels)
 
 
-async def until(pilot: Pilot[None], met: Callable[[], object], what: str) -> None:
-    end = time.monotonic() + PATIENCE
-    while not met():
-        assert time.monotonic() < end, f"waited in vain: {what}"
-        await pilot.pause(0.1)
+def shown(picture: Group, line_width: int = 200) -> str:
+    console = Console(width=line_width, file=io.StringIO())
+    console.print(picture)
+    return console.file.getvalue()  # type: ignore[attr-defined]
 
 
 @pytest.mark.slow
-def test_alarms_are_acknowledged_and_shelved_by_keys(system: System, monkeypatch: pytest.MonkeyPatch) -> None:
-    alarms = system.listen(AlarmList, "/valve_1/alarms", latched=True)
+def test_the_table_shows_a_valve_that_falls_silent_and_its_alarm(
+    system: System, monkeypatch: pytest.MonkeyPatch
+) -> None:
     health = system.listen(ValveHealth, "/valve_1/health", latched=True)
     system.start("monitor", baseline_time=3.0)
     system.start("estimator")
     simulator = system.start("simulator", excitation="multisine", wait_for_subscribers=2)
     system.until(lambda: health.heard and health.last.level == ValveHealth.LEVEL_OK, "data are judged")
     monkeypatch.setenv("ROS_DOMAIN_ID", str(system.domain_id))
-    from spool_tools.operations.watch import WatchApp, WatchNode  # noqa: PLC0415 - slow to load
+    from spool_tools.operations.watch import WatchNode, picture  # noqa: PLC0415 - slow to load
 
     listener = WatchNode()
-
-    def state() -> tuple[int, Any]:
-        valve = listener.valves.get("valve_1")
-        listed = [] if valve is None or valve.alarms is None else valve.alarms.alarms
-        found = next((one for one in listed if one.name == SILENCE), None)
-        return (-1, None) if found is None else (found.state, found)
-
-    async def work() -> None:
-        app = WatchApp(listener, "Eva")
-        async with app.run_test(size=(160, 40)) as pilot:
-            valves: Any = app.query_one("#valves")
-            await until(pilot, lambda: valves.row_count == 1, "the valve is found by itself")
-            simulator.kill()
-            table: Any = app.query_one("#alarms")
-            await until(pilot, lambda: state()[0] == Alarm.STATE_UNACKNOWLEDGED, "the silence is an alarm")
-            await until(pilot, lambda: table.row_count == 1, "it is shown")
-            assert "STALE" in str(valves.get_row_at(0)[1]) or "ALARM" in str(valves.get_row_at(0)[1])
-            await pilot.press("a")
-            await pilot.press(*"seen", "enter")
-            await until(pilot, lambda: state()[0] == Alarm.STATE_ACKNOWLEDGED, "it is acknowledged")
-            assert (state()[1].acknowledged_by, state()[1].comment) == ("Eva", "seen")
-            await pilot.press("s", "escape")
-            await pilot.press("s", "enter")
-            await until(pilot, lambda: state()[0] == Alarm.STATE_SHELVED, "it is on the shelf")
-            await pilot.press("u", "enter")
-            await until(pilot, lambda: state()[0] == Alarm.STATE_ACKNOWLEDGED, "it is off the shelf")
-            await pilot.press("r", "enter")
-            said: Any = app.query_one("#said")
-            await until(pilot, lambda: "can't be reset" in str(said.content), "a refusal is shown")
-
     try:
-        asyncio.run(work())
+        system.until(lambda: "valve_1" in shown(picture(listener, ENGLISH)), "the valve is found by itself")
+        simulator.kill()
+        system.until(
+            lambda: "801 stale/acceleration" in shown(picture(listener, ENGLISH)), "its alarm is shown"
+        )
+        assert "No acceleration: silence" in shown(picture(listener, ENGLISH))
     finally:
         listener.close()
-    assert alarms.heard
+
+
+def test_who_operates_is_asked_by_the_alarm_command(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["watch", "--who", "Eva"]) == 2
+    assert "./spool alarm acknowledge VALVE --who NAME" in capsys.readouterr().err
 
 
 @pytest.mark.slow

@@ -1,5 +1,6 @@
 """Install spool_view as an ament_python package."""
 
+from glob import glob
 from xml.etree import ElementTree
 
 from setuptools import find_namespace_packages, setup
@@ -14,6 +15,7 @@ setup(
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),
+        (f"share/{PACKAGE}/layouts", glob("layouts/*")),
     ],
     zip_safe=False,
     extras_require={"test": ["pytest"]},
@@ -24,10 +26,8 @@ setup(
     entry_points={
         "console_scripts": [
             "page = spool_view.program:page",
-            "plots = spool_view.program:plots",
             "opcua = spool_view.program:opcua",
         ],
-        "spool.commands": ["spool_view = spool_view.commands"],
         "spool.pages": ["page = spool_view.page_node:serve"],
     },
 )

@@ -11,7 +11,7 @@ from pathlib import Path
 
 #: First release that has what the suite imports, where distributions still ship older ones: Debian 12 and
 #: Ubuntu 24.04 have pydantic 1.10, typer 0.7 and 0.9, textual 0.1 and 0.52.
-OLDEST = {"pydantic": "2.0", "typer": "0.29", "textual": "8.0"}
+OLDEST = {"pydantic": "2.0", "typer": "0.29"}
 #: Import names whose package has another one.
 PACKAGES = {"yaml": "PyYAML", "nptdms": "npTDMS"}
 #: Libraries of ROS 2 besides messages, which no package registry has under these names.

@@ -234,6 +234,13 @@ def refuse_missing(*records: Path) -> None:
 PASSING_ON = {"allow_extra_args": True, "ignore_unknown_options": True, "allow_interspersed_args": False}
 
 
+#: What to do without commands and nodes that were removed.
+GONE = {
+    "layout": "removed: open foxglove.json, lichtblick.json or plotjuggler.xml of spool_view/layouts in your viewer",
+    "plots": "the node was removed: plot the fields of the topics estimate and health, see spool_view/layouts",
+}
+
+
 @dataclass(frozen=True, slots=True)
 class Command:
     """Command, declared as ``COMMAND`` by a module ``NAME_command.py``; there is no other list of commands.
@@ -322,6 +329,8 @@ class CommandGroup(TyperGroup):
                 else:
                     around.command(cmd_name, context_settings=dict(declared.settings))(declared.run)
                 self.commands[cmd_name] = get_group(around).commands[cmd_name]
+        elif cmd_name in GONE:
+            raise InputError(f"{cmd_name}: {GONE[cmd_name]}")
         elif cmd_name in IN_A_CHECKOUT:
             raise InputError(
                 f"{cmd_name}: this command needs a checkout of the sources: type ./spool {cmd_name} there"

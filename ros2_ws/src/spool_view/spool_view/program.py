@@ -1,4 +1,4 @@
-"""Programs ``page``, ``plots`` and ``opcua``."""
+"""Programs ``page`` and ``opcua``."""
 
 from __future__ import annotations
 
@@ -8,11 +8,6 @@ from spool_core.node.program import start
 def page() -> int:
     """Run the page's node."""
     return start("spool_view.page_node", "PageNode")
-
-
-def plots() -> int:
-    """Run the node that publishes single numbers."""
-    return start("spool_view.plots_node", "PlotsNode")
 
 
 def opcua() -> int:

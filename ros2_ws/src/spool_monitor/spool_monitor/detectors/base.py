@@ -242,19 +242,23 @@ class MonitorSettings:
 class NotJudged(Detector):
     """The time since any detector of the valve's condition could judge; rest is a judgement.
 
-    A fault of a sensor or of the data that is raised already says why: then this event is not raised as well.
+    A fault of a sensor or of the data that is raised already says why: then this event is not raised as well,
+    and its time begins when that fault is over.
     """
 
     name = "not_judged"
     kind = DATA_FAULT
     looks_at = (LINE,)
     rank = 99
+    _explained = 0
 
     def update(self, moment: Moment) -> Finding:
         """Judge for how long nothing was."""
         self.judgement = Judgement.JUDGED
         seconds, reason = moment.unjudged
-        raised = Severity.WARNING if seconds >= REPORTED and not moment.explained else None
+        self._explained = moment.stamp if moment.explained else min(self._explained, moment.stamp)
+        unexplained = min(seconds, 1e-9 * (moment.stamp - self._explained))
+        raised = Severity.WARNING if unexplained >= REPORTED else None
         unjudged = Quantity("unjudged_time", "s", seconds, validity=Validity.VALID)
         return Finding(
             moment.stamp,

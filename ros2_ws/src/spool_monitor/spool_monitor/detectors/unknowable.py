@@ -32,16 +32,20 @@ class Row(NamedTuple):
 
 TABLE: tuple[Row, ...] = (
     Row(
-        ("stale/acceleration", "data_fault/rate", "data_fault/clock_step"),
+        ("stale/acceleration",), (*VALVE, "sensor_fault", "data_fault", "stale/estimate"), "No blocks arrive."
+    ),
+    Row(
+        ("data_fault/rate", "data_fault/clock_step"),
         (
-            *("resonance", "stuck_spool", "friction_drift", "spring_change", "model_gap", "sensor_fault"),
-            *("stale/estimate", "data_fault/outliers", REPEATS, *CLOCKS, "data_fault/estimate"),
-            *("data_fault/lost", "data_fault/source/second"),
+            *(*VALVE, "sensor_fault", "stale/estimate", "data_fault/outliers", REPEATS, *CLOCKS),
+            *("data_fault/estimate", "data_fault/lost", "data_fault/source/second"),
         ),
         "No block can be used.",
     ),
     Row(
-        ("stale/estimate",), (*PARAMETERS, SCALE, "data_fault/estimate"), "Nobody estimates the parameters."
+        ("stale/estimate",),
+        (*PARAMETERS, SCALE, CLOCKS[0], "data_fault/estimate"),
+        "Nobody estimates the parameters, and it is the estimates that point to a step.",
     ),
     Row(
         (SAME,),

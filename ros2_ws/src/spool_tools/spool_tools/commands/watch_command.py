@@ -32,13 +32,13 @@ def watch(
         Path | None,
         typer.Option(help="Recording, or folder of recordings, that fills the page's waterfalls."),
     ] = None,
-    who: Annotated[str, typer.Option(help="Name of the operator; default: your user name.")] = "",
+    who: Annotated[str, typer.Option(hidden=True)] = "",
     seconds: Annotated[
         float | None, typer.Option(help="Without a terminal: end after this many seconds.", min=0.0)
     ] = None,
     language: LanguageOption = "",
 ) -> None:
-    """Watch running valves: a table, worst first, their alarms, and keys to acknowledge, shelve and reset.
+    """Watch running valves: a table, worst first, and their alarms. Operate them with ./spool alarm.
 
     Without a terminal: one line per valve every 5 s, and each event immediately.
 
@@ -46,6 +46,8 @@ def watch(
 
     Example: ./spool watch --web --port 8765 --bags recordings
     """
+    if who:
+        raise InputError("--who: the table has no keys any more: ./spool alarm acknowledge VALVE --who NAME")
     if web:
         page = next(iter(entry_points(group=PAGES)), None)
         if page is None:
@@ -53,14 +55,14 @@ def watch(
         page.load()(port=port, operator=operator, metrics=metrics, names=tuple(valves or ()), bags=bags)
         return
     if operator:
-        raise InputError("--operator: is of the page, with --web; on the terminal the keys are there anyway")
+        raise InputError("--operator: is of the page: add --web; on the terminal use ./spool alarm")
     if metrics:
         raise InputError("--metrics: the page serves them: add --web")
     if bags is not None:
         raise InputError("--bags: the page shows them: add --web")
     from spool_tools.operations.watch import watch as run  # noqa: PLC0415 - slow to load
 
-    run(tuple(valves or ()), who, seconds, language)
+    run(tuple(valves or ()), seconds, language)
 
 
 COMMAND = Command(

@@ -11,6 +11,8 @@ from pathlib import Path
 
 from spool_core.errors import InputError
 
+from spool_tools.command import GONE
+
 
 def find_executable(package: str, executable: str) -> Path:
     """Return ``lib/PACKAGE/EXECUTABLE`` of the first prefix that has it.
@@ -32,6 +34,8 @@ def find_executable(package: str, executable: str) -> Path:
         folder = prefix / "lib" / package
         if os.access(folder / executable, os.X_OK):
             return folder / executable
+    if (package, executable) == ("spool_view", "plots"):
+        raise InputError(f"{executable}: {GONE[executable]}")
     found = sorted(path.name for path in (owners[0] / "lib" / package).glob("*") if os.access(path, os.X_OK))
     raise InputError(
         f"package {package} has no executable {executable}; it has: {', '.join(found) or 'none'}"

@@ -9,18 +9,23 @@ from typing import Any
 from xml.etree import ElementTree
 
 import pytest
-from spool_bag.reader import BagReader
+from spool_core.errors import InputError
 from spool_msgs.msg import ModelEstimate, ValveHealth
 from spool_tools.cli import main
-from spool_view.commands.layout_command import (
-    PlottedValve,
-    foxglove_layout,
-    plotjuggler_layout,
-    recorded_valves,
-)
+from spool_tools.operations.node_processes import find_executable
 
-VALVES = [PlottedValve("valve_1"), PlottedValve("press/left", ("spring_stiffness", "viscous_coefficient"))]
+LAYOUTS = Path(__file__).resolve().parents[2] / "layouts"
 TYPES = {"estimate": ModelEstimate, "health": ValveHealth}
+
+
+@pytest.fixture(name="layout", params=["foxglove", "lichtblick"])
+def _layout(request: pytest.FixtureRequest) -> Any:
+    return json.loads((LAYOUTS / f"{request.param}.json").read_text("utf-8"))
+
+
+@pytest.fixture(name="root")
+def _root() -> ElementTree.Element:
+    return ElementTree.fromstring((LAYOUTS / "plotjuggler.xml").read_text("utf-8"))
 
 
 def panels_of(layout: Any) -> list[str]:
@@ -33,9 +38,8 @@ def panels_of(layout: Any) -> list[str]:
     return [*panels_of(layout["first"]), *panels_of(layout["second"])]
 
 
-def test_the_foxglove_layout_has_the_form_of_layout_data() -> None:
+def test_the_foxglove_layout_has_the_form_of_layout_data(layout: Any) -> None:
     """As ``LayoutData`` and ``PlotPath`` of @foxglove/studio-base 1.48 declare it."""
-    layout = json.loads(json.dumps(foxglove_layout(VALVES)))
     assert set(layout) == {"configById", "globalVariables", "userNodes", "playbackConfig", "layout"}
     panels = layout["configById"]
     (outer,) = panels_of(layout["layout"])
@@ -48,39 +52,35 @@ def test_the_foxglove_layout_has_the_form_of_layout_data() -> None:
             assert path["timestampMethod"] in ("headerStamp", "receiveTime")
 
 
-def test_paths_and_curves_name_fields_that_messages_have() -> None:
-    layout = foxglove_layout(VALVES)
+def test_paths_and_curves_name_fields_that_messages_have(layout: Any, root: ElementTree.Element) -> None:
     paths = [path["value"] for panel in layout["configById"].values() for path in panel.get("paths", [])]
-    root = ElementTree.fromstring(plotjuggler_layout(VALVES))
     curves = [curve.attrib["name"] for curve in root.iter("curve")]
-    assert len(paths) == len(curves) == 5 + 2 + 4 + 2
+    assert len(paths) == len(curves) == 7
     for path in paths:
-        match = re.fullmatch(r"/(valve_1|press/left)/(\w+)\.(\w+)(\[:\]\{name==\"\w+\"\})?\.value", path)
+        match = re.fullmatch(r"/(valve_1)/(\w+)\.(\w+)(\[:\]\{name==\"\w+\"\})?\.value", path)
         assert match, path
         assert hasattr(TYPES[match[2]](), match[3])
     for curve in curves:
-        match = re.fullmatch(r"/(valve_1|press/left)/(\w+)/(\w+)(\[\d\])?/value", curve)
+        match = re.fullmatch(r"/(valve_1)/(\w+)/(\w+)(\[\d\])?/value", curve)
         assert match, curve
         assert hasattr(TYPES[match[2]](), match[3])
 
 
-def test_plotjuggler_4_finds_each_curve_by_topic_and_field() -> None:
+def test_plotjuggler_4_finds_each_curve_by_topic_and_field(root: ElementTree.Element) -> None:
     """Without both it drops a curve of a layout in silence; 3 reads the name alone."""
-    root = ElementTree.fromstring(plotjuggler_layout(VALVES))
     assert root.attrib == {"format": "PlotJuggler", "pj4_version": "4", "binding": "generic"}
     for curve in root.iter("curve"):
         topic, field = curve.attrib["topic"], curve.attrib["field"]
-        assert re.fullmatch(r"/(valve_1|press/left)/(health|estimate)", topic)
+        assert re.fullmatch(r"/(valve_1)/(health|estimate)", topic)
         assert not field.startswith("/")
         assert curve.attrib["name"] == f"{topic}/{field}"
 
 
-def test_the_plotjuggler_layout_has_the_form_that_it_reads() -> None:
+def test_the_plotjuggler_layout_has_the_form_that_it_reads(root: ElementTree.Element) -> None:
     """PlotJuggler 4 refuses a tab of two containers, a wrong count, and an area of two plots."""
-    root = ElementTree.fromstring(plotjuggler_layout(VALVES))
     assert root.tag == "root"
     tabs = root.findall("tabbed_widget/Tab")
-    assert [tab.attrib["tab_name"] for tab in tabs] == ["valve_1", "press/left"]
+    assert [tab.attrib["tab_name"] for tab in tabs] == ["valve_1"]
     for tab in tabs:
         ((splitter,),) = tab
         assert (tab[0].tag, splitter.tag) == ("Container", "DockSplitter")
@@ -96,11 +96,8 @@ def test_the_plotjuggler_layout_has_the_form_that_it_reads() -> None:
         assert all(area.find("plot/curve") is not None for area in areas)
 
 
-def test_a_bag_gives_its_valves_and_the_command_writes_both(tmp_path: Path) -> None:
-    bag = tmp_path / "bag"
-    simulated = ["simulate", "--valve", "4weh10_soft", "--seconds", "2", "--out", str(bag)]
-    assert main(simulated) == 0
-    assert [one.name for one in recorded_valves(BagReader(bag), ["valve_1"])] == ["valve_1"]
-    assert main(["layout", str(bag), "--out", str(tmp_path / "out")]) == 0
-    json.loads((tmp_path / "out" / "foxglove.json").read_text("utf-8"))
-    ElementTree.fromstring((tmp_path / "out" / "plotjuggler.xml").read_text("utf-8"))
+def test_what_was_removed_names_the_layouts_to_open(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["layout", "valve_1"]) == 2
+    assert "spool_view/layouts" in capsys.readouterr().err
+    with pytest.raises(InputError, match="spool_view/layouts"):
+        find_executable("spool_view", "plots")
