@@ -13,14 +13,12 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from asyncua import Client, ua
 from lifecycle_msgs.srv import GetState
-from spool_core.block import Block
 from spool_core.events.event import Event, EventState, Facts, Severity, Urgency
 from spool_core.events.language import ENGLISH
-from spool_core.node.messages import from_block, nanoseconds, to_event_message, to_time
+from spool_core.node.messages import to_event_message, to_time
 from spool_core.opcua_folder import keep_operator
 from spool_core.uncertainty import Quantity as Measured
 from spool_core.uncertainty import Validity

@@ -24,10 +24,7 @@ setup(
     description="Spool valves for people and plant systems.",
     license="Apache-2.0",
     entry_points={
-        "console_scripts": [
-            "page = spool_view.program:page",
-            "opcua = spool_view.program:opcua",
-        ],
+        "console_scripts": ["page = spool_view.program:page", "opcua = spool_view.program:opcua"],
         "spool.pages": ["page = spool_view.page_node:serve"],
     },
 )

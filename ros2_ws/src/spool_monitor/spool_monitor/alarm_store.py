@@ -84,7 +84,7 @@ class AlarmStore:
         return self.operate(which, lambda alarm: maintain(alarm, operator, on=on, seconds=seconds))
 
     def operate(self, which: str, change: Callable[[Alarm], Transition]) -> list[Transition]:
-        """Change the alarm named ``which``, all whose names begin with it, or all (empty) that can be changed so.
+        """Change the alarm named ``which``, all whose names begin with it, or all (empty) that allow it.
 
         Raises:
             AlarmRefusedError: there is no such alarm, or none of them can; nothing is changed.
@@ -188,7 +188,7 @@ class AlarmStore:
             )
 
     def _source(self, alarm: Alarm) -> str:
-        """Return the source of ``alarm``; an earlier version kept one for several faults: that of its last."""
+        """Return the source of ``alarm``: of its last fault where an earlier version kept one for many."""
         longer = [one.source for one in self.alarms.values() if one.name.startswith(f"{alarm.name}/")]
         if alarm.name in self.alarms or not longer:
             return alarm.source

@@ -327,8 +327,8 @@ class Detection:
             for finding in findings:
                 events += self.conditions[condition_name(one.name, finding.part)].judge(finding)
             lasts = one.judgement is not Judgement.JUDGED or not all(each.released for each in findings)
-            raised = lasts and next((each for each in self.conditions_of(one) if each.active is not None), None)
-            if one.suspicious or raised:
+            raised = any(each.active is not None for each in self.conditions_of(one))
+            if one.suspicious or (raised and lasts):
                 reason = one.suspicious or f"{one.name.replace('_', ' ')} is active"
                 self._suspicions[one.name] = (moment.stamp, one, reason)
             elif one.refuted:

@@ -27,8 +27,14 @@ FIRST_ESTIMATE = 2.0
 #: s beyond ``stale_after`` that a source may take to start: four nodes of a valve start within half of it.
 FIRST_BLOCK = 10.0
 
-#: What people call the parameters.
-SHOWN = {"spring_stiffness": "stiffness", "viscous_coefficient": "drag", "coulomb_force": "dry friction"}
+#: What people call what is judged.
+SHOWN = {
+    "spring_stiffness": "stiffness",
+    "viscous_coefficient": "drag",
+    "coulomb_force": "dry friction",
+    "resonance": "resonance",
+    "stuck_spool": "sticking",
+}
 
 #: Samples that may be judged together while nothing is wrong: as many as come together.
 MOST_TOGETHER = 1 << 30
@@ -260,7 +266,8 @@ class Monitor:
 
     def _unjudged(self) -> str:
         """Which parameters are not judged although there are estimates, or with a wider limit, and why."""
-        if self.estimate is None or self.estimate.state is not State.TRACKING:
+        distrust = self.detection.distrust
+        if self.estimate is None or (self.estimate.state is not State.TRACKING and not distrust):
             return ""
         oil = "unknown" if not self.estimate.oil_temperature.known else "uncertain after a large change"
         told: dict[str, list[str]] = {}
@@ -268,8 +275,10 @@ class Monitor:
             name = test.partition("/")[2]
             drift = self.detection.parameters.get(name)
             if drift is None or judgement is Judgement.LEARNING:
+                if distrust and test in SHOWN and judgement is Judgement.NOT_JUDGED:
+                    told.setdefault(f"not judged: {distrust}", []).append(SHOWN[test])
                 continue
-            reason = self.detection.distrust or "it is too uncertain"
+            reason = distrust or "it is too uncertain"
             wide = name == VISCOUS and (drift.assumed or drift.sum.allowance > ALARMS)
             if drift.incomparable or wide:
                 reason = f"the oil temperature is {oil}" if name == VISCOUS else "its limit exceeds its value"

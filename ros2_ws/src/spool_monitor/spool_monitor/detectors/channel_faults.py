@@ -10,13 +10,7 @@ from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.identification.channel_faults import ChannelFault
 
 from spool_monitor.channels import ChannelLook
-from spool_monitor.detectors.base import (
-    CHANNELS,
-    Detector,
-    Judgement,
-    Moment,
-    MonitorSettings,
-)
+from spool_monitor.detectors.base import CHANNELS, Detector, Judgement, Moment, MonitorSettings
 from spool_monitor.detectors.data_fault import KIND as DATA_FAULT
 from spool_monitor.event import EACH_CHANNEL, EventCause, Facts, Finding, Severity, sensor_fault
 
@@ -57,9 +51,7 @@ class RowFault(Detector):
             self.judgement = Judgement.NOT_JUDGED
             return None
         self.judgement, self.suspicious, self._agreed = Judgement.JUDGED, "", True
-        return tuple(
-            self._finding(moment.stamp, look.fault(self.cause, part), part) for part in self.parts
-        )
+        return tuple(self._finding(moment.stamp, look.fault(self.cause, part), part) for part in self.parts)
 
     def _finding(self, stamp: int, found: ChannelFault | None, part: str = "") -> Finding:
         told = self._last[part] = found or self._last.get(part)

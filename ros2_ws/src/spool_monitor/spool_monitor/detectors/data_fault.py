@@ -12,7 +12,17 @@ from spool_core.rate_check import LIMIT as RATE_LIMIT
 from spool_core.uncertainty import Quantity, Validity
 
 from spool_monitor.estimate_gate import EstimateGate
-from spool_monitor.event import EACH_CHANNEL, Condition, Event, EventCause, EventKind, Facts, Finding, Namur, Severity
+from spool_monitor.event import (
+    EACH_CHANNEL,
+    Condition,
+    Event,
+    EventCause,
+    EventKind,
+    Facts,
+    Finding,
+    Namur,
+    Severity,
+)
 
 KIND = EventKind(
     "data_fault",
@@ -64,13 +74,11 @@ def fault_source(fault: Fault) -> str:
 
 
 class DataFaultWatch:
-    """Data faults of one valve: a condition for each kind of bad block, each channel's outliers, estimates."""
+    """Data faults of one valve: a condition for each kind of bad block, of outliers and of estimates."""
 
     def __init__(self) -> None:
         self.conditions = {
-            source: Condition(
-                KIND, 0.0, OFF_DELAY if fault.cause in WORTHLESS else COMES_AND_GOES, source
-            )
+            source: Condition(KIND, 0.0, OFF_DELAY if fault.cause in WORTHLESS else COMES_AND_GOES, source)
             for fault in Fault
             if (source := fault_source(fault))
         }
@@ -78,7 +86,7 @@ class DataFaultWatch:
         for name in EACH_CHANNEL:
             self.conditions[f"{OUTLIERS}/{name}"] = Condition(KIND, 0.0, OUTLIERS_OFF, f"{OUTLIERS}/{name}")
         self.conditions[ESTIMATE] = Condition(KIND, 0.0, COMES_AND_GOES, ESTIMATE)
-        self._counted = {name: 0 for name in EACH_CHANNEL}
+        self._counted = dict.fromkeys(EACH_CHANNEL, 0)
 
     def judge(self, gate: BlockGate, stamp: int) -> list[Event]:
         """Return what follows from what is certainly wrong by ``gate``'s newest block, at ``stamp`` (ns)."""
@@ -127,20 +135,20 @@ class DataFaultWatch:
 
     def judge_outliers(self, outliers: OutlierFilter, stamp: int) -> list[Event]:
         """Return what follows from the samples that were left out of the newest block, at ``stamp`` (ns)."""
-        first, events = outliers.first, []
+        events: list[Event] = []
         for name in EACH_CHANNEL:
             condition, count = self.conditions[f"{OUTLIERS}/{name}"], getattr(outliers, name)
             new, self._counted[name] = count > self._counted[name], count
             if not new and condition.active is None:
                 continue
-            seen, at, evidence = _count(OUTLIERS, count), stamp, ()
+            seen, first = _count(OUTLIERS, count), outliers.first
+            facts = Facts.of(seen, 0.0, name)
             if new and first is not None and first.channel == name:
-                at, evidence = first.stamp, (
-                    Quantity("outlier", "m/s^2", first.value, validity=Validity.VALID),
-                    Quantity("signal_span", "m/s^2", first.half_span, validity=Validity.VALID),
-                )
-            facts = replace(Facts.of(seen, 0.0, name), evidence=evidence)
+                sample = Quantity("outlier", "m/s^2", first.value, validity=Validity.VALID)
+                span = Quantity("signal_span", "m/s^2", first.half_span, validity=Validity.VALID)
+                facts = replace(facts, evidence=(sample, span))
             severity = Severity.WARNING if new else None
+            at = first.stamp if new and first is not None else stamp
             events += condition.judge(Finding(at, severity, not new, OUTLIERS, seen, facts))
         return events
 

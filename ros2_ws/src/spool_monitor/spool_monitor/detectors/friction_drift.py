@@ -69,7 +69,8 @@ class FrictionDrift(Detector):
         causes = rank_friction(drift, warmer)
 
         def facts() -> Facts:
-            note, evidence = "", ()
+            note = ""
+            evidence: tuple[Quantity, ...] = ()
             if math.isfinite(warmer):
                 evidence = (Quantity("oil_temperature_change", "K", warmer, validity=Validity.VALID),)
             if drift.parameter == VISCOUS:

@@ -201,7 +201,7 @@ class SensorDead(Detector):
         return Finding(stamp, dead, False, "dead", level, facts, part=name)
 
     def _compare(self, moment: Moment, signals: Signals, *, known: bool) -> dict[str, Finding]:
-        """Compare each channel's level with what the reference response makes of the other, if both are known."""
+        """Compare each channel's level with what the response makes of the other, if both are ``known``."""
         reference = moment.reference
         shares: dict[str, float] = {}
         due = seen = dict.fromkeys(self.parts, math.nan)
