@@ -10,6 +10,7 @@ from pathlib import Path
 from spool_core.events.language import ENGLISH
 
 from spool_monitor.detectors import KINDS
+from spool_monitor.detectors.unknowable import TABLE
 
 
 def number_table() -> str:
@@ -34,15 +35,24 @@ def meaning_table() -> str:
     return _table(("number", "title", "what it means", "what to do"), rows)
 
 
+def unknowable_table() -> str:
+    """Return which fault keeps which other from being judged, and why, in Markdown."""
+    rows = (
+        (", ".join(f"`{one}`" for one in row.by), ", ".join(f"`{one}`" for one in row.what), row.why)
+        for row in TABLE
+    )
+    return _table(("while this is active", "these are not judged", "why"), rows)
+
+
 def _table(header: tuple[str, ...], rows: Iterable[tuple[object, ...]]) -> str:
     lines = [header, ("---",) * len(header), *rows]
     return "".join(f"| {' | '.join(map(str, line))} |\n" for line in lines)
 
 
 def main(page: Path) -> None:
-    """Bring both tables of ``page`` up to date."""
+    """Bring the tables of ``page`` up to date."""
     text = page.read_text(encoding="utf-8")
-    for table in (number_table(), meaning_table()):
+    for table in (number_table(), meaning_table(), unknowable_table()):
         old = re.search(rf"{re.escape(table.splitlines()[0])}\n(\|.*\n)+", text)
         if old is not None:
             text = text.replace(old[0], table)

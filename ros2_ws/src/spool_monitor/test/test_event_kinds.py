@@ -8,7 +8,7 @@ import pytest
 from spool_core.events.language import LANGUAGES
 from spool_monitor.detectors import DETECTORS, KINDS, LIMITS, MonitorLimit, event_kind, latching_kinds
 from spool_monitor.event import EventKind, Namur
-from spool_monitor.event_tables import meaning_table, number_table
+from spool_monitor.event_tables import meaning_table, number_table, unknowable_table
 
 ALARMS_PAGE = Path(__file__).resolve().parents[4] / "docs" / "alarms.md"
 
@@ -69,7 +69,9 @@ def test_each_limit_has_a_default_in_its_range_and_says_what_it_is(limit: Monito
     assert limit.description.endswith(".")
 
 
-@pytest.mark.parametrize("table", [number_table, meaning_table], ids=lambda table: table.__name__)
+@pytest.mark.parametrize(
+    "table", [number_table, meaning_table, unknowable_table], ids=lambda table: table.__name__
+)
 def test_the_page_of_alarms_lists_every_number_and_remedy(table: object) -> None:
     """``python -m spool_monitor.event_tables`` brings it up to date."""
     assert callable(table)

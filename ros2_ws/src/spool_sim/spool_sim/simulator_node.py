@@ -89,7 +89,7 @@ class SimulatorNode(ManagedNode):
         self._last_turn = 0
         self._complete: float | None = None
         self._sent = 0
-        self._skipped = 0
+        self._skipped = self._told = 0
         self._throttle = Throttle()
 
     def configure(self) -> None:
@@ -111,7 +111,7 @@ class SimulatorNode(ManagedNode):
         """Start at time zero of the excitation, stamped with the node's clock."""
         self._started = None
         self._last_turn = 0
-        self._sent = self._skipped = 0
+        self._sent = self._skipped = self._told = 0
         self.every(0.5 / self.value("block_rate"), self._turn)
         self.every(1.0, self._report, steady=True)
 
@@ -226,7 +226,10 @@ class SimulatorNode(ManagedNode):
         assert self._simulator is not None
         waiting = self._started is None
         message = "waiting for subscribers or time" if waiting else "publishing"
-        level = Level.WARNING if waiting or self._skipped else Level.OK
+        dropped, self._told = self._skipped - self._told, self._skipped
+        if dropped:
+            message = f"{plural(dropped, 'block')} dropped in the last second: the machine is too slow"
+        level = Level.WARNING if waiting or dropped else Level.OK
         truth = self._simulator.truth
         self._diagnostics.publish(
             Status(

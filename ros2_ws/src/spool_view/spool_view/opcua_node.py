@@ -342,8 +342,15 @@ def items_of(valve: HeardValve, now: float, language: Language = ENGLISH) -> Ite
         own = (*estimate.parameters, estimate.natural_frequency, estimate.damping_ratio, estimate.residual)
         yield from _numbers(name, "estimate", own, at, lost=silent)
     if valve.alarms is not None:
-        for alarm in valve.alarms.alarms[:MOST]:
-            yield from _alarm(name, alarm, language, lost=silent)
+        shown = valve.alarms.alarms[:MOST]
+        folders = {alarm.name: alarm for alarm in shown}
+        # Where a name stands for several alarms, the first one shows: it waits for an operator, or is worst.
+        for alarm in shown:
+            parent = alarm.name
+            while parent := parent.rpartition("/")[0]:
+                folders.setdefault(parent, alarm)
+        for folder, alarm in folders.items():
+            yield from _alarm((name, "alarms", folder), alarm, language, lost=silent)
 
 
 def _numbers(
@@ -363,7 +370,7 @@ def _finite(value: float) -> float:
     return float(value) if math.isfinite(value) else 0.0
 
 
-def _alarm(valve: str, alarm: Alarm, language: Language, *, lost: bool) -> Iterator[Item]:
+def _alarm(place: tuple[str, ...], alarm: Alarm, language: Language, *, lost: bool) -> Iterator[Item]:
     at = _time(alarm.header.stamp) or _time(alarm.raised_at)
     quality = ua.StatusCodes.BadNoCommunication if lost else ua.StatusCodes.Good
     unknown = ua.StatusCodes.BadNoCommunication if lost else ua.StatusCodes.BadWaitingForInitialData
@@ -390,10 +397,10 @@ def _alarm(valve: str, alarm: Alarm, language: Language, *, lost: bool) -> Itera
     for key, value in values.items():
         known = not isinstance(value, float) or math.isfinite(value)
         own = (value if known else 0.0), (quality if known else unknown)
-        yield Item((valve, "alarms", alarm.name, key), *own, at)
+        yield Item((*place, key), *own, at)
     began = 1e-9 * facts.began
     moment = datetime.fromtimestamp(began, timezone.utc).isoformat(timespec="milliseconds") if began else ""
-    yield Item((valve, "alarms", alarm.name, "began"), moment, quality, at)
+    yield Item((*place, "began"), moment, quality, at)
 
 
 def _time(stamp: object) -> datetime | None:

@@ -120,3 +120,19 @@ def test_an_event_that_ended_is_shown_everywhere_as_over() -> None:
     (event,) = condition.judge(Finding(STAMP + 1, None, True, "", nothing, facts))
     assert event.state is EventState.CLEARED
     assert headline(event) == "Resonance ended: amplification 1.2, limit 1.8"
+
+
+def test_opc_ua_shows_each_alarm_by_its_name_and_the_first_of_them_by_what_their_names_begin_with() -> None:
+    from spool_view.opcua_node import items_of  # noqa: PLC0415 - slow to load
+
+    store, quantity = AlarmStore(), Quantity("coulomb_force_change", "N", 0.25, 0.007, Validity.VALID)
+    for source, severity in (("coulomb_force", Severity.ALARM), ("viscous_coefficient", Severity.WARNING)):
+        condition = Condition(KINDS["friction_drift"], 0.0, 0.0, source)
+        for event in condition.judge(Finding(STAMP, severity, False, "wear", quantity, FACTS)):
+            store.update(event)
+    heard = to_alarm_list(store.shown, STAMP, "valve_1", LANGUAGES["en"])
+    items = items_of(HeardValve("valve_1", alarms=heard), 0.0, LANGUAGES["en"])
+    shown = {one.path[2]: one.value for one in items if one.path[1] == "alarms" and one.path[3] == "severity"}
+    assert shown == {
+        "friction_drift/coulomb_force": 2, "friction_drift/viscous_coefficient": 1, "friction_drift": 2,
+    }  # fmt: skip

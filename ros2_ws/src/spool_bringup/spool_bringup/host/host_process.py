@@ -26,6 +26,7 @@ from spool_core.node.parameters import NodeParameter, refuse_other_files, refuse
 from spool_core.node.running import REFUSED, ensure_log_folder, new_executor, one_line
 from spool_core.node.stop import STOP, Phase, StopRequested
 from spool_core.system import resident_memory
+from spool_core.text import plural
 from spool_estimator.estimator_node import EstimatorNode
 from spool_estimator.tracking import BUDGET
 from spool_monitor.monitor_node import MonitorNode
@@ -239,7 +240,7 @@ class HostProcess:
         gc.freeze()
         gc.enable()
         notify("READY=1")
-        self._node.get_logger().info(f"{len(self.hosted)} nodes of {len(mine)} valves")
+        self._node.get_logger().info(f"{plural(len(self.hosted), 'node')} of {plural(len(mine), 'valve')}")
 
     def _check_names(self, valves: Sequence[ListedValve]) -> None:
         """Check that what was given is for nodes of the host, in whichever process.
