@@ -44,6 +44,8 @@ EXPLAINING = {
         ("kind", "number"),
         ("number", "title"),
         ("event", "on-delay"),
+        ("name", "one for"),
+        ("while this is active", "these are not judged"),
         ("figure", "limit by default"),
         ("where", "how to choose"),
         ("where", "what it shows"),

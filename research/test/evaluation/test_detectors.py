@@ -46,13 +46,14 @@ def test_a_moment_that_shows_nothing_of_what_a_detector_looks_at_tells_it_nothin
     nothing = Moment(10**18, 15.0, detection.reference, detection.parameters, detection.learned)
     window = Line(10**18, 15.0, 5.0, 9.0, 1.8, 1e-3, 0.9)
     unseen = nothing if LINE in one.looks_at else nothing._replace(line=window)
-    assert one.update(unseen) is None
+    assert not one.update(unseen)
     assert pickle.dumps(vars(one)) == before
 
 
 def test_names_of_conditions_are_unique_and_sensors_come_first() -> None:
     conditions = Monitor().detection.conditions
-    assert len({condition.name for condition in conditions.values()}) == len(DETECTORS)
+    assert len({condition.name for condition in conditions.values()}) == len(conditions)
+    assert len(conditions) == sum(len(entry.parts) for entry in DETECTORS.values())
     kinds = [entry.kind.name for entry in DETECTORS.values() if entry.kind.name != "data_fault"]
     assert kinds == sorted(kinds, key=lambda kind: kind != "sensor_fault")
 

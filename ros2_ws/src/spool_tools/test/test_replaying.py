@@ -78,7 +78,7 @@ def test_the_result_has_the_keys_that_scripts_rely_on(
         "urgency", "time_to_limit", "advice", "subject", "note", "evidence", "message", "details",
     }  # fmt: skip
     # As of the event: the first block after the gap shows both blocks of it as lost.
-    assert event["message"] == "Lost blocks: faulty blocks 2, limit 0"
+    assert event["message"] == "Lost blocks: 2"
     assert (event["value"], event["limit"], event["urgency"]) == (2.0, 0.0, "soon")
     assert (event["kind"], event["state"], event["severity"]) == ("data_fault", "raised", "warning")
     assert event["t_s"] == pytest.approx(52 * 0.02)

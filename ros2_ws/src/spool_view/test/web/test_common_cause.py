@@ -127,7 +127,7 @@ def test_a_clock_that_all_valves_lose_is_one_entry_and_a_hundred_in_the_history(
     rows = page.query_selector_all("tr[data-alarm], tr[data-group]")
     assert {row.get_attribute("data-group") or row.get_attribute("data-alarm") for row in rows} == {
         "707",
-        "friction_drift",
+        "friction_drift/coulomb_force",
     }
     assert raised(address) == {707: set(VALVES), 202: {WORN}}
 
