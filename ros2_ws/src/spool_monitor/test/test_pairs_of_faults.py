@@ -165,13 +165,13 @@ WRONG: dict[str, Rows] = {
 CHAIN = list(WRONG)
 
 
-def now_and_then(change: Sends) -> Sends:
-    """Return what happens to one block in 12 s."""
-    return lambda plant, block: change(plant, block) if plant.blocks % (12 * RATE) == 0 else [block]
+def now_and_then(change: Sends, phase: int = 0) -> Sends:
+    """Return what happens to one block in 12 s, ``phase`` blocks behind the others."""
+    return lambda plant, block: change(plant, block) if plant.blocks % (12 * RATE) == phase else [block]
 
 
 SENDS: dict[str, Sends] = {
-    "data_fault/lost": now_and_then(lambda _, __: []),
+    "data_fault/lost": now_and_then(lambda _, __: [], 6 * RATE),
     "data_fault/malformed/samples": now_and_then(lambda _, one: [replace(one, body=one.body * np.nan), one]),
     "data_fault/malformed/lengths": now_and_then(lambda _, one: [replace(one, body=one.body[:-1]), one]),
     "data_fault/malformed/no_time": now_and_then(lambda _, one: [replace(one, stamp=0), one]),

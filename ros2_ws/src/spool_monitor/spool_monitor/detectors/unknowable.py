@@ -7,11 +7,13 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from spool_monitor.event import EACH_CHANNEL
+
 DEAD, CLIPPING, OFFSET = (f"sensor_fault/sensor_{one}" for one in ("dead", "clipping", "offset"))
 SWAPPED, SCALE = "sensor_fault/sensor_swapped", "sensor_fault/sensor_scale"
 SAME, WRAP = "sensor_fault/sensor_same_channel", "sensor_fault/sensor_wrap_around"
 SENSITIVITY, AC_COUPLING = "sensor_fault/sensor_sensitivity", "sensor_fault/sensor_ac_coupling"
-REPEATS = "data_fault/data_repeats"
+REPEATS, OUTLIERS = "data_fault/data_repeats", "data_fault/outliers"
 CLOCKS = ("data_fault/data_clock_step", "data_fault/data_clock_drift")
 
 #: Faults of the valve that the estimated parameters show, and those that need both channels as they are.
@@ -37,7 +39,7 @@ TABLE: tuple[Row, ...] = (
     Row(
         ("data_fault/rate", "data_fault/clock_step"),
         (
-            *(*VALVE, "sensor_fault", "stale/estimate", "data_fault/outliers", REPEATS, *CLOCKS),
+            *(*VALVE, "sensor_fault", "stale/estimate", OUTLIERS, REPEATS, *CLOCKS),
             *("data_fault/estimate", "data_fault/lost", "data_fault/source/second"),
         ),
         "No block can be used.",
@@ -49,7 +51,7 @@ TABLE: tuple[Row, ...] = (
     ),
     Row(
         (SAME,),
-        (DEAD, OFFSET, WRAP, REPEATS, *COMPARED, *VALVE),
+        (DEAD, CLIPPING, OFFSET, WRAP, REPEATS, OUTLIERS, *COMPARED, *VALVE),
         "Both channels carry one sensor, so nothing is known of the other one.",
     ),
     Row(
@@ -69,6 +71,15 @@ TABLE: tuple[Row, ...] = (
     ),
     Row(("stuck_spool",), (*COMPARED, *VALVE), "The spool moves with its body and shows no response."),
     Row(("spring_change",), ("resonance",), "A line that only the other stiffness brings near is no news."),
+    *(
+        Row((f"{by}/{channel}",), tuple(f"{one}/{channel}" for one in what), why)
+        for channel in EACH_CHANNEL
+        for by, what, why in (
+            (DEAD, (CLIPPING, WRAP, REPEATS, OUTLIERS), "The channel shows nothing."),
+            (REPEATS, (WRAP,), "Repeated samples hide the jumps of a wrap-around."),
+            (OUTLIERS, (WRAP,), "Samples that are left out hide the jumps of a wrap-around."),
+        )
+    ),
 )
 
 
