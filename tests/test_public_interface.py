@@ -47,7 +47,8 @@ def command_lines(group: Any = None, path: str = "spool") -> Iterator[str]:
         if hasattr(command, "list_commands"):
             yield from command_lines(command, f"{path} {name}")
             continue
-        words = [word for one in command.params for word in (*one.opts, *one.secondary_opts)]
+        shown = [one for one in command.params if not getattr(one, "hidden", False)]
+        words = [word for one in shown for word in (*one.opts, *one.secondary_opts)]
         yield f"{path} {name}: {' '.join(sorted(words))}"
 
 

@@ -1,6 +1,6 @@
 """Study of the check before a fit: do intervals hold the truth, and does the other half of a record agree?
 
-`cases` records are recovered as `./spool plan --recover` does. Half as many are drawn with excitations that
+`cases` records of drawn valves are fitted without the truth. Half as many are drawn with excitations that
 cannot determine all parameters (one frequency, weak shaking), fitted in two halves each, and the intervals of
 the halves compared.
 """
@@ -11,19 +11,19 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 from spool_core.uncertainty import Z_95, Quantity, percent
-from spool_estimator.identification.determination import IDENTIFIABLE
-from spool_estimator.identification.fit import fit
+from spool_estimator.identification.determination import IDENTIFIABLE, ONE_SIDED
+from spool_estimator.identification.fit import fit, unknowns_of
 from spool_estimator.identification.fit_result import Fit, FitSettings
 from spool_report.outputs import write_json
 from spool_sim.excitation import Excitation, Multisine, SteadySine, SweptSine
-from spool_sim.model import MODELS
+from spool_sim.model import MODELS, Model
 from spool_sim.valve import find_valve
-from spool_tools.operations.plan_recovery import Recovered, drawn_truth, recovered
 from spool_tools.operations.record_plan import Plan
 
 from spool_evaluation.results.page import markdown_table, save_picture, study_command, write_page
@@ -35,7 +35,32 @@ SPRINGS = ("4weh10_soft", "4weh10_stiff")
 SECONDS, SAMPLE_RATE = 10.0, 1000.0
 #: m/s^2, noise of each sensor.
 NOISE = (0.02, 0.2)
+#: Shares of its start value between which the true stiffness is drawn, and factors for other parameters.
+STIFFNESS, OTHERS = (0.9, 1.1), (0.7, 1.4)
 PAGE, PICTURE = "check_study.md", "check_study.png"
+
+
+@dataclass(frozen=True, slots=True)
+class Recovered:
+    """What a fit that does not know the ``truth`` of a parameter finds of it; NaN where it gives no value."""
+
+    JSON_PROPERTIES: ClassVar = ("holds",)
+
+    name: str
+    truth: float
+    value: float
+    std: float
+    verdict: str
+    low: float | None
+    high: float | None
+
+    @property
+    def holds(self) -> bool | None:
+        """Whether the 95 % interval holds the truth, ``None`` where the fit gives none."""
+        if self.verdict == ONE_SIDED:
+            low = -math.inf if self.low is None else self.low
+            return low <= self.truth <= (math.inf if self.high is None else self.high)
+        return abs(self.value - self.truth) <= Z_95 * self.std if math.isfinite(self.value) else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,9 +143,32 @@ def picture(rows: Sequence[Recovered], split: Sequence[Halves]) -> Figure:
 
 
 def recover_case(item: tuple[int, int]) -> list[Recovered]:
-    """Recover the valve that ``item``, seed and number, stands for."""
-    plan, model = planned(item, weak=False)
-    return recovered(plan, MODELS[model])[0]
+    """Fit the record of the valve that ``item``, seed and number, stands for, without its truth."""
+    plan, name = planned(item, weak=False)
+    truth = drawn_truth(plan, MODELS[name])
+    # The simulated sensors sample at one instant, as a planned logger is supposed to.
+    settings = FitSettings(timing=0.0, check=True)
+    found = fit([plan.record(MODELS[name], truth)], MODELS[name], plan.valve, settings)
+    judged = {one.name: one for one in found.determinations}
+    return [
+        Recovered(
+            one.name, truth[one.name], one.value, one.standard_deviation,
+            judged[one.name].verdict, judged[one.name].low, judged[one.name].high,
+        )
+        for one in found.parameters
+    ]  # fmt: skip
+
+
+def drawn_truth(plan: Plan, model: Model) -> dict[str, float]:
+    """Return parameters near those of the plan's valve, drawn by its seed."""
+    generator = np.random.default_rng([plan.seed, 1])
+    described = model.values_for(plan.valve, plan.values({}))
+    truth = {}
+    for unknown in unknowns_of(model, plan.valve, FitSettings()):
+        low, high = STIFFNESS if unknown.name == "spring_stiffness" else OTHERS
+        drawn = described[unknown.name] * float(np.exp(generator.uniform(math.log(low), math.log(high))))
+        truth[unknown.name] = min(max(drawn, unknown.low), unknown.high)
+    return truth
 
 
 def split_case(item: tuple[int, int]) -> list[Halves]:

@@ -7,12 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from spool_core.uncertainty import number
 from spool_sim.excitation import load_excitation
 from spool_sim.model import load_model
 from spool_sim.valve import find_valve, valve_from_mapping
 from spool_tools.cli import main
-from spool_tools.operations.plan_recovery import Recovered, recovery_figure
 from spool_tools.operations.record_plan import QUESTIONS, TOLD, Plan, coulomb_friction, travel
 
 STEADY = "kind: steady_sine\nfrequency: 30.0\namplitude: 10.0\n"
@@ -97,61 +95,6 @@ def test_mass_and_springs_are_enough_to_plan(tmp_path: Path) -> None:
     assert found["notes"] == ["without the oil's name and temperature, warm oil looks like wear"]
 
 
-def test_the_truth_of_a_drawn_valve_lies_in_the_intervals_of_a_blind_fit(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    code, found = planned(tmp_path, "--recover", "--model", "coulomb", "--noise", "0.1")
-    rows = found["recovered"]
-    assert sorted(rows) == ["coulomb_force", "spring_stiffness", "viscous_coefficient"]
-    assert code == 0
-    for one in rows.values():
-        assert one["holds"] == (abs(one["value"] - one["truth"]) <= 1.96 * one["std"])
-        assert one["value"] == pytest.approx(one["truth"], rel=0.02)
-    # Blind: the fit starts from the valve file, the truth is another.
-    assert rows["spring_stiffness"]["truth"] != 1632.0
-    shown = capsys.readouterr().out
-    assert "The record determines: spring stiffness, viscous coefficient, coulomb force." in shown
-    assert "mass: known only together with" in shown
-
-
-def test_the_page_of_a_recovered_plan_has_a_row_of_picture_and_table_for_each_parameter(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """A shake that does not move the spool: friction at rest has a lower bound, the rest no interval."""
-    shaking, page = tmp_path / "weak.yaml", tmp_path / "plan.html"
-    shaking.write_text("kind: steady_sine\nfrequency: 30.0\namplitude: 1.0\n", encoding="utf-8")
-    code, found = planned(
-        tmp_path, "--recover", "--model", "coulomb", "--excitation", str(shaking), "--report", str(page)
-    )
-    assert code == 0
-    friction = found["recovered"]["coulomb_force"]
-    assert (friction["verdict"], friction["high"], friction["value"]) == ("one-sided", None, None)
-    assert friction["low"] <= friction["truth"]
-    assert friction["holds"]
-    text = page.read_text(encoding="utf-8")
-    assert "1 of 1 intervals hold the truth. 2 of 3 have no interval." in text
-    assert f"coulomb force: bounded on one side, at least {number(friction['low'])} N (95 %)" in text
-    assert text.count("<td>not identifiable</td>") == 2
-    assert "data:image/svg+xml" in text
-    assert f"{page}: pictures and tables" in capsys.readouterr().out
-
-
-def test_the_picture_of_a_plan_distinguishes_intervals_that_miss_without_colour() -> None:
-    rows = [
-        Recovered("spring_stiffness", "N/m", 1600.0, 1601.0, 1.0, "identifiable", 1599.0, 1603.0),
-        Recovered("coulomb_force", "N", 0.5, 0.6, 0.01, "identifiable", 0.58, 0.62),
-    ]
-    holds, misses = recovery_figure(rows).axes
-    assert holds.get_title("left") == "spring stiffness: holds; fit less the truth of 1600 N/m, % of it"
-    assert misses.get_title("left").startswith("coulomb force: MISSES;")
-    assert [tuple(axis.lines[1].get_xdata()) for axis in (holds, misses)] == [
-        pytest.approx((-0.96 / 16.0, 2.96 / 16.0), rel=1e-3),
-        pytest.approx((16.08, 23.92), rel=1e-3),
-    ]
-    assert holds.lines[1].get_linestyle() != misses.lines[1].get_linestyle()
-    assert holds.lines[-1].get_marker() != misses.lines[-1].get_marker()
-
-
 @pytest.mark.slow
 def test_the_gap_workflow_names_a_large_friction_of_a_planned_record(tmp_path: Path) -> None:
     code, found = planned(
@@ -167,10 +110,8 @@ def test_the_gap_workflow_names_a_large_friction_of_a_planned_record(tmp_path: P
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        ([], "--question: name one, or pass --recover"),
-        (["--recover", "--question", "end_stop"], "pass one of them"),
-        (["--question", "end_stop", "--report", "a.html"], "--report: only --recover writes a page"),
-        (["--recover", "--seconds", "700"], "plan 600 s or less"),
+        ([], "--question: name one"),
+        (["--recover", "--model", "coulomb"], "were removed: run simulate with another valve file, then fit"),
         (["--question", "colour"], f"known: {', '.join(QUESTIONS)}, which_effect"),
         (["--question", "coulomb_friction", "--seconds", "1"], "record 20 s or more"),
         (["--question", "coulomb_friction", "--seconds", "601"], "plan 600 s or less"),
