@@ -156,29 +156,32 @@ def test_the_simulator_s_diagnostics_are_the_truth_and_what_was_sent(chain: Cloc
     }
 
 
-#: By parameter of the simulator: a value, and the oil's temperature after each s that it holds, deg C.
-DRIFTS: dict[str, tuple[object, list[float]]] = {
-    "drift_quantity": ("oil_temperature", [32.5]),
-    "drift_duration": (4.0, [35.625, 38.75]),
-    "drift_target": (60.75, [44.25, 49.75]),
-}
+#: Settings of the simulator: name, value, and the oil temperature after each s from then, deg C.
+DRIFTS: list[tuple[str, object, list[float]]] = [
+    ("drift_quantity", "oil_temperature", [32.5]),
+    ("drift_target", 60.75, [45.0]),
+    ("drift_duration", 4.0, [45.0]),
+    ("drift_quantity", "none", [45.0]),
+    ("drift_quantity", "oil_temperature", [48.9375, 52.875]),
+]
 
 
 def test_a_drift_that_is_set_live_is_in_what_the_simulator_publishes(
     claim_domain: Domains, valve: str
 ) -> None:
-    assert live(SimulatorNode) == set(DRIFTS)
+    """A new target changes no drift that is under way: it is that of the next quantity."""
+    assert live(SimulatorNode) == {name for name, _, _ in DRIFTS}
     with clocked(claim_domain, "valve_2") as nodes:
         nodes.listen(Temperature, "oil_temperature")
         node = nodes.start(SimulatorNode, valve_file=valve, drift_target=45.0, drift_duration=2.0)
         nodes.advance(1.1)
-        for name, (value, temperatures) in DRIFTS.items():
+        for name, value, temperatures in DRIFTS:
             change(node, name, value)
             nodes.advance(len(temperatures))
         nodes.advance(0.1)
-        nodes.until(lambda: len(nodes.heard["oil_temperature"]) >= 7, "7 temperatures")
+        nodes.until(lambda: len(nodes.heard["oil_temperature"]) >= 8, "8 temperatures")
     found = [message.temperature for message in nodes.heard["oil_temperature"]]
-    assert found == pytest.approx([20.0, 20.0, *(one for _, each in DRIFTS.values() for one in each)])
+    assert found == pytest.approx([20.0, 20.0, *(one for _, _, each in DRIFTS for one in each)])
 
 
 def disturbed(valve: str) -> Iterator[Block]:

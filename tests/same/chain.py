@@ -169,7 +169,7 @@ def simulated() -> list[tuple[int, str, bytes]]:
     for number in range(STEPS):
         before, now = len(said), number / 100
         if now == 14.0:
-            changed(node, drift_quantity="coulomb_force", drift_target=0.9, drift_duration=3.0)
+            changed(node, drift_target=0.9, drift_duration=3.0, drift_quantity="coulomb_force")
         step()
         for _, topic, message in said[before:] if not (10.0 < now < 10.3 or 28.0 < now < 33.0) else ():
             if now > 36.0 and topic.endswith("/acceleration"):

@@ -74,7 +74,10 @@ class SimulatorNode(ManagedNode):
             structural=True,
         ),
         NodeParameter(
-            "drift_quantity", "none", "Parameter that drifts; setting it starts.", choices=("none", *DRIFTING)
+            "drift_quantity",
+            "none",
+            "Parameter that drifts; changing it starts.",
+            choices=("none", *DRIFTING),
         ),
         NodeParameter(
             "drift_target", 0.0, "Final value of the drifting parameter, SI unit or deg C.", "", -40.0, 1e8
@@ -129,7 +132,7 @@ class SimulatorNode(ManagedNode):
 
     def refuse_change(self, changes: dict[str, Value]) -> str | None:
         """Try the drift on a separate simulator."""
-        if self._simulator is None:
+        if self._simulator is None or "drift_quantity" not in changes:
             return None
         try:
             self._drift(self._build(start_stamp=1), changes)
@@ -138,8 +141,8 @@ class SimulatorNode(ManagedNode):
         return None
 
     def apply_change(self, changes: dict[str, Value]) -> None:
-        """Start the drift that the parameters describe."""
-        if self._simulator is not None:
+        """Start the drift that the parameters describe; its target and duration alone start none."""
+        if self._simulator is not None and "drift_quantity" in changes:
             self._drift(self._simulator, changes)
 
     def _drift(self, simulator: Simulator, changes: dict[str, Value]) -> None:
