@@ -172,7 +172,8 @@ def test_a_host_s_diagnostics_name_each_valve_with_its_share_and_its_late_and_lo
         ("valve_3", Level.WARNING, "no blocks"),
     ]
     assert found[1].values == {
-        "blocks": 9, "blocks_late": 4, "blocks_lost": 3, "blocks_waiting": 2, "block_age_s": 0.7,
-        "longest_wait_s": 0.6, "cpu_share": 0.15, "cpu_time_s": "1.500", "resident_B": 200,
+        "blocks": 9, "blocks_late": 4, "blocks_lost": 3, "blocks_dropped": 0, "blocks_waiting": 2,
+        "block_age_s": 0.7, "longest_wait_s": 0.6,
+        "cpu_share": 0.15, "cpu_time_s": "1.500", "resident_B": 200,
     }  # fmt: skip
     assert [one.message for one in valve_timings(times, 10.0, 600)] == ["no blocks"] * 3

@@ -27,7 +27,8 @@ class Block:
     accelerations in m/s^2 of shape (n,), ``source`` is the ``frame_id`` of the message: the valve's id, empty
     where it is not known. A block holds what arrived; it may be malformed:
     :class:`~spool_core.block_gate.BlockGate` decides. ``blocks`` is how many it was
-    joined of, 1 as a rule; ``sequence`` is that of the last one.
+    joined of, 1 as a rule; ``sequence`` is that of the last one. ``dropped`` is how many blocks ahead of it
+    this process has dropped, as it was too busy for them.
     """
 
     stamp: int
@@ -37,6 +38,7 @@ class Block:
     spool: Samples
     source: str = ""
     blocks: int = 1
+    dropped: int = 0
 
     @property
     def end(self) -> int:

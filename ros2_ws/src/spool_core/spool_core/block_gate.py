@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import enum
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from spool_core.block import Block, BlockRun, RecentCounts, joined, joined_runs
+from spool_core.block import RECENT, Block, BlockRun, RecentCounts, joined, joined_runs
 from spool_core.one_source import OneSource, Place, Standing
 from spool_core.rate_check import RateCheck, RateState
 from spool_core.record_limits import LIMITS
@@ -39,6 +40,7 @@ class Fault(enum.Enum):
     TIME_BACK = "stamp goes back"
     NO_TIME = "stamp is 0"
     LOST = "blocks lost (jump in sequence)"
+    DROPPED = "blocks dropped: this computer is too busy"
     GAP = "stamp jumps ahead by more than the lost blocks"
     SEQUENCE_BACK = "sequence goes back"
     SEQUENCE_AHEAD = "sequence is ahead of the time that the stamps show"
@@ -52,11 +54,16 @@ class Fault(enum.Enum):
 
     @property
     def cause(self) -> str:
-        """The cause of a ``data_fault``: ``rate``, ``source``, ``lost``, ``clock_step`` or ``malformed``.
+        """The cause of a ``data_fault``: ``rate``, ``source``, ``lost``, ``overload`` and so on.
 
         It is empty where nothing is wrong: a source that was restarted, or a bag that is played again.
         """
         return _CAUSES.get(self, "malformed")
+
+    @property
+    def loss(self) -> bool:
+        """Whether blocks of the same stream are missing, for whatever reason."""
+        return self in (Fault.LOST, Fault.DROPPED)
 
 
 _CAUSES = {
@@ -66,6 +73,7 @@ _CAUSES = {
     Fault.SECOND_SOURCE: "source",
     Fault.FOREIGN: "source",
     Fault.LOST: "lost",
+    Fault.DROPPED: "overload",
     Fault.UNPAIRED: "clock_step",
 }
 
@@ -129,6 +137,14 @@ class BlockGate:
         settled = self._held_back is None and not self._resumes and not self._sources.open
         return settled and self.rate.steady
 
+    @property
+    def judged_lately(self) -> tuple[int, int]:
+        """How many blocks of the last minute of data were accepted, and how many the source sent in it."""
+        missing = self.recent.lost + self.recent.refused
+        length = math.inf if self.last is None else 1e-9 * (self.last.end - self.last.stamp)
+        sent = min(self.accepted + self.refused + self.lost, max(missing, round(RECENT / length)))
+        return sent - missing, sent
+
     def judge(self, block: Block) -> Verdict:
         """Return what to do with ``block``; never raises for what a message can hold."""
         self.before = self.last
@@ -182,7 +198,7 @@ class BlockGate:
             missing = block.sequence - last.sequence - 1
             self.lost += missing
             self.recent.count(missing, 0)
-            self._count(Fault.LOST)
+            self._count(Fault.DROPPED if block.dropped else Fault.LOST)
             return self._accept(block, Verdict.RESTARTS)
         direct = block.sequence == last.sequence + 1
         if fault is Fault.GAP and direct and self.rate.state is RateState.UNKNOWN:
@@ -209,7 +225,7 @@ class BlockGate:
                 self.faults[Fault.SECOND_SOURCE] = blocks
             if self.certain is None:
                 self.certain = Fault.SECOND_SOURCE if second else self._sources.take_settled()
-            if verdict is Verdict.RESTARTS and self.fault is not Fault.LOST:
+            if verdict is Verdict.RESTARTS and not (self.fault and self.fault.loss):
                 self._sources.begin()
         self.recent.advance(block.body.size * block.sample_period)
         return verdict

@@ -42,22 +42,26 @@ UNTOLD_SHAPE = 15.0
 class RefitBudget:
     """Processor time that the refits of all trackers of a process may take; starts are not counted.
 
+    A process that is ``behind`` with its blocks has none for them, and thins spectra: estimates come first.
+
     Valves that start together ask for their refits together, which would make the blocks of all of them late.
     A refit that is refused is asked for again with the next chunk. Without a limit, as in a replay, what a
     tracker does depends on its samples alone.
 
     Attributes:
         share: s of refits in a second.
+        behind: whether blocks wait for too long.
     """
 
     share: float = math.inf
+    behind: bool = False
     _saved: float = 1.0
     _since: float = field(default_factory=time.monotonic)
 
     def allows(self) -> bool:
         """Whether a refit may begin now; at most the share of one second is saved up."""
-        if math.isinf(self.share):
-            return True
+        if math.isinf(self.share) or self.behind:
+            return not self.behind
         now = time.monotonic()
         self._saved = min(self.share, self._saved + self.share * (now - self._since))
         self._since = now

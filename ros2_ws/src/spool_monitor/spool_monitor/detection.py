@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 from spool_core.block import Block
 from spool_estimator.estimate import Estimate
+from spool_estimator.tracking import BUDGET
 
 from spool_monitor.channels import ChannelLook, ChannelWatch, ResponseTracker, Signals, ValveResponse, look
 from spool_monitor.detectors import CHANNELS, ESTIMATE, LINE, SIGNALS, Detector, Judgement, Moment, detectors
@@ -186,7 +187,7 @@ class Detection:
         """Take a block that continues the last one; return what began or ended with it."""
         events: list[Event] = []
         self.orders.take(block)
-        for window in self.windows.update(block):
+        for window in self.windows.update(block, thinned=BUDGET.behind):
             self._stamp = window.stamp
             seen = self.channels.update(window, self.windows.fresh)
             if seen is not None:

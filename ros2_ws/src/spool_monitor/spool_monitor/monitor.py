@@ -85,9 +85,11 @@ class Monitor:
         events = self._data_faults.judge(self.gate, judged_at)
         if verdict is Verdict.REFUSED:
             return events
-        if verdict is Verdict.RESTARTS and self.gate.fault is not Fault.LOST:
+        if verdict is Verdict.RESTARTS and not (self.gate.fault and self.gate.fault.loss):
             self.estimates.resume()
         # Only a loss says how long nothing came: a clock that was set or a restarted source does not.
+        if self.gate.fault is Fault.DROPPED:
+            self._unanswered = 0.0  # the estimator of this computer begins again as well
         if before is not None and self.gate.fault is Fault.LOST:
             silent, patience = ((block.stamp - before[1]) * 1e-9, self.settings[STALE_AFTER])
             # Blocks that came late ended a silence that was reported while it lasted.

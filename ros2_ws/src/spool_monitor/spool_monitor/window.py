@@ -48,6 +48,7 @@ class WindowTracker:
     _filled: int = field(default=0, init=False)
     _fresh: int = field(default=0, init=False)
     _number: int = field(default=0, init=False)
+    _left_out: bool = field(default=False, init=False)
 
     @property
     def fresh(self) -> int:
@@ -66,8 +67,8 @@ class WindowTracker:
             self._period = period
         self._filled = self._fresh = self._number = 0
 
-    def update(self, block: Block) -> list[SignalWindow]:
-        """Take a block; return the windows that fell due."""
+    def update(self, block: Block, *, thinned: bool = False) -> list[SignalWindow]:
+        """Take a block; return the windows that fell due; ``thinned``: the last one in every other block."""
         size, hop, total, fresh = self._taper.size, self._hop, block.body.size, self._fresh
         if fresh + total < hop:
             place = slice(size + fresh, size + fresh + total)
@@ -77,6 +78,9 @@ class WindowTracker:
         hops = (fresh + total) // hop
         # Until a second is full no window is.
         few = min(hops, max(0, -(-(size - self._filled) // hop) - 1))
+        if thinned:
+            self._left_out = not self._left_out
+            few = hops if self._left_out else max(few, hops - 1)
         self._fresh, self._filled = (fresh + total) % hop, min(size, self._filled + hops * hop)
         samples = np.empty((hops - few, 2, size), np.float32)
         tapered, means = np.empty((hops - few, 2, size)), np.empty((hops - few, 2))

@@ -26,7 +26,7 @@ def test_numbers_are_stable() -> None:
         "sensor_fault/wrap_around": 607, "sensor_fault/sensitivity": 608, "sensor_fault/ac_coupling": 609,
         "data_fault/rate": 701, "data_fault/source": 702, "data_fault/lost": 703, "data_fault/malformed": 704,
         "data_fault/outliers": 705, "data_fault/repeats": 706, "data_fault/clock_step": 707,
-        "data_fault/clock_drift": 708,
+        "data_fault/clock_drift": 708, "data_fault/overload": 709,
         "data_fault/not_judged": 710,
         "stale/acceleration": 801, "stale/estimate": 802, "stale/never_seen": 803,
     }  # fmt: skip

@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 from spool_core.block import Block, BlockRun, joined
 from spool_core.errors import InputError
+from spool_core.events.language import LANGUAGES
+from spool_core.events.sentences import headline
 from spool_core.uncertainty import Validity
 from spool_estimator.estimate import State
 from spool_estimator.estimator import Estimator, settings_for
@@ -281,6 +283,25 @@ def test_lost_blocks_are_a_data_fault_that_clears() -> None:
     facts = events[0].facts
     assert (facts.parameter, facts.value, facts.limit) == ("faulty_blocks", 3.0, 0.0)
     assert {one.name: one.value for one in facts.evidence} == {"lost_blocks": 3.0, "refused_blocks": 0.0}
+
+
+def test_blocks_that_a_busy_controller_dropped_blame_neither_network_nor_source() -> None:
+    """Each drop is longer than the silence that is reported of a source, and no estimate comes of one."""
+    monitor, events = Monitor(), list[Event]()
+    for block in blocks(20.0):
+        place = block.sequence % 200
+        if place >= 100:
+            continue
+        events += monitor.update(replace(block, dropped=100 if block.sequence and place == 0 else 0))
+        events += monitor.idle(0.0, block.sequence * PERIOD)
+    found = [one for one in events if one.kind == "data_fault"]
+    assert [(one.cause, one.state, one.severity) for one in found] == [
+        ("overload", EventState.RAISED, Severity.WARNING)
+    ]
+    assert headline(found[0]) == "Controller too busy: 101 of 201 blocks judged"
+    assert headline(found[0], LANGUAGES["de"]) == "Rechner überlastet: 101 von 201 Blöcken beurteilt"
+    assert not [one for one in events if one.kind == "stale"]
+    assert monitor.gate.lost == 400
 
 
 def test_refused_blocks_are_a_data_fault_and_nothing_is_computed_from_them() -> None:

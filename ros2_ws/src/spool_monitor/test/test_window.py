@@ -75,3 +75,19 @@ def test_a_restart_forgets_what_was_before_and_takes_over_another_period() -> No
         (window,) = feed(tracker, new, rate, 77)
         assert np.array_equal(window.samples, new)
         assert window.number == 0
+
+
+def test_a_busy_controller_computes_a_third_of_the_spectra() -> None:
+    """Blocks of 0.4 s as it takes them together; the windows it does look at are the same."""
+    noise = np.random.default_rng(5).normal(size=(2, 20 * 800)).astype(np.float32)
+    found = []
+    for thinned in (False, True):
+        tracker = WindowTracker()
+        tracker.restart(5e-4)
+        blocks = [
+            Block(START + n * 400_000_000, n, 5e-4, *noise[:, 800 * n : 800 * (n + 1)]) for n in range(20)
+        ]
+        found.append({one.stamp: one for block in blocks for one in tracker.update(block, thinned=thinned)})
+    every, few = found
+    assert len(few) / len(every) == pytest.approx(1.0 / 3.0, abs=0.05)
+    assert all(np.array_equal(one.spectrum, every[stamp].spectrum) for stamp, one in few.items())

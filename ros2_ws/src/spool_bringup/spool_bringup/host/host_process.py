@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import gc
+import math
 import multiprocessing
 import os
 import resource
@@ -19,7 +20,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.signals import SignalHandlerOptions
 from spool_core.errors import InputError
-from spool_core.node.block_hub import HUB, Throttle, TopicTimes, Worker
+from spool_core.node.block_hub import HUB, LONGEST_BEHIND, Throttle, TopicTimes, Worker
 from spool_core.node.diagnostics import DiagnosticPublisher, Level, Status
 from spool_core.node.managed_node import ManagedNode, Ticker
 from spool_core.node.parameters import NodeParameter, refuse_other_files, refuse_other_nodes, rule
@@ -43,6 +44,7 @@ from spool_bringup.host.arguments import (
     share,
 )
 from spool_bringup.host.supervisor import Heartbeat, notify
+from spool_bringup.host.workload import WARNS, Workload
 
 #: s that the executor waits for work before it looks for a signal, and between two looks at the nodes.
 TURN, LOOK = 0.1, 0.25
@@ -58,6 +60,8 @@ LONGEST_CALL = 1.0
 REPORT, TRIES = 1.0, 20
 #: s from one try to the next.
 AGAIN = 5.0
+#: s after its start for which a process may work off what piled up meanwhile.
+STARTS = 20.0
 #: s of samples that are taken together: 30 valves cost 0.58 core with each block by itself, 0.47 with 0.1 s,
 #: 0.34 with 0.2 s, no less with 0.3 s; an event comes later by that.
 TOGETHER = 0.2
@@ -133,10 +137,12 @@ class HostProcess:
     _executor: Any = field(init=False)
     _diagnostics: DiagnosticPublisher = field(init=False)
     _timer: Any = field(init=False)
+    _started: float = 0.0
     _looked: float = 0.0
     _reported: float = 0.0
     _cpu: float = 0.0
     _throttle: Throttle = field(default_factory=Throttle)
+    _workload: Workload = field(default_factory=Workload)
 
     def run(self) -> int:
         """Start the nodes, spin until a signal, end them; return the exit code."""
@@ -198,7 +204,7 @@ class HostProcess:
         valves = read_valves(file) if self.first_list is None else self.first_list.read(file)
         HUB.worker = Worker()
         ManagedNode.beat = self._beat
-        HUB.together = self._node.value("together")
+        HUB.together, HUB.longest = self._node.value("together"), math.inf
         BUDGET.share = REFITS
         ticker = ManagedNode.ticker = Ticker()
         steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -239,6 +245,7 @@ class HostProcess:
             self._node.trigger_activate()
         gc.freeze()
         gc.enable()
+        self._started = time.monotonic()
         notify("READY=1")
         self._node.get_logger().info(f"{plural(len(self.hosted), 'node')} of {plural(len(mine), 'valve')}")
 
@@ -325,6 +332,7 @@ class HostProcess:
         worker = HUB.worker
         assert worker is not None
         HUB.flush(2.0 * HUB.together)
+        self._judge_workload(now)
         # A callback of this thread that took long, or a pause of the whole process, holds up the others.
         worker.look(2.0 * LOOK)
         owner = worker.hanging(LONGEST_CALL)
@@ -346,6 +354,20 @@ class HostProcess:
                 worker.admit(one.node)
                 one.node.admit()
                 self._begin_again(one)
+
+    def _judge_workload(self, now: float) -> None:
+        """Judge whether it keeps up, and save work where it does not; a change for the worse is reported."""
+        if math.isinf(HUB.longest):
+            # What piled up during the start is worked off, and no overload.
+            if self._started and (HUB.behind <= LONGEST_BEHIND or now - self._started > STARTS):
+                HUB.longest = LONGEST_BEHIND
+            return
+        level, worse = self._workload.level, self._workload.take(now, HUB.times, HUB.behind)
+        BUDGET.behind = self._workload.wait >= WARNS
+        if worse and (count := self._throttle.take("workload")):
+            self._node.get_logger().warning(f"{worse} ({plural(count, 'time')})" if count > 1 else worse)
+        if self._workload.level.value > level.value:
+            self._report(now)
 
     def _begin_again(self, one: Hosted) -> None:
         one.failed = ""
@@ -370,7 +392,7 @@ class HostProcess:
         share_of_core = (cpu - self._cpu) / elapsed
         self._cpu, self._reported = cpu, now
         failed = [one for one in self.hosted if one.failed]
-        level, text = Level.OK, f"{len(self.hosted)} nodes"
+        level, text = self._workload.level, self._workload.text or f"{len(self.hosted)} nodes"
         if failed:
             level = Level.ERROR
             text = "; ".join(f"{one.node.get_fully_qualified_name()}: {one.failed}" for one in failed[:5])
@@ -385,6 +407,7 @@ class HostProcess:
             "resident_B": resident,
             "jobs_waiting": worker.waiting,
             "longest_wait_s": wait,
+            "blocks_dropped": sum(one.dropped for one in HUB.times.values()),
         }
         self._diagnostics.publish(Status("host", level, text, values), *valves)
 
@@ -427,6 +450,7 @@ def _timing(valve: str, times: TopicTimes, elapsed: float, resident: int) -> Sta
         "blocks": times.messages,
         "blocks_late": times.late,
         "blocks_lost": times.blocks_lost,
+        "blocks_dropped": times.dropped,
         "blocks_waiting": times.waiting,
         "block_age_s": times.age,
         "longest_wait_s": times.longest_wait,

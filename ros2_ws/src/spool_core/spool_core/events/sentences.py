@@ -20,7 +20,17 @@ VARIABLE = "SPOOL_LANGUAGE"
 SHARES = frozenset(
     ("relative_motion", "residual", "channel_level", "flat_share", "dissipation", "period_departure")
 )
-COUNTS = frozenset(("faulty_blocks", "lost_blocks", "refused_blocks", "outliers", "second_estimates"))
+COUNTS = frozenset(
+    (
+        "faulty_blocks",
+        "lost_blocks",
+        "refused_blocks",
+        "judged_blocks",
+        "sent_blocks",
+        "outliers",
+        "second_estimates",
+    )
+)
 
 #: Significant digits of a number without an interval.
 DIGITS = 3
@@ -68,8 +78,12 @@ def headline(event: Event, language: Language = ENGLISH) -> str:
         return event.text.partition("; ")[0] or _title(event, language)
     value, limit, _ = _numbers(event, language)
     template = language.cleared if event.state is EventState.CLEARED else language.raised
+    sent = next((one.value for one in facts.evidence if one.name == "sent_blocks"), math.nan)
     parts = [template]
-    if facts.parameter in COUNTS:  # any is too many
+    if math.isfinite(sent):  # a share of a whole, which has no limit
+        parts = [language.labels["judged_ended" if event.state is EventState.CLEARED else "judged"]]
+        limit = f"{sent:.0f}"
+    elif facts.parameter in COUNTS:  # any is too many
         parts.append(": {value}")
     elif math.isfinite(facts.value):
         parts += [": {parameter} {value}", language.labels["passed"] if math.isfinite(facts.limit) else ""]

@@ -29,6 +29,9 @@ from spool_core.system import ThreadTimes, thread_times
 HOSTED_DEPTH = 250
 #: s of samples that are taken together at most, where more wait: cores take less than 0.5 s at a time.
 LONGEST_TOGETHER = 0.4
+#: s of samples of a valve that may wait: beyond, all but the newest :data:`LONGEST_TOGETHER` s are dropped:
+#: what is judged stays near real time. Twice what is taken together, and room for a turn of all valves.
+LONGEST_BEHIND = 1.0
 Take = Callable[[Sequence[Block]], None]
 Room = Callable[[], int]
 #: Message as it came, or a block that a source in this process handed over.
@@ -44,11 +47,13 @@ class BlockHub:
     Attributes:
         worker: runs what nodes do with their blocks; ``None`` in a process of one node, which does it itself.
         together: s.
+        longest: s of samples of a topic that may wait.
     """
 
     def __init__(self) -> None:
         self.worker: Worker | None = None
         self.together = 0.0
+        self.longest = LONGEST_BEHIND
         self._topics: dict[str, _Topic] = {}
 
     @property
@@ -57,6 +62,11 @@ class BlockHub:
         for topic in self._topics.values():
             topic.times.waiting = len(topic.heard)
         return {name: topic.times for name, topic in self._topics.items()}
+
+    @property
+    def behind(self) -> float:
+        """Samples of a topic that wait, beyond those that wait for each other; the most of a topic, s."""
+        return max((one.behind for one in tuple(self._topics.values())), default=0.0)
 
     def subscribe(self, node: Any, name: str, take: Take, room: Room) -> Callable[[], None]:
         """Let ``take`` have the blocks of the topic ``name`` of ``node``; return what ends it.
@@ -69,6 +79,7 @@ class BlockHub:
         topic.takers.append(taker)
         if topic.owner is None:
             topic.heard.clear()
+            topic.dropped = 0
             topic.times.last = None  # what was not wanted meanwhile is not lost
             self._own(topic, node)
         return lambda: self._end(topic, taker)
@@ -101,9 +112,9 @@ class BlockHub:
             topic.due = now + (topic.together - len(topic.heard) - 1) * topic.period
 
     def waits(self, node: Any, name: str) -> bool:
-        """Whether blocks of the topic ``name`` of ``node`` came whose turn has not come."""
+        """Whether blocks of the topic ``name`` of ``node`` came whose turn has not come or is not over."""
         topic = self._topics.get(node.resolve_topic_name(name))
-        return topic is not None and bool(topic.heard)
+        return topic is not None and (bool(topic.heard) or topic.busy)
 
     def flush(self, waited: float) -> None:
         """Let blocks have their turn that have waited for others for more than ``waited`` s."""
@@ -175,11 +186,12 @@ class BlockHub:
     def _run(self, topic: _Topic) -> None:
         """Take what has come of a topic, in its turn."""
         try:
-            due = topic.together
+            due, begun = topic.together, time.monotonic()
+            topic.times.longest_wait = max(topic.times.longest_wait, topic.behind)
+            self._drop(topic)
             items: list[tuple[Heard, float]] = []
             while topic.heard and len(items) < topic.most:
                 items.append(topic.heard.popleft())
-            begun = time.monotonic()
             blocks = self._take(topic, [data for data, _ in items])
             if blocks:
                 self._plan(topic, blocks[-1])
@@ -190,6 +202,18 @@ class BlockHub:
             topic.busy = False
         if len(topic.heard) >= topic.together:
             self._ask(topic)
+
+    def _drop(self, topic: _Topic) -> None:
+        """Drop all but the newest messages, undecoded, where too much waits."""
+        waiting = len(topic.heard)
+        if waiting < HOSTED_DEPTH and (waiting - 1) * topic.period <= self.longest:
+            return
+        dropped = waiting - topic.most
+        for _ in range(dropped):
+            topic.heard.popleft()
+        topic.dropped += dropped
+        topic.times.dropped += dropped
+        topic.times.seconds_dropped += dropped * topic.period
 
     def _plan(self, topic: _Topic, last: Block) -> None:
         """Say how many blocks are taken together the next time."""
@@ -216,6 +240,8 @@ class BlockHub:
                         f"{topic.name}: ignored {count} messages that are not blocks: {error}"
                     )
         if blocks:
+            if topic.dropped:
+                blocks[0], topic.dropped = replace(blocks[0], dropped=topic.dropped), 0
             for _, take, _ in tuple(topic.takers):
                 take(blocks)
         return blocks
@@ -240,6 +266,7 @@ class TopicTimes:
             the last one comes that the others wait for.
         age: s, from a block's last sample to its turn, by both clocks; the last one.
         blocks_lost: between a block and the one before, by the rule of the gate.
+        dropped, seconds_dropped: messages that were dropped as too many waited, and their length, s.
         last: the newest block, ``None`` before any.
         waiting: messages whose turn has not come.
     """
@@ -251,6 +278,8 @@ class TopicTimes:
     longest_wait: float = 0.0
     age: float = 0.0
     blocks_lost: int = 0
+    dropped: int = 0
+    seconds_dropped: float = 0.0
     last: Block | None = None
     _told: tuple[int, int, int, float] = (0, 0, 0, 0.0)
 
@@ -479,7 +508,8 @@ class _Topic:
 
     ``together``: blocks that are taken together, and ``most`` of them; ``busy``: their turn is asked for;
     ``period``: s, between two blocks, 0 before any; ``due``: when to look into the mailbox again, s of the
-    monotonic clock; ``local``: a source in this process hands its blocks over.
+    monotonic clock; ``local``: a source in this process hands its blocks over; ``dropped``: messages ahead of
+    the first one that waits.
     """
 
     name: str
@@ -495,7 +525,13 @@ class _Topic:
     period: float = 0.0
     due: float = 0.0
     local: bool = False
+    dropped: int = 0
     throttle: Throttle = field(default_factory=Throttle)
+
+    @property
+    def behind(self) -> float:
+        """Samples that wait beyond those that wait for each other, s."""
+        return max(0, len(self.heard) - self.together) * self.period
 
 
 #: Hub of this process.

@@ -38,10 +38,13 @@ KIND = EventKind(
         EventCause("clock_drift", 708, Namur.FAILURE),
         EventCause("outliers", 705),
         EventCause("repeats", 706, Namur.FAILURE),
+        EventCause("overload", 709),
         EventCause("not_judged", 710, Namur.FAILURE),
     ),
 )
 
+#: Cause where this computer dropped blocks.
+OVERLOAD = "overload"
 #: Which of the faults with one cause a block has, where there are several: each is a condition.
 PARTS = {
     Fault.SECOND_SOURCE: "second",
@@ -110,7 +113,14 @@ class DataFaultWatch:
                     facts = replace(facts, subject=gate.other)
                 elif new and fault is not None:
                     facts = replace(facts, note=fault.value)
-                counts = (_count("lost_blocks", gate.lost), _count("refused_blocks", gate.refused))
+                counts: tuple[Quantity, ...] = (
+                    _count("lost_blocks", gate.lost),
+                    _count("refused_blocks", gate.refused),
+                )
+                if own == OVERLOAD:
+                    judged, sent = gate.judged_lately
+                    count, counts = _count("judged_blocks", judged), (_count("sent_blocks", sent), *counts)
+                    facts = Facts.of(count, note=facts.note)
                 facts = replace(facts, evidence=counts)
                 events += condition.judge(
                     Finding(stamp, severity if new else None, not new, own if new else "", count, facts)

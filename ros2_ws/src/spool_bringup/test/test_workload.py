@@ -1,0 +1,37 @@
+"""Workload of a host: what operators read of a process that does not keep up."""
+
+from __future__ import annotations
+
+import pytest
+from spool_bringup.host.workload import Workload
+from spool_core.node.block_hub import TopicTimes
+from spool_core.node.diagnostics import Level
+
+
+@pytest.mark.parametrize(
+    ("wait", "level"), [(0.4, Level.OK), (0.5, Level.WARNING), (1.9, Level.WARNING), (2.0, Level.ERROR)]
+)
+def test_half_a_second_of_waiting_is_a_warning_and_two_are_an_error(wait: float, level: Level) -> None:
+    workload, times = Workload(), {"/valve_1/acceleration": TopicTimes(longest_wait=wait)}
+    workload.take(0.0, times, 0.0)
+    assert workload.level is level
+    times["/valve_1/acceleration"].longest_wait = 0.0
+    workload.take(1.0, times, wait)
+    assert workload.level is level
+
+
+def test_dropped_blocks_are_said_once_and_for_ten_seconds() -> None:
+    times = {name: TopicTimes() for name in ("/valve_1/acceleration", "/valve_2/acceleration")}
+    workload, log = Workload(), []
+    for second in range(30):
+        times["/valve_1/acceleration"].messages += 50
+        times["/valve_2/acceleration"].messages += 20 if second == 10 else 50
+        if second == 10:
+            times["/valve_2/acceleration"].dropped += 30
+            times["/valve_2/acceleration"].seconds_dropped += 0.6
+        log.append((workload.take(float(second), times, 0.0), workload.level))
+    assert [text for text, _ in log if text] == [
+        "the controller is too busy: 970 of 1000 blocks judged in the last 10 s, "
+        "1 of 2 valves behind by up to 0.6 s: use more processes or fewer valves"
+    ]
+    assert [place for place, (_, level) in enumerate(log) if level is Level.WARNING] == list(range(10, 20))
