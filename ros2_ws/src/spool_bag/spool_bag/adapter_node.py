@@ -11,14 +11,15 @@ from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
 from geometry_msgs.msg import AccelStamped, Vector3Stamped
+from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import Imu
 from spool_core.aligner import CLOCK_STEP, Aligner, AlignerSettings, Channel
 from spool_core.block import RecentCounts
+from spool_core.cdr import decode_vector
 from spool_core.node import qos
 from spool_core.node.block_hub import BlockPublisher, Throttle
 from spool_core.node.diagnostics import DiagnosticPublisher, Level, Status, key
 from spool_core.node.managed_node import ManagedNode
-from spool_core.node.messages import nanoseconds
 from spool_core.node.parameters import NodeParameter, Value
 from spool_core.node.running import run
 from spool_core.numbers import GRAVITY
@@ -47,8 +48,9 @@ TYPES: Mapping[str, Any] = {
 _AXIS = re.compile(r"[+-]?[xyz]")
 _COLUMN = re.compile(r"[+-]?column\d{1,4}")
 
-#: Parts of a second in ``builtin_interfaces/Time``: more is no time.
-NANOSECONDS = 1_000_000_000
+#: Of an Imu: B between header and acceleration (orientation, angular velocity and their covariances), and
+#: doubles from there: the acceleration and the first of its covariance, which says whether it is measured.
+_IN_IMU = (200, 4)
 
 #: Readings whose mean shows gravity, and how far off it a sensor may be.
 GRAVITY_READINGS, GRAVITY_OFF = 1000, 0.07
@@ -56,6 +58,7 @@ GRAVITY_READINGS, GRAVITY_OFF = 1000, 0.07
 LEASE = 20.0
 
 Samples = list[tuple[int, float]]
+Read = Callable[[bytes, int], Samples]
 
 #: Relative departure of the stamps from ``sample_rate`` that is a fault: the one at which
 #: :class:`spool_core.rate_check.RateCheck` refuses blocks.
@@ -172,6 +175,7 @@ class AdapterNode(ManagedNode):
         readings = {one: self._reading(one.value, {}) for one in Channel}
         partners = [one.frame for one in readings.values()] if len(set(topics.values())) == 1 else []
         wanted = qos.profile(DEPTH, reliable=self.value("reliability") == "reliable")
+        sources = []
         for topic in dict.fromkeys(topics.values()):
             channels = {
                 one: replace(reading, gravity=self._report.gravity[one], partners=partners).samples
@@ -179,7 +183,8 @@ class AdapterNode(ManagedNode):
                 if topics[one] == topic
             }
             kind = TYPES[self.value(f"{next(iter(channels)).value}_type")]
-            self.subscribe(kind, topic, self._taker(channels), wanted)
+            sources.append((kind, topic, self._taker(channels)))
+        self.collect(sources, wanted)
         self.every(LOOK, self._look, steady=True)
 
     def deactivate(self) -> None:
@@ -228,11 +233,13 @@ class AdapterNode(ManagedNode):
             AlignerSettings(**{name: self.value(name) for name in names}, source=self.value("valve_id"))
         )
 
-    def _taker(self, channels: dict[Channel, Callable[[Any, int], Samples]]) -> Callable[[Any], None]:
+    def _taker(self, channels: dict[Channel, Read]) -> Callable[[bytes, int], None]:
         """Return what takes the messages of one topic for the sensors that are in them."""
 
-        def take(message: Any) -> None:
-            arrival = self.get_clock().now().nanoseconds
+        def take(message: bytes, arrival: int) -> None:
+            clock = self.get_clock()
+            if clock.ros_time_is_active or not arrival:
+                arrival = clock.now().nanoseconds
             for channel, samples in channels.items():
                 try:
                     found = samples(message, arrival)
@@ -318,8 +325,8 @@ class Reading:
         return None if good else f"{self.axis!r} is no axis of {self.kind}: write {wanted}"
 
     @property
-    def samples(self) -> Callable[[Any, int], Samples]:
-        """What takes a message and the time of its arrival (ns), and returns stamps (ns) and values (m/s^2).
+    def samples(self) -> Read:
+        """What takes a message (CDR) and its arrival (ns), and returns stamps (ns) and values (m/s^2).
 
         Raises:
             UnusableError: there is no sample in it for this sensor.
@@ -328,26 +335,23 @@ class Reading:
         name = self.axis.lstrip("+-").removeprefix("column")
         factor = UNITS[self.unit] * self.gain * (-1.0 if self.axis.startswith("-") else 1.0)
         if self.kind == ARRAY:
-            return lambda message, arrival: self._of_array(message, arrival, int(name), factor)
+            kind = TYPES[ARRAY]
+            return lambda message, arrival: self._of_array(
+                deserialize_message(message, kind), arrival, int(name), factor
+            )
+        axis, (skipped, numbers) = "xyz".find(name), _IN_IMU if self.kind == IMU else (0, 3)
 
-        def of_vector(message: Any, arrival: int) -> Samples:
-            header = message.header
-            if self.frame and header.frame_id != self.frame:
-                if header.frame_id in self.partners:
+        def of_vector(message: bytes, arrival: int) -> Samples:
+            stamp, frame, found = decode_vector(message, skipped, numbers)
+            if self.frame and frame != self.frame:
+                if frame in self.partners:
                     return []
-                raise UnusableError(f"frame_id is {header.frame_id!r}, not {self.frame!r}")
-            if self.kind == IMU:
-                if message.linear_acceleration_covariance[0] == NOT_MEASURED:
-                    raise UnusableError("this Imu message reports that it measures no acceleration")
-                vector = message.linear_acceleration
-            else:
-                vector = message.vector if self.kind == VECTOR else message.accel.linear
+                raise UnusableError(f"frame_id is {frame!r}, not {self.frame!r}")
+            if found[3:] == (NOT_MEASURED,):
+                raise UnusableError("this Imu message reports that it measures no acceleration")
             if self.gravity is not None:
-                self.gravity.take(vector.x, vector.y, vector.z)
-            stamp = arrival if self.by_arrival else nanoseconds(header.stamp)
-            if not self.by_arrival and header.stamp.nanosec >= NANOSECONDS:
-                stamp = 0
-            return [(stamp, factor * getattr(vector, name))]
+                self.gravity.take(*found[:3])
+            return [(arrival if self.by_arrival else stamp, factor * found[axis])]
 
         return of_vector
 
@@ -385,9 +389,12 @@ class Gravity:
 
     def take(self, *axes: float) -> None:
         """Take a reading."""
-        if all(map(math.isfinite, axes)):
+        x, y, z = axes
+        if math.isfinite(x + y + z):
             self._count += 1
-            self._sums = [before + now for before, now in zip(self._sums, axes, strict=True)]
+            self._sums[0] += x
+            self._sums[1] += y
+            self._sums[2] += z
 
     @property
     def other_unit(self) -> str:

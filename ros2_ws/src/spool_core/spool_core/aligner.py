@@ -87,7 +87,10 @@ class PairFault:
 
 @dataclass(slots=True)
 class Grid:
-    """The samples of the ``reference`` sensor; ``start`` is the first block's first one."""
+    """The samples of the ``reference`` sensor; ``start`` is the first block's first one.
+
+    ``due``: time of the next block's first sample, ns; 0 before it is asked for.
+    """
 
     reference: Channel
     generations: tuple[int, int]
@@ -96,6 +99,7 @@ class Grid:
     period: float
     ratio: float
     block: int = 0
+    due: int = 0
 
 
 class Aligner:
@@ -240,14 +244,20 @@ class Aligner:
         alive = 0 <= stamp - stream.met <= other.silence and not other.unconfirmed
         stream.update(stamp, value, other.heard - other.stepped if alive else 0)
         self._compare_moves()
-        if stream.newest == before or not self.settled or self.fault is not None:
+        grid, later = self._grid, stream.newest != before
+        if later and grid is not None and grid.generations == self._generations:
+            reference = self.streams[grid.reference]
+            forgotten = reference.clock is None  # its stamps stopped making sense
+            complete = forgotten or grid.start + (grid.block + 1) * grid.size - 1 <= reference.sure
+            if not complete and (stream is reference or not self._is_late(grid, stream)):
+                return None  # as nearly always: the rest need not be looked at for each sample
+        if not later or not self.settled or self.fault is not None:
             return None
-        grid = self._grid
         if grid is None or grid.generations != self._generations:
             grid = self._grid = self._begin()
             if grid is None:
                 return None
-        elif channel is not grid.reference and self._due(grid, 0) - stream.newest > 1e9 / self.sample_rate:
+        elif channel is not grid.reference and self._is_late(grid, stream):
             self.late += 1
         return self._complete(grid)
 
@@ -305,12 +315,14 @@ class Aligner:
         size = max(1, round(1.0 / (period * self.settings.block_rate)))
         return Grid(name, self._generations, start, size, period, ratio)
 
-    def _due(self, grid: Grid, offset: int) -> int:
-        """Return the time of a sample of the next block, ns."""
-        clock = self.streams[grid.reference].clock
-        assert clock is not None
-        index = np.array([grid.start + grid.block * grid.size + offset])
-        return clock.base + round(float(clock.times(index, clock.base)[0]))
+    def _is_late(self, grid: Grid, stream: SensorStream) -> bool:
+        """Return whether the newest sample of ``stream`` is due ahead of the next block."""
+        if not grid.due:
+            clock = self.streams[grid.reference].clock
+            assert clock is not None
+            index = np.array([grid.start + grid.block * grid.size])
+            grid.due = clock.base + round(float(clock.times(index, clock.base)[0]))
+        return grid.due - stream.newest > 1e9 * grid.period
 
     def _complete(self, grid: Grid) -> Block | None:
         """Return the next block of which all samples are there; give up those one sensor is too late for."""
@@ -357,6 +369,7 @@ class Aligner:
 
     def _advance(self, grid: Grid, blocks: int) -> None:
         grid.block += blocks
+        grid.due = 0
         self._sequence += blocks
 
 

@@ -24,6 +24,7 @@ class _Order:
     """Its precompiled layouts."""
 
     def __init__(self, mark: str) -> None:
+        self.mark = mark
         self.head = struct.Struct(mark + "iII")
         self.counts = struct.Struct(mark + "QdI")
         self.count = struct.Struct(mark + "I")
@@ -102,6 +103,26 @@ def decode_block(data: bytes) -> Block:
     if order is _BIG:
         body, spool = body.astype(np.float32), spool.astype(np.float32)
     return Block(stamp, sequence, period, body, spool, source)
+
+
+def decode_vector(data: bytes, skipped: int, numbers: int) -> tuple[int, str, tuple[float, ...]]:
+    """Return stamp (ns; 0 for no time), ``frame_id`` and ``numbers`` doubles of a message with a header.
+
+    They begin ``skipped`` B behind the header, as the acceleration of an Imu (200), AccelStamped or
+    Vector3Stamped (0) does.
+
+    Raises:
+        CdrError: the bytes are too short or not XCDR1.
+    """
+    order = _order(data)
+    try:
+        seconds, nanoseconds, length = order.head.unpack_from(data, 4)
+        at = ((12 + length + 7) & ~7) + 4 + skipped
+        found = struct.unpack_from(f"{order.mark}{numbers}d", data, at)
+    except struct.error as error:
+        raise CdrError(f"not a message of this type: {error}") from error
+    stamp = seconds * NANOSECONDS + nanoseconds if nanoseconds < NANOSECONDS else 0
+    return stamp, _text(data[16 : 15 + min(length, LONGEST_NAME)]), found
 
 
 def encode_block(block: Block, frame_id: str) -> bytes:

@@ -48,8 +48,11 @@ class Workload:
         before, self.level = self.level, Level.ERROR if worst >= FAILS else Level.WARNING
         if worst < WARNS:
             self.level = Level.OK
+        waited = [
+            (one[1] > 0, held.longest_wait >= WARNS) for one, held in zip(new, times.values(), strict=True)
+        ]
         judged, dropped = (sum(one[place] for one in new) for place in (0, 1))
-        late = sum(bool(one[1]) for one in new) or sum(one.longest_wait >= WARNS for one in times.values())
+        late = max([1, *map(sum, zip(*waited, strict=True))])
         self._text = (
             f"the controller is too busy: {judged:.0f} of {judged + dropped:.0f} blocks judged in the last "
             f"{SPAN:g} s, {late} of {len(times)} valves behind by up to {worst:.1f} s: use more processes or "
