@@ -28,7 +28,7 @@ class Block:
     where it is not known. A block holds what arrived; it may be malformed:
     :class:`~spool_core.block_gate.BlockGate` decides. ``blocks`` is how many it was
     joined of, 1 as a rule; ``sequence`` is that of the last one. ``dropped`` is how many blocks ahead of it
-    this process has dropped, as it was too busy for them.
+    this process has dropped, as it was too busy for them; negative while it started.
     """
 
     stamp: int

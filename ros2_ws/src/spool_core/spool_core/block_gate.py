@@ -149,6 +149,8 @@ class BlockGate:
         """Return what to do with ``block``; never raises for what a message can hold."""
         self.before = self.last
         self.fault = self.certain = None
+        if block.dropped < 0:
+            self.resume()
         fault = malformed(block)
         if fault is not None:
             return self._refuse(fault)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import gc
-import math
 import multiprocessing
 import os
 import resource
@@ -20,7 +19,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.signals import SignalHandlerOptions
 from spool_core.errors import InputError
-from spool_core.node.block_hub import HUB, LONGEST_BEHIND, Throttle, TopicTimes, Worker
+from spool_core.node.block_hub import HUB, Throttle, TopicTimes, Worker
 from spool_core.node.diagnostics import DiagnosticPublisher, Level, Status
 from spool_core.node.managed_node import ManagedNode, Ticker
 from spool_core.node.parameters import NodeParameter, refuse_other_files, refuse_other_nodes, rule
@@ -60,7 +59,7 @@ LONGEST_CALL = 1.0
 REPORT, TRIES = 1.0, 20
 #: s from one try to the next.
 AGAIN = 5.0
-#: s after its start for which a process may work off what piled up meanwhile.
+#: s after its start for which a process may be behind without a word.
 STARTS = 20.0
 #: s of samples that are taken together: 30 valves cost 0.58 core with each block by itself, 0.47 with 0.1 s,
 #: 0.34 with 0.2 s, no less with 0.3 s; an event comes later by that.
@@ -204,7 +203,7 @@ class HostProcess:
         valves = read_valves(file) if self.first_list is None else self.first_list.read(file)
         HUB.worker = Worker()
         ManagedNode.beat = self._beat
-        HUB.together, HUB.longest = self._node.value("together"), math.inf
+        HUB.together, HUB.starting = self._node.value("together"), True
         BUDGET.share = REFITS
         ticker = ManagedNode.ticker = Ticker()
         steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -357,10 +356,9 @@ class HostProcess:
 
     def _judge_workload(self, now: float) -> None:
         """Judge whether it keeps up, and save work where it does not; a change for the worse is reported."""
-        if math.isinf(HUB.longest):
-            # What piled up during the start is worked off, and no overload.
-            if self._started and (HUB.behind <= LONGEST_BEHIND or now - self._started > STARTS):
-                HUB.longest = LONGEST_BEHIND
+        if HUB.starting:  # what piles up meanwhile is no overload
+            caught_up = HUB.behind < WARNS or now - self._started > STARTS
+            HUB.starting = not (self._started and caught_up)
             return
         level, worse = self._workload.level, self._workload.take(now, HUB.times, HUB.behind)
         BUDGET.behind = self._workload.wait >= WARNS

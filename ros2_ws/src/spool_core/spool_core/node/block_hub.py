@@ -47,13 +47,13 @@ class BlockHub:
     Attributes:
         worker: runs what nodes do with their blocks; ``None`` in a process of one node, which does it itself.
         together: s.
-        longest: s of samples of a topic that may wait.
+        starting: whether this process starts, and loses nothing by what it drops.
     """
 
     def __init__(self) -> None:
         self.worker: Worker | None = None
         self.together = 0.0
-        self.longest = LONGEST_BEHIND
+        self.starting = False
         self._topics: dict[str, _Topic] = {}
 
     @property
@@ -206,12 +206,12 @@ class BlockHub:
     def _drop(self, topic: _Topic) -> None:
         """Drop all but the newest messages, undecoded, where too much waits."""
         waiting = len(topic.heard)
-        if waiting < HOSTED_DEPTH and (waiting - 1) * topic.period <= self.longest:
+        if waiting < HOSTED_DEPTH and (waiting - 1) * topic.period <= LONGEST_BEHIND:
             return
         dropped = waiting - topic.most
         for _ in range(dropped):
             topic.heard.popleft()
-        topic.dropped += dropped
+        topic.dropped += -dropped if self.starting else dropped
         topic.times.dropped += dropped
         topic.times.seconds_dropped += dropped * topic.period
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from spool_core.block import Block
-from spool_core.block_gate import BlockGate
+from spool_core.block_gate import BlockGate, Verdict
 from spool_core.cdr import encode_block
 from spool_core.node import block_hub
 from spool_core.node.block_hub import HOSTED_DEPTH, BlockHub, TopicTimes, Worker
@@ -233,6 +233,30 @@ def test_of_more_than_a_second_that_waits_the_newest_samples_alone_are_decoded(
     assert decoded == [block.sequence for block in taken] == [*range(52), *range(132, 152)]
     assert [block.dropped for block in taken if block.dropped] == [32]
     assert hosted.times["/valve_1/acceleration"].dropped == 32
+
+
+def test_what_a_process_drops_while_it_starts_is_no_loss(hosted: BlockHub) -> None:
+    node, gate, taken = Node(hosted), BlockGate(), list[tuple[Block, Verdict]]()
+    hosted.starting = True
+    hosted.subscribe(
+        node, "acceleration", lambda blocks: taken.extend(gate.admitted(blocks, lambda: 1)), lambda: 1
+    )
+    node.send(0)
+    settle(hosted)
+    begin, end = threading.Event(), threading.Event()
+    assert hosted.worker is not None
+    hosted.worker.put("another valve", lambda _: (begin.set(), end.wait(PATIENCE)), None)
+    assert begin.wait(PATIENCE)
+    node.send(*range(1, 101))
+    end.set()
+    while hosted.times["/valve_1/acceleration"].waiting:
+        settle(hosted)
+    settle(hosted)
+    assert [(block.sequence, verdict) for block, verdict in taken[:2]] == [
+        (0, Verdict.RESTARTS),
+        (81, Verdict.RESTARTS),
+    ]
+    assert (gate.accepted, gate.lost, gate.faults) == (21, 0, {})
 
 
 def hosted_together(hub: BlockHub) -> int:
