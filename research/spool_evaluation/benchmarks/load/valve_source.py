@@ -29,7 +29,7 @@ from rclpy.serialization import serialize_message
 from spool_core.errors import InputError
 from spool_core.node import qos
 from spool_core.node.messages import from_block
-from spool_msgs.msg import AccelerationBlock, ModelEstimate
+from spool_msgs.msg import AccelerationBlock, HealthEvent, ModelEstimate
 from spool_sim.excitation import PRESETS
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
@@ -43,6 +43,8 @@ LONGEST_BEHIND = 20.0
 #: s after which a valve that was found counts as run in, and that nodes may take until they listen.
 RUN_IN, PATIENCE = 20, 60.0
 VALVE = "4weh10_soft"
+#: Number of the alarm that no acceleration arrives.
+SILENCE = 801
 
 
 @dataclass(slots=True)
@@ -57,9 +59,10 @@ class ValveSource:
         ages: from block to estimate (s), for estimates after the first ``run_in`` seconds, and before.
         delay: s, of the filter, as the last estimate says.
         lost: blocks that each estimator counts as lost.
-        blocks: that were sent of each valve.
+        blocks: that were sent of each valve. cores: processor time of the source over the wall time.
         late: s, longest that a block was sent after its time.
         longest_wait: s, that a block waited for its turn in a host: while it starts, and later.
+        silences: alarms 801 of a monitor, each of which is false.
     """
 
     count: int
@@ -77,6 +80,8 @@ class ValveSource:
     sent: dict[int, list[float]] = field(default_factory=dict)
     blocks: int = 0
     late: float = 0.0
+    silences: int = 0
+    cores: float = math.nan
     _begin: float = 0.0
 
     def run(self) -> None:
@@ -97,6 +102,7 @@ class ValveSource:
             publishers.append(node.create_publisher(AccelerationBlock, f"{name}/acceleration", profile))
             heard = partial(self._heard, valve)
             node.create_subscription(ModelEstimate, f"{name}/estimate", heard, qos.state(depth=10))
+            node.create_subscription(HealthEvent, f"{name}/events", self._raised, qos.state(depth=100))
             self.sent[valve] = [math.nan] * 1000
         node.create_subscription(DiagnosticArray, "/diagnostics", self._diagnosed, qos.diagnostics())
         end = time.monotonic() + PATIENCE
@@ -108,7 +114,7 @@ class ValveSource:
             time.sleep(1.0)  # who is counted may still be about to hear
         groups = [range(group, self.count, GROUPS) for group in range(GROUPS)]
         step = 1.0 / BLOCK_RATE / GROUPS
-        self._begin, begin = time.monotonic(), time.time_ns()
+        self._begin, begin, used = time.monotonic(), time.time_ns(), time.process_time()
         for turn in range(round(self.seconds * BLOCK_RATE) * GROUPS):
             number, group = divmod(turn, GROUPS)
             self.blocks = number + 1 if group == GROUPS - 1 else number
@@ -128,6 +134,7 @@ class ValveSource:
                 data = bytes(message)
                 self.sent[valve][number % 1000] = time.monotonic()
                 publishers[valve].publish(data)
+        self.cores = (time.process_time() - used) / (time.monotonic() - self._begin)
         executor.spin_once(timeout_sec=0.5)
         executor.shutdown()
         rclpy.shutdown()
@@ -162,6 +169,9 @@ class ValveSource:
         if 0.0 <= age < 10.0:
             (self.ages if now - self.first[valve] > self.run_in else self.start_ages).append(age)
 
+    def _raised(self, event: HealthEvent) -> None:
+        self.silences += event.code == SILENCE and event.state == HealthEvent.STATE_RAISED
+
     def _diagnosed(self, message: DiagnosticArray) -> None:
         running_in = len(self.tracking) < self.count
         for status in message.status:
@@ -190,7 +200,8 @@ class ValveSource:
             "lost": sum(self.lost.values()),
             "longest_late_s": self.late,
             "delay_s": self.delay,
-            "processor_s": time.process_time(),
+            "source_cores": self.cores,
+            "silences": self.silences,
         }
 
 
