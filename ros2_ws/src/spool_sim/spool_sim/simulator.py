@@ -23,6 +23,7 @@ from spool_sim.integration.composed_motion import (
 from spool_sim.lubrication import OilTable
 from spool_sim.model import Model, load_model
 from spool_sim.sensors import Sensor, SensorChannel
+from spool_sim.strokes import Strokes
 from spool_sim.valve import Valve
 
 #: Parameters that may drift, and the oil's temperature, on which the viscous coefficient depends.
@@ -95,6 +96,7 @@ class Simulator:
         start_stamp: int = DEFAULT_START_STAMP,
         body_sensor: Sensor | None = None,
         spool_sensor: Sensor | None = None,
+        strokes: Strokes | None = None,
     ) -> None:
         """Set up the valve at rest.
 
@@ -109,6 +111,7 @@ class Simulator:
             seed: of the sensor noise.
             start_stamp: time of the first sample, ns, > 0.
             body_sensor, spool_sensor: errors of the accelerometers, none by default.
+            strokes: of the solenoid, none by default; they add its force and the stops to ``model``.
 
         Raises:
             InputError: a value is out of range, or the excitation does not fit the sample rate.
@@ -127,6 +130,9 @@ class Simulator:
         self.valve = valve
         self.excitation = excitation
         self.model = load_model(model) if isinstance(model, str) else model
+        self.strokes = strokes
+        if strokes is not None:
+            self.model = strokes.acting_on(self.model)
         self.sample_rate = float(sample_rate)
         self.block_size = block_size
         overrides = dict(parameters or {})
@@ -177,6 +183,11 @@ class Simulator:
     def stamp(self) -> int:
         """Acquisition time of the next sample, ns."""
         return self._start_stamp + round(self._sample * 1_000_000_000 / self._rate)
+
+    @property
+    def command(self) -> float:
+        """The solenoid's command at the next sample: 1 for position a, -1 for b, 0 for the centre."""
+        return 0.0 if self.strokes is None else float(self.strokes.command(np.array(self.time)))
 
     @property
     def truth(self) -> Truth:
@@ -276,6 +287,8 @@ class Simulator:
                 values[name] = ramp.target
         if self._warms:
             values["viscous_coefficient"] *= self._oil.ratio(self._ramps["oil_temperature"].at(index))
+        if self.strokes is not None:
+            values["push"] = self.strokes.push(index / self.sample_rate)
         trajectory, self._state = self._motion.advance(
             self._state,
             forcing,

@@ -1,0 +1,351 @@
+"""Strokes of a switched valve: recognised by what the body cannot have caused, left out, and measured.
+
+A stroke is a speed of the spool in its body far beyond both what the body makes due and what there was a
+moment before. Due is the motion of a lightly damped spring and mass of the valve's natural frequency, a bound
+for one with dry friction. Hits at a stop and steps of a sensor make no such speed, or make it for longer than
+a stroke takes. What follows is left out until the spool moves in its body again as the body makes it: at a
+stop it does not. Each sample is judged by those before it, so the result does not depend on the split into
+blocks.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spool_core.block import Block, Samples
+from spool_core.kernels.compiled import compiled
+from spool_core.numbers import Array
+
+#: Speeds due, and just before, beyond which the spool is driven: a healthy valve that starts, passes its
+#: resonance or sticks stays below 1.6 (study: 40 scenarios); and m/s, 1 mm within 50 ms.
+FAR, LEAST = 2.0, 0.02
+#: Damping ratio of the motion that is due: less than that of any valve in oil, so that more is due.
+DAMPING = 0.1
+#: 1/s, below which a speed is the drift of a sensor (2 Hz); s, by which means, and peaks, follow.
+LEAK, MEAN, PEAK = 2.0 * math.pi * 2.0, 5.0, 1.0
+#: s before the present that "just before" begins at least; s of samples before a stroke can be known.
+LAG, KNOWN = 0.15, 0.5
+#: s of rest that end a stroke, that end what is left out (five times 1/LEAK), and s that no stroke lasts.
+REST, SETTLED, LONGEST = 0.15, 0.4, 1.0
+#: Share of the motion due, or of its usual share, from which a spool moves; s over which it is averaged.
+MOVES, USUAL, AVERAGED = 0.4, 0.5, 0.1
+#: Shares of the highest speed at which the motion begins, and at which it has arrived.
+BEGINS, ARRIVED = 0.1, 0.5
+#: s kept before a stroke; s that are kept; s from a command to its motion; s after an arrival.
+BEFORE, KEPT, ANSWERS, REBOUNDS = 0.05, 3.0, 0.5, 0.01
+_DAY = 86_400_000_000_000
+
+(
+    _BODY, _RELATIVE, _SPEED, _DUE, _DUE_PLACE, _HELD, _LATER, _NOW, _FILLED, _DUE_PEAK, _SEEN, _QUIET,
+    _EPISODE, _AWAY, _POWER, _DUE_POWER, _SHARE, _PLACE, _HIGHEST,
+    _MOVING,
+) = range(20)  # fmt: skip
+
+
+class Stroke(NamedTuple):
+    """Stroke that began at ``stamp`` (ns).
+
+    ``out``: it left the position in which the valve is judged. ``side``: 1 or -1, of the spool's motion in
+    its body. ``travel_time`` (s) from the first motion to arrival, ``delay`` (s) from the command to the
+    first motion (NaN without a command), ``speed`` (m/s) the highest, ``rebound`` the share of it with which
+    the spool leaves a stop.
+    """
+
+    stamp: int
+    out: bool
+    side: int
+    travel_time: float
+    delay: float
+    speed: float
+    rebound: float
+
+
+class Kept(NamedTuple):
+    """Part of a block that is judged; ``pause`` (ns) before it was left out, ``None`` where nothing was."""
+
+    block: Block
+    pause: int | None
+
+
+@dataclass(slots=True)
+class StrokeWatch:
+    """Leaves strokes out of the accepted blocks of one stream, counts and measures them.
+
+    Attributes:
+        strokes: those that ended in the newest block.
+        count: strokes since the start of the day (UTC) of the data.
+        command: the last one, NaN where none has come.
+        share: of this day's samples that are judged.
+
+    """
+
+    strokes: list[Stroke] = field(default_factory=list, init=False)
+    count: int = field(default=0, init=False)
+    command: float = field(default=math.nan, init=False)
+    _numbers: Array = field(default_factory=lambda: np.zeros(_MOVING + 1), init=False)
+    _ring: Array = field(default_factory=lambda: np.zeros((2, 0)), init=False)
+    _period: float = field(default=0.0, init=False)
+    _largest: float = field(default=0.0, init=False)
+    _changes: list[tuple[int, bool]] = field(default_factory=list, init=False)
+    _changed: int = field(default=0, init=False)
+    _left: int = field(default=0, init=False)
+    _in_stretch: int = field(default=0, init=False)
+    _day: int = field(default=-1, init=False)
+    _samples: list[float] = field(default_factory=lambda: [0.0, 0.0], init=False)
+
+    @property
+    def away(self) -> bool:
+        """Whether the newest sample is left out."""
+        return bool(self._numbers[_AWAY])
+
+    @property
+    def share(self) -> float:
+        """Share of the day's time that is judged; 1 before any sample."""
+        kept, all_of_them = self._samples
+        return kept / all_of_them if all_of_them else 1.0
+
+    def take_command(self, stamp: int, value: float) -> None:
+        """Take the solenoid's command at ``stamp`` (ns), in any unit; 0 is the position that is judged.
+
+        It is on above half of the largest seen.
+        """
+        if not math.isfinite(value):
+            return
+        was = self._on
+        self.command, self._largest = value, max(self._largest, abs(value))
+        if self._on != was:
+            self._changes.append((stamp, self._on))
+            self._changed = stamp
+
+    @property
+    def _on(self) -> bool:
+        return self._largest > 0.0 and abs(self.command) >= 0.5 * self._largest
+
+    def kept(self, block: Block, raw: Block, natural_frequency: float, *, restarts: bool) -> list[Kept]:
+        """Return what of ``block`` is judged, ``raw`` being the same with its outliers.
+
+        ``natural_frequency`` (Hz): of the valve; without one, strokes are known by their command alone.
+        ``restarts``: it follows the last one behind a gap.
+        """
+        numbers = self._numbers
+        if block.sample_period != self._period:
+            self._period = block.sample_period
+            self._ring = np.zeros((2, max(16, round(KEPT / self._period))))
+        if restarts:
+            numbers[[_SPEED, _DUE, _DUE_PLACE, _SEEN, _QUIET, _EPISODE]] = 0.0
+        if block.stamp // _DAY != self._day:
+            self._day, self.count, self._samples = block.stamp // _DAY, 0, [0.0, 0.0]
+        size, before = block.body.size, self.away
+        on, off = self._energised(block)
+        keep, ends = np.ones(size, np.bool_), np.empty(8, np.int64)
+        left, count = follow(
+            block.body, block.spool, raw.body, raw.spool, self._period, natural_frequency, on, off,
+            not math.isnan(self.command), numbers, self._ring, keep, ends,
+        )  # fmt: skip
+        self.strokes = [one for end in ends[:count].tolist() for one in self._measured(block, end)]
+        self.count += len(self.strokes)
+        self._samples[0] += size - left
+        self._samples[1] += size
+        if left == 0 and not before:
+            return [Kept(block, None)]
+        return list(self._parts(block, keep))
+
+    def _energised(self, block: Block) -> tuple[int, int]:
+        """Return from and to which sample of ``block`` the command is on; equal where it is not."""
+        size, period = block.body.size, self._period * 1e9
+        due = [one for one in self._changes if one[0] < block.end]
+        self._changes = [one for one in self._changes if one[0] >= block.end]
+        on_before = self._was_on
+        places = [(min(size, max(0, round((stamp - block.stamp) / period))), on) for stamp, on in due]
+        starts = [place for place, on in places if on]
+        first = 0 if on_before else min(starts, default=size)
+        now_on = places[-1][1] if places else on_before
+        last = size if now_on else max((place for place, on in places if not on), default=first)
+        self._was_on = now_on
+        return first, max(first, last)
+
+    _was_on: bool = field(default=False, init=False)
+
+    def _parts(self, block: Block, keep: NDArray[np.bool_]) -> Iterator[Kept]:
+        edges = np.flatnonzero(np.diff(keep.astype(np.int8), prepend=0, append=0)).tolist()
+        period, at = self._period * 1e9, 0
+        for first, last in zip(edges[::2], edges[1::2], strict=True):
+            self._left += first - at
+            stamp = block.stamp + round(first * period)
+            part = Block(
+                stamp, block.sequence, block.sample_period, block.body[first:last], block.spool[first:last],
+                block.source, block.blocks,
+            )  # fmt: skip
+            yield Kept(part, round(self._left * period) if self._left else None)
+            self._left, at, self._in_stretch = 0, last, 0
+        self._left += keep.size - at
+
+    def _measured(self, block: Block, end: int) -> Iterator[Stroke]:
+        """Measure the stroke whose rest ended before sample ``end`` of ``block``; one too slow has no time."""
+        ring, period = self._ring, self._period
+        place, rest = int(self._numbers[_PLACE]), round(REST / period)
+        # Where the ring is after the block; the stroke began before the samples of the rest.
+        behind = block.body.size - end
+        length = min(ring.shape[1] - behind, round((LONGEST + REST + BEFORE) / period))
+        rows = ring[:, (place - behind - length + np.arange(length)) % ring.shape[1]]
+        far = np.flatnonzero(rows[1] != 0.0)
+        if not far.size:
+            return
+        speed = rows[0]
+        # The leak is undone: the speed since the window's beginning.
+        whole = speed + LEAK * period * np.concatenate(([0.0], np.cumsum(speed[:-1])))
+        last_rest = np.flatnonzero(np.diff(far) > rest)
+        onset = int(far[last_rest[-1] + 1] if last_rest.size else far[0])
+        first = max(0, onset - round(BEFORE / period))
+        side = int(math.copysign(1.0, speed[onset]))
+        moved = side * (whole[first:] - whole[first : max(first + 1, onset - round(0.3 * BEFORE / period))].mean())
+        found = travel(moved, onset - first)
+        if found is None:
+            return
+        begin, arrival, highest = found
+        stamp = block.stamp + round((end - length + first + begin) * period * 1e9)
+        delay = 1e-9 * (stamp - self._changed)
+        after = moved[math.ceil(arrival) : math.ceil(arrival) + max(2, round(REBOUNDS / period))]
+        rebound = max(0.0, -float(after.min(initial=0.0))) / highest
+        self._in_stretch += 1
+        yield Stroke(
+            stamp, self._in_stretch == 1, side, (arrival - begin) * period,
+            delay if self._changed and 0.0 <= delay <= ANSWERS else math.nan, highest, min(1.0, rebound),
+        )  # fmt: skip
+
+
+def travel(speed: Array, onset: int) -> tuple[float, float, float] | None:
+    """Return beginning and arrival (samples, interpolated) and the highest speed of the stroke at ``onset``.
+
+    ``speed`` (m/s, shape (n,)) is counted in the direction of the stroke. ``None`` where it does not arrive.
+    """
+    highest, arrival = speed[onset], 0
+    for i in range(onset, speed.size):
+        highest = max(highest, speed[i])
+        if speed[i] < ARRIVED * highest:
+            arrival = i
+            break
+    if not arrival:
+        return None
+    begin = int(np.argmax(speed[onset:arrival])) + onset
+    while begin > 0 and speed[begin - 1] > BEGINS * highest:
+        begin -= 1
+    return _crossing(speed, begin, BEGINS * highest), _crossing(speed, arrival, ARRIVED * highest), float(highest)
+
+
+def _crossing(speed: Array, place: int, level: float) -> float:
+    """Return where ``speed`` passes ``level`` between the sample before ``place`` and it."""
+    if place == 0 or speed[place] == speed[place - 1]:
+        return float(place)
+    return place - 1 + float((level - speed[place - 1]) / (speed[place] - speed[place - 1]))
+
+
+@compiled
+def follow(
+    body: Samples,
+    spool: Samples,
+    raw_body: Samples,
+    raw_spool: Samples,
+    period: float,
+    natural_frequency: float,
+    on: int,
+    off: int,
+    commanded: bool,
+    numbers: Array,
+    ring: Array,
+    keep: NDArray[np.bool_],
+    ends: NDArray[np.int64],
+) -> tuple[int, int]:
+    """Say in ``keep`` which samples, shape (n,), m/s^2, are judged; return how many are not.
+
+    And how many strokes ended, their ends in ``ends``. From sample ``on`` to ``off`` a command lasts. The
+    samples with outliers count during a stroke: a hit at a stop looks like one. ``numbers`` and ``ring`` (the
+    speed, and 1 where it is far) are moved on in place.
+    """
+    square = (2.0 * math.pi * natural_frequency) ** 2
+    drag = 2.0 * DAMPING * 2.0 * math.pi * natural_frequency
+    peak, mean, average = period / PEAK, period / MEAN, period / AVERAGED
+    left = count = 0
+    for i in range(body.size):
+        away = numbers[_AWAY] != 0.0
+        one, other = float(body[i]), float(spool[i])
+        if away:
+            one, other = float(raw_body[i]), float(raw_spool[i])
+        elif numbers[_SEEN] == 0.0:
+            numbers[_BODY], numbers[_RELATIVE] = one, other - one
+        if not away:
+            share = max(mean, 1.0 / (1.0 + numbers[_SEEN]))
+            numbers[_BODY] += share * (one - numbers[_BODY])
+            numbers[_RELATIVE] += share * (other - one - numbers[_RELATIVE])
+        numbers[_SEEN] += 1.0
+        speed = numbers[_SPEED] * (1.0 - LEAK * period) + (other - one - numbers[_RELATIVE]) * period
+        pushed = -square * numbers[_DUE_PLACE] - drag * numbers[_DUE] - (one - numbers[_BODY])
+        due = numbers[_DUE] + pushed * period
+        numbers[_DUE_PLACE] += due * period
+        numbers[_SPEED], numbers[_DUE] = speed, due
+        size = abs(speed)
+        numbers[_DUE_PEAK] = max(abs(due), numbers[_DUE_PEAK] * (1.0 - peak))
+        limit = max(LEAST, FAR * max(numbers[_HELD], numbers[_DUE_PEAK]))
+        known = natural_frequency > 0.0 and numbers[_SEEN] * period >= KNOWN
+        far = known and size > limit
+        place = int(numbers[_PLACE])
+        ring[0, place], ring[1, place] = speed, 1.0 if far else 0.0
+        numbers[_PLACE] = float((place + 1) % ring.shape[1])
+        forced = on <= i < off
+        if far:
+            numbers[_AWAY] = 1.0
+            numbers[_QUIET] = 0.0
+            numbers[_EPISODE] += 1.0
+            numbers[_HIGHEST] = max(numbers[_HIGHEST], size)
+            if numbers[_EPISODE] * period > LONGEST:
+                # No stroke lasts: the level of this channel is another one.
+                numbers[_HELD] = numbers[_LATER] = numbers[_HIGHEST]
+                numbers[_AWAY] = numbers[_EPISODE] = numbers[_HIGHEST] = 0.0
+                numbers[_SEEN] = 0.0
+        else:
+            numbers[_QUIET] += 1.0
+            if numbers[_EPISODE] > 0.0:
+                numbers[_EPISODE] += 1.0
+                if numbers[_QUIET] * period >= REST:
+                    numbers[_EPISODE] = numbers[_HIGHEST] = 0.0
+                    if count < ends.size:
+                        ends[count] = i + 1
+                        count += 1
+        if forced:
+            numbers[_AWAY] = 1.0
+            numbers[_QUIET] = 0.0
+        if numbers[_AWAY] != 0.0 and numbers[_QUIET] * period < 0.5 * SETTLED:
+            numbers[_POWER] = numbers[_DUE_POWER] = 0.0  # what is left of the stroke is no motion
+        else:
+            numbers[_POWER] += average * (speed * speed - numbers[_POWER])
+            numbers[_DUE_POWER] += average * (due * due - numbers[_DUE_POWER])
+        if numbers[_AWAY] != 0.0:
+            least = min(MOVES * MOVES, USUAL * USUAL * numbers[_SHARE])
+            moves = numbers[_DUE_POWER] > 0.01 * LEAST * LEAST
+            moves = moves and numbers[_POWER] >= least * numbers[_DUE_POWER]
+            numbers[_MOVING] = numbers[_MOVING] + 1.0 if moves or commanded else 0.0
+            # A stroke that begins looks like motion for a moment.
+            rests = min(numbers[_QUIET] * period - SETTLED, numbers[_MOVING] * period - AVERAGED)
+            if rests >= 0.0 and not forced:
+                numbers[_AWAY] = 0.0
+        if numbers[_AWAY] != 0.0:
+            keep[i] = False
+            left += 1
+            continue
+        if numbers[_DUE_POWER] > 0.01 * LEAST * LEAST:
+            ratio = min(1.0, numbers[_POWER] / numbers[_DUE_POWER])
+            numbers[_SHARE] += 0.5 * period * (ratio - numbers[_SHARE])
+        numbers[_NOW] = max(numbers[_NOW], size)
+        numbers[_FILLED] += 1.0
+        if numbers[_SEEN] * period < KNOWN:
+            numbers[_HELD] = max(numbers[_HELD], size)
+        if numbers[_FILLED] * period >= LAG:
+            numbers[_HELD] = max(numbers[_LATER], numbers[_HELD] * (1.0 - LAG / PEAK))
+            numbers[_LATER], numbers[_NOW], numbers[_FILLED] = numbers[_NOW], 0.0, 0.0
+    return left, count
