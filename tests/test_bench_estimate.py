@@ -6,24 +6,11 @@ from typing import TYPE_CHECKING
 
 import pytest
 from spool_evaluation.benchmarks import estimate
-from spool_evaluation.benchmarks import estimate as recursion
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from .conftest import System
-
-
-def test_every_recursion_finds_the_same_parameters() -> None:
-    rows = list(recursion.timings())
-    assert [row.peer.split()[0] for row in rows] == ["compiled", "compiled", "padasip", "padasip"]
-    for row in rows:
-        assert row.ours_error is not None
-        assert row.ours_error < 1e-6
-        assert row.compiling is not None
-    for pair in (rows[:2], rows[2:]):
-        assert "blocks of 200" in pair[0].work
-        assert "one sample a call" in pair[1].work
 
 
 @pytest.mark.slow

@@ -184,7 +184,7 @@ def test_result_pages_have_the_columns_that_their_commands_write() -> None:
         "estimation_records.md": records.table([]),
         "estimation_study.md": "\n\n".join(estimation_parts([fitted], [told])),
         "bench_sim.md": compiled,
-        "bench_estimate.md": compiled,
+        "bench_estimate.md": judged,
         "bench_gap.md": judged,
         "bench_monitor.md": judged,
     }

@@ -250,7 +250,7 @@ OPTIONS = {
     ),
     "compare": ("--models", "--columns", "--json", "--report", "--sensor-gain", "--stop"),
     "gap": ("--base", "--kind", "--columns", "--delay-tolerance", "--gain-tolerance", "--start"),
-    "replay": ("--valve", "--method", "--refit-model", "--refit-period", "--json"),
+    "replay": ("--valve", "--refit-model", "--refit-period", "--json"),
     "trend": ("--since", "--parameter", "--out", "--json"),
     "export": ("--out", "--valve"),
     "import": ("--columns", "--start", "--name"),

@@ -24,10 +24,9 @@ from spool_core.node.managed_node import ManagedNode
 from spool_core.node.messages import from_block, from_quantity, nanoseconds, to_time
 from spool_core.sensor_stream import Refusal
 from spool_estimator.estimate import QUANTITIES
-from spool_estimator.estimator import make_estimator, phase_of, settings_for
+from spool_estimator.estimator import Estimator, phase_of, settings_for
 from spool_estimator.estimator_node import EstimatorNode
 from spool_estimator.messages import from_description, from_message
-from spool_estimator.stream_estimator import StreamEstimator
 from spool_monitor.monitor_node import MonitorNode
 from spool_msgs.msg import AccelerationBlock, HealthEvent, ModelEstimate, Quantity, ValveDescription
 from spool_sim.excitation import PRESETS, load_excitation
@@ -40,7 +39,7 @@ from std_msgs.msg import Float64, Header
 from .clocked import START, STEP, Clocked, Domains, clocked
 
 Adapting: TypeAlias = tuple[Clocked, Aligner, list[Block]]
-Estimating: TypeAlias = tuple[Clocked, StreamEstimator]
+Estimating: TypeAlias = tuple[Clocked, Estimator]
 
 VALVE = shipped_valves()["4weh10_stiff"].read_text("utf-8")
 #: rev/min at 0 and 60 s; the pump's second order meets the valve.
@@ -204,7 +203,7 @@ def disturbed(valve: str) -> Iterator[Block]:
 def _estimating(claim_domain: Domains, valve: str) -> Iterator[Estimating]:
     """Estimator that took a record with losses and faults, and the core that took the same."""
     given = {"memory": 1.5, "low_cut": 5.0, "high_cut": 250.0, "minimum_excitation": 0.3, "period": 0.5}
-    core = make_estimator("prediction", settings_for(find_valve(valve), phase=phase_of("/valve_3"), **given))
+    core = Estimator(settings_for(find_valve(valve), phase=phase_of("/valve_3"), **given))
     with clocked(claim_domain, "valve_3") as nodes:
         nodes.listen(ModelEstimate, "estimate")
         nodes.listen(ValveDescription, "valve")

@@ -68,7 +68,7 @@ ROS_PACKAGES = {
 }
 # Without a key, and documented for pip: what converts records, the OPC UA server, and the peers of the
 # benchmarks and tests.
-FROM_PIP = {"pyarrow", "padasip", "pysindy", "river", "ruptures", "asyncua"}
+FROM_PIP = {"pyarrow", "pysindy", "river", "ruptures", "asyncua"}
 # The page in the browser, and what drives a browser and reads metrics in its tests.
 FROM_PIP |= {"starlette", "playwright", "prometheus_client"}
 # What fleets need.

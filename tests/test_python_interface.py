@@ -132,7 +132,6 @@ def test_units_that_a_file_does_not_name_are_given_by_argument(tmp_path: Path) -
         lambda: spool.gap(BAG, SOFT(), kind="acceleration"),
         lambda: spool.gap(BAG, SOFT(), gain_tolerance=5.0),
         lambda: spool.replay(BAG, SOFT(), methd="equation"),
-        lambda: spool.replay(BAG, SOFT(), method="other"),
         lambda: spool.simulate(SOFT(), seconds="3"),
         lambda: spool.simulate(SOFT(), oil_temperature=318.15, seconds=1.0),
         lambda: spool.valve(id="mine", moving_mass=0.2, spring_stiffness=1600.0, oil="HL68"),

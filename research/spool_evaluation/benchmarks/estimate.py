@@ -1,19 +1,17 @@
-"""Benchmark of estimation: recursive least squares against peers, replay and live nodes against real time.
+"""Benchmark of estimation: replay and live nodes against real time.
 
-P <- (P - P x x' P / (f + x' P x)) / f, theta <- theta + P x e / (f + x' P x): Ljung, System Identification,
-1999, section 11.2. It keeps no statistics of its errors and does not limit P, which ours does.
+Times are compared with those of a fixed work, recursive least squares: theta <- theta + P x e / (f + x' P x),
+P <- (P - P x x' P / (f + x' P x)) / f (Ljung, System Identification, 1999, section 11.2).
 """
 
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from time import process_time
-from typing import Protocol
 
 import numpy as np
-import padasip
 from rich.console import Console
 from spool_bag.reader import BagReader
 from spool_core.errors import InputError
@@ -21,7 +19,6 @@ from spool_core.kernels.compiled import compiled
 from spool_core.node.network import isolate
 from spool_core.numbers import Array
 from spool_estimator.estimator import Estimator, settings_for
-from spool_estimator.recursive import ExponentialForgetting
 from spool_estimator.refit import RefitSettings, WindowRefits, WindowTask, refit
 from spool_report.records.record_loading import DEFAULT_VALVE
 from spool_report.records.simulation import SimulationSettings, simulate
@@ -41,13 +38,10 @@ LIVE_SECONDS, RUN_IN, LISTENERS = 10.0, 4, 3
 
 
 SAMPLES, SIZE, BLOCK, FACTOR = 20_000, 6, 200, 0.9995
-#: Samples that are given one by one.
-ONE_BY_ONE = 4000
 
 
 def run() -> Iterator[Timing]:
     """Yield the rows, from the smallest piece to the live nodes."""
-    yield from timings()
     with tempfile.TemporaryDirectory() as folder:
         yield from offline(Path(folder))
     isolate()
@@ -95,63 +89,6 @@ def latency(folder: Path, seconds: float) -> Iterator[Timing]:
     yield Timing(f"{work}: p50", "20 ms", p50, 0.02)
     yield Timing(f"{work}: p99", "20 ms", p99, 0.02)
     yield Timing("the filter's own lag", "one block", delay, 1.0 / BLOCK_RATE)
-
-
-class Recursion(Protocol):
-    """Recursive least squares, ours or a peer's."""
-
-    parameters: Array
-
-    def update(self, rows: Array, target: Array) -> None:
-        """Take samples."""
-
-
-def timings() -> Iterator[Timing]:
-    """Yield the time of one sample of recursive least squares; the error is the difference of the parameters.
-
-    Ours takes blocks, as the stream brings them. padasip takes samples and is interpreted; a compiled peer is
-    given the blocks of ours, and both are given one sample a call, where what counts is the call.
-    """
-    rows, target = _regression()
-    few = slice(0, ONE_BY_ONE)
-
-    def ours() -> ExponentialForgetting:
-        return ExponentialForgetting(SIZE, FACTOR, initial=10.0)
-
-    def compiled() -> CompiledRls:
-        return CompiledRls(SIZE, FACTOR, 10.0)
-
-    def padasip_run() -> Array:
-        fit = padasip.filters.FilterRLS(n=SIZE, mu=FACTOR, eps=0.1, w="zeros")
-        fit.run(target, rows)
-        return np.asarray(fit.w)
-
-    def taken(make: Callable[[], Recursion], part: slice, block: int) -> float:
-        """Return s per sample."""
-        samples = target[part].size
-        return best_of(5, lambda: _take(make(), rows[part], target[part], block), process_time) / samples
-
-    found = _take(ours(), rows, target, BLOCK)  # compiles
-    other = _take(compiled(), rows, target, BLOCK)
-    against = padasip_run()
-    work = f"a sample of RLS with {SIZE} parameters"
-    blocks, ones = f"{work}, ours in blocks of {BLOCK}", f"{work}, one sample a call"
-    by_blocks, by_ones = taken(ours, slice(None), BLOCK), taken(ours, few, 1)
-    loop, loop_ones = taken(compiled, slice(None), BLOCK), taken(compiled, few, 1)
-    theirs = best_of(2, padasip_run, process_time) / SAMPLES
-    differences = [float(np.abs(found - peer).max()) for peer in (other, against)]
-    yield Timing(
-        blocks, f"compiled loop, blocks of {BLOCK}", by_blocks, loop, differences[0], 0.0, compiling=1.0
-    )
-    yield Timing(
-        ones, "compiled loop, one sample a call", by_ones, loop_ones, differences[0], 0.0, compiling=1.0
-    )
-    yield Timing(
-        blocks, "padasip FilterRLS, sample by sample", by_blocks, theirs, differences[1], 0.0, theirs / loop
-    )
-    yield Timing(
-        ones, "padasip FilterRLS, sample by sample", by_ones, theirs, differences[1], 0.0, theirs / loop_ones
-    )
 
 
 def reference() -> float:
@@ -205,7 +142,7 @@ def _regression() -> tuple[Array, Array]:
     return rows, rows @ np.arange(1.0, 1.0 + SIZE) + 0.1 * generator.standard_normal(SAMPLES)
 
 
-def _take(fit: Recursion, rows: Array, target: Array, block: int) -> Array:
+def _take(fit: CompiledRls, rows: Array, target: Array, block: int) -> Array:
     """Return the parameters after all samples, ``block`` of them a call."""
     for first in range(0, target.size, block):
         fit.update(rows[first : first + block], target[first : first + block])

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from spool_core.errors import InputError
 from spool_estimator.estimate import Estimate, State
-from spool_estimator.estimator import make_estimator, settings_for
+from spool_estimator.estimator import Estimator, settings_for
 from spool_fleet.analyses.base import REFERENCE
 from spool_fleet.judgement import CHANGED, MACHINE, confirmed, judged_alone
 from spool_fleet.manifest import Service
@@ -359,7 +359,7 @@ def simulated_error(seed: int) -> EstimationError | None:
     world = draw_world(seed)
     number = int(generator.integers(MACHINES * VALVES_EACH))
     truth, simulator = simulated_bag(world, number, int(generator.integers(WEEKS * BAGS)))
-    estimator = make_estimator("prediction", settings_for(described_valve()))
+    estimator = Estimator(settings_for(described_valve()))
     estimates: list[Estimate] = []
     for block in simulator.records(SECONDS):
         estimates += estimator.update(block)

@@ -266,7 +266,6 @@ def replay(
     valve: AnyValve | None = None,
     *,
     report: bool = False,
-    method: str | None = None,
     baseline_time: float | None = None,
     state: str | Path | None = None,
     params_file: str | Path | None = None,
@@ -281,7 +280,6 @@ def replay(
         record: bag or file; a bag may hold several valves.
         valve: description, name or file; default: what the bag describes.
         report: draw the page that ``save("replay.html")`` writes.
-        method: of the estimator: ``prediction`` or ``equation``; default: that of ``params_file``.
         baseline_time: s in which the healthy valve is learned; default: the monitor's.
         state: folder that keeps each valve's baseline from record to record.
         params_file: parameter file of the nodes, with the limits of the plant; default: the shipped limits.
@@ -291,8 +289,6 @@ def replay(
     Raises:
         InputError: record or valve cannot be used.
     """
-    if method not in (None, "prediction", "equation"):
-        raise InputError(f"spool.replay: method={method!r} is neither prediction nor equation")
     path, part = path_of(record), part_of([record], Part(since=since, until=until, around=around))
     if part.name is not None or part.start or part.stop is not None:
         raise InputError(
@@ -303,7 +299,7 @@ def replay(
 
         page = Path(folder) / "replay.html"
         options = ReplayOptions(
-            baseline_time=baseline_time, method=method,
+            baseline_time=baseline_time,
             params_file=None if params_file is None else expanded(params_file),
             report=page if report else None, state=None if state is None else expanded(state),
             when=(part.since, part.until, part.around), language=language,

@@ -32,8 +32,9 @@ from spool_estimator.prediction import (
 )
 from spool_estimator.recursive import RegressionArrays, advance
 from spool_estimator.sliding_window import WindowArrays, take_chunk
-from spool_estimator.stream_estimator import CHUNK
 
+#: s, samples are taken in and judged in chunks of this length.
+CHUNK = 0.1
 #: N, force noise that the prior is weighed with, and the least that a record is believed to have.
 NOISE, SMALLEST_NOISE = 0.05, 1.0e-3
 #: s of samples that the first start needs.
@@ -71,8 +72,7 @@ class Need(IntEnum):
     FORGETTING = 2  # forget everything: the model's motion ran away
     START = 3  # the first start
     REFIT = 4  # a refit, or a new start of a poor fit; the step where none is better
-    STEP = 5  # the step of a sliding window
-    REGRESSION = 6  # fresh least squares: the parameters are those of no valve
+    REGRESSION = 5  # fresh least squares: the parameters are those of no valve
 
 
 #: Progress of a tracker; each field is a number that the kernels move on in place.
@@ -118,7 +118,6 @@ class Valve(NamedTuple):
     enough: float
     least_body: float
     runaway: float
-    sliding: bool
 
 
 class TrackerArrays(NamedTuple):
@@ -247,8 +246,6 @@ def _regress(
     for which in range(_LENGTHS.size):
         learn_gain(which, tracker, window)
     now["least"] = least_left(tracker)
-    if valve.sliding:
-        return Need.STEP
     weight = _NOISE_SQUARE / (tracker.verdicts[-1, 1] + _SMALLEST_SQUARE)
     change = np.empty(score.size)
     advance(

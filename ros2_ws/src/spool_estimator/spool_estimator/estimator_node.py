@@ -24,13 +24,12 @@ from spool_sim.valve import Valve, find_valve
 from std_srvs.srv import Trigger
 
 from spool_estimator.estimate import Estimate, State
-from spool_estimator.estimator import ESTIMATORS, make_estimator, phase_of, settings_for
+from spool_estimator.estimator import Estimator, phase_of, settings_for
 from spool_estimator.gap_requests import GapTask, GapWorker, RecentBlocks
 from spool_estimator.gap_watch import GapWatch
 from spool_estimator.messages import to_description, to_message, to_refit_message
 from spool_estimator.plausibility import ValveCheck
 from spool_estimator.refit import RefitSettings, RefitWorker, WindowRefits
-from spool_estimator.stream_estimator import EXPONENTIAL, FORGETTING, StreamEstimator
 from spool_estimator.warm_up import warm_up_estimator
 
 #: Names and units of what is reported of an estimate, whether or not it is known yet.
@@ -56,15 +55,7 @@ class EstimatorNode(ManagedNode):
             "valve_file", "4weh10_soft", "Path of a YAML file or name of a shipped valve.", structural=True,
         ),
         NodeParameter(
-            "method", "prediction", "The model run in parallel, or equation error.", structural=True,
-            choices=tuple(ESTIMATORS),
-        ),
-        NodeParameter(
-            "forgetting", EXPONENTIAL, "How the past is forgotten.", choices=FORGETTING, structural=True,
-        ),
-        NodeParameter(
-            "memory", 4.0, "Time constant of forgetting, or length of the window.",
-            "s", 0.2, 3600.0, structural=True,
+            "memory", 4.0, "Time constant of forgetting.", "s", 0.2, 3600.0, structural=True,
         ),
         NodeParameter("low_cut", 4.0, "Lower edge of the band.", "Hz", 0.1, 100.0, structural=True),
         NodeParameter("high_cut", 300.0, "Upper edge of the band.", "Hz", 10.0, 1e4, structural=True),
@@ -98,7 +89,7 @@ class EstimatorNode(ManagedNode):
 
     def __init__(self, namespace: str | None = None, **options: Any) -> None:
         super().__init__("estimator", namespace, **options)
-        self._core: StreamEstimator | None = None
+        self._core: Estimator | None = None
         self._gate = BlockGate()
         self._refits: WindowRefits | None = None
         self._worker: RefitWorker | None = None
@@ -113,11 +104,11 @@ class EstimatorNode(ManagedNode):
         # Compiling takes seconds where the cache is old or can't be written: blocks would be lost meanwhile.
         self.compile(warm_up_estimator)
         valve = find_valve(self.value("valve_file"))
-        names = ("forgetting", "memory", "low_cut", "high_cut", "minimum_excitation", "period")
+        names = ("memory", "low_cut", "high_cut", "minimum_excitation", "period")
         settings = settings_for(
             valve, phase=phase_of(self.get_namespace()), **{name: self.value(name) for name in names}
         )
-        self._core = make_estimator(self.value("method"), settings)
+        self._core = Estimator(settings)
         self._gate = self._core.gate
         self._valve_id = valve.id
         self._publisher = self.create_lifecycle_publisher(ModelEstimate, "estimate", qos.state())
@@ -139,7 +130,7 @@ class EstimatorNode(ManagedNode):
         self._diagnostics = DiagnosticPublisher(self, valve.id)
         self.get_logger().info(
             f"configured for valve {valve.id} ({self.value('valve_file')}): {1e3 * valve.moving_mass:g} g, "
-            f"{valve.natural_frequency:.1f} Hz, method {self.value('method')}"
+            f"{valve.natural_frequency:.1f} Hz"
         )
 
     def activate(self) -> None:

@@ -1,34 +1,37 @@
-"""What estimators of a stream share: settings, the oil, and the last estimate that was good."""
+"""Estimator of a running valve: the model in parallel with the machine, and the last estimate that was good.
+
+The model is m a = -c v - k z - F_c sgn(v) (paper eq. (29) with Coulomb friction), ``a`` the spool's
+acceleration, ``z`` and ``v`` its displacement and velocity in the body.
+"""
 
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
 from collections import deque
 from dataclasses import dataclass, field, replace
-from typing import Any, Generic, TypeVar
+from typing import Any
 
 import numpy as np
-from spool_core.block import Block, Samples
+from spool_core.block import Block
 from spool_core.block_gate import BlockGate, Fault, Verdict
-from spool_core.kernels.samples import OutlierFilter, StandingWatch
+from spool_core.kernels.samples import OutlierFilter
+from spool_core.kernels.strokes import StrokeWatch
 from spool_core.numbers import Array
 from spool_core.rate_check import REFUTE
 from spool_core.uncertainty import Quantity, Validity
 
+from spool_estimator.chunks import CHUNK
 from spool_estimator.estimate import QUANTITIES, Estimate, State, unknown
 from spool_estimator.identification.oil import OilLaw, OilReference
+from spool_estimator.prediction import DELAY
+from spool_estimator.recursive import RecursiveLeastSquares
+from spool_estimator.tracking import Knowledge, Tracker
 
-#: s, samples are taken in and judged in chunks of this length.
-CHUNK = 0.1
+#: Relative standard deviation of the stiffness at which learning ends.
+LEARNED = 0.02
 
 NAMES = ("spring_stiffness", "viscous_coefficient", "coulomb_force")
 _UNITS = ("N/m", "N s/m", "N")
-
-#: Ways to forget: by an exponential, in excited directions only, or by a window that slides.
-EXPONENTIAL, WINDOW = FORGETTING = ("exponential", "window")
-
-Known = TypeVar("Known")
 
 #: Estimates that are kept: those of the time in which a wrong sample rate is found, and one before.
 KEPT = 5
@@ -42,11 +45,10 @@ class EstimatorSettings:
 
     Two accelerometers see forces per mass only: ``moving_mass`` (kg) sets the scale of every parameter.
     ``spring_stiffness`` (N/m), ``viscous_coefficient`` (N s/m) and ``coulomb_force`` (N) are orders of
-    magnitude to start from. ``memory`` (s): time constant of forgetting, or length of the window;
-    ``forgetting``: one of FORGETTING. ``low_cut``, ``high_cut`` (Hz): the band. ``minimum_excitation``
-    (m/s^2): rms body acceleration in the band below which parameters are held. ``period`` (s): one estimate
-    in this time; the first one comes ``phase`` chunks early, see ``phase_of``. ``oil``: the law by which the
-    viscous coefficient is referred to one temperature, where it is known.
+    magnitude to start from. ``memory`` (s): time constant of forgetting. ``low_cut``, ``high_cut`` (Hz): the
+    band. ``minimum_excitation`` (m/s^2): rms body acceleration in the band below which parameters are held.
+    ``period`` (s): one estimate in this time; the first one comes ``phase`` chunks early, see ``phase_of``.
+    ``oil``: the law by which the viscous coefficient is referred to one temperature, where it is known.
     """
 
     moving_mass: float
@@ -54,7 +56,6 @@ class EstimatorSettings:
     viscous_coefficient: float = 5.0
     coulomb_force: float = 0.5
     memory: float = 4.0
-    forgetting: str = EXPONENTIAL
     low_cut: float = 4.0
     high_cut: float = 300.0
     sliding_velocity: float = 1.0e-3
@@ -111,17 +112,17 @@ class Learned:
 
 
 @dataclass(slots=True)
-class LastGood(Generic[Known]):
+class LastGood:
     """The newest that track, each with what its estimator knew then."""
 
-    _kept: deque[tuple[Estimate, Known]] = field(default_factory=lambda: deque(maxlen=KEPT))
+    _kept: deque[tuple[Estimate, Knowledge]] = field(default_factory=lambda: deque(maxlen=KEPT))
 
     @property
     def any(self) -> bool:
         """Whether there is a good estimate."""
         return bool(self._kept)
 
-    def keep(self, estimate: Estimate, knowledge: Known) -> None:
+    def keep(self, estimate: Estimate, knowledge: Knowledge) -> None:
         """Keep an estimate that tracks."""
         self._kept.append((estimate, knowledge))
 
@@ -130,7 +131,7 @@ class LastGood(Generic[Known]):
         moved = [(replace(one, stamp=one.stamp + nanoseconds), known) for one, known in self._kept]
         self._kept = deque(moved, KEPT)
 
-    def back(self, stamp: int) -> Known | None:
+    def back(self, stamp: int) -> Knowledge | None:
         """Forget what is newer than ``stamp`` (ns); return what was known with the newest that is not."""
         while self._kept and self._kept[-1][0].stamp > stamp:
             self._kept.pop()
@@ -159,7 +160,7 @@ class LastGood(Generic[Known]):
 
 
 @dataclass(slots=True)
-class StreamEstimator(ABC):
+class Estimator:
     """Estimator of one valve's stiffness, viscous coefficient and Coulomb force from its blocks.
 
     Uses no clock; picklable, bounded, the same for any split into blocks that are shorter than 0.5 s:
@@ -170,13 +171,15 @@ class StreamEstimator(ABC):
     settings: EstimatorSettings
     gate: BlockGate = field(default_factory=BlockGate)
     outliers: OutlierFilter = field(default_factory=OutlierFilter, init=False)
+    strokes: StrokeWatch = field(default_factory=StrokeWatch, init=False)
     oil: OilReference = field(init=False)
     latest: Estimate | None = field(default=None, init=False)
+    tracker: Tracker | None = field(default=None, init=False)
     _samples: int = field(default=0, init=False)
     _fresh: int = field(default=0, init=False)
     _refits: int = field(default=0, init=False)
     _chunks: int = field(default=0, init=False)
-    _good: LastGood[Any] = field(default_factory=LastGood, init=False)
+    _good: LastGood = field(default_factory=LastGood, init=False)
     _stands: bool = field(default=False, init=False)
     _gone_back: bool = field(default=False, init=False)
 
@@ -184,49 +187,57 @@ class StreamEstimator(ABC):
         self.oil = OilReference(self.settings.oil, self.settings.memory)
 
     @property
-    @abstractmethod
-    def _missing(self) -> tuple[int, int]:
-        """Samples in a chunk, and those that the present one lacks; 0 and 0 before the first block."""
+    def regression(self) -> RecursiveLeastSquares | None:
+        """The least squares behind the parameters; ``None`` before the first block."""
+        return self.tracker.regression if self.tracker else None
 
     @property
-    @abstractmethod
-    def _standing(self) -> StandingWatch:
-        """What watches whether the channels change."""
+    def _began(self) -> Tracker:
+        assert self.tracker is not None
+        return self.tracker
 
-    @abstractmethod
+    @property
+    def _missing(self) -> tuple[int, int]:
+        """Samples in a chunk, and those that the present one lacks; 0 and 0 before the first block."""
+        return (self.tracker.chunk, self.tracker.chunk - self.tracker.filled) if self.tracker else (0, 0)
+
     def _restart(self, period: float) -> None:
         """Begin the motion again with samples ``period`` s apart; what was learned is kept."""
+        settings = self.settings
+        if self.tracker is None:
+            self.tracker = Tracker(
+                period,
+                settings.moving_mass,
+                settings.scale,
+                settings.memory,
+                settings.low_cut,
+                settings.high_cut,
+                settings.sliding_velocity,
+                settings.minimum_excitation,
+            )
+        elif self.tracker.sample_period != period:
+            self.tracker.set_period(period)
+        self.tracker.begin()
 
-    @abstractmethod
-    def _take(self, body: Samples, spool: Samples, most: int) -> tuple[int, int]:
-        """Take samples, shape (n,), m/s^2, up to the end of ``most`` chunks or of an earlier one.
-
-        Among chunks taken together only the last one may stand still.
-
-        Returns:
-            How many samples were taken, and how many chunks became full.
-
-        """
-
-    @abstractmethod
-    def _close_chunks(self) -> int:
-        """End the chunks that became full, their standstill judged; return how many samples were used."""
-
-    @abstractmethod
     def _learned(self) -> Learned:
         """Return what is known now."""
+        tracker = self._began
+        values, covariance = tracker.regression.parameters, tracker.covariance
+        return Learned(
+            values,
+            covariance,
+            bool(tracker.started and np.sqrt(covariance[0, 0]) < LEARNED * values[0]),
+            tracker.excited,
+            tracker.settling,
+            np.array([*tracker.powers[:3], tracker.displacement.mean_square]),
+            DELAY * tracker.sample_period,
+            tracker.refits,
+        )
 
-    @abstractmethod
-    def _parameter(self, name: str, unit: str, value: float, deviation: float, learned: Learned) -> Quantity:
-        """Return a parameter that is known."""
-
-    @abstractmethod
-    def _knowledge(self) -> Any:
-        """Return a copy of what is known now, for ``_restore``."""
-
-    @abstractmethod
-    def _restore(self, known: Any | None) -> None:
+    def _restore(self, known: Knowledge | None) -> None:
         """Go back to what was ``known``, or to nothing."""
+        if self.tracker is not None and self.latest is not None:
+            self.tracker.restore(known)
 
     @property
     def lacking(self) -> int:
@@ -251,18 +262,33 @@ class StreamEstimator(ABC):
                 self._go_back(max(self.gate.rate.began, block.stamp - round(LATE * 1e9)))
             return []
         self._gone_back = False
-        block = self.outliers.cleaned(block, restarts=verdict is Verdict.RESTARTS)
+        restarts, raw = verdict is Verdict.RESTARTS, block
+        block = self.outliers.cleaned(block, restarts=restarts)
         # Of blocks that are taken together the last one counts: the first is older than the one before it.
         if self.gate.before is not None and block.end < self.gate.before[1]:
             self._good.move(block.stamp - self.gate.before[1])
-        if verdict is Verdict.RESTARTS or not self._missing[0]:
+        if restarts or not self._missing[0]:
             self._restart(block.sample_period)
             self.oil.restart()
+        estimates: list[Estimate] = []
+        for part, pause in self.strokes.kept(block, raw, self._natural_frequency, restarts=restarts):
+            if pause is not None:
+                self._restart(part.sample_period)
+            estimates += self._follow(part)
+        return estimates
+
+    @property
+    def _natural_frequency(self) -> float:
+        """Natural frequency of the valve's description, Hz."""
+        return math.sqrt(self.settings.spring_stiffness / self.settings.moving_mass) / (2.0 * math.pi)
+
+    def _follow(self, block: Block) -> list[Estimate]:
+        """Take samples that continue the last ones; return the estimates that fell due within them."""
         estimates = []
         taken = 0
         while taken < block.body.size:
             most = self._every - (self._chunks + self.settings.phase) % self._every
-            count, full = self._take(block.body[taken:], block.spool[taken:], most)
+            count, full = self._began.take(block.body[taken:], block.spool[taken:], most)
             taken += count
             if not full:
                 continue
@@ -270,14 +296,14 @@ class StreamEstimator(ABC):
             self._stands = self._stands and full == 1
             stamp = block.stamp + round((taken - 1) * block.sample_period * 1e9)
             # What was learned since a channel stands still is forgotten.
-            stands = self._standing.stands
+            stands = self._began.standing.stands
             if stands and not self._stands:
                 # The first of the equal samples is still a good one; stamps are rounded.
-                period = self._standing.sample_period
-                age = self._standing.age or self._missing[0] * period
+                period = self._began.standing.sample_period
+                age = self._began.standing.age or self._missing[0] * period
                 self._go_back(stamp - round((age - 0.5 * period) * 1e9))
             self._stands = stands
-            used = self._close_chunks()
+            used = self._began.used
             self._samples += used
             self._fresh += used
             if (self._chunks + self.settings.phase) % self._every == 0:
@@ -307,14 +333,14 @@ class StreamEstimator(ABC):
         learned = self._learned()
         deviations = np.sqrt(learned.covariance.diagonal())
         parameters = tuple(
-            self._parameter(*named, value, deviation, learned) if learned.certain else Quantity(*named)
+            _parameter(*named, value, deviation, learned) if learned.certain else Quantity(*named)
             for named, value, deviation in zip(
                 zip(NAMES, _UNITS, strict=True), learned.values.tolist(), deviations.tolist(), strict=True
             )
         )
         described = stamp - round(learned.delay * 1e9)
         forgets = learned.refits != self._refits
-        self.oil.follow(described, math.inf if forgets else self._fresh * self._standing.sample_period)
+        self.oil.follow(described, math.inf if forgets else self._fresh * self._began.standing.sample_period)
         self._fresh, self._refits = 0, learned.refits
         estimate = Estimate(
             stamp=stamp,
@@ -331,13 +357,19 @@ class StreamEstimator(ABC):
             lost_blocks=self.gate.lost,
             refused_blocks=self.gate.refused,
         )
-        if self._stands or self._standing.doubtful:
+        if self._stands or self._began.standing.doubtful:
             return self._good.held(estimate, State.NOT_EXCITED)
         if not self.gate.confirmed and (self._good.any or estimate.parameters[0].known):
             return self._good.held(estimate, State.SETTLING)
         if estimate.state is State.TRACKING:
-            self._good.keep(estimate, self._knowledge())
+            self._good.keep(estimate, self._began.knowledge())
         return estimate
+
+
+def _parameter(name: str, unit: str, value: float, deviation: float, learned: Learned) -> Quantity:
+    """Return a parameter that is known, implausible where clearly negative."""
+    negative = value < -3.0 * deviation and value < 0.0
+    return Quantity(name, unit, value, deviation, Validity.IMPLAUSIBLE if negative else learned.validity)
 
 
 def _derived(learned: Learned, mass: float) -> dict[str, Any]:

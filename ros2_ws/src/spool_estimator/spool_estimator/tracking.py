@@ -13,12 +13,11 @@ from spool_core.kernels.samples import StandingWatch
 from spool_core.numbers import Array
 
 from spool_estimator import chunks
-from spool_estimator.chunks import LENGTHS, NOISE, SMALLEST_NOISE, Need
+from spool_estimator.chunks import CHUNK, LENGTHS, NOISE, SMALLEST_NOISE, Need
 from spool_estimator.history import Displacement, Fitter, WindowFit, newest
 from spool_estimator.prediction import BODY, MEAN_SQUARES, Prediction
-from spool_estimator.recursive import ENOUGH, RecursiveLeastSquares, SlidingLeastSquares
+from spool_estimator.recursive import ENOUGH, RecursiveLeastSquares
 from spool_estimator.sliding_window import ChunkWindow
-from spool_estimator.stream_estimator import CHUNK
 
 #: s of samples that are kept for starts.
 KEPT = 3.0
@@ -86,7 +85,7 @@ class Knowledge:
     ``offset`` (m/s^2) is that of its prediction, ``progress`` holds the fields of KNOWN.
     """
 
-    regression: RecursiveLeastSquares | SlidingLeastSquares
+    regression: RecursiveLeastSquares
     offset: float
     powers: Array
     sizes: Array
@@ -102,8 +101,7 @@ class Tracker:
         sample_period: s.
         mass: kg.
         scale: orders of magnitude of the parameters, shape (3,).
-        memory: s, time constant of forgetting, or length of the sliding window.
-        sliding: forget by a sliding window.
+        memory: s, time constant of forgetting.
         low_cut, high_cut: Hz, the band.
         sliding_velocity: m/s, see :class:`~.sliding_window.Conditioning`.
         minimum_excitation: m/s^2, rms body acceleration below which parameters are held.
@@ -124,12 +122,11 @@ class Tracker:
     mass: float
     scale: Array
     memory: float
-    sliding: bool
     low_cut: float
     high_cut: float
     sliding_velocity: float
     minimum_excitation: float
-    regression: RecursiveLeastSquares | SlidingLeastSquares = field(init=False)
+    regression: RecursiveLeastSquares = field(init=False)
     prediction: Prediction = field(init=False)
     chunk: int = field(init=False)
     filled: int = field(default=0, init=False)
@@ -212,7 +209,6 @@ class Tracker:
             ENOUGH / NOISE,
             self.minimum_excitation**2,
             chunks.RAN_AWAY * self.mass**2,
-            self.sliding,
         )
 
     def knowledge(self) -> Knowledge:
@@ -287,7 +283,7 @@ class Tracker:
             return
         if need == Need.START:
             self._start(math.inf)
-        elif need == Need.STEP or (need == Need.REFIT and not self._replaced()):
+        elif need == Need.REFIT and not self._replaced():
             prediction, noise_score = self.prediction, self.prediction.noise_score
             score, doubt = prediction.product - noise_score, chunks.DOUBT * noise_score
             weight = NOISE**2 / (float(self._verdicts[-1, 1]) + SMALLEST_NOISE**2)
@@ -342,9 +338,7 @@ class Tracker:
         chance.reshape(-1)[:: self.scale.size + 1] += self.systematic**2  # the diagonal
         return np.asarray(chance)
 
-    def _fresh(self) -> RecursiveLeastSquares | SlidingLeastSquares:
-        if self.sliding:
-            return SlidingLeastSquares(self.scale, max(5, round(self.memory / CHUNK)), NOISE)
+    def _fresh(self) -> RecursiveLeastSquares:
         return RecursiveLeastSquares(self.scale, min(1.0, CHUNK / self.memory), NOISE)
 
     def _forget(self) -> None:

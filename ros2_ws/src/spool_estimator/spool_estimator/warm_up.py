@@ -14,9 +14,8 @@ from spool_sim.valve import find_valve
 
 from spool_estimator.estimator import Estimator, settings_for
 from spool_estimator.prediction import Prediction
-from spool_estimator.recursive import ExponentialForgetting, RecursiveLeastSquares
+from spool_estimator.recursive import RecursiveLeastSquares
 from spool_estimator.sliding_window import COLUMNS, ChunkWindow, Conditioning
-from spool_estimator.stream_estimator import EXPONENTIAL, WINDOW
 
 #: Samples after which an estimator has started and stepped on, s between them (few are quick), and the
 #: frequencies that shake the body, Hz.
@@ -39,7 +38,6 @@ def warm_up_estimator() -> None:
         Conditioning(1e-3).take(view, view, np.empty((view.size, COLUMNS)))
         prediction.take(view, view, np.array([1632.0, 4.0, 0.1]))
     prediction.shift(prediction.mean_squares[:3])
-    ExponentialForgetting(1, 0.9).update(np.ones((1, 1)), np.ones(1))
     RecursiveLeastSquares(scale, 0.1, 1.0).advance(np.eye(3), scale, scale)
     window = ChunkWindow(scale)
     window.add_sums(np.eye(3), scale, 1.0, 1.0, scale)
@@ -53,8 +51,8 @@ def warm_up_estimator() -> None:
     waves = np.exp(np.outer(turn, PERIOD * np.arange(SAMPLES)) + 1j * LINES[:, np.newaxis] ** 2)
     rows = np.stack((waves.sum(axis=0), response @ waves)).imag.astype(np.float32)
     sent = np.frombuffer(rows.tobytes(), dtype=np.float32).reshape(rows.shape)
-    for forgetting, (body, spool) in ((EXPONENTIAL, rows), (WINDOW, sent)):
-        Estimator(settings_for(valve, forgetting=forgetting)).update(Block(10**9, 0, PERIOD, body, spool))
+    for body, spool in (rows, sent):
+        Estimator(settings_for(valve)).update(Block(10**9, 0, PERIOD, body, spool))
 
 
 if __name__ == "__main__":

@@ -1,36 +1,28 @@
-"""What holds for every estimator of the package, found by what it can do."""
+"""What holds for the estimator, whatever its method."""
 
 from __future__ import annotations
 
-import importlib
-import inspect
 import math
 import pickle
-import pkgutil
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
 import pytest
-import spool_estimator
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from spool_core.block import Block
 from spool_core.one_source import STALE
 from spool_core.uncertainty import Validity
 from spool_estimator.estimate import Estimate, State
-from spool_estimator.estimator import ESTIMATORS
-from spool_estimator.stream_estimator import EstimatorSettings, StreamEstimator
+from spool_estimator.stream_estimator import Estimator, EstimatorSettings
 from spool_sim.excitation import PRESETS, MachineOrders
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
 from spool_sim.valve import find_valve
 
-Make = Callable[[EstimatorSettings], StreamEstimator]
-
 SETTINGS = EstimatorSettings(0.18, spring_stiffness=1632.0, viscous_coefficient=8.2)
-ALL = pytest.mark.parametrize("make", ESTIMATORS.values(), ids=ESTIMATORS.keys())
 
 
 @lru_cache(maxsize=4)
@@ -49,7 +41,7 @@ def record(seconds: float = 12.0, rate: float = 2000.0) -> tuple[Block, ...]:
     return tuple(source.records(seconds))
 
 
-def estimates_of(estimator: StreamEstimator, blocks: Iterable[Block]) -> list[Estimate]:
+def estimates_of(estimator: Estimator, blocks: Iterable[Block]) -> list[Estimate]:
     return [estimate for block in blocks for estimate in estimator.update(block)]
 
 
@@ -64,27 +56,13 @@ def spoiled(block: Block, value: float) -> Block:
     return replace(block, spool=spool)
 
 
-def test_every_class_that_turns_blocks_into_estimates_is_registered() -> None:
-    found = set()
-    for module in pkgutil.iter_modules(spool_estimator.__path__, "spool_estimator."):
-        if module.name.endswith(("_node", "messages")):
-            continue
-        loaded = importlib.import_module(module.name)
-        for _, thing in inspect.getmembers(loaded, inspect.isclass):
-            does = all(callable(getattr(thing, name, None)) for name in ("update", "stale"))
-            if does and thing.__module__ == module.name and not inspect.isabstract(thing):
-                found.add(thing)
-    assert found == set(ESTIMATORS.values())
-
-
-@ALL
 @pytest.mark.parametrize(
     "lost", [slice(0, 53), slice(300, 313)], ids=["joins a running machine", "0.26 s lost"]
 )
-def test_what_the_signals_show_is_right_or_unknown_after_a_gap(make: Make, lost: slice) -> None:
+def test_what_the_signals_show_is_right_or_unknown_after_a_gap(lost: slice) -> None:
     blocks = record()
-    whole = estimates_of(make(replace(SETTINGS, period=0.1)), blocks)
-    broken = make(replace(SETTINGS, period=0.1))
+    whole = estimates_of(Estimator(replace(SETTINGS, period=0.1)), blocks)
+    broken = Estimator(replace(SETTINGS, period=0.1))
     rest = estimates_of(broken, blocks[: lost.start]) + estimates_of(broken, blocks[lost.stop :])
     again = blocks[lost.stop].stamp
     after = [one for one in rest if one.stamp > again]
@@ -103,9 +81,8 @@ def test_what_the_signals_show_is_right_or_unknown_after_a_gap(make: Make, lost:
                 assert 0.7 * low < quantity.value < 1.3 * high
 
 
-@ALL
-def test_it_learns_what_was_simulated(make: Make) -> None:
-    last = estimates_of(make(SETTINGS), record())[-1]
+def test_it_learns_what_was_simulated() -> None:
+    last = estimates_of(Estimator(SETTINGS), record())[-1]
     assert last.state is State.TRACKING
     assert last.parameter("spring_stiffness").value == pytest.approx(1632.0, rel=0.01)
     assert last.parameter("viscous_coefficient").value == pytest.approx(8.203, rel=0.1)
@@ -113,12 +90,11 @@ def test_it_learns_what_was_simulated(make: Make) -> None:
     assert last.natural_frequency.value == pytest.approx(15.15, rel=0.005)
 
 
-@ALL
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 1e30])
-def test_a_senseless_sample_costs_its_block_and_no_more(make: Make, value: float) -> None:
+def test_a_senseless_sample_costs_its_block_and_no_more(value: float) -> None:
     blocks = list(record())
     blocks[200] = spoiled(blocks[200], value)
-    estimator = make(SETTINGS)
+    estimator = Estimator(SETTINGS)
     estimates = estimates_of(estimator, blocks)
     assert estimator.gate.refused == 1
     assert estimates[-1].state is State.TRACKING
@@ -128,10 +104,9 @@ def test_a_senseless_sample_costs_its_block_and_no_more(make: Make, value: float
     assert estimates[-1].parameter("spring_stiffness").value == pytest.approx(1632.0, rel=0.01)
 
 
-@ALL
-def test_a_gap_restarts_the_filters_and_keeps_what_is_known(make: Make) -> None:
+def test_a_gap_restarts_the_filters_and_keeps_what_is_known() -> None:
     blocks = record()
-    estimator = make(SETTINGS)
+    estimator = Estimator(SETTINGS)
     before = estimates_of(estimator, blocks[:400])[-1]
     after = estimates_of(estimator, blocks[450:])
     assert estimator.gate.lost == 50
@@ -141,31 +116,29 @@ def test_a_gap_restarts_the_filters_and_keeps_what_is_known(make: Make) -> None:
         assert value == pytest.approx(before.parameter("spring_stiffness").value, rel=0.01)
     assert after[-1].state is State.TRACKING
     for found, whole in zip(
-        after[-1].parameters, estimates_of(make(SETTINGS), blocks)[-1].parameters, strict=True
+        after[-1].parameters, estimates_of(Estimator(SETTINGS), blocks)[-1].parameters, strict=True
     ):
         assert abs(found.value - whole.value) < 3.0 * whole.standard_deviation
 
 
-@ALL
-def test_all_that_was_known_is_restored_whatever_was_learned_since(make: Make) -> None:
-    estimator, blocks = make(SETTINGS), record(20.0)
+def test_all_that_was_known_is_restored_whatever_was_learned_since() -> None:
+    estimator, blocks = Estimator(SETTINGS), record(20.0)
     estimates_of(estimator, blocks[:450])
     twin = pickle.loads(pickle.dumps(estimator))
-    twin._restore(twin._knowledge())
-    expected, known = pickle.dumps(twin._knowledge()), estimator._knowledge()
+    twin._restore(twin._began.knowledge())
+    expected, known = pickle.dumps(twin._began.knowledge()), estimator._knowledge()
     for wrong in (blocks[450:600], blocks[600:750]):  # the second time behind a restored state
         estimates_of(
             estimator, [replace(one, body=one.spool + np.float32(3.0), spool=one.body) for one in wrong]
         )
-        assert pickle.dumps(estimator._knowledge()) != expected
+        assert pickle.dumps(estimator._began.knowledge()) != expected
         estimator._restore(known)
-        assert pickle.dumps(estimator._knowledge()) == expected
+        assert pickle.dumps(estimator._began.knowledge()) == expected
 
 
-@ALL
-def test_time_that_goes_back_begins_anew_once_it_is_confirmed(make: Make) -> None:
+def test_time_that_goes_back_begins_anew_once_it_is_confirmed() -> None:
     blocks = record()
-    estimator = make(SETTINGS)
+    estimator = Estimator(SETTINGS)
     estimates_of(estimator, blocks)
     again = estimates_of(estimator, blocks)
     assert estimator.gate.refused == round(STALE / 0.02)  # the first source keeps its place until it is stale
@@ -173,28 +146,25 @@ def test_time_that_goes_back_begins_anew_once_it_is_confirmed(make: Make) -> Non
     assert again[-1].state is State.TRACKING
 
 
-@ALL
 @pytest.mark.parametrize("cut", [1, 137, 400])
-def test_a_pickle_goes_on_as_if_nothing_had_happened(make: Make, cut: int) -> None:
-    whole, first = make(SETTINGS), make(SETTINGS)
+def test_a_pickle_goes_on_as_if_nothing_had_happened(cut: int) -> None:
+    whole, first = Estimator(SETTINGS), Estimator(SETTINGS)
     blocks = record()
     head = estimates_of(first, blocks[:cut])
     second = pickle.loads(pickle.dumps(first))
     assert bits([*head, *estimates_of(second, blocks[cut:])]) == bits(estimates_of(whole, blocks))
 
 
-@ALL
-def test_the_same_data_give_the_same_bits_and_a_new_one_knows_nothing(make: Make) -> None:
-    one, other = make(SETTINGS), make(SETTINGS)
+def test_the_same_data_give_the_same_bits_and_a_new_one_knows_nothing() -> None:
+    one, other = Estimator(SETTINGS), Estimator(SETTINGS)
     assert other.latest is None
     assert other.stale() is None
     assert bits(estimates_of(one, record())) == bits(estimates_of(other, record()))
 
 
-@ALL
 @settings(max_examples=8, deadline=None)
 @given(sizes=st.lists(st.integers(1, 1000), min_size=1, max_size=20))  # 0.5 s: stamps confirm the rate
-def test_how_the_stream_is_split_changes_no_bit(make: Make, sizes: list[int]) -> None:
+def test_how_the_stream_is_split_changes_no_bit(sizes: list[int]) -> None:
     blocks = record(6.0)
     body = np.concatenate([block.body for block in blocks])
     spool = np.concatenate([block.spool for block in blocks])
@@ -207,19 +177,18 @@ def test_how_the_stream_is_split_changes_no_bit(make: Make, sizes: list[int]) ->
         part = slice(taken, taken + size)
         split.append(Block(stamp, len(split), period, body[part], spool[part]))
         taken += size
-    expected = bits(estimates_of(make(SETTINGS), blocks), last_sequence=0)
-    assert bits(estimates_of(make(SETTINGS), split), last_sequence=0) == expected
+    expected = bits(estimates_of(Estimator(SETTINGS), blocks), last_sequence=0)
+    assert bits(estimates_of(Estimator(SETTINGS), split), last_sequence=0) == expected
 
 
-@ALL
-def test_memory_does_not_grow_over_ten_minutes(make: Make) -> None:
+def test_memory_does_not_grow_over_ten_minutes() -> None:
     rate = 250.0
     slow = replace(SETTINGS, high_cut=100.0)
     excitation = MachineOrders(speed_profile=((0.0, 800.0), (900.0, 1100.0)), orders=((1.0, 6.0), (2.0, 3.0)))
     source = Simulator(
         find_valve("4weh10_soft"), excitation, coulomb_force=0.2, sample_rate=rate, block_size=125, seed=2
     )
-    estimator = make(slow)
+    estimator = Estimator(slow)
     sizes = []
     for number, block in enumerate(source.records(600.0)):
         estimator.update(block)
@@ -233,11 +202,10 @@ def test_memory_does_not_grow_over_ten_minutes(make: Make) -> None:
     assert all(math.isfinite(quantity.value) for quantity in latest.parameters if quantity.known)
 
 
-@ALL
-def test_a_phase_moves_when_estimates_come_and_nothing_else(make: Make) -> None:
-    plain = make(replace(SETTINGS, period=0.1))
+def test_a_phase_moves_when_estimates_come_and_nothing_else() -> None:
+    plain = Estimator(replace(SETTINGS, period=0.1))
     every = {estimate.stamp: estimate for estimate in estimates_of(plain, record())}
-    early = make(replace(SETTINGS, phase=3))
+    early = Estimator(replace(SETTINGS, phase=3))
     lacking = early.lacking
     found = estimates_of(early, record())
     stamps = np.array([estimate.stamp for estimate in found])
@@ -282,14 +250,13 @@ def numbers(estimate: Estimate) -> list[tuple[float, float]]:
     ]
 
 
-@ALL
 @pytest.mark.parametrize("channels", [("body", "spool"), ("body",), ("spool",)], ids="+".join)
 @pytest.mark.parametrize("value", FROZEN)
 def test_while_channels_stand_still_the_last_good_estimate_is_held(
-    make: Make, value: float | None, channels: tuple[str, ...]
+    value: float | None, channels: tuple[str, ...]
 ) -> None:
     for first in (22_000, 23_333, 24_001, 25_990):
-        estimates = estimates_of(make(SETTINGS), frozen_from(first, value, channels))
+        estimates = estimates_of(Estimator(SETTINGS), frozen_from(first, value, channels))
         instant = estimates[0].stamp - 999_500_000 + first * 500_000
         good = [one for one in estimates if one.stamp < instant][-1]
         assert good.state is State.TRACKING
@@ -302,39 +269,36 @@ def test_while_channels_stand_still_the_last_good_estimate_is_held(
             assert not one.excitation.known
 
 
-@ALL
-def test_blocks_that_are_taken_together_go_back_as_far_where_the_rate_is_wrong(make: Make) -> None:
+def test_blocks_that_are_taken_together_go_back_as_far_where_the_rate_is_wrong() -> None:
     seen = record(20.0)
     blocks = [
         replace(block, stamp=block.stamp + max(0, number - 630) * 1_000_000)  # 5 % slower from 12.6 s on
         for number, block in enumerate(seen)
     ]
-    together = make(SETTINGS)
+    together = Estimator(SETTINGS)
     found = [
         estimate
         for first in range(0, len(blocks), 5)
         for block, verdict in together.gate.admitted(blocks[first : first + 5], lambda: together.lacking)
         for estimate in together.update(block, verdict)
     ]
-    one_by_one = make(SETTINGS)
+    one_by_one = Estimator(SETTINGS)
     assert bits(found, last_sequence=0) == bits(estimates_of(one_by_one, blocks), last_sequence=0)
     assert one_by_one.gate.refused
     assert bits([together.stale()], last_sequence=0) == bits([one_by_one.stale()], last_sequence=0)
 
 
-@ALL
 @pytest.mark.parametrize("value", [*FROZEN, -1e-45])
-def test_channels_that_stand_still_from_the_start_teach_nothing(make: Make, value: float | None) -> None:
+def test_channels_that_stand_still_from_the_start_teach_nothing(value: float | None) -> None:
     for first in (1, 1_800, 2_900):
-        after = estimates_of(make(SETTINGS), frozen_from(first, value))
+        after = estimates_of(Estimator(SETTINGS), frozen_from(first, value))
         assert not any(knows(one) for one in after)
 
 
-@ALL
-def test_after_a_standstill_of_the_acquisition_the_machine_is_followed_again(make: Make) -> None:
+def test_after_a_standstill_of_the_acquisition_the_machine_is_followed_again() -> None:
     blocks = [*record(20.0)]
     stood = frozen_from(24_000, None)
-    estimates = estimates_of(make(SETTINGS), [*stood[:800], *blocks[800:]])
+    estimates = estimates_of(Estimator(SETTINGS), [*stood[:800], *blocks[800:]])
     assert estimates[-1].state is State.TRACKING
     assert estimates[-1].parameter("spring_stiffness").value == pytest.approx(1632.0, rel=0.01)
 
@@ -342,18 +306,16 @@ def test_after_a_standstill_of_the_acquisition_the_machine_is_followed_again(mak
 OFF = [-0.9, -0.3, -0.1, -0.05, -0.01, -0.005, 0.005, 0.01, 0.05, 0.1, 0.3, 0.9]
 
 
-@ALL
 @pytest.mark.parametrize("off", OFF)
-def test_nothing_is_estimated_at_a_sample_rate_that_the_stamps_contradict(make: Make, off: float) -> None:
+def test_nothing_is_estimated_at_a_sample_rate_that_the_stamps_contradict(off: float) -> None:
     period = record()[0].sample_period * (1.0 + off)
-    estimates = estimates_of(make(SETTINGS), [replace(one, sample_period=period) for one in record()])
+    estimates = estimates_of(Estimator(SETTINGS), [replace(one, sample_period=period) for one in record()])
     assert not any(knows(one) for one in estimates)
 
 
-@ALL
 @pytest.mark.parametrize("off", OFF)
-def test_an_estimate_from_before_is_held_where_the_sample_rate_becomes_wrong(make: Make, off: float) -> None:
-    estimator = make(SETTINGS)
+def test_an_estimate_from_before_is_held_where_the_sample_rate_becomes_wrong(off: float) -> None:
+    estimator = Estimator(SETTINGS)
     before = estimates_of(estimator, record()[:400])[-1]
     assert before.state is State.TRACKING
     period = record()[0].sample_period * (1.0 + off)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from spool_estimator.estimate import State
-from spool_estimator.estimator import make_estimator, settings_for
+from spool_estimator.estimator import Estimator, settings_for
 from spool_estimator.messages import from_description, to_description
 from spool_sim.excitation import PRESETS
 from spool_sim.simulator import Simulator
@@ -25,7 +25,7 @@ def test_what_is_not_known_is_nan_on_its_way_and_not_known_again() -> None:
 
 def test_its_parameters_are_found_as_those_of_a_valve_that_is_known() -> None:
     known = find_valve("4weh10_soft")
-    estimator = make_estimator("prediction", settings_for(LEAST))
+    estimator = Estimator(settings_for(LEAST))
     for block in Simulator(known, PRESETS["sweep"]).records(20.0):
         estimator.update(block)
     found = estimator.latest

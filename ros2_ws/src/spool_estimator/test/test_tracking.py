@@ -13,7 +13,6 @@ from spool_core.uncertainty import Validity
 from spool_estimator import tracking
 from spool_estimator.estimate import Estimate, State
 from spool_estimator.estimator import Estimator, settings_for
-from spool_estimator.stream_estimator import WINDOW
 from spool_sim.excitation import PRESETS, Excitation, MachineOrders, Multisine, Part, Sequence
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
@@ -153,20 +152,6 @@ def test_the_sample_rate_changes_nothing(rate: float) -> None:
         quantity = last.parameter(name)
         assert quantity.value == pytest.approx(truth, rel=0.01)
         assert abs(quantity.value - truth) < 3.0 * quantity.standard_deviation
-
-
-def test_a_sliding_window_forgets_at_once_what_is_older() -> None:
-    source = simulator()
-    estimator = Estimator(settings_for(source.valve, forgetting=WINDOW, memory=3.0))
-    last = follow(source, 10.0, estimator)[-1]
-    assert last.state is State.TRACKING
-    for name, truth in zip(NAMES, (1632.0, source.truth.viscous_coefficient, 0.3), strict=True):
-        assert last.parameter(name).value == pytest.approx(truth, rel=0.01)
-    source.set_drift(
-        "viscous_coefficient", 1.03 * source.truth.viscous_coefficient
-    )  # too small for a restart
-    after = follow(source, 4.0, estimator)[-1].parameter("viscous_coefficient")
-    assert after.value == pytest.approx(source.truth.viscous_coefficient, rel=0.005)
 
 
 def test_minutes_at_rest_neither_wind_up_nor_freeze_the_covariance() -> None:

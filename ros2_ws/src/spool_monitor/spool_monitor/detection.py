@@ -169,6 +169,22 @@ class Detection:
         ``pause`` (ns) lies between the last sample and the next one, by their stamps: it counts as no time in
         which there was something to judge. It is negative where a clock was set back.
         """
+        self._pause(pause)
+        self.response.restart()
+        self.windows.restart(period)
+        self.channels.restart(period)
+        self.orders.restart(period)
+        for one in self.detectors:
+            one.restart()
+
+    def stroke(self, period: float, pause: int) -> None:
+        """Take note that ``pause`` (ns) around a stroke was left out; what was known before it still holds."""
+        self._pause(pause)
+        self.windows.restart(period)
+        self.channels.restart(period)
+        self.orders.restart(period)
+
+    def _pause(self, pause: int) -> None:
         self._windowed_at += pause
         if self._judged_at is not None:
             self._judged_at += pause
@@ -176,12 +192,6 @@ class Detection:
             drift.pause(pause)
         for name, (stamp, doubting, reason) in self._suspicions.items():
             self._suspicions[name] = stamp + pause, doubting, reason
-        self.windows.restart(period)
-        self.response.restart()
-        self.channels.restart(period)
-        self.orders.restart(period)
-        for one in self.detectors:
-            one.restart()
 
     def update(self, block: Block, natural_frequency: float) -> list[Event]:
         """Take a block that continues the last one; return what began or ended with it."""

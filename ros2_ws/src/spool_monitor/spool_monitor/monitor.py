@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from spool_core.block import Block
 from spool_core.block_gate import BlockGate, Fault, Verdict
 from spool_core.kernels.samples import OutlierFilter
+from spool_core.kernels.strokes import StrokeWatch
 from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.estimate import Estimate, State
 
@@ -58,6 +59,7 @@ class Monitor:
     settings: MonitorSettings = field(default_factory=MonitorSettings)
     gate: BlockGate = field(default_factory=BlockGate)
     outliers: OutlierFilter = field(default_factory=OutlierFilter, init=False)
+    strokes: StrokeWatch = field(default_factory=StrokeWatch, init=False)
     detection: Detection = field(init=False)
     estimates: EstimateGate = field(default_factory=EstimateGate, init=False)
     estimate: Estimate | None = field(default=None, init=False)
@@ -97,15 +99,26 @@ class Monitor:
                 events += self._stale.silent(
                     "acceleration", before[1] + round(patience * 1e9), silent, patience
                 )
-        block = self.outliers.cleaned(block, restarts=verdict is Verdict.RESTARTS)
-        events += self._data_faults.judge_outliers(self.outliers, block.stamp)
+        restarts, raw = verdict is Verdict.RESTARTS, block
+        block = self.outliers.cleaned(block, restarts=restarts)
+        natural = self._natural_frequency.value
+        parts = self.strokes.kept(block, raw, natural, restarts=restarts)
+        if len(parts) == 1 and parts[0].block is block:  # a hit at a stop is no outlier
+            events += self._data_faults.judge_outliers(self.outliers, block.stamp)
         self._stamp = block.end
-        self._unanswered += block.body.size * block.sample_period
         events += self._stale.arrived("acceleration", block.stamp)
-        if verdict is Verdict.RESTARTS:
+        if restarts:
             self.detection.restart(block.sample_period, pause)
         self.detection.doubt = "" if self.gate.confirmed else UNCONFIRMED
-        return events + self.detection.update(block, self._natural_frequency.value)
+        for part, left_out in parts:
+            if left_out is not None:
+                self._unanswered = 0.0
+                self.detection.stroke(part.sample_period, left_out)
+                for condition in self._judged:
+                    condition.pause(left_out)
+            self._unanswered += part.duration
+            events += self.detection.update(part, natural)
+        return events
 
     def update_estimate(self, estimate: Estimate) -> list[Event]:
         """Take one estimate; return what began or ended with it."""

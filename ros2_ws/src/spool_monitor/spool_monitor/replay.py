@@ -12,7 +12,7 @@ from spool_estimator.estimate import Estimate
 from spool_estimator.gap_watch import GapWatch
 from spool_estimator.plausibility import ValveCheck
 from spool_estimator.refit import Refit, WindowRefits, refit
-from spool_estimator.stream_estimator import StreamEstimator
+from spool_estimator.stream_estimator import Estimator
 
 from spool_monitor.drift_trace import DriftTrace
 from spool_monitor.event import Event, EventState
@@ -39,7 +39,7 @@ class Replay:
 
     """
 
-    estimator: StreamEstimator
+    estimator: Estimator
     monitor: Monitor
     keep: bool = False
     refits: WindowRefits | None = None

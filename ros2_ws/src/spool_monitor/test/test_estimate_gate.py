@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from spool_core.block import Block
 from spool_core.one_source import Standing
 from spool_estimator.estimate import Estimate
-from spool_estimator.estimator import ESTIMATORS, make_estimator, settings_for
+from spool_estimator.estimator import Estimator, settings_for
 from spool_monitor.detectors import MonitorSettings
 from spool_monitor.estimate_gate import Descriptions
 from spool_monitor.event import Event, EventState
@@ -34,11 +34,9 @@ def stream() -> tuple[Block, ...]:
 
 
 @cache
-def estimates(
-    start: int = 0, period: float = 1.0, phase: int = 0, method: str = "prediction"
-) -> dict[int, Estimate]:
+def estimates(start: int = 0, period: float = 1.0, phase: int = 0) -> dict[int, Estimate]:
     """Return the estimates of an estimator that hears the stream from block ``start`` on, by block."""
-    estimator = make_estimator(method, settings_for(VALVE, period=period, phase=phase))
+    estimator = Estimator(settings_for(VALVE, period=period, phase=phase))
     found = {}
     for block in stream()[start:]:
         for one in estimator.update(block):
@@ -67,10 +65,9 @@ class Watched:
         return [(one.cause, one.source, one.state) for one in self.events if one.kind == "data_fault"]
 
 
-@pytest.mark.parametrize("method", ESTIMATORS)
 @pytest.mark.parametrize("period", [0.1, 1.0, 3.0])
-def test_every_estimate_of_one_estimator_is_used(method: str, period: float) -> None:
-    watched, own = Watched(), estimates(0, period, 0, method)
+def test_every_estimate_of_one_estimator_is_used(period: float) -> None:
+    watched, own = Watched(), estimates(0, period, 0)
     for number in range(10 * SECONDS):
         watched.hear(number, own.get(number))
     assert watched.used == list(own.values())

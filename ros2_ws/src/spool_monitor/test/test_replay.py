@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from spool_core.block import Block, BlockRun
 from spool_estimator.estimate import Estimate
-from spool_estimator.estimator import ESTIMATORS, make_estimator, settings_for
+from spool_estimator.estimator import Estimator, settings_for
 from spool_estimator.gap_watch import GapWatch
 from spool_monitor.detectors import MonitorSettings
 from spool_monitor.event import Event, EventState
@@ -91,9 +91,9 @@ def runs_of(blocks: list[Block], edges: set[int]) -> list[Block | BlockRun]:
     ]  # fmt: skip
 
 
-def live(method: str, blocks: list[Block]) -> tuple[list[Estimate], list[Event], Monitor]:
+def live(blocks: list[Block]) -> tuple[list[Estimate], list[Event], Monitor]:
     """Return what the nodes make of ``blocks``, each node judging each block by itself."""
-    estimator, monitor, gap = make_estimator(method, settings_for(VALVE)), Monitor(SETTINGS), GapWatch()
+    estimator, monitor, gap = Estimator(settings_for(VALVE)), Monitor(SETTINGS), GapWatch()
     estimates, events = [], []
     for place, block in enumerate(blocks):
         if place % 100 == 50:
@@ -121,23 +121,20 @@ def judged(replay: Replay) -> tuple[object, ...]:
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("method", ESTIMATORS)
 @settings(max_examples=8, deadline=None)
 @given(faults=FAULTS, edges=st.sets(st.integers(0, 399)))
 def test_a_replay_equals_the_live_nodes_and_runs_of_blocks_equal_their_blocks(
-    sound: list[Block], method: str, faults: list[tuple[int, str]], edges: set[int]
+    sound: list[Block], faults: list[tuple[int, str]], edges: set[int]
 ) -> None:
     blocks = spoiled(sound, faults)
-    estimates, events, monitor = live(method, blocks)
+    estimates, events, monitor = live(blocks)
     assert len(estimates) > 3
     gate = monitor.gate
     expected = (
         repr(estimates), repr(events), repr(monitor.health), gate.faults, gate.accepted, 40 * gate.accepted
     )  # fmt: skip
 
-    alone, together = (
-        Replay(make_estimator(method, settings_for(VALVE)), Monitor(SETTINGS), keep=True) for _ in range(2)
-    )
+    alone, together = (Replay(Estimator(settings_for(VALVE)), Monitor(SETTINGS), keep=True) for _ in range(2))
     warmer = set(range(50, len(blocks), 100))
     for place, block in enumerate(blocks):
         if place in warmer:
@@ -175,13 +172,13 @@ def test_a_gap_that_opens_is_among_the_events_of_a_replay_in_order() -> None:
     after = Simulator(VALVE, excitation, model=hardening, seed=4, start_stamp=blocks[-1].end, **noise)
     later = after.records(12.0)
     blocks += [replace(block, sequence=len(blocks) + number) for number, block in enumerate(later)]
-    one = Replay(make_estimator("prediction", quick), Monitor(SETTINGS))
+    one = Replay(Estimator(quick), Monitor(SETTINGS))
     one.run(blocks)
     gaps = [event for event in one.events if event.kind == "model_gap"]
     assert [event.state for event in gaps] == [EventState.RAISED]
     assert 15.0 < (gaps[0].stamp - blocks[0].stamp) * 1e-9 < 20.0
     assert [event.stamp for event in one.events] == sorted(event.stamp for event in one.events)
-    apart, watch = make_estimator("prediction", quick), GapWatch()
+    apart, watch = Estimator(quick), GapWatch()
     found = []
     for block in blocks:
         estimates = apart.update(block)

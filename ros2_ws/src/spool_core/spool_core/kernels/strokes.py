@@ -17,7 +17,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-
 from spool_core.block import Block, Samples
 from spool_core.kernels.compiled import compiled
 from spool_core.numbers import Array
@@ -98,6 +97,7 @@ class StrokeWatch:
     _in_stretch: int = field(default=0, init=False)
     _day: int = field(default=-1, init=False)
     _samples: list[float] = field(default_factory=lambda: [0.0, 0.0], init=False)
+    _was_on: bool = field(default=False, init=False)
 
     @property
     def away(self) -> bool:
@@ -170,8 +170,6 @@ class StrokeWatch:
         self._was_on = now_on
         return first, max(first, last)
 
-    _was_on: bool = field(default=False, init=False)
-
     def _parts(self, block: Block, keep: NDArray[np.bool_]) -> Iterator[Kept]:
         edges = np.flatnonzero(np.diff(keep.astype(np.int8), prepend=0, append=0)).tolist()
         period, at = self._period * 1e9, 0
@@ -187,7 +185,7 @@ class StrokeWatch:
         self._left += keep.size - at
 
     def _measured(self, block: Block, end: int) -> Iterator[Stroke]:
-        """Measure the stroke whose rest ended before sample ``end`` of ``block``; one too slow has no time."""
+        """Measure the stroke whose rest ended before sample ``end`` of ``block``, where it arrived."""
         ring, period = self._ring, self._period
         place, rest = int(self._numbers[_PLACE]), round(REST / period)
         # Where the ring is after the block; the stroke began before the samples of the rest.
@@ -204,7 +202,9 @@ class StrokeWatch:
         onset = int(far[last_rest[-1] + 1] if last_rest.size else far[0])
         first = max(0, onset - round(BEFORE / period))
         side = int(math.copysign(1.0, speed[onset]))
-        moved = side * (whole[first:] - whole[first : max(first + 1, onset - round(0.3 * BEFORE / period))].mean())
+        moved = side * (
+            whole[first:] - whole[first : max(first + 1, onset - round(0.3 * BEFORE / period))].mean()
+        )
         found = travel(moved, onset - first)
         if found is None:
             return
@@ -236,7 +236,11 @@ def travel(speed: Array, onset: int) -> tuple[float, float, float] | None:
     begin = int(np.argmax(speed[onset:arrival])) + onset
     while begin > 0 and speed[begin - 1] > BEGINS * highest:
         begin -= 1
-    return _crossing(speed, begin, BEGINS * highest), _crossing(speed, arrival, ARRIVED * highest), float(highest)
+    return (
+        _crossing(speed, begin, BEGINS * highest),
+        _crossing(speed, arrival, ARRIVED * highest),
+        float(highest),
+    )
 
 
 def _crossing(speed: Array, place: int, level: float) -> float:
@@ -268,84 +272,102 @@ def follow(
     samples with outliers count during a stroke: a hit at a stop looks like one. ``numbers`` and ``ring`` (the
     speed, and 1 where it is far) are moved on in place.
     """
-    square = (2.0 * math.pi * natural_frequency) ** 2
-    drag = 2.0 * DAMPING * 2.0 * math.pi * natural_frequency
-    peak, mean, average = period / PEAK, period / MEAN, period / AVERAGED
     left = count = 0
     for i in range(body.size):
-        away = numbers[_AWAY] != 0.0
-        one, other = float(body[i]), float(spool[i])
-        if away:
-            one, other = float(raw_body[i]), float(raw_spool[i])
-        elif numbers[_SEEN] == 0.0:
-            numbers[_BODY], numbers[_RELATIVE] = one, other - one
-        if not away:
-            share = max(mean, 1.0 / (1.0 + numbers[_SEEN]))
-            numbers[_BODY] += share * (one - numbers[_BODY])
-            numbers[_RELATIVE] += share * (other - one - numbers[_RELATIVE])
-        numbers[_SEEN] += 1.0
-        speed = numbers[_SPEED] * (1.0 - LEAK * period) + (other - one - numbers[_RELATIVE]) * period
-        pushed = -square * numbers[_DUE_PLACE] - drag * numbers[_DUE] - (one - numbers[_BODY])
-        due = numbers[_DUE] + pushed * period
-        numbers[_DUE_PLACE] += due * period
-        numbers[_SPEED], numbers[_DUE] = speed, due
-        size = abs(speed)
-        numbers[_DUE_PEAK] = max(abs(due), numbers[_DUE_PEAK] * (1.0 - peak))
-        limit = max(LEAST, FAR * max(numbers[_HELD], numbers[_DUE_PEAK]))
-        known = natural_frequency > 0.0 and numbers[_SEEN] * period >= KNOWN
-        far = known and size > limit
-        place = int(numbers[_PLACE])
-        ring[0, place], ring[1, place] = speed, 1.0 if far else 0.0
-        numbers[_PLACE] = float((place + 1) % ring.shape[1])
-        forced = on <= i < off
-        if far:
-            numbers[_AWAY] = 1.0
-            numbers[_QUIET] = 0.0
-            numbers[_EPISODE] += 1.0
-            numbers[_HIGHEST] = max(numbers[_HIGHEST], size)
-            if numbers[_EPISODE] * period > LONGEST:
-                # No stroke lasts: the level of this channel is another one.
-                numbers[_HELD] = numbers[_LATER] = numbers[_HIGHEST]
-                numbers[_AWAY] = numbers[_EPISODE] = numbers[_HIGHEST] = 0.0
-                numbers[_SEEN] = 0.0
-        else:
-            numbers[_QUIET] += 1.0
-            if numbers[_EPISODE] > 0.0:
-                numbers[_EPISODE] += 1.0
-                if numbers[_QUIET] * period >= REST:
-                    numbers[_EPISODE] = numbers[_HIGHEST] = 0.0
-                    if count < ends.size:
-                        ends[count] = i + 1
-                        count += 1
-        if forced:
-            numbers[_AWAY] = 1.0
-            numbers[_QUIET] = 0.0
-        if numbers[_AWAY] != 0.0 and numbers[_QUIET] * period < 0.5 * SETTLED:
-            numbers[_POWER] = numbers[_DUE_POWER] = 0.0  # what is left of the stroke is no motion
-        else:
-            numbers[_POWER] += average * (speed * speed - numbers[_POWER])
-            numbers[_DUE_POWER] += average * (due * due - numbers[_DUE_POWER])
         if numbers[_AWAY] != 0.0:
-            least = min(MOVES * MOVES, USUAL * USUAL * numbers[_SHARE])
-            moves = numbers[_DUE_POWER] > 0.01 * LEAST * LEAST
-            moves = moves and numbers[_POWER] >= least * numbers[_DUE_POWER]
-            numbers[_MOVING] = numbers[_MOVING] + 1.0 if moves or commanded else 0.0
-            # A stroke that begins looks like motion for a moment.
-            rests = min(numbers[_QUIET] * period - SETTLED, numbers[_MOVING] * period - AVERAGED)
-            if rests >= 0.0 and not forced:
-                numbers[_AWAY] = 0.0
+            _move(float(raw_body[i]), float(raw_spool[i]), period, natural_frequency, numbers)
+        else:
+            _move(float(body[i]), float(spool[i]), period, natural_frequency, numbers)
+        size = abs(numbers[_SPEED])
+        limit = max(LEAST, FAR * max(numbers[_HELD], numbers[_DUE_PEAK]))
+        far = natural_frequency > 0.0 and numbers[_SEEN] * period >= KNOWN and size > limit
+        place = int(numbers[_PLACE])
+        ring[0, place], ring[1, place] = numbers[_SPEED], 1.0 if far else 0.0
+        numbers[_PLACE] = float((place + 1) % ring.shape[1])
+        if _ended(far, size, period, numbers) and count < ends.size:
+            ends[count] = i + 1
+            count += 1
+        if on <= i < off:
+            numbers[_AWAY], numbers[_QUIET] = 1.0, 0.0
+        elif _settled(period, commanded, numbers):
+            numbers[_AWAY] = 0.0
         if numbers[_AWAY] != 0.0:
             keep[i] = False
             left += 1
-            continue
-        if numbers[_DUE_POWER] > 0.01 * LEAST * LEAST:
-            ratio = min(1.0, numbers[_POWER] / numbers[_DUE_POWER])
-            numbers[_SHARE] += 0.5 * period * (ratio - numbers[_SHARE])
-        numbers[_NOW] = max(numbers[_NOW], size)
-        numbers[_FILLED] += 1.0
-        if numbers[_SEEN] * period < KNOWN:
-            numbers[_HELD] = max(numbers[_HELD], size)
-        if numbers[_FILLED] * period >= LAG:
-            numbers[_HELD] = max(numbers[_LATER], numbers[_HELD] * (1.0 - LAG / PEAK))
-            numbers[_LATER], numbers[_NOW], numbers[_FILLED] = numbers[_NOW], 0.0, 0.0
+        else:
+            _learn(size, period, numbers)
     return left, count
+
+
+@compiled
+def _move(body: float, spool: float, period: float, natural_frequency: float, numbers: Array) -> None:
+    """Move on the speed of the spool in its body, and the one that is due."""
+    relative = spool - body
+    if numbers[_AWAY] == 0.0:
+        share = max(period / MEAN, 1.0 / (1.0 + numbers[_SEEN]))
+        numbers[_BODY] += share * (body - numbers[_BODY])
+        numbers[_RELATIVE] += share * (relative - numbers[_RELATIVE])
+    numbers[_SEEN] += 1.0
+    numbers[_SPEED] += (relative - numbers[_RELATIVE] - LEAK * numbers[_SPEED]) * period
+    natural = 2.0 * math.pi * natural_frequency
+    pushed = -natural * (natural * numbers[_DUE_PLACE] + 2.0 * DAMPING * numbers[_DUE]) - (
+        body - numbers[_BODY]
+    )
+    numbers[_DUE] += pushed * period
+    numbers[_DUE_PLACE] += numbers[_DUE] * period
+    numbers[_DUE_PEAK] = max(abs(numbers[_DUE]), numbers[_DUE_PEAK] * (1.0 - period / PEAK))
+    share = period / AVERAGED
+    if numbers[_AWAY] != 0.0 and numbers[_QUIET] * period < 0.5 * SETTLED:
+        numbers[_POWER] = numbers[_DUE_POWER] = 0.0  # what is left of the stroke is no motion
+    else:
+        numbers[_POWER] += share * (numbers[_SPEED] ** 2 - numbers[_POWER])
+        numbers[_DUE_POWER] += share * (numbers[_DUE] ** 2 - numbers[_DUE_POWER])
+
+
+@compiled
+def _ended(far: bool, size: float, period: float, numbers: Array) -> bool:
+    """Follow the stroke that goes on or begins; return whether it ends with this sample."""
+    if far:
+        numbers[_AWAY], numbers[_QUIET] = 1.0, 0.0
+        numbers[_EPISODE] += 1.0
+        numbers[_HIGHEST] = max(numbers[_HIGHEST], size)
+        if numbers[_EPISODE] * period > LONGEST:
+            # No stroke lasts: the level of a channel is another one.
+            numbers[_HELD] = numbers[_LATER] = numbers[_HIGHEST]
+            numbers[_AWAY] = numbers[_EPISODE] = numbers[_HIGHEST] = numbers[_SEEN] = 0.0
+        return False
+    numbers[_QUIET] += 1.0
+    if numbers[_EPISODE] > 0.0:
+        numbers[_EPISODE] += 1.0
+        if numbers[_QUIET] * period >= REST:
+            numbers[_EPISODE] = numbers[_HIGHEST] = 0.0
+            return True
+    return False
+
+
+@compiled
+def _settled(period: float, commanded: bool, numbers: Array) -> bool:
+    """Return whether a stroke is over: the spool moves in its body again, or its command is known."""
+    if numbers[_AWAY] == 0.0:
+        return False
+    least = min(MOVES**2, USUAL**2 * numbers[_SHARE])
+    shaken = numbers[_DUE_POWER] > (0.1 * LEAST) ** 2
+    moves = commanded or (shaken and numbers[_POWER] >= least * numbers[_DUE_POWER])
+    # A stroke that begins looks like motion for a moment.
+    numbers[_MOVING] = numbers[_MOVING] + 1.0 if moves else 0.0
+    return numbers[_QUIET] * period >= SETTLED and numbers[_MOVING] * period >= AVERAGED
+
+
+@compiled
+def _learn(size: float, period: float, numbers: Array) -> None:
+    """Learn from a sample that is judged how fast the spool moves, and which share of what is due."""
+    if numbers[_DUE_POWER] > (0.1 * LEAST) ** 2:
+        ratio = min(1.0, numbers[_POWER] / numbers[_DUE_POWER])
+        numbers[_SHARE] += 0.5 * period * (ratio - numbers[_SHARE])
+    numbers[_NOW] = max(numbers[_NOW], size)
+    numbers[_FILLED] += 1.0
+    if numbers[_SEEN] * period < KNOWN:
+        numbers[_HELD] = max(numbers[_HELD], size)
+    if numbers[_FILLED] * period >= LAG:
+        numbers[_HELD] = max(numbers[_LATER], numbers[_HELD] * (1.0 - LAG / PEAK))
+        numbers[_LATER], numbers[_NOW], numbers[_FILLED] = numbers[_NOW], 0.0, 0.0

@@ -280,11 +280,20 @@ def read_parameters(file: str | Path, node: str, table: Sequence[NodeParameter])
         raise InputError(f"{path}{error}") from None
 
 
+#: Parameters of earlier versions, and what to write in their place.
+REMOVED = {
+    "method": "the estimator has one method, the model that runs in parallel: remove the line",
+    "forgetting": "the estimator forgets exponentially: remove the line and set memory, the time constant",
+}
+
+
 def _refuse_unknown(table: Sequence[NodeParameter], given: Iterable[str], path: str) -> None:
     known = {parameter.name for parameter in table}
     for name in given:
         if name.split(".")[0] == QOS_OVERRIDES:
             raise InputError(f"{path}{name}: quality of service is fixed, remove {QOS_OVERRIDES}")
+        if name in REMOVED and name not in known:
+            raise InputError(f"{path}{name} no longer exists: {REMOVED[name]}")
         if name not in known and name.split(".")[0] not in BUILT_IN:
             raise InputError(f"{path}{name} is unknown; this node has: {', '.join(sorted(known))}")
 

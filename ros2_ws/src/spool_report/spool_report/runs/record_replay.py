@@ -21,13 +21,12 @@ from spool_core.events.sentences import details, headline, language_of
 from spool_core.text import plural
 from spool_core.uncertainty import LEGEND, as_json, at_uncertain_rate, by_name, with_interval
 from spool_estimator.estimate import Estimate
-from spool_estimator.estimator import make_estimator, phase_of, settings_for
+from spool_estimator.estimator import Estimator, phase_of, settings_for
 from spool_estimator.gap_watch import GapWatch
 from spool_estimator.identification.record import LARGEST, PartKeeper, Record
 from spool_estimator.plausibility import ValveCheck
 from spool_estimator.record_judgement import check_rate
 from spool_estimator.refit import Refit, RefitSettings, WindowRefits
-from spool_estimator.stream_estimator import StreamEstimator
 from spool_monitor.detectors import JUDGEMENT_TEXTS, LIMITS, MonitorSettings, check_settings
 from spool_monitor.detectors.base import BASELINE_TIME, NATURAL_FREQUENCY
 from spool_monitor.drift_trace import DriftTrace
@@ -55,7 +54,7 @@ from spool_sim.valve import Valve
 SHOWN = 400_000
 
 #: Parameters of the node `estimator` that change its estimates.
-ESTIMATING = ("forgetting", "memory", "low_cut", "high_cut", "minimum_excitation", "period")
+ESTIMATING = ("memory", "low_cut", "high_cut", "minimum_excitation", "period")
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,24 +69,22 @@ class ReplaySettings:
     estimator: Mapping[str, Any] = field(default_factory=dict)
     file: str = ""
 
-    def changed(self, *, method: str | None = None, baseline_time: float | None = None) -> ReplaySettings:
-        """Return these settings but for what is given: the estimator's method, the baseline's time (s)."""
-        estimator = self.estimator if method is None else {**self.estimator, "method": method}
+    def changed(self, *, baseline_time: float | None = None) -> ReplaySettings:
+        """Return these settings but for the baseline's time (s), where it is given."""
         monitor = self.monitor
         if baseline_time is not None:
             monitor = {**monitor, BASELINE_TIME.name: baseline_time}
-        return replace(self, monitor=monitor, estimator=estimator)
+        return replace(self, monitor=monitor)
 
     def limits(self, valve: Valve) -> MonitorSettings:
         """Return the monitor's settings for ``valve``, whose frequency counts where no other is given."""
         frequency = self.monitor.get(NATURAL_FREQUENCY.name) or valve.natural_frequency
         return MonitorSettings(**{**self.monitor, NATURAL_FREQUENCY.name: frequency})
 
-    def make_estimator(self, valve: Valve, name: str) -> StreamEstimator:
+    def make_estimator(self, valve: Valve, name: str) -> Estimator:
         """Return the estimator of ``valve`` in the namespace ``name``."""
         changes = {key: value for key, value in self.estimator.items() if key in ESTIMATING}
-        method = self.estimator.get("method", "prediction")
-        return make_estimator(method, settings_for(valve, phase=phase_of(name), **changes))
+        return Estimator(settings_for(valve, phase=phase_of(name), **changes))
 
     def make_gap_watch(self) -> GapWatch:
         """Return what watches the residual."""
@@ -170,7 +167,6 @@ class ReplayOptions:
     Attributes:
         baseline_time: s; default: the monitor's.
         refits: what to refit during the replay.
-        method: of the estimator; default: that of ``params_file``.
         params_file: parameters of the plant's nodes; default: the shipped ones.
         columns: a file's own names, as of ``--columns``.
         report: file to write as an HTML page with the evidence.
@@ -181,7 +177,6 @@ class ReplayOptions:
 
     baseline_time: float | None = None
     refits: RefitRequest | None = None
-    method: str | None = None
     params_file: Path | None = None
     columns: str | None = None
     report: Path | None = None
@@ -216,9 +211,7 @@ def replay_bag(path: Path, valve_files: Sequence[str], options: ReplayOptions = 
     times = {name: Timeline() for name in names}
     parts = {name: PartKeeper(SHOWN) for name in names} if options.report is not None else {}
     settings = {
-        name: settings_from(options.params_file, name).changed(
-            method=options.method, baseline_time=options.baseline_time
-        )
+        name: settings_from(options.params_file, name).changed(baseline_time=options.baseline_time)
         for name in names
     }
     replays: dict[str, Replay] = {}
@@ -377,7 +370,7 @@ def settings_from(file: Path | None, name: str) -> ReplaySettings:
         check_settings(MonitorSettings(**limits))
     except InputError as error:
         raise InputError(f"{file}: {space}/monitor: {error}") from None
-    own = {key: estimator[key] for key in ("method", *ESTIMATING, "gap_growth") if key in estimator}
+    own = {key: estimator[key] for key in (*ESTIMATING, "gap_growth") if key in estimator}
     defaults = {parameter.name: parameter.default for parameter in EstimatorNode.PARAMETERS}
     return ReplaySettings(
         limits, {key: value for key, value in own.items() if value != defaults[key]}, str(file)

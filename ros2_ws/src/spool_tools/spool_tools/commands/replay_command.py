@@ -40,12 +40,6 @@ def replay(
     around: cli.AroundOption = None,
     params_file: cli.ParamsFile = None,
     language: cli.LanguageOption = "",
-    method: Annotated[
-        str | None,
-        typer.Option(
-            help="Estimator: prediction or equation; default: as in --params-file, else prediction."
-        ),
-    ] = None,
     refits: Annotated[
         bool, typer.Option("--refits", help="Refit the last 4 s at regular intervals.")
     ] = False,
@@ -74,7 +68,6 @@ def replay(
 
     options = replaying.ReplayOptions(
         refits=replaying.RefitRequest(refit_model, refit_period) if refits else None,
-        method=method,
         params_file=params_file,
         columns=columns,
         report=report,
