@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 from spool_core.block import Block
+from spool_core.kernels.strokes import Stroke
 from spool_estimator.estimate import Estimate
 from spool_estimator.tracking import BUDGET
 
@@ -17,6 +19,7 @@ from spool_monitor.detectors.base import (
     FALSE_ALARM_INTERVAL,
     MINIMUM_BODY,
     NATURAL_FREQUENCY,
+    STROKES,
     MonitorSettings,
     NotJudged,
     judgement,
@@ -178,11 +181,16 @@ class Detection:
             one.restart()
 
     def stroke(self, period: float, pause: int) -> None:
-        """Take note that ``pause`` (ns) around a stroke was left out; what was known before it still holds."""
+        """Take note that ``pause`` (ns) around a stroke was left out; what was known still holds."""
         self._pause(pause)
         self.windows.restart(period)
         self.channels.restart(period)
         self.orders.restart(period)
+
+    def update_strokes(self, strokes: Sequence[Stroke], natural_frequency: float) -> list[Event]:
+        """Take the strokes that ended; return what began or ended with them."""
+        moment = self._moment(strokes[-1].stamp, natural_frequency)._replace(strokes=tuple(strokes))
+        return self._show(STROKES, moment)
 
     def _pause(self, pause: int) -> None:
         self._windowed_at += pause

@@ -9,6 +9,7 @@ from spool_core.block import Block
 from spool_core.block_gate import BlockGate, Fault, Verdict
 from spool_core.kernels.samples import OutlierFilter
 from spool_core.kernels.strokes import StrokeWatch
+from spool_core.text import plural
 from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.estimate import Estimate, State
 
@@ -118,6 +119,8 @@ class Monitor:
                     condition.pause(left_out)
             self._unanswered += part.duration
             events += self.detection.update(part, natural)
+        if self.strokes.strokes:
+            events += self.detection.update_strokes(self.strokes.strokes, natural)
         return events
 
     def update_estimate(self, estimate: Estimate) -> list[Event]:
@@ -232,7 +235,7 @@ class Monitor:
             stamp=self._stamp,
             level=level,
             baseline=BaselineState.UNKNOWN if self.estimate is None else baseline,
-            summary=self._summary(active, stale, baseline),
+            summary=self._summary(active, stale, baseline) + self._switched,
             active=tuple(dict.fromkeys([*("stale" for _ in stale[:1]), *(one.kind for one in active)])),
             dominant_frequency=_seen("dominant_frequency", "Hz", line.frequency if line else None, known),
             amplification=_seen("amplification", "1", line.amplification if line else None, known),
@@ -262,6 +265,14 @@ class Monitor:
             return Quantity("natural_frequency", "Hz")
         return Quantity("natural_frequency", "Hz", configured, validity=Validity.HELD)
 
+    @property
+    def _switched(self) -> str:
+        """What the summary adds of a valve that was switched today."""
+        strokes = self.strokes
+        if not strokes.count:
+            return ""
+        return f"; switched {plural(strokes.count, 'time')} today, judged {strokes.share:.0%} of the time"
+
     def _summary(self, active: list[Condition], stale: list[str], baseline: BaselineState) -> str:
         if stale and self._stale.never_seen:
             return "acceleration never seen: check the topic name"
@@ -276,6 +287,8 @@ class Monitor:
             return f"not judged: {self.detection.blind}"
         if self.estimate is None:
             return "waiting for estimates"
+        if self.strokes.away:
+            return "switched: the spool is away from the position that is judged"
         state = self.estimate.state.name.lower().replace("_", " ")
         return f"{state}, baseline {baseline.text}{self._unjudged()}"
 

@@ -236,6 +236,7 @@ class MonitorNode(ManagedNode):
                 self._no_blocks.end()
                 if self._trends is not None:
                     self._trends.update(block)
+                    self._trends.update_strokes(self._core.strokes.strokes)
             if gate.before is None:
                 self._no_estimates.end()
             self._publish(events)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
 
+from spool_core.kernels.strokes import Stroke
 from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.estimate import QUANTITIES, Estimate
 
@@ -86,6 +87,17 @@ class Sums:
         for quantity in quantities:
             if quantity.validity is Validity.VALID:
                 self.add(estimate.stamp, quantity.name, quantity.unit, quantity.value)
+
+    def add_stroke(self, stroke: Stroke) -> None:
+        """Take the times of a stroke, and count it."""
+        name = "stroke_time" if stroke.out else "return_time"
+        for one, unit, value in (
+            (name, "s", stroke.travel_time),
+            ("stroke_delay", "s", stroke.delay),
+            ("stroke_rebound", "1", stroke.rebound),
+        ):
+            self.add(stroke.stamp, one, unit, value)
+        self.count("strokes", "1", 1.0)
 
     def count(self, name: str, unit: str, amount: float) -> None:
         """Add ``amount`` to a counter."""

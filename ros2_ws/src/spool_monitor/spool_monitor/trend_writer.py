@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import secrets
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from spool_core.block import Block, Samples
 from spool_core.errors import InputError
 from spool_core.kernels.compiled import compiled
+from spool_core.kernels.strokes import Stroke
 from spool_estimator.estimate import Estimate
 
 from spool_monitor.state_database import PATIENCE, LaterVersionError, own_file
@@ -67,6 +68,11 @@ class TrendWriter:
     def update(self, block: Block) -> None:
         """Take an accepted block."""
         self.travel.update(block)
+
+    def update_strokes(self, strokes: Sequence[Stroke]) -> None:
+        """Take the strokes that ended."""
+        for stroke in strokes:
+            self._sums.add_stroke(stroke)
 
     def update_estimate(self, estimate: Estimate) -> None:
         """Take an estimate; what was gathered is written where it is time for it."""

@@ -11,6 +11,7 @@ blocks.
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -92,7 +93,7 @@ class StrokeWatch:
     _period: float = field(default=0.0, init=False)
     _largest: float = field(default=0.0, init=False)
     _changes: list[tuple[int, bool]] = field(default_factory=list, init=False)
-    _changed: int = field(default=0, init=False)
+    _answered: deque[int] = field(default_factory=lambda: deque(maxlen=16), init=False)
     _left: int = field(default=0, init=False)
     _in_stretch: int = field(default=0, init=False)
     _day: int = field(default=-1, init=False)
@@ -121,7 +122,7 @@ class StrokeWatch:
         self.command, self._largest = value, max(self._largest, abs(value))
         if self._on != was:
             self._changes.append((stamp, self._on))
-            self._changed = stamp
+            self._answered.append(stamp)
 
     @property
     def _on(self) -> bool:
@@ -148,7 +149,12 @@ class StrokeWatch:
             block.body, block.spool, raw.body, raw.spool, self._period, natural_frequency, on, off,
             not math.isnan(self.command), numbers, self._ring, keep, ends,
         )  # fmt: skip
-        self.strokes = [one for end in ends[:count].tolist() for one in self._measured(block, end)]
+        self.strokes, last = [], 0
+        for end in ends[:count].tolist():
+            self._in_stretch = 0 if keep[last:end].any() else self._in_stretch
+            self.strokes += self._measured(block, end)
+            last = end
+        self._in_stretch = 0 if keep[last:].any() else self._in_stretch
         self.count += len(self.strokes)
         self._samples[0] += size - left
         self._samples[1] += size
@@ -181,7 +187,7 @@ class StrokeWatch:
                 block.source, block.blocks,
             )  # fmt: skip
             yield Kept(part, round(self._left * period) if self._left else None)
-            self._left, at, self._in_stretch = 0, last, 0
+            self._left, at = 0, last
         self._left += keep.size - at
 
     def _measured(self, block: Block, end: int) -> Iterator[Stroke]:
@@ -210,13 +216,14 @@ class StrokeWatch:
             return
         begin, arrival, highest = found
         stamp = block.stamp + round((end - length + first + begin) * period * 1e9)
-        delay = 1e-9 * (stamp - self._changed)
+        commanded = max((one for one in self._answered if one <= stamp), default=0)
+        delay = 1e-9 * (stamp - commanded)
         after = moved[math.ceil(arrival) : math.ceil(arrival) + max(2, round(REBOUNDS / period))]
         rebound = max(0.0, -float(after.min(initial=0.0))) / highest
         self._in_stretch += 1
         yield Stroke(
             stamp, self._in_stretch == 1, side, (arrival - begin) * period,
-            delay if self._changed and 0.0 <= delay <= ANSWERS else math.nan, highest, min(1.0, rebound),
+            delay if commanded and delay <= ANSWERS else math.nan, highest, min(1.0, rebound),
         )  # fmt: skip
 
 
@@ -328,6 +335,8 @@ def _move(body: float, spool: float, period: float, natural_frequency: float, nu
 def _ended(far: bool, size: float, period: float, numbers: Array) -> bool:
     """Follow the stroke that goes on or begins; return whether it ends with this sample."""
     if far:
+        # The beginning of a stroke is not how the spool moves as a rule.
+        numbers[_NOW] = numbers[_FILLED] = 0.0
         numbers[_AWAY], numbers[_QUIET] = 1.0, 0.0
         numbers[_EPISODE] += 1.0
         numbers[_HIGHEST] = max(numbers[_HIGHEST], size)
@@ -355,7 +364,7 @@ def _settled(period: float, commanded: bool, numbers: Array) -> bool:
     moves = commanded or (shaken and numbers[_POWER] >= least * numbers[_DUE_POWER])
     # A stroke that begins looks like motion for a moment.
     numbers[_MOVING] = numbers[_MOVING] + 1.0 if moves else 0.0
-    return numbers[_QUIET] * period >= SETTLED and numbers[_MOVING] * period >= AVERAGED
+    return bool(numbers[_QUIET] * period >= SETTLED and numbers[_MOVING] * period >= AVERAGED)
 
 
 @compiled

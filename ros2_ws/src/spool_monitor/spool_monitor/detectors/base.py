@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import ClassVar, NamedTuple
 
+from spool_core.kernels.strokes import Stroke
 from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.estimate import Estimate
 
@@ -21,7 +22,7 @@ from spool_monitor.state_file import Baseline
 from spool_monitor.window import Line
 
 #: What a moment may show again.
-SIGNALS, LINE, ESTIMATE, CHANNELS = "signals", "line", "estimate", "channels"
+SIGNALS, LINE, ESTIMATE, CHANNELS, STROKES = "signals", "line", "estimate", "channels", "strokes"
 
 
 class Judgement(enum.IntEnum):
@@ -120,6 +121,7 @@ class Moment(NamedTuple):
         parameters: tests of the parameters, by name.
         learned: start values of what the channels show, by name.
         orders: names the order of the machine that a line is.
+        strokes: those that ended.
 
     """
 
@@ -138,6 +140,7 @@ class Moment(NamedTuple):
     explained: bool = False
     channels: ChannelLook | None = None
     orders: OrderTracker | None = None
+    strokes: tuple[Stroke, ...] = ()
 
     @property
     def described(self) -> bool:
