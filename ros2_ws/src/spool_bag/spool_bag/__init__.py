@@ -17,8 +17,10 @@ OIL_TEMPERATURE = "oil_temperature_C"
 SPEED = "speed_rpm"
 #: Pulses of a tacho in any unit; their speed takes the place of the column.
 TACHO = "tacho_pulse"
+#: The solenoid's command in any unit, 0 in the position that is judged.
+COMMAND = "command"
 #: Columns of slow readings beside the accelerations; each may be missing, or have empty cells.
-SLOW = (OIL_TEMPERATURE, SPEED, TACHO)
+SLOW = (OIL_TEMPERATURE, SPEED, TACHO, COMMAND)
 DISPLACEMENT = "displacement_m"
 FORCE = "force_N"
 

@@ -14,12 +14,12 @@ import pyarrow.csv as pa_csv
 import pyarrow.parquet as pa_parquet
 from spool_core.block import Block
 from spool_core.block_gate import BlockGate, Verdict
-from spool_core.cdr import OilTemperature, Speed
+from spool_core.cdr import Command, OilTemperature, Speed
 from spool_core.errors import InputError
 from spool_core.system import staged
 from spool_core.text import plural, printable
 
-from spool_bag import BODY, OIL_TEMPERATURE, SPEED, SPOOL, TIME
+from spool_bag import BODY, COMMAND, OIL_TEMPERATURE, SPEED, SPOOL, TIME
 from spool_bag.blocks import Span
 from spool_bag.information import Timeline, step_text
 from spool_bag.reader import BagReader
@@ -72,7 +72,7 @@ def export_bag(
     fields = [(TIME, pa.float64()), (BODY, pa.float32()), (SPOOL, pa.float32())]
     fields += [
         (column, pa.float64())
-        for column, topic in ((OIL_TEMPERATURE, "oil_temperature"), (SPEED, "speed"))
+        for column, topic in ((OIL_TEMPERATURE, "oil_temperature"), (SPEED, "speed"), (COMMAND, "command"))
         if any(f"/{valve}/{topic}" in reader.topics for valve in chosen)
     ]
     schema = pa.schema([(VALVE, pa.string()), *fields] if len(chosen) > 1 else fields)
@@ -172,13 +172,15 @@ def _batches(
     reader: BagReader, valve: str, source: _ValveTable, schema: pa.Schema
 ) -> Iterator[pa.RecordBatch]:
     blocks: list[tuple[int, Block]] = []
-    readings: dict[str, list[float]] = {OIL_TEMPERATURE: [], SPEED: []}
+    readings: dict[str, list[float]] = {OIL_TEMPERATURE: [], SPEED: [], COMMAND: []}
     newest, rows = dict.fromkeys(readings, float("nan")), 0
     for item in reader.stream(valve):
         if isinstance(item, OilTemperature):
             newest[OIL_TEMPERATURE] = item.celsius
         elif isinstance(item, Speed):
             newest[SPEED] = item.rpm
+        elif isinstance(item, Command):
+            newest[COMMAND] = item.value
         elif source.usable(item):
             blocks.append((source.since(item), item))
             for column, value in newest.items():

@@ -13,7 +13,15 @@ from typing import Any, NamedTuple
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 from spool_core.block import Block, BlockRun
-from spool_core.cdr import CdrError, OilTemperature, Reading, Speed, decode_speed, decode_temperature
+from spool_core.cdr import (
+    CdrError,
+    OilTemperature,
+    Reading,
+    Speed,
+    decode_command,
+    decode_speed,
+    decode_temperature,
+)
 from spool_core.errors import InputError
 from spool_core.text import printable
 
@@ -68,7 +76,7 @@ def _readings(read: Callable[[bytes, int], Reading]) -> _Decode:
 
 _OIL = _Source("oil_temperature", TEMPERATURE, _readings(lambda data, _: decode_temperature(data)))
 _SPEED = _Source("speed", FLOAT64, _readings(decode_speed))
-_READINGS = (_OIL, _SPEED)
+_READINGS = (_OIL, _SPEED, _Source("command", FLOAT64, _readings(decode_command)))
 
 
 class TopicInformation(NamedTuple):

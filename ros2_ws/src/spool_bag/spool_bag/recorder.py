@@ -31,6 +31,7 @@ TOPICS = {
     "gap": "spool_msgs/msg/GapAnalysis",
     "oil_temperature": TEMPERATURE,
     "speed": FLOAT64,
+    "command": FLOAT64,
 }
 #: Topics that the suite's nodes offer latched.
 LATCHED = ("estimate", "health", "events", "valve", "refit", "gap")

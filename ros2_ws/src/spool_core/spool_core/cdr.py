@@ -57,8 +57,16 @@ class Speed:
     rpm: float
 
 
+@dataclass(frozen=True, slots=True)
+class Command:
+    """``stamp`` in ns, ``value`` of the solenoid's command in any unit; 0 is the position that is judged."""
+
+    stamp: int
+    value: float
+
+
 #: Slow readings beside the blocks.
-Reading = OilTemperature | Speed
+Reading = OilTemperature | Speed | Command
 
 
 def header_stamp(data: bytes) -> int:
@@ -162,9 +170,18 @@ def decode_speed(data: bytes, stamp: int) -> Speed:
     Raises:
         CdrError: the bytes are too short or not XCDR1.
     """
+    return Speed(stamp, _decode_number(data))
+
+
+def decode_command(data: bytes, stamp: int) -> Command:
+    """Return the command at ``stamp`` (ns) in the CDR of a std_msgs/Float64; errors as of a speed."""
+    return Command(stamp, _decode_number(data))
+
+
+def _decode_number(data: bytes) -> float:
     order = _order(data)
     try:
-        return Speed(stamp, order.number.unpack_from(data, 4)[0])
+        return float(order.number.unpack_from(data, 4)[0])
     except struct.error as error:
         raise CdrError(f"not a Float64: {error}") from error
 

@@ -21,6 +21,7 @@ from spool_core.uncertainty import Quantity, Validity
 from spool_msgs.msg import GapAnalysis, HealthEvent, ModelEstimate, ValveDescription, WindowRefit
 from spool_sim.model import Model, load_model
 from spool_sim.valve import Valve, find_valve
+from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
 from spool_estimator.estimate import Estimate, State
@@ -141,6 +142,7 @@ class EstimatorNode(ManagedNode):
         self._description_publisher.publish(self._description)
         self.subscribe_blocks("acceleration", self._take, self._room)
         self.subscribe(Temperature, "oil_temperature", self._take_temperature, qos.samples_wanted())
+        self.subscribe(Float64, "command", self._take_command, qos.samples_wanted())
         if self._worker is not None:
             self.every(0.05, self._collect, steady=True)
         self._gap.open()
@@ -201,6 +203,11 @@ class EstimatorNode(ManagedNode):
                     found, self._valve_id, refits=self._worker.done, skipped=self._worker.skipped
                 )
             )
+
+    def _take_command(self, message: Float64) -> None:
+        """Take the solenoid's command, which has no stamp: it holds at the end of the newest block."""
+        if self._core is not None and self._gate.last is not None:
+            self._core.strokes.take_command(self._gate.last.end, message.data)
 
     def _take_temperature(self, message: Temperature) -> None:
         assert self._core is not None

@@ -15,7 +15,7 @@ from spool_core.block_gate import Verdict
 from spool_core.errors import InputError
 from spool_core.system import give_way
 
-from spool_estimator.identification.record import Record
+from spool_estimator.identification.record import Record, without_strokes
 
 if TYPE_CHECKING:  # slow to load
     from spool_sim.model import Model
@@ -121,8 +121,9 @@ def analyse_task(task: GapTask) -> GapAnswer:
     offered = {one.name: one for one in entry_points(group=ANALYSIS)}
     if not offered:
         return task.failed("spool_gap is not installed: build and source it")
+    parts = [without_strokes(one, task.valve.natural_frequency)[0] for one in task.records]
     try:  # loaded in the worker only
-        found = offered["analyse"].load()(task.records, task.valve, task.base)
+        found = offered["analyse"].load()([one for some in parts for one in some], task.valve, task.base)
     except InputError as error:
         return task.failed(str(error))
     text = json.dumps(offered["to_dict"].load()(found), allow_nan=False)

@@ -17,6 +17,7 @@ import numpy as np
 from spool_core.block import Block, Samples
 from spool_core.block_gate import Verdict
 from spool_core.kernels.samples import OutlierFilter
+from spool_core.kernels.strokes import StrokeWatch
 from spool_core.system import give_way
 from spool_core.uncertainty import Quantity, Validity
 
@@ -105,6 +106,7 @@ class WindowRefits:
     settings: RefitSettings
     outliers: OutlierFilter = field(default_factory=OutlierFilter)
     _kept: deque[tuple[Samples, Samples]] = field(default_factory=deque, init=False)
+    _strokes: StrokeWatch = field(default_factory=StrokeWatch, init=False)
     _held: int = field(default=0, init=False)
     _count: int = field(default=0, init=False)
     _estimates: deque[Estimate] = field(default_factory=deque, init=False)
@@ -118,12 +120,22 @@ class WindowRefits:
         self._estimates.extend(estimates)
         if verdict is Verdict.REFUSED:
             return []
-        block = self.outliers.cleaned(block, restarts=verdict is Verdict.RESTARTS)
-        if verdict is Verdict.RESTARTS:
-            self._kept.clear()
+        restarts, raw = verdict is Verdict.RESTARTS, block
+        block = self.outliers.cleaned(block, restarts=restarts)
+        if restarts:
             self._estimates.clear()
             self._estimates.extend(estimates)
-            self._held = self._count = 0
+        tasks = []
+        natural = self.settings.valve.natural_frequency
+        for part, pause in self._strokes.kept(block, raw, natural, restarts=restarts):
+            if restarts or pause is not None:
+                self._kept.clear()
+                self._held = self._count = 0
+            restarts = False
+            tasks += self._take(part)
+        return tasks
+
+    def _take(self, block: Block) -> list[WindowTask]:
         size = max(16, round(self.settings.window / block.sample_period))
         hop = max(1, round(self.settings.period / block.sample_period))
         tasks = []

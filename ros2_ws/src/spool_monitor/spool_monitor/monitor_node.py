@@ -139,6 +139,7 @@ class MonitorNode(ManagedNode):
         self.subscribe_blocks("acceleration", self._take_blocks, self._room)
         self.subscribe(ModelEstimate, "estimate", self._take_estimate, qos.state(depth=10))
         self.subscribe(Float64, "speed", self._take_speed, qos.samples_wanted())
+        self.subscribe(Float64, "command", self._take_command, qos.samples_wanted())
         self.every(LOOK, self._watch, steady=True)
         self.every(1.0, self._report, steady=True)
 
@@ -246,6 +247,12 @@ class MonitorNode(ManagedNode):
         last = self._core.gate.last
         if last is not None:
             self._core.update_speed(last.end, message.data)
+
+    def _take_command(self, message: Float64) -> None:
+        """Take the solenoid's command, which has no stamp either."""
+        last = self._core.gate.last
+        if last is not None:
+            self._core.strokes.take_command(last.end, message.data)
 
     def _take_estimate(self, message: ModelEstimate) -> None:
         estimate = from_message(message)

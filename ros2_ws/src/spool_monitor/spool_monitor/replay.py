@@ -76,6 +76,12 @@ class Replay:
         self.flush()
         self.estimator.update_temperature(stamp, celsius, deviation)
 
+    def update_command(self, stamp: int, value: float) -> None:
+        """Take the solenoid's command at ``stamp`` (ns)."""
+        self.flush()
+        for strokes in (self.estimator.strokes, self.monitor.strokes):
+            strokes.take_command(stamp, value)
+
     def update(self, block: Block) -> None:
         """Take one block through estimator and monitor, in the order of the data."""
         run = BlockRun.of(block)

@@ -21,6 +21,7 @@ from std_msgs.msg import Float64
 from spool_sim.excitation import load_excitation
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import DRIFTING, Simulator
+from spool_sim.strokes import Strokes
 from spool_sim.valve import find_valve
 
 #: Blocks sent in one turn when the node fell behind; what is older is dropped, with its sequence numbers.
@@ -65,6 +66,17 @@ class SimulatorNode(ManagedNode):
         ),
         NodeParameter("seed", 0, "Seed of the noise.", "", 0, 2**31 - 1, structural=True),
         NodeParameter(
+            "stroke_period",
+            0.0,
+            "Time between two strokes of the solenoid, 0: none.",
+            "s",
+            0.0,
+            1e5,
+            structural=True,
+        ),
+        NodeParameter("stroke_hold", 0.5, "Time for which it holds.", "s", 0.01, 1e5, structural=True),
+        NodeParameter("stroke_force", 20.0, "Force of the solenoid.", "N", 0.1, 1e4, structural=True),
+        NodeParameter(
             "wait_for_subscribers",
             0,
             "Number of subscribers to wait for before the first block.",
@@ -94,6 +106,7 @@ class SimulatorNode(ManagedNode):
         self._sent = 0
         self._skipped = self._told = 0
         self._throttle = Throttle()
+        self._command = 0.0
 
     def configure(self) -> None:
         """Build the valve, the excitation and the sensors from the parameters."""
@@ -104,6 +117,7 @@ class SimulatorNode(ManagedNode):
             Temperature, "oil_temperature", qos.samples_offered(10.0)
         )
         self._tachometer = self.create_lifecycle_publisher(Float64, "speed", qos.samples_offered(SPEED_RATE))
+        self._commander = self.create_lifecycle_publisher(Float64, "command", qos.samples_offered(SPEED_RATE))
         self._diagnostics = DiagnosticPublisher(self, self._simulator.valve.id)
         self.get_logger().info(
             f"configured: valve {self._simulator.valve.id} ({self.value('valve_file')}), "
@@ -127,6 +141,7 @@ class SimulatorNode(ManagedNode):
         self._publisher.destroy()
         self.destroy_publisher(self._thermometer)
         self.destroy_publisher(self._tachometer)
+        self.destroy_publisher(self._commander)
         self._diagnostics.destroy()
         self._simulator = None
 
@@ -161,6 +176,14 @@ class SimulatorNode(ManagedNode):
         block_size = round(sample_rate / self.value("block_rate"))
         if block_size < 1:
             raise InputError("block_rate: more blocks than samples a second; lower it or raise sample_rate")
+        period, hold = self.value("stroke_period"), self.value("stroke_hold")
+        if 0.0 < period <= hold:
+            raise InputError("stroke_hold: longer than stroke_period; lower it or raise stroke_period")
+        strokes = (
+            Strokes(period=period, first=period, hold=hold, force=self.value("stroke_force"))
+            if period
+            else None
+        )
         return Simulator(
             find_valve(self.value("valve_file")),
             load_excitation(self.value("excitation")),
@@ -172,6 +195,7 @@ class SimulatorNode(ManagedNode):
             start_stamp=start_stamp,
             body_sensor=Sensor(gain_error=self.value("body_gain_error"), noise=self.value("noise")),
             spool_sensor=Sensor(gain_error=self.value("spool_gain_error"), noise=self.value("noise")),
+            strokes=strokes,
         )
 
     def _compile_motion(self) -> None:
@@ -214,6 +238,10 @@ class SimulatorNode(ManagedNode):
             rpm = self._simulator.excitation.speed((self._simulator.stamp - self._started) * 1e-9)
             if rpm is not None and self._sent % max(1, round(self.value("block_rate") / SPEED_RATE)) == 0:
                 self._tachometer.publish(Float64(data=rpm))
+            command = self._simulator.command
+            if self._simulator.strokes is not None and (command != self._command or once_a_second):
+                self._commander.publish(Float64(data=command))
+                self._command = command
             block = self._simulator.next_block()
             self._sent += 1
             due -= 1

@@ -10,11 +10,19 @@ from pathlib import Path
 
 import numpy as np
 from spool_core.block import Block
-from spool_core.cdr import OilTemperature, Reading, Speed, encode_block, encode_speed, encode_temperature
+from spool_core.cdr import (
+    Command,
+    OilTemperature,
+    Reading,
+    Speed,
+    encode_block,
+    encode_speed,
+    encode_temperature,
+)
 from spool_core.errors import InputError
 from spool_core.text import printable
 
-from spool_bag import BODY, OIL_TEMPERATURE, SPEED, SPOOL, check_valve
+from spool_bag import BODY, COMMAND, OIL_TEMPERATURE, SPEED, SPOOL, check_valve
 from spool_bag.importing.choices import Choices
 from spool_bag.importing.logger_record import LoggerRecord, read_record
 from spool_bag.importing.time_axis import ClockOffset
@@ -90,13 +98,16 @@ def import_record(
         thermal, turning = OIL_TEMPERATURE in record.columns, SPEED in record.columns
         oil = writer.add_topic(f"/{valve}/oil_temperature", TEMPERATURE) if thermal else 0
         speed = writer.add_topic(f"/{valve}/speed", FLOAT64) if turning else 0
+        command = writer.add_topic(f"/{valve}/command", FLOAT64) if COMMAND in record.columns else 0
         for item in stream_of(record, begin, block_duration):
             if isinstance(item, OilTemperature):
                 writer.write(oil, item.stamp, encode_temperature(item, valve))
                 temperatures += 1
                 continue
-            if isinstance(item, Speed):
-                writer.write(speed, item.stamp, encode_speed(item))
+            if isinstance(item, Speed | Command):
+                number = item.rpm if isinstance(item, Speed) else item.value
+                topic = speed if isinstance(item, Speed) else command
+                writer.write(topic, item.stamp, encode_speed(Speed(item.stamp, number)))
                 continue
             writer.write(channel, item.stamp, encode_block(item, valve), sequence=item.sequence & 0xFFFFFFFF)
             blocks += 1
@@ -198,8 +209,9 @@ def blocks_of(
 def stream_of(
     record: LoggerRecord, start: int, block_duration: float = BLOCK_DURATION
 ) -> Iterator[Block | Reading]:
-    """Yield blocks, and before them the oil's temperature each second and the speed, where they are known."""
+    """Yield blocks, and before them the oil's temperature each second, the speed and the changed command."""
     oil, speed = record.columns.get(OIL_TEMPERATURE), record.columns.get(SPEED)
+    command, commanded = record.columns.get(COMMAND), math.nan
     due = next_speed = -1
     for first, block in blocks_of(record, start, block_duration):
         if oil is not None and block.stamp >= due and math.isfinite(oil[first]):
@@ -208,4 +220,9 @@ def stream_of(
         if speed is not None and block.stamp >= next_speed and math.isfinite(speed[first]):
             yield Speed(block.stamp, float(speed[first]))
             next_speed = block.stamp + SPEED_INTERVAL
+        if command is not None:
+            part = command[first : first + block.body.size]
+            for place in np.flatnonzero(np.isfinite(part) & (part != np.append(commanded, part[:-1]))):
+                yield Command(block.stamp + round(int(place) * record.period * 1e9), float(part[place]))
+            commanded = float(part[-1])
         yield block

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from spool_core.errors import InputError
 from spool_core.text import printable
 
-from spool_bag import BODY, DISPLACEMENT, FORCE, OIL_TEMPERATURE, SPEED, SPOOL, TACHO, TIME
+from spool_bag import BODY, COMMAND, DISPLACEMENT, FORCE, OIL_TEMPERATURE, SPEED, SPOOL, TACHO, TIME
 from spool_bag.importing.units import READINGS, Sensitivity, quantity_of
 
 #: What each role measures; accelerations may come as readings of a sensor, by its sensitivity.
@@ -21,6 +21,7 @@ QUANTITIES = {
     OIL_TEMPERATURE: "temperature",
     SPEED: "frequency",
     TACHO: "pulses",
+    COMMAND: "pulses",
     DISPLACEMENT: "length",
     FORCE: "force",
 }
@@ -32,6 +33,7 @@ SHORT = {
     "oil": OIL_TEMPERATURE,
     "speed": SPEED,
     "tacho": TACHO,
+    "command": COMMAND,
     "displacement": DISPLACEMENT,
     "force": FORCE,
 }

@@ -147,6 +147,7 @@ WORDS = {
     ),
     "oil": ("oil", "öl", "oel", "öltemperatur", "oeltemperatur"),
     "speed": ("speed", "rpm", "drehzahl", "tacho", "obroty", "转速", "回転数", "обороты"),
+    "command": ("command",),
     "tacho": (),  # a column called tacho is a speed, unless the user names it
     "displacement": ("displacement", "weg", "position", "stroke", "verschiebung"),
     "force": ("force", "kraft"),

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from spool_core.block import Block
 from spool_core.block_gate import BlockGate, Verdict
 from spool_core.errors import InputError
+from spool_core.kernels.strokes import StrokeWatch
 from spool_core.numbers import Array
 
 #: Samples of both channels that are held at most.
@@ -93,6 +94,28 @@ class Record:
             oil_temperature=None if temperature is None else temperature[first:stop],
             origin=self.start if self.origin is None else self.origin,
         )
+
+
+def without_strokes(record: Record, natural_frequency: float) -> tuple[list[Record], int]:
+    """Return what is left of ``record`` without its strokes, and how many strokes there were.
+
+    ``natural_frequency`` (Hz) is that of the description. A record without strokes is returned itself.
+    """
+    watch, count, at = StrokeWatch(), 0, 0
+    size, parts = max(1, round(1.0 / record.sample_period)), [[0, 0]]
+    body, spool = record.body.astype(np.float32), record.spool.astype(np.float32)
+    for first in range(0, body.size, size):
+        part = slice(first, first + size)
+        block = Block(record.start, 0, record.sample_period, body[part], spool[part])
+        for kept in watch.kept(block, block, natural_frequency, restarts=first == 0):
+            if kept.pause is not None:
+                at += round(kept.pause * 1e-9 / record.sample_period)
+                parts.append([at, at])
+            at += kept.block.body.size
+            parts[-1][1] = at
+        count += len(watch.strokes)
+    whole = parts == [[0, body.size]]
+    return ([record] if whole else [record.part(*part) for part in parts if part[1] > part[0]]), count
 
 
 def first_seconds(

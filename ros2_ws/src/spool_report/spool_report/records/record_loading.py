@@ -17,12 +17,12 @@ from spool_bag.importing.logger_record import LoggerRecord
 from spool_bag.metadata import rate_std
 from spool_bag.reader import BagReader
 from spool_core.block import Block
-from spool_core.cdr import Reading, Speed
+from spool_core.cdr import OilTemperature, Reading, Speed
 from spool_core.errors import InputError
 from spool_core.record_limits import LIMITS
-from spool_core.text import did_you_mean
+from spool_core.text import did_you_mean, plural
 from spool_estimator.identification.channel_faults import ChannelFault, faults_of, without_outliers
-from spool_estimator.identification.record import PartKeeper, Record, records_from_blocks
+from spool_estimator.identification.record import PartKeeper, Record, records_from_blocks, without_strokes
 from spool_estimator.plausibility import check_records
 from spool_estimator.record_judgement import changing, check_rate, check_samples, doubts_of
 from spool_report.records.record_sources import (
@@ -64,6 +64,7 @@ class Recording:
         notes: how the file was understood, or that of which the bag was imported: columns and conversions.
         left_out: single impossible samples of either channel, which lines between their neighbours replace.
         speeds: stamps (ns) and rev/min of the machine's shaft, as recorded.
+        strokes: of a solenoid, which are left out of the stretches where the valve is known.
     """
 
     path: Path
@@ -72,6 +73,7 @@ class Recording:
     notes: tuple[str, ...] = ()
     left_out: int = 0
     speeds: tuple[tuple[int, float], ...] = ()
+    strokes: int = 0
 
     @property
     def duration(self) -> float:
@@ -264,7 +266,7 @@ def load_recordings(
         chosen = replace(chosen, name=name, described=given is None)
     recordings = [load_recording(path, chosen) for path in paths]
     if given is not None:
-        return recordings, given
+        return [switched(one, given) for one in recordings], given
     described = {
         recording.described: recording.path for recording in recordings if recording.described is not None
     }
@@ -276,7 +278,15 @@ def load_recordings(
     if len(described) > 1:
         first, second = list(described.values())[:2]
         raise InputError(f"{first} and {second} describe different valves: choose one with --valve")
-    return recordings, next(iter(described))
+    found = next(iter(described))
+    return [switched(one, found) for one in recordings], found
+
+
+def switched(recording: Recording, valve: Valve) -> Recording:
+    """Return ``recording`` of ``valve`` without its strokes."""
+    parts = [without_strokes(one, valve.natural_frequency) for one in recording.stretches]
+    count = sum(strokes for _, strokes in parts)
+    return replace(recording, stretches=tuple(one for some, _ in parts for one in some), strokes=count)
 
 
 def stretches_of(recordings: Sequence[Recording]) -> list[Record]:
@@ -446,7 +456,7 @@ def load_data(
         return FitData(name, tuple(paths), described, *divided(records), doubts=doubts)
     others: list[Record] = []
     for path in held_out:
-        recording = load_recording(path, Selection(selection.name, selection.columns))
+        recording = switched(load_recording(path, Selection(selection.name, selection.columns)), described)
         check(recording)
         others += _changing(recording.stretches)
     return FitData(name, tuple(paths), described, tuple(records), tuple(others), tuple(held_out), doubts)
@@ -468,6 +478,9 @@ def channel_doubts(recordings: Sequence[Recording]) -> tuple[str, ...]:
         name = recording.path.name
         if recording.left_out:
             doubts.append(f"{name}: {outliers_text(recording.left_out)}")
+        if recording.strokes:
+            switches = plural(recording.strokes, "stroke")
+            doubts.append(f"{name}: the valve was switched: {switches} and the time at a stop are left out")
         for fault in channel_faults(recording.stretches):
             if fault.cause in REFUSED:
                 raise InputError(f"{recording.path}: {fault.sentence}")
@@ -512,7 +525,7 @@ def _blocks_beside(
             yield item
         elif isinstance(item, Speed):
             speeds.append((item.stamp, item.rpm))
-        else:
+        elif isinstance(item, OilTemperature):
             oil.append((item.stamp, item.celsius))
 
 

@@ -14,7 +14,7 @@ from spool_bag.importing.choices import columns_of
 from spool_bag.information import MOST_STEPS, Timeline, duration_of, step_text
 from spool_bag.metadata import rate_std
 from spool_core.block import BlockRun
-from spool_core.cdr import OilTemperature, Speed
+from spool_core.cdr import Command, OilTemperature, Reading, Speed
 from spool_core.errors import InputError
 from spool_core.events.language import ENGLISH, Language
 from spool_core.events.sentences import details, headline, language_of
@@ -316,13 +316,8 @@ def replay_valve(
     expected = reader.count if isinstance(reader, TableSource) else reader.blocks_of(name)
     with progress(f"replaying {name}", expected) as advance:
         for item in reader.runs(name):
-            if isinstance(item, OilTemperature):
-                deviation = math.sqrt(item.variance) if item.variance > 0.0 else math.nan
-                one.update_temperature(item.stamp, item.celsius, deviation)
-                continue
-            if isinstance(item, Speed):
-                # The order tracker looks up speeds by their stamps: blocks that wait need not be passed on.
-                monitor.update_speed(item.stamp, item.rpm)
+            if isinstance(item, OilTemperature | Speed | Command):
+                _take_reading(one, item)
                 continue
             if one.samples == 0 and item.sample_period > 0.0:
                 check_rate(f"{reader.path}: {name}", 1.0 / item.sample_period, valve)
@@ -346,6 +341,17 @@ def replay_valve(
         kept.keep_baseline()
         kept.close()
     return one
+
+
+def _take_reading(replay: Replay, item: Reading) -> None:
+    if isinstance(item, OilTemperature):
+        deviation = math.sqrt(item.variance) if item.variance > 0.0 else math.nan
+        replay.update_temperature(item.stamp, item.celsius, deviation)
+    elif isinstance(item, Command):
+        replay.update_command(item.stamp, item.value)
+    else:
+        # The order tracker looks up speeds by their stamps: blocks that wait need not be passed on.
+        replay.monitor.update_speed(item.stamp, item.rpm)
 
 
 def settings_from(file: Path | None, name: str) -> ReplaySettings:

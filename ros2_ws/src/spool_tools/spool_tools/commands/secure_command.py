@@ -40,7 +40,7 @@ _ALL_SEND = ("ros_discovery_info", "rt/rosout", "rt/parameter_events", "rt/diagn
 _ALL_HEAR = ("ros_discovery_info", "rt/clock", "rt/parameter_events")
 #: Topics in a valve's namespace by who sends and who hears them.
 _SENT = {
-    "simulator": ("acceleration", "oil_temperature", "speed"),
+    "simulator": ("acceleration", "oil_temperature", "speed", "command"),
     "adapter": ("acceleration",),
     "estimator": ("estimate", "valve", "refit", "gap", "events"),
     "monitor": ("health", "events"),
@@ -48,8 +48,8 @@ _SENT = {
 _HEARD = {
     "simulator": (),
     "adapter": ("*",),
-    "estimator": ("acceleration", "oil_temperature", "events"),
-    "monitor": ("acceleration", "valve", "estimate", "speed"),
+    "estimator": ("acceleration", "oil_temperature", "events", "command"),
+    "monitor": ("acceleration", "valve", "estimate", "speed", "command"),
 }
 VALVE_NODES = tuple(_SENT)
 
