@@ -1,4 +1,4 @@
-"""Strokes: what is taken for one, what is left out around it, and its times."""
+"""Strokes: how they are recognised, the gap around them, and their times."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def watched(
 
 
 def left_out(kept: list[Kept]) -> list[tuple[float, float]]:
-    """Return beginning and length (s) of what was left out."""
+    """Return beginning and length (s) of the gaps."""
     return [
         ((one.block.end - START) * 1e-9, (other.block.stamp - one.block.end) * 1e-9)
         for one, other in pairwise(kept)

@@ -32,7 +32,7 @@ DAMPING = 0.1
 LEAK, MEAN, PEAK = 2.0 * math.pi * 2.0, 5.0, 1.0
 #: s before the present that "just before" begins at least; s of samples before a stroke can be known.
 LAG, KNOWN = 0.15, 0.5
-#: s of rest that end a stroke, that end what is left out (five times 1/LEAK), and s that no stroke lasts.
+#: s of rest that end a stroke, that end the gap (five times 1/LEAK), and s that no stroke lasts.
 REST, SETTLED, LONGEST = 0.15, 0.4, 1.0
 #: Share of the motion due, or of its usual share, from which a spool moves; s over which it is averaged.
 MOVES, USUAL, AVERAGED = 0.4, 0.5, 0.1
@@ -326,7 +326,7 @@ def _move(body: float, spool: float, period: float, natural_frequency: float, nu
     numbers[_DUE_PEAK] = max(abs(numbers[_DUE]), numbers[_DUE_PEAK] * (1.0 - period / PEAK))
     share = period / AVERAGED
     if numbers[_AWAY] != 0.0 and numbers[_QUIET] * period < 0.5 * SETTLED:
-        numbers[_POWER] = numbers[_DUE_POWER] = 0.0  # what is left of the stroke is no motion
+        numbers[_POWER] = numbers[_DUE_POWER] = 0.0  # the rest of a stroke is no motion
     else:
         numbers[_POWER] += share * (numbers[_SPEED] ** 2 - numbers[_POWER])
         numbers[_DUE_POWER] += share * (numbers[_DUE] ** 2 - numbers[_DUE_POWER])

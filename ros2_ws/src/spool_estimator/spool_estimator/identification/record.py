@@ -97,7 +97,7 @@ class Record:
 
 
 def without_strokes(record: Record, natural_frequency: float) -> tuple[list[Record], int]:
-    """Return what is left of ``record`` without its strokes, and how many strokes there were.
+    """Return the parts of ``record`` between its strokes, and how many strokes there were.
 
     ``natural_frequency`` (Hz) is that of the description. A record without strokes is returned itself.
     """
