@@ -70,6 +70,7 @@ EXPLAINING = {
     "python.md": [("question", "where"), ("call", "gives"), ("name", "number")],
     "setups.md": [("key of `known`", "unit")],
     "watch.md": [("state", "meaning")],
+    "strokes.md": [("where", "what"), ("quantity", "what"), ("what", "found")],
     "methods/estimation.md": [("question", "answer")],
     "methods/gap.md": [("in `result.json`", "rule"), ("limit", "value")],
     "methods/monitoring.md": [

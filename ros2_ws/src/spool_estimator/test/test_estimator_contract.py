@@ -126,7 +126,7 @@ def test_all_that_was_known_is_restored_whatever_was_learned_since() -> None:
     estimates_of(estimator, blocks[:450])
     twin = pickle.loads(pickle.dumps(estimator))
     twin._restore(twin._began.knowledge())
-    expected, known = pickle.dumps(twin._began.knowledge()), estimator._knowledge()
+    expected, known = pickle.dumps(twin._began.knowledge()), estimator._began.knowledge()
     for wrong in (blocks[450:600], blocks[600:750]):  # the second time behind a restored state
         estimates_of(
             estimator, [replace(one, body=one.spool + np.float32(3.0), spool=one.body) for one in wrong]

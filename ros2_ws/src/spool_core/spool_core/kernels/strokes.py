@@ -20,14 +20,15 @@ import numpy as np
 from numpy.typing import NDArray
 from spool_core.block import Block, Samples
 from spool_core.kernels.compiled import compiled
+from spool_core.kernels.samples import STANDING_LEAST
 from spool_core.numbers import Array
 
 #: Times the speed that is due, and that just before, beyond which a spool is driven: without strokes 36 of 40
-#: runs of 2 min stay below 1.1 and all below 1.5 (6 to 40 Hz, starts, springs x 0.7 to 1.3, drag x 0.4 to 2,
+#: runs of 2 min stay below 1.1 and all below 1.2 (6 to 40 Hz, starts, springs x 0.7 to 1.3, drag x 0.4 to 2,
 #: seeds 0 to 39). And m/s: 1 mm within 50 ms.
 FAR, LEAST = 2.0, 0.02
-#: Damping ratio of the motion that is due: less than that of any valve in oil, so that more is due.
-DAMPING = 0.1
+#: Damping ratio of the motion that is due: less than that of the shipped valves (0.04, 0.24), so that more is due.
+DAMPING = 0.03
 #: 1/s, below which a speed is the drift of a sensor (2 Hz); s, by which means, and peaks, follow.
 LEAK, MEAN, PEAK = 2.0 * math.pi * 2.0, 5.0, 1.0
 #: s before the present that "just before" begins at least; s of samples before a stroke can be known.
@@ -40,13 +41,15 @@ MOVES, USUAL, AVERAGED = 0.4, 0.5, 0.1
 BEGINS, ARRIVED = 0.1, 0.5
 #: s kept before a stroke; s that are kept; s from a command to its motion; s after an arrival.
 BEFORE, KEPT, ANSWERS, REBOUNDS = 0.05, 3.0, 0.5, 0.01
+#: s for which a channel stands still, as half of :data:`spool_core.kernels.samples.BOTH_STAND`.
+STANDS = 0.025
 _DAY = 86_400_000_000_000
 
 (
     _BODY, _RELATIVE, _SPEED, _DUE, _DUE_PLACE, _HELD, _LATER, _NOW, _FILLED, _DUE_PEAK, _SEEN, _QUIET,
     _EPISODE, _AWAY, _POWER, _DUE_POWER, _SHARE, _PLACE, _HIGHEST,
-    _MOVING, _FREE,
-) = range(21)  # fmt: skip
+    _MOVING, _FREE, _STOOD, _LAST_BODY, _LAST_SPOOL,
+) = range(24)  # fmt: skip
 
 
 class Stroke(NamedTuple):
@@ -89,7 +92,7 @@ class StrokeWatch:
     strokes: list[Stroke] = field(default_factory=list, init=False)
     count: int = field(default=0, init=False)
     command: float = field(default=math.nan, init=False)
-    _numbers: Array = field(default_factory=lambda: np.zeros(_FREE + 1), init=False)
+    _numbers: Array = field(default_factory=lambda: np.zeros(_LAST_SPOOL + 1), init=False)
     _ring: Array = field(default_factory=lambda: np.zeros((2, 0)), init=False)
     _period: float = field(default=0.0, init=False)
     _largest: float = field(default=0.0, init=False)
@@ -286,6 +289,9 @@ def follow(
             _move(float(raw_body[i]), float(raw_spool[i]), period, natural_frequency, numbers)
         else:
             _move(float(body[i]), float(spool[i]), period, natural_frequency, numbers)
+        if _stands(float(raw_body[i]), float(raw_spool[i]), period, numbers):
+            # An acquisition that stands still is judged as such, and shows no speed.
+            numbers[_AWAY] = numbers[_EPISODE] = numbers[_SEEN] = numbers[_SPEED] = 0.0
         size = abs(numbers[_SPEED])
         limit = max(LEAST, FAR * max(numbers[_HELD], numbers[_DUE_PEAK]))
         far = natural_frequency > 0.0 and numbers[_SEEN] * period >= KNOWN and size > limit
@@ -305,6 +311,15 @@ def follow(
         else:
             _learn(size, period, numbers)
     return left, count
+
+
+@compiled
+def _stands(body: float, spool: float, period: float, numbers: Array) -> bool:
+    """Return whether a channel has shown the same for longer than a coarse converter does at its tops."""
+    same = body == numbers[_LAST_BODY] or spool == numbers[_LAST_SPOOL]
+    numbers[_STOOD] = numbers[_STOOD] + 1.0 if same else 0.0
+    numbers[_LAST_BODY], numbers[_LAST_SPOOL] = body, spool
+    return bool(numbers[_STOOD] >= STANDING_LEAST and numbers[_STOOD] * period >= STANDS)
 
 
 @compiled
