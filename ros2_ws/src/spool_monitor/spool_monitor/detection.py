@@ -185,7 +185,6 @@ class Detection:
         self._pause(pause)
         self.windows.restart(period)
         self.channels.restart(period)
-        self.orders.restart(period)
 
     def update_strokes(self, strokes: Sequence[Stroke], natural_frequency: float) -> list[Event]:
         """Take the strokes that ended; return what began or ended with them."""
@@ -204,7 +203,6 @@ class Detection:
     def update(self, block: Block, natural_frequency: float) -> list[Event]:
         """Take a block that continues the last one; return what began or ended with it."""
         events: list[Event] = []
-        self.orders.take(block)
         for window in self.windows.update(block, thinned=BUDGET.behind):
             self._stamp = window.stamp
             seen = self.channels.update(window, self.windows.fresh)

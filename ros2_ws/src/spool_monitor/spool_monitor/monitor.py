@@ -111,6 +111,7 @@ class Monitor:
         if restarts:
             self.detection.restart(block.sample_period, pause)
         self.detection.doubt = "" if self.gate.confirmed else UNCONFIRMED
+        self.detection.orders.take(block)  # a stroke is none of the body
         for part, left_out in parts:
             if left_out is not None:
                 self._unanswered = 0.0

@@ -299,7 +299,13 @@ CASES = {
 
 
 @pytest.mark.parametrize(
-    "name", [one.name for one in MonitorNode.PARAMETERS if not (one.structural or one.read_only)]
+    "name",
+    [
+        one.name
+        for one in MonitorNode.PARAMETERS
+        # Strokes take minutes: test_strokes.py has their limit.
+        if not (one.structural or one.read_only or one.name == "stroke_change")
+    ],
 )
 def test_a_limit_that_changes_while_the_monitor_runs_decides_what_is_reported(
     name: str, start: Callable[..., DrivenMonitor]

@@ -93,6 +93,18 @@ def test_strokes_that_become_slower_are_reported_within_fifty() -> None:
     assert event.facts.parameter == "stroke_time"
 
 
+def test_a_limit_that_changes_decides_how_severe_slower_strokes_are() -> None:
+    severities = []
+    for limit in (0.05, 0.5):
+        source, one = simulator(Strokes(period=1.5, first=20.0, hold=0.3, force=20.0)), replay()
+        one.run(source.records(70.0))
+        one.monitor.set_limits(MonitorSettings(natural_frequency=15.15, stroke_change=limit))
+        source.strokes = Strokes(period=1.5, first=20.0, hold=0.3, force=13.0)
+        one.run(source.records(50.0))
+        severities += [max(event.severity for event in one.events if event.kind == "stroke").name]
+    assert severities == ["ALARM", "WARNING"]
+
+
 def test_a_record_of_commands_gives_the_delay_of_each_stroke() -> None:
     source, one, delays, before = simulator(OFTEN), replay(), [], 0.0
     for _ in range(50 * 32):

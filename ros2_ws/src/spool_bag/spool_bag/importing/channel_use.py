@@ -11,7 +11,7 @@ from spool_core.errors import InputError
 from spool_core.text import printable
 from spool_core.uncertainty import EMPTY_IS_NULL
 
-from spool_bag import BODY, SPOOL, TACHO, TIME
+from spool_bag import BODY, COMMAND, SPOOL, TACHO, TIME
 from spool_bag.importing import roles
 from spool_bag.importing.choices import QUANTITIES, Choices, short, typed
 from spool_bag.importing.roles import Channels, Source
@@ -230,8 +230,9 @@ def _use_of(role: str, source: Source, asked: Choices) -> ChannelUse:
     own = "" if channel.unit.strip().casefold() in NO_UNIT else channel.unit
     unit = asked.units.get(role) or own
     scale = asked.scales.get(role)
-    if role == TACHO:
-        return ChannelUse.of(source, role, "", 1.0, f"--pulses-per-revolution {asked.pulses}")
+    if role in (TACHO, COMMAND):
+        pulses = f"--pulses-per-revolution {asked.pulses}" if role == TACHO else ""
+        return ChannelUse.of(source, role, "", 1.0, pulses)
     why = f"--unit {way}={unit}" if role in asked.units else ""
     if why and own and own != unit:
         why += f" instead of the file's {printable(own, 20)}"

@@ -27,7 +27,7 @@ from spool_core.numbers import Array
 #: runs of 2 min stay below 1.1 and all below 1.2 (6 to 40 Hz, starts, springs x 0.7 to 1.3, drag x 0.4 to 2,
 #: seeds 0 to 39). And m/s: 1 mm within 50 ms.
 FAR, LEAST = 2.0, 0.02
-#: Damping ratio of the motion that is due: less than that of the shipped valves (0.04, 0.24), so that more is due.
+#: Damping ratio of the motion due: less than that of the shipped valves (0.04, 0.24), so that more is due.
 DAMPING = 0.03
 #: 1/s, below which a speed is the drift of a sensor (2 Hz); s, by which means, and peaks, follow.
 LEAK, MEAN, PEAK = 2.0 * math.pi * 2.0, 5.0, 1.0
@@ -41,8 +41,9 @@ MOVES, USUAL, AVERAGED = 0.4, 0.5, 0.1
 BEGINS, ARRIVED = 0.1, 0.5
 #: s kept before a stroke; s that are kept; s from a command to its motion; s after an arrival.
 BEFORE, KEPT, ANSWERS, REBOUNDS = 0.05, 3.0, 0.5, 0.01
-#: s for which a channel stands still, as half of :data:`spool_core.kernels.samples.BOTH_STAND`.
-STANDS = 0.025
+#: s for which a channel stands still, half of the BOTH_STAND of the samples' kernels, and equal samples from
+#: which it shows no speed.
+STANDS, STILL = 0.025, 4.0
 _DAY = 86_400_000_000_000
 
 (
@@ -77,6 +78,17 @@ class Kept(NamedTuple):
     pause: int | None
 
 
+class StrokeArrays(NamedTuple):
+    """Arrays of a :class:`StrokeWatch`, which kernels move on in place.
+
+    ``ring``: the speed, and 1 where it is far; ``ends``: samples at which strokes ended.
+    """
+
+    numbers: Array
+    ring: Array
+    ends: NDArray[np.int64]
+
+
 @dataclass(slots=True)
 class StrokeWatch:
     """Leaves strokes out of the accepted blocks of one stream, counts and measures them.
@@ -103,6 +115,7 @@ class StrokeWatch:
     _day: int = field(default=-1, init=False)
     _samples: list[float] = field(default_factory=lambda: [0.0, 0.0], init=False)
     _was_on: bool = field(default=False, init=False)
+    _ends: NDArray[np.int64] = field(default_factory=lambda: np.empty(8, np.int64), init=False)
 
     @property
     def away(self) -> bool:
@@ -146,29 +159,32 @@ class StrokeWatch:
             numbers[[_SPEED, _DUE, _DUE_PLACE, _SEEN, _QUIET, _EPISODE]] = 0.0
         if block.stamp // _DAY != self._day:
             self._day, self.count, self._samples = block.stamp // _DAY, 0, [0.0, 0.0]
-        size, before = block.body.size, self.away
+        size, before = block.body.size, numbers[_AWAY]
         on, off = self._energised(block)
-        keep, ends = np.ones(size, np.bool_), np.empty(8, np.int64)
-        left, count = follow(
+        keep, ends = np.empty(size, np.bool_), self._ends
+        left, count = follow_strokes(
             block.body, block.spool, raw.body, raw.spool, self._period, natural_frequency, on, off,
-            not math.isnan(self.command), numbers, self._ring, keep, ends,
+            self.command == self.command, StrokeArrays(numbers, self._ring, ends), keep,
         )  # fmt: skip
+        self._samples[0] += size - left
+        self._samples[1] += size
         self.strokes, last = [], 0
+        if left == 0 and not before:
+            self._in_stretch = 0
+            return [Kept(block, None)]
         for end in ends[:count].tolist():
             self._in_stretch = 0 if keep[last:end].any() else self._in_stretch
             self.strokes += self._measured(block, end)
             last = end
         self._in_stretch = 0 if keep[last:].any() else self._in_stretch
         self.count += len(self.strokes)
-        self._samples[0] += size - left
-        self._samples[1] += size
-        if left == 0 and not before:
-            return [Kept(block, None)]
         return list(self._parts(block, keep))
 
     def _energised(self, block: Block) -> tuple[int, int]:
         """Return from and to which sample of ``block`` the command is on; equal where it is not."""
         size, period = block.body.size, self._period * 1e9
+        if not self._changes:
+            return (0, size) if self._was_on else (size, size)
         due = [one for one in self._changes if one[0] < block.end]
         self._changes = [one for one in self._changes if one[0] >= block.end]
         on_before = self._was_on
@@ -262,7 +278,7 @@ def _crossing(speed: Array, place: int, level: float) -> float:
 
 
 @compiled
-def follow(
+def follow_strokes(
     body: Samples,
     spool: Samples,
     raw_body: Samples,
@@ -272,17 +288,15 @@ def follow(
     on: int,
     off: int,
     commanded: bool,
-    numbers: Array,
-    ring: Array,
+    watch: StrokeArrays,
     keep: NDArray[np.bool_],
-    ends: NDArray[np.int64],
 ) -> tuple[int, int]:
     """Say in ``keep`` which samples, shape (n,), m/s^2, are judged; return how many are not.
 
-    And how many strokes ended, their ends in ``ends``. From sample ``on`` to ``off`` a command lasts. The
-    samples with outliers count during a stroke: a hit at a stop looks like one. ``numbers`` and ``ring`` (the
-    speed, and 1 where it is far) are moved on in place.
+    And how many strokes ended. From sample ``on`` to ``off`` a command lasts. The samples with outliers count
+    during a stroke: a hit at a stop looks like one.
     """
+    numbers, ring, ends = watch
     left = count = 0
     for i in range(body.size):
         if numbers[_AWAY] != 0.0:
@@ -294,7 +308,8 @@ def follow(
             numbers[_AWAY] = numbers[_EPISODE] = numbers[_SEEN] = numbers[_SPEED] = 0.0
         size = abs(numbers[_SPEED])
         limit = max(LEAST, FAR * max(numbers[_HELD], numbers[_DUE_PEAK]))
-        far = natural_frequency > 0.0 and numbers[_SEEN] * period >= KNOWN and size > limit
+        changes = numbers[_STOOD] < STILL
+        far = natural_frequency > 0.0 and numbers[_SEEN] * period >= KNOWN and size > limit and changes
         place = int(numbers[_PLACE])
         ring[0, place], ring[1, place] = numbers[_SPEED], 1.0 if far else 0.0
         numbers[_PLACE] = float((place + 1) % ring.shape[1])
@@ -309,6 +324,7 @@ def follow(
             keep[i] = False
             left += 1
         else:
+            keep[i] = True
             _learn(size, period, numbers)
     return left, count
 
