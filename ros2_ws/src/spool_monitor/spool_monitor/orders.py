@@ -13,7 +13,6 @@ import numpy as np
 from spool_core.block import Block
 from spool_core.numbers import Array
 
-from spool_monitor.harmonics import attributed, candidates, speed_from_harmonics
 from spool_monitor.spectral_lines import (
     FALSE_LINE,
     LOBE,
@@ -27,6 +26,8 @@ from spool_monitor.spectral_lines import (
 if TYPE_CHECKING:  # slow to load
     from spool_sim.valve import Component
 
+#: Orders of a shaft of which nobody said what turns with it.
+SHAFT_ORDERS = tuple(float(order) for order in range(1, 13))
 #: s of body and speed that an order is looked for in.
 MEMORY = 8.0
 #: s between two speeds, or since the last one, from which the speed is unknown: one a second may be late.
@@ -51,15 +52,11 @@ TURNS, MOST_ORDERS = 64, 30
 
 
 class OrderName(NamedTuple):
-    """Name of what shakes: ``order`` of ``component`` (empty: the shaft) at ``rpm``, its own speed.
-
-    ``confidence`` is that of a speed estimated from harmonics, ``None`` for a measured one.
-    """
+    """Name of what shakes: ``order`` of ``component`` (empty: the shaft) at ``rpm``, its own speed."""
 
     order: float
     component: str
     rpm: float
-    confidence: float | None = None
 
 
 @dataclass(slots=True)
@@ -93,7 +90,7 @@ class OrderTracker:
 
     def take(self, block: Block) -> None:
         """Take a block that continues the last one."""
-        if not self._speeds and not self.components:
+        if not self._speeds:
             self._blocks.clear()
             return
         self._blocks.append((block.stamp, block.body.astype(np.float64)))
@@ -104,12 +101,10 @@ class OrderTracker:
     def named(self, frequency: float, stamp: int) -> tuple[OrderName | None, str]:
         """Return the order that a line of ``frequency`` (Hz) at ``stamp`` (ns) is, and the code of a remark.
 
-        The remark says why there is no name, or that the speed was estimated; it is empty where no speed is
-        measured and harmonics do not show it.
+        The remark says why there is no name; it is empty where no speed is measured.
         """
         if not self._speeds:
-            found = self._estimated(frequency, stamp)
-            return found, "" if found is None else "speed_estimated"
+            return None, ""
         begin = stamp - round(MEMORY * 1e9)
         speeds = [one for one in self._speeds if begin - STALE * 1e9 <= one[0] <= stamp]
         fault = speed_fault(speeds, stamp)
@@ -129,25 +124,30 @@ class OrderTracker:
         found = name_of(body, turns, self._period, 60.0 * frequency / speed, speed, self.components)
         return found, "" if found is not None else "order_unknown"
 
-    def _estimated(self, frequency: float, stamp: int) -> OrderName | None:
-        """Return the order of a line where its harmonics show the speed."""
-        if not self.components or not self._blocks:
-            return None
-        body = np.concatenate([samples for _, samples in self._blocks])
-        count = round(MEMORY / self._period)
-        end = round((stamp - self._blocks[0][0]) * 1e-9 / self._period)
-        if not count <= end <= body.size:
-            return None
-        family = speed_from_harmonics(body[end - count : end], self._period, self.components)
-        if family is None:
-            return None
-        beside = {order: abs(line - frequency) for order, line in family.lines.items()}
-        order = min(beside, key=beside.__getitem__)
-        known = candidates(self.components)
-        if beside[order] > BESIDE or order not in known:
-            return None
-        own, ratio, name = attributed(known[order])
-        return OrderName(own, name, ratio * family.rpm, family.confidence)
+
+def candidates(components: Iterable[Component]) -> dict[float, list[tuple[float, float, str, bool]]]:
+    """Return who may shake with each order of the measured shaft, the lowest first.
+
+    Of each: its own order, its speed over that of the shaft, its name, and whether the order is its own
+    (pistons, firing) and not that of any shaft. Of unknown components it is the shaft, whose name is empty.
+    """
+    found: dict[float, list[tuple[float, float, str, bool]]] = {}
+    for one in components:
+        for order, own in one.orders.items():
+            found.setdefault(round(order * one.ratio, 9), []).append((order, one.ratio, one.name, own))
+    if not found:
+        found = {order: [(order, 1.0, "", False)] for order in SHAFT_ORDERS}
+    return dict(sorted(found.items()))
+
+
+def attributed(sources: Sequence[tuple[float, float, str, bool]]) -> tuple[float, float, str]:
+    """Return own order, ratio and name of the only one of ``sources`` that the order is typical of.
+
+    Where several are, none is named: then order and speed are those of the measured shaft.
+    """
+    typical = [one for one in sources if one[3]] or list(sources)
+    order, ratio, name, _ = typical[0]
+    return (order, ratio, name) if len(typical) == 1 else (order * ratio, 1.0, "")
 
 
 def speed_fault(speeds: Sequence[tuple[int, float]], stamp: int) -> str:

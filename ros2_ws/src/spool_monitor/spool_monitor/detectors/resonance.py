@@ -128,8 +128,6 @@ class Resonance(Detector):
                         Quantity("order", "1", found.order, validity=known),
                         Quantity("speed", "rev/min", found.rpm, validity=known),
                     )
-                    if found.confidence is not None:
-                        evidence += (Quantity("speed_confidence", "1", found.confidence, validity=known),)
             return replace(Facts.of(compared, limit, subject, note), began=began, evidence=evidence)
 
         if released:
