@@ -16,7 +16,7 @@ from spool_estimator.estimate import Estimate, State
 from spool_monitor.detection import Detection
 from spool_monitor.detectors import Judgement, check_settings
 from spool_monitor.detectors.base import NATURAL_FREQUENCY, MonitorSettings
-from spool_monitor.detectors.data_fault import ESTIMATE, DataFaultWatch
+from spool_monitor.detectors.data_fault import APART, DataFaultWatch
 from spool_monitor.detectors.stale import STALE_AFTER, StaleWatch
 from spool_monitor.estimate_gate import EstimateGate
 from spool_monitor.event import Condition, Event, Namur, Severity
@@ -141,6 +141,15 @@ class Monitor:
         """Take the speed (rev/min) of the machine's shaft at ``stamp`` (ns)."""
         self.detection.orders.take_speed(stamp, rpm)
 
+    def update_temperature(self, stamp: int, celsius: float) -> list[Event]:
+        """Take the oil's temperature at ``stamp`` (ns), deg C, which the estimator uses; return what follows.
+
+        Before the first block nothing does: its stamp has nothing to be compared with.
+        """
+        if self.gate.accepted == 0:
+            return []
+        return self._data_faults.judge_temperature(stamp, celsius, self._stamp)
+
     def idle(
         self, without_blocks: float, without_estimates: float, now: int = 0, nobody: str = ""
     ) -> list[Event]:
@@ -173,7 +182,7 @@ class Monitor:
         Faults of the data begin and end with a block: while one lasts each block is taken by itself, and none
         beyond the end of one that is over.
         """
-        faults = [one for name, one in self._data_faults.conditions.items() if name != ESTIMATE]
+        faults = [one for name, one in self._data_faults.conditions.items() if name not in APART]
         active = [one.ends for one in (*faults, *self._stale.conditions.values()) if one.active is not None]
         if not active or not period > 0.0:
             return 0 if active else MOST_TOGETHER

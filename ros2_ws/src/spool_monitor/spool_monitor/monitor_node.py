@@ -10,6 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, ClassVar
 
+from sensor_msgs.msg import Temperature
 from spool_core.block import Block
 from spool_core.block_gate import BlockGate, Fault, Verdict
 from spool_core.errors import InputError
@@ -19,7 +20,7 @@ from spool_core.node import qos
 from spool_core.node.block_hub import HUB, Silence, waiting_for_disk
 from spool_core.node.diagnostics import DiagnosticPublisher, Level, Status, block_faults, block_values, key
 from spool_core.node.managed_node import ManagedNode
-from spool_core.node.messages import to_event_message, to_quantity, to_time
+from spool_core.node.messages import nanoseconds, to_event_message, to_quantity, to_time
 from spool_core.node.parameters import LANGUAGE, NodeParameter, Value
 from spool_core.one_source import Standing
 from spool_core.uncertainty import Quantity, Validity
@@ -140,6 +141,7 @@ class MonitorNode(ManagedNode):
         self.subscribe(ModelEstimate, "estimate", self._take_estimate, qos.state(depth=10))
         self.subscribe(Float64, "speed", self._take_speed, qos.samples_wanted())
         self.subscribe(Float64, "command", self._take_command, qos.samples_wanted())
+        self.subscribe(Temperature, "oil_temperature", self._take_temperature, qos.samples_wanted())
         self.every(LOOK, self._watch, steady=True)
         self.every(1.0, self._report, steady=True)
 
@@ -253,6 +255,9 @@ class MonitorNode(ManagedNode):
         last = self._core.gate.last
         if last is not None:
             self._core.strokes.take_command(last.end, message.data)
+
+    def _take_temperature(self, message: Temperature) -> None:
+        self._publish(self._core.update_temperature(nanoseconds(message.header.stamp), message.temperature))
 
     def _take_estimate(self, message: ModelEstimate) -> None:
         estimate = from_message(message)

@@ -75,6 +75,7 @@ class Replay:
         """Take the oil's temperature at ``stamp`` (ns), deg C, its standard deviation (NaN: unknown)."""
         self.flush()
         self.estimator.update_temperature(stamp, celsius, deviation)
+        self._told(self.monitor.update_temperature(stamp, celsius))
 
     def update_command(self, stamp: int, value: float) -> None:
         """Take the solenoid's command at ``stamp`` (ns)."""

@@ -28,7 +28,8 @@ def test_numbers_are_stable() -> None:
         "data_fault/rate": 701, "data_fault/source": 702, "data_fault/lost": 703, "data_fault/malformed": 704,
         "data_fault/outliers": 705, "data_fault/repeats": 706, "data_fault/clock_step": 707,
         "data_fault/clock_drift": 708, "data_fault/overload": 709,
-        "data_fault/not_judged": 710,
+        "data_fault/not_judged": 710, "data_fault/temperature_unit": 711,
+        "data_fault/temperature_stamp": 712, "data_fault/temperature_range": 713,
         "stale/acceleration": 801, "stale/estimate": 802, "stale/never_seen": 803,
     }  # fmt: skip
     for name, number in promised.items():

@@ -741,3 +741,38 @@ def test_replay_counts_and_keeps_only_what_is_asked_for() -> None:
     keeping.run(blocks(5.0))
     assert len(keeping.estimates) == 5
     assert keeping.estimates[-1] == keeping.estimator.latest
+
+
+@pytest.mark.parametrize(
+    ("ahead", "reading", "cause", "shown"),
+    [
+        (0.0, 293.15, "temperature_unit", "Oil temperature unit: oil temperature 293 °C, limit 200 °C"),
+        (0.0, math.nan, "temperature_range", "Impossible oil temperature: refused temperatures 3, limit 0"),
+        (
+            0.0,
+            -242.0,
+            "temperature_range",
+            "Impossible oil temperature: oil temperature -242 °C, limit -60 °C",
+        ),
+        (-math.inf, 20.0, "temperature_stamp", "refused temperatures 3, limit 0"),
+        (3600.0, 20.0, "temperature_stamp", "age of the temperature -3600 s, limit -60 s"),
+    ],
+)
+def test_an_oil_temperature_that_is_not_used_is_reported_with_its_cause_until_one_is(
+    ahead: float, reading: float, cause: str, shown: str
+) -> None:
+    monitor, events = Monitor(MonitorSettings(natural_frequency=15.15)), list[Event]()
+    for number, block in enumerate(blocks(80.0)):
+        events += monitor.update(block)
+        if number % 50 == 0:
+            stamp = 0 if math.isinf(ahead) else block.stamp + round(ahead * 1e9)
+            unusable = 250 <= number < 500
+            events += monitor.update_temperature(
+                stamp if unusable else block.stamp, reading if unusable else 20.0
+            )
+    told = [event for event in events if event.kind == "data_fault"]
+    assert [(event.cause, event.state) for event in told] == [
+        (cause, EventState.RAISED), (cause, EventState.CLEARED),
+    ]  # fmt: skip
+    assert shown in headline(told[0])
+    assert told[0].source == cause

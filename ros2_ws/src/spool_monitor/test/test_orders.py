@@ -15,9 +15,16 @@ from spool_core.numbers import Array
 from spool_estimator.estimator import Estimator, settings_for
 from spool_monitor import orders
 from spool_monitor.monitor import Monitor
-from spool_monitor.orders import OrderName, OrderTracker, order_spectrum
+from spool_monitor.orders import (
+    REACH,
+    OrderName,
+    OrderTracker,
+    contrast,
+    false_probability,
+    line_powers,
+    order_spectrum,
+)
 from spool_monitor.replay import Replay
-from spool_monitor.spectral_lines import REACH, contrast, false_probability, line_powers
 from spool_sim.excitation import PRESETS, MachineOrders
 from spool_sim.simulator import Simulator
 from spool_sim.valve import Component, find_valve

@@ -25,6 +25,7 @@ COUNTS = frozenset(
         "faulty_blocks",
         "lost_blocks",
         "refused_blocks",
+        "refused_temperatures",
         "judged_blocks",
         "sent_blocks",
         "outliers",

@@ -31,6 +31,24 @@ LATE = 5.0
 JUMP, FORGETS = 1.0, 4.0
 
 
+#: K, temperature of 0 deg C.
+KELVIN = 273.15
+
+
+def temperature_fault(stamp: int, celsius: float, now: int = 0) -> str:
+    """Return the cause for which a reading of the oil's temperature is not used, empty where it is.
+
+    ``temperature_unit``: it is in kelvin; ``temperature_range``: no oil has it; ``temperature_stamp``: it has
+    no stamp, or one further from ``now`` (ns, newest data; 0: unknown) than a temperature is used.
+    """
+    if not COLDEST <= celsius <= HOTTEST:
+        kelvin = COLDEST <= celsius - KELVIN <= HOTTEST
+        return "temperature_unit" if kelvin else "temperature_range"
+    if stamp <= 0 or (now > 0 and abs(now - stamp) > LONGEST_AGE * 1e9):
+        return "temperature_stamp"
+    return ""
+
+
 @dataclass(frozen=True, slots=True)
 class OilLaw:
     """How the valve's drag follows its oil's temperature (ASTM D341), as a ratio to the reference point.
@@ -91,7 +109,7 @@ class OilReference:
 
     def take(self, stamp: int, celsius: float, deviation: float = math.nan) -> None:
         """Take a measurement at ``stamp`` (ns), deg C; what no oil has is counted and never used."""
-        if not COLDEST <= celsius <= HOTTEST or stamp <= 0:
+        if temperature_fault(stamp, celsius):
             self.refused += 1
             return
         last = self._waiting[-1] if self._waiting else self._present

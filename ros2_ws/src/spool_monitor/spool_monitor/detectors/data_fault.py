@@ -10,6 +10,7 @@ from spool_core.kernels.samples import OutlierFilter
 from spool_core.one_source import Standing
 from spool_core.rate_check import LIMIT as RATE_LIMIT
 from spool_core.uncertainty import Quantity, Validity
+from spool_estimator.identification.oil import COLDEST, HOTTEST, LONGEST_AGE, temperature_fault
 
 from spool_monitor.estimate_gate import EstimateGate
 from spool_monitor.event import (
@@ -40,6 +41,9 @@ KIND = EventKind(
         EventCause("repeats", 706, Namur.FAILURE),
         EventCause("overload", 709),
         EventCause("not_judged", 710, Namur.FAILURE),
+        EventCause("temperature_unit", 711),
+        EventCause("temperature_stamp", 712),
+        EventCause("temperature_range", 713),
     ),
 )
 
@@ -64,10 +68,15 @@ PARTS = {
 WORTHLESS = ("rate", "clock_step")
 #: Conditions that do not come from the gate's judgement of a block.
 OUTLIERS, ESTIMATE = "outliers", "estimate"
+TEMPERATURES = tuple(cause.name for cause in KIND.causes if cause.name.startswith("temperature"))
+#: Conditions that do not end with a block.
+APART = (ESTIMATE, *TEMPERATURES)
 
 #: s without a fault after which it is over: of what makes the data worthless; of what comes and goes, so that
 #: a block lost every half minute is one event; of outliers.
 OFF_DELAY, COMES_AND_GOES, OUTLIERS_OFF = 5.0, 60.0, 30.0
+#: s for which temperatures must be unusable: one reading at the start of a driver is no fault.
+REFUSED = 2.0
 
 
 def fault_source(fault: Fault) -> str:
@@ -90,6 +99,9 @@ class DataFaultWatch:
             self.conditions[f"{OUTLIERS}/{name}"] = Condition(KIND, 0.0, OUTLIERS_OFF, f"{OUTLIERS}/{name}")
         self.conditions[ESTIMATE] = Condition(KIND, 0.0, COMES_AND_GOES, ESTIMATE)
         self._counted = dict.fromkeys(EACH_CHANNEL, 0)
+        for cause in TEMPERATURES:
+            self.conditions[cause] = Condition(KIND, REFUSED, COMES_AND_GOES, cause)
+        self._refused = 0
 
     def judge(self, gate: BlockGate, stamp: int) -> list[Event]:
         """Return what follows from what is certainly wrong by ``gate``'s newest block, at ``stamp`` (ns)."""
@@ -142,6 +154,24 @@ class DataFaultWatch:
         facts = Facts.of(count, 0.0, subject, note) if gate.second else Facts(subject=subject, note=note)
         severity = Severity.WARNING if new else None
         return condition.judge(Finding(stamp, severity, not new, "source", count, facts))
+
+    def judge_temperature(self, stamp: int, celsius: float, now: int) -> list[Event]:
+        """Return what follows from a temperature (deg C) at ``stamp`` (ns); the data are at ``now`` (ns)."""
+        cause = temperature_fault(stamp, celsius, now)
+        self._refused += cause != ""
+        count = _count("refused_temperatures", self._refused)
+        facts = Facts.of(count, 0.0)
+        if cause == "temperature_stamp":
+            age = Quantity("temperature_age", "s", (now - stamp) * 1e-9, validity=Validity.VALID)
+            facts = Facts.of(age, math.copysign(LONGEST_AGE, age.value)) if stamp > 0 else facts
+        elif cause and math.isfinite(celsius):
+            reading = Quantity("oil_temperature", "deg C", celsius, validity=Validity.VALID)
+            facts = Facts.of(reading, HOTTEST if celsius > HOTTEST else COLDEST)
+        events: list[Event] = []
+        for name in TEMPERATURES:
+            severity = Severity.WARNING if name == cause else None
+            events += self.conditions[name].judge(Finding(now, severity, name != cause, name, count, facts))
+        return events
 
     def judge_outliers(self, outliers: OutlierFilter, stamp: int) -> list[Event]:
         """Return what follows from the samples that were left out of the newest block, at ``stamp`` (ns)."""
