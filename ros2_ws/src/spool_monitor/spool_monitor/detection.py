@@ -29,6 +29,7 @@ from spool_monitor.event import Condition, Event, Finding, condition_name
 from spool_monitor.orders import OrderTracker
 from spool_monitor.parameter_drift import VISCOSITY_PER_KELVIN, VISCOUS, ParameterDrift
 from spool_monitor.state_file import Baseline
+from spool_monitor.warming import OilLevel, ThermometerLag
 from spool_monitor.window import Line, WindowTracker, find_line
 
 #: s after the last suspicion before parameters are judged again, in memories of the estimator.
@@ -161,7 +162,8 @@ class Detection:
         for drift in self.parameters.values():
             drift.reset()
             drift.baseline.restart()
-            drift.referred, drift.temperature, drift.learned_at = False, math.nan, None
+            drift.referred, drift.temperature = False, math.nan
+            drift.oil, drift.lag = OilLevel(), ThermometerLag()
             drift.sensitivity = math.nan
         for start in self.learned.values():
             start.restart()

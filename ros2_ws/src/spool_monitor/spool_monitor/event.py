@@ -28,12 +28,14 @@ FactsSource = Facts | Callable[[], Facts]
 class EventCause:
     """Cause of an event and its number. A ``namur`` that is unknown is that of the kind.
 
-    The texts of the number are in :mod:`spool_core.events`.
+    ``open``: it names several until one of them is known, which is reported then. The texts of the number are
+    in :mod:`spool_core.events`.
     """
 
     name: str
     code: int
     namur: Namur = Namur.UNKNOWN
+    open: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,7 +130,8 @@ class Condition:
                 self._above[severity] = stamp
         least = round(self.on_delay * 1e9)
         held = max((one for one, since in self._above.items() if stamp - since >= least), default=None)
-        if held is not None and (self.active is None or held > self.active):
+        settled = finding.cause != self.cause and self.declared.cause(self.cause).open
+        if held is not None and (self.active is None or held > self.active or settled):
             self._indicated, self._since = self._indicated or min(self._above.values()), None
             return self._raise(finding, held)
         if self.active is not Severity.ALARM or indicated is Severity.ALARM or not finding.eased:

@@ -27,6 +27,7 @@ from spool_estimator.estimate import Estimate, State
 
 from spool_monitor.event import Severity
 from spool_monitor.state_file import Baseline
+from spool_monitor.warming import FASTEST, PROMPT, SLOWEST, OilLevel, ThermometerLag
 
 #: Standard deviations that a change must exceed before its size is judged at all.
 SIGNIFICANCE = 4.0
@@ -68,12 +69,8 @@ SMOOTHING = 3.0
 LAW_ERROR = 0.001
 
 #: Share of a thermometer's uncertainty that changes from day to day (the rest is the same as when the start
-#: value was learned), and s by which it may lag behind the oil in the gap, against the s of a running mean.
-REPEATS, LAGS, FOLLOWED = 0.3, 30.0, 60.0
-
-#: Least relative change of the viscosity per K. Without a thermometer: K per s that the oil may have warmed
-#: since the start value was learned, and K at most.
-VISCOSITY_PER_KELVIN, WARMS, WARMS_MOST = 0.05, 0.5 / 60.0, 25.0
+#: value was learned), and least relative change of the viscosity per K.
+REPEATS, VISCOSITY_PER_KELVIN = 0.3, 0.05
 
 #: s for which a thermometer shows the same, bit for bit, from which it may stand still, where the drag
 #: changes meanwhile by this share or more: as by 6 K.
@@ -170,8 +167,8 @@ class ParameterDrift:
     """Drift test of one parameter: each estimate against its baseline.
 
     Where the estimates carry it, the viscous coefficient is compared as referred to one oil temperature; a
-    start value learned so is never compared with one at any other. While that temperature is not known any
-    more, the oil is taken to be as warm as it was last, and the limit grows by what it may have warmed since.
+    start value learned so is never compared with one at any other. While nothing measures the temperature,
+    what the oil may have done (:class:`~spool_monitor.warming.OilLevel`) is left out of the comparison.
     Not judged is what is held, what is too uncertain, and what ``update`` must distrust.
 
     The limit follows from ``run_length``, the mean time (s) to a false alarm of any of the valve's tests, and
@@ -182,7 +179,6 @@ class ParameterDrift:
 
     Attributes:
         tolerance: what is let pass on top, in units of the change that matters.
-        learned_at: ns, when the start value was learned; ``None`` for one of a former run.
         sensitivity: to a gain error, when the start value was learned; NaN where not known.
         change: of the parameter, smoothed, with its standard deviation.
         quantity: the parameter as it was compared last.
@@ -190,9 +186,10 @@ class ParameterDrift:
         released: whether the change is small enough to be over.
         since: when the change most likely began, ns; 0 where there is none.
         judged: whether the last estimate was.
-        assumed: whether the oil was taken to be as warm as it was last, as its temperature is missing.
+        assumed: whether nothing measures the oil's temperature: only what oil cannot do is judged.
+        doubtful: whether warming oil may be the cause of the change, and nobody knows yet.
         incomparable: whether what is not known could explain any fall of it, as the oil's temperature where
-            that is missing for long, since a restart perhaps, or has just jumped.
+            that is missing since a restart, or changes faster than a thermometer may follow.
         frozen: whether the thermometer has shown the same, bit for bit, since before the change began.
 
     """
@@ -205,7 +202,6 @@ class ParameterDrift:
     tolerance: float = field(default=0.0, init=False)
     referred: bool = field(default=False, init=False)
     temperature: float = field(default=math.nan, init=False)
-    learned_at: int | None = field(default=None, init=False)
     sensitivity: float = field(default=math.nan, init=False)
     sum: CumulativeSum = field(init=False)
     change: Quantity = field(init=False)
@@ -216,14 +212,18 @@ class ParameterDrift:
     assumed: bool = field(default=False, init=False)
     incomparable: bool = field(default=False, init=False)
     frozen: bool = field(default=False, init=False)
+    doubtful: bool = field(default=False, init=False)
+    oil: OilLevel = field(default_factory=OilLevel, init=False)
+    lag: ThermometerLag = field(default_factory=ThermometerLag, init=False)
     _smoothed: float = field(default=math.nan, init=False)
     _variance: float = field(default=math.nan, init=False)
     _last: int = field(default=0, init=False)
     _usual: float = field(default=0.0, init=False)
     _memory: float = field(default=math.nan, init=False)
-    _celsius: float = field(default=math.nan, init=False)
     _ratio: float = field(default=math.nan, init=False)
-    _referred_at: int = field(default=0, init=False)
+    _warmer: float = field(default=0.0, init=False)
+    _slowly: float = field(default=0.0, init=False)
+    _jumped: float = field(default=0.0, init=False)
     _shown: tuple[float, int] = field(default=(math.nan, 0), init=False)
     _quantile: tuple[float, float] = field(default=(0.0, 0.0), init=False)
     _rising: int = field(default=0, init=False)
@@ -288,7 +288,7 @@ class ParameterDrift:
             self.baseline.learn(estimate.stamp, quantity.value)
             self.temperature = celsius if math.isnan(self.temperature) else self.temperature
             self.sensitivity = gain_sensitivity(self.parameter, estimate)
-            self.learned_at = estimate.stamp
+            self.oil.know(estimate.stamp)
             return
         seconds = (estimate.stamp - self._last) * 1e-9 if self._last else 0.0
         self._last = estimate.stamp
@@ -311,36 +311,28 @@ class ParameterDrift:
         if at_reference.known and not self.referred and not self.baseline.frozen:
             self.baseline.restart()
             self.referred = True
-        if not self.referred:
-            self.incomparable = self.baseline.frozen and not self._may_have_changed(estimate) < 1.0
-            return quantity
-        self.assumed = not at_reference.known
-        if at_reference.known:
+        warmer = abs(estimate.oil_temperature.value - self.temperature)
+        measured = at_reference.known if self.referred else math.isfinite(warmer)
+        self.assumed = self.baseline.frozen and not measured
+        self._warmer = 0.0 if self.referred or math.isnan(warmer) else warmer
+        if self.referred and at_reference.known:
             if at_reference.validity is not Validity.VALID:
                 return None
-            self._ratio, self._referred_at = quantity.value / at_reference.value, estimate.stamp
+            self._ratio = quantity.value / at_reference.value
+            self.oil.know(estimate.stamp)
             return at_reference
-        self.incomparable = not (math.isfinite(self._ratio) and self._warmed(estimate.stamp) < 1.0)
-        if self.incomparable:
+        ratio = self._ratio if self.referred else 1.0
+        self.incomparable = math.isnan(ratio)
+        if not self.assumed:
+            self.incomparable = not VISCOSITY_PER_KELVIN * self._warmer < 1.0
+            return None if self.referred else quantity
+        if self.incomparable or quantity.value / ratio / self.baseline.value <= 0.0:
             return None
-        value, deviation = quantity.value / self._ratio, abs(quantity.standard_deviation / self._ratio)
-        return replace(at_reference, value=value, standard_deviation=deviation, validity=Validity.VALID)
-
-    def _warmed(self, stamp: int) -> float:
-        """Return by how much the drag may have changed since the oil's temperature was known, relative."""
-        since = 1e-9 * (stamp - self._referred_at)
-        return VISCOSITY_PER_KELVIN * min(WARMS_MOST, WARMS * (since if since >= 0.0 else math.inf))
-
-    def _may_have_changed(self, estimate: Estimate) -> float:
-        """Return by how much the oil may have changed the drag, relative, where nothing is referred to it."""
-        celsius, stamp = estimate.oil_temperature.value, estimate.stamp
-        warmer = abs(celsius - self.temperature)
-        if math.isnan(warmer):
-            # A start value from a former run, or a clock that was set back: any temperature is possible.
-            learned = self.learned_at
-            since = math.inf if learned is None or stamp < learned else 1e-9 * (stamp - learned)
-            warmer = min(WARMS_MOST, WARMS * since)
-        return VISCOSITY_PER_KELVIN * warmer
+        drag = math.log(quantity.value / ratio / self.baseline.value)
+        self.oil.follow(estimate.stamp, drag, reported=self.level is not None)
+        ratio *= math.exp(self.oil.level)
+        value, deviation = quantity.value / ratio, abs(quantity.standard_deviation / ratio)
+        return replace(quantity, value=value, standard_deviation=deviation)
 
     def _thermometer_stands(self, estimate: Estimate) -> bool:
         """Return whether the temperature has been the same since before a large change of the drag began."""
@@ -355,6 +347,8 @@ class ParameterDrift:
         self.judged = True
         self.quantity = quantity
         change = float(quantity.value - self.baseline.value) / size
+        if self.parameter == VISCOUS and self.referred and not self.assumed:
+            self._follow_oil(estimate, quantity, seconds)
         # What is not the same for a while, in the unit of what is compared.
         raw, scatter = estimate.parameter(self.parameter), quantity.standard_deviation
         if self.referred and raw.value:
@@ -363,7 +357,7 @@ class ParameterDrift:
         if math.isnan(self._smoothed):
             self._smoothed = change
         self._smoothed += (1.0 - math.exp(-seconds / SMOOTHING)) * (change - self._smoothed)
-        self.sum.allowance = self._chance(estimate, quantity, size, seconds) + self.tolerance
+        self.sum.allowance = self._chance(estimate, quantity, size) + self.tolerance
         # No fall is ever found whose limit is beyond zero.
         self.incomparable = self.incomparable or (self.relative and self.sum.allowance * self.matters >= 1.0)
         self.sum.update(estimate.stamp, change, seconds)
@@ -375,6 +369,7 @@ class ParameterDrift:
         elif side != self._side or self._rising == 0:
             self._rising = estimate.stamp
         self._side = side
+        self._doubt(estimate.stamp)
         self._outlook.take(self._rising, estimate.stamp, change)
         self._memory = estimate.memory
         self.frozen = self._thermometer_stands(estimate)
@@ -394,7 +389,27 @@ class ParameterDrift:
             self.sum.up = min(self.sum.up, SHORTEST_SUM)
             self.sum.down = min(self.sum.down, SHORTEST_SUM)
 
-    def _chance(self, estimate: Estimate, quantity: Quantity, size: float, seconds: float) -> float:
+    def _follow_oil(self, estimate: Estimate, quantity: Quantity, seconds: float) -> None:
+        """Learn how far the thermometer lags, and follow the drag as fast as oil can warm."""
+        drag = quantity.value / self.baseline.value
+        if drag <= 0.0 or self._ratio <= 0.0:
+            return
+        drag = math.log(drag)
+        self.lag.take(seconds, math.log(self._ratio), drag, estimate.memory, moves=self._side != 0)
+        step = FASTEST * seconds
+        self._slowly += min(step, max(-step, drag - self._slowly))
+        self._jumped = max(self._jumped, abs(drag - self._slowly)) if self._side else 0.0
+
+    def _doubt(self, stamp: int) -> None:
+        """Judge whether oil may be the cause: it warms slowly, and a thermometer follows sooner or later."""
+        if self.assumed or not self.referred:
+            self.doubtful = self.oil.doubtful and self._side < 0
+            return
+        slow = self._jumped < 0.5 * self.sum.allowance * self.matters and self._side < 0
+        follows = self.lag.most < PROMPT or stamp - self._rising >= SLOWEST * 1e9
+        self.doubtful = self.parameter == VISCOUS and slow and not follows
+
+    def _chance(self, estimate: Estimate, quantity: Quantity, size: float) -> float:
         """Return the change, in units of ``size``, that chance exceeds once in a false-alarm interval."""
         systematic = systematic_error(self.parameter, estimate, self.sensitivity, quantity.value)
         # A start value is the mean of no more independent estimates than its time has memories.
@@ -402,32 +417,25 @@ class ParameterDrift:
         variance = systematic**2 + self.baseline.spread**2 / memories
         unknown = 0.0
         if self.parameter == VISCOUS:
-            oil, unknown = self._oil(estimate, quantity, seconds)
+            oil, unknown = self._oil(estimate, quantity)
             variance += (oil * quantity.value) ** 2
         if self._quantile[0] != self.run_length:
             draws = max(1.0, TESTS * self.run_length / OPERATING_POINT)
             self._quantile = self.run_length, -NormalDist().inv_cdf(0.5 / draws)
         return self._quantile[1] * math.sqrt(variance) / size + unknown / self.matters
 
-    def _oil(self, estimate: Estimate, quantity: Quantity, seconds: float) -> tuple[float, float]:
+    def _oil(self, estimate: Estimate, quantity: Quantity) -> tuple[float, float]:
         """Return what the oil may change, relative: standard deviation, and a bound where it is unknown."""
         celsius = estimate.oil_temperature.value
-        if not self.referred:
-            return 0.0, self._may_have_changed(estimate)
-        if self.assumed:
-            return 0.0, self._warmed(estimate.stamp)
-        mean = self._celsius if math.isfinite(self._celsius) else celsius
-        mean += (celsius - mean) * (1.0 - math.exp(-seconds / FOLLOWED))
-        self._celsius = mean
-        raw, deviation = estimate.parameter(VISCOUS), estimate.oil_temperature.standard_deviation
+        if self.assumed or not self.referred:
+            return 0.0, self.oil.unknown if self.assumed else VISCOSITY_PER_KELVIN * self._warmer
+        raw = estimate.parameter(VISCOUS)
         total = quantity.standard_deviation / abs(quantity.value)
         own = raw.standard_deviation / abs(raw.value) if raw.value else 0.0
         thermal = math.sqrt(max(0.0, total**2 - own**2))
-        slope = thermal / deviation if deviation > 0.0 else 0.0
-        behind = slope * abs(celsius - mean) * LAGS / FOLLOWED
         law = LAW_ERROR * abs(celsius - self.temperature)
-        known = [part for part in (REPEATS * thermal, behind, law) if math.isfinite(part)]
-        return math.hypot(*known), 0.0
+        known = [part for part in (REPEATS * thermal, law) if math.isfinite(part)]
+        return math.hypot(*known), self.lag.most * abs(self.lag.rate)
 
     @property
     def threshold(self) -> float:

@@ -15,6 +15,7 @@ from spool_monitor.monitor import Monitor
 from spool_monitor.parameter_drift import ParameterDrift
 from spool_monitor.replay import Replay
 from spool_monitor.state_file import Baseline
+from spool_monitor.warming import FASTEST, SLOWEST
 from spool_sim.excitation import PRESETS, SweptSine
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
@@ -125,13 +126,23 @@ def at(second: float, drag: float, referred: float | None) -> Estimate:
     )
 
 
-def test_a_slow_wear_in_oil_that_warms_says_what_changed_and_when_it_becomes_an_alarm() -> None:
-    """By estimates of a valve that loses 70 % of its drag in 300 s, in oil that takes a tenth more of it."""
+def slow_wear(*, cooled: float, seconds: int, lasting: float = 300.0) -> list[Event]:
+    """Return the events of a valve that loses 70 % of its drag in ``lasting`` s, from 1.5 ``cooled`` s on.
+
+    Before its oil cools, which thickens it by a half, and the thermometer shows it without a lag.
+    """
     monitor, draw = Monitor(MonitorSettings(natural_frequency=15.15)), np.random.default_rng(1)
     events = []
-    for second in range(1, 240):
-        drag = 4.0 * (1.0 - 0.7 * max(0.0, second - 20.0) / 300.0) * (1.0 + 0.002 * draw.standard_normal())
-        events += monitor.update_estimate(at(second, (1.0 - 0.1 * second / 240.0) * drag, drag))
+    for second in range(1, seconds):
+        worn = min(1.0, max(0.0, second - 20.0 - 1.5 * cooled) / lasting)
+        drag = 4.0 * (1.0 - 0.7 * worn) * (1.0 + 0.002 * draw.standard_normal())
+        thicker = 1.0 + 0.5 * min(1.0, max(0.0, second - 20.0) / max(cooled, 1.0))
+        events += monitor.update_estimate(at(second, (thicker if cooled else 1.0) * drag, drag))
+    return events
+
+
+def test_a_slow_wear_under_a_thermometer_that_follows_says_what_changed_and_when_it_is_an_alarm() -> None:
+    events = slow_wear(cooled=400.0, seconds=840)
     warning, alarm = events
     assert [(event.kind, event.cause, event.severity) for event in events] == [
         ("friction_drift", "wear", Severity.WARNING),
@@ -152,6 +163,18 @@ def test_a_slow_wear_in_oil_that_warms_says_what_changed_and_when_it_becomes_an_
         assert event.quantity.value == pytest.approx(facts.change / facts.baseline)
 
 
+def test_a_slow_fall_is_oil_or_wear_until_no_thermometer_would_lag_by_so_long() -> None:
+    events = slow_wear(cooled=0.0, seconds=900, lasting=600.0)
+    assert [(event.cause, event.severity) for event in events] == [
+        ("oil_or_wear", Severity.WARNING),
+        ("wear", Severity.WARNING),
+        ("wear", Severity.ALARM),
+    ]
+    assert events[0].facts.note == "oil_may_follow"
+    began = events[0].facts.began
+    assert events[1].stamp - began == pytest.approx(SLOWEST * 1e9, abs=5e9)
+
+
 def detector() -> ParameterDrift:
     return ParameterDrift("viscous_coefficient", 0.2, True, Baseline(3.0))
 
@@ -167,10 +190,9 @@ def test_a_start_value_learned_at_one_temperature_is_compared_at_that_temperatur
         assert made.judged
         assert made.assumed
     assert made.change.value == pytest.approx(0.0)
-    # After an hour the oil may have warmed by so much that it explains any drag.
-    made.update(at(3600, 2.0, None))
-    assert made.incomparable
-    assert not made.judged
+    # A drag that changes no faster than the oil may warm is no drift.
+    made.update(at(3600, 1.0, None))
+    assert made.change.value == pytest.approx(0.0)
     made.update(at(3601, 1.0, 3.3))
     assert not made.incomparable
     assert made.latest_change.value == pytest.approx(0.1)
@@ -201,23 +223,25 @@ def test_a_start_value_without_temperature_goes_on_without_it() -> None:
     for second in range(3):
         made.update(at(second, 2.0, None))
     made.update(at(3, 2.2, 3.0))
-    assert made.change.value == pytest.approx(0.1)
+    # Less what warming or cooling oil does in a second.
+    assert made.change.value == pytest.approx(1.1 * math.exp(-FASTEST) - 1.0)
 
 
-def test_without_a_thermometer_the_drag_is_judged_until_the_oil_could_explain_all_of_it() -> None:
+def test_without_a_thermometer_the_drag_is_judged_by_what_oil_cannot_do() -> None:
     """Dry friction is judged all the time: the message names what is judged of each parameter."""
     monitor = Monitor(MonitorSettings(natural_frequency=15.15, baseline_time=3.0))
     monitor.gate.accepted, seen = 1, {}
     for second in (*range(1, 10), *range(600, 610), *range(3600, 3610)):
         monitor.update_estimate(at(second, 2.0, None))
         seen[second] = dict(monitor.health.judgements), monitor.health.summary
-    for second in (9, 609):
-        assert seen[second][0]["friction_drift/viscous_coefficient"] is Judgement.JUDGED
-    judgements, summary = seen[3609]
-    assert judgements["friction_drift/viscous_coefficient"] is Judgement.NOT_JUDGED
-    assert judgements["friction_drift/coulomb_force"] is Judgement.JUDGED
-    assert judgements["spring_change/spring_stiffness"] is Judgement.JUDGED
-    assert summary == "tracking, baseline learned; drag not judged: the oil temperature is unknown"
+    for second in (9, 609, 3609):
+        judgements, summary = seen[second]
+        assert judgements["friction_drift/viscous_coefficient"] is Judgement.JUDGED
+        assert judgements["friction_drift/coulomb_force"] is Judgement.JUDGED
+        assert judgements["spring_change/spring_stiffness"] is Judgement.JUDGED
+        assert summary == (
+            "tracking, baseline learned; drag judged with a wider limit: the oil temperature is unknown"
+        )
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.1])

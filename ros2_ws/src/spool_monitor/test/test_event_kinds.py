@@ -21,6 +21,7 @@ def test_numbers_are_stable() -> None:
         "sensor_fault": 600, "data_fault": 700, "stale": 800,
         "friction_drift/wear": 201, "friction_drift/oil_contamination": 202,
         "friction_drift/oil_viscosity": 203, "friction_drift/unknown": 204,
+        "friction_drift/oil_or_wear": 205,
         "spring_change/softer": 301, "spring_change/stiffer": 302,
         "sensor_fault/dead": 601, "sensor_fault/clipping": 602, "sensor_fault/offset": 603,
         "sensor_fault/swapped": 604, "sensor_fault/scale": 605, "sensor_fault/same_channel": 606,

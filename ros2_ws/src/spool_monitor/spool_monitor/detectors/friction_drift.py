@@ -17,7 +17,7 @@ from spool_monitor.detectors.base import (
     judgement,
     on_delay,
 )
-from spool_monitor.event import EventCause, EventKind, Facts, Finding, Namur
+from spool_monitor.event import EventCause, EventKind, Facts, Finding, Namur, Severity
 from spool_monitor.parameter_drift import VISCOUS, ParameterDrift
 
 KIND = EventKind(
@@ -29,6 +29,7 @@ KIND = EventKind(
         EventCause("oil_contamination", 202),
         EventCause("oil_viscosity", 203, Namur.OUT_OF_SPECIFICATION),
         EventCause("unknown", 204),
+        EventCause("oil_or_wear", 205, open=True),
     ),
 )
 
@@ -67,6 +68,9 @@ class FrictionDrift(Detector):
 
     def _finding(self, stamp: int, drift: ParameterDrift, warmer: float) -> Finding:
         causes = rank_friction(drift, warmer)
+        cause, level = next(iter(causes)), drift.level
+        if drift.doubtful and drift.parameter == VISCOUS:
+            cause, level = "oil_or_wear", level and Severity.WARNING
 
         def facts() -> Facts:
             note = ""
@@ -76,13 +80,14 @@ class FrictionDrift(Detector):
             if drift.parameter == VISCOUS:
                 unknown = "" if evidence else "oil_temperature_unknown"
                 note = "oil_referred" if drift.referred and not drift.assumed else unknown
+                note = "oil_may_follow" if drift.doubtful and not drift.assumed else note
                 note = "oil_temperature_frozen" if drift.frozen else note
             names, shares = tuple(causes), tuple(causes.values())
             return replace(drift.facts(), causes=names, probabilities=shares, note=note, evidence=evidence)
 
         side = int(math.copysign(1.0, drift.share))
         return Finding(
-            stamp, drift.level, drift.released, next(iter(causes)), drift.latest_change, facts,
+            stamp, level, drift.released, cause, drift.latest_change, facts,
             drift.hurries, drift.eased, drift.parameter, side,
         )  # fmt: skip
 
@@ -98,7 +103,7 @@ def rank_friction(drift: ParameterDrift, warmer: float = math.nan) -> dict[str, 
         return {"oil_contamination" if rises else "unknown": 1.0}
     if rises:
         return {"oil_viscosity": 1.0}
-    if drift.frozen:  # a thermometer that stands still says nothing of the oil
+    if drift.frozen or drift.doubtful:  # a thermometer that stands still says nothing of the oil
         return {"wear": 0.5, "oil_viscosity": 0.5}
     if not drift.referred and _explains(warmer, drift.share * drift.matters):
         return {"oil_viscosity": 0.7, "wear": 0.3}
