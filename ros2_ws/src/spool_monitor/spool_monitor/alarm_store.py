@@ -43,10 +43,12 @@ class AlarmStore:
 
     latching: tuple[str, ...] = field(default_factory=latching_kinds)
     alarms: dict[str, Alarm] = field(default_factory=dict, init=False)
+    _conditions: tuple[Condition, ...] = field(default=(), init=False)
 
     def expect(self, conditions: Iterable[Condition]) -> None:
         """Know the valve's conditions before one of them is raised."""
-        for condition in conditions:
+        self._conditions = tuple(conditions)
+        for condition in self._conditions:
             self._of(condition.kind, condition.source)
 
     def update(self, event: Event) -> Transition:
@@ -61,7 +63,10 @@ class AlarmStore:
 
     def acknowledge(self, which: str, operator: Operator, occurrence: int = 0) -> list[Transition]:
         """Acknowledge; see :meth:`operate` and :func:`~spool_monitor.alarm.acknowledge`."""
-        return self.operate(which, lambda alarm: acknowledge(alarm, operator, occurrence))
+        transitions = self.operate(which, lambda alarm: acknowledge(alarm, operator, occurrence))
+        for condition in self._conditions:
+            condition.acknowledged = self.alarms[condition.name].acknowledged
+        return transitions
 
     def reset(self, which: str, operator: Operator) -> list[Transition]:
         """Reset latched alarms."""
@@ -122,6 +127,7 @@ class AlarmStore:
             if alarm is not None and alarm.active and condition.active is None:
                 facts = Facts() if alarm.event is None else alarm.event.facts
                 condition.restore(alarm.severity, alarm.cause, facts)
+                condition.acknowledged = alarm.acknowledged
 
     def dump(self) -> list[dict[str, Any]]:
         """Return what :meth:`load` takes, as JSON can hold it."""

@@ -274,6 +274,60 @@ class ValveResponse:
         return transfer(frequency, self.square, self.damping)
 
 
+#: s over which a change of the gain is smoothed, and for which one must last.
+GAIN_SMOOTHED, GAIN_LASTS = 5.0, 20.0
+#: Change that the operating point, the oil and the spring make without any sensor, and what each unit of
+#: misfit that dry friction adds makes on top (scenarios of the monitor).
+GAIN_BENDS, MISFIT_BENDS = 0.03, 1.5
+#: Change of the gain, beyond what a valve makes, that is a sensor's if it lasts.
+SLOW = 0.02
+
+
+@dataclass(slots=True)
+class GainChange:
+    """Relative change of the spool's gain over the body's, against its start value.
+
+    Attributes:
+        change: smoothed; NaN while the record does not show it.
+        beyond: what of it no operating point and no valve explains, 0 while unknown.
+        unseen: whether the excitation, as a single tone, shows no gain.
+    """
+
+    change: float = field(default=math.nan, init=False)
+    beyond: float = field(default=0.0, init=False)
+    unseen: bool = field(default=False, init=False)
+    _last: int = field(default=0, init=False)
+    _misfit: float = field(default=math.nan, init=False)
+
+    @property
+    def bends(self) -> bool:
+        """Whether it may be the sensor's, which explains part of any change of the valve."""
+        return self.beyond > 0.0
+
+    @property
+    def breaks(self) -> bool:
+        """Whether it is the sensor's if it lasts: what was reported of the valve was none."""
+        return self.beyond >= SLOW
+
+    def update(self, stamp: int, response: ValveResponse | None, start: float, *, learning: bool) -> None:
+        """Take the response at ``stamp`` (ns), ``None`` where it shows no gain; ``start``: the gain's."""
+        if learning and response is not None:
+            self._misfit = response.misfit
+        if response is None or learning or math.isnan(start):
+            self.change, self.beyond = math.nan, 0.0
+            return
+        change = response.gain / start - 1.0
+        if math.isnan(self.change) or stamp < self._last:
+            self.change = change
+            self._misfit = response.misfit if math.isnan(self._misfit) else self._misfit
+        else:
+            share = 1.0 - math.exp((self._last - stamp) * 1e-9 / GAIN_SMOOTHED)
+            self.change += share * (change - self.change)
+        self._last = stamp
+        bends = GAIN_BENDS + MISFIT_BENDS * max(0.0, response.misfit - self._misfit)
+        self.beyond = max(0.0, abs(self.change) - bends)
+
+
 @compiled
 def transfer(frequency: float, square: float, damping: float) -> complex:
     """Return spool over body acceleration at ``frequency`` (Hz) for w0^2 and d, without the gain."""

@@ -11,7 +11,15 @@ from spool_core.kernels.strokes import Stroke
 from spool_estimator.estimate import Estimate
 from spool_estimator.tracking import BUDGET
 
-from spool_monitor.channels import ChannelLook, ChannelWatch, ResponseTracker, Signals, ValveResponse, look
+from spool_monitor.channels import (
+    ChannelLook,
+    ChannelWatch,
+    GainChange,
+    ResponseTracker,
+    Signals,
+    ValveResponse,
+    look,
+)
 from spool_monitor.detectors import CHANNELS, ESTIMATE, LINE, SIGNALS, Detector, Judgement, Moment, detectors
 from spool_monitor.detectors.base import (
     BASELINE_TIME,
@@ -27,7 +35,7 @@ from spool_monitor.detectors.base import (
 from spool_monitor.detectors.unknowable import unknowable
 from spool_monitor.event import Condition, Event, Finding, condition_name
 from spool_monitor.orders import OrderTracker
-from spool_monitor.parameter_drift import VISCOSITY_PER_KELVIN, VISCOUS, ParameterDrift
+from spool_monitor.parameter_drift import VISCOSITY_PER_KELVIN, VISCOUS, ParameterDrift, gain_effect
 from spool_monitor.state_file import Baseline
 from spool_monitor.warming import OilLevel, ThermometerLag
 from spool_monitor.window import Line, WindowTracker, find_line
@@ -83,6 +91,7 @@ class Detection:
     units: dict[str, str] = field(init=False)
     conditions: dict[str, Condition] = field(init=False)
     doubt: str = ""
+    gain: GainChange = field(default_factory=GainChange, init=False)
     _unjudged: tuple[float, str] = field(default=(0.0, ""), init=False)
     _judged_at: int | None = field(default=None, init=False)
     _windowed_at: int = field(default=0, init=False)
@@ -99,7 +108,7 @@ class Detection:
         self.detectors = detectors(settings)
         self.conditions = {
             condition_name(one.name, part): Condition(
-                one.kind, one.delay, one.off_delay, one.fault(part).partition("/")[2]
+                one.kind, one.delay, one.off_delay, one.fault(part).partition("/")[2], one.stays
             )
             for one in self.detectors
             for part in one.parts
@@ -264,12 +273,15 @@ class Detection:
         distrust = bool(self.distrust)
         # A spool that sticks more of the time also looks as if it had another spring.
         dry = max(0.0, self.parameters["coulomb_force"].share)
+        for parameter in self.parameters.values():
+            parameter.tolerance = 0.0
         self.parameters["spring_stiffness"].tolerance = STICKING * dry
         natural = 2.0 * math.pi * estimate.natural_frequency.value
         mass = estimate.parameter("spring_stiffness").value / natural**2
         # Dry friction may hold the spool for so long that little is seen of its spring.
         sticks = estimate.parameter("coulomb_force").value > STICKS * mass * estimate.excitation.value
         for name, parameter in self.parameters.items():
+            parameter.tolerance += gain_effect(name, estimate) * self.gain.beyond / parameter.matters
             if name == "spring_stiffness" and sticks:
                 parameter.judged = False
             else:
@@ -329,6 +341,7 @@ class Detection:
             stamp, natural_frequency, self._reference_now(), self.parameters, self.learned,
             line, silent, signals, response, estimate,
             unjudged=self._unjudged, explained=explained, channels=channels, orders=self.orders,
+            gain=self.gain,
         )  # fmt: skip
 
     def _show(self, what: str, moment: Moment) -> list[Event]:
@@ -340,14 +353,16 @@ class Detection:
             if one.needs_valve and not described:
                 one.judgement, one.suspicious = Judgement.NOT_JUDGED, ""
             elif what in one.looks_at:
+                one.held = any(each.holds for each in self.conditions_of(one))
                 distrust = self._distrust(moment.stamp, one)
                 found = one.update(moment._replace(distrust=distrust) if distrust else moment)
             findings = () if found is None else (found,) if isinstance(found, Finding) else found
             for finding in findings:
                 events += self.conditions[condition_name(one.name, finding.part)].judge(finding)
             lasts = one.judgement is not Judgement.JUDGED or not all(each.released for each in findings)
-            raised = any(each.active is not None for each in self.conditions_of(one))
-            if one.suspicious or (raised and lasts):
+            own = self.conditions_of(one)
+            raised = any(each.holds or (each.active is not None and lasts) for each in own)
+            if one.suspicious or raised:
                 reason = one.suspicious or f"{one.name.replace('_', ' ')} is active"
                 self._suspicions[one.name] = (moment.stamp, one, reason)
             elif one.refuted:

@@ -101,13 +101,16 @@ class Condition:
     for ``on_delay`` s as well, so one look makes no alarm of a warning (ISA-18.2: on-delay of each limit). An
     alarm that has eased for ``off_delay`` s is a warning again, which is reported as well.
     What is indicated again within ``off_delay`` s is the same event, with its first time. A change in the
-    other direction is another fault: it ends the event, and has its own on-delay.
+    other direction is another fault: it ends the event, and has its own on-delay. One that ``stays`` is not
+    over before somebody has ``acknowledged`` it.
     """
 
     declared: EventKind
     on_delay: float
     off_delay: float
     source: str = ""
+    stays: bool = False
+    acknowledged: bool = field(default=False, init=False)
     active: Severity | None = field(default=None, init=False)
     cause: str = field(default="", init=False)
     _since: int | None = field(default=None, init=False)
@@ -138,7 +141,7 @@ class Condition:
             self._eased = None
         elif self._eased is None or stamp < self._eased:
             self._eased = stamp
-        if self.active is None or indicated is not None or not finding.released:
+        if self.active is None or indicated is not None or not finding.released or self.holds:
             self._since = None
         elif self._since is None or stamp < self._since:
             self._since = stamp
@@ -149,6 +152,11 @@ class Condition:
             self._eased = None
             return self._raise(finding._replace(cause=finding.cause or self.cause), Severity.WARNING)
         return []
+
+    @property
+    def holds(self) -> bool:
+        """Whether it is active until somebody acknowledges it."""
+        return self.stays and self.active is not None and not self.acknowledged
 
     @property
     def ends(self) -> int | None:
@@ -198,6 +206,7 @@ class Condition:
 
     def _raise(self, finding: Finding, severity: Severity) -> list[Event]:
         stamp, cause = finding.stamp, finding.cause
+        self.acknowledged = self.acknowledged and self.active is not None
         self.active, self.cause = severity, cause
         self._raised = stamp if self._raised is None else self._raised
         facts, declared = _facts(finding.facts), self.declared.cause(cause)

@@ -579,6 +579,21 @@ def gain_sensitivity(parameter: str, estimate: Estimate) -> float:
     return a + b / ratio + c * motion / ratio + d * motion
 
 
+def gain_effect(parameter: str, estimate: Estimate) -> float:
+    """Return what a gain error of 1 makes of ``parameter``: relative, of the dry friction in N."""
+    if parameter in ALL:
+        sensitivity = gain_sensitivity(parameter, estimate)
+        return max(abs(sensitivity), 0.5 * ALL[parameter]) if math.isfinite(sensitivity) else ALL[parameter]
+    return DRY * inertia_force(estimate) if math.isfinite(inertia_force(estimate)) else 0.0
+
+
+def inertia_force(estimate: Estimate) -> float:
+    """Return the inertia force of the excitation, N rms, NaN where it is not known."""
+    stiffness, natural = estimate.parameter("spring_stiffness"), estimate.natural_frequency.value
+    mass = stiffness.value / (2.0 * math.pi * natural) ** 2 if natural > 0.0 else math.nan
+    return mass * estimate.excitation.value
+
+
 def systematic_error(parameter: str, estimate: Estimate, healthy: float, value: float) -> float:
     """Return the standard deviation of the mean error of a change since the start value was learned.
 
@@ -599,9 +614,7 @@ def systematic_error(parameter: str, estimate: Estimate, healthy: float, value: 
             around = 0.5 + 1.6 * ratio + 3.5 * ratio**2 if stiff else 0.25 + 0.08 / ratio
             sensitivity = math.hypot(moved, around)
         return math.hypot(bias, GAIN_ERROR * sensitivity * value)
-    stiffness, natural = estimate.parameter("spring_stiffness"), estimate.natural_frequency.value
-    mass = stiffness.value / (2.0 * math.pi * natural) ** 2 if natural > 0.0 else math.nan
-    force = mass * estimate.excitation.value
+    force = inertia_force(estimate)
     return math.hypot(bias, GAIN_ERROR * DRY * force) if math.isfinite(force) else bias
 
 

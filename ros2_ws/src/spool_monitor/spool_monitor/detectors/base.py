@@ -13,7 +13,7 @@ from spool_core.kernels.strokes import Stroke
 from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.estimate import Estimate
 
-from spool_monitor.channels import ChannelLook, Signals, ValveResponse
+from spool_monitor.channels import ChannelLook, GainChange, Signals, ValveResponse
 from spool_monitor.detectors.data_fault import KIND as DATA_FAULT
 from spool_monitor.event import EventKind, Facts, Finding, Severity
 from spool_monitor.orders import OrderTracker
@@ -122,6 +122,7 @@ class Moment(NamedTuple):
         learned: start values of what the channels show, by name.
         orders: names the order of the machine that a line is.
         strokes: those that ended.
+        gain: what is known of the channels' gain against its start value.
 
     """
 
@@ -141,6 +142,7 @@ class Moment(NamedTuple):
     channels: ChannelLook | None = None
     orders: OrderTracker | None = None
     strokes: tuple[Stroke, ...] = ()
+    gain: GainChange = GainChange()
 
     @property
     def described(self) -> bool:
@@ -159,7 +161,8 @@ class Detector(ABC):
     tests of parameters that it needs; ``learns`` names what of the channels needs a start value, with units.
     ``on_delay`` and ``off_delay`` are in s, the former a number or the parameter that has it. ``suspicious``
     says why others can't believe this moment, already before the event is raised; ``refuted`` that what it
-    suspected was not so.
+    suspected was not so. What ``stays`` is active until somebody acknowledges it;
+    meanwhile it is ``held``, and nothing may be learned from what it sees.
     """
 
     name: ClassVar[str]
@@ -172,12 +175,14 @@ class Detector(ABC):
     learns: ClassVar[Mapping[str, str]] = MappingProxyType({})
     on_delay: ClassVar[float | MonitorLimit] = 0.0
     off_delay: ClassVar[float] = 3.0
+    stays: ClassVar[bool] = False
 
     def __init__(self, settings: MonitorSettings) -> None:
         self.settings = settings
         self.judgement = Judgement.UNKNOWN
         self.suspicious = ""
         self.refuted = False
+        self.held = False
 
     @property
     def delay(self) -> float:

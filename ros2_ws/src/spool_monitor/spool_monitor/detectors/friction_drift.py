@@ -30,6 +30,7 @@ KIND = EventKind(
         EventCause("oil_viscosity", 203, Namur.OUT_OF_SPECIFICATION),
         EventCause("unknown", 204),
         EventCause("oil_or_wear", 205, open=True),
+        EventCause("sensor_or_friction", 206, open=True),
     ),
 )
 
@@ -64,13 +65,16 @@ class FrictionDrift(Detector):
         tests = [moment.parameters[name] for name in self.parts]
         self.judgement = judgement(moment.distrust, tests)
         celsius = moment.estimate.oil_temperature.value
-        return tuple(self._finding(moment.stamp, one, celsius - one.temperature) for one in tests)
+        return tuple(self._finding(moment, one, celsius - one.temperature) for one in tests)
 
-    def _finding(self, stamp: int, drift: ParameterDrift, warmer: float) -> Finding:
+    def _finding(self, moment: Moment, drift: ParameterDrift, warmer: float) -> Finding:
         causes = rank_friction(drift, warmer)
         cause, level = next(iter(causes)), drift.level
         if drift.doubtful and drift.parameter == VISCOUS:
-            cause, level = "oil_or_wear", level and Severity.WARNING
+            cause = "oil_or_wear"
+        cause = "sensor_or_friction" if moment.gain.bends else cause
+        if KIND.cause(cause).open:
+            level = level and Severity.WARNING
 
         def facts() -> Facts:
             note = ""
@@ -86,8 +90,9 @@ class FrictionDrift(Detector):
             return replace(drift.facts(), causes=names, probabilities=shares, note=note, evidence=evidence)
 
         side = int(math.copysign(1.0, drift.share))
+        released = drift.released or moment.gain.breaks
         return Finding(
-            stamp, level, drift.released, cause, drift.latest_change, facts,
+            moment.stamp, level, released, cause, drift.latest_change, facts,
             drift.hurries, drift.eased, drift.parameter, side,
         )  # fmt: skip
 

@@ -15,7 +15,7 @@ from spool_core.record_limits import LIMITS
 from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.estimate import Estimate, State
 
-from spool_monitor.channels import KEPT, MEMORY, Channel, Signals, ValveResponse, transfer
+from spool_monitor.channels import GAIN_LASTS, KEPT, MEMORY, Channel, Signals, ValveResponse, transfer
 from spool_monitor.detectors.base import (
     CHANNELS,
     ESTIMATE,
@@ -352,12 +352,14 @@ class SensorScale(Detector):
     rank = 4
     learns: ClassVar[Mapping[str, str]] = {"channel_gain": "1"}
     on_delay: ClassVar[float] = 2.0
+    stays: ClassVar[bool] = True
     _found: bool
 
     def __init__(self, settings: MonitorSettings) -> None:
         super().__init__(settings)
         self.relearn()
         self._near = self._changed = self._proven = -(10**18)
+        self._slow = 10**18
 
     def update(self, moment: Moment) -> Finding | None:
         """Judge the response of ``moment``, if there is a new one; take note of an estimate's residual."""
@@ -370,6 +372,7 @@ class SensorScale(Detector):
             self._unexplained = self._lost = 0
             if moment.signals is not None:
                 self.judgement, self.suspicious = Judgement.NOT_JUDGED, ""
+                self._take_gain(moment, None)
             return None
         if moment.estimate is not None:
             self._compare(moment.estimate)
@@ -380,7 +383,11 @@ class SensorScale(Detector):
         told = response is not None and response.gain_deviation < IMPRECISE
         if response is None or not told or not shaken or self._resonates(moment.signals, moment.reference):
             self.judgement, self.suspicious = Judgement.NOT_EXCITED, ""
+            self._take_gain(moment, None)
+            moment.gain.unseen = response is not None and not told
             return None
+        self._take_gain(moment, response)
+        moment.gain.unseen = False
         if math.isnan(self._reference_residual):
             self.judgement, self.suspicious = Judgement.LEARNING, ""
             return None
@@ -415,7 +422,7 @@ class SensorScale(Detector):
         jumps = min(self._before) < BEFORE * limit < limit < more
         if jumps or (self._unexplained > 0 and more > 0.5 * limit):
             self._unexplained += 1
-        else:
+        elif not self.held:
             self._unexplained = 0
             self._reference_residual += (min(residual, 2.0 * reference) - reference) / FOLLOWED
         self._before = (self._before[1], more)
@@ -435,22 +442,33 @@ class SensorScale(Detector):
             self._found = False
         # A valve that changes faster than the response follows bends it for a moment only.
         self.refuted = not self._found and abs(change) < SCALE_SUSPICIOUS * limit
-        if self._unexplained == self._lost == 0 and not self._found:
+        slow = moment.stamp - self._slow >= GAIN_LASTS * 1e9
+        self.refuted = self.refuted and not slow
+        if slow:
+            self._found, change = True, moment.gain.change
+        if self._unexplained == self._lost == 0 and not self._found and not self.held:
             pace = FOLLOWED if abs(change) < SCALE_SUSPICIOUS * limit else SLOWLY
             self._recent += (response.gain - self._recent) / pace
             start.learn(moment.stamp, response.gain)
         self.judgement = Judgement.JUDGED
-        doubtful = (proven or self._found) and abs(change) > SCALE_SUSPICIOUS * limit
+        doubtful = slow or ((proven or self._found) and abs(change) > SCALE_SUSPICIOUS * limit)
         self.suspicious = "the ratio of the channels has changed" if doubtful else ""
         gain = Quantity("gain_change", "1", change, response.gain_deviation, Validity.VALID)
         return Finding(
             moment.stamp,
-            Severity.ALARM if self._found and abs(change) > limit else None,
+            Severity.ALARM if slow or (self._found and abs(change) > limit) else None,
             not self._found,
             "scale",
             gain,
             lambda: Facts.of(gain, math.copysign(limit, change), "spool"),
         )
+
+    def _take_gain(self, moment: Moment, response: ValveResponse | None) -> None:
+        """Compare the gain with its start value, and note since when a valve has not explained the change."""
+        start = moment.learned["channel_gain"]
+        moment.gain.update(moment.stamp, response, start.value, learning=not start.frozen)
+        if not moment.gain.breaks or moment.stamp < self._slow:
+            self._slow = moment.stamp
 
     def _explained(self, stamp: int) -> bool:
         """Whether a change of the valve within what the channels show explains what was seen at ``stamp``."""

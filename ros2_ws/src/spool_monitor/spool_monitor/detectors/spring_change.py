@@ -15,13 +15,17 @@ from spool_monitor.detectors.base import (
     judgement,
     on_delay,
 )
-from spool_monitor.event import EventCause, EventKind, Facts, Finding, Namur
+from spool_monitor.event import EventCause, EventKind, Facts, Finding, Namur, Severity
 
 KIND = EventKind(
     "spring_change",
     300,
     Namur.MAINTENANCE_REQUIRED,
-    causes=(EventCause("softer", 301), EventCause("stiffer", 302)),
+    causes=(
+        EventCause("softer", 301),
+        EventCause("stiffer", 302),
+        EventCause("sensor_or_spring", 303, open=True),
+    ),
 )
 
 STIFFNESS_CHANGE = MonitorLimit("stiffness_change", 0.1, "Relative change to act on.", "1", 0.001, 10.0)
@@ -47,12 +51,15 @@ class SpringChange(Detector):
         stiffness = moment.parameters["spring_stiffness"]
         self.judgement = judgement(moment.distrust, (stiffness,))
         cause = "softer" if stiffness.share < 0.0 else "stiffer"
+        level = stiffness.level
+        if moment.gain.bends or moment.gain.unseen:
+            cause, level = "sensor_or_spring", level and Severity.WARNING
         natural = moment.estimate.natural_frequency
 
         def facts() -> Facts:
             return replace(stiffness.facts(), evidence=(natural,) if natural.known else ())
 
         return Finding(
-            moment.stamp, stiffness.level, stiffness.released, cause, stiffness.latest_change, facts,
-            stiffness.hurries, stiffness.eased, side=int(math.copysign(1.0, stiffness.share)),
+            moment.stamp, level, stiffness.released or moment.gain.breaks, cause, stiffness.latest_change,
+            facts, stiffness.hurries, stiffness.eased, side=int(math.copysign(1.0, stiffness.share)),
         )  # fmt: skip
