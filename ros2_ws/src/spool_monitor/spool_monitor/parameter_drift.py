@@ -289,6 +289,7 @@ class ParameterDrift:
             self.temperature = celsius if math.isnan(self.temperature) else self.temperature
             self.sensitivity = gain_sensitivity(self.parameter, estimate)
             self.oil.know(estimate.stamp)
+            self.lag.start = self.lag.rate
             return
         seconds = (estimate.stamp - self._last) * 1e-9 if self._last else 0.0
         self._last = estimate.stamp
@@ -320,6 +321,8 @@ class ParameterDrift:
                 return None
             self._ratio = quantity.value / at_reference.value
             self.oil.know(estimate.stamp)
+            if self._ratio > 0.0:
+                self.lag.follow(estimate.stamp, math.log(self._ratio))
             return at_reference
         ratio = self._ratio if self.referred else 1.0
         self.incomparable = math.isnan(ratio)
@@ -392,10 +395,10 @@ class ParameterDrift:
     def _follow_oil(self, estimate: Estimate, quantity: Quantity, seconds: float) -> None:
         """Learn how far the thermometer lags, and follow the drag as fast as oil can warm."""
         drag = quantity.value / self.baseline.value
-        if drag <= 0.0 or self._ratio <= 0.0:
+        if drag <= 0.0:
             return
         drag = math.log(drag)
-        self.lag.take(seconds, math.log(self._ratio), drag, estimate.memory, moves=self._side != 0)
+        self.lag.learn(drag, estimate.memory, moves=self._side != 0)
         step = FASTEST * seconds
         self._slowly += min(step, max(-step, drag - self._slowly))
         self._jumped = max(self._jumped, abs(drag - self._slowly)) if self._side else 0.0
@@ -435,7 +438,7 @@ class ParameterDrift:
         thermal = math.sqrt(max(0.0, total**2 - own**2))
         law = LAW_ERROR * abs(celsius - self.temperature)
         known = [part for part in (REPEATS * thermal, law) if math.isfinite(part)]
-        return math.hypot(*known), self.lag.most * abs(self.lag.rate)
+        return math.hypot(*known), self.lag.unknown
 
     @property
     def threshold(self) -> float:

@@ -100,29 +100,35 @@ class ThermometerLag:
 
     Referred to a temperature that lags by T, the logarithm y of a drag departs by T times the rate at which
     the logarithm of the viscosity follows the thermometer.
+
+    Attributes:
+        rate: that rate, 1/s; ``start``: what it was when the start value was learned.
     """
 
     rate: float = field(default=0.0, init=False)
+    start: float = field(default=0.0, init=False)
     _smoothed: float = field(default=math.nan, init=False)
+    _stamp: int = field(default=0, init=False)
     _age: float = field(default=0.0, init=False)
+    _seconds: float = field(default=0.0, init=False)
     _sums: list[float] = field(default_factory=lambda: [0.0] * 6, init=False)
 
-    def take(self, seconds: float, viscosity: float, drag: float, memory: float, *, moves: bool) -> None:
-        """Take logarithms of the ``viscosity`` at the thermometer's temperature and of the referred ``drag``.
-
-        Args:
-            seconds: since the last ones, 0 after a pause.
-            viscosity: over that at a reference.
-            drag: over its start value.
-            memory: s, over which the estimates forget.
-            moves: whether the drag is changing: under a thermometer that is prompt this is no lag.
-        """
-        if math.isnan(self._smoothed) or seconds <= 0.0:
-            self._smoothed, self._age = viscosity, 0.0
-        self._age += seconds
-        self._smoothed += (viscosity - self._smoothed) * (1.0 - math.exp(-seconds / SMOOTHED))
+    def follow(self, stamp: int, viscosity: float) -> None:
+        """Take the logarithm of the viscosity at the thermometer's temperature at ``stamp`` (ns)."""
+        self._seconds, self._stamp = (stamp - self._stamp) * 1e-9, stamp
+        if math.isnan(self._smoothed) or not 0.0 <= self._seconds <= SMOOTHED:
+            self._smoothed, self._age, self._seconds = viscosity, 0.0, 0.0
+        self._age += self._seconds
+        self._smoothed += (viscosity - self._smoothed) * (1.0 - math.exp(-self._seconds / SMOOTHED))
         # Of a straight line this is the rate from its beginning on.
         self.rate = (viscosity - self._smoothed) / (SMOOTHED * -math.expm1(-max(self._age, 1.0) / SMOOTHED))
+
+    def learn(self, drag: float, memory: float, *, moves: bool) -> None:
+        """Take the logarithm of the referred ``drag`` over its start value, of estimates over ``memory`` s.
+
+        While it ``moves`` under a thermometer that is prompt, this is no lag.
+        """
+        seconds = self._seconds
         if self._age < 0.5 * SMOOTHED or (moves and self.most < PROMPT):
             return
         keep, weight = math.exp(-seconds / REMEMBERED), seconds / (2.0 * memory)
@@ -140,3 +146,8 @@ class ThermometerLag:
         lag = common / spread
         variance = max(0.0, power - common**2 / spread) / (count - 2.0) / spread
         return min(SLOWEST, max(0.0, lag) + 3.0 * math.sqrt(variance) + TO)
+
+    @property
+    def unknown(self) -> float:
+        """What a lag may have changed of the logarithm of the drag, against the start value."""
+        return self.most * abs(self.rate - self.start)

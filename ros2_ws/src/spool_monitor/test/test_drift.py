@@ -264,9 +264,10 @@ def test_the_lag_of_a_thermometer_is_estimated_from_the_drag(lag: float) -> None
     for second in range(5400):
         oil = -0.001 * min(second, 1800)
         shown += (oil - shown) / lag
-        found.take(1.0, shown, oil - shown + 0.01 * draw.standard_normal(), 4.0, moves=False)
+        found.follow(second * SECOND, shown)
+        found.learn(oil - shown + 0.01 * draw.standard_normal(), 4.0, moves=False)
         # Before it is known no lag explains less than there is.
-        assert found.most * abs(found.rate) > 0.6 * (shown - oil) - 0.02
+        assert found.unknown > 0.6 * (shown - oil) - 0.02
     assert lag < found.most < lag + 1.5 * TO
 
 
