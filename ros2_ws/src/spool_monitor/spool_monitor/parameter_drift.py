@@ -289,7 +289,7 @@ class ParameterDrift:
             self.temperature = celsius if math.isnan(self.temperature) else self.temperature
             self.sensitivity = gain_sensitivity(self.parameter, estimate)
             self.oil.know(estimate.stamp)
-            self.lag.start = self.lag.rate
+            self.lag.learning = True
             return
         seconds = (estimate.stamp - self._last) * 1e-9 if self._last else 0.0
         self._last = estimate.stamp

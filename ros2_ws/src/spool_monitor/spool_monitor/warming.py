@@ -1,7 +1,7 @@
 """What warming oil does to the drag where no thermometer, or one that lags, measures it.
 
 A film's drag follows the oil's viscosity. Oil warms no faster than ``FASTEST``; what falls faster is no oil.
-What falls more slowly may be: it is told from wear by what comes back after a cold start, as oil cools to its
+What falls more slowly may be: wear and oil differ in what comes back after a cold start, as oil cools to its
 surroundings and wear does not heal.
 """
 
@@ -103,10 +103,12 @@ class ThermometerLag:
 
     Attributes:
         rate: that rate, 1/s; ``start``: what it was when the start value was learned.
+        learning: whether that is being learned; a rate needs longer to be seen.
     """
 
     rate: float = field(default=0.0, init=False)
     start: float = field(default=0.0, init=False)
+    learning: bool = field(default=False, init=False)
     _smoothed: float = field(default=math.nan, init=False)
     _stamp: int = field(default=0, init=False)
     _age: float = field(default=0.0, init=False)
@@ -122,6 +124,8 @@ class ThermometerLag:
         self._smoothed += (viscosity - self._smoothed) * (1.0 - math.exp(-self._seconds / SMOOTHED))
         # Of a straight line this is the rate from its beginning on.
         self.rate = (viscosity - self._smoothed) / (SMOOTHED * -math.expm1(-max(self._age, 1.0) / SMOOTHED))
+        if self.learning:
+            self.start, self.learning = self.rate, self._age < 0.5 * SMOOTHED
 
     def learn(self, drag: float, memory: float, *, moves: bool) -> None:
         """Take the logarithm of the referred ``drag`` over its start value, of estimates over ``memory`` s.
