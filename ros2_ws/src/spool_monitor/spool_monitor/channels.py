@@ -276,11 +276,11 @@ class ValveResponse:
 
 #: s over which a change of the gain is smoothed, and for which one must last.
 GAIN_SMOOTHED, GAIN_LASTS = 5.0, 20.0
-#: Change that the operating point, the oil and the spring make without any sensor, and what each unit of
-#: misfit that dry friction adds makes on top (scenarios of the monitor).
-GAIN_BENDS, MISFIT_BENDS = 0.03, 1.5
+#: Change that the operating point, the oil and the spring make without any sensor; what each unit of misfit
+#: that dry friction adds makes on top, and each change of the drag that matters (scenarios of the monitor).
+GAIN_BENDS, MISFIT_BENDS, DRAG_BENDS = 0.03, 1.5, 0.02
 #: Change of the gain, beyond what a valve makes, that is a sensor's if it lasts.
-SLOW = 0.02
+SLOW = 0.04
 
 
 @dataclass(slots=True)
@@ -302,15 +302,20 @@ class GainChange:
     @property
     def bends(self) -> bool:
         """Whether it may be the sensor's, which explains part of any change of the valve."""
-        return self.beyond > 0.0
+        return self.beyond >= 0.5 * SLOW
 
     @property
     def breaks(self) -> bool:
         """Whether it is the sensor's if it lasts: what was reported of the valve was none."""
         return self.beyond >= SLOW
 
-    def update(self, stamp: int, response: ValveResponse | None, start: float, *, learning: bool) -> None:
-        """Take the response at ``stamp`` (ns), ``None`` where it shows no gain; ``start``: the gain's."""
+    def update(
+        self, stamp: int, response: ValveResponse | None, start: float, drag: float, *, learning: bool
+    ) -> None:
+        """Take the response at ``stamp`` (ns), ``None`` where it shows no gain; ``start``: the gain's.
+
+        ``drag``: change of the drag, in units of the one that matters.
+        """
         if learning and response is not None:
             self._misfit = response.misfit
         if response is None or learning or math.isnan(start):
@@ -325,6 +330,7 @@ class GainChange:
             self.change += share * (change - self.change)
         self._last = stamp
         bends = GAIN_BENDS + MISFIT_BENDS * max(0.0, response.misfit - self._misfit)
+        bends += DRAG_BENDS * abs(drag)
         self.beyond = max(0.0, abs(self.change) - bends)
 
 

@@ -133,7 +133,7 @@ class Condition:
                 self._above[severity] = stamp
         least = round(self.on_delay * 1e9)
         held = max((one for one, since in self._above.items() if stamp - since >= least), default=None)
-        settled = finding.cause != self.cause and self.declared.cause(self.cause).open
+        settled = self.declared.cause(self.cause).open and not self.declared.cause(finding.cause).open
         if held is not None and (self.active is None or held > self.active or settled):
             self._indicated, self._since = self._indicated or min(self._above.values()), None
             return self._raise(finding, held)

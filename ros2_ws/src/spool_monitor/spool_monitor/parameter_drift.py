@@ -398,7 +398,7 @@ class ParameterDrift:
         if drag <= 0.0:
             return
         drag = math.log(drag)
-        self.lag.learn(drag, estimate.memory, moves=self._side != 0)
+        self.lag.learn(drag, estimate.memory)
         step = FASTEST * seconds
         self._slowly += min(step, max(-step, drag - self._slowly))
         self._jumped = max(self._jumped, abs(drag - self._slowly)) if self._side else 0.0

@@ -23,12 +23,13 @@ SURROUNDINGS = 0.15
 KEPT, SURELY = 9, 3
 #: s for which a change that was found may still grow; s after a cold start in which it was found by it.
 GROWS, AFTER = 30.0, 40.0
-#: s, by which a thermometer may lag at most, and what a lag is known to besides its deviation.
-SLOWEST, TO = 600.0, 60.0
+#: s, by which a thermometer may lag at most; share of a lag, and s, to which it is known besides its
+#: deviation: a change of the rate is smoothed.
+SLOWEST, WITHIN, TO = 600.0, 0.2, 20.0
 #: 1/s, rate that is no flicker of a thermometer: 0.1 K/min, at 6 % per K.
 SEEN = 1e-4
 #: s by which a thermometer follows so soon that what it does not show is no oil.
-PROMPT = 2.0 * TO
+PROMPT = 120.0
 #: s over which a temperature's rate is smoothed, and over which a lag is remembered.
 SMOOTHED, REMEMBERED = 60.0, 3600.0
 
@@ -127,13 +128,13 @@ class ThermometerLag:
         if self.learning:
             self.start, self.learning = self.rate, self._age < 0.5 * SMOOTHED
 
-    def learn(self, drag: float, memory: float, *, moves: bool) -> None:
+    def learn(self, drag: float, memory: float) -> None:
         """Take the logarithm of the referred ``drag`` over its start value, of estimates over ``memory`` s.
 
-        While it ``moves`` under a thermometer that is prompt, this is no lag.
+        Once it is known that the thermometer is prompt, a drag that moves is no lag.
         """
         seconds = self._seconds
-        if self._age < 0.5 * SMOOTHED or (moves and self.most < PROMPT):
+        if self._age < 0.5 * SMOOTHED or self.most < PROMPT:
             return
         keep, weight = math.exp(-seconds / REMEMBERED), seconds / (2.0 * memory)
         new = (1.0, self.rate, drag, self.rate**2, self.rate * drag, drag**2)
@@ -149,7 +150,7 @@ class ThermometerLag:
         power = powers - drags**2 / count
         lag = common / spread
         variance = max(0.0, power - common**2 / spread) / (count - 2.0) / spread
-        return min(SLOWEST, max(0.0, lag) + 3.0 * math.sqrt(variance) + TO)
+        return min(SLOWEST, (1.0 + WITHIN) * max(0.0, lag) + 3.0 * math.sqrt(variance) + TO)
 
     @property
     def unknown(self) -> float:

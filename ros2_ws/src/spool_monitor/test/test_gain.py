@@ -108,9 +108,9 @@ def test_a_gain_that_dry_friction_bends_is_no_sensors() -> None:
     response = ValveResponse(15.0, 30.0, 1.0, 0.02, 0.1)
     for gain, misfit, beyond in ((0.9, 0.1, True), (0.9, 0.2, False), (0.98, 0.1, False)):
         made = GainChange()
-        made.update(0, response, 1.0, learning=True)
+        made.update(0, response, 1.0, 0.0, learning=True)
         for second in range(1, 30):
             seen = replace(response, gain=gain, misfit=misfit)
-            made.update(second * 10**9, seen, 1.0, learning=False)
+            made.update(second * 10**9, seen, 1.0, 0.0, learning=False)
         assert made.change == pytest.approx(gain - 1.0)
         assert made.breaks is beyond

@@ -28,6 +28,7 @@ from spool_monitor.detectors.base import (
     MonitorSettings,
 )
 from spool_monitor.event import EACH_CHANNEL, EventCause, Facts, Finding, Severity, sensor_fault
+from spool_monitor.parameter_drift import VISCOUS
 
 CLIPPING_KIND = sensor_fault(EventCause("clipping", 602))
 
@@ -466,7 +467,8 @@ class SensorScale(Detector):
     def _take_gain(self, moment: Moment, response: ValveResponse | None) -> None:
         """Compare the gain with its start value, and note since when a valve has not explained the change."""
         start = moment.learned["channel_gain"]
-        moment.gain.update(moment.stamp, response, start.value, learning=not start.frozen)
+        drag = moment.parameters[VISCOUS].share
+        moment.gain.update(moment.stamp, response, start.value, drag, learning=not start.frozen)
         if not moment.gain.breaks or moment.stamp < self._slow:
             self._slow = moment.stamp
 
