@@ -298,6 +298,7 @@ class GainChange:
     unseen: bool = field(default=False, init=False)
     _last: int = field(default=0, init=False)
     _misfit: float = field(default=math.nan, init=False)
+    _drag: float = field(default=0.0, init=False)
 
     @property
     def bends(self) -> bool:
@@ -307,7 +308,7 @@ class GainChange:
     @property
     def breaks(self) -> bool:
         """Whether it is the sensor's if it lasts: what was reported of the valve was none."""
-        return self.beyond >= SLOW
+        return self.beyond - DRAG_BENDS * abs(self._drag) >= SLOW
 
     def update(
         self, stamp: int, response: ValveResponse | None, start: float, drag: float, *, learning: bool
@@ -328,9 +329,8 @@ class GainChange:
         else:
             share = 1.0 - math.exp((self._last - stamp) * 1e-9 / GAIN_SMOOTHED)
             self.change += share * (change - self.change)
-        self._last = stamp
+        self._last, self._drag = stamp, drag
         bends = GAIN_BENDS + MISFIT_BENDS * max(0.0, response.misfit - self._misfit)
-        bends += DRAG_BENDS * abs(drag)
         self.beyond = max(0.0, abs(self.change) - bends)
 
 
