@@ -51,9 +51,9 @@ def watched(
 def left_out(kept: list[Kept]) -> list[tuple[float, float]]:
     """Return beginning and length (s) of the gaps."""
     return [
-        ((one.block.end - START) * 1e-9, (other.block.stamp - one.block.end) * 1e-9)
+        ((one[0].end - START) * 1e-9, (other[0].stamp - one[0].end) * 1e-9)
         for one, other in pairwise(kept)
-        if other.block.stamp - one.block.end > 1000
+        if other[0].stamp - one[0].end > 1000
     ]
 
 
@@ -62,7 +62,7 @@ def test_vibration_alone_is_judged_whole_at_every_frequency() -> None:
         kept, strokes, watch = watched(*shaken(3.0, hertz))
         assert not strokes
         assert watch.share == 1.0
-        assert all(one.pause is None for one in kept)
+        assert all(one[1] is None for one in kept)
 
 
 def test_a_stroke_is_left_out_from_its_beginning_until_the_spool_moves_again() -> None:
@@ -73,7 +73,7 @@ def test_a_stroke_is_left_out_from_its_beginning_until_the_spool_moves_again() -
     ((begin, length),) = left_out(kept)
     assert 2.0 <= begin < 2.008
     assert 0.4 < length < 0.8
-    assert [one.pause for one in kept if one.pause] == [pytest.approx(length * 1e9, abs=1e3)]
+    assert [one[1] for one in kept if one[1]] == [pytest.approx(length * 1e9, abs=1e3)]
     assert watch.share == pytest.approx(1.0 - length / 4.0, abs=1e-3)
     assert watch.count == 1
 

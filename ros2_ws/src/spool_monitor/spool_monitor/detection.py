@@ -8,8 +8,8 @@ from dataclasses import dataclass, field, replace
 
 from spool_core.block import Block
 from spool_core.kernels.strokes import Stroke
+from spool_core.system import BUDGET
 from spool_estimator.estimate import Estimate
-from spool_estimator.tracking import BUDGET
 
 from spool_monitor.channels import (
     ChannelLook,
@@ -90,6 +90,7 @@ class Detection:
     learned: dict[str, Baseline] = field(init=False)
     units: dict[str, str] = field(init=False)
     conditions: dict[str, Condition] = field(init=False)
+    _conditions_of: dict[str, list[Condition]] = field(init=False)
     doubt: str = ""
     gain: GainChange = field(default_factory=GainChange, init=False)
     _unjudged: tuple[float, str] = field(default=(0.0, ""), init=False)
@@ -112,6 +113,10 @@ class Detection:
             )
             for one in self.detectors
             for part in one.parts
+        }
+        self._conditions_of = {
+            one.name: [self.conditions[condition_name(one.name, part)] for part in one.parts]
+            for one in self.detectors
         }
         duration = settings[BASELINE_TIME]
         self.units = {name: unit for one in self.detectors for name, unit in one.learns.items()}
@@ -242,7 +247,7 @@ class Detection:
 
     def conditions_of(self, detector: Detector) -> list[Condition]:
         """Return the conditions of ``detector``, one for each of its faults."""
-        return [self.conditions[condition_name(detector.name, part)] for part in detector.parts]
+        return self._conditions_of[detector.name]
 
     @property
     def blind(self) -> str:
@@ -353,16 +358,18 @@ class Detection:
             if one.needs_valve and not described:
                 one.judgement, one.suspicious = Judgement.NOT_JUDGED, ""
             elif what in one.looks_at:
-                one.held = any(each.holds for each in self.conditions_of(one))
+                one.held = one.stays and any(each.holds for each in self.conditions_of(one))
                 distrust = self._distrust(moment.stamp, one)
                 found = one.update(moment._replace(distrust=distrust) if distrust else moment)
             findings = () if found is None else (found,) if isinstance(found, Finding) else found
             for finding in findings:
                 events += self.conditions[condition_name(one.name, finding.part)].judge(finding)
-            lasts = one.judgement is not Judgement.JUDGED or not all(each.released for each in findings)
-            own = self.conditions_of(one)
-            raised = any(each.holds or (each.active is not None and lasts) for each in own)
-            if one.suspicious or raised:
+            lasts = False
+            for each in self._conditions_of[one.name]:
+                if each.active is not None:
+                    unjudged = one.judgement is not Judgement.JUDGED
+                    lasts |= unjudged or each.holds or not all(found.released for found in findings)
+            if one.suspicious or lasts:
                 reason = one.suspicious or f"{one.name.replace('_', ' ')} is active"
                 self._suspicions[one.name] = (moment.stamp, one, reason)
             elif one.refuted:

@@ -104,8 +104,8 @@ class Monitor:
         block = self.outliers.cleaned(block, restarts=restarts)
         natural = self._natural_frequency.value
         parts = self.strokes.kept(block, raw, natural, restarts=restarts)
-        if len(parts) == 1 and parts[0].block is block:  # a hit at a stop is no outlier
-            events += self._data_faults.judge_outliers(self.outliers, block.stamp)
+        whole = len(parts) == 1 and parts[0][0] is block  # a hit at a stop is no outlier
+        events += self._data_faults.judge_outliers(self.outliers, block.stamp, whole=whole)
         self._stamp = block.end
         events += self._stale.arrived("acceleration", block.stamp)
         if restarts:
@@ -289,7 +289,8 @@ class Monitor:
         if stale:
             return "no " + " and no ".join(stale)
         if active:
-            return ", ".join(one.title for one in active) + self._unjudged()
+            hidden = self._unjudged() if self.detection.distrust else ""
+            return ", ".join(one.title for one in active) + hidden
         if self.gate.accepted == 0:
             missing = f"nobody publishes on {self._nobody}: start the source or check its topic name"
             return missing if self._nobody else "waiting for data"

@@ -14,7 +14,7 @@ import math
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,11 +71,8 @@ class Stroke(NamedTuple):
     rebound: float
 
 
-class Kept(NamedTuple):
-    """Part of a block that is judged; ``pause`` (ns) before it was left out, ``None`` where nothing was."""
-
-    block: Block
-    pause: int | None
+#: Part of a block that is judged, and what was left out before it, ns, ``None`` where nothing was.
+Kept: TypeAlias = tuple[Block, int | None]
 
 
 class StrokeArrays(NamedTuple):
@@ -104,8 +101,12 @@ class StrokeWatch:
     strokes: list[Stroke] = field(default_factory=list, init=False)
     count: int = field(default=0, init=False)
     command: float = field(default=math.nan, init=False)
-    _numbers: Array = field(default_factory=lambda: np.zeros(_LAST_SPOOL + 1), init=False)
-    _ring: Array = field(default_factory=lambda: np.zeros((2, 0)), init=False)
+    _arrays: StrokeArrays = field(
+        default_factory=lambda: StrokeArrays(
+            np.zeros(_LAST_SPOOL + 1), np.zeros((2, 0)), np.empty(8, np.int64)
+        ),
+        init=False,
+    )
     _period: float = field(default=0.0, init=False)
     _largest: float = field(default=0.0, init=False)
     _changes: list[tuple[int, bool]] = field(default_factory=list, init=False)
@@ -115,12 +116,11 @@ class StrokeWatch:
     _day: int = field(default=-1, init=False)
     _samples: list[float] = field(default_factory=lambda: [0.0, 0.0], init=False)
     _was_on: bool = field(default=False, init=False)
-    _ends: NDArray[np.int64] = field(default_factory=lambda: np.empty(8, np.int64), init=False)
 
     @property
     def away(self) -> bool:
         """Whether the newest sample is left out."""
-        return bool(self._numbers[_AWAY])
+        return bool(self._arrays.numbers[_AWAY])
 
     @property
     def share(self) -> float:
@@ -151,27 +151,28 @@ class StrokeWatch:
         ``natural_frequency`` (Hz): of the valve; without one, strokes are known by their command alone.
         ``restarts``: it follows the last one behind a gap.
         """
-        numbers = self._numbers
+        numbers = self._arrays.numbers
         if block.sample_period != self._period:
             self._period = block.sample_period
-            self._ring = np.zeros((2, max(16, round(KEPT / self._period))))
+            ring = np.zeros((2, max(16, round(KEPT / self._period))))
+            self._arrays = StrokeArrays(numbers, ring, self._arrays.ends)
         if restarts:
             numbers[[_SPEED, _DUE, _DUE_PLACE, _SEEN, _QUIET, _EPISODE]] = 0.0
         if block.stamp // _DAY != self._day:
             self._day, self.count, self._samples = block.stamp // _DAY, 0, [0.0, 0.0]
         size, before = block.body.size, numbers[_AWAY]
-        on, off = self._energised(block)
-        keep, ends = np.empty(size, np.bool_), self._ends
+        on, off = self._energised(block) if self._changes else (0 if self._was_on else size, size)
+        keep, ends = np.empty(size, np.bool_), self._arrays.ends
         left, count = follow_strokes(
             block.body, block.spool, raw.body, raw.spool, self._period, natural_frequency, on, off,
-            self.command == self.command, StrokeArrays(numbers, self._ring, ends), keep,
+            self.command == self.command, self._arrays, keep,
         )  # fmt: skip
         self._samples[0] += size - left
         self._samples[1] += size
         self.strokes, last = [], 0
         if left == 0 and not before:
             self._in_stretch = 0
-            return [Kept(block, None)]
+            return [(block, None)]
         for end in ends[:count].tolist():
             self._in_stretch = 0 if keep[last:end].any() else self._in_stretch
             self.strokes += self._measured(block, end)
@@ -181,10 +182,8 @@ class StrokeWatch:
         return list(self._parts(block, keep))
 
     def _energised(self, block: Block) -> tuple[int, int]:
-        """Return from and to which sample of ``block`` the command is on; equal where it is not."""
+        """Return from and to which sample of ``block`` a changed command is on; equal if nowhere."""
         size, period = block.body.size, self._period * 1e9
-        if not self._changes:
-            return (0, size) if self._was_on else (size, size)
         due = [one for one in self._changes if one[0] < block.end]
         self._changes = [one for one in self._changes if one[0] >= block.end]
         on_before = self._was_on
@@ -206,14 +205,14 @@ class StrokeWatch:
                 stamp, block.sequence, block.sample_period, block.body[first:last], block.spool[first:last],
                 block.source, block.blocks,
             )  # fmt: skip
-            yield Kept(part, round(self._left * period) if self._left else None)
+            yield part, round(self._left * period) if self._left else None
             self._left, at = 0, last
         self._left += keep.size - at
 
     def _measured(self, block: Block, end: int) -> Iterator[Stroke]:
         """Measure the stroke whose rest ended before sample ``end`` of ``block``, where it arrived."""
-        ring, period = self._ring, self._period
-        place, rest = int(self._numbers[_PLACE]), round(REST / period)
+        ring, period = self._arrays.ring, self._period
+        place, rest = int(self._arrays.numbers[_PLACE]), round(REST / period)
         # Where the ring is after the block; the stroke began before the samples of the rest.
         behind = block.body.size - end
         length = min(ring.shape[1] - behind, round((LONGEST + REST + BEFORE) / period))

@@ -107,11 +107,11 @@ def without_strokes(record: Record, natural_frequency: float) -> tuple[list[Reco
     for first in range(0, body.size, size):
         part = slice(first, first + size)
         block = Block(record.start, 0, record.sample_period, body[part], spool[part])
-        for kept in watch.kept(block, block, natural_frequency, restarts=first == 0):
-            if kept.pause is not None:
-                at += round(kept.pause * 1e-9 / record.sample_period)
+        for kept, pause in watch.kept(block, block, natural_frequency, restarts=first == 0):
+            if pause is not None:
+                at += round(pause * 1e-9 / record.sample_period)
                 parts.append([at, at])
-            at += kept.block.body.size
+            at += kept.body.size
             parts[-1][1] = at
         count += len(watch.strokes)
     whole = parts == [[0, body.size]]
