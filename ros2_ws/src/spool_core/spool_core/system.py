@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import math
 import mmap
 import multiprocessing
 import multiprocessing.connection
@@ -22,6 +23,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
@@ -440,3 +442,42 @@ def _running(process: int) -> bool:
 def _end_with(sentinel: int) -> None:
     multiprocessing.connection.wait([sentinel])
     os._exit(1)
+
+
+@dataclass(slots=True)
+class RefitBudget:
+    """Processor time that the refits of all trackers of a process may take; starts are not counted.
+
+    A process that is ``behind`` with its blocks has none for them, and thins spectra: estimates come first.
+
+    Valves that start together ask for their refits together, which would make the blocks of all of them late.
+    A refit that is refused is asked for again with the next chunk. Without a limit, as in a replay, what a
+    tracker does depends on its samples alone.
+
+    Attributes:
+        share: s of refits in a second.
+        behind: whether blocks wait for too long.
+    """
+
+    share: float = math.inf
+    behind: bool = False
+    _saved: float = 1.0
+    _since: float = field(default_factory=time.monotonic)
+
+    def allows(self) -> bool:
+        """Whether a refit may begin now; at most the share of one second is saved up."""
+        if math.isinf(self.share) or self.behind:
+            return not self.behind
+        now = time.monotonic()
+        self._saved = min(self.share, self._saved + self.share * (now - self._since))
+        self._since = now
+        return self._saved > 0.0
+
+    def spend(self, seconds: float) -> None:
+        """Count a refit that took so many ``seconds``."""
+        if not math.isinf(self.share):
+            self._saved -= seconds
+
+
+#: Budget of this process.
+BUDGET = RefitBudget()

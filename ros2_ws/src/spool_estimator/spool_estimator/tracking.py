@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from spool_core.block import Samples
 from spool_core.kernels.samples import StandingWatch
 from spool_core.numbers import Array
+from spool_core.system import BUDGET
 
 from spool_estimator import chunks
 from spool_estimator.chunks import CHUNK, LENGTHS, NOISE, SMALLEST_NOISE, Need
@@ -37,45 +38,8 @@ MATCHED, JUMP_SHAPE, POINT_SHAPE = 1.5e-4, 1.5e-3, 1.0e-4
 UNTOLD_SHAPE = 15.0
 
 
-@dataclass(slots=True)
-class RefitBudget:
-    """Processor time that the refits of all trackers of a process may take; starts are not counted.
-
-    A process that is ``behind`` with its blocks has none for them, and thins spectra: estimates come first.
-
-    Valves that start together ask for their refits together, which would make the blocks of all of them late.
-    A refit that is refused is asked for again with the next chunk. Without a limit, as in a replay, what a
-    tracker does depends on its samples alone.
-
-    Attributes:
-        share: s of refits in a second.
-        behind: whether blocks wait for too long.
-    """
-
-    share: float = math.inf
-    behind: bool = False
-    _saved: float = 1.0
-    _since: float = field(default_factory=time.monotonic)
-
-    def allows(self) -> bool:
-        """Whether a refit may begin now; at most the share of one second is saved up."""
-        if math.isinf(self.share) or self.behind:
-            return not self.behind
-        now = time.monotonic()
-        self._saved = min(self.share, self._saved + self.share * (now - self._since))
-        self._since = now
-        return self._saved > 0.0
-
-    def spend(self, seconds: float) -> None:
-        """Count a refit that took so many ``seconds``."""
-        if not math.isinf(self.share):
-            self._saved -= seconds
-
-
 #: Fields of chunks.PROGRESS that a tracker keeps in its knowledge.
 KNOWN = ["started", "pointwise", "distinguished", "by_points", "band_limited", "least"]
-#: Budget of this process.
-BUDGET = RefitBudget()
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,10 +25,9 @@ from spool_core.node.managed_node import ManagedNode, Ticker
 from spool_core.node.parameters import NodeParameter, refuse_other_files, refuse_other_nodes, rule
 from spool_core.node.running import REFUSED, ensure_log_folder, new_executor, one_line
 from spool_core.node.stop import STOP, Phase, StopRequested
-from spool_core.system import resident_memory
+from spool_core.system import BUDGET, resident_memory
 from spool_core.text import plural
 from spool_estimator.estimator_node import EstimatorNode
-from spool_estimator.tracking import BUDGET
 from spool_monitor.monitor_node import MonitorNode
 
 from spool_bringup.host.arguments import (

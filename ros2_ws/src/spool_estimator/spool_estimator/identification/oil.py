@@ -5,10 +5,13 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 from spool_core.errors import InputError
 from spool_core.uncertainty import Quantity, Validity
-from spool_sim.valve import Valve
+
+if TYPE_CHECKING:
+    from spool_sim.valve import Valve
 
 #: deg C, standard deviation of a temperature whose message gives none: a class B Pt100 near the valve.
 USUAL_DEVIATION = 0.5
