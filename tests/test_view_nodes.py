@@ -91,7 +91,7 @@ def _alarm() -> Alarm:
     judged = Measured("coulomb_force", "N", 0.72, 0.05, Validity.VALID)
     event = Event(
         (EPOCH + 2) * 10**9, "friction_drift", EventState.RAISED, Severity.ALARM, "wear", judged,
-        "coulomb_force", 205, facts,
+        "coulomb_force", 249, facts,
     )  # fmt: skip
     one = Alarm(
         name="friction_drift/coulomb_force", kind="friction_drift", cause="wear", code=201,

@@ -747,14 +747,14 @@ def test_replay_counts_and_keeps_only_what_is_asked_for() -> None:
     ("ahead", "reading", "cause", "shown"),
     [
         (0.0, 293.15, "temperature_unit", "Oil temperature unit: oil temperature 293 °C, limit 200 °C"),
-        (0.0, math.nan, "temperature_range", "Impossible oil temperature: refused temperatures 3, limit 0"),
+        (0.0, math.nan, "temperature_range", "Impossible oil temperature: 3"),
         (
             0.0,
             -242.0,
             "temperature_range",
             "Impossible oil temperature: oil temperature -242 °C, limit -60 °C",
         ),
-        (-math.inf, 20.0, "temperature_stamp", "refused temperatures 3, limit 0"),
+        (-math.inf, 20.0, "temperature_stamp", "Oil temperature stamp: 3"),
         (3600.0, 20.0, "temperature_stamp", "age of the temperature -3600 s, limit -60 s"),
     ],
 )

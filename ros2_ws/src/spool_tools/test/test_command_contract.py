@@ -91,5 +91,6 @@ def test_the_readme_shows_commands_as_they_are_parsed(group: Any) -> None:
             # Of a command that is a group, the row names the one below it: "`list` with `--all`".
             if below := re.match(r"`([a-z]+)` with ", row[2]):
                 command = command.commands[below[1]]
-            options = {option for one in command.params for option in one.opts if option.startswith("--")}
+            shown = (one for one in command.params if not getattr(one, "hidden", False))
+            options = {option for one in shown for option in one.opts if option.startswith("--")}
             assert set(re.findall(r"--[a-z-]+", row[2])) == options

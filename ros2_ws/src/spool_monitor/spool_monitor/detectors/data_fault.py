@@ -173,12 +173,15 @@ class DataFaultWatch:
             events += self.conditions[name].judge(Finding(now, severity, name != cause, name, count, facts))
         return events
 
-    def judge_outliers(self, outliers: OutlierFilter, stamp: int) -> list[Event]:
-        """Return what follows from the samples that were left out of the newest block, at ``stamp`` (ns)."""
+    def judge_outliers(self, outliers: OutlierFilter, stamp: int, *, whole: bool = True) -> list[Event]:
+        """Return what follows from the samples that were left out of the newest block, at ``stamp`` (ns).
+
+        Those of a block that is not ``whole``, because of a stroke, are none.
+        """
         events: list[Event] = []
         for name in EACH_CHANNEL:
             condition, count = self.conditions[f"{OUTLIERS}/{name}"], getattr(outliers, name)
-            new, self._counted[name] = count > self._counted[name], count
+            new, self._counted[name] = whole and count > self._counted[name], count
             if not new and condition.active is None:
                 continue
             seen, first = _count(OUTLIERS, count), outliers.first
