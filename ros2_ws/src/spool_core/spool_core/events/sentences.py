@@ -169,7 +169,10 @@ def _lines(event: Event, language: Language) -> Iterator[tuple[str, str]]:
         yield "false_alarm_interval", duration(facts.false_alarm_interval, language)
     if event.state is EventState.RAISED:
         yield "urgency", words.get(facts.urgency.name.lower(), words["unknown"])
-        yield from _outlook(event, language)
+        if math.isfinite(facts.time_to_limit):
+            yield "time_to_limit", duration(facts.time_to_limit, language)
+        elif math.isfinite(facts.baseline):
+            yield "time_to_limit", words["alarm_passed" if event.severity is Severity.ALARM else "no_trend"]
     if facts.advice:
         texts, numbered = language.event(facts.advice), language.labels["number"].format(code=facts.advice)
         if texts.meaning:
@@ -207,15 +210,6 @@ def _times(event: Event, language: Language) -> Iterator[tuple[str, str]]:
             yield "lasted", duration(seconds, language)
     elif seconds >= NOW:
         yield "began", language.labels["earlier"].format(time=duration(seconds, language))
-
-
-def _outlook(event: Event, language: Language) -> Iterator[tuple[str, str]]:
-    facts = event.facts
-    if math.isfinite(facts.time_to_limit):
-        yield "time_to_limit", duration(facts.time_to_limit, language)
-    elif math.isfinite(facts.baseline):
-        passed = event.severity is Severity.ALARM
-        yield "time_to_limit", language.words["alarm_passed" if passed else "no_trend"]
 
 
 def _numbers(event: Event, language: Language) -> tuple[str, str, str]:

@@ -58,11 +58,7 @@ class StaleWatch:
         return self.conditions[source].clear(stamp, Quantity("silence", "s"), Facts(note="arrives_again"))
 
     def _raise(self, source: str, cause: str, stamp: int, seconds: float, limit: float) -> list[Event]:
-        silence = _silence(seconds)
+        silence = Quantity("silence", "s", seconds, validity=Validity.VALID)
         self.told = stamp if source == "acceleration" else self.told
         finding = Finding(stamp, Severity.ALARM, False, cause, silence, Facts.of(silence, limit))
         return self.conditions[source].judge(finding)
-
-
-def _silence(seconds: float) -> Quantity:
-    return Quantity("silence", "s", seconds, validity=Validity.VALID)
