@@ -271,16 +271,12 @@ class Estimator:
             self._restart(block.sample_period)
             self.oil.restart()
         estimates: list[Estimate] = []
-        for part, pause in self.strokes.kept(block, raw, self._natural_frequency, restarts=restarts):
+        natural = math.sqrt(self.settings.spring_stiffness / self.settings.moving_mass) / (2.0 * math.pi)
+        for part, pause in self.strokes.kept(block, raw, natural, restarts=restarts):
             if pause is not None:
                 self._restart(part.sample_period)
             estimates += self._follow(part)
         return estimates
-
-    @property
-    def _natural_frequency(self) -> float:
-        """Natural frequency of the valve's description, Hz."""
-        return math.sqrt(self.settings.spring_stiffness / self.settings.moving_mass) / (2.0 * math.pi)
 
     def _follow(self, block: Block) -> list[Estimate]:
         """Take samples that continue the last ones; return the estimates that fell due within them."""

@@ -227,7 +227,7 @@ def agreement(run: FreeRun, responses: Sequence[Response]) -> Agreement:
     measured = [window.measured for window in run.windows]
     simulated = [response.acceleration[0] for response in responses]
     errors = [one - other for one, other in zip(simulated, measured, strict=True)]
-    squares = _squares(simulated, measured)
+    squares = float(sum(np.sum(row**2) for row in errors))
     power = float(sum(np.sum(row**2) for row in measured))
     samples = sum(row.size for row in measured)
     sigma = PAPER_CHAIN.relative_uncertainty / np.sqrt(3.0) * np.sqrt(power / samples)
@@ -643,10 +643,6 @@ def _told(combination: least_squares.Combination, covariance: Array, places: Seq
     part = gradient[counts]
     deviation = math.sqrt(max(0.0, float(part @ covariance[np.ix_(counts, counts)] @ part)))
     return Quantity(combination.name, combination.unit, combination.value, deviation, Validity.VALID)
-
-
-def _squares(simulated: Sequence[Array], measured: Sequence[Array]) -> float:
-    return float(sum(np.sum((one - other) ** 2) for one, other in zip(simulated, measured, strict=True)))
 
 
 def _amplitude_ratios(
