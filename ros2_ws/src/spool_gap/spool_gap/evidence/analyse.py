@@ -32,7 +32,7 @@ from spool_gap.evidence.look import Look, as_stuck, jitter_of, look_at, sentence
 from spool_gap.likelihood.kernel import motions_for
 from spool_gap.likelihood.prediction import Prediction, Predictions
 from spool_gap.likelihood.search import Search, senseless
-from spool_gap.likelihood.structure import Structure, structure_of, told
+from spool_gap.likelihood.structure import structure_of, told
 from spool_gap.likelihood.structure_fit import StructureFit, fit_structure
 from spool_gap.report import (
     CHECK_COLOURED,
@@ -174,7 +174,10 @@ def searched(
     counted = [replace(one, time=one.time - begin) for one in look.readings]
     predictions = Predictions([Prediction(one, valve, motions) for one in counted])
     if "spool" in look.limits and predictions.numbers > 0.0:
-        predictions = _bridging(predictions, structure_of(base, valve))
+        # Clipped tops are several samples long, and no curve through the others restores them as well as
+        # a model.
+        rough = fit_structure(predictions, structure_of(base, valve)).structure
+        predictions = Predictions([part.bridged(rough) for part in predictions.parts])
     held = HeldOut(
         predictions, [number >= len(look.readings) - look.held for number in range(len(look.readings))]
     )
@@ -296,15 +299,6 @@ def _alternatives(decision: Decision, members: Sequence[tuple[str, ...]]) -> lis
         apart = "; ".join(dict.fromkeys(EFFECTS[name].distinguished_by for name in names))
         found.append(Explanation(names, share, numbers, tuple(parts), apart))
     return found
-
-
-def _bridging(predictions: Predictions, base: Structure) -> Predictions:
-    """Return ``predictions`` with the tops that the spool's channel cuts off bridged by ``base``, fitted.
-
-    They are several samples long, and no curve through the others restores them as well as a model.
-    """
-    rough = fit_structure(predictions, base)
-    return Predictions([part.bridged(rough.structure) for part in predictions.parts])
 
 
 def _assembled(

@@ -173,11 +173,13 @@ class HeldOut:
         count = part.windows_of(part.spool).shape[1]
         cut = slice(place * count, (place + 1) * count)
         time = part.time + np.arange(cut.start, cut.stop, dtype=np.float64) * part.period
-        spectra = [self._density(number, row) for row in (
+        shown = (
             before.rows[number][0],
             before.rows[number][0] - before.rows[number][1],
             after.rows[number][0] - after.rows[number][1],
-        )]  # fmt: skip
+        )
+        windows = self.windows[number]
+        spectra = [part.density_of(_power(part.lines_of(row)[windows])) for row in shown]
         return Curves(
             time=time,
             measured=before.rows[number][0][cut],
@@ -190,11 +192,6 @@ class HeldOut:
             floor_density=part.noise_density(after.structure),
             unit="m/s^2",
         )
-
-    def _density(self, number: int, row: Array) -> Array:
-        part = self._predictions.parts[number]
-        lines = part.lines_of(row)[self.windows[number]]
-        return part.density_of(_power(lines))
 
 
 def _power(lines: NDArray[np.complex128]) -> Array:

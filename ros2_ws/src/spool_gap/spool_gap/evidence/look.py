@@ -92,7 +92,11 @@ def look_at(records: Sequence[Record], holdout: Sequence[Record], valve: Valve) 
         readings_of(record, missing=missing, hum=hum)
         for record, missing, hum in zip(everything, spiked, hums, strict=True)
     )
-    limits = _limits(readings)
+    limits = {
+        name: limit
+        for name in ("spool", "body")
+        if (limit := next(filter(None, (getattr(one, f"{name}_limit") for one in readings)), 0.0)) > 0.0
+    }
     warnings += record_judgement.clipping(everything)
     trusted = True
     for record in whole[:3]:
@@ -215,15 +219,6 @@ def _by_themselves(
         whole = list(cleaned.records)
         found += cleaned.found
     return whole, missing, hums, found
-
-
-def _limits(readings: Sequence[Readings]) -> dict[str, float]:
-    """Return the limit of each channel that clips, m/s^2, by its name."""
-    first = {
-        name: next(filter(None, (getattr(one, f"{name}_limit") for one in readings)), 0.0)
-        for name in ("spool", "body")
-    }
-    return {name: limit for name, limit in first.items() if limit > 0.0}
 
 
 def _parts(records: Sequence[Record], longest: float) -> list[Record]:

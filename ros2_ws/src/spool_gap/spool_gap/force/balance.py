@@ -187,11 +187,10 @@ class ForceBalance:
         self.motions = {id(r): _motion(r, self.centre, driven=driven) for r in (*train, *held)}
         self.known = {id(r): _known(r, self.motions[id(r)]) for r in (*train, *held)} if driven else {}
         # The reaction to friction has the velocity's sign; a rig may count it the other way round.
-        power = sum(float(np.sum(r.force_at * m.velocity)) for r, m in self._pairs(self.train))
+        power = sum(
+            float(np.sum((r.force - r.force.mean()) * self.motions[id(r)].velocity)) for r in self.train
+        )
         self.sign = -1.0 if power < 0.0 else 1.0
-
-    def _pairs(self, records: Sequence[ForceRecord]) -> list[tuple[_Oriented, Motion]]:
-        return [(_Oriented(r.force - r.force.mean()), self.motions[id(r)]) for r in records]
 
     def columns(self, record: ForceRecord, chosen: Sequence[tuple[Effect, dict[str, float]]]) -> Array:
         """Return the columns of base and effects, shape (n, q)."""
@@ -347,11 +346,6 @@ class ForceBalance:
         pulse = np.zeros(8 * record.smoothing() + 1)
         pulse[pulse.size // 2] = 1.0
         return power * float(np.sum(record.low_passed(pulse) ** 2))
-
-
-@dataclass(frozen=True, slots=True)
-class _Oriented:
-    force_at: Array
 
 
 def _known(record: ForceRecord, motion: Motion) -> Array:

@@ -103,11 +103,16 @@ def result_of(
     if not any(row.accepted for row in ranking):
         ranking = [RankedHypothesis("none", (), after, 0.0, {}, accepted=True), *ranking]
     text = _sentence(base, verdict, effects, (*alike, *candidates), left, (before, after, floor))
+    if alike:
+        text = (
+            "Viscous and Coulomb friction cannot be distinguished in this record: the speed hardly varies. "
+            f"{text}"
+        )
     where = locate(_residual(balance, first, floor * size))
     return GapResult(
         record=", ".join(dict.fromkeys(record.name for record in records)),
         kind=kind, base_model=base.name, verdict=verdict, confidence=min(confidence, MOST_SURE),
-        confidence_note=NOT_CALIBRATED, sentence=_told(text, alike), effects=tuple(effects),
+        confidence_note=NOT_CALIBRATED, sentence=text, effects=tuple(effects),
         runner_up=runner, candidates=candidates,
         ranking=tuple(sorted(ranking, key=lambda h: (h.id != "none", len(h.jointly_with), -h.evidence))),
         base=quantities_of(balance, first, ()), parameters=quantities_of(balance, final, chosen),
@@ -226,13 +231,3 @@ def _sentence(
         return unnamed(base.name, tuple(dict.fromkeys(candidates)), "nothing", *errors, COMPARED)
     text = named([(effect.id, effect.parameters) for effect in effects], *errors, COMPARED)
     return text if left is None else f"{text} {still_missing(left)}"
-
-
-def _told(text: str, alike: tuple[str, ...]) -> str:
-    """Return ``text`` behind what the record cannot distinguish."""
-    if not alike:
-        return text
-    return (
-        "Viscous and Coulomb friction cannot be distinguished in this record: the speed hardly varies. "
-        + text
-    )

@@ -219,7 +219,8 @@ class _Remainder:
         level = np.concatenate(
             [np.full(cut.stop - cut.start, power[cut].mean() + TINY) for cut in self._bands]
         )
-        columns, error = (_real(one / np.sqrt(level)) for one in (rows, self._lines))
+        scaled = (one / np.sqrt(level) for one in (rows, self._lines))
+        columns, error = (np.concatenate([one.real, one.imag], axis=-1) for one in scaled)
         columns = columns / (np.sqrt(np.mean(columns**2, axis=(1, 2), keepdims=True)) + TINY)
         products = np.einsum("qwn,pwn->wqp", columns, columns)
         seen_there = np.einsum("qwn,wn->wq", columns, error)
@@ -302,11 +303,6 @@ class _Remainder:
 
 def _power(lines: Spectrum) -> float:
     return float(np.sum(np.abs(lines) ** 2))
-
-
-def _real(lines: Spectrum) -> Array:
-    """Return ``lines`` (..., lines) as real numbers, shape (..., 2 lines)."""
-    return np.concatenate([lines.real, lines.imag], axis=-1)
 
 
 def _median_around(level: Array) -> Array:

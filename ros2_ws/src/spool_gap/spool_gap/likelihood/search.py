@@ -167,8 +167,10 @@ class Search:
             own = self.simplest.structure
             if (name, own.key) in made or (self.late and number > 0):
                 break
-            if move == self._one_more and self._explained(self.simplest):
-                break
+            if move == self._one_more and (
+                self.simplest.left**2 - self._predictions.noise(own) ** 2 < self._least_share**2
+            ):
+                break  # too little is left beside noise for a further component
             self._tell(name, 0.15 + 0.3 * number / (MOST_EFFECTS + MOST_PARTS))
             made.add((name, own.key))
             move(own)
@@ -177,11 +179,12 @@ class Search:
         best = self.simplest.structure
         if best.sharp:
             self.finish(self._observed(best))
-        self._conclude()
-
-    def _explained(self, fit: StructureFit) -> bool:
-        """Whether ``fit`` leaves too little beside noise for a further component."""
-        return fit.left**2 - self._predictions.noise(fit.structure) ** 2 < self._least_share**2
+        # Those that come near the best one are fitted to their end.
+        most, least = self.best.evidence, NEAR * min(one.left for one in self.fits.values())
+        for key, fit in self.fits.items():
+            if fit.left <= least or fit.evidence >= most - HOPELESS:
+                self.fits[key] = fit_structure(self._predictions, fit.structure, steps=STEPS, enough=ENOUGH)
+        self.base = self.fits[self.base.structure.key]
 
     def _one_more(self, own: Structure) -> None:
         """Each effect and each part of the measuring chain beside ``own``."""
@@ -234,14 +237,6 @@ class Search:
                     self.finish(own.without(name))
             if self.simplest.structure.key == own.key:
                 return
-
-    def _conclude(self) -> None:
-        """Fit those that come near the best one to their end."""
-        best, least = self.best.evidence, NEAR * min(one.left for one in self.fits.values())
-        for key, fit in self.fits.items():
-            if fit.left <= least or fit.evidence >= best - HOPELESS:
-                self.fits[key] = fit_structure(self._predictions, fit.structure, steps=STEPS, enough=ENOUGH)
-        self.base = self.fits[self.base.structure.key]
 
     # Fits -----------------------------------------------------------------------------------------------
 

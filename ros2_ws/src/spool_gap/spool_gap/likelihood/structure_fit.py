@@ -123,7 +123,8 @@ def fit_structure(
         rise = value - likelihood
         if rise > 0.0:
             # The slopes that explain the change of the errors along this step.
-            scaled = moved / _sizes(unknowns, point) ** 2
+            sizes = [one.size(value) for one, value in zip(unknowns, point.tolist(), strict=True)]
+            scaled = moved / np.array(sizes) ** 2
             share = scaled / float(moved @ scaled)
             for place, rows_there in enumerate(slopes):
                 off = trial_lines[place] - lines[place] - np.tensordot(moved, rows_there, 1)
@@ -221,10 +222,6 @@ def _step(slopes: Array, residual: Array, priors: Array, point: Array, damping: 
 def _step_size(unknown: Unknown, value: float) -> float:
     size = CHAIN_STEP * unknown.scale if unknown.absolute else STEP * max(abs(value), 0.05 * unknown.scale)
     return -size if value + size > unknown.high else size
-
-
-def _sizes(unknowns: Sequence[Unknown], point: Array) -> Array:
-    return np.array([one.size(value) for one, value in zip(unknowns, point.tolist(), strict=True)])
 
 
 def _within(unknowns: Sequence[Unknown], point: Array, change: Array) -> Array:
