@@ -33,7 +33,9 @@ def export_fmu(source: str, out: Path, model: str | None = None, fmi: int = 3) -
         raise InputError(f"--fmu {out}: an FMU is a file .fmu: change the ending")
     check_output(out, "--fmu")
     valve: Valve | None = None
-    if _is_model(source):
+    if source not in shipped_valves() and (
+        source in MODELS or (expanded(source).is_file() and "terms" in read_mapping(source, "valve"))
+    ):
         if model is not None:
             raise InputError(f"--model {model}: {source} is a model itself: name a valve in its place")
         acting = source
@@ -45,12 +47,6 @@ def export_fmu(source: str, out: Path, model: str | None = None, fmi: int = 3) -
     missing = "; no input oil_temperature, as no oil is named"
     oil = "" if valve is not None and valve.oil_ratio_known else missing
     return f"{out}: FMI {fmi}.0 Co-Simulation of {named}, {len(found.parameters)} parameters{oil}"
-
-
-def _is_model(source: str) -> bool:
-    if source in shipped_valves():
-        return False
-    return source in MODELS or (expanded(source).is_file() and "terms" in read_mapping(source, "valve"))
 
 
 def _notes(model: Model, path: str) -> dict[str, str]:

@@ -245,7 +245,12 @@ def show(result: GapResult, console: Console) -> None:
     if result.advice:
         console.print(f"Suggested next measurement: {result.advice}.", markup=False, soft_wrap=True)
     if result.alternatives:
-        console.print(_explanations(result))
+        answers = Table("explanation", "group", "probability", box=None, pad_edge=False)
+        answers.add_column("distinguished by", overflow="fold")
+        for one in result.explanations:
+            name = " + ".join(one.effects) or "none"
+            answers.add_row(name, one.group, f"{one.probability:.2f}", one.told_apart_by)
+        console.print(answers)
     numbers = Table("parameter", "value", PLUS_MINUS, "unit", box=None, pad_edge=False)
     for quantity in result.parameters:
         shown = interval(quantity.value, quantity.standard_deviation)
@@ -287,13 +292,3 @@ def show(result: GapResult, console: Console) -> None:
         )
     if result.ranking:
         console.print(table)
-
-
-def _explanations(result: GapResult) -> Table:
-    """Return the answers that the record does not tell apart."""
-    table = Table("explanation", "group", "probability", box=None, pad_edge=False)
-    table.add_column("distinguished by", overflow="fold")
-    for one in result.explanations:
-        name = " + ".join(one.effects) or "none"
-        table.add_row(name, one.group, f"{one.probability:.2f}", one.told_apart_by)
-    return table

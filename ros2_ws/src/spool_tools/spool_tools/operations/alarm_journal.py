@@ -21,7 +21,7 @@ from spool_monitor.alarm_statistics import (
     figures,
     statistics,
 )
-from spool_monitor.journal import COLUMNS, JournalEntry, cells, entries_in, iso
+from spool_monitor.journal import COLUMNS, cells, entries_in, iso
 from spool_report.outputs import STANDARD_OUTPUT, check_output, write_file, write_json
 from spool_report.terminal import wide_console
 
@@ -59,9 +59,11 @@ def show_history(
     language = language_of(code)
     begin = moment(since) * 1_000_000_000
     words = search.casefold().split()
+    files = kept_files(state_folder, valve, "journals")
+    entries = [(name, one) for name, path in files.items() for one in entries_in(path, begin)]
     rows = [
         row
-        for name, one in _merged(kept_files(state_folder, valve, "journals"), begin)
+        for name, one in sorted(entries, key=lambda pair: pair[1].stamp)
         for row in [cells(name, one, language)]
         if all(word in " ".join(map(str, row)).casefold() for word in words)
     ]
@@ -153,9 +155,3 @@ def _print(found: AlarmStatistics, limits: AlarmLimits, valves: int) -> None:
             console.print(
                 f"{title}: {', '.join(f'{valve} {alarm}' for valve, alarm in pairs)}", soft_wrap=True
             )
-
-
-def _merged(files: dict[str, Path], since: int) -> list[tuple[str, JournalEntry]]:
-    """Return the entries of all valves with their namespaces, by time."""
-    entries = [(valve, one) for valve, path in files.items() for one in entries_in(path, since)]
-    return sorted(entries, key=lambda pair: pair[1].stamp)
