@@ -11,7 +11,7 @@ from spool_core.node.diagnostics import key
 from spool_core.system import resident_memory
 from spool_core.uncertainty import Z_95
 from spool_monitor.listener import CONDITIONS, KEPT_COSTS, NO_WORD, WAITING, Cost, HeardValve
-from spool_msgs.msg import Alarm, ModelEstimate
+from spool_msgs.msg import Alarm
 from starlette.requests import Request
 from starlette.responses import Response
 
@@ -155,15 +155,12 @@ def _add_valve(found: _Samples, name: str, valve: HeardValve, now: float, unix_t
     margin, band = margin_of(health), valve.limits.get(BAND)
     found.add("spool_resonance_margin_ratio", math.nan if margin is None else margin, valve=name)
     found.add("spool_resonance_band_ratio", math.nan if band is None else band, valve=name)
-    if estimate is not None:
-        _add_estimates(found, name, estimate)
-
-
-def _add_estimates(found: _Samples, valve: str, estimate: ModelEstimate) -> None:
+    if estimate is None:
+        return
     listed = (*estimate.parameters[:MOST_ESTIMATES], estimate.natural_frequency)
     for quantity in {one.name: one for one in listed}.values():
         if not known(quantity):
             continue
         metric, half = estimates_name(quantity.unit), Z_95 * quantity.standard_deviation
         for bound, value in (("estimate", 0.0), ("low", -half), ("high", half)):
-            found.add(metric, quantity.value + value, valve=valve, parameter=quantity.name, bound=bound)
+            found.add(metric, quantity.value + value, valve=name, parameter=quantity.name, bound=bound)

@@ -223,7 +223,8 @@ class Conditions:
             if listed is not valve.alarms or lost is not before:
                 changed.append((valve, valve.alarms, lost))
         sent = 0
-        for valve, alarms, lost in sorted(changed, key=_published):
+        changed.sort(key=lambda one: (one[1].header.stamp.sec, one[1].header.stamp.nanosec))
+        for valve, alarms, lost in changed:
             self._seen[valve.name] = alarms, lost
             for alarm in alarms.alarms[:MOST]:
                 sent += await self._follow(valve.name, alarm, lost=lost)
@@ -394,11 +395,6 @@ class Conditions:
         return int(_CODES.Good if outcome.done else _CODES.BadInvalidState)
 
 
-def _published(changed: tuple[HeardValve, AlarmList, bool]) -> tuple[int, int]:
-    stamp = changed[1].header.stamp
-    return stamp.sec, stamp.nanosec
-
-
 def fields_of(
     condition: Condition, source: ua.NodeId, kind: ua.NodeId, language: Language
 ) -> dict[str, ua.Variant]:
@@ -417,7 +413,9 @@ def fields_of(
         kind, source, condition.valve, at, ua.LocalizedText(said, language.code), condition.severity
     )
     state = _alarm_state(alarm.state)
-    shelved, timed = state is AlarmState.SHELVED, bool(alarm.shelved_until.sec)
+    shelved, end = state is AlarmState.SHELVED, alarm.shelved_until
+    timed = shelved and end.sec
+    left = max(0.0, end.sec + 1e-9 * end.nanosec - time.time()) if timed else math.nan
     acknowledged = _moment(alarm.acknowledged_at)
     fields |= {
         "EventId": ua.Variant(condition.event_id()),
@@ -445,7 +443,7 @@ def fields_of(
         **_state("LatchedState", "Latched", "Not latched", on=underlying in _LATCHED),
         **_state("SuppressedState", "Suppressed", "Unsuppressed", on=state is AlarmState.SUPPRESSED),
         **_state("OutOfServiceState", "Out of service", "In service", on=state is AlarmState.OUT_OF_SERVICE),
-        **_shelving_state(shelved=shelved, left=_left(alarm) if shelved and timed else math.nan),
+        **_shelving_state(shelved=shelved, left=left),
     }
     return fields
 
@@ -487,11 +485,6 @@ def _shelving_state(*, shelved: bool, left: float) -> dict[str, ua.Variant]:
 def _alarm_state(number: int) -> AlarmState:
     """Return the state with that number; one that a later version sends is unknown."""
     return AlarmState(number) if number in set(AlarmState) else AlarmState.UNKNOWN
-
-
-def _left(alarm: Alarm) -> float:
-    end: float = alarm.shelved_until.sec + 1e-9 * alarm.shelved_until.nanosec
-    return max(0.0, end - time.time())
 
 
 def _text(words: str) -> ua.Variant:

@@ -144,7 +144,11 @@ class OpcUaNode(ManagedNode):
         except (OSError, asyncio.TimeoutError) as error:
             said = getattr(error, "strerror", "") or str(error) or f"no server in {START:g} s, machine busy"
             raise InputError(f"port {port}: {said}: set another port, or try again") from error
-        self.get_logger().info(f"serving opc.tcp://{address}:{port}, {_described(security)}")
+        access = "read only, not encrypted"
+        if security is not None:
+            names = ", ".join(sorted(security.operators)) or "nobody"
+            access = f"encrypted, {len(security.trusted)} trusted clients; operators: {names}"
+        self.get_logger().info(f"serving opc.tcp://{address}:{port}, {access}")
 
     def refuse_change(self, changes: dict[str, Value]) -> str | None:
         """Refuse what is no address, and the network where no channel is encrypted."""
@@ -408,10 +412,3 @@ def _time(stamp: object) -> datetime | None:
     if not seconds:
         return None
     return datetime.fromtimestamp(seconds + 1e-9 * getattr(stamp, "nanosec", 0), timezone.utc)
-
-
-def _described(security: Security | None) -> str:
-    if security is None:
-        return "read only, not encrypted"
-    names = ", ".join(sorted(security.operators)) or "nobody"
-    return f"encrypted, {len(security.trusted)} trusted clients; operators: {names}"

@@ -100,7 +100,11 @@ class PageNode(ManagedNode):
     def activate(self) -> None:
         """Listen to the valves and serve the page."""
         assert self._socket is not None
-        folder = self._folder()
+        given = self.value("state_folder")
+        try:
+            folder = expanded(given) if given else default_folder()
+        except RuntimeError as error:
+            raise InputError("no home directory: set state_folder") from error
         address, port = self._socket.getsockname()[:2]
         if self.value("operator"):
             try:
@@ -174,13 +178,6 @@ class PageNode(ManagedNode):
         if changes.get("operator", self.value("operator")) and not loopback:
             return "operator: only on a loopback address; from elsewhere reach it by ssh -L"
         return None
-
-    def _folder(self) -> Path:
-        given = self.value("state_folder")
-        try:
-            return expanded(given) if given else default_folder()
-        except RuntimeError as error:
-            raise InputError("no home directory: set state_folder") from error
 
     def _work(self) -> None:
         """Bring forward what browsers asked for."""

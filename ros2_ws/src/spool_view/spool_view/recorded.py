@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from bisect import bisect_left, bisect_right
 from collections import deque
-from collections.abc import Iterator
 from pathlib import Path
 
 from spool_bag.mcap_file import McapFile
@@ -104,9 +103,12 @@ def _last_of(path: Path, valve: str, tail: int, wanted: int, before: int | None,
 
 def _spectra(held: Messages, count: int, step: int) -> list[tuple[float, list[float]]]:
     times, blocks = list[int](), list[Block]()
-    for received, block in _blocks(held):
+    for received, data in held:
+        try:
+            blocks.append(decode_block(data))
+        except CdrError:
+            continue
         times.append(received)
-        blocks.append(block)
     spectra: list[tuple[float, list[float]]] = []
     beyond = 0
     for number in range(count if times else 0):
@@ -120,11 +122,3 @@ def _spectra(held: Messages, count: int, step: int) -> list[tuple[float, list[fl
         if spectrum is not None and is_whole(spectrum):
             spectra.append((1e-9 * times[until - 1], spectrum["spool"]))
     return spectra[::-1]
-
-
-def _blocks(held: Messages) -> Iterator[tuple[int, Block]]:
-    for received, data in held:
-        try:
-            yield received, decode_block(data)
-        except CdrError:
-            continue
