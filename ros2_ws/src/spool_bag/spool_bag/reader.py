@@ -12,31 +12,15 @@ from typing import Any, NamedTuple
 
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
+from spool_core import cdr
 from spool_core.block import Block, BlockRun
-from spool_core.cdr import (
-    CdrError,
-    OilTemperature,
-    Reading,
-    Speed,
-    decode_command,
-    decode_speed,
-    decode_temperature,
-)
 from spool_core.errors import InputError
 from spool_core.text import printable
 
-from spool_bag import no_such_bag
+from spool_bag import metadata, no_such_bag
 from spool_bag.blocks import Item, OrderingWindows, Span, decode_blocks, keyed_of
 from spool_bag.mcap_file import Damage, McapFile, McapMessage, MessageBatch, decompressed
 from spool_bag.mcap_record import Topic
-from spool_bag.metadata import (
-    ACCELERATION_BLOCK,
-    COMPRESSED,
-    FLOAT64,
-    TEMPERATURE,
-    is_unfinished,
-    storage_files,
-)
 from spool_bag.part_chain import begin_of, losses_of
 
 _ALL = Span()
@@ -58,25 +42,29 @@ class _Source(NamedTuple):
     decode: _Decode
 
 
-_ACCELERATION = _Source("acceleration", ACCELERATION_BLOCK, lambda messages, _: decode_blocks(messages))
+_ACCELERATION = _Source(
+    "acceleration", metadata.ACCELERATION_BLOCK, lambda messages, _: decode_blocks(messages)
+)
 
 
-def _readings(read: Callable[[bytes, int], Reading]) -> _Decode:
+def _readings(read: Callable[[bytes, int], cdr.Reading]) -> _Decode:
     """Return what decodes messages one by one with ``read``."""
 
     def decode(messages: Sequence[bytes], received: Sequence[int]) -> Iterator[tuple[Item | None, int]]:
         for data, stamp in zip(messages, received, strict=True):
             try:
                 yield read(data, stamp), 1
-            except CdrError:
+            except cdr.CdrError:
                 yield None, 1
 
     return decode
 
 
-_OIL = _Source("oil_temperature", TEMPERATURE, _readings(lambda data, _: decode_temperature(data)))
-_SPEED = _Source("speed", FLOAT64, _readings(decode_speed))
-_READINGS = (_OIL, _SPEED, _Source("command", FLOAT64, _readings(decode_command)))
+_OIL = _Source(
+    "oil_temperature", metadata.TEMPERATURE, _readings(lambda data, _: cdr.decode_temperature(data))
+)
+_SPEED = _Source("speed", metadata.FLOAT64, _readings(cdr.decode_speed))
+_READINGS = (_OIL, _SPEED, _Source("command", metadata.FLOAT64, _readings(cdr.decode_command)))
 
 
 class TopicInformation(NamedTuple):
@@ -118,7 +106,7 @@ class BagReader:
         self.warnings: list[str] = []
         self._told = 0
         if self.path.is_dir():
-            paths, self._told, self.warnings, _ = storage_files(self.path)
+            paths, self._told, self.warnings, _ = metadata.storage_files(self.path)
         elif self.path.is_file():
             paths = [self.path]
         else:
@@ -132,7 +120,7 @@ class BagReader:
             for file in self.files
             if not file.closed
         )
-        if self.files and self.closed and is_unfinished(self.path):
+        if self.files and self.closed and metadata.is_unfinished(self.path):
             self.warnings.append(
                 f"{self.path}: the recording is under way, or was cut off between two parts: data not "
                 "yet on the disk is missing"
@@ -157,7 +145,7 @@ class BagReader:
 
     def _plain(self, path: Path) -> Path:
         """Return a file as it is, or decompressed in a folder that goes with this reader."""
-        if path.suffix not in (COMPRESSED, ".zst"):
+        if path.suffix not in (metadata.COMPRESSED, ".zst"):
             return path
         if self._folder is None:
             self._folder = TemporaryDirectory(prefix="spool_bag_")
@@ -208,7 +196,7 @@ class BagReader:
         return sorted(
             _parts(name)[0]
             for name, topic in self.topics.items()
-            if topic.type == ACCELERATION_BLOCK and _parts(name)[1] == "acceleration"
+            if topic.type == metadata.ACCELERATION_BLOCK and _parts(name)[1] == "acceleration"
         )
 
     def blocks_of(self, valve: str) -> int:
@@ -217,7 +205,7 @@ class BagReader:
         return sum(
             topic.messages
             for path, topic in self.topics.items()
-            if _parts(path) == (name, "acceleration") and topic.type == ACCELERATION_BLOCK
+            if _parts(path) == (name, "acceleration") and topic.type == metadata.ACCELERATION_BLOCK
         )
 
     def blocks(self, valve: str) -> Iterator[Block]:
@@ -229,16 +217,16 @@ class BagReader:
     def temperatures(self, valve: str) -> Iterator[tuple[int, float]]:
         """Yield (stamp in ns, deg C) of the oil of ``valve`` by stamp; nothing where none is recorded."""
         for _, item in self._singles({valve.strip("/")}, (_OIL,)):
-            assert isinstance(item, OilTemperature)
+            assert isinstance(item, cdr.OilTemperature)
             yield item.stamp, item.celsius
 
     def speeds(self, valve: str) -> Iterator[tuple[int, float]]:
         """Yield (stamp in ns, rev/min) of the shaft beside ``valve``; nothing where no speed is recorded."""
         for _, item in self._singles({valve.strip("/")}, (_ACCELERATION, _SPEED)):
-            if isinstance(item, Speed):
+            if isinstance(item, cdr.Speed):
                 yield item.stamp, item.rpm
 
-    def stream(self, valve: str) -> Iterator[Block | Reading]:
+    def stream(self, valve: str) -> Iterator[Block | cdr.Reading]:
         """Yield blocks and slow readings of ``valve`` by stamp, at equal stamps the reading first."""
         for _, item in self._singles({self._known(valve)}, (_ACCELERATION, *_READINGS)):
             yield item
@@ -248,7 +236,7 @@ class BagReader:
         for _, item in self._ordered({self._known(valve)}, (_ACCELERATION, *_READINGS)):
             yield item
 
-    def streams(self) -> Iterator[tuple[str, Block | Reading]]:
+    def streams(self) -> Iterator[tuple[str, Block | cdr.Reading]]:
         """Yield what ``stream`` yields, of all valves in one pass, with the valve's name."""
         yield from self._singles(set(self.valves), (_ACCELERATION, *_READINGS))
 
@@ -303,7 +291,7 @@ class BagReader:
 
     def _singles(
         self, valves: set[str], sources: tuple[_Source, ...]
-    ) -> Iterator[tuple[str, Block | Reading]]:
+    ) -> Iterator[tuple[str, Block | cdr.Reading]]:
         """Yield what ``_ordered`` yields, runs block by block."""
         for valve, item in self._ordered(valves, sources):
             if isinstance(item, BlockRun):

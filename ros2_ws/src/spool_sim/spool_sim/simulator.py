@@ -13,13 +13,7 @@ from spool_core.block import Block, Samples
 from spool_core.errors import InputError
 
 from spool_sim.excitation import Excitation
-from spool_sim.integration.composed_motion import (
-    ComposedMotion,
-    MotionState,
-    checked_substeps,
-    half_step_times,
-    substeps_for,
-)
+from spool_sim.integration import composed_motion
 from spool_sim.lubrication import OilTable
 from spool_sim.model import Model, load_model
 from spool_sim.sensors import Sensor, SensorChannel
@@ -147,15 +141,15 @@ class Simulator:
         self._oil = OilTable(valve)
         self._rate = Fraction(self.sample_rate)
         self._start_stamp = start_stamp
-        self._state = MotionState()
+        self._state = composed_motion.MotionState()
         self._sample = 0
         body_seed, spool_seed = np.random.SeedSequence(seed).spawn(2)
         self._body_channel = SensorChannel(body_sensor or Sensor(), body_seed)
         self._spool_channel = SensorChannel(spool_sensor or Sensor(), spool_seed)
         self._values = values
-        self._motion = ComposedMotion(self.model.terms)
+        self._motion = composed_motion.ComposedMotion(self.model.terms)
         self._motion.warm_up()
-        self._substeps, _ = checked_substeps(
+        self._substeps, _ = composed_motion.checked_substeps(
             self._motion,
             values,
             excitation.acceleration,
@@ -235,7 +229,7 @@ class Simulator:
         if coldest != self._temperature:
             most["viscous_coefficient"] *= float(self._oil.ratio(np.array(coldest)))
         period, highest = 1.0 / self.sample_rate, self.excitation.highest_frequency
-        needed = substeps_for(self.model.terms, {**self._values, **most}, period, highest)
+        needed = composed_motion.substeps_for(self.model.terms, {**self._values, **most}, period, highest)
         self._substeps = max(self._substeps, needed)
         self._ramps[quantity] = _Ramp(now[quantity], target, self._sample, round(duration * self.sample_rate))
 
@@ -276,7 +270,7 @@ class Simulator:
     def _read(self, samples: int) -> tuple[Samples, Samples]:
         """Return the readings (float32, shape (samples,)) of body and spool, and move on."""
         forcing = self.excitation.acceleration(
-            half_step_times(self._sample, samples, self.sample_rate, self._substeps)
+            composed_motion.half_step_times(self._sample, samples, self.sample_rate, self._substeps)
         )
         index = np.arange(self._sample, self._sample + samples)
         values: dict[str, float | NDArray[np.float64]] = dict(self._values)

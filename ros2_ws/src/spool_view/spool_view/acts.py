@@ -12,14 +12,7 @@ from typing import Any
 from rcl_interfaces.srv import GetParameters
 from spool_core.errors import operator_missing
 from spool_core.node.service_calls import ServiceCalls
-from spool_msgs.srv import (
-    AcknowledgeAlarm,
-    ManageBaseline,
-    ResetAlarms,
-    ShelveAlarm,
-    SuppressAlarm,
-    TakeSnapshot,
-)
+from spool_msgs import srv
 from std_srvs.srv import Trigger
 
 ACKNOWLEDGE, SHELVE, UNSHELVE, RESET = "acknowledge", "shelve", "unshelve", "reset"
@@ -42,14 +35,14 @@ _NODES = {ANALYSE: "estimator", SNAPSHOT: "recorder"}
 
 #: Services that can be called: node and type by name; there is no way to any other.
 SERVICES: dict[str, tuple[str, Any]] = {
-    "acknowledge_alarm": ("monitor", AcknowledgeAlarm),
-    "shelve_alarm": ("monitor", ShelveAlarm),
-    "reset_alarms": ("monitor", ResetAlarms),
-    "suppress_alarm": ("monitor", SuppressAlarm),
-    "manage_baseline": ("monitor", ManageBaseline),
+    "acknowledge_alarm": ("monitor", srv.AcknowledgeAlarm),
+    "shelve_alarm": ("monitor", srv.ShelveAlarm),
+    "reset_alarms": ("monitor", srv.ResetAlarms),
+    "suppress_alarm": ("monitor", srv.SuppressAlarm),
+    "manage_baseline": ("monitor", srv.ManageBaseline),
     "get_parameters": ("monitor", GetParameters),
     "analyse_gap": ("estimator", Trigger),
-    "take_snapshot": ("recorder", TakeSnapshot),
+    "take_snapshot": ("recorder", srv.TakeSnapshot),
 }
 #: Nodes that serve all valves, outside of their namespaces.
 SHARED = {"recorder"}
@@ -197,21 +190,21 @@ def _request(act: Act) -> tuple[str, Any]:
     if act.act == ANALYSE:
         return "analyse_gap", Trigger.Request()
     if act.act == SNAPSHOT:
-        return "take_snapshot", TakeSnapshot.Request(valve=act.valve, **by)
+        return "take_snapshot", srv.TakeSnapshot.Request(valve=act.valve, **by)
     if act.act in (FREEZE, LEARN):
-        kind = ManageBaseline.Request
+        kind = srv.ManageBaseline.Request
         return "manage_baseline", kind(action=kind.FREEZE if act.act == FREEZE else kind.LEARN, **by)
     by["alarm"] = act.alarm
     if act.act == ACKNOWLEDGE:
-        return "acknowledge_alarm", AcknowledgeAlarm.Request(occurrence=act.occurrence, **by)
+        return "acknowledge_alarm", srv.AcknowledgeAlarm.Request(occurrence=act.occurrence, **by)
     if act.act == RESET:
-        return "reset_alarms", ResetAlarms.Request(**by)
+        return "reset_alarms", srv.ResetAlarms.Request(**by)
     if act.act in (MAINTAIN, RETURN):
         out = act.act == MAINTAIN
-        way, duration = SuppressAlarm.Request.OUT_OF_SERVICE, 60.0 * act.minutes
-        return "suppress_alarm", SuppressAlarm.Request(way=way, suppressed=out, duration=duration, **by)
+        way, duration = srv.SuppressAlarm.Request.OUT_OF_SERVICE, 60.0 * act.minutes
+        return "suppress_alarm", srv.SuppressAlarm.Request(way=way, suppressed=out, duration=duration, **by)
     shelved = act.act == SHELVE
-    return "shelve_alarm", ShelveAlarm.Request(shelved=shelved, duration=60.0 * act.minutes, **by)
+    return "shelve_alarm", srv.ShelveAlarm.Request(shelved=shelved, duration=60.0 * act.minutes, **by)
 
 
 def _outcome(act: Act, answer: Any) -> Outcome:

@@ -9,16 +9,8 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+from spool_core import cdr
 from spool_core.block import Block
-from spool_core.cdr import (
-    Command,
-    OilTemperature,
-    Reading,
-    Speed,
-    encode_block,
-    encode_speed,
-    encode_temperature,
-)
 from spool_core.errors import InputError
 from spool_core.text import printable
 
@@ -100,16 +92,18 @@ def import_record(
         speed = writer.add_topic(f"/{valve}/speed", FLOAT64) if turning else 0
         command = writer.add_topic(f"/{valve}/command", FLOAT64) if COMMAND in record.columns else 0
         for item in stream_of(record, begin, block_duration):
-            if isinstance(item, OilTemperature):
-                writer.write(oil, item.stamp, encode_temperature(item, valve))
+            if isinstance(item, cdr.OilTemperature):
+                writer.write(oil, item.stamp, cdr.encode_temperature(item, valve))
                 temperatures += 1
                 continue
-            if isinstance(item, Speed | Command):
-                number = item.rpm if isinstance(item, Speed) else item.value
-                topic = speed if isinstance(item, Speed) else command
-                writer.write(topic, item.stamp, encode_speed(Speed(item.stamp, number)))
+            if isinstance(item, cdr.Speed | cdr.Command):
+                number = item.rpm if isinstance(item, cdr.Speed) else item.value
+                topic = speed if isinstance(item, cdr.Speed) else command
+                writer.write(topic, item.stamp, cdr.encode_speed(cdr.Speed(item.stamp, number)))
                 continue
-            writer.write(channel, item.stamp, encode_block(item, valve), sequence=item.sequence & 0xFFFFFFFF)
+            writer.write(
+                channel, item.stamp, cdr.encode_block(item, valve), sequence=item.sequence & 0xFFFFFFFF
+            )
             blocks += 1
             newest = item.sequence
     return ImportResult(
@@ -208,21 +202,21 @@ def blocks_of(
 
 def stream_of(
     record: LoggerRecord, start: int, block_duration: float = BLOCK_DURATION
-) -> Iterator[Block | Reading]:
+) -> Iterator[Block | cdr.Reading]:
     """Yield blocks, and before them the oil's temperature each second, the speed and the changed command."""
     oil, speed = record.columns.get(OIL_TEMPERATURE), record.columns.get(SPEED)
     command, commanded = record.columns.get(COMMAND), math.nan
     due = next_speed = -1
     for first, block in blocks_of(record, start, block_duration):
         if oil is not None and block.stamp >= due and math.isfinite(oil[first]):
-            yield OilTemperature(block.stamp, float(oil[first]))
+            yield cdr.OilTemperature(block.stamp, float(oil[first]))
             due = block.stamp + TEMPERATURE_INTERVAL
         if speed is not None and block.stamp >= next_speed and math.isfinite(speed[first]):
-            yield Speed(block.stamp, float(speed[first]))
+            yield cdr.Speed(block.stamp, float(speed[first]))
             next_speed = block.stamp + SPEED_INTERVAL
         if command is not None:
             part = command[first : first + block.body.size]
             for place in np.flatnonzero(np.isfinite(part) & (part != np.append(commanded, part[:-1]))):
-                yield Command(block.stamp + round(int(place) * record.period * 1e9), float(part[place]))
+                yield cdr.Command(block.stamp + round(int(place) * record.period * 1e9), float(part[place]))
             commanded = float(part[-1])
         yield block

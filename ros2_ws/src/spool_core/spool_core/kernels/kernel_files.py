@@ -26,14 +26,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, ClassVar
 
-from spool_core.system import (
-    FILE_MODE,
-    lock_file,
-    others_may_write,
-    private_folder,
-    private_temporary_folder,
-    write_durably,
-)
+from spool_core import system
 
 INDEX, DATA = ".nbi", ".nbc"
 #: What takes long on a first start, for people.
@@ -190,7 +183,7 @@ class SealedCacheFile:
         try:
             self._write(name, self._dump(data))
             with (self._folder / "writing.lock").open("a") as lock:
-                lock_file(lock.fileno())  # no other process changes the index meanwhile
+                system.lock_file(lock.fileno())  # no other process changes the index meanwhile
                 names = self._index()
                 if not names:
                     # What is kept of the same kernel for other states of its code is old after a time.
@@ -233,7 +226,7 @@ class SealedCacheFile:
     def _write(self, name: str, content: bytes) -> None:
         """Write a file that other processes see whole or not at all."""
         self._folder.mkdir(parents=True, exist_ok=True)
-        write_durably(self._folder / name, sealed(name, content), mode=FILE_MODE)
+        system.write_durably(self._folder / name, sealed(name, content), mode=system.FILE_MODE)
 
 
 def _unpickled(content: bytes) -> Any:
@@ -262,11 +255,11 @@ def refusal(folder: Path) -> str | None:
 
     The folder is made, and restricted to its owner, where that is possible.
     """
-    who = others_may_write(folder)
+    who = system.others_may_write(folder)
     if who is not None:
         return f"{who}, and code is loaded from there"
     try:
-        private_folder(folder)
+        system.private_folder(folder)
         with tempfile.TemporaryFile(dir=folder):
             return None
     except OSError as error:
@@ -279,7 +272,7 @@ def usable_kernel_folder(wanted: Path | None) -> Path:
     reason = "no home directory" if wanted is None else refusal(wanted)
     if wanted is not None and reason is None:
         return wanted
-    other = private_temporary_folder("kernels")
+    other = system.private_temporary_folder("kernels")
     if multiprocessing.parent_process() is None:
         logging.getLogger(__name__).warning(
             "compiled kernels are not kept in %s: %s; they are kept in %s",

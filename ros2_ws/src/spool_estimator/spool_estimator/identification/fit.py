@@ -24,7 +24,7 @@ from spool_sim.observation import CAUSAL, INSTANTS, LINEAR, MEAN, Observation
 from spool_sim.sensors import PAPER_CHAIN
 from spool_sim.valve import Valve
 
-from spool_estimator.identification import least_squares
+from spool_estimator.identification import fit_check, least_squares
 from spool_estimator.identification.determination import (
     IDENTIFIABLE,
     NOT,
@@ -34,14 +34,6 @@ from spool_estimator.identification.determination import (
     refuted,
 )
 from spool_estimator.identification.equation_error import EquationError, diverging, input_noise_effect
-from spool_estimator.identification.fit_check import (
-    UnusedParameterError,
-    at_result,
-    before_fit,
-    check_applied,
-    scale_of,
-    to_hold,
-)
 from spool_estimator.identification.fit_result import (
     FILTER,
     MASS,
@@ -156,7 +148,7 @@ def _fit(
         ended = follow(records, model, valve, chosen, unknowns, values, work)
         found = replace(_result(ended, unknowns, values, held, valve, chosen), stopped_early=work.cut)
         return _held_back(found, records, valve, chosen, work) if chosen.check else found
-    except UnusedParameterError:
+    except fit_check.UnusedParameterError:
         raise
     except InputError as error:
         return replace(failed, reason=str(error))
@@ -181,11 +173,11 @@ def determined_before(records: Sequence[Record], model: Model, valve: Valve) -> 
         # The ends of intervals at the start values are no result.
         found = [
             replace(one, low=None, high=None) if one.verdict == IDENTIFIABLE else one
-            for one in before_fit(run, unknowns, point, values, settings)
+            for one in fit_check.before_fit(run, unknowns, point, values, settings)
         ]
         silent = {one.name for one in found if one.verdict == NOT}
         seen = [unknown for unknown in unknowns if unknown.name not in silent]
-        return (*found, *scale_of(run, seen, values, settings))
+        return (*found, *fit_check.scale_of(run, seen, values, settings))
     except (InputError, np.linalg.LinAlgError, FloatingPointError, OverflowError):
         return ()
 
@@ -314,7 +306,7 @@ def follow(
     before: list[Determination] = []
     if settings.check:
         start = np.array([first.get(unknown.name, values.get(unknown.name, 0.0)) for unknown in unknowns])
-        before = before_fit(some.run, unknowns, start, values, settings)
+        before = fit_check.before_fit(some.run, unknowns, start, values, settings)
     seen = observed(some, points[0])
     trial, best = _first_end(some, points, seen, settings.starts)
     if seen is None or len(points) > 1:  # the start may have been too far off to show it
@@ -403,7 +395,7 @@ def _held_back(
             stopped_early=found.stopped_early or again.stopped_early,
             held={name: value for name, value in again.held.items() if name != MASS},
         )
-    chosen = {one.name: one for one in to_hold(found.determinations, model, valve)}
+    chosen = {one.name: one for one in fit_check.to_hold(found.determinations, model, valve)}
     chosen.pop(MASS, None)
     if not chosen or len(chosen) == len(found.parameters):
         return found
@@ -628,12 +620,12 @@ def _judged(
     if not before:
         return []
     names = [unknown.name for unknown in unknowns]
-    found = at_result(residuals, unknowns, ended, covariance, hidden_by_name(unseen, names), before)
+    found = fit_check.at_result(residuals, unknowns, ended, covariance, hidden_by_name(unseen, names), before)
     silent = {one.name for one in found if one.verdict == NOT}
-    check_applied(residuals, unknowns, ends, silent)
+    fit_check.check_applied(residuals, unknowns, ends, silent)
     if MASS not in names:
         seen = [unknown for unknown in unknowns if unknown.name not in silent]
-        found += scale_of(residuals.run, seen, values, settings)
+        found += fit_check.scale_of(residuals.run, seen, values, settings)
     return found
 
 

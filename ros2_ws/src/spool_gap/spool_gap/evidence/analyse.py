@@ -23,6 +23,7 @@ from spool_sim.model import Model
 from spool_sim.terms import term
 from spool_sim.valve import Valve
 
+from spool_gap import report
 from spool_gap.catalogue import EFFECTS
 from spool_gap.evidence.decision import Decision, decide
 from spool_gap.evidence.explanations import said_by
@@ -34,15 +35,6 @@ from spool_gap.likelihood.prediction import Prediction, Predictions
 from spool_gap.likelihood.search import Search, senseless
 from spool_gap.likelihood.structure import structure_of, told
 from spool_gap.likelihood.structure_fit import StructureFit, fit_structure
-from spool_gap.report import (
-    CHECK_COLOURED,
-    looks_like,
-    named,
-    not_told_apart,
-    nothing_missing,
-    still_missing,
-    unnamed,
-)
 from spool_gap.result import (
     UNEXPLAINED,
     Explanation,
@@ -258,23 +250,23 @@ def words_of(
         squares = sum(float((rows[0] ** 2).sum()) for rows in after.rows)
         size = after.agreement.nrmse * math.sqrt(squares / sum(rows.shape[1] for rows in after.rows))
         coloured = Nuisance(
-            "coloured_noise", "spool", size, math.nan, "m/s^2", corrected=False, check=CHECK_COLOURED
+            "coloured_noise", "spool", size, math.nan, "m/s^2", corrected=False, check=report.CHECK_COLOURED
         )
         nuisances.append(coloured)
     errors = before.agreement.nrmse, after.agreement.nrmse, after.known_floor, COMPARED_SENTENCE
     if verdict == "none":
-        text = nothing_missing(base.name, *errors[1:])
+        text = report.nothing_missing(base.name, *errors[1:])
     elif verdict == UNEXPLAINED:
-        text = unnamed(base.name, candidates, decision.rest.follows, *errors)
+        text = report.unnamed(base.name, candidates, decision.rest.follows, *errors)
     else:
         known = {one.name: one for one in decision.numbers.quantities}
         numbers = {name: [known[own] for own in EFFECTS[name].fitted if own in known] for name in names}
-        text = named([(name, extra.get(name) or numbers[name]) for name in names], *errors)
+        text = report.named([(name, extra.get(name) or numbers[name]) for name in names], *errors)
         if remainder is not None:
-            text = f"{text} {still_missing(remainder)}"
+            text = f"{text} {report.still_missing(remainder)}"
     alternatives = [] if verdict == UNEXPLAINED and not names else _alternatives(decision, members)
     if alternatives:
-        text = f"{text} {not_told_apart(decision.effects, alternatives)}"
+        text = f"{text} {report.not_told_apart(decision.effects, alternatives)}"
     warnings = [*([] if jitter is None else [sentence(jitter)]), *warnings]
     # A name beside a remainder may be the nearest law's; a model that explains nothing is no evidence.
     capped = doubtful or (open_ and (bool(names) or not decision.unexplained))
@@ -445,4 +437,4 @@ def _remainder(decision: Decision, power: float, before: Judged, after: Judged) 
     gap = max(before.agreement.nrmse**2 - after.floor**2, 1e-12)
     share = max(after.agreement.nrmse**2 - after.floor**2, 0.0) / gap
     follows = decision.rest.follows
-    return Remainder(min(share, 1.0), power, follows, looks_like(follows))
+    return Remainder(min(share, 1.0), power, follows, report.looks_like(follows))

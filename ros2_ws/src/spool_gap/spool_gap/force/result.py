@@ -11,19 +11,10 @@ from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.identification.spectra import density_of
 from spool_sim.model import Model
 
+from spool_gap import report
 from spool_gap.catalogue import FRICTIONS
 from spool_gap.force.balance import BASE_NAMES, ForceBalance, ForceFit, ForceRecord
 from spool_gap.force.position import Chosen, free_run_error, model_of, parameters_of
-from spool_gap.report import (
-    Residual,
-    locate,
-    looks_like,
-    named,
-    nothing_missing,
-    still_missing,
-    surface,
-    unnamed,
-)
 from spool_gap.result import (
     UNEXPLAINED,
     Curves,
@@ -108,7 +99,7 @@ def result_of(
             "Viscous and Coulomb friction cannot be distinguished in this record: the speed hardly varies. "
             f"{text}"
         )
-    where = locate(_residual(balance, first, floor * size))
+    where = report.locate(_residual(balance, first, floor * size))
     return GapResult(
         record=", ".join(dict.fromkeys(record.name for record in records)),
         kind=kind, base_model=base.name, verdict=verdict, confidence=min(confidence, MOST_SURE),
@@ -116,9 +107,9 @@ def result_of(
         runner_up=runner, candidates=candidates,
         ranking=tuple(sorted(ranking, key=lambda h: (h.id != "none", len(h.jointly_with), -h.evidence))),
         base=quantities_of(balance, first, ()), parameters=quantities_of(balance, final, chosen),
-        where=where, where_after=locate(_residual(balance, final, floor * size)),
-        surface=surface(_residual(balance, first, floor * size)),
-        surface_after=surface(_residual(balance, final, floor * size)),
+        where=where, where_after=report.locate(_residual(balance, final, floor * size)),
+        surface=report.surface(_residual(balance, first, floor * size)),
+        surface_after=report.surface(_residual(balance, final, floor * size)),
         curves=_curves(balance, first, final, floor * size),
         before=HeldOutAgreement(before, math.nan, runs[0]), after=HeldOutAgreement(after, math.nan, runs[1]),
         noise_floor=floor, remainder=left,
@@ -137,7 +128,7 @@ def _remainder(before: float, after: float, floor: float) -> Remainder | None:
         return None
     gap = max(before**2 - floor**2, 1e-30)
     share = max(0.0, after**2 - floor**2) / gap
-    return Remainder(share, (after / max(floor, 1e-12)) ** 2, "nothing", looks_like("nothing"))
+    return Remainder(share, (after / max(floor, 1e-12)) ** 2, "nothing", report.looks_like("nothing"))
 
 
 def quantities_of(balance: ForceBalance, fit: ForceFit, chosen: Chosen) -> tuple[Quantity, ...]:
@@ -184,9 +175,9 @@ def _named(
     return found
 
 
-def _residual(balance: ForceBalance, fit: ForceFit, floor: float) -> Residual:
+def _residual(balance: ForceBalance, fit: ForceFit, floor: float) -> report.Residual:
     motions = [balance.motions[id(record)] for record in balance.held]
-    return Residual(
+    return report.Residual(
         np.concatenate([motion.time for motion in motions]),
         np.concatenate([motion.displacement for motion in motions]),
         np.concatenate([motion.velocity for motion in motions]),
@@ -226,8 +217,8 @@ def _sentence(
     errors: tuple[float, float, float],
 ) -> str:
     if verdict == "none":
-        return nothing_missing(base.name, *errors[1:], COMPARED)
+        return report.nothing_missing(base.name, *errors[1:], COMPARED)
     if verdict == UNEXPLAINED:
-        return unnamed(base.name, tuple(dict.fromkeys(candidates)), "nothing", *errors, COMPARED)
-    text = named([(effect.id, effect.parameters) for effect in effects], *errors, COMPARED)
-    return text if left is None else f"{text} {still_missing(left)}"
+        return report.unnamed(base.name, tuple(dict.fromkeys(candidates)), "nothing", *errors, COMPARED)
+    text = report.named([(effect.id, effect.parameters) for effect in effects], *errors, COMPARED)
+    return text if left is None else f"{text} {report.still_missing(left)}"

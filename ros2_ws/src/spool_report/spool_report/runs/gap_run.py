@@ -26,13 +26,7 @@ from spool_gap.report import anomaly_sentence, result_to_dict
 from spool_gap.result import GapResult, GapSettings
 from spool_report.fit_tables import LONGEST_NAME, save_model
 from spool_report.outputs import ResultFiles, sources, write_file, write_json
-from spool_report.records.record_loading import (
-    Selection,
-    channel_doubts,
-    check,
-    load_recordings,
-    stretches_of,
-)
+from spool_report.records import record_loading
 from spool_report.records.record_sources import is_table, record_of_table
 from spool_report.terminal import progress, warn, wide_console
 from spool_sim.model import Model, load_model
@@ -69,7 +63,7 @@ class GapRequest:
     valve: str | None
     base: str
     kind: str
-    selection: Selection
+    selection: record_loading.Selection
     settings: GapSettings
     holdout: Sequence[Path] = ()
     mass: float | None = None
@@ -137,12 +131,14 @@ def _of_accelerations(
 ) -> tuple[GapResult, Valve, list[Record]]:
     """Return what ``model`` lacks in records of two accelerometers, their valve, and all of them."""
     bounded = replace(request.selection, longest=LARGEST)
-    recordings, described = load_recordings(request.records, request.valve, bounded)
-    held = load_recordings(request.holdout, request.valve, bounded)[0] if request.holdout else []
+    recordings, described = record_loading.load_recordings(request.records, request.valve, bounded)
+    held = (
+        record_loading.load_recordings(request.holdout, request.valve, bounded)[0] if request.holdout else []
+    )
     for recording in held:
-        check(recording)
-    fitted, others = stretches_of(recordings), stretches_of(held)
-    doubts = channel_doubts([*recordings, *held])
+        record_loading.check(recording)
+    fitted, others = record_loading.stretches_of(recordings), record_loading.stretches_of(held)
+    doubts = record_loading.channel_doubts([*recordings, *held])
     determined = determined_before(fitted, model, described)
     _print_determined(determined, console)
     result = analyse(fitted, described, model, holdout=others, settings=request.settings, progress=tell)
@@ -204,7 +200,7 @@ def doubted(result: GapResult, doubts: Sequence[str]) -> GapResult:
 
 
 def _force_records(
-    paths: Sequence[Path], kind: str, selection: Selection, notes: list[str]
+    paths: Sequence[Path], kind: str, selection: record_loading.Selection, notes: list[str]
 ) -> list[ForceRecord]:
     """Return the stretches of ``paths`` without a gap, evenly sampled; ``notes`` gets what was resampled."""
     found = []

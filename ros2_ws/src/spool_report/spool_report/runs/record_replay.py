@@ -36,15 +36,7 @@ from spool_monitor.replay import Replay
 from spool_monitor.state_file import valve_folder
 from spool_monitor.valve_state import ValveState
 from spool_report.outputs import sources, write_file
-from spool_report.records.record_loading import (
-    ChosenValve,
-    Selection,
-    Source,
-    choose_valves,
-    load_data,
-    open_source,
-    valve_in,
-)
+from spool_report.records import record_loading
 from spool_report.records.record_sources import TableSource, span_of
 from spool_report.terminal import cell, progress, warn
 from spool_sim.model import load_model
@@ -202,11 +194,11 @@ def replay_bag(path: Path, valve_files: Sequence[str], options: ReplayOptions = 
             is no such language.
     """
     spoken = language_of(options.language)
-    reader = open_source(path, options.columns, span_of(path, *options.when))
+    reader = record_loading.open_source(path, options.columns, span_of(path, *options.when))
     names = reader.valves
     if not names:
         raise InputError(f"{path}: no acceleration topic in it, so there is nothing to replay")
-    valves = choose_valves(reader, names, valve_files)
+    valves = record_loading.choose_valves(reader, names, valve_files)
     result: dict[str, Any] = {"bag": str(path), "duration_s": None, "valves": {}}
     times = {name: Timeline() for name in names}
     parts = {name: PartKeeper(SHOWN) for name in names} if options.report is not None else {}
@@ -274,14 +266,14 @@ def check_of_record(
     Raises:
         InputError: as ``load_data``.
     """
-    selection = Selection(name, columns_of(columns), longest=LARGEST)
-    doubts = load_data([path], valve, selection, springs=False).doubts
-    reader = open_source(path, columns)
-    return replay_valve(reader, valve_in(reader, name), valve).check, doubts
+    selection = record_loading.Selection(name, columns_of(columns), longest=LARGEST)
+    doubts = record_loading.load_data([path], valve, selection, springs=False).doubts
+    reader = record_loading.open_source(path, columns)
+    return replay_valve(reader, record_loading.valve_in(reader, name), valve).check, doubts
 
 
 def replay_valve(
-    reader: Source,
+    reader: record_loading.Source,
     name: str,
     valve: Valve,
     settings: ReplaySettings = SHIPPED,
@@ -409,7 +401,7 @@ def valve_dictionary(
     one: Replay,
     timeline: Timeline,
     first: int,
-    chosen: ChosenValve,
+    chosen: record_loading.ChosenValve,
     limits: Mapping[str, Any],
     warnings: Sequence[str],
     rate_std: float = 0.0,
@@ -515,7 +507,7 @@ def _write_report(
         write_file(file, replay_page(result, evidence, sources([path])), "--report")
 
 
-def _warnings(reader: Source, times: Mapping[str, Timeline]) -> list[str]:
+def _warnings(reader: record_loading.Source, times: Mapping[str, Timeline]) -> list[str]:
     """Return what is not as it should be in the record itself, one line each."""
     told = list(reader.warnings)
     for name, timeline in times.items():

@@ -11,13 +11,7 @@ from numpy.typing import NDArray
 from spool_core.numbers import Array, Complex
 
 from spool_sim.excitation import SteadySine
-from spool_sim.integration.composed_motion import (
-    LATEST_TIME,
-    ComposedMotion,
-    MotionState,
-    checked_substeps,
-    half_step_times,
-)
+from spool_sim.integration import composed_motion
 
 #: Samples of a period: the reading of a peak between two of them is at most 0.12 % low.
 SAMPLES = 64
@@ -46,7 +40,7 @@ class SineResponse:
 
 
 def sine_response(
-    motion: ComposedMotion,
+    motion: composed_motion.ComposedMotion,
     values: Mapping[str, float],
     sets: Array,
     frequency: float,
@@ -72,28 +66,28 @@ def sine_response(
     rising = SteadySine(frequency=frequency, amplitude=amplitude)
     excitation = rising.model_copy(update={"soft_start": 0.0})
     rate = SAMPLES * frequency
-    substeps, _ = checked_substeps(
+    substeps, _ = composed_motion.checked_substeps(
         motion, values, excitation.acceleration,
         seconds=2 * LOOK / frequency, sample_rate=rate, highest_frequency=frequency,
     )  # fmt: skip
     # Every period is the first one: the forcing repeats, and no law depends on time.
-    one = excitation.acceleration(half_step_times(0, SAMPLES, rate, substeps))[:-1]
+    one = excitation.acceleration(composed_motion.half_step_times(0, SAMPLES, rate, substeps))[:-1]
     look = np.append(np.tile(one, LOOK), one[0])[np.newaxis]
     wave = np.exp(-2j * np.pi * np.arange(SAMPLES * LOOK) / SAMPLES) * 2.0 / (SAMPLES * LOOK)
     count = len(sets)
     ratio = np.full(count, complex(math.nan, math.nan))
     stroke, settled = np.full(count, math.nan), np.zeros(count, dtype=np.bool_)
-    states = [MotionState(displaced)] * count
+    states = [composed_motion.MotionState(displaced)] * count
     if displaced == 0.0:
         samples = SAMPLES * LOOK * math.ceil(rising.soft_start * frequency / LOOK)
-        forcing = rising.acceleration(half_step_times(0, samples, rate, substeps))[np.newaxis]
+        forcing = rising.acceleration(composed_motion.half_step_times(0, samples, rate, substeps))[np.newaxis]
         _, states = motion.advance_batch(
             states, forcing, sets[:, np.newaxis, :], sample_period=1.0 / rate, substeps=substeps
         )
     left = np.arange(count)
     before = np.full(count, np.inf, dtype=np.complex128), np.full(count, np.inf)
     pieces, done = 1, 0
-    while left.size and done * LOOK < LATEST_TIME * frequency:
+    while left.size and done * LOOK < composed_motion.LATEST_TIME * frequency:
         for _ in range(pieces):
             trajectory, states = motion.advance_batch(
                 states, look, sets[left][:, np.newaxis, :], sample_period=1.0 / rate, substeps=substeps

@@ -13,14 +13,7 @@ from rich.table import Table
 from spool_core.errors import InputError
 from spool_core.events.sentences import language_of
 from spool_core.text import plural
-from spool_monitor.alarm_statistics import (
-    FLOOD_BEGINS,
-    FLOOD_ENDS,
-    AlarmLimits,
-    AlarmStatistics,
-    figures,
-    statistics,
-)
+from spool_monitor import alarm_statistics
 from spool_monitor.journal import COLUMNS, cells, entries_in, iso
 from spool_report.outputs import STANDARD_OUTPUT, check_output, write_file, write_json
 from spool_report.terminal import wide_console
@@ -103,7 +96,7 @@ def show_statistics(
         InputError: there is no journal, it is empty, or an option is wrong.
 
     """
-    allowed = AlarmLimits().changed(limits)
+    allowed = alarm_statistics.AlarmLimits().changed(limits)
     check_output(json, "--json")
     journals = {name: entries_in(path) for name, path in kept_files(state_folder, valve, "journals").items()}
     stamps = [one.stamp for entries in journals.values() for one in entries]
@@ -113,7 +106,7 @@ def show_statistics(
     begin = moment(since) * 1_000_000_000 or min(stamps)
     if begin >= until:
         raise InputError(f"--since {since}: it lies in the future")
-    found = statistics(journals, begin, until)
+    found = alarm_statistics.statistics(journals, begin, until)
     beyond = found.beyond(allowed)
     if json is not None:
         write_json(
@@ -130,18 +123,21 @@ def show_statistics(
     return 1 if beyond else 0
 
 
-def _print(found: AlarmStatistics, limits: AlarmLimits, valves: int) -> None:
+def _print(
+    found: alarm_statistics.AlarmStatistics, limits: alarm_statistics.AlarmLimits, valves: int
+) -> None:
     console = wide_console(120, markup=False)
     begin, end = (f"{iso(stamp)[:16].replace('T', ' ')}" for stamp in (found.since, found.until))
     of = f"{plural(found.count, 'alarm')} of {plural(valves, 'valve')}"
     console.print(f"{of} from {begin} to {end} UTC", soft_wrap=True)
     table = Table("figure (ISA-18.2)", "value", "limit", "", box=None, pad_edge=False)
-    for name, value, limit, kept in figures(found, limits):
+    for name, value, limit, kept in alarm_statistics.figures(found, limits):
         title, unit = FIGURES[name]
         table.add_row(title, value + unit, limit + unit, "" if kept else "beyond the limit")
     console.print(table)
     console.print(
-        f"An alarm flood begins at {FLOOD_BEGINS} alarms in 10 min and ends below {FLOOD_ENDS}. "
+        f"An alarm flood begins at {alarm_statistics.FLOOD_BEGINS} alarms in 10 min "
+        f"and ends below {alarm_statistics.FLOOD_ENDS}. "
         "Limits: ISA-18.2 for one operator; change one with --limit NAME=VALUE.",
         soft_wrap=True,
     )
