@@ -88,7 +88,12 @@ class Installation:
         if fresh:
             self._make_venv()
         if not done.lock:
-            self._install()
+            packages.forget_half_installed(layout)
+            lock = layout.lock_hash()
+            with self._steps.step(f"installing {len(packages.locked(layout.requirements))} packages"):
+                packages.install(layout, self._tools(), self._runner)
+            done.lock = lock
+            requirements.save(layout, done)
         if patching:
             with self._steps.step("patching the CMake files of the ROS 2 wheels"):
                 workspace.patch_foreign_files(layout, self._tools())
@@ -117,14 +122,6 @@ class Installation:
         self._done.root = str(self._layout.root)
         self._done.python_version = requirements.SERIES
         self._done.underlay = list(self._layout.underlay.prefixes)
-        requirements.save(self._layout, self._done)
-
-    def _install(self) -> None:
-        packages.forget_half_installed(self._layout)
-        lock = self._layout.lock_hash()
-        with self._steps.step(f"installing {len(packages.locked(self._layout.requirements))} packages"):
-            packages.install(self._layout, self._tools(), self._runner)
-        self._done.lock = lock
         requirements.save(self._layout, self._done)
 
     def _discard(self) -> None:

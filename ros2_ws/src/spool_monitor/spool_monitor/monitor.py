@@ -241,11 +241,15 @@ class Monitor:
         silent = Namur.FAILURE if level is HealthLevel.STALE else Namur.NORMAL
         raised = (one.declared.cause(one.cause).namur for one in self.conditions if one.active is not None)
         namur = Namur.UNKNOWN if level is HealthLevel.UNKNOWN else max(learning, silent, *raised)
+        summary, strokes = self._summary(active, stale, baseline), self.strokes
+        if strokes.count:
+            times = plural(strokes.count, "time")
+            summary += f"; switched {times} today, judged {strokes.share:.0%} of the time"
         return Health(
             stamp=self._stamp,
             level=level,
             baseline=BaselineState.UNKNOWN if self.estimate is None else baseline,
-            summary=self._summary(active, stale, baseline) + self._switched,
+            summary=summary,
             active=tuple(dict.fromkeys([*("stale" for _ in stale[:1]), *(one.kind for one in active)])),
             dominant_frequency=_seen("dominant_frequency", "Hz", line.frequency if line else None, known),
             amplification=_seen("amplification", "1", line.amplification if line else None, known),
@@ -274,14 +278,6 @@ class Monitor:
         if configured <= 0.0:
             return Quantity("natural_frequency", "Hz")
         return Quantity("natural_frequency", "Hz", configured, validity=Validity.HELD)
-
-    @property
-    def _switched(self) -> str:
-        """What the summary adds of a valve that was switched today."""
-        strokes = self.strokes
-        if not strokes.count:
-            return ""
-        return f"; switched {plural(strokes.count, 'time')} today, judged {strokes.share:.0%} of the time"
 
     def _summary(self, active: list[Condition], stale: list[str], baseline: BaselineState) -> str:
         if stale and self._stale.never_seen:

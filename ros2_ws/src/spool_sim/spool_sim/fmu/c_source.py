@@ -349,7 +349,10 @@ class _Function:
             )
             return f"({test} ? {yes} : {no})", kind if kind == other else _DOUBLE
         if isinstance(node, ast.Subscript):
-            return self._element(node)
+            text, kind = self._value(node.value)
+            place, whole = self._value(node.slice)
+            if whole == _INT and kind in (PARAMETERS, MEMORY):
+                return (f"{text}[{place}]" if kind == PARAMETERS else f"{text}.values[{place}]"), _DOUBLE
         if isinstance(node, ast.Call) and not node.keywords:
             return self._call(node)
         raise self._refuse(node)
@@ -375,13 +378,6 @@ class _Function:
         if isinstance(node.op, ast.Div) and one == other == _INT:
             left = f"(double){left}"
         return f"({left} {_OPERATORS[type(node.op)]} {right})", _INT if whole else _DOUBLE
-
-    def _element(self, node: ast.Subscript) -> tuple[str, str]:
-        text, kind = self._value(node.value)
-        place, whole = self._value(node.slice)
-        if whole != _INT or kind not in (PARAMETERS, MEMORY):
-            raise self._refuse(node)
-        return (f"{text}[{place}]" if kind == PARAMETERS else f"{text}.values[{place}]"), _DOUBLE
 
     def _call(self, node: ast.Call) -> tuple[str, str]:
         given = [self._value(one) for one in node.args]
