@@ -42,9 +42,7 @@ class _Source(NamedTuple):
     decode: _Decode
 
 
-_ACCELERATION = _Source(
-    "acceleration", metadata.ACCELERATION_BLOCK, lambda messages, _: decode_blocks(messages)
-)
+_ACCELERATION = _Source("acceleration", metadata.ACCELERATION_BLOCK, lambda many, _: decode_blocks(many))
 
 
 def _readings(read: Callable[[bytes, int], cdr.Reading]) -> _Decode:
@@ -60,9 +58,7 @@ def _readings(read: Callable[[bytes, int], cdr.Reading]) -> _Decode:
     return decode
 
 
-_OIL = _Source(
-    "oil_temperature", metadata.TEMPERATURE, _readings(lambda data, _: cdr.decode_temperature(data))
-)
+_OIL = _Source("oil_temperature", metadata.TEMPERATURE, _readings(lambda one, _: cdr.decode_temperature(one)))
 _SPEED = _Source("speed", metadata.FLOAT64, _readings(cdr.decode_speed))
 _READINGS = (_OIL, _SPEED, _Source("command", metadata.FLOAT64, _readings(cdr.decode_command)))
 

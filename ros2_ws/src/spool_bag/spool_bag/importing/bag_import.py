@@ -101,9 +101,8 @@ def import_record(
                 topic = speed if isinstance(item, cdr.Speed) else command
                 writer.write(topic, item.stamp, cdr.encode_speed(cdr.Speed(item.stamp, number)))
                 continue
-            writer.write(
-                channel, item.stamp, cdr.encode_block(item, valve), sequence=item.sequence & 0xFFFFFFFF
-            )
+            count = item.sequence & 0xFFFFFFFF
+            writer.write(channel, item.stamp, cdr.encode_block(item, valve), sequence=count)
             blocks += 1
             newest = item.sequence
     return ImportResult(

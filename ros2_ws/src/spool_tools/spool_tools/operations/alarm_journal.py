@@ -119,13 +119,11 @@ def show_statistics(
                 "beyond": list(beyond),
             },
         )
-    _print(found, allowed, len(journals))
+    _show(found, allowed, len(journals))
     return 1 if beyond else 0
 
 
-def _print(
-    found: alarm_statistics.AlarmStatistics, limits: alarm_statistics.AlarmLimits, valves: int
-) -> None:
+def _show(found: alarm_statistics.AlarmStatistics, limits: alarm_statistics.AlarmLimits, valves: int) -> None:
     console = wide_console(120, markup=False)
     begin, end = (f"{iso(stamp)[:16].replace('T', ' ')}" for stamp in (found.since, found.until))
     of = f"{plural(found.count, 'alarm')} of {plural(valves, 'valve')}"
