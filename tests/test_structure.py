@@ -21,13 +21,13 @@ RESEARCH = {path.parent.name for path in (ROOT / "research").glob("*/__init__.py
 #: What was measured, and may only become less: put the new figure here with the change that improves it.
 #: Lines and files may grow only in a change that adds a feature; its commit message says what that costs.
 RATCHETS = {
-    "lines": 85_327,
+    "lines": 85_230,
     "lines of code": 54_629,
     "files": 403,
-    "lines of research": 14_903,
+    "lines of research": 14_866,
     "lines up to the last import, %": 8.37,
-    "private functions with one caller, %": 16.29,
-    "modules with one importer, %": 14.70,
+    "private functions with one caller, %": 16.11,
+    "modules with one importer, %": 14.52,
 }
 
 
