@@ -71,7 +71,7 @@ class Stroke(NamedTuple):
     rebound: float
 
 
-#: Part of a block that is judged, and what was left out before it, ns, ``None`` where nothing was.
+#: Part of a block that is judged, and the pause before it, ns, ``None`` where none was made.
 Kept: TypeAlias = tuple[Block, int | None]
 
 
