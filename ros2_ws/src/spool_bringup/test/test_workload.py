@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from spool_bringup.host.workload import Workload
+from spool_bringup.host.host_process import Workload
 from spool_core.node.block_hub import TopicTimes
 from spool_core.node.diagnostics import Level
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from spool_core.numbers import Array
@@ -151,20 +151,6 @@ def fit_structure(
         predictions.numbers,
         priors,
         predictions.left(lines),
-    )
-
-
-def judged(predictions: Predictions, fit: StructureFit) -> StructureFit:
-    """Return ``fit`` with the errors and the likelihood of the samples that count now."""
-    lines = predictions.errors([fit.structure])[0]
-    point = np.array([fit.structure.values[name] for name in fit.names])
-    prior = 0.5 * float(np.sum((fit.priors * point) ** 2))
-    return replace(
-        fit,
-        lines=lines,
-        log_likelihood=predictions.log_likelihood(lines) - prior,
-        numbers=predictions.numbers,
-        left=predictions.left(lines),
     )
 
 
