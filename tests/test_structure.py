@@ -21,12 +21,12 @@ RESEARCH = {path.parent.name for path in (ROOT / "research").glob("*/__init__.py
 #: What was measured, and may only become less: put the new figure here with the change that improves it.
 #: Lines and files may grow only in a change that adds a feature; its commit message says what that costs.
 RATCHETS = {
-    "lines": 85_222,
-    "lines of code": 54_627,
+    "lines": 85_218,
+    "lines of code": 54_625,
     "files": 402,
     "lines of research": 14_866,
     "lines up to the last import, %": 8.36,
-    "private functions with one caller, %": 16.11,
+    "private functions with one caller, %": 16.10,
     "modules with one importer, %": 14.56,
 }
 

@@ -187,11 +187,6 @@ class Prediction:
             )
         return motion, self._steps[key]
 
-    def _through(self, rows: Array, transfer: Spectrum | Array) -> Array:
-        """Return ``rows`` (..., n) times ``transfer`` at every frequency of them."""
-        lines = fft.rfft(rows, self._length, axis=-1) * transfer
-        return np.asarray(fft.irfft(lines, self._length, axis=-1)[..., : self.size])
-
     def bridged(self, one: Structure) -> Prediction:
         """Return this with the samples that the spool lacks bridged by the reading that ``one`` predicts."""
         guess = self.readings.spool.copy()
@@ -267,7 +262,8 @@ class Prediction:
         mass, stiffness, damping = _linear(one)
         moved = -(turn**2) / (mass * turn**2 + damping * turn + stiffness)
         read = response_of(one.reading.of("spool"), self._every_line) * (1.0 + one.values[GAIN])
-        return np.asarray(-self.counted_lines(self._through(forces, moved * read)))
+        lines = fft.rfft(forces, self._length, axis=-1) * moved * read
+        return -self.counted_lines(fft.irfft(lines, self._length, axis=-1)[..., : self.size])
 
     def force_of(
         self, one: Structure, terms: Sequence[str], values: Mapping[str, float] | None = None
