@@ -344,7 +344,8 @@ def test_what_a_small_force_adds_is_the_difference_of_two_predictions(effect: st
     weights = one.weights(lines)
     force = size * law(motion.displacement, motion.velocity)
     column = one.weighed(one.lines_of_forces(force, own)[0], weights)
-    difference = one.weighed(one.errors([wider])[0] - lines, weights)
+    changed = motion.acceleration[0] - one.responses([wider]).acceleration[0]
+    difference = one.weighed(one.counted_lines(changed), weights)
     sizes = float(np.linalg.norm(column)), float(np.linalg.norm(difference))
     assert float(column @ difference) > 0.95 * sizes[0] * sizes[1]
     assert sizes[0] == pytest.approx(sizes[1], rel=0.1)

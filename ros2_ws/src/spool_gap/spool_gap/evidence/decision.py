@@ -146,7 +146,7 @@ def decide(
     fit = _plainest(predictions, fits, _simplest(standing), refused, settings, held, richer)
     fit = _predicting(fits, held, fit, refused, settings.least_share)
     fit = _plainest(predictions, fits, fit, refused, settings, held, richer)
-    fit, refined_fit, numbers = _beyond_chance(predictions, search, fit, refused)
+    fit, refined_fit, numbers = _beyond_chance(predictions, fits, fit, refused)
     chosen = fit
     # Where a free run does not tell a chain from a plainer one, that with more evidence moves the numbers.
     likeliest = search.of_each_set[frozenset(chosen.structure.effects)]
@@ -360,7 +360,10 @@ def _blows(predictions: Predictions, judged: Judged, least: float, rest: Rest) -
 
 
 def _beyond_chance(
-    predictions: Predictions, search: Search, fit: StructureFit, refused: dict[str, str]
+    predictions: Predictions,
+    fits: Mapping[frozenset[str], StructureFit],
+    fit: StructureFit,
+    refused: dict[str, str],
 ) -> tuple[StructureFit, StructureFit, Numbers]:
     """Return ``fit`` without effects that chance may make, the same fitted to its end, and its numbers."""
     exact, numbers = refined(predictions, fit)
@@ -371,11 +374,10 @@ def _beyond_chance(
     if not chance:
         return fit, exact, numbers
     refused.update(chance)
-    fits = search.of_each_set
     # What was fitted without them: the rest of the same set, else the most likely of the smaller ones.
     smaller = [one for kept, one in fits.items() if len(kept) < len(own) and not kept & refused.keys()]
     left = fits.get(frozenset(own) - set(chance)) or max(smaller, key=lambda one: one.evidence)
-    return _beyond_chance(predictions, search, left, refused)
+    return _beyond_chance(predictions, fits, left, refused)
 
 
 def _may_be_zero(name: str, numbers: Numbers) -> bool:

@@ -26,12 +26,12 @@ from scipy import fft, signal
 from spool_core.numbers import Array
 from spool_estimator.identification.free_run import FreeRun, Response, response_of
 from spool_sim.model import MODELS
-from spool_sim.observation import Spectrum
+from spool_sim.observation import INSTANTS, Spectrum
 from spool_sim.valve import Valve
 
 from spool_gap.likelihood.kernel import Point, SwitchableMotion, steps_a_sample
 from spool_gap.likelihood.readings import Mask, Readings, averaged, bridged
-from spool_gap.likelihood.structure import GAIN, Structure
+from spool_gap.likelihood.structure import DELAY, GAIN, Structure
 
 #: Upper end of the band that is compared, over the sample rate.
 UPPER = 0.45
@@ -168,8 +168,19 @@ class Prediction:
         )
 
     def errors(self, structures: Sequence[Structure]) -> Spectrum:
-        """Return what ``structures``, of the same effects and parts, leave, shape (s, windows, lines)."""
-        rows = self.spool - self.responses(structures).acceleration
+        """Return what ``structures``, of the same effects and parts, leave, shape (s, windows, lines).
+
+        At instants a sample is before or after a jump of the motion, and the noise of the body moves the
+        jump: the two samples beside each jump of the first structure do not count.
+        """
+        found = self.responses(structures)
+        rows = self.spool - found.acceleration
+        if structures[0].observation.kind == INSTANTS and found.jumps.size:
+            before = np.floor(found.jumps + structures[0].values[DELAY] / self.period).astype(int)
+            beside = np.unique(np.clip(np.concatenate([before, before + 1]), 0, self.size - 1))
+            count = np.bincount(beside // self._window, minlength=self.windows + 1) / self._window
+            rows *= np.repeat(1.0 / np.sqrt(1.0 - np.minimum(count, 0.5)), self._window)[: self.size]
+            rows[:, beside] = 0.0
         far = ~(np.abs(rows).max(axis=1) < FAR)
         lines = self.counted_lines(np.clip(np.nan_to_num(rows, nan=FAR), -FAR, FAR))
         lines[far] = FAR
@@ -388,7 +399,9 @@ class Predictions:
         return sum(part.log_likelihood(one) for part, one in zip(self.parts, lines, strict=True))
 
     def noise(self, one: Structure) -> float:
-        """Return the rms that noise alone leaves of ``one`` over that of the spool's reading."""
+        """Return the rms that noise alone leaves of ``one`` over that of the reading, 0 where unknown."""
+        if any(part.readings.noise.spool_is_bound for part in self.parts):
+            return 0.0
         noise = sum(part.noise_of(one, int(part.inside.sum())) for part in self.parts)
         rows = [part.counted_lines(part.spool)[part.inside] for part in self.parts]
         return math.sqrt(noise / max(sum(float(np.sum(np.abs(row) ** 2)) for row in rows), 1e-300))

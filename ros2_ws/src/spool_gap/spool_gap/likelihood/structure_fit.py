@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from spool_core.numbers import Array
 from spool_estimator.identification.least_squares import Unknown
-from spool_sim.observation import Spectrum
+from spool_sim.observation import INSTANTS, Spectrum
 
 from spool_gap.likelihood.prediction import Predictions
 from spool_gap.likelihood.structure import DELAY, GAIN, Structure
@@ -190,7 +190,11 @@ def _slopes(
         structure.moved({one.name: structure.values[one.name] + step})
         for one, step in zip(unknowns, steps.tolist(), strict=True)
     ]
-    rows = [part.errors(points) for part in predictions.parts]
+    if structure.observation.kind == INSTANTS:  # which samples count depends on the first structure
+        rows = [part.errors([structure, *points]) for part in predictions.parts]
+        lines, rows = [row[0] for row in rows], [row[1:] for row in rows]
+    else:
+        rows = [part.errors(points) for part in predictions.parts]
     return [(row - here) / steps[:, np.newaxis, np.newaxis] for row, here in zip(rows, lines, strict=True)]
 
 
