@@ -27,6 +27,7 @@ from spool_estimator.identification.channel_faults import (
     look_at_pair,
 )
 
+from spool_monitor.parameter_drift import GAIN_ERROR
 from spool_monitor.window import SignalWindow
 
 #: s before a standstill in which a channel's span is looked at.
@@ -255,7 +256,8 @@ class ChannelWatch:
 class ValveResponse:
     """``natural_frequency`` (Hz), ``damping`` d (1/s), ``gain`` g with its deviation (1).
 
-    ``misfit``: rms of what the fit leaves over that of the spool.
+    ``misfit``: rms of what the fit leaves over that of the spool. ``bend``: most by which as much again,
+    taken for a response, changes the gain (Cauchy-Schwarz inequality).
     """
 
     natural_frequency: float
@@ -263,6 +265,7 @@ class ValveResponse:
     gain: float
     gain_deviation: float
     misfit: float
+    bend: float
 
     @property
     def square(self) -> float:
@@ -276,16 +279,18 @@ class ValveResponse:
 
 #: s over which a change of the gain is smoothed, and for which one must last.
 GAIN_SMOOTHED, GAIN_LASTS = 5.0, 20.0
-#: Change that the operating point, the oil and the spring make without any sensor; what each unit of misfit
-#: that dry friction adds makes on top, and each change of the drag that matters (scenarios of the monitor).
-GAIN_BENDS, MISFIT_BENDS, DRAG_BENDS = 0.03, 1.5, 0.02
-#: Change of the gain, beyond what a valve makes, that is a sensor's if it lasts.
-SLOW = 0.04
+#: Change of the gain, beyond what a valve makes, that is a sensor's if it lasts: three standard deviations
+#: between accelerometers of one make.
+SLOW = 3.0 * GAIN_ERROR
 
 
 @dataclass(slots=True)
 class GainChange:
     """Relative change of the spool's gain over the body's, against its start value.
+
+    Dry friction and all else that no linear response explains bend the gain, by a share of the response's
+    ``bend``: the change of that is let pass. So is the change of w0^2, as above resonance only the product of
+    gain and w0^2 shows. A sensor that ages scales all, and changes no more than the gain.
 
     Attributes:
         change: smoothed; NaN while the record does not show it.
@@ -296,9 +301,8 @@ class GainChange:
     change: float = field(default=math.nan, init=False)
     beyond: float = field(default=0.0, init=False)
     unseen: bool = field(default=False, init=False)
+    _passes: float = field(default=math.nan, init=False)
     _last: int = field(default=0, init=False)
-    _misfit: float = field(default=math.nan, init=False)
-    _drag: float = field(default=0.0, init=False)
 
     @property
     def bends(self) -> bool:
@@ -308,30 +312,26 @@ class GainChange:
     @property
     def breaks(self) -> bool:
         """Whether it is the sensor's if it lasts: what was reported of the valve was none."""
-        return self.beyond - DRAG_BENDS * abs(self._drag) >= SLOW
+        return self.beyond >= SLOW
 
-    def update(
-        self, stamp: int, response: ValveResponse | None, start: float, drag: float, *, learning: bool
-    ) -> None:
-        """Take the response at ``stamp`` (ns), ``None`` where it shows no gain; ``start``: the gain's.
+    def update(self, stamp: int, response: ValveResponse | None, *start: float) -> None:
+        """Take the response at ``stamp`` (ns), ``None`` where it shows no gain.
 
-        ``drag``: change of the drag, in units of the one that matters.
+        ``start``: values of gain, bend and natural frequency (Hz), NaN while they are learned.
         """
-        if learning and response is not None:
-            self._misfit = response.misfit
-        if response is None or learning or math.isnan(start):
+        if response is None or math.isnan(sum(start)):
             self.change, self.beyond = math.nan, 0.0
             return
-        change = response.gain / start - 1.0
+        gain, bend, natural_frequency = start
+        change, passes = response.gain / gain - 1.0, abs(response.bend - bend) / abs(gain)
+        passes += 2.0 * abs(math.log(response.natural_frequency / natural_frequency))
         if math.isnan(self.change) or stamp < self._last:
-            self.change = change
-            self._misfit = response.misfit if math.isnan(self._misfit) else self._misfit
-        else:
-            share = 1.0 - math.exp((self._last - stamp) * 1e-9 / GAIN_SMOOTHED)
-            self.change += share * (change - self.change)
-        self._last, self._drag = stamp, drag
-        bends = GAIN_BENDS + MISFIT_BENDS * max(0.0, response.misfit - self._misfit)
-        self.beyond = max(0.0, abs(self.change) - bends)
+            self.change, self._passes, self._last = change, passes, stamp
+        share = 1.0 - math.exp((self._last - stamp) * 1e-9 / GAIN_SMOOTHED)
+        self.change += share * (change - self.change)
+        self._passes += share * (passes - self._passes)
+        self._last = stamp
+        self.beyond = max(0.0, abs(self.change) - self._passes)
 
 
 @compiled
@@ -394,14 +394,15 @@ class ResponseTracker:
         cost = max(spool - gained, 1e-12 * spool)
         # Windows overlap by half: about 0.6 of them are independent, each line of a Hann taper spans 1.5.
         independent = max(4.0, 0.4 * self._weight * frequency.size)
-        variance *= cost / independent * max(1.0, self._weight)
         logarithmic_square, logarithmic_damping, gain = theta.tolist()
+        most = math.sqrt(max(0.0, variance * cost))
         return ValveResponse(
             natural_frequency=math.exp(0.5 * logarithmic_square) / (2.0 * math.pi),
             damping=math.exp(logarithmic_damping),
             gain=gain,
-            gain_deviation=math.sqrt(max(0.0, variance)) if math.isfinite(variance) else math.inf,
+            gain_deviation=most * math.sqrt(max(1.0, self._weight) / independent),
             misfit=math.sqrt(cost / spool),
+            bend=most,
         )
 
 

@@ -390,4 +390,4 @@ class Detection:
 def configured(natural_frequency: float) -> ValveResponse:
     """Return the response of a valve of which only the natural frequency (Hz) is known."""
     damping = 2.0 * ASSUMED_DAMPING * 2.0 * math.pi * natural_frequency
-    return ValveResponse(natural_frequency, damping, 1.0, math.inf, math.nan)
+    return ValveResponse(natural_frequency, damping, 1.0, math.inf, math.nan, math.nan)

@@ -22,7 +22,7 @@ from spool_monitor.state_file import Baseline
 from spool_monitor.window import WindowTracker
 
 SECOND = 1_000_000_000
-REFERENCE = ValveResponse(15.0, 47.0, 1.0, 0.1, 0.1)
+REFERENCE = ValveResponse(15.0, 47.0, 1.0, 0.1, 0.1, 0.1)
 BODY = Channel(0.0, 5.0, 0.0, False)
 
 

@@ -28,7 +28,6 @@ from spool_monitor.detectors.base import (
     MonitorSettings,
 )
 from spool_monitor.event import EACH_CHANNEL, EventCause, Facts, Finding, Severity, sensor_fault
-from spool_monitor.parameter_drift import VISCOUS
 
 CLIPPING_KIND = sensor_fault(EventCause("clipping", 602))
 
@@ -351,7 +350,7 @@ class SensorScale(Detector):
     needs_valve = True
     looks_at = (SIGNALS, ESTIMATE, CHANNELS)
     rank = 4
-    learns: ClassVar[Mapping[str, str]] = {"channel_gain": "1"}
+    learns: ClassVar[Mapping[str, str]] = {"channel_gain": "1", "gain_bend": "1", "gain_frequency": "Hz"}
     on_delay: ClassVar[float] = 2.0
     stays: ClassVar[bool] = True
     _found: bool
@@ -450,7 +449,9 @@ class SensorScale(Detector):
         if self._unexplained == self._lost == 0 and not self._found and not self.held:
             pace = FOLLOWED if abs(change) < SCALE_SUSPICIOUS * limit else SLOWLY
             self._recent += (response.gain - self._recent) / pace
-            start.learn(moment.stamp, response.gain)
+            shown = response.gain, response.bend, response.natural_frequency
+            for name, value in zip(self.learns, shown, strict=True):
+                moment.learned[name].learn(moment.stamp, value)
         self.judgement = Judgement.JUDGED
         doubtful = slow or ((proven or self._found) and abs(change) > SCALE_SUSPICIOUS * limit)
         self.suspicious = "the ratio of the channels has changed" if doubtful else ""
@@ -466,9 +467,7 @@ class SensorScale(Detector):
 
     def _take_gain(self, moment: Moment, response: ValveResponse | None) -> None:
         """Compare the gain with its start value, and note since when a valve has not explained the change."""
-        start = moment.learned["channel_gain"]
-        drag = moment.parameters[VISCOUS].share
-        moment.gain.update(moment.stamp, response, start.value, drag, learning=not start.frozen)
+        moment.gain.update(moment.stamp, response, *(moment.learned[name].value for name in self.learns))
         if not moment.gain.breaks or moment.stamp < self._slow:
             self._slow = moment.stamp
 
