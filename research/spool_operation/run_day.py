@@ -25,6 +25,7 @@ from spool_estimator.estimate import Estimate, State
 from spool_estimator.estimator import Estimator, settings_for
 from spool_estimator.gap_watch import GapWatch
 from spool_estimator.identification.oil import LAG, USUAL_DEVIATION
+from spool_evaluation.studies.monitor import LEAVES_OPEN
 from spool_evaluation.studies.peers import judged_share
 from spool_monitor.detectors import MonitorSettings
 from spool_monitor.detectors.resonance import RESONANCE_BAND
@@ -71,7 +72,7 @@ class DayOutcome:
         seed, faulty: the day.
         name, speed, severity: of its fault.
         found: the event that names the fault, ``None`` where it was missed.
-        right: whether the first event of the fault's kind names the right cause.
+        right: whether the first event of the fault's kind that leaves no cause open names the right one.
         delay: s from when the change is as large as it has to be found to ``found``.
         since_begin: the same from the fault's begin.
         false: what else was raised.
@@ -374,13 +375,14 @@ def judged(day: ValveDay, raised: list[RaisedEvent]) -> tuple[RaisedEvent | None
     """Return the event that finds the fault, whether its cause is right, and the false alarms."""
     fault = day.fault
     found: RaisedEvent | None = None
-    right, false = False, []
+    known, right, false = False, False, []
     for event in raised:
         mine = fault is not None and _clock(day, event.at) >= fault.begin
         if mine and fault is not None and event.kind == fault.kind:
-            if found is None:
-                found, right = event, event.cause in fault.causes
+            found = found or event
             # A cause that is corrected again is seen was not right at first, and no second event.
+            if not known and event.cause not in LEAVES_OPEN:
+                known, right = True, event.cause in fault.causes
             continue
         if mine and fault is not None and _follows(event, fault.kind, needs_blocks=fault.needs_blocks):
             continue

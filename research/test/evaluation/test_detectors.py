@@ -11,11 +11,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from spool_core.block import Block
+from spool_core.uncertainty import Quantity
 from spool_estimator.estimator import Estimator, settings_for
 from spool_evaluation.studies.monitor import counts, judge, replay, run_case, stream, table, write_study
 from spool_evaluation.studies.scenarios import SCENARIOS, ChannelFault, Scenario, draw_cases, draw_scenario
 from spool_monitor.detectors import DETECTORS, LINE, Judgement, Moment, MonitorSettings
-from spool_monitor.event import EventState
+from spool_monitor.event import Event, EventState, Severity
 from spool_monitor.monitor import Monitor
 from spool_monitor.replay import Replay
 from spool_monitor.window import Line
@@ -154,6 +155,25 @@ def test_a_study_writes_its_page_and_every_outcome(tmp_path: Path) -> None:
     page = write_study(missed, tmp_path, "./spool study monitor")
     assert "./spool study monitor" in page.read_text("utf-8")
     assert len(json.loads((tmp_path / "monitor_study.json").read_text("utf-8"))) == 2
+
+
+def test_an_open_cause_counts_only_for_what_it_leaves_and_until_one_is_named() -> None:
+    case = draw_cases(6, 1)[5]  # a slow wear
+    one = case.expected[0]
+    wear, late = (
+        Event(
+            DEFAULT_START_STAMP + round(second * 1e9), one.kind, EventState.RAISED, Severity.WARNING, cause,
+            Quantity("viscous_coefficient_change", "1", -0.3),
+        )
+        for second, cause in ((one.reached, "oil_or_wear"), (one.by + 1.0, "wear"))
+    )  # fmt: skip
+    for events, found, left_open, false in (
+        ([wear, late], 1, 1, 0),
+        ([wear, replace(late, stamp=wear.stamp + 10**9)], 1, 0, 0),
+        ([replace(wear, cause="sensor_or_spring")], 0, 0, 1),
+    ):
+        row = counts([judge(case, events)])[0]
+        assert (row.found, row.left_open, row.false_alarms) == (found, left_open, false)
 
 
 def test_the_table_counts_what_was_missed_and_what_was_false() -> None:

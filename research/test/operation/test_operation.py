@@ -247,6 +247,18 @@ def test_what_the_day_explains_is_no_false_alarm() -> None:
     assert judged(day, [lost, other]) == (None, False, [other])
 
 
+def test_a_cause_left_open_is_right_only_once_the_right_one_is_named() -> None:
+    days = (draw_day(seed, faulty=True) for seed in range(100))
+    day = next(day for day in days if day.fault is not None and day.fault.name == "wear")
+    left, wear, other = (
+        RaisedEvent(day.holds[-1].end - 100.0 + second, "friction_drift", cause, False)
+        for second, cause in enumerate(("oil_or_wear", "wear", "unknown"))
+    )
+    assert judged(day, [left]) == (left, False, [])
+    assert judged(day, [left, wear, other]) == (left, True, [])
+    assert judged(day, [left, other, wear]) == (left, False, [])
+
+
 def test_the_page_gives_rates_with_intervals_and_how_to_replay_a_day() -> None:
     false = RaisedEvent(10.0, "friction_drift", "wear", False)
     healthy = [DayOutcome(1, False, false=(false,)), *(DayOutcome(seed, False) for seed in range(2, 731))]
