@@ -67,7 +67,7 @@ def test_a_hundred_days_raise_a_false_alarm_on_three_at_most() -> None:
 @pytest.mark.parametrize(
     ("day", "kind", "cause"),
     [
-        (("wear", "minutes"), "friction_drift", "wear"),
+        (("wear", "minutes"), "friction_drift", "oil_or_wear"),
         (("contamination", "step"), "friction_drift", "oil_contamination"),
         (("spring fatigue", "minutes"), "spring_change", "softer"),
         (("sticking", "step"), "stuck_spool", ""),
