@@ -38,7 +38,7 @@ def test_the_library_holds_every_shape_of_every_law_of_the_catalogue(peer):
     motion = Motion(wave, wave, wave, np.arange(n) * 1e-3, 1e-3, 0.0, 0.18, 1632.0, 4.0, (50.0,) * peer.LINES)
     for effect in EFFECTS.values():
         if "accelerations" in effect.kinds and effect.terms:
-            shapes = [trial.columns.shape[0] for trial in effect.trials(motion)]
+            shapes = [effect.signature(motion, one).shape[0] for one in effect.shapes(motion)]
             assert found.owners.count(effect.id) == sum(shapes) > 0
 
 

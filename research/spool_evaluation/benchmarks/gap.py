@@ -137,9 +137,9 @@ def library(record: Record, valve: Valve) -> Library:
     for effect in EFFECTS.values():
         if "accelerations" not in effect.kinds or not effect.terms:
             continue
-        for trial in effect.trials(seen):
-            rows += list(trial.columns)
-            owners += [effect.id] * trial.columns.shape[0]
+        for shape in effect.shapes(seen):
+            rows += list(effect.signature(seen, shape))
+        owners += [effect.id] * (len(rows) - len(owners))
     # Every so many samples: these still have the band's content, and the ensemble ends in seconds.
     inner = slice(motion.settling, n - motion.settling, max(1, n // LARGEST))
     columns = np.array([conditioning.apply(row)[inner] for row in rows])

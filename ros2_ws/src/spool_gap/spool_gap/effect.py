@@ -8,7 +8,7 @@ confusable. An effect of the spool's channel derives from :class:`SensorEffect`.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
@@ -84,19 +84,6 @@ class Scale:
     peaks: tuple[tuple[float, float, float], ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
-class Trial:
-    """An effect at one choice of the numbers in which its force is not linear.
-
-    Attributes:
-        columns: forces for coefficients of 1, shape (q, n).
-        shape: those numbers.
-    """
-
-    columns: Array
-    shape: Mapping[str, float] = field(default_factory=dict)
-
-
 class Effect(ABC):
     """Something that the model may lack.
 
@@ -114,7 +101,7 @@ class Effect(ABC):
         distinguished_by: which excitation distinguishes them.
         localised: it acts in few stretches of a record only.
         local_minima: with it the motion can go several ways at one excitation, so that a fit of free runs may
-            end in a wrong local minimum: runs are synchronised to the measured motion.
+            end in a wrong local minimum: random draws precede it.
         searched: it is looked for along the measured motion; else where ``meaning`` or its file says.
         load_cell_zero: force records cannot tell it from the zero of their load cell.
         scanned: numbers in which the force is not linear that are taken from a list, not refined.
@@ -183,11 +170,6 @@ class Effect(ABC):
     def signature(self, motion: Motion, shape: Mapping[str, float]) -> Array:  # noqa: ARG002
         """Return the forces for coefficients of 1 along ``motion``, shape (q, n); a sensor has none."""
         return np.empty((0, motion.displacement.size))
-
-    def trials(self, motion: Motion) -> Iterator[Trial]:
-        """Yield the signatures to look for at ``motion``."""
-        for shape in self.shapes(motion):
-            yield Trial(self.signature(motion, shape), shape)
 
     def values(
         self,

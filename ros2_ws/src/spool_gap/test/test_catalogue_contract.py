@@ -78,14 +78,14 @@ def test_the_sentence_says_of_every_effect_what_it_is_on_the_machine_and_what_to
 @pytest.mark.parametrize("name", FORCES)
 def test_a_signature_is_a_finite_force_and_some_coefficients_make_sense(name: str, motion: Motion) -> None:
     entry = EFFECTS[name]
-    trials = list(entry.trials(motion))
-    assert trials
-    for trial in trials:
-        assert trial.columns.shape[1] == motion.time.size
-        assert np.isfinite(trial.columns).all()
+    shapes = entry.shapes(motion)
+    assert shapes
+    for shape in shapes:
+        columns = entry.signature(motion, shape)
+        assert columns.shape[1] == motion.time.size
+        assert np.isfinite(columns).all()
         sensible = [
-            entry.values(sign * np.abs(np.ones(trial.columns.shape[0])), trial.shape, motion)
-            for sign in (1.0, -1500.0)
+            entry.values(sign * np.abs(np.ones(columns.shape[0])), shape, motion) for sign in (1.0, -1500.0)
         ]
         assert any(values is not None for values in sensible)
 
@@ -94,12 +94,13 @@ def test_a_signature_is_a_finite_force_and_some_coefficients_make_sense(name: st
 def test_the_signature_is_the_law_of_the_simulator(name: str, motion: Motion) -> None:
     """Of an end stop the signature is the elastic part alone."""
     entry = EFFECTS[name]
-    trials = list(entry.trials(motion))
-    trial = trials[len(trials) // 2]
-    coefficients = COEFFICIENTS.get(name, np.ones(trial.columns.shape[0]))
-    values = entry.values(np.array(coefficients), trial.shape, motion)
+    shapes = entry.shapes(motion)
+    shape = shapes[len(shapes) // 2]
+    columns = entry.signature(motion, shape)
+    coefficients = COEFFICIENTS.get(name, np.ones(columns.shape[0]))
+    values = entry.values(np.array(coefficients), shape, motion)
     assert values is not None
-    own = np.array(coefficients) @ trial.columns
+    own = np.array(coefficients) @ columns
     law = _force(entry, values, motion)
     # Reversals within a sample are softened in the signature: judged is the motion between them.
     between = np.abs(motion.sign) == 1.0

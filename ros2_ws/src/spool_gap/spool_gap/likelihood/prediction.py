@@ -61,23 +61,13 @@ class Prediction:
         work: steps of integration so far.
     """
 
-    def __init__(
-        self,
-        readings: Readings,
-        valve: Valve,
-        motions: Sequence[SwitchableMotion],
-        *,
-        shot: float = math.inf,
-        run_in: float = 0.5,
-    ) -> None:
+    def __init__(self, readings: Readings, valve: Valve, motions: Sequence[SwitchableMotion]) -> None:
         """Lay out the tiles.
 
         Args:
             readings: of at least three windows.
             valve: as described.
             motions: kernels, the quickest first; the first one that has all terms of a structure runs it.
-            shot: s after which the motion begins again at the measured one.
-            run_in: s before each shot, in which the motion forgets how it began.
 
         Raises:
             InputError: the stretch is too short.
@@ -86,13 +76,13 @@ class Prediction:
         self.readings = readings = averaged(readings)
         self.period = readings.period
         cleaned = replace(readings.record, body=readings.body, spool=readings.spool, oil_temperature=None)
-        self.run = FreeRun([cleaned], MODELS["fluid"], valve, window=shot, run_in=run_in)
-        first, last = self.run.windows[0].start, self.run.windows[-1].stop
-        cut = self._compared = slice(first, last)
+        self.run = FreeRun([cleaned], MODELS["fluid"], valve)
+        (window,) = self.run.windows
+        cut = self._compared = slice(window.start, window.stop)
         self.spool, self.body = readings.spool[cut], readings.record.body[cut]
         self.size = self.spool.size
         self.seconds = self.size * self.period
-        self.time = readings.time + first * self.period
+        self.time = readings.time + window.start * self.period
         self._window = round(WINDOW / self.period)
         self.windows = self.size // self._window
         frequency = fft.rfftfreq(self._window, self.period)
@@ -157,15 +147,8 @@ class Prediction:
         run = self.run.of(MODELS["fluid"], motion)
         run.substeps = [substeps]
         sets = np.array([motion.row(one.terms, one.values) for one in structures])
-        rows = run.responses(sets, [one.reading for one in structures])
-        if len(rows) == 1:
-            return rows[0]
-        return Response(
-            np.concatenate([one.acceleration for one in rows], axis=1),
-            np.concatenate([one.displacement for one in rows], axis=1),
-            np.concatenate([one.velocity for one in rows], axis=1),
-            rows[0].jumps,
-        )
+        (found,) = run.responses(sets, [one.reading for one in structures])
+        return found
 
     def errors(self, structures: Sequence[Structure]) -> Spectrum:
         """Return what ``structures``, of the same effects and parts, leave, shape (s, windows, lines).
