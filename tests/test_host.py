@@ -13,7 +13,7 @@ import yaml
 from spool_core.node import qos
 from spool_core.node.messages import from_block, to_block
 from spool_core.node.parameters import rule
-from spool_msgs.msg import AccelerationBlock, ModelEstimate
+from spool_msgs.msg import AccelerationBlock, AccelerationBlocks, ModelEstimate
 from spool_sim.excitation import PRESETS
 from spool_sim.simulator import Simulator
 from spool_sim.valve import find_valve
@@ -209,6 +209,48 @@ def test_a_host_runs_the_sources_itself_and_others_hear_them_as_well(
     system.change("/valve_1/simulator", "deactivate")
     system.until(lambda: told["valve_1"].last.state == ModelEstimate.STATE_STALE, "its estimate is stale")
     assert told["valve_2"].last.state == ModelEstimate.STATE_TRACKING
+    assert process.end() == 0
+
+
+def test_one_message_has_the_blocks_of_many_valves(
+    system: System, feed: Feed, host: Callable[..., Process]
+) -> None:
+    """Valves that it names are judged as by their own topics; one may send by itself, and none suffers."""
+    told = estimates(system)
+    _ = system.diagnostics
+    single = feed.publishers.pop("valve_3")
+    for publisher in feed.publishers.values():
+        system.node.destroy_publisher(publisher)
+    shared = system.node.create_publisher(AccelerationBlocks, "/accelerations", qos.samples_offered(50))
+    names = ["valve_0", "/valve_1", "valve_2", "nobody's"]
+
+    class Both:
+        def publish(self, message: AccelerationBlock) -> None:
+            single.publish(message)
+            missing = message.sequence == 200  # two names, no block: it counts as lost
+            shared.publish(AccelerationBlocks(names=names, blocks=[] if missing else [message] * len(names)))
+
+    feed.publishers = {"both": Both()}  # type: ignore[dict-item]
+    process = host(PLAIN)
+    listening = shared.get_subscription_count, single.get_subscription_count
+    feed.system.until(lambda: all(count() for count in listening), "the host listens")
+    stiffness = pytest.approx(find_valve("4weh10_soft").spring_stiffness, rel=0.02)
+
+    def right(topic: Topic) -> bool:
+        return any(one.last_sequence > 200 and one.parameters[0].value == stiffness for one in topic.messages)
+
+    feed.until(lambda: all(map(right, told.values())), "all valves are estimated")
+
+    def lost(name: str) -> int:  # on the way: a host that is too busy drops others, and says so
+        numbers = system.numbers(f"host: {name}")
+        return int(numbers["blocks_lost"]) - int(numbers["blocks_dropped"])
+
+    wanted = [1, 1, 1, 0]
+    system.until(lambda: [lost(name) for name in VALVES] == wanted, "the message without blocks is lost")
+    assert (
+        "/accelerations: ignored 1 messages that are not blocks: not an AccelerationBlocks: 4 names"
+        in process.said
+    )
     assert process.end() == 0
 
 

@@ -13,6 +13,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import pytest
 from rclpy.parameter import Parameter
+from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import Temperature
 from spool_bag import recorder, recorder_node, recording
 from spool_bag.metadata import ACCELERATION_BLOCK, custom_data
@@ -25,7 +26,7 @@ from spool_core.block import Block
 from spool_core.cdr import encode_block
 from spool_core.node.diagnostics import Level
 from spool_core.node.messages import to_time
-from spool_msgs.msg import AccelerationBlock, HealthEvent, ValveHealth
+from spool_msgs.msg import AccelerationBlock, AccelerationBlocks, HealthEvent, ValveHealth
 
 from .clocked import START, Clocked, Domains, clocked
 
@@ -190,6 +191,26 @@ def _seen(record: Record, tmp_path_factory: pytest.TempPathFactory) -> dict[str,
         four.until(lambda: four.says(Level.ERROR), "the recording pauses")
         four.send("/valve_1/acceleration", 0, block(0))
     return found | {"minimum_free_space": set(BagReader(folder / "full").valves)}
+
+
+@pytest.mark.parametrize(("valves", "kept"), [([""], {"valve_1", "valve_2"}), (["valve_2"], {"valve_2"})])
+def test_blocks_of_many_valves_are_kept_as_those_of_each(
+    record: Record, tmp_path: Path, valves: list[str], kept: set[str]
+) -> None:
+    """A bag has them as its readers know them; what cannot be a valve is left out, and the rest is kept."""
+    names = ["valve_1", "1 press", "/valve_2"]
+    blocks = [deserialize_message(block(number), AccelerationBlock) for number in (3, 5, 8)]
+    with record(tmp_path / "bag", valves=valves) as one:
+        publish = one.nodes.offer(AccelerationBlocks, "/accelerations")
+        publish(AccelerationBlocks(names=names, blocks=blocks[:1]))
+        publish(AccelerationBlocks(names=names, blocks=blocks))
+        one.until(lambda: one.taken["/valve_2/acceleration"], "the blocks are taken")
+    reader = BagReader(tmp_path / "bag")
+    assert set(reader.valves) == kept
+    sent = {"valve_1": block(3), "valve_2": block(8)}
+    assert {name: [encode_block(one, "valve") for one in reader.blocks(name)] for name in kept} == {
+        name: [sent[name]] for name in kept
+    }
 
 
 #: Result by parameter: each differs from what its default leaves.

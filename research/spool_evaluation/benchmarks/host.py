@@ -30,7 +30,7 @@ from spool_evaluation.benchmarks.load.valve_source import (
 )
 
 VALVES = (1, 10, 32, 100)
-SEPARATE = "separate processes"
+SEPARATE, SHARED = "separate processes", "host, one message for all valves"
 #: s that blocks are sent, and how long after the start processor time is taken from.
 SECONDS, SETTLED = 60.0, 30.0
 #: Valves for one process of the host, at most: a process of Python uses one core, shared with its middleware.
@@ -101,6 +101,8 @@ def run(seconds: float = SECONDS, valves: Sequence[int] = VALVES) -> Iterator[Ho
     isolate()
     for count in valves:
         yield _measured(count, seconds, "host")
+        if count > 1:
+            yield _measured(count, seconds, SHARED)
         if count <= MOST_AS_PROCESSES and 2 * count * OWN_MEMORY < _available():
             yield _measured(count, seconds, SEPARATE)
     yield _measured(STARVED_VALVES, seconds, f"host, {100 * STARVED:.0f} % of its need")
@@ -111,10 +113,11 @@ def _measured(count: int, seconds: float, way: str) -> HostCost:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         settled = min(SETTLED, 0.5 * seconds)
-        starved = way not in ("host", SEPARATE)
+        starved = way not in ("host", SEPARATE, SHARED)
         # Its source ends while it is still starved, and only what comes from then on counts.
         sent, run_in = (seconds - LEAD, round(settled)) if starved else (seconds, RUN_IN)
-        with sending(folder, count, sent, 0, run_in) as saw, Nodes(folder / "nodes.log") as nodes:
+        more = (0, run_in, 0, int(way == SHARED))
+        with sending(folder, count, sent, *more) as saw, Nodes(folder / "nodes.log") as nodes:
             begin = time.monotonic()
             _start(nodes, folder, count, way)
             time.sleep(max(0.0, settled - LEAD * starved - (time.monotonic() - begin)))

@@ -1,8 +1,9 @@
 """Source of the blocks of many valves: a recorded run sent again, cheaply, and when the estimates come back.
 
 Run as ``python -m spool_evaluation.benchmarks.load.valve_source COUNT SECONDS FILE [SHIFT [RUN_IN
-[LISTENERS]]]``; it sends for ``SECONDS`` and writes what it saw as JSON. Each valve sends the run ``SHIFT``
-blocks ahead of the one before. Besides: what running processes cost, as the kernel accounts for it.
+[LISTENERS [SHARED]]]]``; it sends for ``SECONDS`` and writes what it saw as JSON. Each valve sends the run
+``SHIFT`` blocks ahead of the one before; ``SHARED`` 1: one message has the same block for all valves.
+Besides: what running processes cost, as the kernel accounts for it.
 """
 
 from __future__ import annotations
@@ -25,11 +26,11 @@ import numpy as np
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.experimental.events_executor import EventsExecutor
-from rclpy.serialization import serialize_message
+from rclpy.serialization import deserialize_message, serialize_message
 from spool_core.errors import InputError
 from spool_core.node import qos
 from spool_core.node.messages import from_block
-from spool_msgs.msg import AccelerationBlock, HealthEvent, ModelEstimate
+from spool_msgs.msg import AccelerationBlock, AccelerationBlocks, HealthEvent, ModelEstimate
 from spool_sim.excitation import PRESETS
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
@@ -56,6 +57,7 @@ class ValveSource:
         tracking: when each valve was first told to be tracking, s after its first block was heard.
         run_in: s after which a valve that was heard counts as run in.
         listeners: of each valve, that are waited for before the first block.
+        shared: 1: one message for all valves, of the same samples. 0: one for each.
         ages: from block to estimate (s), for estimates after the first ``run_in`` seconds, and before.
         delay: s, of the filter, as the last estimate says.
         lost: blocks that each estimator counts as lost.
@@ -70,6 +72,7 @@ class ValveSource:
     shift: int = 0
     run_in: int = RUN_IN
     listeners: int = 0
+    shared: int = 0
     delay: float = 0.0
     tracking: dict[int, float] = field(default_factory=dict)
     first: dict[int, float] = field(default_factory=dict)
@@ -99,7 +102,10 @@ class ValveSource:
         for valve in range(self.count):
             name = f"/valve_{valve + 1}"
             profile = qos.samples_offered(BLOCK_RATE)
-            publishers.append(node.create_publisher(AccelerationBlock, f"{name}/acceleration", profile))
+            if self.shared and valve == 0:
+                publishers.append(node.create_publisher(AccelerationBlocks, "/accelerations", profile))
+            elif not self.shared:
+                publishers.append(node.create_publisher(AccelerationBlock, f"{name}/acceleration", profile))
             heard = partial(self._heard, valve)
             node.create_subscription(ModelEstimate, f"{name}/estimate", heard, qos.state(depth=10))
             node.create_subscription(HealthEvent, f"{name}/events", self._raised, qos.state(depth=100))
@@ -112,12 +118,13 @@ class ValveSource:
             executor.spin_once(timeout_sec=0.05)
         if self.listeners:
             time.sleep(1.0)  # who is counted may still be about to hear
-        groups = [range(group, self.count, GROUPS) for group in range(GROUPS)]
-        step = 1.0 / BLOCK_RATE / GROUPS
+        parts = 1 if self.shared else GROUPS
+        groups = [range(group, self.count, parts) for group in range(parts)]
+        step = 1.0 / BLOCK_RATE / parts
         self._begin, begin, used = time.monotonic(), time.time_ns(), time.process_time()
-        for turn in range(round(self.seconds * BLOCK_RATE) * GROUPS):
-            number, group = divmod(turn, GROUPS)
-            self.blocks = number + 1 if group == GROUPS - 1 else number
+        for turn in range(round(self.seconds * BLOCK_RATE) * parts):
+            number, group = divmod(turn, parts)
+            self.blocks = number + 1 if group == parts - 1 else number
             due = self._begin + (turn + 1) * step
             self.late = max(self.late, time.monotonic() - due)
             if self.late > LONGEST_BEHIND:
@@ -128,16 +135,22 @@ class ValveSource:
             first = begin + round(1e9 * ((turn + 1) * step - 1.0 / BLOCK_RATE))
             seconds, nanoseconds = divmod(first, 1_000_000_000)
             for valve in groups[group]:
-                message = messages[(number + self.shift * valve) % len(messages)]
-                struct.pack_into("<iI", message, 4, seconds, nanoseconds)
-                struct.pack_into("<Q", message, at, number)
-                data = bytes(message)
                 self.sent[valve][number % 1000] = time.monotonic()
-                publishers[valve].publish(data)
+                if valve == 0 or not self.shared:
+                    message = messages[(number + self.shift * valve) % len(messages)]
+                    struct.pack_into("<iI", message, 4, seconds, nanoseconds)
+                    struct.pack_into("<Q", message, at, number)
+                    publishers[valve].publish(self._of_all(message) if self.shared else bytes(message))
         self.cores = (time.process_time() - used) / (time.monotonic() - self._begin)
         executor.spin_once(timeout_sec=0.5)
         executor.shutdown()
         rclpy.shutdown()
+
+    def _of_all(self, message: bytearray) -> bytes:
+        """Return one message that has this block for each valve."""
+        names = [f"valve_{valve + 1}" for valve in range(self.count)]
+        blocks = [deserialize_message(bytes(message), AccelerationBlock)] * self.count
+        return bytes(serialize_message(AccelerationBlocks(names=names, blocks=blocks)))
 
     def _messages(self) -> tuple[list[bytearray], int]:
         """Return a run's blocks as CDR and where the sequence stands in each."""
@@ -263,10 +276,16 @@ def last_words(log: Path) -> str:
 
 
 def main(
-    count: int, seconds: float, file: Path, shift: int = 0, run_in: int = RUN_IN, listeners: int = 0
+    count: int,
+    seconds: float,
+    file: Path,
+    shift: int = 0,
+    run_in: int = RUN_IN,
+    listeners: int = 0,
+    shared: int = 0,
 ) -> None:
     """Send, then write what was seen."""
-    source = ValveSource(count, seconds, shift, run_in, listeners)
+    source = ValveSource(count, seconds, shift, run_in, listeners, shared)
     source.run()
     file.write_text(json.dumps(source.to_dict()), encoding="utf-8")
 

@@ -53,6 +53,7 @@ _DATED = re.compile(r"(?:(?P<number>\d{1,9})_)?(?P<stem>.*?)_?\d{4}_\d\d_\d\d-\d
 STORED = (".mcap", ".db3")
 
 ACCELERATION_BLOCK = "spool_msgs/msg/AccelerationBlock"
+ACCELERATION_BLOCKS = "spool_msgs/msg/AccelerationBlocks"
 TEMPERATURE = "sensor_msgs/msg/Temperature"
 FLOAT64 = "std_msgs/msg/Float64"
 OUR_PACKAGE = "spool_msgs"

@@ -16,7 +16,7 @@ from rosbags.interfaces import Qos
 from spool_core.errors import InputError
 from spool_core.system import expanded
 
-from spool_bag.metadata import ACCELERATION_BLOCK, FLOAT64, TEMPERATURE
+from spool_bag.metadata import ACCELERATION_BLOCK, ACCELERATION_BLOCKS, FLOAT64, TEMPERATURE
 
 DIAGNOSTICS = "/diagnostics"
 #: Changes of limits belong to what was judged by them.
@@ -70,9 +70,9 @@ def select_topics(graph: Mapping[str, Sequence[str]], valves: Sequence[str] = ()
     """Return the type by topic of everything to be recorded.
 
     That is every visible topic in the namespaces of the valves (``valves`` without leading slash, or those
-    found where it is empty), ``/diagnostics`` and ``/parameter_events``. The topics of named valves belong to
-    it before anybody publishes on them, so that not one block is missed. A topic with several types is left
-    out.
+    found where it is empty), those with blocks of many valves, ``/diagnostics`` and ``/parameter_events``.
+    The topics of named valves belong to it before anybody publishes on them, so that not one block is missed.
+    A topic with several types is left out.
     """
     namespaces = [f"/{valve.strip('/')}" for valve in valves] or valve_namespaces(graph)
     chosen = {
@@ -87,7 +87,7 @@ def select_topics(graph: Mapping[str, Sequence[str]], valves: Sequence[str] = ()
             topic.startswith(f"{namespace}/") if namespace else topic.lstrip("/") in TOPICS
             for namespace in namespaces
         )
-        if topic in (DIAGNOSTICS, PARAMETER_EVENTS) or inside:
+        if topic in (DIAGNOSTICS, PARAMETER_EVENTS) or types[0] == ACCELERATION_BLOCKS or inside:
             chosen[topic] = types[0]
     return dict(sorted(chosen.items()))
 

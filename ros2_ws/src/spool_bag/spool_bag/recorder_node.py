@@ -13,9 +13,10 @@ from typing import Any, ClassVar, NamedTuple
 
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
-from spool_core.cdr import CdrError, block_head, header_stamp
+from spool_core.cdr import CdrError, block_head, decode_blocks, encode_block, header_stamp
 from spool_core.errors import InputError, operator_missing
 from spool_core.node import qos
+from spool_core.node.block_hub import Throttle
 from spool_core.node.diagnostics import DiagnosticPublisher, Level, Status
 from spool_core.node.managed_node import ManagedNode
 from spool_core.node.parameters import NodeParameter, Value
@@ -25,7 +26,7 @@ from spool_core.text import plural, printable
 from spool_msgs.srv import TakeSnapshot
 
 from spool_bag import check_valve, recorder
-from spool_bag.metadata import ACCELERATION_BLOCK, MACHINE, starts_with_header
+from spool_bag.metadata import ACCELERATION_BLOCK, ACCELERATION_BLOCKS, MACHINE, starts_with_header
 from spool_bag.recording import LARGEST_QUEUE, Recording, RecordingSettings
 from spool_bag.snapshot import SnapshotKeeper, SnapshotWriter
 from spool_bag.verification import signer
@@ -177,6 +178,7 @@ class RecorderNode(ManagedNode):
         self._last_loss = -math.inf
         self._watch = recorder.MonitoringWatch()
         self._missed: set[str] = set()
+        self._throttle = Throttle()
         self._dropped = 0
         self._activations = 0
         self._snapshots: SnapshotWriter | None = None
@@ -305,10 +307,30 @@ class RecorderNode(ManagedNode):
         wanted = qos.profile(self.value("depth"), reliable=reliable, latched=latched)
 
         def keep(data: bytes) -> None:
-            self._keep(one, data)
+            (self._keep_each if kind == ACCELERATION_BLOCKS else self._keep)(one, data)
 
         subscription = self.subscribe(message_type, topic, keep, wanted, raw=True)
         self._subscriptions_by_topic[topic] = _Subscribed(subscription, wanted, len(offered))
+
+    def _keep_each(self, one: _Intake, data: bytes) -> None:
+        """Take each block of many valves as a message of its valve, which is what readers of bags know."""
+        wanted, refused = self._valves(), ""
+        try:
+            for name, block in decode_blocks(data):
+                valve = name.strip("/")
+                if wanted and valve not in wanted:
+                    continue
+                try:
+                    check_valve(valve)
+                except InputError as error:
+                    refused = str(error)
+                    continue
+                intake = _Intake(f"/{valve}/acceleration", ACCELERATION_BLOCK, f"/{valve}", True, False)
+                self._keep(intake, encode_block(block, block.source))
+        except CdrError as error:
+            refused = str(error)
+        if refused and (count := self._throttle.take(one.topic)):
+            self.get_logger().warning(f"{one.topic}: {count} messages not recorded whole: {refused}")
 
     def _keep(self, one: _Intake, data: bytes) -> None:
         """Take a message: some thousand times a second."""

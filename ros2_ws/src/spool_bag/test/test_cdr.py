@@ -7,13 +7,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
-from spool_bag.metadata import ACCELERATION_BLOCK, TEMPERATURE, typestore
+from spool_bag.metadata import ACCELERATION_BLOCK, ACCELERATION_BLOCKS, TEMPERATURE, typestore
 from spool_core.block import Block
 from spool_core.cdr import (
     CdrError,
     OilTemperature,
     block_head,
     decode_block,
+    decode_blocks,
     decode_temperature,
     encode_block,
     encode_temperature,
@@ -68,6 +69,39 @@ def test_decoding_agrees_with_rosbags(block: Block, frame_id: str, little: bool)
     assert got.body.flags.aligned
 
 
+def many(items: list[tuple[str, str, Block]], *, little: bool = True) -> bytes:
+    """Return the CDR of one message with names, ids and blocks."""
+    names, blocks = [name for name, _, _ in items], [message(block, source) for _, source, block in items]
+    both = typestore().types[ACCELERATION_BLOCKS](names, blocks)
+    return bytes(typestore().serialize_cdr(both, ACCELERATION_BLOCKS, little_endian=little))
+
+
+@given(st.lists(st.tuples(frame_ids, frame_ids, blocks), max_size=4), st.booleans())
+def test_blocks_of_many_valves_agree_with_rosbags(items: list[tuple[str, str, Block]], little: bool) -> None:
+    got = decode_blocks(many(items, little=little))
+    assert [(name, one.source, one.stamp) for name, one in got] == [
+        (name, source, block.stamp) for name, source, block in items
+    ]
+    for (_, one), (_, _, block) in zip(got, items, strict=True):
+        assert_same(one, block)
+
+
+@given(st.lists(st.tuples(frame_ids, frame_ids, blocks), min_size=1, max_size=3), st.data())
+def test_a_cut_message_of_many_valves_is_refused(
+    items: list[tuple[str, str, Block]], data: st.DataObject
+) -> None:
+    whole = many(items)
+    with pytest.raises(CdrError):
+        decode_blocks(whole[: data.draw(st.integers(0, len(whole) - 1))])
+
+
+def test_a_message_without_a_block_for_each_name_is_refused() -> None:
+    blocks = typestore().types[ACCELERATION_BLOCKS](["valve_1", "valve_2"], [])
+    data = bytes(typestore().serialize_cdr(blocks, ACCELERATION_BLOCKS))
+    with pytest.raises(CdrError, match="2 names and 0 blocks"):
+        decode_blocks(data)
+
+
 @given(stamps, st.floats(allow_nan=False), frame_ids)
 def test_temperature_agrees_with_rosbags(stamp: int, celsius: float, frame_id: str) -> None:
     data = encode_temperature(OilTemperature(stamp, celsius), frame_id)
@@ -87,7 +121,7 @@ def test_a_cut_message_is_refused(block: Block, data: st.DataObject) -> None:
 
 @given(st.binary(max_size=80))
 def test_any_bytes_give_a_block_or_a_cdr_error(data: bytes) -> None:
-    for decode in (decode_block, decode_temperature, header_stamp, block_head):
+    for decode in (decode_block, decode_blocks, decode_temperature, header_stamp, block_head):
         try:
             decode(data)
         except CdrError as error:

@@ -97,20 +97,35 @@ def decode_block(data: bytes) -> Block:
     Raises:
         CdrError: the bytes are too short or not XCDR1.
     """
-    order, stamp, length, at = _header(data)
+    order = _order(data)
     try:
-        source = _text(data[16 : 15 + min(length, LONGEST_NAME)])
-        sequence, period, count = order.counts.unpack_from(data, at)
-        at += 20
-        body = np.frombuffer(data, order.samples, count, at)
-        at += 4 * count
-        (count,) = order.count.unpack_from(data, at)
-        spool = np.frombuffer(data, order.samples, count, at + 4)
+        return _block(order, data, 4)[0]
     except (struct.error, ValueError) as error:
         raise CdrError(f"not an AccelerationBlock: {error}") from error
-    if order is _BIG:
-        body, spool = body.astype(np.float32), spool.astype(np.float32)
-    return Block(stamp, sequence, period, body, spool, source)
+
+
+def decode_blocks(data: bytes) -> list[tuple[str, Block]]:
+    """Return each name and its block in the CDR ``data`` of an AccelerationBlocks; samples as of one block.
+
+    Raises:
+        CdrError: the bytes are too short or not XCDR1, or there is not one block for each name.
+    """
+    order, names, found = _order(data), [], []
+    try:
+        (count,), at = order.count.unpack_from(data, 4), 8
+        for _ in range(count):
+            (length,) = order.count.unpack_from(data, at)
+            names.append(_text(data[at + 4 : at + 3 + min(length, LONGEST_NAME)]))
+            at = (at + 7 + length) & ~3
+        (blocks,), at = order.count.unpack_from(data, at), at + 4
+        if blocks != count:
+            raise ValueError(f"{count} names and {blocks} blocks")
+        for name in names:
+            block, at = _block(order, data, at)
+            found.append((name, block))
+    except (struct.error, ValueError) as error:
+        raise CdrError(f"not an AccelerationBlocks: {error}") from error
+    return found
 
 
 def decode_vector(data: bytes, skipped: int, numbers: int) -> tuple[int, str, tuple[float, ...]]:
@@ -193,6 +208,23 @@ def _order(data: bytes) -> _Order:
     if len(data) < 4 or data[0] != 0 or data[1] > 1:
         raise CdrError("unknown CDR encapsulation")
     return _LITTLE if data[1] else _BIG
+
+
+def _block(order: _Order, data: bytes, at: int) -> tuple[Block, int]:
+    """Return the block that begins at ``at``, and where it ends."""
+    seconds, nanoseconds, length = order.head.unpack_from(data, at)
+    source = _text(data[at + 12 : at + 11 + min(length, LONGEST_NAME)])
+    at = ((at + 8 + length + 7) & ~7) + 4
+    sequence, period, count = order.counts.unpack_from(data, at)
+    at += 20
+    body = np.frombuffer(data, order.samples, count, at)
+    at += 4 * count
+    (count,) = order.count.unpack_from(data, at)
+    spool = np.frombuffer(data, order.samples, count, at + 4)
+    if order is _BIG:
+        body, spool = body.astype(np.float32), spool.astype(np.float32)
+    stamp = seconds * NANOSECONDS + nanoseconds
+    return Block(stamp, sequence, period, body, spool, source), at + 4 + 4 * count
 
 
 def _header(data: bytes) -> tuple[_Order, int, int, int]:

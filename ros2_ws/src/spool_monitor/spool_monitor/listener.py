@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
 import time
 from collections import deque
@@ -12,9 +13,11 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.node import Node
+from spool_core.cdr import CdrError, decode_blocks, encode_block
 from spool_core.node import qos
 from spool_msgs.msg import (
     AccelerationBlock,
+    AccelerationBlocks,
     Alarm,
     AlarmList,
     GapAnalysis,
@@ -294,9 +297,15 @@ class Listener:
         def take_block(raw: bytes) -> None:  # rclpy refuses a method of deque: it has no signature
             valve.blocks.append(raw)
 
+        def take_blocks(raw: bytes) -> None:
+            with contextlib.suppress(CdrError):
+                found = [block for name, block in decode_blocks(raw) if name.strip("/") == valve.name]
+                valve.blocks.extend(encode_block(block, block.source) for block in found)
+
         subscribe, blocks = self._node.create_subscription, f"/{valve.name}/acceleration"
         return [
             subscribe(AccelerationBlock, blocks, take_block, qos.samples_wanted(), raw=True),
+            subscribe(AccelerationBlocks, "accelerations", take_blocks, qos.samples_wanted(), raw=True),
             subscribe(DiagnosticArray, "/diagnostics", self._take_diagnostics, qos.diagnostics()),
             *self._keep(valve, self._more),
         ]

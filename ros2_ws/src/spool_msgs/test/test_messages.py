@@ -85,7 +85,7 @@ def test_every_field_says_what_it_is(name: str) -> None:
     assert silent == []
 
 
-@pytest.mark.parametrize("name", [name for name in NAMES if name != "Quantity"])
+@pytest.mark.parametrize("name", [name for name in NAMES if name not in ("Quantity", "AccelerationBlocks")])
 def test_every_message_of_a_valve_says_when_and_which(name: str) -> None:
     assert next(iter(generated(name).get_fields_and_field_types().items())) == ("header", "std_msgs/Header")
 

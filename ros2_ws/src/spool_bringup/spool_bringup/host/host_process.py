@@ -257,6 +257,7 @@ class HostProcess:
         valves = read_valves(file) if self.first_list is None else self.first_list.read(file)
         HUB.worker = Worker()
         ManagedNode.beat = self._beat
+        HUB.share(self._node, "accelerations")
         HUB.together, HUB.starting = self._node.value("together"), True
         BUDGET.share = REFITS
         ticker = ManagedNode.ticker = Ticker()

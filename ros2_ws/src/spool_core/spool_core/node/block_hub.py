@@ -16,11 +16,11 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from spool_msgs.msg import AccelerationBlock
+from spool_msgs.msg import AccelerationBlock, AccelerationBlocks
 
 from spool_core.block import Block
 from spool_core.block_gate import LONGEST_PERIOD, SHORTEST_PERIOD, Fault, departure, place_of
-from spool_core.cdr import CdrError, decode_block
+from spool_core.cdr import CdrError, decode_block, decode_blocks
 from spool_core.node import qos
 from spool_core.node.messages import from_block
 from spool_core.system import ThreadTimes, thread_times
@@ -55,6 +55,7 @@ class BlockHub:
         self.together = 0.0
         self.starting = False
         self._topics: dict[str, _Topic] = {}
+        self._shared: _Topic | None = None
 
     @property
     def times(self) -> dict[str, TopicTimes]:
@@ -67,6 +68,14 @@ class BlockHub:
     def behind(self) -> float:
         """Samples of a topic that wait, beyond those that wait for each other; the most of a topic, s."""
         return max((one.behind for one in tuple(self._topics.values())), default=0.0)
+
+    def share(self, node: Any, name: str) -> None:
+        """Hear the topic ``name`` of ``node``, whose messages have blocks of many valves, by their names.
+
+        Each counts as if it had come by itself on the topic ``acceleration`` of its valve.
+        """
+        self._shared = _Topic(node.resolve_topic_name(name), owner=node)
+        self._shared.mailbox = node.open_mailbox(AccelerationBlocks, name, qos.samples_wanted(HOSTED_DEPTH))
 
     def subscribe(self, node: Any, name: str, take: Take, room: Room) -> Callable[[], None]:
         """Let ``take`` have the blocks of the topic ``name`` of ``node``; return what ends it.
@@ -103,6 +112,9 @@ class BlockHub:
     def collect(self) -> None:
         """Hear what came, in a process that hosts many nodes; its host does that every few ms."""
         now = time.monotonic()
+        if self._shared is not None:
+            for data in self._shared.mailbox.empty():
+                self._hear_each(self._shared, data)
         for topic in self._topics.values():
             if topic.mailbox is None or now < topic.due:
                 continue
@@ -169,6 +181,17 @@ class BlockHub:
             topic.owner.destroy_subscription(topic.subscription)
             topic.subscription = topic.mailbox = None
 
+    def _hear_each(self, shared: _Topic, data: bytes) -> None:
+        try:
+            blocks = decode_blocks(data)
+        except CdrError as error:
+            _ignored(shared, error)
+            return
+        for name, block in blocks:  # of a valve of another process as well
+            topic = self._topics.get(f"/{name.strip('/')}/acceleration")
+            if topic is not None and topic.owner is not None and not topic.local:
+                self._hear(topic, block)
+
     def _hear(self, topic: _Topic, data: Heard) -> None:
         if self.worker is None:
             self._take(topic, [data])
@@ -234,17 +257,19 @@ class BlockHub:
             try:
                 blocks.append(data if isinstance(data, Block) else decode_block(data))
             except CdrError as error:
-                owner, count = topic.owner, topic.throttle.take("no block")
-                if owner is not None and count:
-                    owner.get_logger().warning(
-                        f"{topic.name}: ignored {count} messages that are not blocks: {error}"
-                    )
+                _ignored(topic, error)
         if blocks:
             if topic.dropped:
                 blocks[0], topic.dropped = replace(blocks[0], dropped=topic.dropped), 0
             for _, take, _ in tuple(topic.takers):
                 take(blocks)
         return blocks
+
+
+def _ignored(topic: _Topic, error: CdrError) -> None:
+    owner, count = topic.owner, topic.throttle.take("no block")
+    if owner is not None and count:
+        owner.get_logger().warning(f"{topic.name}: ignored {count} messages that are not blocks: {error}")
 
 
 #: Owner of the job with which a worker ends.

@@ -10,12 +10,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rclpy.serialization import serialize_message
 from spool_core.block import Block
 from spool_core.block_gate import BlockGate, Verdict
 from spool_core.cdr import encode_block
 from spool_core.node import block_hub
 from spool_core.node.block_hub import HOSTED_DEPTH, BlockHub, TopicTimes, Worker
+from spool_core.node.messages import from_block
 from spool_core.system import ThreadTimes, thread_times
+from spool_msgs.msg import AccelerationBlocks
 
 SIZE, PERIOD = 40, 5e-4
 #: s that a test waits at most: machines are busy.
@@ -150,6 +153,36 @@ def test_an_estimate_that_falls_due_does_not_wait(hosted: BlockHub) -> None:
     node.send(1, 2)
     other.wait(3)
     assert one.taken == other.taken == [[0], [1, 2]]
+
+
+def test_a_block_in_a_message_of_many_waits_as_one_by_itself(hosted: BlockHub) -> None:
+    """A source in this process goes before it, and a valve that nobody takes has none."""
+    node, shared, taker = Node(hosted), Node(hosted), Taker()
+    hosted.share(shared, "accelerations")
+    samples = np.ones(SIZE, np.float32)
+
+    def send(*sequences: int) -> None:
+        assert shared.hear is not None
+        for number in sequences:
+            block = from_block(Block(10**18 + number * 20_000_000, number, PERIOD, samples, samples), "soft")
+            both = AccelerationBlocks(names=["valve_1", "valve_9"], blocks=[block, block])
+            shared.hear(bytes(serialize_message(both)))
+        hosted.collect()
+
+    send(0)
+    end = hosted.subscribe(node, "acceleration", taker.take, lambda: taker.room)
+    send(1)
+    taker.wait(1)
+    settle(hosted)
+    send(2, 3, 4, 5)
+    node.send(6)
+    taker.wait(6)
+    settle(hosted)
+    assert taker.taken == [[1], [2, 3, 4, 5, 6]]
+    hosted.offer("/valve_1/acceleration")
+    send(7)
+    assert hosted.times["/valve_1/acceleration"].waiting == 0
+    end()
 
 
 @pytest.mark.parametrize("lost", [0, 1, 500])

@@ -38,6 +38,8 @@ DOMAINS = (0, 232)
 #: What every node of ROS 2 sends and hears.
 _ALL_SEND = ("ros_discovery_info", "rt/rosout", "rt/parameter_events", "rt/diagnostics")
 _ALL_HEAR = ("ros_discovery_info", "rt/clock", "rt/parameter_events")
+#: Blocks of many valves, which their source sends together.
+SHARED = "rt/accelerations"
 #: Topics in a valve's namespace by who sends and who hears them.
 _SENT = {
     "simulator": ("acceleration", "oil_temperature", "speed", "command"),
@@ -255,7 +257,7 @@ def of_node(valve: str, node: str) -> Access:
 
 def of_host(valves: Sequence[str], source: str | None = None) -> Access:
     """Return what a host of estimators and monitors needs, and for a ``source`` of blocks that it runs."""
-    access = _common("host") + _common("host_*")
+    access = _common("host") + _common("host_*") + Access((), (SHARED,))
     for valve in valves:
         for node in ("estimator", "monitor", *((source,) if source is not None else ())):
             access += of_node(valve, node)
@@ -264,12 +266,13 @@ def of_host(valves: Sequence[str], source: str | None = None) -> Access:
 
 def of_recorder(valves: Sequence[str]) -> Access:
     """Return what the recorder needs: it hears everything and sends nothing but its own state."""
-    return _common("recorder") + Access((), ("rt/diagnostics", *(f"rt/{valve}/*" for valve in valves)))
+    hears = ("rt/diagnostics", SHARED, *(f"rt/{valve}/*" for valve in valves))
+    return _common("recorder") + Access((), hears)
 
 
 def of_viewer(valves: Sequence[str]) -> Access:
     """Return what a viewer needs: it hears, and may ask for nothing."""
-    hears = ("rt/diagnostics", *(f"rt/{valve}/*" for valve in valves))
+    hears = ("rt/diagnostics", SHARED, *(f"rt/{valve}/*" for valve in valves))
     return Access(("ros_discovery_info", "rt/rosout"), (*_ALL_HEAR, *hears))
 
 
