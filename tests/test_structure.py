@@ -21,11 +21,11 @@ RESEARCH = {path.parent.name for path in (ROOT / "research").glob("*/__init__.py
 #: What was measured, and may only become less: put the new figure here with the change that improves it.
 #: Lines and files may grow only in a change that adds a feature; its commit message says what that costs.
 RATCHETS = {
-    "lines": 85_202,
-    "lines of code": 54_614,
+    "lines": 85_301,
+    "lines of code": 54_686,
     "files": 402,
-    "lines of research": 14_866,
-    "lines up to the last import, %": 8.36,
+    "lines of research": 14_917,
+    "lines up to the last import, %": 8.35,
     "private functions with one caller, %": 16.10,
     "modules with one importer, %": 14.56,
 }

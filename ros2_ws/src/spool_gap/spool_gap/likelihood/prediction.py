@@ -58,6 +58,7 @@ class Prediction:
         settled: windows in which a body that clips is known, and half a second before them, shape (windows,).
         spool, body: measured, m/s^2, shape (n,); of the body with its noise.
         plain: all tiles have one level: such fits converge from afar.
+        beside: at instants, too, samples beside jumps count: else low-passes could not be compared.
         work: steps of integration so far.
     """
 
@@ -99,7 +100,7 @@ class Prediction:
         self.held: Mask = np.zeros(self.windows, dtype=np.bool_)
         self.inside: Mask = ~self.held
         self._steps: dict[tuple[object, ...], int] = {}
-        self.work, self.plain = 0.0, False
+        self.work, self.plain, self.beside = 0.0, False, False
         # Power of a line that rounding stands for.
         density = self.readings.noise.spool * LEAST_POWER
         self._floor = max(density * 0.5 / self.period * float(np.sum(self._taper**2)), 1e-12)
@@ -158,7 +159,7 @@ class Prediction:
         """
         found = self.responses(structures)
         rows = self.spool - found.acceleration
-        if structures[0].observation.kind == INSTANTS and found.jumps.size:
+        if structures[0].observation.kind == INSTANTS and found.jumps.size and not self.beside:
             before = np.floor(found.jumps + structures[0].values[DELAY] / self.period).astype(int)
             beside = np.unique(np.clip(np.concatenate([before, before + 1]), 0, self.size - 1))
             count = np.bincount(beside // self._window, minlength=self.windows + 1) / self._window

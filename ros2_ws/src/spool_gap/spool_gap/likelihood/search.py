@@ -298,7 +298,12 @@ class Search:
     def _observed(self, own: Structure) -> Structure:
         """Return ``own`` with the logger's low-pass that is likeliest beside it."""
         trials = [own, *(own.read_by(one) for one in self._kinds)]
-        return max((self._roughly(one, OBSERVED) for one in trials), key=lambda one: one.evidence).structure
+        for part in self._brief.parts:
+            part.beside = True
+        best = max((self._roughly(one, OBSERVED) for one in trials), key=lambda one: one.evidence)
+        for part in self._brief.parts:
+            part.beside = False
+        return best.structure
 
     def _finish_best(self, rows: Sequence[StructureFit], most: int = FINALISTS) -> None:
         ranked = sorted(rows, key=lambda one: (bool(senseless(one)), -one.evidence))
