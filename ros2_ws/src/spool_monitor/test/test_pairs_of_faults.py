@@ -261,10 +261,15 @@ def faulty(fault: str) -> Plant:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("fault", FAULTS)
-def test_each_fault_is_raised_under_its_own_name_and_ends_by_itself(fault: str) -> None:
+def test_each_fault_is_raised_under_its_own_name_and_ends_by_itself_or_once_acknowledged(fault: str) -> None:
     plant = copied(faulty(fault))
     FAULTS[fault][1](plant)
     plant.run(ENDS)
+    staying = [one for one in plant.monitor.conditions if one.stays and one.active is not None]
+    assert plant.active == {one.name for one in staying}
+    for one in staying:
+        one.acknowledged = True
+        plant.run(30.0)
     assert plant.active == set()
 
 

@@ -61,6 +61,19 @@ def test_while_an_alarm_of_a_stuck_spool_lasts_its_parameters_are_doubted() -> N
             assert detection.distrust
 
 
+@pytest.mark.parametrize(
+    ("first", "second"), [("stuck_spool", "sensor_scale"), ("sensor_scale", "stuck_spool")]
+)
+def test_of_two_faults_that_hide_each_other_the_one_that_stands_is_believed(first: str, second: str) -> None:
+    detection = Detection(MonitorSettings(natural_frequency=15.0))
+    one, other = (next(each for each in detection.detectors if each.name == name) for name in (first, second))
+    detection._suspicions[first] = SECOND, one, "it stands"
+    (condition,) = detection.conditions_of(one)
+    condition.active = Severity.ALARM
+    assert detection._distrust(2 * SECOND, other) == "it stands"
+    assert detection._distrust(2 * SECOND, one) == ""
+
+
 def offset(wanders: float, moved: float) -> bool:
     """Return whether a spool's mean that moves by ``moved`` after it had wandered is found, m/s^2."""
     detector = SensorOffset(MonitorSettings())
