@@ -23,10 +23,11 @@ from spool_bag.recording import LARGEST_QUEUE, Recording, RecordingState
 from spool_bag.verification import make_keys, verify
 from spool_bag.writer import BagWriter, PartLimits
 from spool_core.block import Block
-from spool_core.cdr import encode_block
+from spool_core.cdr import Command, encode_block
 from spool_core.node.diagnostics import Level
 from spool_core.node.messages import to_time
 from spool_msgs.msg import AccelerationBlock, AccelerationBlocks, HealthEvent, ValveHealth
+from std_msgs.msg import Float64
 
 from .clocked import START, Clocked, Domains, clocked
 
@@ -211,6 +212,21 @@ def test_blocks_of_many_valves_are_kept_as_those_of_each(
     assert {name: [encode_block(one, "valve") for one in reader.blocks(name)] for name in kept} == {
         name: [sent[name]] for name in kept
     }
+
+
+def test_the_command_of_a_solenoid_is_kept_with_the_blocks_of_its_valve(
+    record: Record, tmp_path: Path
+) -> None:
+    with record(tmp_path / "bag") as one:
+        one.send("/valve_1/acceleration", 0, block(0))
+        one.publish["/valve_1/command"] = one.nodes.offer(Float64, "/valve_1/command")
+        for second, value in ((0.2, 1.5), (0.7, 0.0)):
+            one.send("/valve_1/command", second, Float64(data=value))
+    found = [each for each in BagReader(tmp_path / "bag").stream("valve_1") if isinstance(each, Command)]
+    assert [(round((each.stamp - START) / SECOND, 1), each.value) for each in found] == [
+        (0.2, 1.5),
+        (0.7, 0.0),
+    ]
 
 
 #: Result by parameter: each differs from what its default leaves.
