@@ -382,16 +382,14 @@ class Detection:
             return self.doubt
         for stamp, doubting, reason in self._suspicions.values():
             lasts = 0 <= now - stamp <= WARY * self._memory * 1e9
-            if lasts and unknowable(judge.fault(), doubting.fault()) and self._comes_first(doubting, judge):
+            # Of two that hide each other the one that was raised first is believed.
+            first = doubting.rank < judge.rank or self._raised(doubting) > self._raised(judge)
+            if lasts and first and unknowable(judge.fault(), doubting.fault()):
                 return reason
         return ""
 
-    def _comes_first(self, doubting: Detector, judge: Detector) -> bool:
-        """Whether ``doubting`` is believed where each hides the other: by rank, or as raised first."""
-        standing = [
-            any(each.active is not None for each in self.conditions_of(one)) for one in (doubting, judge)
-        ]
-        return doubting.rank < judge.rank or standing == [True, False]
+    def _raised(self, detector: Detector) -> bool:
+        return any(each.active is not None for each in self.conditions_of(detector))
 
 
 def configured(natural_frequency: float) -> ValveResponse:
