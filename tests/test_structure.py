@@ -21,7 +21,7 @@ RESEARCH = {path.parent.name for path in (ROOT / "research").glob("*/__init__.py
 #: What was measured, and may only become less: put the new figure here with the change that improves it.
 #: Lines and files may grow only in a change that adds a feature; its commit message says what that costs.
 RATCHETS = {
-    "lines": 85_301,
+    "lines": 85_300,
     "lines of code": 54_686,
     "files": 402,
     "lines of research": 14_917,

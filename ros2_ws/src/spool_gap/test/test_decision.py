@@ -75,8 +75,7 @@ def fitted(effect: str = "", spool: Sensor | None = None, **given: float) -> Fit
     look = look_at([record], (), VALVE)
     predictions = Predictions([Prediction(look.readings[0], VALVE, MOTIONS)])
     search = Search(predictions, structure_of(BASE, VALVE), [])
-    # As at the end of a search: a level of noise for each tile.
-    predictions.plain = False
+    assert not predictions.parts[0].plain  # although the record is as short as its excerpts
     search.base = fit_structure(predictions, search.base.structure)
     search.fits = {search.base.structure.key: search.base}
     return Fitted(predictions, search, look)

@@ -325,11 +325,11 @@ class Predictions:
         self.seconds = max(part.time + part.seconds for part in parts)
 
     def excerpt(self) -> Predictions:
-        """Return this for excerpts with much motion, spread over the time, or itself where that is short."""
-        if sum(part.seconds for part in self.parts) <= EXCERPTS * EXCERPT:
-            return self
+        """Return this for excerpts with much motion, spread over the time, or for all of a short one."""
+        counting = [one for one in self.parts if one.inside.any()] or list(self.parts)
+        short = sum(part.seconds for part in self.parts) <= EXCERPTS * EXCERPT
         found = []
-        for part in (one for one in self.parts if one.inside.any()):
+        for part in () if short else counting:
             length = round(EXCERPT / part.period)
             count = max(1, round(EXCERPTS * part.seconds / sum(one.seconds for one in self.parts)))
             edges = np.linspace(0, part.readings.spool.size, count + 1).astype(int).tolist()
@@ -343,25 +343,18 @@ class Predictions:
                 power = [float(np.mean(squares[one + edge : one + edge + counted] ** 2)) for one in starts]
                 first = starts[int(np.argmax(power))]
                 found.append(part.readings.part(first, first + length))
-        own = self.parts[0]
-        brief = Predictions([Prediction(one, own.valve, own.motions) for one in found]) if found else self
-        brief.seconds = self.seconds
-        return brief if brief.numbers > 0.0 else self  # all of it may be clipped
+        own, every = self.parts[0], [one.readings for one in counting]
+        for readings in (found, every):  # all of the excerpts may be clipped
+            brief = Predictions([Prediction(one, own.valve, own.motions) for one in readings or every])
+            brief.seconds = self.seconds
+            if brief.numbers > 0.0:
+                break
+        return brief
 
     @property
     def work(self) -> float:
         """Steps of integration so far."""
         return sum(part.work for part in self.parts)
-
-    @property
-    def plain(self) -> bool:
-        """Whether all tiles of a part have one level."""
-        return self.parts[0].plain
-
-    @plain.setter
-    def plain(self, on: bool) -> None:
-        for part in self.parts:
-            part.plain = on
 
     def hold_out(self, held: Sequence[Mask]) -> None:
         """Hold out the windows ``held`` of each part."""

@@ -106,7 +106,8 @@ class Search:
         self.fits: dict[Key, StructureFit] = {}
         tell("fitting the base", 0.1)
         self._brief = predictions.excerpt()
-        self._brief.plain = True
+        for part in self._brief.parts:
+            part.plain = True
         longest = max(predictions.parts, key=lambda one: one.seconds)
         base = replace(base, limits=_resolved_by(longest))
         self._kinds: Sequence[Observation] = OBSERVATIONS
