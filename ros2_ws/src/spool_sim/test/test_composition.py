@@ -350,7 +350,8 @@ def load(folder: Path, factor: str, code: str = LOAD) -> Load:
     """Run ``code`` in a separate process, with the new term times ``factor`` and a cache of kernels."""
     (folder / "magnet.py").write_text(NEW_TERM.replace("FACTOR", factor), "utf-8")
     done = subprocess.run(
-        [sys.executable, "-c", code, str(folder)],
+        # Python would take its own bytecode for a file that changes twice in a second, keeping its length.
+        [sys.executable, "-B", "-c", code, str(folder)],
         capture_output=True,
         text=True,
         check=False,
