@@ -9,16 +9,14 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
-from spool_estimator.identification.fit import fit
-from spool_estimator.identification.fit_result import FitSettings
 from spool_estimator.identification.record import Record
 from spool_monitor.drift_trace import DriftPoint
 from spool_report import page as html
 from spool_report.evidence.collection import AccelerationEvidence
-from spool_report.evidence.confidence import Ellipse, drift, ellipse_of, whiteness
-from spool_report.evidence.exhibit import POINTS, Exhibit, LeftOut, made
+from spool_report.evidence.drifts import drift
+from spool_report.evidence.exhibit import POINTS, Exhibit, LeftOut
 from spool_report.evidence.motion import Numbers, loops_of, step_at_zero
-from spool_report.evidence.spectra import bands_of, cross_spectra, linear_transmissibility
+from spool_report.evidence.spectra import cross_spectra
 from spool_sim.excitation import Multisine
 from spool_sim.model import load_model
 from spool_sim.sensors import Sensor
@@ -67,7 +65,10 @@ def test_the_transmissibility_of_a_linear_valve_is_the_closed_form_within_its_er
     one = record(30.0)
     spectra = cross_spectra([one.body], [one.spool], PERIOD)
     told = spectra.excited & (spectra.coherence > 0.9) & (spectra.frequency > 3.0)
-    closed = linear_transmissibility(spectra.frequency, *LINEAR.values())
+    mass, damping, stiffness = LINEAR.values()
+    omega = 2.0 * np.pi * spectra.frequency
+    force = stiffness + 1j * omega * damping
+    closed = force / (force - mass * omega**2)
     apart = np.abs(spectra.response / closed - 1.0)[told]
     assert told.sum() > 30
     # Both errors, in line and across: 95 % of a Rayleigh distribution lies below 2.45 standard deviations.
@@ -86,48 +87,6 @@ def test_the_error_of_a_transmissibility_is_what_repetitions_scatter_by() -> Non
         ratios.append(abs(spectra.response[place]) / 0.5)
         errors.append(float(spectra.relative_error[place]))
     assert np.std(ratios) == pytest.approx(np.mean(errors), rel=0.35)
-
-
-@pytest.mark.parametrize("seed", range(4))
-def test_the_autocorrelation_of_white_noise_stays_in_its_band(seed: int) -> None:
-    rows = np.random.default_rng(seed).standard_normal((3, 8000))
-    found = whiteness(list(rows), PERIOD)
-    assert found.outside < 0.09
-    # 40 lags or so of 500 leave it by chance, each by little.
-    assert np.abs(found.correlation).max() < 2.5 * found.band
-
-
-def test_the_autocorrelation_of_a_forgotten_resonance_leaves_its_band() -> None:
-    time = PERIOD * np.arange(16000)
-    found = whiteness(
-        [np.sin(2.0 * np.pi * 15.0 * time) + np.random.default_rng(0).standard_normal(16000)], PERIOD
-    )
-    assert found.outside > 0.5
-
-
-@pytest.mark.slow
-def test_an_ellipse_holds_the_truth_as_often_as_it_says() -> None:
-    """Coulomb friction and drag of simulated records: more than 2 of 8 miss once in 170 times by chance."""
-    held = 0
-    for seed in range(8):
-        found = fit(
-            [record(10.0, model="coulomb", seed=seed, coulomb_force=0.4)], load_model("coulomb"), VALVE
-        )
-        ellipse = ellipse_of(found.parameters, found.observable, found.correlation)
-        held += ellipse.holds(np.array([VALVE.viscous_coefficient, 0.4]))
-    assert held >= 6
-
-
-def test_an_ellipse_of_normal_numbers_holds_95_of_100() -> None:
-    covariance = np.array([[4.0, -1.8], [-1.8, 1.0]])
-    draws = np.random.default_rng(1).multivariate_normal((0.0, 0.0), covariance, 4000)
-    ellipse = Ellipse(("a", "b"), ("1", "1"), np.zeros(2), covariance)
-    assert np.mean([ellipse.holds(draw) for draw in draws]) == pytest.approx(0.95, abs=0.012)
-    edge = ellipse.outline()
-    inner = [ellipse.holds(point) for point in 0.999 * edge.T]
-    outer = [ellipse.holds(point) for point in 1.001 * edge.T]
-    assert all(inner)
-    assert not any(outer)
 
 
 def test_a_short_peak_of_a_long_record_is_drawn_and_the_legend_names_each_look_once() -> None:
@@ -160,17 +119,6 @@ def test_missing_dry_friction_is_a_step_at_velocity_zero_of_twice_its_size() -> 
     assert loops.missing["coulomb"] < 0.3 * loops.missing["fluid"]
 
 
-def test_information_bounds_the_interval_of_a_fit() -> None:
-    """A linear valve: the inverse root of what all bands tell is no smaller than the fit's, nor far off."""
-    one = record(8.0)
-    bands = bands_of(cross_spectra([one.body], [one.spool], PERIOD), *LINEAR.values())
-    found = fit([one], load_model("fluid"), VALVE, FitSettings(timing=0.0))
-    for name, field in (("spring_stiffness", "stiffness"), ("viscous_coefficient", "damping")):
-        quantity = found.parameter(name)
-        told = 1.0 / np.sqrt(sum(getattr(band, field) for band in bands))
-        assert 0.1 < quantity.standard_deviation / quantity.value / told < 1.3
-
-
 def shown(records: list[Record], *names: str) -> list[Exhibit | LeftOut]:
     return AccelerationEvidence(records, VALVE, sides(*names)).exhibits()
 
@@ -185,22 +133,13 @@ def test_no_record_keeps_a_report_from_being_written(case: str) -> None:
         "nothing": list,
     }[case]
     items = shown(made_of(), "fluid", "coulomb")
-    assert len(items) == 5
+    assert len(items) == 3
     text = " ".join(html.evidence(items))
     for item in items:
         assert item.title in text
         assert (item.reason if isinstance(item, LeftOut) else item.seen).strip()
     drawn = [item for item in items if isinstance(item, Exhibit)]
-    assert len(drawn) == {"short": 1, "no_temperature": 5, "nothing": 0}.get(case, len(drawn))
-
-
-def test_a_fit_without_dry_friction_says_that_it_has_none() -> None:
-    def build() -> Exhibit:
-        raise AssertionError(ellipse_of((), (), np.empty((0, 0))))
-
-    left = made("an ellipse", build)
-    assert isinstance(left, LeftOut)
-    assert "viscous coefficient" in left.reason
+    assert len(drawn) == {"short": 1, "no_temperature": 3, "nothing": 0}.get(case, len(drawn))
 
 
 @pytest.mark.slow
@@ -211,12 +150,11 @@ def test_a_gap_report_shows_before_and_after(tmp_path: Path) -> None:
     assert main(["gap", str(bag), "--report", str(file)]) == 0
     text = file.read_text(encoding="utf-8")
     evidence = text[text.index("<summary>Evidence</summary>") :]
-    assert evidence.count("<h3>") == evidence.count("How to read it: ") == 6
+    assert evidence.count("<h3>") == evidence.count("How to read it: ") == 3
     missing = re.search(r"base model (\d+) %.*?with what was found ([0-9.]+) %", evidence)
     assert missing is not None
     # Where within a sample a reversal falls is not known: what friction jumps by there stays.
     assert float(missing[2]) < 0.5 * float(missing[1])
-    assert "correlation -" in evidence
     assert len(text.encode()) < 2_000_000
 
 
@@ -241,7 +179,7 @@ def test_a_page_stands_by_itself_and_stays_small(page: str) -> None:
 def test_every_picture_of_evidence_says_how_to_read_it_and_what_it_shows(page: str) -> None:
     evidence = page[page.index("<summary>Evidence</summary>") :]
     captions = re.findall(r"<figcaption>(.*?)</figcaption>", evidence, re.S)
-    assert len(captions) == evidence.count("<h3>") == 6
+    assert len(captions) == evidence.count("<h3>") == 3
     for caption in captions:
         seen, _, how = caption.partition("How to read it:")
         assert re.search(r"\d", seen)
@@ -253,4 +191,4 @@ def test_print_shows_the_picture_in_place_of_what_can_be_zoomed(page: str) -> No
     printed = page[page.index("@media print") :]
     assert "figure.zoom.on .live,figure.zoom button{display:none}" in printed
     assert "figure.zoom.on .still{display:block}" in printed
-    assert page.count('<div class="still"><div class="wide"><img') == page.count('<figure class="zoom">') > 1
+    assert page.count('<div class="still"><div class="wide"><img') == page.count('<figure class="zoom">') > 0

@@ -15,26 +15,13 @@ from spool_estimator.estimate import Estimate
 from spool_estimator.identification.fit_result import SPOOL_DELAY, SPOOL_GAIN, Fit
 from spool_estimator.identification.free_run import excitation_limit
 from spool_estimator.identification.record import Record
-from spool_estimator.refit import Refit
 from spool_gap.force.balance import ForceRecord
 from spool_gap.likelihood.structure import DELAY, GAIN
 from spool_gap.result import Curves, GapResult
 from spool_monitor.drift_trace import DriftTrace
-from spool_report.evidence import confidence, motion
+from spool_report.evidence import drifts, motion
 from spool_report.evidence.exhibit import Exhibit, LeftOut, Mark, made
-from spool_report.evidence.spectra import (
-    BANDS_TITLE,
-    CAMPBELL_TITLE,
-    TITLE_FORCE,
-    Frequency,
-    bands_of,
-    campbell,
-    constant,
-    cross_spectra,
-    information_bands,
-    rows_of,
-    spectrogram,
-)
+from spool_report.evidence.spectra import CAMPBELL_TITLE, Frequency, campbell, constant, rows_of, spectrogram
 from spool_sim.model import Model, load_model
 from spool_sim.valve import Valve
 
@@ -69,23 +56,11 @@ class AccelerationEvidence:
     def exhibits(self) -> list[Exhibit | LeftOut]:
         """Return every picture, or why it is left out, in the order in which an expert looks."""
         wanted: tuple[tuple[str, Callable[[], Exhibit]], ...] = (
-            (BANDS_TITLE, self._bands),
             (CAMPBELL_TITLE, self._campbell),
             (motion.TRANSMISSIBILITY_TITLE, lambda: motion.transmissibility(self._both())),
             (motion.LOOPS_TITLE, self._loops),
-            (confidence.WHITENESS_TITLE, self._whiteness),
         )
         return [made(title, build) for title, build in wanted]
-
-    def _bands(self) -> Exhibit:
-        rows = motion.of_one_rate(self.records)
-        spectra = cross_spectra(
-            [entry.body for entry in rows], [entry.spool for entry in rows], rows[0].sample_period
-        )
-        values = self.sides[-1].values if self.sides else {}
-        names = ("mass", "viscous_coefficient", "spring_stiffness")
-        known = [float(values.get(name, np.nan)) for name in names]
-        return information_bands(bands_of(spectra, *known))
 
     def _campbell(self) -> Exhibit:
         rows = motion.of_one_rate(self.records)
@@ -103,11 +78,6 @@ class AccelerationEvidence:
         self._need_a_model()
         return motion.force_loops(motion.loops_of(self.records, self.sides))
 
-    def _whiteness(self) -> Exhibit:
-        runs = self._both()
-        found = {name: confidence.whiteness(runs.residuals(name), runs.period) for name in runs.simulated}
-        return confidence.residual_whiteness(found)
-
     def _need_a_model(self) -> None:
         if not self.sides:
             raise InputError("no model of this valve is known from the record")
@@ -122,16 +92,14 @@ class AccelerationEvidence:
 def force_exhibits(records: Sequence[ForceRecord], curves: Curves) -> list[Exhibit | LeftOut]:
     """Return every picture that ``records`` of force allow; ``curves`` are those of the analysis."""
     wanted: tuple[tuple[str, Callable[[], Exhibit]], ...] = (
-        (TITLE_FORCE, lambda: _bands(records)),
         (CAMPBELL_TITLE, lambda: _over_time(records)),
         (motion.LOOPS_TITLE, lambda: _loops(records, curves)),
-        (confidence.WHITENESS_TITLE, lambda: _whiteness(curves)),
     )
     no_body = LeftOut(
         motion.TRANSMISSIBILITY_TITLE, "a record of force and displacement holds no acceleration of the body"
     )
-    bands, over_time, *others = [made(title, build) for title, build in wanted]
-    return [bands, over_time, no_body, *others]
+    over_time, loops = [made(title, build) for title, build in wanted]
+    return [over_time, no_body, loops]
 
 
 def fit_exhibits(found: Fit, valve: Valve, records: Sequence[Record]) -> list[Exhibit | LeftOut]:
@@ -144,13 +112,7 @@ def fit_exhibits(found: Fit, valve: Valve, records: Sequence[Record]) -> list[Ex
         found.sensor.get(SPOOL_DELAY, 0.0),
         found.observation,
     )
-    ellipse = made(
-        confidence.ELLIPSE_TITLE,
-        lambda: confidence.confidence_ellipse(
-            confidence.ellipse_of(found.parameters, found.observable, found.correlation)
-        ),
-    )
-    return [*AccelerationEvidence(records, valve, (side,)).exhibits(), ellipse]
+    return AccelerationEvidence(records, valve, (side,)).exhibits()
 
 
 def gap_exhibits(
@@ -162,13 +124,7 @@ def gap_exhibits(
     """
     before = _numbers(BASE, base, base.values_for(valve), result.base)
     after = _numbers(FOUND, result.model, result.model.values_for(valve), result.parameters)
-    shown = AccelerationEvidence(records, valve, (before, after)).exhibits()
-    return [*shown, _ellipse(result)]
-
-
-def gap_force_exhibits(result: GapResult, records: Sequence[ForceRecord]) -> list[Exhibit | LeftOut]:
-    """Return the evidence of ``result``, an analysis of force ``records``."""
-    return [*force_exhibits(records, result.curves), _ellipse(result)]
+    return AccelerationEvidence(records, valve, (before, after)).exhibits()
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,7 +138,6 @@ class Replayed:
         trace: of the drift tests.
         events: of the monitor.
         latest: estimate, ``None`` where there is none.
-        refits: where they were asked for.
         first: stamp of the record's start, ns.
     """
 
@@ -192,7 +147,6 @@ class Replayed:
     trace: DriftTrace
     events: Sequence[Event]
     latest: Estimate | None
-    refits: Sequence[Refit]
     first: int
 
 
@@ -203,24 +157,15 @@ def replay_exhibits(one: Replayed) -> list[Exhibit | LeftOut]:
         for event in one.events
     ]
     units = {} if one.latest is None else {q.name: q.unit for q in one.latest.parameters}
-    drifts = [
+    shown = [
         made(
-            confidence.title_of(name),
-            partial(confidence.drift, name, units.get(name, ""), points, one.first, marks),
+            drifts.title_of(name), partial(drifts.drift, name, units.get(name, ""), points, one.first, marks)
         )
         for name, points in one.trace.points.items()
     ]
-    if not drifts:
-        drifts = [LeftOut("Drift of the parameters", "the estimator gave no estimate in this record")]
-    shown = AccelerationEvidence(one.records, one.valve, _sides(one), _frequencies(one)).exhibits()
-    return [*drifts, *shown, made(confidence.ELLIPSE_TITLE, partial(_drift_ellipse, one))]
-
-
-def _bands(records: Sequence[ForceRecord]) -> Exhibit:
-    period = records[0].period
-    rows = [entry for entry in records if entry.period == period]
-    spectra = cross_spectra([entry.displacement for entry in rows], [entry.force for entry in rows], period)
-    return information_bands(bands_of(spectra), "displacement, m rms")
+    if not shown:
+        shown = [LeftOut("Drift of the parameters", "the estimator gave no estimate in this record")]
+    return [*shown, *AccelerationEvidence(one.records, one.valve, _sides(one), _frequencies(one)).exhibits()]
 
 
 def _over_time(records: Sequence[ForceRecord]) -> Exhibit:
@@ -253,28 +198,12 @@ def _loops(records: Sequence[ForceRecord], curves: Curves) -> Exhibit:
     raise InputError("the stretch that the analysis shows is not among the records")
 
 
-def _whiteness(curves: Curves) -> Exhibit:
-    period = float(np.median(np.diff(curves.time)))
-    sides = {BASE: curves.before, FOUND: curves.after}
-    found = {name: confidence.whiteness([curves.measured - row], period) for name, row in sides.items()}
-    return confidence.residual_whiteness(found, "N")
-
-
 def _numbers(
     name: str, model: Model, values: Mapping[str, float], found: Sequence[Quantity]
 ) -> motion.Numbers:
     own = {quantity.name: quantity.value for quantity in found}
     full = {**values, **{key: value for key, value in own.items() if key in values}}
     return motion.Numbers(name, model, full, own.get(GAIN, 0.0), own.get(DELAY, 0.0))
-
-
-def _ellipse(result: GapResult) -> Exhibit | LeftOut:
-    return made(
-        confidence.ELLIPSE_TITLE,
-        lambda: confidence.confidence_ellipse(
-            confidence.ellipse_of(result.parameters, result.correlated, result.correlation)
-        ),
-    )
 
 
 def _sides(one: Replayed) -> tuple[motion.Numbers, ...]:
@@ -297,13 +226,3 @@ def _frequencies(one: Replayed) -> dict[str, Frequency] | None:
     if not rows.size:
         return None
     return {"estimated": Frequency(1e-9 * rows[:, 0], rows[:, 1], Z_95 * np.nan_to_num(rows[:, 2]))}
-
-
-def _drift_ellipse(one: Replayed) -> Exhibit:
-    for found in reversed(one.refits):
-        if found.fitted:
-            correlation = np.reshape(found.correlations, (len(found.fitted),) * 2)
-            return confidence.confidence_ellipse(
-                confidence.ellipse_of(tuple(found.parameters), tuple(found.fitted), correlation)
-            )
-    raise InputError("the online estimates have no covariance of both; pass --refits or use ./spool fit")

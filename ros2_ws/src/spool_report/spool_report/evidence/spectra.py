@@ -1,21 +1,12 @@
-"""Spectra as evidence: information by frequency band, and the Campbell diagram.
+"""Spectra as evidence: a frequency response with its error, and the Campbell diagram.
 
 Welch, P. D.: The use of fast Fourier transform for the estimation of power spectra, IEEE Trans. Audio
 Electroacoust. 15 (1967), for averages of pieces that overlap; Bendat, J. S., Piersol, A. G.: Random Data, 4th
 edition (2010), section 9.2, for errors of frequency responses and coherence.
-
-For an answer Y = H X + N of noise density S_n over T s the Fisher information of a number q of H is
-
-    I = 2 T int |dH/dq|^2 S_x / S_n df
-
-(Whittle's likelihood; Ljung, L.: System Identification, 2nd edition (1999), section 7.4 and 8.4). With
-q = log k or log c the inverse square root is the relative standard deviation that the band alone would give.
-It is a bound from above: what a piece of the averages smears of a resonance counts as noise here.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -25,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 from spool_core.errors import InputError
 from spool_core.numbers import Array, Complex
-from spool_core.uncertainty import Z_95, number, percent
+from spool_core.uncertainty import number
 from spool_estimator.identification.record import Record
-from spool_report.evidence.exhibit import AFTER, BEFORE, DARK, DASHED, MEASURED, WIDTH, Exhibit, plain
+from spool_report.evidence.exhibit import AFTER, BEFORE, DASHED, WIDTH, Exhibit, plain
 
 #: s of a piece at most: lines of 0.5 Hz, finer than the resonance of any spool is wide.
 LONGEST_PIECE = 2.0
@@ -39,28 +30,6 @@ OVERLAP = 1.0 / 36.0
 EXCITED = 1e-4
 #: Hz, below which accelerometers show their drift.
 LOWEST = 1.0
-
-#: Hz, edges of the bands; the last one ends at half the sample rate.
-EDGES = (2.0, 5.0, 10.0, 20.0, 35.0, 60.0, 100.0, 200.0, 400.0)
-#: Relative step of the response's derivatives.
-STEP = 1e-4
-#: Share of incoherent power at least: no coherence is known better than its averages tell.
-LEAST_NOISE = 1e-6
-
-BANDS_TITLE = "Information in the record"
-BANDS_CAPTION = (
-    "By frequency band: how much the drive moves, how much of the answer follows from it (coherence), and "
-    "where the knowledge about spring and drag comes from: shares of the Fisher information of a linear "
-    "model, given this drive and what is incoherent. Good: power and coherence on both sides of the natural "
-    "frequency, and information in more than one band. Bad: all information in one band (one speed of the "
-    "machine: spring, mass and drag are hardly distinguished), or none where the question is."
-)
-TITLE_FORCE = "What the record excites"
-CAPTION_FORCE = (
-    "By frequency band: how much the displacement moves, and how much of the force follows linearly from it "
-    "(coherence). Good: several bands with motion, coherence near 1. Low coherence with much motion: a force "
-    "that is not linear, as dry friction is, or one that does not follow from the motion."
-)
 
 #: Columns and lines at most: what a page shows of them, within its size.
 COLUMNS, LINES = 320, 220
@@ -161,117 +130,6 @@ def cross_spectra(drives: Sequence[Array], answers: Sequence[Array], period: flo
     worth = count / (1.0 + 2.0 * OVERLAP * (count - 1) / count)
     frequency = np.asarray(np.fft.rfftfreq(piece, period), dtype=np.float64)
     return CrossSpectra(frequency, xx.real.copy(), yy.real.copy(), xy, worth, total * period)
-
-
-def linear_transmissibility(frequency: Array, mass: float, damping: float, stiffness: float) -> Complex:
-    """Return spool over body acceleration of a linear valve at ``frequency`` (Hz), shape (f,).
-
-    (k + i w c) / (k - m w^2 + i w c), with kg, N s/m and N/m.
-    """
-    omega = 2.0 * math.pi * frequency
-    force = stiffness + 1j * omega * damping
-    return np.asarray(force / (force - mass * omega**2))
-
-
-@dataclass(frozen=True, slots=True)
-class Band:
-    """One band.
-
-    Attributes:
-        low, high: Hz.
-        drive: rms of the drive in it, in its unit.
-        coherence: mean over the band, weighed by the drive's power; NaN without drive.
-        stiffness, damping: Fisher information of the logarithm of each number, 1; NaN where it is not known.
-    """
-
-    low: float
-    high: float
-    drive: float
-    coherence: float
-    stiffness: float
-    damping: float
-
-
-def bands_of(
-    spectra: CrossSpectra, mass: float = np.nan, damping: float = np.nan, stiffness: float = np.nan
-) -> tuple[Band, ...]:
-    """Return the bands of ``spectra``; without mass (kg), drag (N s/m) and spring (N/m) no information."""
-    frequency = spectra.frequency
-    step = float(frequency[1])
-    information = {}
-    noise = np.maximum((1.0 - spectra.coherence), LEAST_NOISE) * spectra.answer
-    weight = 2.0 * spectra.seconds * step * spectra.drive / np.maximum(noise, 1e-300)
-    for name, changed in (
-        ("stiffness", (damping, stiffness * (1.0 + STEP))),
-        ("damping", (damping * (1.0 + STEP), stiffness)),
-    ):
-        with np.errstate(invalid="ignore", divide="ignore"):  # no mass, no spring: nothing is known of them
-            slope = (
-                linear_transmissibility(frequency, mass, *changed)
-                - linear_transmissibility(frequency, mass, damping, stiffness)
-            ) / STEP
-        information[name] = np.where(spectra.excited, np.abs(slope) ** 2 * weight, 0.0)
-    top = float(frequency[-1])
-    edges = [*(edge for edge in EDGES if edge < top), top]
-    found = []
-    for low, high in pairwise(edges):
-        inside = (frequency >= low) & (frequency < high)
-        power = spectra.drive[inside]
-        total = float(power.sum())
-        heard = inside & spectra.excited
-        seen = spectra.drive[heard]
-        coherence = float(spectra.coherence[heard] @ seen / seen.sum()) if heard.any() else np.nan
-        parts = [float(information[name][inside].sum()) for name in ("stiffness", "damping")]
-        found.append(Band(low, high, float(np.sqrt(total * step)), coherence, *parts))
-    return tuple(found)
-
-
-def information_bands(bands: Sequence[Band], what: str = "body acceleration, m/s² rms") -> Exhibit:
-    """Return the picture of ``bands``; ``what`` the drive is, with its unit."""
-    informed = all(np.isfinite(band.stiffness) and np.isfinite(band.damping) for band in bands)
-    rows = 3 if informed else 2
-    figure, axes = plt.subplots(rows, 1, figsize=(WIDTH, 1.9 * rows + 0.6), layout="constrained", sharex=True)
-    places = np.arange(len(bands))
-    axes[0].bar(places, [band.drive for band in bands], 0.6, color=MEASURED)
-    axes[1].bar(
-        places, [0.0 if np.isnan(band.coherence) else band.coherence for band in bands], 0.6, color=MEASURED
-    )
-    axes[1].set_ylim(0.0, 1.05)
-    plain(axes[0], "", what)
-    plain(axes[1], "", "coherence, 1")
-    if informed:
-        spring, drag = (_shares([getattr(band, name) for band in bands]) for name in ("stiffness", "damping"))
-        axes[2].bar(places - 0.2, spring, 0.38, color=AFTER, label="of the spring")
-        axes[2].bar(
-            places + 0.2, drag, 0.38, color=BEFORE, hatch="//", edgecolor=DARK, lw=0.3, label="of the drag"
-        )
-        axes[2].legend(fontsize=8, frameon=False)
-        plain(axes[2], "", "information, %")
-    axes[-1].set_xticks(places, [f"{band.low:g}–{band.high:g}" for band in bands], fontsize=8)
-    axes[-1].set_xlabel("frequency, Hz", fontsize=9)
-    loudest = max(bands, key=lambda band: band.drive)
-    parts = [f"The drive moves most from {_hertz(loudest)}"]
-    weak = [band for band in bands if band.coherence < 0.8]
-    if weak:
-        parts.append(f"the coherence is below 0.8 from {' and from '.join(map(_hertz, weak))}")
-    for name, said in (("stiffness", "the spring"), ("damping", "the drag")) if informed else ():
-        values = [getattr(band, name) for band in bands]
-        best = int(np.argmax(values))
-        total = sum(values)
-        if not total > Z_95**2:  # not even to 100 %
-            parts.append(f"the record has no information on {said}")
-            continue
-        parts.append(
-            f"{_shares(values)[best]:.0f} % of the information on {said} comes from {_hertz(bands[best])}; "
-            f"all bands determine {said} to within {percent(Z_95 / float(np.sqrt(total)))} (95 %) or better, "
-            "if the spool's law were linear"
-        )
-    seen = f"{'; '.join(parts)}."
-    return (
-        Exhibit(BANDS_TITLE, figure, BANDS_CAPTION, seen)
-        if informed
-        else Exhibit(TITLE_FORCE, figure, CAPTION_FORCE, seen)
-    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -408,15 +266,6 @@ def campbell(shown: Spectrogram, natural: Mapping[str, Frequency], unit: str = "
     handles, names = axis.get_legend_handles_labels()
     figure.legend(handles, names, fontsize=8, loc="outside lower center", ncols=3)
     return Exhibit(CAMPBELL_TITLE, figure, CAMPBELL_CAPTION, _campbell_seen(shown, natural))
-
-
-def _shares(values: list[float]) -> list[float]:
-    total = sum(values)
-    return [100.0 * value / total if total > 0.0 else 0.0 for value in values]
-
-
-def _hertz(band: Band) -> str:
-    return f"{band.low:g} to {band.high:g} Hz"
 
 
 def _campbell_seen(shown: Spectrogram, natural: Mapping[str, Frequency]) -> str:

@@ -155,11 +155,11 @@ def _evidence(
     result: GapResult, base: Model, valve: Valve | None, measured: Measured
 ) -> list[Exhibit | LeftOut]:
     """Return the pictures that let an expert check ``result``; libraries that draw are loaded here."""
-    from spool_report.evidence.collection import gap_exhibits, gap_force_exhibits  # noqa: PLC0415
+    from spool_report.evidence.collection import force_exhibits, gap_exhibits  # noqa: PLC0415
 
     forces = [entry for entry in measured if isinstance(entry, ForceRecord)]
     if forces or valve is None:
-        return gap_force_exhibits(result, forces)
+        return force_exhibits(forces, result.curves)
     return gap_exhibits(result, base, valve, [entry for entry in measured if isinstance(entry, Record)])
 
 

@@ -502,7 +502,7 @@ def _write_report(
         evidence = {}
         for name, valve, one, records in replayed:
             trace, latest = one.trace or DriftTrace(), one.estimator.latest
-            shown = Replayed(name, valve, records, trace, one.events, latest, one.refitted, first)
+            shown = Replayed(name, valve, records, trace, one.events, latest, first)
             evidence[name] = replay_exhibits(shown)
         write_file(file, replay_page(result, evidence, sources([path])), "--report")
 
