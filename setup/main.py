@@ -46,8 +46,8 @@ COMPLETION = "_SPOOL_COMPLETE"
 
 #: The launcher's own: name, place in the list, and what it does.
 OWN = (
-    ("test", 15, "run the tests; takes pytest's arguments, -m '' adds the slow ones, --changed selects"),
-    ("package", 990, "a Debian package with its own environment, and its bill of materials"),
+    ("test", 540, "run the tests; takes pytest's arguments, -m '' adds the slow ones, --changed selects"),
+    ("package", 550, "a Debian package with its own environment, and its bill of materials"),
 )
 SUFFIX = "_command.py"
 

@@ -21,12 +21,12 @@ RESEARCH = {path.parent.name for path in (ROOT / "research").glob("*/__init__.py
 #: What was measured, and may only become less: put the new figure here with the change that improves it.
 #: Lines and files may grow only in a change that adds a feature; its commit message says what that costs.
 RATCHETS = {
-    "lines": 85_300,
-    "lines of code": 54_686,
+    "lines": 84_916,
+    "lines of code": 54_425,
     "files": 402,
     "lines of research": 14_917,
     "lines up to the last import, %": 8.35,
-    "private functions with one caller, %": 16.10,
+    "private functions with one caller, %": 16.09,
     "modules with one importer, %": 14.56,
 }
 

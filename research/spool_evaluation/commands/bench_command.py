@@ -45,4 +45,4 @@ def bench(
         raise typer.Exit(1)
 
 
-COMMAND = Command(bench, place=170, line="timings against the peers")
+COMMAND = Command(bench, place=510, line="timings against the peers")

@@ -25,4 +25,4 @@ def paper(
     run_paper(check_folder(out))
 
 
-COMMAND = Command(paper, place=120, line="the paper's series, figures and tables, on made data")
+COMMAND = Command(paper, place=530, line="the paper's series, figures and tables, on made data")

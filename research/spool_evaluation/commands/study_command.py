@@ -72,4 +72,4 @@ def study(
     getattr(found, function)(cases, seed, out, workers, **options)
 
 
-COMMAND = Command(study, place=130, line="how often the suite is right, over many blind records")
+COMMAND = Command(study, place=520, line="how often the suite is right, over many blind records")

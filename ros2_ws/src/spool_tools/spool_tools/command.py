@@ -7,12 +7,13 @@ import math
 import os
 import pkgutil
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-from functools import cache
+from dataclasses import dataclass, field, fields
+from functools import cache, wraps
 from importlib import import_module
 from importlib.util import find_spec
+from inspect import Parameter, signature
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
 from spool_bag import no_such_bag
@@ -22,12 +23,18 @@ from typer import Typer
 from typer.core import TyperGroup
 from typer.main import get_group
 
+if TYPE_CHECKING:
+    from spool_report.records.record_loading import Selection
+
 #: Entry points of this group name packages that hold command modules.
 ENTRY_POINTS = "spool.commands"
 SUFFIX = "_command"
 #: Commands of ``research/``, which only a checkout of the sources has; ``./spool`` puts it on the path.
 RESEARCH = "spool_evaluation"
 IN_A_CHECKOUT = ("bench", "paper", "study")
+#: Panels of the list of commands, and of a command's options.
+PANELS = ("Start", "Records", "Running valves", "Simulation and planning", "Fleets", "Development")
+OUTPUT, PART, EXPERT = "Output", "Part of the record", "Expert"
 
 
 def _json_target(path: Path | None) -> Path | None:
@@ -41,7 +48,10 @@ def _json_target(path: Path | None) -> Path | None:
 JsonFile = Annotated[
     Path | None,
     typer.Option(
-        "--json", help="Write the result as JSON, SI units; - for standard output.", callback=_json_target
+        "--json",
+        rich_help_panel=OUTPUT,
+        help="Write the result as JSON, SI units; - for standard output.",
+        callback=_json_target,
     ),
 ]
 
@@ -55,6 +65,7 @@ ReportFile = Annotated[
     Path | None,
     typer.Option(
         "--report",
+        rich_help_panel=OUTPUT,
         help="Write pictures and tables as one HTML page.",
         metavar="HTML",
         callback=_target("--report"),
@@ -64,6 +75,7 @@ ModelFile = Annotated[
     Path | None,
     typer.Option(
         "--save-model",
+        rich_help_panel=OUTPUT,
         help="Write the resulting model as YAML, for simulate and the nodes.",
         metavar="YAML",
         callback=_target("--save-model"),
@@ -73,13 +85,21 @@ FmuFile = Annotated[
     Path | None,
     typer.Option(
         "--fmu",
+        rich_help_panel=OUTPUT,
         help="Write a valve or a model as an FMU, for Simulink, Modelica tools and others.",
         metavar="FILE.fmu",
         callback=_target("--fmu"),
     ),
 ]
 Force = Annotated[
-    bool, typer.Option("--force", help="Overwrite existing files.", is_eager=True, callback=replace_existing)
+    bool,
+    typer.Option(
+        "--force",
+        rich_help_panel=OUTPUT,
+        help="Overwrite existing files.",
+        is_eager=True,
+        callback=replace_existing,
+    ),
 ]
 
 
@@ -135,17 +155,35 @@ ExcitationName = Annotated[
 ]
 ColumnsOption = Annotated[
     str | None,
-    typer.Option("--columns", help="Column names in the file, e.g. time_s=t,body_m_s2=ch1,spool_m_s2=ch2"),
+    typer.Option(
+        "--columns",
+        rich_help_panel=PART,
+        help="Column names in the file, e.g. time_s=t,body_m_s2=ch1,spool_m_s2=ch2",
+    ),
 ]
 ExcludeOption = Annotated[
-    list[str] | None, typer.Option("--exclude", help="Columns to ignore, by name or number: NAME,#3")
+    list[str] | None,
+    typer.Option("--exclude", rich_help_panel=PART, help="Columns to ignore, by name or number: NAME,#3"),
 ]
 UnitOption = Annotated[
-    list[str] | None, typer.Option("--unit", help="Units missing in the file: body=g,force=N,time=ms")
+    list[str] | None,
+    typer.Option("--unit", rich_help_panel=PART, help="Units missing in the file: body=g,force=N,time=ms"),
+]
+ScaleOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--scale",
+        rich_help_panel=PART,
+        help="Sensitivities: body=100mV/g,spool=50g/FS; raw counts: body=1.25e-6g/count",
+    ),
 ]
 RateOption = Annotated[
     float | None,
-    typer.Option("--rate", help="Sample rate in Hz, for files with a missing or poor time column."),
+    typer.Option(
+        "--rate",
+        rich_help_panel=PART,
+        help="Sample rate in Hz, for files with a missing or poor time column.",
+    ),
 ]
 BagArgument = Annotated[Path, typer.Argument(help="rosbag2 directory or .mcap file.", metavar="BAG")]
 RecordArgument = Annotated[
@@ -156,7 +194,8 @@ RecordsArgument = Annotated[
     list[Path], typer.Argument(help="Bags or logger files of one valve.", metavar="RECORD...")
 ]
 OutFolder = Annotated[
-    Path | None, typer.Option("--out", help="Folder for all of these files.", metavar="DIR")
+    Path | None,
+    typer.Option("--out", rich_help_panel=OUTPUT, help="Folder for all of these files.", metavar="DIR"),
 ]
 FittedValve = Annotated[
     str | None,
@@ -179,24 +218,35 @@ LanguageOption = Annotated[
     ),
 ]
 NameOption = Annotated[
-    str | None, typer.Option("--name", help="Valve to use if the bag holds several, e.g. valve_2.")
+    str | None,
+    typer.Option("--name", rich_help_panel=PART, help="Valve to use if the bag holds several, e.g. valve_2."),
 ]
-StartOption = Annotated[float, typer.Option(help="Start of the part to use, in s from the first sample.")]
-StopOption = Annotated[float | None, typer.Option(help="End of the part to use, in s; default: record end.")]
+StartOption = Annotated[
+    float, typer.Option(rich_help_panel=PART, help="Start of the part to use, in s from the first sample.")
+]
+StopOption = Annotated[
+    float | None,
+    typer.Option(rich_help_panel=PART, help="End of the part to use, in s; default: record end."),
+]
 SinceOption = Annotated[
     str | None,
     typer.Option(
         "--since",
+        rich_help_panel=PART,
         help="Start of the time span: 10m, 6h or 7d before the end, or 2025-01-31T12:00:00 (UTC); bags only.",
     ),
 ]
 UntilOption = Annotated[
-    str | None, typer.Option("--until", help="End of the time span (same formats as --since; bags only).")
+    str | None,
+    typer.Option(
+        "--until", rich_help_panel=PART, help="End of the time span (same formats as --since; bags only)."
+    ),
 ]
 AroundOption = Annotated[
     str | None,
     typer.Option(
         "--around",
+        rich_help_panel=PART,
         help="Use one minute before and after the newest alarm of this kind, e.g. resonance. "
         "resonance:2: second newest; alarm: any kind (bags only).",
     ),
@@ -209,11 +259,63 @@ HoldoutOption = Annotated[
     ),
 ]
 SensorGain = Annotated[
-    bool, typer.Option("--sensor-gain", help="Fit the gain error of the spool's sensor as well.")
+    bool,
+    typer.Option(
+        "--sensor-gain", rich_help_panel=EXPERT, help="Fit the gain error of the spool's sensor as well."
+    ),
 ]
 SensorDelay = Annotated[
-    bool, typer.Option("--sensor-delay", help="Fit the delay of the spool's sensor as well.")
+    bool,
+    typer.Option(
+        "--sensor-delay", rich_help_panel=EXPERT, help="Fit the delay of the spool's sensor as well."
+    ),
 ]
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """Part of a record and how it is read: options that a command takes by an argument ``part: Part``."""
+
+    name: NameOption = None
+    columns: ColumnsOption = None
+    unit: UnitOption = None
+    scale: ScaleOption = None
+    rate: RateOption = None
+    exclude: ExcludeOption = None
+    start: StartOption = 0.0
+    stop: StopOption = None
+    since: SinceOption = None
+    until: UntilOption = None
+    around: AroundOption = None
+
+    def selection(self) -> Selection:
+        """Return what the readers of records take."""
+        from spool_bag.importing.choices import choices  # noqa: PLC0415 - slow to load, as below
+        from spool_report.records.record_loading import selection  # noqa: PLC0415
+
+        how = choices(unit=self.unit, scale=self.scale, rate=self.rate, exclude=self.exclude)
+        when = (self.since, self.until, self.around)
+        return selection(self.name, self.columns, self.start, self.stop, when, how)
+
+
+def flat(run: Callable[..., None]) -> Callable[..., None]:
+    """Return ``run`` with the options of :class:`Part` in place of its argument ``part``, if it has one."""
+    arguments = signature(run, eval_str=True)
+    if "part" not in arguments.parameters:
+        return run
+    kinds = get_type_hints(Part, include_extras=True)
+    own = [
+        Parameter(one.name, Parameter.KEYWORD_ONLY, default=one.default, annotation=kinds[one.name])
+        for one in fields(Part)
+    ]
+
+    @wraps(run)
+    def flattened(**given: Any) -> None:
+        run(part=Part(**{one.name: given.pop(one.name) for one in own}), **given)
+
+    others = [one for name, one in arguments.parameters.items() if name != "part"]
+    flattened.__signature__ = arguments.replace(parameters=[*others, *own])  # type: ignore[attr-defined]
+    return flattened
 
 
 def refuse_missing(*records: Path) -> None:
@@ -250,7 +352,7 @@ class Command:
     Attributes:
         run: function with options and arguments in its annotations, or a group of such functions; its
             docstring is the help, with an example.
-        place: in the list of commands; the lowest comes first.
+        place: in the list of commands; the lowest comes first. Hundreds: the panel of ``PANELS``.
         line: what it does, for the list that is shown before anything is installed.
         settings: of the context in which its arguments are parsed.
         live: whether it starts nodes or talks to them.
@@ -323,11 +425,14 @@ class CommandGroup(TyperGroup):
         if cmd_name in command_modules():
             if cmd_name not in self.commands:
                 declared = declaration(cmd_name)
-                around = Typer(rich_markup_mode="rich")
+                around, panel = Typer(rich_markup_mode="rich"), PANELS[declared.place // 100]
                 if isinstance(declared.run, Typer):
-                    around.add_typer(declared.run, name=cmd_name)
+                    around.add_typer(declared.run, name=cmd_name, rich_help_panel=panel)
                 else:
-                    around.command(cmd_name, context_settings=dict(declared.settings))(declared.run)
+                    settings = dict(declared.settings)
+                    around.command(cmd_name, context_settings=settings, rich_help_panel=panel)(
+                        flat(declared.run)
+                    )
                 self.commands[cmd_name] = get_group(around).commands[cmd_name]
         elif cmd_name in GONE:
             raise InputError(f"{cmd_name}: {GONE[cmd_name]}")

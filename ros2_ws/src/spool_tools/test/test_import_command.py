@@ -32,11 +32,11 @@ def table(
     return path
 
 
-def fitted(bag: Path, capsys: pytest.CaptureFixture[str]) -> dict[str, tuple[float, float]]:
+def fitted(bag: Path, capsys: pytest.CaptureFixture[str], *options: str) -> dict[str, tuple[float, float]]:
     """Return value and standard deviation of each parameter."""
     capsys.readouterr()
     how = ["--valve", "4weh10_soft", "--model", "fluid", "--stop", "10", "--json", "-"]
-    assert main(["fit", str(bag), *how]) == 0
+    assert main(["fit", str(bag), *how, *options]) == 0
     found = json.loads(capsys.readouterr().out)
     return {name: (one["value"], one["std"]) for name, one in found["parameters"].items()}
 
@@ -129,7 +129,27 @@ def test_other_commands_read_units_too_and_say_where_they_are_told(
     check_same(fitted(path, capsys), fitted(same, capsys))
     bare = table(tmp_path, "bare.csv", "time [s],body,spool", practice, 1.0)
     assert main(["fit", str(bare), "--valve", "4weh10_soft"]) == 2
+    refusal = capsys.readouterr().err
+    assert "--unit body=g" in refusal
+    assert "import" not in refusal
+    assert main(["replay", str(bare), "--valve", "4weh10_soft"]) == 2
     assert "these are options of ./spool import" in capsys.readouterr().err
+
+
+def test_units_that_a_file_lacks_are_given_to_the_command_that_reads_it(
+    tmp_path: Path, practice: tuple[np.ndarray, np.ndarray], capsys: pytest.CaptureFixture[str]
+) -> None:
+    stated = table(tmp_path, "si.csv", "time [s],body [m/s^2],spool [m/s^2]", practice, 1.0)
+    bare = table(tmp_path, "bare.csv", "time [s],body,spool", practice, 1.0 / GRAVITY)
+    unit = "--unit", "body=g,spool=g"
+    check_same(fitted(bare, capsys, *unit), fitted(stated, capsys))
+    kept = []
+    for words in ([str(stated)], [str(bare), *unit]):
+        models = ["--valve", "4weh10_soft", "--models", "fluid,coulomb", "--stop", "10", "--json", "-"]
+        assert main(["compare", *words, *models]) == 0
+        rows = json.loads(capsys.readouterr().out)["ranking"]
+        kept.append({row["model"]: row["error"]["value"] for row in rows})
+    assert kept[0] == pytest.approx(kept[1], rel=1e-4)
 
 
 def test_columns_and_conversions_are_stated_wherever_the_record_is_shown(

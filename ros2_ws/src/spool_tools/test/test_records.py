@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from spool_bag.importing.choices import choices
 from spool_core.errors import InputError
 from spool_estimator.identification.record import Record
 from spool_estimator.record_judgement import usable
@@ -60,29 +61,26 @@ def test_a_record_of_forces_takes_units_rate_and_left_out_columns(tmp_path: Path
         )
     (plain,) = _force_records([tmp_path / "si.csv"], "imposed", Selection(), [])
     own = "time=#0,displacement=#1,force=#2"
-    asked = selection(None, own, 0.0, None, unit=["time=ms,displacement=mm,force=N"], exclude=["#3"])
+    asked = selection(
+        None, own, 0.0, None, how=choices(unit=["time=ms,displacement=mm,force=N"], exclude=["#3"])
+    )
     (found,) = _force_records([tmp_path / "own.csv"], "imposed", asked, [])
     assert found.period == pytest.approx(plain.period, rel=1e-9)
     np.testing.assert_allclose(found.displacement, plain.displacement, atol=1e-9)
     np.testing.assert_allclose(found.force, plain.force, atol=1e-9)
-    counted = selection(
-        None,
-        "displacement=#1,force=#2",
-        0.0,
-        None,
-        unit=["displacement=mm,force=N"],
-        rate=200.0,
-        exclude=["#0,#3"],
-    )
+    how = choices(unit=["displacement=mm,force=N"], rate=200.0, exclude=["#0,#3"])
+    counted = selection(None, "displacement=#1,force=#2", 0.0, None, how=how)
     (timed,) = _force_records([tmp_path / "own.csv"], "imposed", counted, [])
     assert timed.period == pytest.approx(1.0 / 200.0, rel=1e-9)
     with pytest.raises(InputError, match=r"--rate 500: .* shows 200 Hz"):
-        _force_records([tmp_path / "si.csv"], "imposed", selection(None, None, 0.0, None, rate=500.0), [])
+        _force_records(
+            [tmp_path / "si.csv"], "imposed", selection(None, None, 0.0, None, how=choices(rate=500.0)), []
+        )
 
 
 def test_a_bag_takes_no_units(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="a bag states its units and rate"):
-        load_recording(BAGS / "practice_03", selection(None, None, 0.0, None, unit=["body=g"]))
+        load_recording(BAGS / "practice_03", selection(None, None, 0.0, None, how=choices(unit=["body=g"])))
 
 
 def test_a_lost_block_divides_a_record_and_time_goes_on(

@@ -207,4 +207,4 @@ def _show(rows: list[dict[str, Any]]) -> None:
     console.print(table)
 
 
-COMMAND = Command(fleet, place=177, line="many bags of many valves: catalogue, analyses, questions, page")
+COMMAND = Command(fleet, place=400, line="many bags of many valves: catalogue, analyses, questions, page")

@@ -12,7 +12,7 @@ import numpy as np
 from spool_bag import BODY, OIL_TEMPERATURE, SPEED, SPOOL
 from spool_bag.blocks import Span
 from spool_bag.importing.bag_import import import_notes, start_of, stream_of
-from spool_bag.importing.choices import Choices, choices, columns_of
+from spool_bag.importing.choices import Choices, columns_of
 from spool_bag.importing.logger_record import LoggerRecord
 from spool_bag.metadata import rate_std
 from spool_bag.reader import BagReader
@@ -92,7 +92,7 @@ class Selection:
         longest: samples of a bag that are held at most, parts of a longer one; ``None``: all.
         described: look for the valve's description in a bag.
         when: since, until and around what, of a bag, as of the options.
-        how: units, rate and columns to leave out of a file, ``None`` where the file decides.
+        how: units, sensitivities, rate and left out columns of a file, ``None`` where nobody can say that.
     """
 
     name: str | None = None
@@ -119,14 +119,10 @@ def selection(
     start: float,
     stop: float | None,
     when: tuple[str | None, str | None, str | None] = (None, None, None),
-    *,
-    unit: Sequence[str] | None = None,
-    rate: float | None = None,
-    exclude: Sequence[str] | None = None,
+    how: Choices | None = None,
 ) -> Selection:
-    """Return what ``--name``, ``--columns``, ``--start``, ``--since``, ``--unit`` and the like ask for."""
+    """Return what ``--name``, ``--columns``, ``--start``, ``--since`` and the like ask for."""
     end = math.inf if stop is None else stop
-    how = choices(unit=unit, rate=rate, exclude=exclude) if unit or rate is not None or exclude else None
     return Selection(name, columns_of(columns), start, end, when=when, how=how)
 
 
@@ -177,9 +173,9 @@ def load_recording(path: Path, selection: Selection | None = None) -> Recording:
         items = stream_of(table, start_of(table)) if SPEED in table.columns else ()
         speeds = [(one.stamp, one.rpm) for one in items if isinstance(one, Speed)]
     else:
-        if chosen.how is not None:
+        if chosen.how not in (None, Choices()):
             raise InputError(
-                f"{path}: a bag states its units and rate: leave --unit, --rate and --exclude out"
+                f"{path}: a bag states its units and rate: leave --unit, --scale, --rate and --exclude out"
             )
         notes = import_notes(path)
         reader = BagReader(path, span=span_of(path, *chosen.when))

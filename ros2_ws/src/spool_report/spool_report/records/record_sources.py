@@ -57,13 +57,21 @@ def record_of_table(
 ) -> LoggerRecord:
     """Return the record in a file; of accelerations, what only `import` takes is refused with that.
 
+    Args:
+        path: of the file.
+        kind: of the record.
+        columns: the file's own names by contract name.
+        how: units, rate and columns to leave out, where the command has these options.
+        regular: whether the time between samples has to be even.
+
     Raises:
         InputError: as :func:`spool_bag.importing.logger_record.read_record`.
     """
     try:
         return read_record(path, kind, columns, how=how, regular=regular)
     except InputError as error:
-        if kind == "accelerations" and re.search(r"--(unit|scale|rate|topic|empty-as-gap)\b", str(error)):
+        others = "topic|empty-as-gap" + ("" if how else "|unit|scale|rate")
+        if kind == "accelerations" and re.search(rf"--({others})\b", str(error)):
             raise InputError(
                 f"{error}; these are options of ./spool import {path} --out record_bag, which makes a bag "
                 f"of it"

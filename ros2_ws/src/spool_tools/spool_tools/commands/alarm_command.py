@@ -181,7 +181,7 @@ def _ask(valve: str, service: str, **fields: Any) -> None:
 
 COMMAND = Command(
     app,
-    place=160,
+    place=210,
     line="an operator's part: acknowledge, shelve, reset",
     live=True,
     offline=("history", "statistics"),

@@ -16,4 +16,4 @@ def analyse(valve: cli.RunningValve, json: cli.JsonFile = None, _force: cli.Forc
     analyse_live(valve, json)
 
 
-COMMAND = Command(analyse, place=166, line="gap analysis of a running valve's last minute", live=True)
+COMMAND = Command(analyse, place=225, line="gap analysis of a running valve's last minute", live=True)

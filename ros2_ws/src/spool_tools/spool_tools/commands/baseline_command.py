@@ -62,5 +62,5 @@ def _manage(valve: str, action: str, *, version: int = 0, who: str = "", comment
 
 
 COMMAND = Command(
-    app, place=165, line="baseline of the healthy valve: show, learn, confirm, restore", live=True
+    app, place=215, line="baseline of the healthy valve: show, learn, confirm, restore", live=True
 )

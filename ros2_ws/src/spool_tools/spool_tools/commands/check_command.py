@@ -10,14 +10,11 @@ from spool_tools.command import Command
 
 def check(
     record: cli.RecordArgument,
-    name: cli.NameOption = None,
-    columns: cli.ColumnsOption = None,
-    since: cli.SinceOption = None,
-    until: cli.UntilOption = None,
-    around: cli.AroundOption = None,
     json: cli.JsonFile = None,
     report: cli.ReportFile = None,
     _force: cli.Force = False,
+    *,
+    part: cli.Part,
 ) -> None:
     """Report the quality of a record: rate, gaps, clipping, noise, coherence, resonance, doubts.
 
@@ -26,17 +23,16 @@ def check(
     Example: ./spool check bags/practice_01 --report quality.html
     """
     cli.refuse_missing(record)
-    from spool_report.records.record_loading import selection  # noqa: PLC0415
     from spool_report.runs.record_quality import check as checked  # noqa: PLC0415
     from spool_report.terminal import progress  # noqa: PLC0415 - slow to load, as below
 
     with progress("reading"):
-        fine = checked(record, selection(name, columns, 0.0, None, (since, until, around)), json, report)
+        fine = checked(record, part.selection(), json, report)
     raise typer.Exit(0 if fine else 1)
 
 
 COMMAND = Command(
     check,
-    place=45,
+    place=105,
     line="the quality of a record: rate, gaps, clipping, noise, coherence, and how they affect an estimate",
 )

@@ -37,13 +37,8 @@ def compare(
     sensor_gain: cli.SensorGain = False,
     sensor_delay: cli.SensorDelay = False,
     holdout: cli.HoldoutOption = None,
-    name: cli.NameOption = None,
-    columns: cli.ColumnsOption = None,
-    start: cli.StartOption = 0.0,
-    stop: cli.StopOption = None,
-    since: cli.SinceOption = None,
-    until: cli.UntilOption = None,
-    around: cli.AroundOption = None,
+    *,
+    part: cli.Part,
 ) -> None:
     """Fit several models to records and report which one the data prefer; exit 1 without a result.
 
@@ -54,16 +49,14 @@ def compare(
     Example: ./spool compare soft.csv stiff.csv --valve soft.yaml --valve stiff.yaml --models fluid,coulomb
     """
     cli.refuse_missing(*records)
-    from spool_report.records.record_loading import selection  # noqa: PLC0415
     from spool_report.runs.fit_run import CompareRequest, run_compare  # noqa: PLC0415 - slow to load, as below
 
-    part = selection(name, columns, start, stop, (since, until, around))
     chosen = models.split(",") if models else ()
     request = CompareRequest(
-        records, valve or (), chosen, part, holdout or (),
+        records, valve or (), chosen, part.selection(), holdout or (),
         together=together, sensor_gain=sensor_gain, sensor_delay=sensor_delay,
     )  # fmt: skip
     raise typer.Exit(run_compare(request, ResultFiles(json, report, None, out)))
 
 
-COMMAND = Command(compare, place=100, line="models side by side on records")
+COMMAND = Command(compare, place=125, line="models side by side on records")

@@ -31,7 +31,5 @@ def doctor(
 
 
 COMMAND = Command(
-    doctor,
-    place=1000,
-    line="problems of this machine or installation and their remedies; --live: of the nodes",
+    doctor, place=20, line="problems of this machine or installation and their remedies; --live: of the nodes"
 )

@@ -89,4 +89,4 @@ def export(
     print(f"{out}: {result.rows} rows of {printable(', '.join(result.valves))}")
 
 
-COMMAND = Command(export, place=50, line="a bag to Parquet or CSV, a valve to an FMU")
+COMMAND = Command(export, place=135, line="a bag to Parquet or CSV, a valve to an FMU")

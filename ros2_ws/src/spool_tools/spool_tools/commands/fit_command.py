@@ -33,7 +33,12 @@ def fit(
         typer.Option(help="Parameter to hold, at VALUE (PARAMETER=VALUE) or at the valve file's value."),
     ] = None,
     force_free: Annotated[
-        bool, typer.Option("--force-free", help="Do not hold parameters that the records do not determine.")
+        bool,
+        typer.Option(
+            "--force-free",
+            rich_help_panel=cli.EXPERT,
+            help="Do not hold parameters that the records do not determine.",
+        ),
     ] = False,
     sensor_gain: cli.SensorGain = False,
     sensor_delay: cli.SensorDelay = False,
@@ -42,13 +47,8 @@ def fit(
         typer.Option(help="YAML file of several set-ups of the valve, instead of RECORD.", metavar="FILE"),
     ] = None,
     holdout: cli.HoldoutOption = None,
-    name: cli.NameOption = None,
-    columns: cli.ColumnsOption = None,
-    start: cli.StartOption = 0.0,
-    stop: cli.StopOption = None,
-    since: cli.SinceOption = None,
-    until: cli.UntilOption = None,
-    around: cli.AroundOption = None,
+    *,
+    part: cli.Part,
 ) -> None:
     """Fit a model to records: parameters with standard deviations, objective, amplitude ratio.
 
@@ -67,25 +67,22 @@ def fit(
     if setups is not None and (records or holdout):
         raise InputError("--setups: its file names the records: leave RECORD and --holdout out")
     cli.refuse_missing(*(records or ()))
-    from spool_report.records.record_loading import selection  # noqa: PLC0415 - slow to load, as below
-
-    part = selection(name, columns, start, stop, (since, until, around))
     files = ResultFiles(json, report, save_model, out)
     if setups is not None:
         from spool_report.runs.setups_run import SetUpsRequest, run_setups, setups_file  # noqa: PLC0415
 
         together = SetUpsRequest(
-            setups_file(setups), str(setups), setups.parent, valve, model, part, free or (), fix or (),
-            sensor_gain=sensor_gain, sensor_delay=sensor_delay, force_free=force_free,
+            setups_file(setups), str(setups), setups.parent, valve, model, part.selection(), free or (),
+            fix or (), sensor_gain=sensor_gain, sensor_delay=sensor_delay, force_free=force_free,
         )  # fmt: skip
         raise typer.Exit(run_setups(together, files))
     from spool_report.runs.fit_run import FitRequest, run_fit  # noqa: PLC0415
 
     request = FitRequest(
-        records or (), valve, model, part, holdout or (), free or (), fix or (),
+        records or (), valve, model, part.selection(), holdout or (), free or (), fix or (),
         sensor_gain=sensor_gain, sensor_delay=sensor_delay, force_free=force_free,
     )  # fmt: skip
     raise typer.Exit(run_fit(request, files))
 
 
-COMMAND = Command(fit, place=90, line="one model's parameters from records")
+COMMAND = Command(fit, place=120, line="one model's parameters from records")

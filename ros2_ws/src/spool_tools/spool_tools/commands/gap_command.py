@@ -41,12 +41,18 @@ def gap(
     gain_tolerance: Annotated[
         float,
         typer.Option(
+            rich_help_panel=cli.EXPERT,
             help="Relative gain tolerance of the spool's sensor, from its data sheet.",
             callback=cli.in_range(0.0, 0.4),
         ),
     ] = 0.05,
     delay_tolerance: Annotated[
-        float, typer.Option(help="Permitted delay between the channels, s.", callback=cli.in_range(0.0, 4e-3))
+        float,
+        typer.Option(
+            rich_help_panel=cli.EXPERT,
+            help="Permitted delay between the channels, s.",
+            callback=cli.in_range(0.0, 4e-3),
+        ),
     ] = 0.5e-3,
     mass: Annotated[
         float | None,
@@ -55,27 +61,27 @@ def gap(
     least_share: Annotated[
         float,
         typer.Option(
+            rich_help_panel=cli.EXPERT,
             help="Smallest effect to name, as a share of the spool's rms acceleration.",
             callback=cli.in_range(0.0, 0.5),
         ),
     ] = 0.0025,
     thorough: Annotated[
-        bool, typer.Option(help="Complete the search; default: stop after about a minute.")
+        bool,
+        typer.Option(
+            rich_help_panel=cli.EXPERT, help="Complete the search; default: stop after about a minute."
+        ),
     ] = False,
     profiles: Annotated[
         bool,
-        typer.Option("--profiles", help="Report for each named parameter whether the record determines it."),
+        typer.Option(
+            "--profiles",
+            rich_help_panel=cli.EXPERT,
+            help="Report for each named parameter whether the record determines it.",
+        ),
     ] = False,
-    name: cli.NameOption = None,
-    columns: cli.ColumnsOption = None,
-    unit: cli.UnitOption = None,
-    rate: cli.RateOption = None,
-    exclude: cli.ExcludeOption = None,
-    start: cli.StartOption = 0.0,
-    stop: cli.StopOption = None,
-    since: cli.SinceOption = None,
-    until: cli.UntilOption = None,
-    around: cli.AroundOption = None,
+    *,
+    part: cli.Part,
 ) -> None:
     """Compare simulation and records, name the missing effects, add them, and measure the remaining gap.
 
@@ -88,8 +94,6 @@ def gap(
     Example: ./spool gap rig.csv --kind imposed --unit time=ms,displacement=mm,force=N
     """
     cli.refuse_missing(*records)
-    from spool_report.records.record_loading import selection  # noqa: PLC0415
-
     if mass is not None and (kind != "driven" or not mass > 0.0):
         raise InputError(f"--mass {mass:g}: a mass > 0 kg, with --kind driven")
     from spool_gap.result import GapSettings  # noqa: PLC0415 - slow to load, as below
@@ -98,11 +102,8 @@ def gap(
     settings = GapSettings(
         gain_tolerance, delay_tolerance, least_share=least_share, thorough=thorough, profiles=profiles
     )
-    part = selection(
-        name, columns, start, stop, (since, until, around), unit=unit, rate=rate, exclude=exclude
-    )
-    request = GapRequest(records, valve, base, kind, part, settings, holdout or (), mass)
+    request = GapRequest(records, valve, base, kind, part.selection(), settings, holdout or (), mass)
     raise typer.Exit(run_gap(request, ResultFiles(json, report, save_model)))
 
 
-COMMAND = Command(gap, place=110, line="missing effects of the model: named, added and measured again")
+COMMAND = Command(gap, place=130, line="missing effects of the model: named, added and measured again")

@@ -11,7 +11,16 @@ from spool_core.text import plural
 from spool_report.outputs import making_room
 from spool_report.terminal import warn
 
-from spool_tools.command import Command, ExcludeOption, Force, JsonFile, RateOption, ReportFile, UnitOption
+from spool_tools.command import (
+    Command,
+    ExcludeOption,
+    Force,
+    JsonFile,
+    RateOption,
+    ReportFile,
+    ScaleOption,
+    UnitOption,
+)
 
 
 def import_(
@@ -29,10 +38,7 @@ def import_(
     ] = None,
     exclude: ExcludeOption = None,
     unit: UnitOption = None,
-    scale: Annotated[
-        list[str] | None,
-        typer.Option(help="Sensitivities: body=100mV/g,spool=50g/FS; raw counts: body=1.25e-6g/count"),
-    ] = None,
+    scale: ScaleOption = None,
     rate: RateOption = None,
     dates: Annotated[
         str, typer.Option(help="Order of dates like 05/04/2026 or 26/05/04: dmy, mdy or ymd.")
@@ -116,4 +122,4 @@ def import_(
     )
 
 
-COMMAND = Command(import_, place=40, line="any logger's file, or a foreign bag, to a bag of a valve")
+COMMAND = Command(import_, place=100, line="any logger's file, or a foreign bag, to a bag of a valve")

@@ -85,4 +85,4 @@ def _show(found: BagInformation) -> None:
         warn(warning)
 
 
-COMMAND = Command(info, place=60, line="the content of a bag and its lost samples")
+COMMAND = Command(info, place=110, line="the content of a bag and its lost samples")

@@ -60,4 +60,4 @@ def set_(
     set_parameters(valve, node, changes)
 
 
-COMMAND = Command(app, place=163, line="limits of a running monitor: list, get, set", live=True)
+COMMAND = Command(app, place=220, line="limits of a running monitor: list, get, set", live=True)

@@ -55,4 +55,4 @@ def plan(
     )
 
 
-COMMAND = Command(plan, place=25, line="what a planned record can determine")
+COMMAND = Command(plan, place=310, line="what a planned record can determine")

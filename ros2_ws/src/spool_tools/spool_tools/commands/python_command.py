@@ -33,7 +33,7 @@ def python(context: typer.Context) -> None:
 
 COMMAND = Command(
     python,
-    place=22,
+    place=500,
     line="Python with the suite's packages: ./spool python [SCRIPT|-m MODULE|-c CODE] [arguments]",
     settings=PASSING_ON,
 )

@@ -42,4 +42,4 @@ def recover(bag: BagArgument, out: NewBag, _force: Force = False) -> None:
     raise typer.Exit(1 if result.lost or bad or result.damages else 0)
 
 
-COMMAND = Command(recover, place=70, line="a damaged bag made readable")
+COMMAND = Command(recover, place=140, line="a damaged bag made readable")

@@ -88,4 +88,4 @@ def replay(
         print(f"{report}: pictures and tables")
 
 
-COMMAND = Command(replay, place=80, line="estimator and monitor over a recorded bag")
+COMMAND = Command(replay, place=115, line="estimator and monitor over a recorded bag")

@@ -28,4 +28,4 @@ def report(
     write_month(month, machine, state_folder, out)
 
 
-COMMAND = Command(report, place=152, line="a month of alarms, trends and losses, to print")
+COMMAND = Command(report, place=240, line="a month of alarms, trends and losses, to print")

@@ -25,7 +25,7 @@ def run(
 
 COMMAND = Command(
     run,
-    place=20,
+    place=200,
     line="what `ros2 run` does: ./spool run PACKAGE EXECUTABLE [arguments]",
     settings=PASSING_ON,
     live=True,

@@ -395,4 +395,4 @@ def _common(node: str) -> Access:
     )
 
 
-COMMAND = Command(secure, place=66, line="a keystore for secured DDS, with the permissions of every node")
+COMMAND = Command(secure, place=245, line="a keystore for secured DDS, with the permissions of every node")

@@ -50,4 +50,4 @@ def simulate(
     simulation.simulate(out, settings)
 
 
-COMMAND = Command(simulate, place=30, line="a bag from the simulator, faster than real time")
+COMMAND = Command(simulate, place=300, line="a bag from the simulator, faster than real time")

@@ -17,7 +17,7 @@ def snapshot(valve: RunningValve, who: WhoOption = "", comment: CommentOption = 
 
 COMMAND = Command(
     snapshot,
-    place=167,
+    place=230,
     line="the minutes around this moment of a running valve, as a separate bag",
     live=True,
 )

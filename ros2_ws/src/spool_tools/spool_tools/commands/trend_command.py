@@ -33,4 +33,4 @@ def trend(
     show_trend(valve, state_folder, parameter or [], since, out, json)
 
 
-COMMAND = Command(trend, place=150, line="trends of a valve over hours, days and months")
+COMMAND = Command(trend, place=235, line="trends of a valve over hours, days and months")

@@ -138,4 +138,4 @@ def check(
     raise typer.Exit(1 if verdict.wrong else 0)
 
 
-COMMAND = Command(app, place=140, line="valve files: write one from a data sheet, check one")
+COMMAND = Command(app, place=315, line="valve files: write one from a data sheet, check one")

@@ -54,4 +54,4 @@ def verify(
     raise typer.Exit(1 if found.wrong else 0)
 
 
-COMMAND = Command(verify, place=65, line="edited, removed or reordered parts of a recording")
+COMMAND = Command(verify, place=145, line="edited, removed or reordered parts of a recording")

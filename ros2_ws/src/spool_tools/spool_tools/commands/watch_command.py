@@ -66,5 +66,5 @@ def watch(
 
 
 COMMAND = Command(
-    watch, place=155, line="running valves on the terminal, or as a page on this host", live=True
+    watch, place=205, line="running valves on the terminal, or as a page on this host", live=True
 )

@@ -88,4 +88,4 @@ def what_if(
         print(f"{report}: pictures and tables")
 
 
-COMMAND = Command(what_if, place=27, line="response with other springs, oil, mass or mount")
+COMMAND = Command(what_if, place=305, line="response with other springs, oil, mass or mount")
