@@ -66,13 +66,27 @@ class AlarmRefusedError(InputError):
 
 
 @dataclass(frozen=True, slots=True)
+class Operator:
+    """Operator who does something to an alarm, when (ns), and the comment on it."""
+
+    who: str
+    stamp: int
+    comment: str = ""
+
+    def __post_init__(self) -> None:
+        if not self.who.strip():
+            raise AlarmRefusedError(operator_missing())
+
+
+@dataclass(frozen=True, slots=True)
 class Alarm:
     """One condition of a valve as an operator sees it; times in ns, 0: never.
 
     ``active`` and ``severity`` follow the condition; ``event`` is its last one, ``None`` before the first.
     ``occurrence`` counts how often it was announced.
-    ``acknowledged_by`` and ``comment`` are the last operator's. ``shelved_until`` is 0 for a shelf that lasts
-    until the condition is over, ``serviced_until`` for maintenance without an end.
+    ``acknowledged_by``, ``acknowledged_at`` and ``comment`` are of the acknowledgement of this occurrence.
+    ``shelved_until`` is 0 for a shelf that lasts until the condition is over, ``serviced_until`` for
+    maintenance without an end.
     """
 
     kind: str
@@ -97,6 +111,9 @@ class Alarm:
     shelved_until: int = 0
     serviced_at: int = 0
     serviced_until: int = 0
+    shelved_by: Operator | None = None
+    suppressed_by: Operator | None = None
+    serviced_by: Operator | None = None
 
     @property
     def name(self) -> str:
@@ -126,6 +143,13 @@ class Alarm:
         return 0 if self.suppressed else self.shelved_until
 
     @property
+    def hidden_by(self) -> Operator | None:
+        """Who laid on the cover that shows; ``None`` where there is none, or nobody knows."""
+        if self.out_of_service:
+            return self.serviced_by
+        return self.suppressed_by if self.suppressed else self.shelved_by
+
+    @property
     def hidden(self) -> bool:
         """Whether it is kept from the operator's list."""
         return self.shelved or self.suppressed or self.out_of_service
@@ -148,19 +172,6 @@ class Alarm:
             seen = AlarmState.LATCHED_ACKNOWLEDGED
             return seen if self.acknowledged else AlarmState.LATCHED_UNACKNOWLEDGED
         return AlarmState.NORMAL if self.acknowledged else AlarmState.RETURNED_UNACKNOWLEDGED
-
-
-@dataclass(frozen=True, slots=True)
-class Operator:
-    """Operator who does something to an alarm, when (ns), and the comment on it."""
-
-    who: str
-    stamp: int
-    comment: str = ""
-
-    def __post_init__(self) -> None:
-        if not self.who.strip():
-            raise AlarmRefusedError(operator_missing())
 
 
 @dataclass(frozen=True, slots=True)
@@ -213,6 +224,9 @@ def follow(alarm: Alarm, event: Event) -> Transition:
     after = replace(
         after,
         acknowledged=False,
+        acknowledged_by="",
+        acknowledged_at=0,
+        comment="",
         latched=False,
         occurrence=alarm.occurrence + 1,
         raised_at=alarm.raised_at if alarm.active else event.stamp,
@@ -279,7 +293,7 @@ def shelve(alarm: Alarm, operator: Operator, seconds: float) -> Transition:
             f"{alarm.name}: it is not active, so it cannot be shelved until it is over: give seconds"
         )
     until = operator.stamp + round(seconds * 1e9) if seconds else 0
-    after = replace(alarm, shelved=True, shelved_at=operator.stamp, shelved_until=until)
+    after = replace(alarm, shelved=True, shelved_at=operator.stamp, shelved_until=until, shelved_by=operator)
     return _covered(alarm, Input.SHELVE, operator, after)
 
 
@@ -302,7 +316,7 @@ def expire(alarm: Alarm, stamp: int) -> Transition:
     """
     after, what = alarm, Input.EXPIRE
     if alarm.serviced_until and not alarm.serviced_at <= stamp < alarm.serviced_until:
-        after = replace(after, out_of_service=False, serviced_at=0, serviced_until=0)
+        after = replace(after, out_of_service=False, serviced_at=0, serviced_until=0, serviced_by=None)
         what = Input.RETURN_TO_SERVICE
     if alarm.shelved_until and not alarm.shelved_at <= stamp < alarm.shelved_until:
         after = _unshelved(after)
@@ -322,7 +336,9 @@ def suppress(alarm: Alarm, operator: Operator, *, on: bool) -> Transition:
     if alarm.suppressed is on:
         raise AlarmRefusedError(f"{alarm.name}: it is {'suppressed already' if on else 'not suppressed'}")
     what = Input.SUPPRESS if on else Input.UNSUPPRESS
-    return _covered(alarm, what, operator, replace(alarm, suppressed=on))
+    return _covered(
+        alarm, what, operator, replace(alarm, suppressed=on, suppressed_by=operator if on else None)
+    )
 
 
 def maintain(alarm: Alarm, operator: Operator, *, on: bool, seconds: float = 0.0) -> Transition:
@@ -352,12 +368,13 @@ def maintain(alarm: Alarm, operator: Operator, *, on: bool, seconds: float = 0.0
         out_of_service=on,
         serviced_at=operator.stamp if timed else 0,
         serviced_until=operator.stamp + round(seconds * 1e9) if timed else 0,
+        serviced_by=operator if on else None,
     )
     return _covered(alarm, what, operator, after)
 
 
 def _unshelved(alarm: Alarm) -> Alarm:
-    return replace(alarm, shelved=False, shelved_at=0, shelved_until=0)
+    return replace(alarm, shelved=False, shelved_at=0, shelved_until=0, shelved_by=None)
 
 
 def _cover_actions(before: Alarm, after: Alarm) -> tuple[Action, ...]:
@@ -376,5 +393,5 @@ def _covered(before: Alarm, what: Input, operator: Operator, after: Alarm) -> Tr
 def _operated(
     before: Alarm, what: Input, operator: Operator, after: Alarm, actions: tuple[Action, ...]
 ) -> Transition:
-    after = replace(after, comment=operator.comment, changed_at=operator.stamp)
+    after = replace(after, changed_at=operator.stamp)
     return Transition(before, what, after, actions)

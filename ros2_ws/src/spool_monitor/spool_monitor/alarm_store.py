@@ -136,6 +136,8 @@ class AlarmStore:
             entry = {name: getattr(alarm, name) for name in _KEPT}
             # Earlier versions keep these of an event: so they can take the alarms up.
             entry |= {"message": "", "value": None, "unit": ""}
+            for name in ("shelved_by", "suppressed_by", "serviced_by"):
+                entry[name] = None if entry[name] is None else asdict(entry[name])
             if alarm.event is not None:
                 value, unit = alarm.event.quantity.value, alarm.event.quantity.unit
                 entry["event"] = serialised(asdict(alarm.event))

@@ -357,6 +357,9 @@ def to_alarm_message(alarm: Alarm, valve_id: str, language: Language) -> AlarmMe
         acknowledged_at=to_time(alarm.acknowledged_at),
         shelved_until=to_time(alarm.hidden_until),
     )
+    if alarm.hidden_by is not None:
+        message.hidden_by, message.hidden_comment = alarm.hidden_by.who, alarm.hidden_by.comment
+        message.hidden_at = to_time(alarm.hidden_by.stamp)
     message.value = math.nan
     if alarm.event is not None:
         message.event = to_event_message(alarm.event, valve_id, language)

@@ -224,6 +224,22 @@ def test_who_acknowledged_what_when_and_why_is_kept() -> None:
         Operator("  ", NOW)
 
 
+def test_an_acknowledgement_belongs_to_one_occurrence() -> None:
+    again = INPUTS[WARN](INPUTS[CLEAR](acknowledge(alarm(U), OPERATOR).after).after).after
+    assert (again.acknowledged_by, again.acknowledged_at, again.comment) == ("", 0, "")
+
+
+def test_each_name_and_comment_stands_with_its_own_act() -> None:
+    seen = acknowledge(alarm(U), OPERATOR).after
+    jan, mia = Operator("Jan", NOW + SECOND, "pump test"), Operator("Mia", NOW + 2 * SECOND, "new seal")
+    shelved = shelve(seen, jan, 600.0).after
+    served = maintain(shelved, mia, on=True).after
+    assert (served.acknowledged_by, served.comment) == ("Eva", "on my way")
+    assert (shelved.hidden_by, served.hidden_by) == (jan, mia)
+    assert maintain(served, OPERATOR, on=False).after.hidden_by == jan
+    assert unshelve(shelved, OPERATOR).after.hidden_by is None
+
+
 def test_a_newer_occurrence_is_not_acknowledged_unseen() -> None:
     first = INPUTS[WARN](alarm(N)).after
     grown = INPUTS[GROW](first).after

@@ -105,7 +105,8 @@ def test_each_field_of_an_alarm_has_its_own_value() -> None:
                 "namur": 5, "state": 7, "underlying": 3, "severity": 2, "occurrence": 6,
                 "value": 0.27, "unit": "1", "message": text, "event": {**EVENT, "message": text},
                 "raised_at": 2_000_000_013, "acknowledged_at": 5_000_000_017, "acknowledged_by": "Eva",
-                "comment": "cable", "shelved_until": 68_000_000_019,
+                "comment": "seen", "hidden_by": "Jan", "hidden_at": 8_000_000_019, "hidden_comment": "cable",
+                "shelved_until": 68_000_000_019,
             }
         ],
     }  # fmt: skip

@@ -187,8 +187,8 @@ def alarms_of(message: AlarmList | None) -> list[dict[str, Any]]:
             "texts": _texts(one),
             "raised": int(one.raised_at.sec) or None,
             "acknowledged": int(one.acknowledged_at.sec) or None,
-            "by": one.acknowledged_by[:_LONGEST],
-            "comment": one.comment[:_LONGEST],
+            "by": (one.hidden_by or one.acknowledged_by)[:_LONGEST],
+            "comment": (one.hidden_comment if one.hidden_by else one.comment)[:_LONGEST],
             "shelved_until": int(one.shelved_until.sec) or None,
         }
         for one in shown_alarms(message)

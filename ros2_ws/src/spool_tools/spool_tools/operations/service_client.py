@@ -301,6 +301,7 @@ def show_alarms(valve: str, *, every: bool, details: bool = False, language: str
         raised = datetime.fromtimestamp(one.raised_at.sec, timezone.utc)
         words += [f"raised {raised:%Y-%m-%d %H:%M:%S} UTC"] if one.raised_at.sec else []
         words += [f"acknowledged by {one.acknowledged_by}"] if one.acknowledged_by else []
+        words += [f"by {one.hidden_by}"] if one.hidden_by else []
         print(", ".join(words))
         if one.message:
             print(f"      {alarm_headline(one, chosen)}")

@@ -89,7 +89,7 @@ def alarm_row(alarm: Alarm, language: Language) -> tuple[Text, ...]:
         Text(state.name.lower().replace("_", " "), style="bold red" if waits else ""),
         Text(SEVERITIES.get(alarm.severity, "")),
         Text(raised if alarm.raised_at.sec else ""),
-        Text(alarm.acknowledged_by),
+        Text(alarm.hidden_by or alarm.acknowledged_by),
         Text(alarm_headline(alarm, language)),
     )
 
