@@ -105,7 +105,7 @@ class AlarmStatistics:
     Attributes:
         since, until: ends of the span, ns since 1970.
         count: alarms that were announced.
-        per_day, per_hour: means over the span.
+        per_day, per_hour: means over the part of the span that the journals cover.
         peak: most alarms in any 10 min.
         flood_share: share of the span in flood: from more than 10 alarms in 10 min to fewer than 5.
         frequent: the ten most frequent alarms.
@@ -139,8 +139,8 @@ class AlarmStatistics:
             "chattering": len(self.chattering),
             "stale": len(self.stale),
         }
-        # Ten alarms are all of them where there are ten or fewer.
-        few = self.count <= MOST_FREQUENT
+        # The ten most frequent are all of them where there are ten different ones or fewer.
+        few = sum(one.count for one in self.frequent) == self.count
         return tuple(
             name
             for name, value in values.items()
@@ -187,7 +187,9 @@ def statistics(journals: Mapping[str, Sequence[JournalEntry]], since: int, until
                 chattering.add((valve, one.alarm))
         stale |= {(valve, alarm) for alarm, begin in standing.items() if (until - begin) * _SECOND >= STALE}
     stamps = sorted(stamp for stamp, _, _ in announced)
-    days = (until - since) * _SECOND / DAY
+    first = min((entries[0].stamp for entries in journals.values() if entries), default=since)
+    # An hour at least: a rate of a few minutes is none.
+    days = max((until - max(first, since)) * _SECOND, HOUR) / DAY
     counts = Counter((valve, one.alarm) for _, valve, one in announced)
     codes = {(valve, one.alarm): one.code for _, valve, one in announced}
     total = len(announced)

@@ -70,14 +70,18 @@ class JournalEntry:
     unit: str = ""
     event: str = ""
 
+    @property
+    def said(self) -> Event | None:
+        """The event; ``None`` where none is kept, or it cannot be read."""
+        try:
+            return _EVENT.validate_python(json.loads(self.event)) if self.event else None
+        except (ValidationError, ValueError):
+            return None
+
     def headline(self, language: Language) -> str:
         """Return the headline in ``language``, in English where the event cannot be read."""
-        if self.event and language is not ENGLISH:
-            try:
-                return headline(_EVENT.validate_python(json.loads(self.event)), language)
-            except (ValidationError, ValueError):
-                pass
-        return self.text
+        found = self.said if language is not ENGLISH else None
+        return self.text if found is None else headline(found, language)
 
 
 _FIELDS = tuple(one.name for one in fields(JournalEntry))

@@ -226,8 +226,22 @@ def test_the_figures_are_those_counted_by_hand() -> None:
     assert found.chattering == (("a", "resonance"),)
     assert found.stale == (("a", "spring_change"),)
     assert found.by_severity == {"warning": 14}
-    assert found.beyond(AlarmLimits()) == ("peak", "frequent_share", "chattering")
-    assert found.beyond(AlarmLimits().changed(["peak=12", "chattering=1", "frequent_share=1"])) == ()
+    assert found.beyond(AlarmLimits()) == ("peak", "chattering")
+    assert found.beyond(AlarmLimits().changed(["peak=12", "chattering=1"])) == ()
+
+
+def test_the_ten_most_frequent_count_where_there_are_more_than_ten_different_ones() -> None:
+    many = by_valve(*(announced(f"valve_{place}", "resonance", 60.0 * place) for place in range(11)))
+    assert "frequent_share" in statistics(many, 0, 2 * DAY).beyond(AlarmLimits())
+    del many["valve_10"]
+    assert "frequent_share" not in statistics(many, 0, 2 * DAY).beyond(AlarmLimits())
+
+
+def test_rates_are_of_the_time_that_the_journals_cover() -> None:
+    day = by_valve(announced("a", "resonance", 86_400.0, 100_000.0))
+    assert statistics(day, 0, 2 * DAY).per_day == pytest.approx(2.0)
+    minutes = by_valve(announced("a", "resonance", 2 * 86_400.0 - 180.0, 2 * 86_400.0 - 60.0))
+    assert statistics(minutes, 0, 2 * DAY).per_hour == pytest.approx(2.0)
 
 
 @given(st.lists(st.integers(0, 5 * 3600), max_size=60))

@@ -15,6 +15,7 @@ from spool_tools.cli import main
 
 BEGIN = int(datetime(2026, 10, 1, tzinfo=timezone.utc).timestamp())
 DAY, SECOND = 86400, 1_000_000_000
+ADVICE = "Take an oil sample (ISO 4406), change the filter, flush, clean the spool"
 
 
 def valve(base: Path, name: str, rise: float, days: int = 31) -> Path:
@@ -65,7 +66,7 @@ def test_each_valve_has_its_line_and_open_alarms_come_first(
     assert page.index("<h2>press</h2>") < page.index(">right</th>") < page.index(">left</th>")
     assert page.index(">left</th>") < page.index("<h2>saw</h2>")
     left, right = cells(page, "left"), cells(page, "right")
-    assert left[:3] == ["1", "Friction drift (oil contamination) (1)", ""]
+    assert left[:3] == ["1", f"05 Oct: Friction drift (oil contamination). {ADVICE}", ""]
     assert left[3].startswith("0.101")
     assert "(+48 %)" in left[3]
     assert left[-2:] == ["743", "100 %"]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime, timezone
@@ -56,7 +55,8 @@ class ValveLine:
     Attributes:
         name: within its machine.
         count: alarms that were announced.
-        frequent: the most frequent one, and how often.
+        worst: the worst one: date, title and advice.
+        urgency: of the worst one, to sort by: severity, urgency, number.
         open: alarms that stand at the end of the month.
         courses: of each of :data:`PARAMETERS`.
         travel: way of the spool in the month, m.
@@ -66,7 +66,8 @@ class ValveLine:
 
     name: str
     count: int
-    frequent: str
+    worst: str
+    urgency: tuple[bool, int, int]
     open: str
     courses: tuple[Course, ...]
     travel: str
@@ -174,14 +175,18 @@ def _machine(
     digits = re.compile(r"\d+")  # valve_2 comes before valve_10
     ordered = sorted(
         lines,
-        key=lambda one: (not one.open, -one.count, digits.sub(lambda found: found[0].zfill(9), one.name)),
+        key=lambda one: (
+            not one.open,
+            *(-part for part in one.urgency),
+            digits.sub(lambda found: found[0].zfill(9), one.name),
+        ),
     )
     return Machine(name or "This machine", sentence, tuple(ordered))
 
 
 def _line(valve: str, path: Path, entries: Sequence[JournalEntry], begin: int, until: int) -> ValveLine:
     standing: dict[str, JournalEntry] = {}
-    announced: Counter[int] = Counter()
+    announced: list[JournalEntry] = []
     kinds = {}
     for one in entries:
         if one.state in ACTIVE:
@@ -189,12 +194,15 @@ def _line(valve: str, path: Path, entries: Sequence[JournalEntry], begin: int, u
         else:
             standing.pop(one.alarm, None)
         if one.action == "raise" and one.state in ACTIVE and begin * _SECOND <= one.stamp < until * _SECOND:
-            announced[one.code] += 1
+            announced.append(one)
         kinds[one.code] = one.alarm.partition("/")[0]
-    frequent = ""
+    worst, urgency = "", (False, 0, 0)
     if announced:
-        code, count = announced.most_common(1)[0]
-        frequent = f"{title(code, kinds[code], ENGLISH)} ({count})"
+        one = max(announced, key=lambda one: (*_urgency(one), -one.stamp))
+        urgency = *_urgency(one), len(announced)
+        day = datetime.fromtimestamp(one.stamp // _SECOND, timezone.utc)
+        advice = ENGLISH.event(one.code).advice
+        worst = f"{day:%d %b}: {title(one.code, kinds[one.code], ENGLISH)}. {advice[:1].upper()}{advice[1:]}"
     store = TrendStore(path, read_only=True)
     try:
         units = store.units()
@@ -208,14 +216,21 @@ def _line(valve: str, path: Path, entries: Sequence[JournalEntry], begin: int, u
     share = hours * HOUR / (until - begin)
     return ValveLine(
         name=_split(valve)[1],
-        count=announced.total(),
-        frequent=frequent,
+        count=len(announced),
+        worst=worst,
+        urgency=urgency,
         open=", ".join(title(one.code, kinds[one.code], ENGLISH) for one in standing.values()),
         courses=courses,
         travel=number(way[-1].maximum - way[0].minimum, 3) if way else "",
         data=f"{100 * min(1.0, share):.0f} %",
         share=share,
     )
+
+
+def _urgency(one: JournalEntry) -> tuple[bool, int]:
+    """Return whether the event is an alarm, and how soon somebody has to act."""
+    found = one.said
+    return one.severity == "alarm", 0 if found is None else int(found.facts.urgency)
 
 
 def _within(spans: Sequence[Span], until: int) -> list[Span]:
