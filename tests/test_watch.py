@@ -11,9 +11,10 @@ import pytest
 from rich.console import Console, Group
 from spool_core.events.language import ENGLISH
 from spool_monitor.listener import DRIFT, HeardValve
+from spool_monitor.shown import shown as shown_valve
 from spool_msgs.msg import ValveHealth
 from spool_tools.cli import main
-from spool_tools.operations.valve_rows import shown_condition
+from spool_tools.operations.valve_rows import SHOWN, valve_row
 
 if TYPE_CHECKING:
     from .conftest import System
@@ -40,12 +41,13 @@ def heard(level: int, judgement: str = "judged") -> HeardValve:
 def test_a_valve_is_shown_as_good_only_where_it_was_judged_lately(
     valve: HeardValve, now: float, word: str
 ) -> None:
-    assert shown_condition(valve, now).word == word
+    assert valve_row(valve, shown_valve(valve, now, 0.0))[1].plain.endswith(word)
 
 
 def test_marks_tell_conditions_without_colour() -> None:
     levels = (ValveHealth.LEVEL_OK, ValveHealth.LEVEL_WARNING, ValveHealth.LEVEL_ALARM, 0)
-    assert len({shown_condition(heard(level), 100.0).mark for level in levels}) == len(levels)
+    marks = {SHOWN[shown_valve(heard(level), 100.0, 0.0).state].mark for level in levels}
+    assert len(marks) == len(levels)
 
 
 def shown(picture: Group, line_width: int = 200) -> str:

@@ -340,7 +340,7 @@ class Streams:
                     channel.step()
                 if time.monotonic() - beat >= BEAT:
                     beat = time.monotonic()
-                    sign = encode("beat", {})
+                    sign = encode("beat", {"now": time.time()})
                     for reader in tuple(self._readers):
                         reader.offer(sign)
             except Exception as error:

@@ -11,16 +11,16 @@ from spool_core.node.diagnostics import key
 from spool_core.system import resident_memory
 from spool_core.uncertainty import Z_95
 from spool_monitor.listener import CONDITIONS, KEPT_COSTS, NO_WORD, WAITING, Cost, HeardValve
-from spool_msgs.msg import Alarm
+from spool_monitor.shown import ACTIVE, PUT_ASIDE, shown
 from starlette.requests import Request
 from starlette.responses import Response
 
-from spool_view.view import BAND, known, margin_of, shown_alarms
+from spool_view.view import BAND, known, margin_of
 
 CONTENT_TYPE = "text/plain; version=0.0.4; charset=utf-8"
 
-#: Numbers of the conditions: 0 is good, the worst is the highest.
-NUMBERS = {condition: number for number, condition in enumerate(reversed(CONDITIONS))}
+#: Numbers of the states: 0 is good, the worst is 7; 8: somebody put the alarms aside.
+NUMBERS = {condition: number for number, condition in enumerate((*reversed(CONDITIONS), PUT_ASIDE))}
 _LIST = ", ".join(f"{number} {name.replace('_', ' ')}" for name, number in NUMBERS.items())
 
 #: Type and help of each metric; those of estimates (:func:`estimates_name`) join them.
@@ -61,7 +61,6 @@ _UNITS = {
 MOST_ESTIMATES = 16
 
 _ESCAPES = str.maketrans({"\\": r"\\", '"': r"\"", "\n": r"\n"})
-_ACTIVE = (Alarm.STATE_UNACKNOWLEDGED, Alarm.STATE_ACKNOWLEDGED)
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,10 +132,10 @@ class _Samples:
 
 
 def _add_valve(found: _Samples, name: str, valve: HeardValve, now: float, unix_time: float) -> None:
-    condition, health, estimate = valve.condition(now), valve.health, valve.estimate
-    found.add("spool_valve_condition", NUMBERS[condition], valve=name)
-    for alarm in shown_alarms(valve.alarms):
-        for metric, states in (("spool_alarms_active", _ACTIVE), ("spool_alarms_waiting", WAITING)):
+    state, health, estimate = shown(valve, now, unix_time), valve.health, valve.estimate
+    found.add("spool_valve_condition", NUMBERS[state.state], valve=name)
+    for alarm in state.alarms:
+        for metric, states in (("spool_alarms_active", ACTIVE), ("spool_alarms_waiting", WAITING)):
             found.add(metric, int(alarm.state in states), valve=name, code=str(alarm.code))
     if health is not None:
         found.add("spool_health_timestamp_seconds", unix_time - (now - valve.health_at), valve=name)
@@ -149,7 +148,7 @@ def _add_valve(found: _Samples, name: str, valve: HeardValve, now: float, unix_t
     if valve.cost is not None and now - valve.cost.at <= KEPT_COSTS:
         found.add("spool_valve_cpu_seconds_total", valve.cost.processor_time, valve=name)
         found.add("spool_valve_resident_memory_bytes", valve.cost.memory, valve=name)
-    if health is None or condition == NO_WORD:  # the last message need not hold any more
+    if health is None or state.state == NO_WORD:  # the last message need not hold any more
         return
     found.add("spool_valve_namur_status", health.namur, valve=name)
     margin, band = margin_of(health), valve.limits.get(BAND)

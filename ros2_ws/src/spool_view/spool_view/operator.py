@@ -18,6 +18,7 @@ from typing import Any
 
 from spool_core.system import FILE_MODE, private_folder, restrict, write_durably
 from spool_monitor.listener import HeardValve
+from spool_monitor.shown import listed
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
@@ -34,7 +35,6 @@ from spool_view.acts import (
     acts_of,
 )
 from spool_view.metrics import Metrics
-from spool_view.view import shown_alarms
 
 #: Random bytes of a token: it can't be guessed.
 RANDOM = 32
@@ -133,7 +133,7 @@ class Operating:
             if status != 200
         ]
         text = "; ".join([f"{len(asked) - len(refused)} of {len(asked)}", *refused[:5]])
-        return _answer(409 if refused else 200, text)
+        return _answer(409 if len(refused) == len(asked) else 200, text)
 
     async def _asked(
         self, request: Request, read: Callable[[Any, Mapping[str, frozenset[str]]], list[Act]], most: int
@@ -145,7 +145,7 @@ class Operating:
         if not self._acts.take():
             return _answer(429, "too many acts in a short time: wait a few seconds")
         valves = list(self._desk.valves.values())
-        shown = {one.name: frozenset(alarm.name for alarm in shown_alarms(one.alarms)) for one in valves}
+        shown = {one.name: frozenset(alarm.name for alarm in listed(one.alarms)) for one in valves}
         try:
             return read(await _content(request, most), shown)
         except ActRefusedError as error:

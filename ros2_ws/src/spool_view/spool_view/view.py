@@ -16,7 +16,9 @@ from spool_core.events.language import LANGUAGES
 from spool_core.events.sentences import details, headline, title
 from spool_core.node.messages import from_event_message
 from spool_core.uncertainty import Z_95, interval, number
-from spool_monitor.listener import ENDS, NO_WORD, WAITING, HeardValve
+from spool_monitor.listener import ENDS, NO_WORD, HeardValve
+from spool_monitor.shown import listed
+from spool_monitor.shown import shown as shown_valve
 from spool_monitor.state_database import FILE, own_file
 from spool_monitor.state_file import valve_folder
 from spool_monitor.trend import KEPT, TrendStore, finest
@@ -33,8 +35,6 @@ _OTHERS = (
     "relative_displacement",
 )  # fmt: skip
 
-#: Alarms that are held of one valve at most; a monitor has about twenty.
-MOST = 60
 STATES = {
     getattr(Alarm, name): name.removeprefix("STATE_").lower()
     for name in (
@@ -91,12 +91,15 @@ def margin_of(health: Any) -> float | None:
 
 def row_of(valve: HeardValve, now: float) -> dict[str, Any]:
     """Return what the machine's page shows of ``valve`` at ``now`` (s, monotonic)."""
-    condition, health = valve.condition(now), valve.health
-    waiting = sum(alarm.state in WAITING for alarm in shown_alarms(valve.alarms))
+    found, health = shown_valve(valve, now, time.time()), valve.health
+    reason = found.reason
     row: dict[str, Any] = {
         "name": valve.name,
-        "condition": condition,
-        "waiting": waiting,
+        "condition": found.state,
+        "rank": found.rank[:2],
+        "reason": None if reason is None else reason.name[:_LONGEST],
+        "since": round(found.since) or None,
+        "waiting": found.waiting,
         "margin": None,
         "band": None,
         "letter": "",
@@ -104,9 +107,10 @@ def row_of(valve: HeardValve, now: float) -> dict[str, Any]:
         "natural": None,
         "summary": None,
     }
-    if health is None or condition == NO_WORD:
+    if health is None or found.state == NO_WORD:
         return row
-    row["letter"], band = LETTERS.get(health.namur, ""), valve.limits.get(BAND)
+    row["letter"] = LETTERS.get(health.namur if reason is None else reason.namur, "")
+    band = valve.limits.get(BAND)
     row["band"] = None if band is None else rounded(100.0 * band, 3)
     margin = margin_of(health)
     row["margin"] = None if margin is None else round(100.0 * margin)
@@ -162,12 +166,6 @@ def detail_of(valve: HeardValve, now: float) -> dict[str, Any]:
     return detail
 
 
-def shown_alarms(message: AlarmList | None) -> list[Alarm]:
-    """Return the alarms that are not normal, in their order, ``MOST`` of them at most."""
-    listed = [] if message is None else message.alarms
-    return [one for one in listed if one.state != Alarm.STATE_NORMAL][:MOST]
-
-
 def alarms_of(message: AlarmList | None) -> list[dict[str, Any]]:
     """Return the alarms that are shown, as browsers get them."""
     return [
@@ -189,9 +187,10 @@ def alarms_of(message: AlarmList | None) -> list[dict[str, Any]]:
             "acknowledged": int(one.acknowledged_at.sec) or None,
             "by": (one.hidden_by or one.acknowledged_by)[:_LONGEST],
             "comment": (one.hidden_comment if one.hidden_by else one.comment)[:_LONGEST],
+            "hidden": int(one.hidden_at.sec) or None,
             "shelved_until": int(one.shelved_until.sec) or None,
         }
-        for one in shown_alarms(message)
+        for one in listed(message)
     ]
 
 

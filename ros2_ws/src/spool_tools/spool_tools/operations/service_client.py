@@ -29,6 +29,7 @@ from spool_core.text import did_you_mean
 from spool_core.uncertainty import LEGEND, PLUS_MINUS, interval
 from spool_monitor.alarm import AlarmState
 from spool_monitor.listener import WAITING
+from spool_monitor.shown import listed
 from spool_msgs import srv
 from spool_msgs.msg import AlarmList, GapAnalysis
 from spool_report.outputs import write_file
@@ -292,11 +293,11 @@ def show_alarms(valve: str, *, every: bool, details: bool = False, language: str
         heard: list[AlarmList] = []
         node.create_subscription(AlarmList, f"/{valve}/alarms", heard.append, qos.state())
         until(node, lambda: bool(heard), f"{valve}/monitor")
-    listed = [one for one in heard[-1].alarms if every or one.state != AlarmState.NORMAL]
-    if not listed:
+    found = heard[-1].alarms if every else listed(heard[-1])
+    if not found:
         print(f"{valve}: no alarms")
         return 0
-    for one in listed:
+    for one in found:
         words = [f"{one.code:4}  {one.name}", AlarmState(one.state).name.lower().replace("_", " ")]
         raised = datetime.fromtimestamp(one.raised_at.sec, timezone.utc)
         words += [f"raised {raised:%Y-%m-%d %H:%M:%S} UTC"] if one.raised_at.sec else []
@@ -307,7 +308,7 @@ def show_alarms(valve: str, *, every: bool, details: bool = False, language: str
             print(f"      {alarm_headline(one, chosen)}")
             for line in alarm_details(one, chosen) if details else ():
                 print(f"        {line}")
-    return 1 if any(one.state in WAITING for one in listed) else 0
+    return 1 if any(one.state in WAITING for one in found) else 0
 
 
 def ask(valve: str, service: str, *, who: str, **fields: object) -> None:

@@ -12,6 +12,7 @@ from spool_core.events.sentences import details, headline
 from spool_core.node.messages import from_event_message
 from spool_core.uncertainty import with_interval
 from spool_monitor import listener
+from spool_monitor.shown import PUT_ASIDE, STATES, ShownValve
 from spool_msgs.msg import Alarm, HealthEvent, ModelEstimate, Quantity
 
 SEVERITIES = {HealthEvent.SEVERITY_WARNING: "warning", HealthEvent.SEVERITY_ALARM: "ALARM"}
@@ -21,6 +22,7 @@ _LOOKS = {
     listener.NO_WORD: ("NO WORD", "\u00d7", "bold magenta"),
     listener.STALE: ("STALE", "\u00d7", "bold magenta"),
     listener.WARNING: ("WARNING", "\u25c6", "bold yellow"),
+    PUT_ASIDE: ("PUT ASIDE", "\u25cb", "cyan"),
     listener.UNKNOWN: ("UNKNOWN", "?", "bold"),
     listener.LEARNING: ("LEARNING", "\u2026", "cyan"),
     listener.AT_REST: ("AT REST", "\u2013", "cyan"),
@@ -30,28 +32,22 @@ _LOOKS = {
 
 @dataclass(frozen=True, slots=True)
 class Shown:
-    """Condition as it is shown; lower ``rank`` is worse."""
+    """State as a terminal shows it."""
 
     word: str
     mark: str
     style: str
-    rank: int
 
 
-SHOWN = {name: Shown(*_LOOKS[name], rank) for rank, name in enumerate(listener.CONDITIONS)}
+SHOWN = {name: Shown(*_LOOKS[name]) for name in STATES}
 
 VALVE_COLUMNS = ("valve", "health", "shakes at", "natural", "stiffness", "viscous", "Coulomb", "says")
 ALARM_COLUMNS = ("alarm", "state", "severity", "since", "by", "says")
 
 
-def shown_condition(valve: listener.HeardValve, now: float) -> Shown:
-    """Return the condition of ``valve`` at ``now`` (s, monotonic)."""
-    return SHOWN[valve.condition(now)]
-
-
-def valve_row(valve: listener.HeardValve, now: float) -> tuple[Text, ...]:
-    """Return the cells of ``VALVE_COLUMNS`` for ``valve`` at ``now`` (s, monotonic)."""
-    condition = shown_condition(valve, now)
+def valve_row(valve: listener.HeardValve, found: ShownValve) -> tuple[Text, ...]:
+    """Return the cells of ``VALVE_COLUMNS`` for ``valve``, of which ``found`` is shown."""
+    condition = SHOWN[found.state]
     state = Text(f"{condition.mark} {condition.word}", style=condition.style)
     health = valve.health
     shakes = None if health is None else health.dominant_frequency
@@ -111,12 +107,6 @@ def event_line(event: HealthEvent, language: Language) -> str:
     return f"{SEVERITIES.get(event.severity, 'event')}: {said}" if raised else said
 
 
-def shown_alarms(valve: listener.HeardValve | None) -> list[Alarm]:
-    """Return the alarms of ``valve`` that are not normal, those that wait first."""
-    listed = [] if valve is None or valve.alarms is None else list(valve.alarms.alarms)
-    return [one for one in listed if one.state not in (Alarm.STATE_NORMAL, Alarm.STATE_UNKNOWN)]
-
-
-def line_of(valve: listener.HeardValve, now: float) -> str:
+def line_of(valve: listener.HeardValve, found: ShownValve) -> str:
     """Return the row of ``valve`` as a line, for where there is no terminal."""
-    return "  ".join(cell.plain for cell in valve_row(valve, now))
+    return "  ".join(cell.plain for cell in valve_row(valve, found))

@@ -17,6 +17,7 @@ from spool_core.events.language import Language
 from spool_core.events.sentences import language_of
 from spool_core.uncertainty import LEGEND
 from spool_monitor.listener import Listener
+from spool_monitor.shown import in_order, shown
 from spool_msgs.msg import HealthEvent
 
 from spool_tools.operations import valve_rows
@@ -96,14 +97,12 @@ class WatchNode:
 
 def picture(listener: WatchNode, language: Language) -> Group:
     """Return the valves, worst first, and below them their alarms in the same order."""
-    now = time.monotonic()
-    valves = sorted(
-        listener.valves.values(), key=lambda one: (valve_rows.shown_condition(one, now).rank, one.name)
-    )
+    now, unix_time = time.monotonic(), time.time()
+    valves = in_order(shown(one, now, unix_time) for one in listener.valves.values())
     table, alarms = Table(*valve_rows.VALVE_COLUMNS), Table("valve", *valve_rows.ALARM_COLUMNS)
     for valve in valves:
-        table.add_row(*valve_rows.valve_row(valve, now))
-        for alarm in valve_rows.shown_alarms(valve):
+        table.add_row(*valve_rows.valve_row(listener.valves[valve.name], valve))
+        for alarm in valve.alarms:
             alarms.add_row(valve.name, *valve_rows.alarm_row(alarm, language))
     nobody = "no valve is heard yet: is a monitor running, with the same ROS_DOMAIN_ID?"
     return Group(table, alarms, LEGEND if valves else nobody)
@@ -120,5 +119,6 @@ def _lines(listener: WatchNode, seconds: float | None, language: Language) -> No
         if time.monotonic() - last >= LINES:
             last = time.monotonic()
             for name in sorted(listener.valves):
-                print(valve_rows.line_of(listener.valves[name], last), flush=True)
+                valve = listener.valves[name]
+                print(valve_rows.line_of(valve, shown(valve, last, time.time())), flush=True)
         time.sleep(LOOK)

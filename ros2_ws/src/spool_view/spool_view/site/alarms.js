@@ -1,7 +1,7 @@
 // The list of alarms after ISA-18.2: sorted, filtered, grouped by common cause, with acts on many at a time.
 
 import { askFor } from "/static/acts.js";
-import { ago, clock, fill, language, make, operable, setText, texts } from "/static/text.js";
+import { ago, clock, fill, language, make, now, operable, setText, texts } from "/static/text.js";
 
 export const WAITING = ["unacknowledged", "returned_unacknowledged", "latched_unacknowledged"];
 const HIDDEN = ["shelved", "suppressed", "out_of_service"];
@@ -21,20 +21,23 @@ const SORTS = {
   valve: (a, b) => a[0].localeCompare(b[0], undefined, { numeric: true }),
 };
 
-/** The alarm that a valve's tile and the sentence speak of; undefined where nothing is to be done. */
-export function worstAlarm(list) {
-  return list.filter((alarm) => !HIDDEN.includes(alarm.state) && (waits(alarm) || alarm.state === "acknowledged"))
-    .sort((a, b) => priority(["", a]) - priority(["", b]))[0];
+/** The alarm that the state of a valve speaks of, as the server says; undefined where there is none. */
+export function reasonOf(row, list) {
+  return row.reason === null ? undefined : list.find((alarm) => alarm.name === row.reason);
 }
 
-/** Alarms of one cause at many valves within a minute become one entry; the others stay alone. */
+/** Alarms of one cause at many valves within a minute, and those put aside by one act, become one entry each. */
 export function grouped(entries) {
   const groups = [];
   const byCode = new Map();
+  const byAct = new Map();
   for (const entry of entries) {
-    if (!entry[1].common || HIDDEN.includes(entry[1].state)) groups.push([entry]);
+    const served = entry[1].state === "out_of_service" ? `${entry[0]} ${entry[1].by} ${entry[1].hidden}` : null;
+    if (served) byAct.set(served, [...(byAct.get(served) ?? []), entry]);
+    else if (!entry[1].common || HIDDEN.includes(entry[1].state)) groups.push([entry]);
     else byCode.set(entry[1].code, [...(byCode.get(entry[1].code) ?? []), entry]);
   }
+  groups.push(...byAct.values());
   for (const list of byCode.values()) {
     list.sort((a, b) => a[1].raised - b[1].raised);
     const runs = [];
@@ -73,7 +76,7 @@ export function showAlarms(place, entries, { withValve }) {
   const groups = grouped(wanted).map((group) => group.sort(SORTS[wishes.sort])).sort((a, b) => SORTS[wishes.sort](a[0], b[0]));
   const there = new Set(entries.map(([valve, alarm]) => keyOf(valve, alarm)));
   for (const key of selected) if (!there.has(key)) selected.delete(key);
-  const text = JSON.stringify([groups, wishes, [...selected], [...opened], Math.floor(Date.now() / 60000)]);
+  const text = JSON.stringify([groups, wishes, [...selected], [...opened], Math.floor(now() / 60)]);
   if (place.dataset.shown === text) return;
   place.dataset.shown = text;
   if (withValve && !place.querySelector(".alarm_controls")) place.replaceChildren(controls(place), make("p", { class: "note", id: "shown" }), make("div", { class: "alarm_table" }));
@@ -172,14 +175,14 @@ function groupRow(group, withValve, fresh) {
       opened.has(key) ? opened.delete(key) : opened.add(key);
       fresh();
     },
-  }, opened.has(key) ? "▾" : "▸", " ", fill(texts.common_cause, { n: new Set(group.map(([valve]) => valve)).size, title: first.texts[language]?.title ?? first.name }));
+  }, opened.has(key) ? "▾" : "▸", " ", first.state === "out_of_service" ? fill(texts.served, { n: group.length, valve: group[0][0] }) : fill(texts.common_cause, { n: new Set(group.map(([valve]) => valve)).size, title: titleOf(first) }));
   const cells = [
     make("th", { scope: "row", colspan: withValve ? 2 : 1 }, toggle),
-    make("td", { "data-label": c.state, class: waiting ? "waits" : null }, waiting ? "! " + fill(texts.waiting, { n: waiting }) : texts.states[first.state]),
+    make("td", { "data-label": c.state, class: waiting ? "waits" : null }, waiting ? "! " + fill(texts.waiting, { n: waiting }) : stateText(first)),
     make("td", { "data-label": c.severity }, texts.severities[first.severity] ?? first.severity),
-    make("td", { "data-label": c.since }, ago(first.raised)),
-    make("td"),
-    make("td", { "data-label": c.says, class: "says" }, first.texts[language]?.advice ?? ""),
+    make("td", { "data-label": c.since }, ago(first.hidden ?? first.raised)),
+    make("td", { "data-label": c.by }, ...doneBy(first)),
+    make("td", { "data-label": c.says, class: "says" }, first.hidden ? "" : first.texts[language]?.advice ?? ""),
   ];
   if (operable && withValve) cells.unshift(box(group.map(([valve, alarm]) => keyOf(valve, alarm)), texts.select, fresh));
   if (operable) cells.push(make("td"));
@@ -189,21 +192,33 @@ function groupRow(group, withValve, fresh) {
 function row(valve, alarm, withValve, fresh, inside) {
   const c = texts.columns;
   noteTarget(valve, alarm);
-  let state = texts.states[alarm.state] ?? alarm.state;
-  if (HIDDEN.includes(alarm.state)) state += alarm.shelved_until ? ", " + fill(texts.shelved_until, { time: clock(alarm.shelved_until) }) : alarm.state === "shelved" ? ", " + texts.until_over : "";
-  const comment = alarm.comment ? make("span", {}, " ", fill(texts.comment_is, { comment: alarm.comment })) : null;
   const cells = [
-    make("th", { scope: "row" }, alarm.letter ? make("span", { class: `letter ${alarm.letter}` }, alarm.letter) : null, ` ${alarm.code} ${alarm.name.replaceAll("_", " ")}`),
-    make("td", { "data-label": c.state, class: waits(alarm) ? "waits" : null, "data-state": alarm.state }, (waits(alarm) ? "! " : "") + state),
+    make("th", { scope: "row" }, alarm.letter ? make("span", { class: `letter ${alarm.letter}` }, alarm.letter) : null, ` ${alarm.code} ${titleOf(alarm)}`),
+    make("td", { "data-label": c.state, class: waits(alarm) ? "waits" : null, "data-state": alarm.state }, (waits(alarm) ? "! " : "") + stateText(alarm)),
     make("td", { "data-label": c.severity }, texts.severities[alarm.severity] ?? alarm.severity),
     make("td", { "data-label": c.since, title: clock(alarm.raised) }, ago(alarm.raised)),
-    make("td", { "data-label": c.by }, alarm.by, ...(comment ? [comment] : [])),
+    make("td", { "data-label": c.by }, ...doneBy(alarm)),
     make("td", { "data-label": c.says, class: "says" }, ...said(valve, alarm)),
   ];
   if (withValve) cells.splice(1, 0, make("td", { "data-label": c.valve }, make("a", { href: `/valve/${valve}` }, valve)));
   if (operable && withValve) cells.unshift(box([keyOf(valve, alarm)], `${texts.select}: ${valve}, ${alarm.name}`, fresh));
   if (operable) cells.push(make("td", { "data-label": c.acts }, ...buttons(valve, alarm)));
   return make("tr", { "data-alarm": alarm.name, class: inside ? "inside" : null }, ...cells);
+}
+
+/** What people call the alarm, as the events do. */
+export function titleOf(alarm) {
+  return alarm.texts[language]?.title ?? alarm.name.replaceAll("_", " ");
+}
+
+/** The state, and until when it is put aside. */
+export function stateText(alarm) {
+  const end = alarm.shelved_until ? ", " + fill(texts.shelved_until, { time: clock(alarm.shelved_until) }) : alarm.state === "shelved" ? ", " + texts.until_over : "";
+  return (texts.states[alarm.state] ?? alarm.state) + (HIDDEN.includes(alarm.state) ? end : "");
+}
+
+function doneBy(alarm) {
+  return alarm.comment ? [alarm.by, make("span", {}, " ", fill(texts.comment_is, { comment: alarm.comment }))] : [alarm.by];
 }
 
 /** The headline, and its details behind a switch that stays as the reader left it. */

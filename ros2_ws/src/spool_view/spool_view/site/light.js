@@ -2,10 +2,10 @@
 
 import { make, setText, texts } from "/static/text.js";
 
-export const ORDER = ["alarm", "no_word", "stale", "warning", "unknown", "learning", "at_rest", "good"];
+export const ORDER = ["alarm", "no_word", "stale", "warning", "put_aside", "unknown", "learning", "at_rest", "good"];
 /** Conditions that somebody has to look at; the others are normal operation. */
 export const ABNORMAL = ["alarm", "no_word", "stale", "warning", "unknown"];
-const SHAPES = { alarm: "▲", no_word: "∅", stale: "✕", warning: "◆", unknown: "?", learning: "…", at_rest: "–", good: "●" };
+const SHAPES = { alarm: "▲", no_word: "∅", stale: "✕", warning: "◆", put_aside: "○", unknown: "?", learning: "…", at_rest: "–", good: "●" };
 
 export function light(condition, letter = "") {
   const known = ORDER.includes(condition) ? condition : "unknown";

@@ -1,6 +1,6 @@
 // The machine: a sentence for the whole, a tile for each valve, worst first, and the alarms of all.
 
-import { showAlarms, showBanner, worstAlarm } from "/static/alarms.js";
+import { reasonOf, showAlarms, showBanner, stateText, titleOf } from "/static/alarms.js";
 import { marginPicture, sparkline } from "/static/drawing.js";
 import { ABNORMAL, announce, ORDER, setLight } from "/static/light.js";
 import { listen } from "/static/stream.js";
@@ -15,6 +15,7 @@ const rows = new Map();
 const shown = new Map();
 let alarms = {};
 let sparks = {};
+let lost = false;
 const place = document.getElementById("valves");
 const filter = document.getElementById("filter");
 
@@ -47,8 +48,7 @@ function tileOf(row, where) {
   }
   setText(found.margin, unknown ? "" : marginText(row.margin));
   found.tile.title = unknown ? row.name : `${row.name}: ${texts.columns.margin} ${marginText(row.margin)}`;
-  const worst = worstAlarm(alarms[row.name] ?? []);
-  setText(found.news, abnormal && worst ? `${worst.texts[language]?.title ?? ""}, ${ago(worst.raised)}` : "");
+  setText(found.news, news(row));
   const courses = sparks[row.name] ?? [];
   if (found.courses !== courses) {
     found.courses = courses;
@@ -57,22 +57,44 @@ function tileOf(row, where) {
   return found.tile;
 }
 
+/** Valves that need somebody, the one that needs it most first; the server ranks them. */
+function needy(wanted) {
+  const bad = wanted.filter((row) => ABNORMAL.includes(row.condition));
+  return bad.sort((a, b) => a.rank[0] - b.rank[0] || a.rank[1] - b.rank[1] || (b.since ?? 0) - (a.since ?? 0) || a.name.localeCompare(b.name, undefined, { numeric: true }));
+}
+
+/** What a tile says below the name of a valve. */
+function news(row) {
+  const reason = reasonOf(row, alarms[row.name] ?? []);
+  if (row.condition === "put_aside") return reason ? `${stateText(reason)}, ${reason.by}` : "";
+  if (row.condition === "no_word") return row.since ? ago(row.since) : "";
+  return reason ? `${titleOf(reason)}, ${ago(row.since)}` : "";
+}
+
+/** How many others need somebody, by their states: "4 others: 1 alarm, 3 warnings". */
+function others(bad) {
+  const numbers = new Map();
+  for (const row of bad) numbers.set(row.condition, (numbers.get(row.condition) ?? 0) + 1);
+  const parts = [...numbers].map(([one, n]) => `${n} × ${texts.conditions[one]}`);
+  return bad.length ? ` ${fill(texts.others, { n: bad.length, states: parts.join(", ") })}` : "";
+}
+
 /** One sentence for the whole: how many, what, where, what to do. */
 function sentence() {
-  const all = [...rows.values()];
-  const bad = all.filter((row) => ABNORMAL.includes(row.condition)).sort((a, b) => ORDER.indexOf(a.condition) - ORDER.indexOf(b.condition));
-  if (!all.length) return texts.no_valves;
-  const counts = { n: bad.length, total: all.length };
-  if (!bad.length) return fill(texts.all_good, counts);
-  const candidates = bad.map((row) => [row, worstAlarm(alarms[row.name] ?? [])]).filter(([, alarm]) => alarm);
-  const [row, alarm] = candidates[0] ?? [bad[0], null];
-  if (alarm) {
-    const own = alarm.texts[language] ?? {};
-    const capital = (text) => text && text[0].toUpperCase() + text.slice(1);
-    const words = { valve: row.name, title: own.title, since: ago(alarm.raised), advice: capital(own.advice), urgency: capital(own.urgency || texts.conditions[row.condition]) };
-    return fill(texts.sentence_alarm, { ...counts, ...words });
+  if (lost) return texts.lost_sentence;
+  if (!rows.size) return texts.no_valves;
+  const bad = needy([...rows.values()]);
+  if (!bad.length) return fill(texts.all_good, { total: rows.size });
+  const row = bad[0];
+  const reason = reasonOf(row, alarms[row.name] ?? []);
+  const capital = (text) => text && text[0].toUpperCase() + text.slice(1);
+  const words = { valve: row.name, state: texts.conditions[row.condition], since: row.since ? ago(row.since) : "" };
+  if (reason) {
+    const own = reason.texts[language] ?? {};
+    Object.assign(words, { title: titleOf(reason), advice: capital(own.advice ?? ""), urgency: capital(own.urgency || words.state) });
+    return fill(texts.sentence_alarm, words).trim() + others(bad.slice(1));
   }
-  return fill(texts.sentence_state, { ...counts, valve: row.name, state: texts.conditions[row.condition] });
+  return fill(row.condition === "no_word" ? texts.sentence_no_data : texts.sentence_state, words) + others(bad.slice(1));
 }
 
 function show() {
@@ -90,8 +112,7 @@ function tiles() {
   const wanted = [...rows.values()].filter((row) => row.name.toLowerCase().includes(wish));
   const rank = (row) => (rows.size <= MANY && ABNORMAL.includes(row.condition) ? ORDER.indexOf(row.condition) : ORDER.length);
   wanted.sort((a, b) => rank(a) - rank(b) || a.name.localeCompare(b.name, undefined, { numeric: true }));
-  const bad = wanted.filter((row) => ABNORMAL.includes(row.condition));
-  bad.sort((a, b) => ORDER.indexOf(a.condition) - ORDER.indexOf(b.condition));
+  const bad = needy(wanted);
   place.classList.toggle("many", rows.size > MANY);
   put(place, wanted.map((row) => tileOf(row, "place")));
   put(document.getElementById("worst"), rows.size > MANY ? bad.slice(0, WORST).map((row) => tileOf(row, "worst")) : []);
@@ -126,6 +147,7 @@ export function start() {
   filter?.addEventListener("input", show);
   listen("/stream/machine", {
     machine: (data) => {
+      lost = false;
       if (data.whole) {
         rows.clear();
         alarms = {};
@@ -139,8 +161,9 @@ export function start() {
       show();
     },
   }, () => {
-    for (const row of rows.values()) Object.assign(row, { condition: "no_word", margin: null, shakes: null, natural: null, summary: null, letter: "" });
-    if (rows.size) show();
+    lost = true;
+    for (const row of rows.values()) Object.assign(row, { condition: "no_word", reason: null, since: null, margin: null, shakes: null, natural: null, summary: null, letter: "" });
+    show();
   });
   if (place) {
     loadSparks();

@@ -1,6 +1,6 @@
 // The stream of events: what is not heard for a while is not believed.
 
-import { setText, texts } from "/static/text.js";
+import { setText, setTime, texts } from "/static/text.js";
 
 const SILENT = 5000;
 
@@ -13,7 +13,7 @@ export function listen(path, handlers, lost) {
   const open = () => {
     source?.close();
     source = new EventSource(path);
-    for (const [name, handle] of Object.entries({ beat: () => {}, ...handlers })) {
+    for (const [name, handle] of Object.entries({ beat: (data) => setTime(data.now), ...handlers })) {
       source.addEventListener(name, (event) => {
         heard = performance.now();
         if (!believed) {

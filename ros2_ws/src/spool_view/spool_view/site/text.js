@@ -28,6 +28,19 @@ export function nameOf(name) {
   return texts[name] ?? name.replaceAll("_", " ");
 }
 
+/** s by which the clock of the page's server is ahead of this computer's. */
+let ahead = 0;
+/** Seconds since 1970 by the server's clock. */
+export const now = () => Date.now() / 1000 + ahead;
+
+/** Take the server's time; say where this computer's clock differs. */
+export function setTime(seconds) {
+  if (Math.abs(now() - seconds) > 1) ahead = seconds - Date.now() / 1000;
+  const place = document.getElementById("clock");
+  const zone = Intl.DateTimeFormat().resolvedOptions().timeZone;
+  if (place) setText(place, fill(Math.abs(ahead) > 5 ? texts.clocks_differ : texts.zone, { zone, n: Math.round(Math.abs(ahead)) }));
+}
+
 /** Day first and 24 h in every language of the page. */
 export const LOCALE = { en: "en-GB", de: "de-DE", pl: "pl-PL" }[language];
 
@@ -38,10 +51,10 @@ export function clock(seconds) {
 /** How long ago, and when: "for 12 min, since 18:35"; with the date where it was not today. */
 export function ago(seconds) {
   if (!seconds) return "";
-  const passed = Math.max(0, Date.now() / 1000 - seconds);
+  const passed = Math.max(0, now() - seconds);
   const unit = passed < 60 ? ["s", 1] : passed < 5400 ? ["min", 60] : passed < 172800 ? ["h", 3600] : ["d", 86400];
   const since = new Date(1000 * seconds);
-  const today = since.toDateString() === new Date().toDateString();
+  const today = since.toDateString() === new Date(1000 * now()).toDateString();
   const time = since.toLocaleString(LOCALE, { ...(today ? {} : { day: "2-digit", month: "2-digit" }), hour: "2-digit", minute: "2-digit", hourCycle: "h23" });
   return fill(texts.for_since, { n: unit[0] === "s" ? Math.floor(passed) : Math.round(passed / unit[1]), unit: texts.units[unit[0]], time });
 }

@@ -1,12 +1,12 @@
 // A valve's page: what is wrong and what to do, margin, parameters, spectrum and trend on one screen; details below.
 
 import { actButton } from "/static/acts.js";
-import { buttons, showAlarms, showBanner, worstAlarm } from "/static/alarms.js";
+import { buttons, reasonOf, showAlarms, showBanner, stateText, titleOf } from "/static/alarms.js";
 import { aimTrend, fillWaterfall, showSpectrum, startTrend } from "/static/charts.js";
 import { gauge, marginPicture } from "/static/drawing.js";
 import { announce, setLight } from "/static/light.js";
 import { listen } from "/static/stream.js";
-import { ago, clock, digits, fill, language, make, nameOf, operable, quantity, setText, texts, valve } from "/static/text.js";
+import { ago, clock, digits, fill, language, make, nameOf, now, operable, quantity, setText, texts, valve } from "/static/text.js";
 
 const byId = (id) => document.getElementById(id);
 let before = null;
@@ -19,7 +19,7 @@ function once(id, data, build) {
   const text = JSON.stringify(data);
   if (shown[id] === text) return;
   shown[id] = text;
-  byId(id).replaceChildren(...build());
+  byId(id).replaceChildren(...build().filter((one) => one !== null));
 }
 
 function card(name, text, id) {
@@ -67,9 +67,11 @@ function estimateRow(one, compared) {
 
 /** The alarm that counts most: what it is, what to do, since when, value then and now, and whether its detector judges. */
 function headline(data) {
-  const worst = worstAlarm(data.alarms);
+  const worst = reasonOf(data, data.alarms);
+  if (data.condition === "no_word") return [make("p", { class: "what" }, fill(texts.no_data, { since: data.since ? ago(data.since) : "" }))];
   if (!worst) return [];
-  const own = worst.texts[language] ?? { title: worst.name, advice: "", urgency: "", headline: "" };
+  if (data.condition === "put_aside") return [make("p", { class: "what" }, make("strong", {}, titleOf(worst)), ` ${stateText(worst)}, ${worst.by}, ${ago(data.since)} `, worst.comment)];
+  const own = worst.texts[language] ?? { title: titleOf(worst), advice: "", urgency: "", headline: "" };
   const now = data.estimate?.parameters.find((one) => one.name === worst.parameter);
   const parts = [
     make("p", { class: "what" }, make("span", { class: `letter ${worst.letter}` }, worst.letter || "!"), " ", make("strong", {}, own.title), " ", make("span", { class: "note" }, `${texts.number} ${worst.code}, ${ago(worst.raised)}`)),
@@ -121,9 +123,9 @@ function show(data) {
   setText(byId("summary"), data.summary ?? "");
   natural = data.resonance?.natural.value ?? null;
   band = data.resonance?.band ?? null;
-  const minute = Math.floor(Date.now() / 10000);
-  once("headline", [data.alarms, data.estimate, data.judgements, minute], () => headline(data));
-  const worst = worstAlarm(data.alarms);
+  const minute = Math.floor(now() / 10);
+  once("headline", [data.condition, data.since, data.alarms, data.estimate, data.judgements, minute], () => headline(data));
+  const worst = reasonOf(data, data.alarms);
   const limits = (name) => data.estimate?.parameters.find((one) => one.name === name) ?? null;
   aimTrend(limits(worst?.parameter) ? worst.parameter : "", worst?.raised ?? 0, data.alarms.map((alarm) => alarm.raised).filter(Boolean), limits);
   showBanner(data.alarms.map((alarm) => [valve, alarm]));
@@ -149,7 +151,7 @@ export function start() {
     waterfall: (data) => fillWaterfall(data, natural),
     spectrum: (data) => showSpectrum(data, natural, band),
   }, () => {
-    if (last) show({ ...last, condition: "no_word", summary: null, resonance: null, judgements: [], estimate: last.estimate && { ...last.estimate, state: "stale" } });
+    if (last) show({ ...last, condition: "no_word", reason: null, since: null, summary: null, resonance: null, judgements: [], estimate: last.estimate && { ...last.estimate, state: "stale" } });
     else setLight(byId("light"), "no_word");
     setText(byId("spectrum_text"), texts.no_samples);
   });

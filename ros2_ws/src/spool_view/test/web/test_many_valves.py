@@ -107,7 +107,10 @@ def test_one_abnormal_valve_comes_first_and_the_sentence_says_what_to_do(
     contaminated = alarm_of(202, "friction_drift", "oil_contamination", parameter="coulomb_force")
     assert valve.health is not None
     valve.health.level, valve.health.namur = ValveHealth.LEVEL_ALARM, ValveHealth.NAMUR_MAINTENANCE_REQUIRED
-    valve.alarms = AlarmList(alarms=[contaminated])
+    contaminated.namur = ValveHealth.NAMUR_MAINTENANCE_REQUIRED
+    over = alarm_of(801, "stale", raised=NOW + 1)
+    over.state = Alarm.STATE_RETURNED_UNACKNOWLEDGED
+    valve.alarms = AlarmList(alarms=[over, contaminated])
     page = open_page(address, width=1280, height=900)
     page.wait_for_selector(
         "#worst .tile:first-child[data-valve='press_5/valve_7'] .light.alarm[data-letter=M]"
@@ -115,8 +118,34 @@ def test_one_abnormal_valve_comes_first_and_the_sentence_says_what_to_do(
     sentence = page.inner_text("#sentence")
     assert sentence.startswith("Soon: Friction drift (oil contamination) in press_5/valve_7, for ")
     assert "Take an oil sample" in sentence
-    assert sentence.endswith("(1 of 100 valves)")
-    assert page.inner_text("#banner") == "1 to acknowledge"
+    assert "others" not in sentence
+    assert page.inner_text("#banner") == "2 to acknowledge"
+    assert page.inner_text("#worst .tile:first-child .news").startswith(
+        "Friction drift (oil contamination), "
+    )
+    page.goto(f"{address}valve/press_5/valve_7")
+    page.wait_for_selector("#headline strong >> text=Friction drift (oil contamination)")
+    assert "null" not in page.inner_text("#headline")
+
+
+def test_an_act_of_maintenance_is_one_row_that_says_who_and_until_when(
+    machine: tuple[Station, str], open_page: Callable[..., Any]
+) -> None:
+    station, address = machine
+    valve = station.desk.valves["press_2/valve_3"]
+    kinds = [(301, "spring_change", "softer"), (100, "resonance", ""), (201, "friction_drift", "wear")]
+    valve.alarms = AlarmList(alarms=[alarm_of(*kind) for kind in kinds])
+    for one in valve.alarms.alarms:
+        one.state, one.hidden_by, one.hidden_comment = Alarm.STATE_OUT_OF_SERVICE, "Jan", "new seal"
+        one.hidden_at.sec, one.shelved_until.sec = NOW, NOW + 3600
+    page = open_page(address, width=1280, height=900)
+    page.wait_for_selector(".tile[data-valve='press_2/valve_3'] .light.put_aside")
+    assert len(page.query_selector_all("#alarms tbody tr")) == 1
+    row = page.inner_text("#alarms tbody tr")
+    assert "press_2/valve_3: 3 alarms out of service" in row
+    assert "Jan" in row
+    assert "new seal" in row
+    assert page.inner_text("#sentence").startswith("No valve needs attention")
 
 
 def test_forty_of_312_alarms_are_acknowledged_once_with_one_comment(

@@ -71,7 +71,7 @@ def test_all_of_a_valve_is_served_in_base_units() -> None:
             series = f"spool_estimate_{unit}{{bound={bound},parameter={name},valve=valve_1}}"
             assert of_valve.pop(series) == pytest.approx(value + times * deviation, abs=1e-4 * deviation)
     assert of_valve == {
-        "spool_valve_condition{valve=valve_1}": 0.0,
+        "spool_valve_condition{valve=valve_1}": 7.0,
         "spool_valve_namur_status{valve=valve_1}": 4.0,
         "spool_resonance_band_ratio{valve=valve_1}": 0.1,
         "spool_alarms_active{code=100,valve=valve_1}": 2.0,

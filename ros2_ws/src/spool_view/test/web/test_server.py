@@ -62,7 +62,7 @@ def read_until(one: socket.socket, mark: bytes) -> bytes:
 
 def test_a_stream_begins_with_all_and_goes_on_with_changes(served: Served) -> None:
     with served.connect("/stream/machine") as one:
-        assert b'"condition":"good"' in read_until(one, b'"whole":true')
+        assert b'"condition":"alarm"' in read_until(one, b'"whole":true')
         # The stand-in monitor has said its last word: nothing is known any more.
         assert b'"condition":"no_word"' in read_until(one, b'"whole":false')
         read_until(one, b"event: beat")

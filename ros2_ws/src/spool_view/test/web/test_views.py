@@ -18,9 +18,10 @@ from spool_core.uncertainty import Validity
 from spool_estimator.estimate import Estimate, State
 from spool_monitor.detectors import DETECTORS, JUDGEMENT_TEXTS, MonitorSettings
 from spool_monitor.journal import Journal, JournalEntry
-from spool_monitor.listener import CONDITIONS, DRIFT, HeardValve, bounds_of, condition_of
+from spool_monitor.listener import DRIFT, HeardValve, bounds_of, condition_of
 from spool_monitor.monitor import Monitor
 from spool_monitor.monitor_node import condition_status
+from spool_monitor.shown import MOST, STATES
 from spool_monitor.state_database import FILE
 from spool_monitor.state_file import valve_folder
 from spool_monitor.trend import Sums, TrendStore
@@ -29,7 +30,7 @@ from spool_msgs.srv import ManageBaseline
 from spool_view.acts import RateLimit
 from spool_view.application import LANGUAGES, SITE, language_of
 from spool_view.kept import history, limits_of
-from spool_view.view import AT_REST, MOST, alarms_of, detail_of, row_of, shown, spectrum_of, trend_of
+from spool_view.view import AT_REST, alarms_of, detail_of, row_of, shown, spectrum_of, trend_of
 
 from .conftest import alarm, good_health, quantity, tracking
 
@@ -148,7 +149,8 @@ def test_browsers_get_every_value_of_a_valve() -> None:
     detail = detail_of(one, 100.0)
     estimate, resonance = detail.pop("estimate"), detail.pop("resonance")
     assert detail == {
-        "name": "v", "condition": "good", "waiting": 0, "margin": -20, "band": 15.0, "letter": "C",
+        "name": "v", "condition": "good", "rank": (8, 0), "reason": None, "since": None,
+        "waiting": 0, "margin": -20, "band": 15.0, "letter": "C",
         "shakes": "24.0", "natural": "30.0", "summary": "wears", "alarms": [],
         "judgements": ["resonance: judged", "friction_drift: judged", "spring_change: judged"],
         "baseline": {"version": 4, "stage": "frozen", "valve_id": "A-12", "oil": "HL68", "frozen_by": "Eva"},
@@ -264,7 +266,7 @@ def test_both_languages_say_everything() -> None:
 
     texts = [json.loads((SITE / f"texts_{code}.json").read_text(encoding="utf-8")) for code in LANGUAGES]
     assert keys(texts[0]) == keys(texts[1])
-    assert set(texts[0]["conditions"]) == set(texts[0]["meanings"]) == set(CONDITIONS)
+    assert set(texts[0]["conditions"]) == set(texts[0]["meanings"]) == set(STATES)
 
 
 def test_a_rate_is_limited_after_a_burst_and_recovers() -> None:
