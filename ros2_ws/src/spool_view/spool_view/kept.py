@@ -30,7 +30,7 @@ from spool_view.operator import Desk
 from spool_view.view import RANGES, rounded, trend_of
 
 #: Parameters whose last hour a tile shows.
-SPARKS = ("coulomb_force", "viscous_coefficient", "natural_frequency")
+SPARKS = ("natural_frequency", "viscous_coefficient", "coulomb_force")
 HOUR = 3600
 #: s that sparklines are held: the monitor writes a value a minute.
 HELD = 30.0

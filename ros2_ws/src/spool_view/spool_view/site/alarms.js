@@ -1,7 +1,7 @@
 // The list of alarms after ISA-18.2: sorted, filtered, grouped by common cause, with acts on many at a time.
 
 import { askFor } from "/static/acts.js";
-import { ago, clock, fill, language, make, now, operable, setText, texts } from "/static/text.js";
+import { ago, clock, fill, language, make, now, operable, setText, soon, texts } from "/static/text.js";
 
 export const WAITING = ["unacknowledged", "returned_unacknowledged", "latched_unacknowledged"];
 const HIDDEN = ["shelved", "suppressed", "out_of_service"];
@@ -14,7 +14,9 @@ const selected = new Set();
 const wishes = { sort: "priority", words: "", letter: "", state: "" };
 
 const waits = (alarm) => WAITING.includes(alarm.state);
-const priority = ([, alarm]) => (HIDDEN.includes(alarm.state) ? 100 : 0) + (waits(alarm) ? 0 : 10) - (alarm.severity === "alarm" ? 5 : 0) - (alarm.urgency ?? 0);
+const ACTIVE = ["unacknowledged", "acknowledged"];
+/** What stands comes before what is over, that before what is put aside; then the worst first. */
+const priority = ([, alarm]) => (HIDDEN.includes(alarm.state) ? 200 : ACTIVE.includes(alarm.state) ? 0 : 100) - (alarm.severity === "alarm" ? 40 : 0) - 4 * (alarm.urgency ?? 0) - (waits(alarm) ? 1 : 0);
 const SORTS = {
   priority: (a, b) => priority(a) - priority(b) || b[1].raised - a[1].raised,
   time: (a, b) => b[1].raised - a[1].raised,
@@ -200,7 +202,7 @@ function row(valve, alarm, withValve, fresh, inside) {
     make("td", { "data-label": c.by }, ...doneBy(alarm)),
     make("td", { "data-label": c.says, class: "says" }, ...said(valve, alarm)),
   ];
-  if (withValve) cells.splice(1, 0, make("td", { "data-label": c.valve }, make("a", { href: `/valve/${valve}` }, valve)));
+  if (withValve) cells.splice(1, 0, make("td", { "data-label": c.valve }, make("a", { href: `/valve/${valve}` }, ...valve.split(/(?<=[/_])/).flatMap((part) => [part, make("wbr")]))));
   if (operable && withValve) cells.unshift(box([keyOf(valve, alarm)], `${texts.select}: ${valve}, ${alarm.name}`, fresh));
   if (operable) cells.push(make("td", { "data-label": c.acts }, ...buttons(valve, alarm)));
   return make("tr", { "data-alarm": alarm.name, class: inside ? "inside" : null }, ...cells);
@@ -213,7 +215,7 @@ export function titleOf(alarm) {
 
 /** The state, and until when it is put aside. */
 export function stateText(alarm) {
-  const end = alarm.shelved_until ? ", " + fill(texts.shelved_until, { time: clock(alarm.shelved_until) }) : alarm.state === "shelved" ? ", " + texts.until_over : "";
+  const end = alarm.shelved_until ? ", " + fill(texts.shelved_until, { time: soon(alarm.shelved_until) }) : alarm.state === "shelved" ? ", " + texts.until_over : "";
   return (texts.states[alarm.state] ?? alarm.state) + (HIDDEN.includes(alarm.state) ? end : "");
 }
 

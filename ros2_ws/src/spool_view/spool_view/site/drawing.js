@@ -1,5 +1,7 @@
 // Pictures of numbers as SVG: gauge of an estimate, margin to resonance, trend of the last hour. Grey while normal.
 
+import { digits, make } from "/static/text.js";
+
 const SVG = "http://www.w3.org/2000/svg";
 
 function part(tag, attributes) {
@@ -73,6 +75,20 @@ export function sparkline(one, label) {
     const gap = i === 0 || one.start[i] - one.start[i - 1] > 90;
     path += `${gap ? "M" : "L"}${x(one.start[i])} ${y(value)}`;
   });
-  picture.append(part("path", { class: "course" + outside, d: path }), part("circle", { class: "dot" + outside, cx: x(one.start.at(-1)), cy: y(last), r: 1.6 }));
+  picture.append(part("path", { class: "course" + outside, d: path }));
   return picture;
+}
+
+/** Name, place between the limits of the monitor, and change against the healthy valve of the newest value of a course. */
+export function meter(one, name) {
+  const value = one.mean.at(-1);
+  const [low, high] = [one.low, one.high];
+  const place = known(value) && known(low) && known(high) && high > low ? Math.max(2, Math.min(98, 30 + (40 * (value - low)) / (high - low))) : null;
+  const change = known(value) && one.baseline ? 100 * (value / one.baseline - 1) : null;
+  const text = change === null ? "–" : `${change < 0 ? "−" : "+"}${digits(Math.abs(change).toFixed(Math.abs(change) < 9.95 ? 1 : 0))} %`;
+  const picture = part("svg", { class: "scale", viewBox: "0 0 100 10", preserveAspectRatio: "none", "aria-hidden": "true" });
+  picture.append(part("rect", { class: "whole", x: 0, y: 2, width: 100, height: 6 }), part("rect", { class: "within", x: 30, y: 2, width: 40, height: 6 }));
+  if (place !== null) picture.append(part("rect", { class: "dot", x: place - 1.5, y: 0, width: 3, height: 10 }));
+  const outside = place !== null && (value < low || value > high);
+  return make("span", { class: outside ? "meter outside" : "meter" }, make("span", { class: "label" }, name), picture, make("span", { class: "change" }, text));
 }

@@ -7,6 +7,8 @@ export const ORDER = ["alarm", "no_word", "stale", "warning", "put_aside", "unkn
 export const ABNORMAL = ["alarm", "no_word", "stale", "warning", "unknown"];
 const SHAPES = { alarm: "▲", no_word: "∅", stale: "✕", warning: "◆", put_aside: "○", unknown: "?", learning: "…", at_rest: "–", good: "●" };
 
+export const mark = (condition) => SHAPES[condition] ?? "?";
+
 export function light(condition, letter = "") {
   const known = ORDER.includes(condition) ? condition : "unknown";
   const mark = ABNORMAL.includes(known) && letter ? ` ${letter}` : "";

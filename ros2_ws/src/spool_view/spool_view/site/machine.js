@@ -1,14 +1,16 @@
 // The machine: a sentence for the whole, a tile for each valve, worst first, and the alarms of all.
 
 import { reasonOf, showAlarms, showBanner, stateText, titleOf } from "/static/alarms.js";
-import { marginPicture, sparkline } from "/static/drawing.js";
-import { ABNORMAL, announce, ORDER, setLight } from "/static/light.js";
+import { meter, sparkline } from "/static/drawing.js";
+import { ABNORMAL, announce, mark, ORDER, setLight } from "/static/light.js";
 import { listen } from "/static/stream.js";
 import { ago, digits, fill, language, make, nameOf, setText, texts } from "/static/text.js";
 
 const AGAIN = 60000;
 /** Valves above which tiles are small, so that a hundred fit a screen. */
 const MANY = 24;
+/** Valves up to which tiles fill the screen, to be read from three metres. */
+const FEW = 4;
 /** Tiles of the worst valves that are shown above the others then. */
 const WORST = 10;
 const rows = new Map();
@@ -30,29 +32,25 @@ function tileOf(row, where) {
   let found = shown.get(key);
   if (!found) {
     const [machine, own] = [row.name.split("/").slice(0, -1).join("/"), row.name.split("/").at(-1)];
-    found = { light: make("span"), picture: make("span", { class: "margin_place" }), margin: make("span", { class: "margin_text" }), sparks: make("span", { class: "sparks" }), news: make("span", { class: "news" }) };
-    const name = make("span", { class: "name" }, machine ? make("span", { class: "machine_name" }, make("bdi", { dir: "ltr" }, machine + "/")) : null, make("wbr"), make("b", {}, own));
-    found.tile = make("a", { class: "tile", href: `/valve/${row.name}`, "data-valve": row.name }, make("span", { class: "head" }, found.light, name), found.news, make("span", { class: "margin_row" }, found.picture, found.margin), found.sparks);
+    found = { light: make("span"), meters: make("span", { class: "meters" }), course: make("span", { class: "course_place" }), news: make("span", { class: "news" }), margin: make("span", { class: "margin_text" }) };
+    // A long name is cut in its middle: its end tells valves of one machine apart.
+    const name = make("span", { class: "name" }, machine ? make("span", { class: "machine_name" }, machine + "/") : null, make("b", {}, make("span", { class: "begin" }, own.slice(0, -10)), make("span", { class: "end" }, own.slice(-10))));
+    found.tile = make("a", { class: "tile", href: `/valve/${row.name}`, "data-valve": row.name }, make("span", { class: "head" }, name, found.light), found.news, found.meters, found.course, found.margin);
     shown.set(key, found);
   }
-  const abnormal = ABNORMAL.includes(row.condition);
-  found.tile.dataset.abnormal = String(abnormal);
-  found.tile.dataset.blind = String(["stale", "no_word"].includes(row.condition));
+  found.tile.dataset.abnormal = String(ABNORMAL.includes(row.condition));
+  found.tile.dataset.condition = row.condition;
   setLight(found.light, row.condition, row.letter);
-  const unknown = row.condition === "no_word";
-  const state = JSON.stringify([row.margin, row.band, unknown]);
-  if (found.state !== state) {
-    found.state = state;
-    const picture = marginPicture(unknown ? null : row.margin, row.band, found.picture.firstChild);
-    if (!found.picture.firstChild) found.picture.append(picture);
-  }
-  setText(found.margin, unknown ? "" : marginText(row.margin));
-  found.tile.title = unknown ? row.name : `${row.name}: ${texts.columns.margin} ${marginText(row.margin)}`;
+  found.tile.title = row.name;
+  setText(found.margin, row.margin === null ? "" : `${texts.columns.margin}: ${marginText(row.margin)}`);
   setText(found.news, news(row));
   const courses = sparks[row.name] ?? [];
-  if (found.courses !== courses) {
-    found.courses = courses;
-    found.sparks.replaceChildren(...courses.map((one) => sparkline(one, `${nameOf(one.name)}: ${texts.last_hour}`)));
+  const warns = reasonOf(row, alarms[row.name] ?? [])?.parameter ?? "";
+  if (found.courses !== courses || found.warns !== warns) {
+    Object.assign(found, { courses, warns });
+    found.meters.replaceChildren(...courses.map((one) => meter(one, texts.meters[one.name] ?? nameOf(one.name))));
+    const one = courses.find((course) => course.name === warns) ?? (warns === "spring_stiffness" ? courses[0] : courses.at(-1));
+    found.course.replaceChildren(...(one ? [sparkline(one, `${nameOf(one.name)}: ${texts.last_hour}`)] : []));
   }
   return found.tile;
 }
@@ -76,31 +74,34 @@ function others(bad) {
   const numbers = new Map();
   for (const row of bad) numbers.set(row.condition, (numbers.get(row.condition) ?? 0) + 1);
   const parts = [...numbers].map(([one, n]) => `${n} × ${texts.conditions[one]}`);
-  return bad.length ? ` ${fill(texts.others, { n: bad.length, states: parts.join(", ") })}` : "";
+  return bad.length ? fill(texts.others, { n: bad.length, states: parts.join(", ") }) : "";
 }
 
 /** One sentence for the whole: how many, what, where, what to do. */
 function sentence() {
-  if (lost) return texts.lost_sentence;
-  if (!rows.size) return texts.no_valves;
+  if (lost) return [["what", texts.lost_sentence]];
+  if (!rows.size) return [["what", texts.no_valves]];
   const bad = needy([...rows.values()]);
-  if (!bad.length) return fill(texts.all_good, { total: rows.size });
+  if (!bad.length) return [["what", fill(texts.all_good, { total: rows.size })]];
   const row = bad[0];
   const reason = reasonOf(row, alarms[row.name] ?? []);
   const capital = (text) => text && text[0].toUpperCase() + text.slice(1);
   const words = { valve: row.name, state: texts.conditions[row.condition], since: row.since ? ago(row.since) : "" };
   if (reason) {
     const own = reason.texts[language] ?? {};
-    Object.assign(words, { title: titleOf(reason), advice: capital(own.advice ?? ""), urgency: capital(own.urgency || words.state) });
-    return fill(texts.sentence_alarm, words).trim() + others(bad.slice(1));
+    const urgency = capital(own.urgency || words.state);
+    return [["what", `${fill(texts.sentence_alarm, { ...words, title: titleOf(reason), urgency })}, `], ["since", words.since], ["do", capital(own.advice ?? "")], ["others", others(bad.slice(1))]];
   }
-  return fill(row.condition === "no_word" ? texts.sentence_no_data : texts.sentence_state, words) + others(bad.slice(1));
+  return [["what", fill(row.condition === "no_word" ? texts.sentence_no_data : texts.sentence_state, words)], ["others", others(bad.slice(1))]];
 }
 
 function show() {
-  const text = sentence();
-  setText(document.getElementById("sentence"), text);
-  document.getElementById("sentence").classList.toggle("bad", [...rows.values()].some((row) => ABNORMAL.includes(row.condition)));
+  const parts = sentence().filter(([, text]) => text);
+  const said = document.getElementById("sentence");
+  if (said.textContent !== parts.map(([, text]) => text).join("")) said.replaceChildren(...parts.map(([name, text]) => make("span", { class: name }, text)));
+  const worst = lost ? "no_word" : needy([...rows.values()])[0]?.condition ?? "good";
+  said.dataset.condition = worst;
+  document.title = document.title.replace(/^[^\p{L}]*\d* ?/u, worst === "good" ? "" : `${mark(worst)} ${needy([...rows.values()]).length} `);
   const entries = Object.entries(alarms).flatMap(([valve, list]) => list.map((alarm) => [valve, alarm]));
   showBanner(entries);
   showAlarms(document.getElementById("alarms"), entries, { withValve: true });
@@ -114,6 +115,7 @@ function tiles() {
   wanted.sort((a, b) => rank(a) - rank(b) || a.name.localeCompare(b.name, undefined, { numeric: true }));
   const bad = needy(wanted);
   place.classList.toggle("many", rows.size > MANY);
+  place.classList.toggle("few", rows.size <= FEW);
   put(place, wanted.map((row) => tileOf(row, "place")));
   put(document.getElementById("worst"), rows.size > MANY ? bad.slice(0, WORST).map((row) => tileOf(row, "worst")) : []);
   const numbers = {};

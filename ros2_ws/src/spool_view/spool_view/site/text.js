@@ -48,6 +48,12 @@ export function clock(seconds) {
   return seconds ? new Date(1000 * seconds).toLocaleString(LOCALE, { dateStyle: "short", timeStyle: "medium", hourCycle: "h23" }) : "";
 }
 
+/** A time of today without its date. */
+export function soon(seconds) {
+  const style = Math.abs(seconds - now()) < 43200 ? { hour: "2-digit", minute: "2-digit", hourCycle: "h23" } : { dateStyle: "short", timeStyle: "short", hourCycle: "h23" };
+  return new Date(1000 * seconds).toLocaleString(LOCALE, style);
+}
+
 /** How long ago, and when: "for 12 min, since 18:35"; with the date where it was not today. */
 export function ago(seconds) {
   if (!seconds) return "";

@@ -124,6 +124,7 @@ function show(data) {
   natural = data.resonance?.natural.value ?? null;
   band = data.resonance?.band ?? null;
   const minute = Math.floor(now() / 10);
+  byId("headline").dataset.condition = data.condition;
   once("headline", [data.condition, data.since, data.alarms, data.estimate, data.judgements, minute], () => headline(data));
   const worst = reasonOf(data, data.alarms);
   const limits = (name) => data.estimate?.parameters.find((one) => one.name === name) ?? null;

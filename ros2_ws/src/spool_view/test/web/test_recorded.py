@@ -134,6 +134,7 @@ def test_after_a_restart_the_waterfall_shows_what_the_recorder_wrote(
     until(lambda: age() > BROKEN, "data are missing")
     _, address = domain.page(bags=bag.parent)
     page = open_page(f"{address}valve/valve_1", locale="en-GB")
+    page.click("summary:has(#h_waterfall)")
     until(lambda: page.evaluate(LIT) >= 4, "recorded spectra are drawn")
     page.wait_for_selector("#waterfall_text >> text=Data are missing at each white line")
     assert page.query_selector("#spectrum canvas") is None
