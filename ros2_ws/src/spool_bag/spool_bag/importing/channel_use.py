@@ -31,7 +31,7 @@ _PREFIXED = ("voltage", "current", "charge")
 _FRACTIONS = {
     "ms": 1e-3, "msec": 1e-3, "millis": 1e-3, "millisecond": 1e-3, "milliseconds": 1e-3,
     "millisekunden": 1e-3, "us": 1e-6, "usec": 1e-6, "micros": 1e-6, "microsecond": 1e-6,
-    "microseconds": 1e-6, "ns": 1e-9, "nanoseconds": 1e-9, "nanosec": 1e-9,
+    "microseconds": 1e-6, "ns": 1e-9, "nanoseconds": 1e-9, "nanosec": 1e-9, "nsec": 1e-9, "nsecs": 1e-9,
 }  # fmt: skip
 
 Array = NDArray[np.floating]
@@ -168,15 +168,20 @@ def _of_clock(channels: Channels, measured: Mapping[str, Role], asked: Choices) 
     counter = next(filter(roles.counts, beside), None) if axis is None and asked.rate else None
     if axis is not None:
         free = [one for one in free if one is not axis]
-        part = next((one for one in free if one.name.lower() in _FRACTIONS), None)
+        part = next((one for one in free if _fraction(one) in _FRACTIONS), None)
         if part is not None:
-            fraction = Role(part, ChannelUse.of(part, TIME, "", _FRACTIONS[part.name.lower()]))
+            fraction = Role(part, ChannelUse.of(part, TIME, "", _FRACTIONS[_fraction(part)]))
         # The times of sending and of reception of a bag's messages are a choice of the user.
         if all(one.channel.name != LOG_TIME for one in beside):
             times = [one for one in free if one is not part and roles.may_be_time(one)]
             others = [Role(one, _use_of_time(one, Choices())) for one in times]
     timed = None if axis is None else Role(axis, _use_of_time(axis, asked))
     return ClockRoles(table, group, channels, beside, measured, timed, fraction, others, counter)
+
+
+def _fraction(source: Source) -> str:
+    """Return the last part of a name such as `header.stamp.nsecs`."""
+    return source.name.lower().rpartition(".")[2]
 
 
 def _converted(sources: Mapping[str, Source], asked: Choices) -> dict[str, Role]:

@@ -283,7 +283,7 @@ def pieces(path: Path) -> Iterator[TextPiece]:
             f"{path}: the compressed file is cut off or damaged ({error}): copy it again"
         ) from error
     except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from error
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
 
 
 def encoding_of(path: Path, start: bytes) -> tuple[str, str]:
@@ -329,6 +329,7 @@ def _split(path: Path, stream: BinaryIO) -> Iterator[TextPiece]:
             )
         if decoder is not None:
             read = decoder.decode(read).encode()
+        read = _plain(read)
         # Lines of some oscilloscopes end in a carriage return alone.
         lone = (b"\r" in read and b"\n" not in read) if lone is None else lone
         read = read.replace(b"\r", b"\n") if lone else read
@@ -356,6 +357,17 @@ def _split(path: Path, stream: BinaryIO) -> Iterator[TextPiece]:
             return
     if rest:
         yield TextPiece(rest, line, note)
+
+
+def _plain(text: bytes) -> bytes:
+    """Return UTF-8 text with the minus, the blanks and the exponents that numbers have elsewhere."""
+    if b"\xe2\x88\x92" in text:  # U+2212
+        text = text.replace(b"\xe2\x88\x92", b"-")
+    if b"\xc2\xa0" in text or b"\xe2\x80\xaf" in text:  # no-break spaces, but for those between thousands
+        text = re.sub(rb"(?<!\d)(?:\xc2\xa0|\xe2\x80\xaf)|(?:\xc2\xa0|\xe2\x80\xaf)(?!\d)", b" ", text)
+    if b"D+" in text or b"D-" in text:  # of Fortran
+        text = re.sub(rb"(?<=[\d.])D(?=[+-]\d{1,3}\b)", b"E", text)
+    return text
 
 
 def _check_padding(path: Path, stream: BinaryIO, padding: bytes, line: int) -> None:

@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
+from itertools import pairwise
 from pathlib import Path
 
 from spool_core.errors import InputError
@@ -46,6 +47,8 @@ _STATISTICS = re.compile(
     re.IGNORECASE,
 )
 
+#: Lines that the cells of one row of names may take.
+MOST_BREAKS = 24
 #: Lines by which a dialect is known: the longest preambles of loggers have some hundred lines.
 PROBED = 500
 #: Characters of runs of blanks as one delimiter.
@@ -100,7 +103,7 @@ def layout_of(
     firm = _filled(marks, kinds)
     states = [_state(row, firm, width) for row in marks]
     first = _first_sample(rows, states)
-    named = _header(rows, states, marks, first, len(kinds), width)
+    named = _keyed(rows[:first], len(kinds)) or _header(rows, states, marks, first, len(kinds), width)
     if named is None and _numeric_names(rows, states, kinds, first):
         names, units = [rows[first][at] for at in range(len(kinds))], [""] * len(kinds)
         heads, first, numbered = frozenset({first}), first + 1, False
@@ -150,6 +153,7 @@ class Dialect:
     grouped: bool = False
     unproven: frozenset[str] = frozenset()
     hexadecimal: frozenset[str] = frozenset()
+    whole: frozenset[str] = frozenset()
 
     @property
     def skipped(self) -> int:
@@ -193,7 +197,7 @@ def dialect(path: Path, text: str) -> Dialect:
     Raises:
         InputError: no rows of numbers in it, or too many columns.
     """
-    lines = text.split("\n")[:PROBED]
+    lines = _joined(text.split("\n")[:PROBED])
     if max(map(len, lines)) > LONGEST_LINE:
         raise InputError(f"{path}: its first lines are longer than {LONGEST_LINE >> 20} MB")
     if max(line.count(mark) for line in lines[:20] for mark in ",;\t") >= MOST_CHANNELS:
@@ -201,11 +205,12 @@ def dialect(path: Path, text: str) -> Dialect:
             f"{path}: a line has more than {MOST_CHANNELS} columns: one line each sample, one column "
             "each channel"
         )
+    quoted = any(re.search(r'"[-+]?\d+,\d+"', line) for line in lines)
     readings = [
         found
         for delimiter in _DELIMITERS
         for decimal in (".", ",")
-        if delimiter != decimal and (found := _reading(lines, delimiter, decimal)) is not None
+        if (delimiter != decimal or quoted) and (found := _reading(lines, delimiter, decimal)) is not None
     ]
     if not readings and sum(bool(line.strip()) for line in lines) < 2:
         raise InputError(f"{path}: 0 samples are too few for a record")
@@ -233,6 +238,26 @@ def listed(names: Sequence[str], most: int = 12) -> str:
     """Return ``names`` for one line of text, shortened and with nothing that steers a terminal."""
     shown = [printable(name, 40) for name in names[:most]]
     return ", ".join(shown + ([f"and {len(names) - most} more"] if len(names) > most else []))
+
+
+def _joined(lines: Sequence[str]) -> list[str]:
+    """Return lines of which those that a line break within quotes divides are one; empty ones follow it."""
+    joined: list[str] = []
+    at = 0
+    while at < len(lines):
+        whole = next(
+            (
+                end
+                for end in range(at + 1, min(at + MOST_BREAKS, len(lines)) + 1)
+                if "".join(lines[at:end]).count('"') % 2 == 0
+            ),
+            at + 1,
+        )
+        if not re.search(r'(?:^|[,;\t|])"[^"]*$', lines[at]):  # no cell is open at its end
+            whole = at + 1
+        joined += [" ".join(lines[at:whole]), *[""] * (whole - at - 1)]
+        at = whole
+    return joined
 
 
 class _Row(Enum):
@@ -398,9 +423,41 @@ def _header(
         filled = [cell for cell in row if cell]
         if len(set(filled)) < len(filled):
             return [str(one) for one in range(count)], _units(row), frozenset({at})
+    if (named := _names_over_units(fitting)) is not None:
+        return named
     at, names = max(fitting, key=lambda one: (_may_name(one[1], marks[one[0]]), known[one[0]], one[0]))
     units = [split_header(name)[1] for name in names]
     return names, _scope_units(rows[:at], units), frozenset({at})
+
+
+def _names_over_units(
+    fitting: Sequence[tuple[int, list[str]]],
+) -> tuple[list[str], list[str], frozenset[int]] | None:
+    """Return names and units where a row of names stands over one of other names and units that repeat."""
+    for (at, row), (above, names) in pairwise(fitting):
+        places = [n for n, cell in enumerate(row) if is_unit(cell) and not is_unit(names[n])]
+        alike = len({row[n] for n in places}) < len(places)
+        if above == at - 1 and alike and len(set(names)) == len(names):
+            return names, [cell if is_unit(cell) else "" for cell in row], frozenset({at, above})
+    return None
+
+
+def _keyed(rows: Sequence[Sequence[str]], count: int) -> tuple[list[str], list[str], frozenset[int]] | None:
+    """Return names, units and rows of a header whose cells follow their keys, as of TwinCAT Scope.
+
+    A column under a key holds the times of the next one, in ms.
+    """
+    heads = [at for at, row in enumerate(rows) if row[:1] == ["Name"] and len(row) >= max(count, 3)]
+    if not heads or not any(row[:1] == ["Starttime of export"] for row in rows):
+        return None
+    at = heads[-1]
+    below = {row[0]: row for row in rows[at + 1 :] if row}
+    units = [re.sub(r"\s*\([A-Za-z ]+\)$", "", cell) for cell in below.get("Unit", [])]
+    units += [""] * (count - len(units))
+    names = ["time" if cell == "Name" else cell for cell in rows[at][:count]]
+    units = ["ms" if cell == "Name" else unit for cell, unit in zip(rows[at], units, strict=False)][:count]
+    neutral = {place for place in range(at, len(rows)) if "Scale" not in "".join(rows[place][:1])}
+    return names, units, frozenset(neutral)
 
 
 def _is_increment(cell: str) -> bool:
@@ -510,7 +567,12 @@ def _reading(lines: Sequence[str], delimiter: str, decimal: str) -> tuple[tuple[
     )
     by_name = zip(layout.names, columns, strict=True)
     hexadecimal = frozenset(name for name, cells in by_name if may_be_hexadecimal([*filter(None, cells)]))
-    return score, Dialect(delimiter, decimal, layout, kinds, grouped, doubtful, hexadecimal)
+    whole = frozenset(
+        name
+        for name, cells in zip(layout.names, columns, strict=True)
+        if all(re.fullmatch(r"[-+]?\d+", cell) for cell in cells if cell)
+    )
+    return score, Dialect(delimiter, decimal, layout, kinds, grouped, doubtful, hexadecimal, whole)
 
 
 def is_data(marks: Sequence[Kind]) -> bool:

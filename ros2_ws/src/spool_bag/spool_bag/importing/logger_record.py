@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -44,6 +44,8 @@ MOST_FOOTER = 50
 #: Relative difference of a duration that is stated from that of the samples, beyond which it is a warning.
 SPAN_OFF = 0.02
 _PIECE = 1 << 20
+#: Samples by which the finest of several times is known.
+_LOOKED_AT = 1 << 16
 
 Array = NDArray[Any]
 
@@ -162,7 +164,7 @@ def _of_clock(clock: ClockRoles, kind: str, asked: Choices, *, regular: bool, si
             values, required, "that the file marks as invalid" if table.holes_are_gaps else "that are empty"
         )
     if axis is not None:
-        timed = _time_of(clock, axis, values)
+        timed, axis = _time_of(clock, axis, values, stated or group.count / group.span)
     else:
         number = None if counter is None else values[counter.channel.name]
         timed = time_axis.counted(values[names[0]].size, number, stated or math.nan, group.delay)
@@ -214,8 +216,32 @@ def _of_clock(clock: ClockRoles, kind: str, asked: Choices, *, regular: bool, si
     )
 
 
-def _time_of(clock: ClockRoles, axis: Role, values: Mapping[str, Values]) -> time_axis.TimeAxis:
-    """Return the time of a clock's samples by its axis, once no other time in the file contradicts it.
+def _newest_first(values: Array) -> bool:
+    """Return whether times, shape (n,), fall throughout."""
+    return values.size > 2 and values[-1] < values[0] and bool(np.all(values[1:] <= values[:-1]))
+
+
+def _check_jumps(path: Path, timed: time_axis.TimeAxis, where: Callable[[int], str]) -> None:
+    """Check that a clock was not set while it was recorded.
+
+    Raises:
+        InputError: it jumps by months.
+    """
+    at = int(np.argmax(np.diff(timed.time))) if timed.time.size > 1 else 0
+    step = float(timed.time[at + 1] - timed.time[at]) if timed.time.size > 1 else 0.0
+    if step > time_axis.LONGEST_GAP:
+        raise InputError(
+            f"{path}: {where(at + 1)}: {timed.label} jumps by {step / 86_400.0:,.0f} days: the clock was set "
+            "while it recorded, or these are two recordings: import what stands before and after separately"
+        )
+
+
+def _time_of(
+    clock: ClockRoles, axis: Role, values: dict[str, Values], rate: float
+) -> tuple[time_axis.TimeAxis, Role]:
+    """Return the time of a clock's samples and its axis, once no other time in the file contradicts it.
+
+    A column that stands still is none, and of several the finest counts. ``rate``: Hz, that is stated.
 
     Raises:
         InputError: the unit is no time or not known, values are missing, or two times are two clocks.
@@ -226,10 +252,20 @@ def _time_of(clock: ClockRoles, axis: Role, values: Mapping[str, Values]) -> tim
         dated = role.source.channel.dated
         return time_axis.TimeColumn(table.path, table.where, role.use, values[role.name], dated)
 
-    found = time_axis.read_axis(column(axis))
+    if _newest_first(np.asarray(values[axis.name])):
+        values |= {name: row[::-1] for name, row in values.items()}
+        table.notes = (*table.notes, "the newest row stands first: read from the end")
+    others = [*clock.others]
+    if clock.fraction is None and others:
+        steps = {one.name: len(np.unique(values[one.name][:_LOOKED_AT])) for one in (axis, *others)}
+        finest = max((axis, *others), key=lambda one: steps[one.name])
+        if steps[finest.name] > 1.5 * steps[axis.name] and np.all(np.diff(values[finest.name]) > 0):
+            others = [axis, *(one for one in others if one is not finest)]
+            axis = finest
+    found = time_axis.read_axis(column(axis), rate)
     if clock.fraction is not None:
         found = time_axis.with_fraction(found, column(clock.fraction))
-    for other in clock.others:
+    for other in others:
         found, why = time_axis.compared(found, column(other))
         if why:
             first, second = (f"{printable(one.use.column, 40)} (#{one.use.number})" for one in (axis, other))
@@ -238,7 +274,8 @@ def _time_of(clock: ClockRoles, axis: Role, values: Mapping[str, Values]) -> tim
                 f"{table.path}: {first} and {second} are two clocks, {why}: write each channel with its own "
                 f"time into its own file; or, if the first holds for both channels, type --exclude {way}"
             )
-    return found
+    _check_jumps(table.path, found, table.where)
+    return found, axis
 
 
 def _base_of(

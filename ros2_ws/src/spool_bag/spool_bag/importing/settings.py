@@ -67,6 +67,7 @@ _SCALES = (
     "cal_factor", "calfactor", "conversion", "conversion_factor", "scaling", "coefficient", "lsb",
     "resolution", "counts_to_units", "skalierung", "faktor", "scale_factor", "scalefactor",
 )  # fmt: skip
+_SENSITIVITIES = ("sensitivity", "sensor_sensitivity", "empfindlichkeit", "full_scale", "fullscale", "range")
 _SHIFTS = ("offset", "bias", "intercept", "zero", "y_offset", "yoffset")
 _MISSING = ("_fill_value", "_fillvalue", "missing_value", "fill_value", "nodata")
 #: What a logger did to the samples of one channel, which moves it against the other one.
@@ -201,10 +202,11 @@ class Settings:
     def scaling(self, channel: str, *, whole: bool) -> Scaling:
         """Return how the stored numbers of a channel become those of its unit.
 
-        ``scale_factor`` and ``add_offset`` (CF conventions, section 8.1) are applied. Others are in doubt
-        where the stored numbers are ``whole``, and else left to be named.
+        ``scale_factor`` and ``add_offset`` (CF conventions, section 8.1) are applied. Others, also those that
+        stand once for the file, are in doubt where the stored numbers are ``whole``, else left to be named.
         """
-        own = [one for one in self._near(channel) if one.depth >= channel.count("/") + 0.5]
+        near = list(self._near(channel))
+        own = [one for one in near if one.depth >= channel.count("/") + 0.5]
         numbers = {one.name: (one, number) for one in own if math.isfinite(number := _number(one.value))}
         size, offset, missing = 1.0, 0.0, []
         for name in ("scale_factor", "add_offset"):  # as the conventions spell them
@@ -224,6 +226,11 @@ class Settings:
                 self._take(one)
             elif whole and name in _SCALES:
                 doubt = f"{printable(one.path, 60)} = {number:.7g}"
+                return Scaling(size, offset, tuple(missing), doubt, number)
+        for one in near if whole and (size, offset) == (1.0, 0.0) else ():
+            number = _number(one.value)
+            if one.name in (*_SCALES, *_SENSITIVITIES) and number not in (0.0, 1.0) and math.isfinite(number):
+                doubt = f"the file states {printable(one.path, 60)} = {number:.7g}"
                 return Scaling(size, offset, tuple(missing), doubt, number)
         return Scaling(size, offset, tuple(missing))
 

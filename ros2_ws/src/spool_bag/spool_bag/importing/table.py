@@ -208,6 +208,8 @@ def as_numbers(path: Path, name: str, values: Any) -> Values:
         raise too_long(path)
     if row.dtype.kind == "M":
         return row.astype("datetime64[ns]").astype(np.int64)
+    if row.dtype.kind == "m":
+        return row.astype("timedelta64[ns]").astype(np.float64)
     if row.dtype.kind not in "fiub":
         raise InputError(
             f"{path}: {printable(name, 40)} holds no numbers: name another channel with --columns"
@@ -298,7 +300,7 @@ def array_table(
     for name, value in arrays.items():
         parts = _rows(name, np.asarray(value))
         for at, (key, row) in enumerate(parts):
-            if row.size >= SHORTEST and row.dtype.kind in "fiubM":
+            if row.size >= SHORTEST and row.dtype.kind in "fiubMm":
                 rows[key] = row
                 of_column = _of_column(name, key, at, len(parts), settings or {})
                 for setting in of_column:  # no longer of the whole array
@@ -390,6 +392,8 @@ def _channel(name: str, row: Any, units: Mapping[str, str], known: Settings) -> 
     """Return the channel of an array: its unit, and how its numbers become those of the unit."""
     if row.dtype.kind == "M":
         return Channel(name, STAMP, time=True)
+    if row.dtype.kind == "m":
+        return Channel(name, "ns", time=True)
     unit = units.get(name, "") or known.unit(name) or split_header(name.rpartition("/")[2])[1]
     return Channel(name, unit, scaling=known.scaling(name, whole=row.dtype.kind in "iu"))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from datetime import datetime, timezone
@@ -19,6 +20,7 @@ from spool_core.stamps import JITTER, first_step, number_error, ticks
 from spool_core.text import printable
 
 from spool_bag.importing.channel_use import ChannelUse
+from spool_bag.importing.settings import moment_of
 from spool_bag.importing.table import STAMP, Values
 
 #: Beyond any acceleration, force, displacement or time in ns since 1970.
@@ -38,7 +40,19 @@ _DAYS = {"days since 1899-12-30 (Excel)": 25_569.0, "days since year 0 (MATLAB)"
 _DATES = (10_957.0, 24_837.0)
 _PIECE = 1 << 20
 
-_SIZES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+_SIZES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "100ns": 1e-7, "ns": 1e-9}
+#: Counts from other years than 1970: s of a step, and s of their zero since 1970.
+_EPOCHS = {
+    "s since 1904 (LabVIEW)": (1.0, -2_082_844_800),
+    "100 ns since 1601 (FILETIME)": (1e-7, -11_644_473_600),
+    "100 ns since year 1 (.NET)": (1e-7, -62_135_596_800),
+}
+#: A time since a date, as `seconds since 2026-05-04 03:02:01` (CF conventions, section 4.4).
+_SINCE = re.compile(r"\S.*\s+since\s+(?P<date>\d.*)")
+#: Relative difference up to which a rate that is stated decides for a unit.
+_ALIKE = 0.05
+#: s that a record without a gap never steps by: a month.
+LONGEST_GAP = 30 * 86_400.0
 _NAMES = {
     "milliseconds": 1e-3, "microseconds": 1e-6, "nanoseconds": 1e-9, "minutes": 60.0, "hours": 3600.0,
 }  # fmt: skip
@@ -106,8 +120,10 @@ class TimeAxis:
     notes: tuple[str, ...] = ()
 
 
-def read_axis(column: TimeColumn) -> TimeAxis:
+def read_axis(column: TimeColumn, rate: float = math.nan) -> TimeAxis:
     """Return the time of samples; a unit that is not known is recognised where only one is plausible.
+
+    ``rate``: Hz, that the file or the user states; NaN without one.
 
     Raises:
         InputError: the unit is no time or could be several, or values are missing.
@@ -118,17 +134,38 @@ def read_axis(column: TimeColumn) -> TimeAxis:
     values = finite(path, label, np.asarray(column.values, dtype=np.float64), column.where, holes=False)
     values, notes = _continued(label, values)
     if not math.isnan(use.factor):
-        return TimeAxis(values if use.factor == 1.0 else values * use.factor, None, label, notes)
+        since = _SINCE.fullmatch(use.unit)
+        moment = moment_of(since["date"].strip()) if since else None
+        start = None if moment is None else moment + round(float(values[0]) * use.factor * 1e9)
+        values = values if moment is None else values - values[0]
+        return TimeAxis(values if use.factor == 1.0 else values * use.factor, start, label, notes)
     if use.unit:
         raise InputError(f"{path}: {label} is in {printable(use.unit, 30)}, which is no time")
+    clock = _of_day(values)
+    if clock is not None:
+        note = f"{label} has no unit: it is a time of day, written HHMMSS"
+        return TimeAxis(clock, None, label, (*notes, note))
     found = _plausible(values)
+    step = float(np.median(np.diff(values[: 1 << 16]))) if values.size > 1 else math.nan
+    rates = {unit: 1.0 / (step * _SIZES[unit]) for unit in found if unit in _SIZES and step > 0.0}
     if len(found) != 1:
-        way = "s" if "s" in found or not found else found[0]
-        kinds = " or ".join(found or list(_SIZES))
+        found = [unit for unit, one in rates.items() if abs(one / rate - 1.0) < _ALIKE] or found
+    if len(found) != 1:
+        shown = {unit: f" ({one:.4g} Hz)" for unit, one in rates.items()}
+        ways = [f"--unit time={unit}{shown.get(unit, '')}" for unit in found]
+        counted = "counts its samples, or " if step == 1.0 and np.all(np.diff(values) == 1.0) else ""
+        rate_too = ", or leave it out with --exclude and type --rate" if counted else ""
         raise InputError(
-            f"{path}: {label} has no unit and could be in {kinds}: state it with --unit time={way}"
+            f"{path}: {label} has no unit and {counted}could be in "
+            f"{' or '.join(found or list(_SIZES))}: type {', or '.join(ways or ['--unit time=s'])}{rate_too}"
         )
     (only,) = found
+    if only in _EPOCHS:
+        size, zero = _EPOCHS[only]
+        first = float(values[0])
+        start = (zero * 10**9) + int(first) * round(size * 1e9) + round((first % 1.0) * size * 1e9)
+        note = f"{label} has no unit: by its size it counts {only}"
+        return TimeAxis((values - first) * size, start, label, (*notes, note))
     if only in _DAYS:
         first = float(values[0])
         start = round((first - _DAYS[only]) * 86_400e6) * 1000  # whole us: float64 days hold no more
@@ -174,17 +211,26 @@ def compared(found: TimeAxis, column: TimeColumn) -> tuple[TimeAxis, str]:
         float(ticks(time, one).max()) for time, one in zip((found.time, second.time), noise, strict=True)
     )
     drift, allowed = float(np.ptp(apart)), (1.01 * tick if tick > 1.01 * period else JITTER * period)
+    # A number since 1970 is a date as well.
+    found_start, second_start = (_dated_start(one) for one in (found, second))
     # Dates and times since the start of a logger count from different moments, others from one.
     begun = float(found.time[0] - second.time[0])
     begun += 0.0 if found.start is None or second.start is None else (found.start - second.start) * 1e-9
-    if (found.start is None) == (second.start is None) and abs(begun) > allowed:
+    if (found_start is None) == (second_start is None) and abs(begun) > allowed:
         return found, f"{abs(begun):.3g} s apart"
     if drift > allowed:
         return found, f"they move apart by {drift:.3g} s"
-    if found.start is None and second.start is not None:
-        start = second.start - round(1e9 * float(found.time[0] - second.time[0]))
-        return replace(found, start=start), ""
+    if found_start is None and second_start is not None:
+        return replace(found, start=second_start - round(1e9 * float(found.time[0]))), ""
     return found, ""
+
+
+def _dated_start(one: TimeAxis) -> int | None:
+    """Return when the first sample of a time axis was taken, ns since 1970; ``None``: not known."""
+    first = float(one.time[0])
+    if one.start is not None:
+        return one.start + round(1e9 * first)
+    return round(1e9 * first) if CALENDAR[0] < first < CALENDAR[1] else None
 
 
 def with_fraction(found: TimeAxis, part: TimeColumn) -> TimeAxis:
@@ -303,12 +349,41 @@ def _plausible(values: Array) -> list[str]:
     ]
     if days:
         return days
+    epochs = [
+        name for name, (size, zero) in _EPOCHS.items() if CALENDAR[0] < first * size + zero < CALENDAR[1]
+    ]
+    if epochs and not calendar:
+        return epochs
     if calendar:
         fitting = [unit for unit in calendar if step * _SIZES[unit] <= LONGEST_PERIOD]
         return fitting or calendar
+    whole = bool(np.all(values[: 1 << 16] == np.rint(values[: 1 << 16])))
     return [
-        unit for unit, size in _SIZES.items() if SHORTEST_USUAL_PERIOD <= step * size <= LONGEST_USUAL_PERIOD
+        unit
+        for unit, size in _SIZES.items()
+        if SHORTEST_USUAL_PERIOD <= step * size <= (LONGEST_PERIOD if unit == "s" else LONGEST_USUAL_PERIOD)
+        and (whole or unit != "100ns")
     ]
+
+
+def _of_day(values: Array) -> Array | None:
+    """Return numbers HHMMSS.f as s since midnight, ``None`` where they are none.
+
+    They jump by 40 s at each minute, and are even without that.
+    """
+    if values.size < 3 or not 0.0 <= float(values.min()) <= float(values.max()) < 240_000.0:
+        return None
+    steps = np.diff(values)
+    if float(steps.max()) < 40.0:
+        return None
+    minutes, seconds = values // 100.0 % 100.0, values % 100.0
+    found = np.asarray(values // 10_000.0 * 3600.0 + minutes * 60.0 + seconds)
+    even = np.diff(found)
+    usual = float(np.median(even))
+    jumps = steps > 40.0
+    if minutes.max() >= 60.0 or seconds.max() >= 60.0 or usual <= 0.0 or usual > 1.0:
+        return None
+    return found if bool(np.all((even[jumps] > 0.0) & (even[jumps] < 3.0 * usual + 1e-3))) else None
 
 
 def _usual(period: float) -> str:

@@ -27,6 +27,7 @@ second = [time] = s = sec
 minute = 60 * second = min
 hour = 3600 * second = h
 day = 86400 * second
+tick = 1e-7 * second
 meter = [length] = m
 inch = 0.0254 * meter = in
 foot = 0.3048 * meter = ft
@@ -98,6 +99,7 @@ _AS_WRITTEN = {
     "min^-1": "rpm", "hz": "Hz", "dps": "deg/s", "db": "dB", "ue": "strain", "um/m": "strain",
     "м/с2": "m/s**2", "м/с^2": "m/s**2", "мм/с2": "mm/s**2", "м/с": "m/s", "с": "s", "сек": "s", "мс": "ms",
     "мкс": "us", "в": "V", "мв": "mV", "°с": "degC", "米/秒2": "m/s**2", "秒": "s", "毫秒": "ms",
+    "100ns": "tick", "100 ns": "tick", "0.1us": "tick", "0.1 us": "tick", "filetime": "tick",
     "uepsilon": "strain", "lbs": "lbf", "pc": "pcoulomb", "nc": "ncoulomb",
 }  # fmt: skip
 #: Words for units, each token by itself: `Meters per Second squared`, `Volt`, `Sek`.
@@ -136,7 +138,7 @@ _LEVEL = re.compile(
 WORDS = {
     "time": (
         "time", "t", "zeit", "zeitstempel", "timestamp", "messzeit", "temps", "datetime", "stamp", "uhrzeit",
-        "elapsed", "tempo", "czas", "时间", "時間", "время",
+        "elapsed", "tempo", "czas", "sec", "secs", "时间", "時間", "время",
     ),
     "body": (
         "body", "housing", "gehäuse", "gehaeuse", "gehause", "ventilgehäuse", "valvebody", "阀体", "корпус",
@@ -167,7 +169,8 @@ _BESIDE = re.compile(r"(?P<name>.+?)(?:\s+in|,|;|:)\s+(?P<unit>\S.{0,29})")
 #: What ends a name in small letters, e.g. `body_m_s2`; a single letter is a unit only where it is one of
 #: these.
 _ENDING = re.compile(
-    r"(?P<name>.+?)[_ ](?P<unit>(?:m|mm|cm)_s(?:_?2)?|m/s\^2|m/s2|m/s²|mps2|mg|g|mv|mV|uV|V|s|ms|us|ns|sec|"
+    r"(?P<name>.+?)(?<![_ ]per)[_ ](?P<unit>(?:m|mm|cm)_s(?:_?2)?|m/s\^2|m/s2|m/s²|mps2|"
+    r"mg|g|mv|mV|uV|V|s|ms|us|ns|sec|"
     r"min|degC|degF|C|N|kN|mm|um|m|bar|mbar|k?Pa|MPa|psi|k?Hz|rpm|counts?|cts|lsb|LSB|raw|adc|pct|percent|%|mA|ips)"
     r"(?P<level>[_ ]?(?:rms|RMS|pk|peak|pp|max|min))?"
 )
@@ -181,6 +184,7 @@ NO_UNIT = frozenset(
 @cache
 def normalised(text: str) -> str:
     """Return a unit as pint reads it: of `m/s²`, `[m s^-2]`, `(mV)`, `Volt`, `M/S2`."""
+    text = re.sub(r"\s+since\s.*", "", text)  # a time since a date (CF conventions, section 4.4)
     plain = (
         unicodedata.normalize("NFKC", text.replace("Â", "")).translate(_MARKS).strip()
     )  # of UTF-8 read as Latin-1

@@ -68,6 +68,7 @@ class CsvTable(Table):
         self._unproven = set(self.dialect.unproven)
         self._whole: dict[str, str] = {}
         layout = self.dialect.layout
+        self.settings = Settings(layout.settings)
         channels = [
             Channel(
                 name,
@@ -76,6 +77,7 @@ class CsvTable(Table):
                 number=number,
                 own="" if header == name else header,
                 dated=kind is not Kind.CLOCK or self.dialect.names[number] in self._dates,
+                scaling=self.settings.scaling(name, whole=name in self.dialect.whole),
             )
             for number, (name, header, unit, kind) in enumerate(
                 zip(layout.names, layout.headers, layout.units, self.dialect.kinds, strict=True)
@@ -87,7 +89,6 @@ class CsvTable(Table):
             for name, kind in zip(layout.names, self.dialect.kinds, strict=True)
             if kind is Kind.TEXT
         }
-        self.settings = Settings(layout.settings)
         self.groups = (
             Group(
                 "",
@@ -354,6 +355,5 @@ def _is_text(_path: Path, head: bytes) -> bool:
     )
 
 
-FORMAT = Format(
-    "CSV", (".csv", ".csv.gz", ".txt", ".tsv", ".dat", ".asc"), CsvTable, place=90, recognises=_is_text
-)
+_SUFFIXES = (".csv", ".txt", ".tsv", ".dat", ".asc", ".csv.gz", ".txt.gz", ".tsv.gz", ".dat.gz")
+FORMAT = Format("CSV", _SUFFIXES, CsvTable, place=90, recognises=_is_text)

@@ -58,6 +58,10 @@ class Format:
         return not self.begins and path.name.lower().endswith(self.suffixes)
 
 
+#: Names of archives, of which none but a single packed text is read.
+_PACKED = (".zip", ".bz2", ".xz", ".7z", ".gz", ".tar", ".tgz", ".rar")
+
+
 @cache
 def formats() -> tuple[Format, ...]:
     """Return all formats in the order in which they are asked."""
@@ -141,5 +145,7 @@ def format_of(path: Path) -> Format:
     for form in formats():
         if form.fits(path, head):
             return form
+    if path.suffix.lower() in _PACKED:
+        raise InputError(f"{path}: a packed file: unpack it first")
     known = ", ".join(f"{form.name} ({' '.join(form.suffixes)})" for form in formats() if form.suffixes)
     raise InputError(f"{path}: unknown file format; supported: {known}")
