@@ -139,7 +139,7 @@ def test_the_motion_is_that_of_simulate_at_any_communication_step(
 
 @pytest.mark.parametrize("version", [2, 3])
 def test_fmpy_finds_no_fault_and_runs_it(version: int, tmp_path: Path) -> None:
-    for name in ("fluid", "coulomb", "mixed", "microwedge_printed"):
+    for name in ("fluid", "coulomb", "mixed", "microwedge"):
         assert name in MODELS
         assert validate_fmu(str(exported(tmp_path, name, version).file)) == []
     unit = exported(tmp_path, "coulomb", version)

@@ -25,10 +25,7 @@ OVER_DISPLACEMENT = {
 OVER_TIME = {"periodic_force": 0.1, "damping_drift": 60.0}
 LARGEST_DISPLACEMENT, LARGEST_SPEED = 0.006, 0.2
 #: Values other than the start values, where those would not show the law.
-SHOWN = {
-    "coulomb_hydrodynamic_friction": {"film_coefficient": 0.05},
-    "coulomb_hydrodynamic_friction_printed": {"film_coefficient": 5e-5},
-}
+SHOWN = {"coulomb_hydrodynamic_friction": {"film_coefficient": 0.05}}
 PAGE = MarkedPage("physics", "laws")
 GROUPS: dict[str, tuple[str, ...]] = {
     "The balance of forces": ("inertia", "spring", "viscous_friction"),
@@ -93,23 +90,16 @@ def _draw_loop(axis: Axes, entry: Term, values: dict[str, float]) -> None:
     reach = OVER_DISPLACEMENT[entry.name]
     way = reach * np.concatenate((np.linspace(0.0, 1.0, 200), np.linspace(1.0, -1.0, 400)[1:]))
     way = np.concatenate((way, reach * np.linspace(-1.0, 1.0, 400)[1:]))
-    remembers = entry.laws["memory_law"]
-    given = [values[parameter.name] for parameter in entry.parameters]
-    force = [0.0]
-    for slip in np.diff(way).tolist():
-        force.append(remembers(force[-1], slip, 1.0 if slip > 0.0 else -1.0, *given))
-    axis.plot(1e3 * way, force, color=FORCE)
+    axis.plot(1e3 * way, entry.force(way, way, way, values), color=FORCE)
     axis.set_xlabel("relative displacement, mm")
 
 
 def law_text() -> str:
     """Return the Markdown of every registered law: equation, parameters, source, meaning and picture."""
     grouped = {name for names in GROUPS.values() for name in names}
-    rest = [name for name in TERMS if name not in grouped]
     groups = {
         **GROUPS,
-        "Further dry friction and effects": tuple(name for name in rest if not name.endswith("_printed")),
-        "As printed, for comparison only": tuple(name for name in rest if name.endswith("_printed")),
+        "Further dry friction and effects": tuple(name for name in TERMS if name not in grouped),
     }
     parts = []
     for title, names in groups.items():

@@ -180,7 +180,7 @@ def _model(name: str, *more: str) -> Model:
     return Model(name, tuple(term(entry) for entry in (*FLUID, *more)))
 
 
-#: The paper's models 4, 1, 2 and 3, then the same with the printed laws where those run, then single effects.
+#: The paper's models 4, 1, 2 and 3, and single effects.
 MODELS: dict[str, Model] = {
     model.name: model
     for model in (
@@ -190,8 +190,6 @@ MODELS: dict[str, Model] = {
         _model("microwedge", "microwedge_friction"),
         _model("mixed", "mixed_friction"),
         _model("coulomb_hydrodynamic", "coulomb_hydrodynamic_friction"),
-        _model("microwedge_printed", "microwedge_friction_printed"),
-        _model("coulomb_hydrodynamic_printed", "coulomb_hydrodynamic_friction_printed"),
         *(_model(f"fluid_{effect}", effect) for effect in EFFECTS),
     )
 }

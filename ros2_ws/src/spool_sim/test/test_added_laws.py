@@ -27,10 +27,10 @@ def run(code: str, environment: dict[str, str]) -> subprocess.CompletedProcess[s
 
 
 LAW = """
-from spool_sim.terms.spring import SpringTerm
+from dataclasses import replace
+from spool_sim.terms.springs import SPRING
 
-class Rust(SpringTerm):
-    name = "rust"
+RUST = replace(SPRING, name="rust")
 """
 
 

@@ -27,12 +27,13 @@ def library(tmp_path_factory: pytest.TempPathFactory) -> ctypes.CDLL:
     folder = tmp_path_factory.mktemp("laws")
     found = Translation()
     for entry, law in EVERY:
-        found.add_law(type(entry).__module__, law, f"{entry.name}_{law}")
+        function = entry.function(law)
+        found.add_law(function.__module__, function.__name__, f"{entry.name}_{law}")
     lines = [found.text()]
     for entry, law in EVERY:
         name = f"{entry.name}_{law}"
-        count = len(LAWS[law]) + len(entry.parameters)
-        call = f"{name}({', '.join(f'in[{place}]' for place in range(count))})"
+        known = (*LAWS[law], *(one.name for one in entry.parameters))
+        call = f"{name}({', '.join(f'in[{known.index(one)}]' for one in entry.arguments(law))})"
         pair = found.returns[name] == "spool_dd"
         body = f"spool_dd two = {call}; out[0] = two.f0; out[1] = two.f1;" if pair else f"out[0] = {call};"
         lines.append(f"void call_{name}(const double *in, double *out) {{ {body} }}")
@@ -49,7 +50,7 @@ def test_a_law_in_c_has_the_values_of_python(entry, law, library) -> None:  # ty
     python = entry.uncompiled(law)
     ranges = {
         "z": (-4e-3, 4e-3), "v": (-0.4, 0.4), "t": (0.0, 30.0), "speed": (0.0, 0.4), "force": (-0.5, 0.5),
-        "slip": (0.0, 1e-4),
+        "slip": (0.0, 1e-4), "acceleration": (-20.0, 20.0),
     }  # fmt: skip
     for _ in range(POINTS):
         side = draw.choice((-1.0, 1.0))

@@ -302,30 +302,30 @@ def test_shapes_that_do_not_fit_are_refused() -> None:
             )
 
 
-NEW_TERM = '''
+NEW_TERM = """
 from spool_core.kernels.compiled import compiled
 from spool_sim.terms.base import Parameter, Term
 
 @compiled
-def force_law(z: float, v: float, t: float, magnet_pull: float) -> float:
-    """Return the force, N."""
+def pull(magnet_pull: float) -> float:
     return magnet_pull * FACTOR
 
-class Magnet(Term):
-    """A magnet."""
-    name = "magnet"
-    parameters = (Parameter("magnet_pull", "N", 0.0, 10.0, 1.0, "pull"),)
-    law = source = meaning = check = "for the test"
-'''
+MAGNET = Term(
+    name="magnet",
+    parameters=(Parameter("magnet_pull", "N", 0.0, 10.0, 1.0, "pull"),),
+    law="F", source="for the test", meaning="a magnet", check="it",
+    force_law=pull,
+)
+"""
 
 #: Moves a valve with the new term of a folder; says how often its kernel was compiled, and where that lies.
 LOAD = """
 import sys
 import numpy as np
-from spool_core.discovery import classes_in
+from spool_core.discovery import objects_in
 import spool_sim.terms as terms
 terms.__path__.append(sys.argv[1])
-terms.TERMS.update((entry.name, entry()) for entry in classes_in(terms.__name__, terms.Term))
+terms.TERMS.update((entry.name, entry) for entry in objects_in(terms.__name__, terms.Term))
 from spool_sim.model import model_from_mapping
 from spool_sim.integration.composed_motion import ComposedMotion, MotionState
 model = model_from_mapping({"name": "m", "terms": ["inertia", "spring", "magnet"]})
@@ -391,9 +391,9 @@ def test_a_new_term_is_one_new_file_and_a_changed_law_is_never_served_stale(
 
 
 def test_the_same_list_is_the_same_kernel_and_another_order_another() -> None:
-    names = ("inertia", "spring", "viscous_friction")
+    names = MODELS["fluid"].terms
     assert kernel_of(names) is kernel_of(names)
-    other = kernel_of(("inertia", "viscous_friction", "spring"))
+    other = kernel_of((names[0], names[2], names[1]))
     assert other.__name__ != kernel_of(names).__name__
 
 

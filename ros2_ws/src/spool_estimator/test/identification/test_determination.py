@@ -140,21 +140,25 @@ def test_a_stop_that_is_not_reached_lies_at_least_as_far_as_the_spool_came() -> 
 
 
 @compiled
-def force_law(z: float, v: float, t: float, idle_number: float) -> float:
+def idle() -> float:
     return 0.0
 
 
-class Idle(Term):
-    """A term whose law does not use its parameter."""
-
-    name = "idle"
-    law = source = meaning = check = "none"
-    parameters = (Parameter("idle_number", "N", 0.0, 10.0, 1.0, "not used"),)
+#: A term whose law does not use its parameter.
+IDLE = Term(
+    name="idle",
+    parameters=(Parameter("idle_number", "N", 0.0, 10.0, 1.0, "not used"),),
+    law="F = 0",
+    source="",
+    meaning="nothing",
+    check="nothing",
+    force_law=idle,
+)
 
 
 def test_a_parameter_that_the_law_does_not_use_is_refused_by_name(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(TERMS, "idle", Idle())
-    model = Model("idle", (*MODELS["fluid"].terms, Idle()))
+    monkeypatch.setitem(TERMS, "idle", IDLE)
+    model = Model("idle", (*MODELS["fluid"].terms, IDLE))
     with pytest.raises(InputError, match="idle_number: a change of it changes no sample"):
         fit([record("fluid", {})], model, SOFT, CHECKED)
 

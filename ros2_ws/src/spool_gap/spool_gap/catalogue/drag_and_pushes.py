@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from spool_core.numbers import Array
 from spool_estimator.identification.least_squares import Unknown
-from spool_sim.terms.damping_drift import LINE
+from spool_sim.terms.drag_and_pushes import LINE
 
 from spool_gap.effect import Effect, Motion, Scale
 

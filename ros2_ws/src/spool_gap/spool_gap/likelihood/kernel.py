@@ -8,8 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
-from types import ModuleType
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,7 +83,7 @@ class SwitchableMotion(ComposedMotion):
         self.columns, self.switches, self.width = _places(self.terms)
         self.names = tuple(f"column_{place}" for place in range(self.width))
         self.parameters = ()
-        self._kernel = _kernel(ordered)
+        self._kernel = composition.load_kernel(composition.kernel_with(laws_source(self.terms)))
         self._memories = sum("memory_law" in entry.laws for entry in self.terms)
 
     def warm_up(self) -> None:
@@ -156,7 +155,7 @@ def _places(terms: Sequence[Term]) -> tuple[dict[tuple[str, str], int], dict[str
 def laws_source(terms: Sequence[Term]) -> str:
     """Return the Python source of the laws, as :mod:`spool_sim.integration.stepping` uses them."""
     columns, switches, _ = _places(terms)
-    imports = ["import numpy as np", "from spool_sim.terms.base import Array"]
+    imports = ["import numpy as np", "from spool_core.numbers import Array"]
     smooth: list[str] = []
     pushing: list[str] = []
     sliding, rest, levels = [], [], []
@@ -169,31 +168,31 @@ def laws_source(terms: Sequence[Term]) -> str:
         return [f"if q.c{switches[entry.name]} != 0.0:", *(f"    {line}" for line in lines)]
 
     for number, entry in enumerate(terms):
-        ends = "".join(f", q.c{columns[entry.name, p.name]}" for p in entry.parameters)
-        for law in entry.laws:
-            imports.append(f"from {entry.laws[law].__module__} import {law} as {law}_{number}")
-            kinds.add(law)
+        places = {p.name: f"q.c{columns[entry.name, p.name]}" for p in entry.parameters}
+        call = partial(entry.call, number, places)
+        imports += [entry.imported(number, law) for law in entry.laws]
+        kinds |= entry.laws.keys()
         if "force_law" in entry.laws:
             own = pushing if entry.name in switches else smooth
-            own += guarded(entry, [f"total += force_law_{number}(z, v, t{ends})"])
+            own += guarded(entry, [f"total += {call('force_law', 'z', 'v', 't')}"])
         if "memory_law" in entry.laws:
             pushing += guarded(entry, [f"total += x[{len(memories)}]"])
-            call = f"memory_law_{number}(x[{len(memories)}], slip, s{ends})"
-            memories.append(f"({call} if q.c{switches[entry.name]} != 0.0 else 0.0)")
+            moved = call("memory_law", f"x[{len(memories)}]", "slip", "s")
+            memories.append(f"({moved} if q.c{switches[entry.name]} != 0.0 else 0.0)")
         if "sliding_law" in entry.laws:
-            sliding += guarded(entry, [f"total += sliding_law_{number}(z, speed, s{ends})"])
+            sliding += guarded(entry, [f"total += {call('sliding_law', 'z', 'speed', 's')}"])
             if "rest_law" in entry.laws:
-                body = [f"low_{number}, high_{number} = rest_law_{number}(z{ends})",
+                body = [f"low_{number}, high_{number} = {call('rest_law', 'z')}",
                         f"low += low_{number}", f"high += high_{number}"]  # fmt: skip
             else:
-                body = [f"low -= sliding_law_{number}(z, 0.0, -1.0{ends})",
-                        f"high += sliding_law_{number}(z, 0.0, 1.0{ends})"]  # fmt: skip
+                body = [f"low -= {call('sliding_law', 'z', '0.0', '-1.0')}",
+                        f"high += {call('sliding_law', 'z', '0.0', '1.0')}"]  # fmt: skip
             rest += guarded(entry, body)
         if "levels_law" in entry.laws:
             levels += guarded(
                 entry,
                 [
-                    f"for place in levels_law_{number}({ends[2:]}):",
+                    f"for place in {call('levels_law')}:",
                     "    if bottom < place < top and (math.isnan(level) or (place < level) != (z1 < z0)):",
                     "        level = place",
                 ],
@@ -235,8 +234,3 @@ def laws_source(terms: Sequence[Term]) -> str:
         kind = "inlined" if head.partition("(")[0] in INNERMOST else "inner"
         text += ["", "", f"@{kind}", f"def {head}:", *(f"    {line}" for line in body)]
     return "\n".join(text) + "\n"
-
-
-@lru_cache(maxsize=16)
-def _kernel(names: tuple[str, ...]) -> ModuleType:
-    return composition.load_kernel(composition.kernel_with(laws_source([term(name) for name in names])))

@@ -232,7 +232,12 @@ class _Function:
         elif isinstance(node, ast.AugAssign) and isinstance(node.target, ast.Name):
             self._assign(node.target, ast.copy_location(ast.BinOp(node.target, node.op, node.value), node))
         elif isinstance(node, ast.Return) and node.value is not None:
-            self._emit(f"return {self._returned(node.value)};")
+            values = node.value.elts if isinstance(node.value, ast.Tuple) else [node.value]
+            text = ", ".join(self._value(one)[0] for one in values)
+            if isinstance(node.value, ast.Tuple):
+                returns = self._all.returns[self._name]
+                text = f"({returns}){{{{{text}}}}}" if returns == MEMORY else f"({returns}){{{text}}}"
+            self._emit(f"return {text};")
         elif isinstance(node, ast.Break):
             self._emit("break;")
         elif isinstance(node, ast.Continue):
@@ -280,13 +285,6 @@ class _Function:
         return [
             (f"{name}.f{number}", MEMORY if one == "m" else _DOUBLE) for number, one in enumerate(kind[6:])
         ]
-
-    def _returned(self, value: ast.expr) -> str:
-        returns = self._all.returns[self._name]
-        if not isinstance(value, ast.Tuple):
-            return self._value(value)[0]
-        inner = ", ".join(self._value(one)[0] for one in value.elts)
-        return f"({returns}){{{{{inner}}}}}" if returns == MEMORY else f"({returns}){{{inner}}}"
 
     def _loop(self, node: ast.For) -> None:
         source = node.iter
@@ -416,21 +414,17 @@ def model_source(terms: Sequence[Term]) -> str:
     Raises:
         InputError: a law uses something that has no translation; file, line and code are named.
     """
-    text = f"{kernel_source(terms)}\n\n{_drag(terms)}"
+    places = {one.name: f"q[{place}]" for place, one in enumerate(unique_parameters(terms))}
+    drag = [
+        entry.call(number, places, "force_law", "z", "v", "t")
+        for number, entry in enumerate(terms)
+        if "force_law" in entry.laws and (entry.dissipates or entry.jumps)
+    ]
+    # Friction that is continuous in the motion, N, which an FMU shows separately.
+    head = "def drag(z: float, v: float, t: float, q: Numbers) -> float:"
+    text = f"{kernel_source(terms)}\n\n{head}\n    return {' + '.join(drag) or '0.0'}"
     functions, imports = parsed(text)
     found = Translation()
     for name in ROOTS:
         found.add(_Source(functions[name], functions, imports), name, _KERNEL)
     return found.text(terms)
-
-
-def _drag(terms: Sequence[Term]) -> str:
-    """Return the Python function of the forces of friction that are continuous in the motion, N."""
-    places = {parameter.name: place for place, parameter in enumerate(unique_parameters(terms))}
-    calls = [
-        f"force_law_{number}(z, v, t, {', '.join(f'q[{places[one.name]}]' for one in entry.parameters)})"
-        for number, entry in enumerate(terms)
-        if "force_law" in entry.laws and (entry.dissipates or entry.jumps)
-    ]
-    head = "def drag(z: float, v: float, t: float, q: Numbers) -> float:"
-    return f"{head}\n    return {' + '.join(calls) or '0.0'}"

@@ -110,7 +110,12 @@ def fmu_content(
         "modelDescription.xml": _description(fmi, name, identifier, token, variables),
     }
     if fmi == 3:
-        files["sources/buildDescription.xml"] = _build_description(identifier)
+        root = ElementTree.Element("fmiBuildDescription", fmiVersion="3.0")
+        configuration = ElementTree.SubElement(root, "BuildConfiguration", modelIdentifier=identifier)
+        options = {"language": "C99", "compilerOptions": "-O2 -ffp-contract=off"}
+        sources = ElementTree.SubElement(configuration, "SourceFileSet", options)
+        ElementTree.SubElement(sources, "SourceFile", name="fmi3.c")
+        files["sources/buildDescription.xml"] = _xml(root)
     files |= _compiled(files, main, identifier, fmi)
     stream = io.BytesIO()
     with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
@@ -295,16 +300,6 @@ def _add_unit(units: ElementTree.Element, name: str) -> None:
                 exponents[place] += sign * exponent * int(power or 1)
     powers = {key: str(power) for key, power in zip(("kg", "m", "s"), exponents, strict=True) if power}
     ElementTree.SubElement(unit, "BaseUnit", powers | ({"rad": "1"} if name == "rad" else {}))
-
-
-def _build_description(identifier: str) -> str:
-    root = ElementTree.Element("fmiBuildDescription", fmiVersion="3.0")
-    configuration = ElementTree.SubElement(root, "BuildConfiguration", modelIdentifier=identifier)
-    options = {"language": "C99", "compilerOptions": "-O2 -ffp-contract=off"}
-    ElementTree.SubElement(
-        ElementTree.SubElement(configuration, "SourceFileSet", options), "SourceFile", name="fmi3.c"
-    )
-    return _xml(root)
 
 
 def _xml(root: ElementTree.Element) -> str:

@@ -117,7 +117,7 @@ class ComposedMotion:
         self.terms = tuple(terms)
         self.parameters = unique_parameters(self.terms)
         self.names = tuple(parameter.name for parameter in self.parameters)
-        self._kernel = kernel_of(tuple(entry.name for entry in self.terms))
+        self._kernel = kernel_of(self.terms)
         self._memories = sum("memory_law" in entry.laws for entry in self.terms)
 
     def table(self, values: Mapping[str, float | Array], samples: int) -> Array:
@@ -492,17 +492,19 @@ def _slopes(entry: Term, given: tuple[float, ...], largest_displacement: float) 
         places += [level + side for level in kinks for side in (-gap, gap)]
         reached = [level + 20.0 * side for level in kinks for side in (-gap, gap)]
     stiffness = damping = 0.0
-    for t in (0.0, LATEST_TIME):
-        if smooth is not None:
+    takes = entry.arguments("force_law") if smooth is not None else ()
+    for t in (0.0, LATEST_TIME) if "t" in takes else (0.0,):
+        if smooth is not None and "z" in takes:
             for z in places:
                 ahead, behind = smooth(z + 0.5 * gap, 0.0, t, *given), smooth(z - 0.5 * gap, 0.0, t, *given)
                 stiffness = max(stiffness, abs(ahead - behind) / gap)
-            for z in reached:
+        if smooth is not None and "v" in takes:
+            for z in reached if "z" in takes else (0.0,):
                 for speed in SPEEDS:
                     for side in (-1.0, 1.0):
                         change = smooth(z, 2.0 * side * speed, t, *given) - smooth(z, side * speed, t, *given)
                         damping = max(damping, abs(change) / speed)
-    if sliding is not None:
+    if sliding is not None and "speed" in entry.arguments("sliding_law"):
         for speed in SPEEDS:
             for side in (-1.0, 1.0):
                 change = sliding(0.0, 2.0 * speed, side, *given) - sliding(0.0, speed, side, *given)

@@ -13,11 +13,11 @@ from types import ModuleType
 
 from spool_core.errors import InputError
 
-from spool_sim.terms import Parameter, Term, term
+from spool_sim.terms import Parameter, Term
+from spool_sim.terms.base import LAWS
 
 #: Module whose laws the stepping kernel imports, to be replaced by those of the terms.
-_LAWS = "spool_sim.integration.fluid_laws"
-_MEMORY = "memory_law"
+_REPLACED = "spool_sim.integration.fluid_laws"
 
 
 def unique_parameters(terms: Sequence[Term]) -> tuple[Parameter, ...]:
@@ -40,59 +40,51 @@ def unique_parameters(terms: Sequence[Term]) -> tuple[Parameter, ...]:
 
 def laws_source(terms: Sequence[Term]) -> str:
     """Return the Python source of the laws of ``terms`` together, as ``stepping`` takes it."""
-    places = {parameter.name: place for place, parameter in enumerate(unique_parameters(terms))}
+    places = {one.name: f"q[{place}]" for place, one in enumerate(unique_parameters(terms))}
+    having = {law: [number for number, entry in enumerate(terms) if law in entry.laws] for law in LAWS}
     imports = ["from spool_core.numbers import Array", ""]
+    imports += sorted(
+        terms[number].imported(number, law)
+        for law, numbers in having.items()
+        for number in (numbers if law != "inertia_law" else ())
+    )
 
-    def calls(law: str) -> list[tuple[str, str]]:
-        """Return the function and the parameters that a call of it ends with, of each term with the law."""
-        found = []
-        for number, entry in enumerate(terms):
-            if law in entry.laws:
-                name = f"{law}_{number}"
-                line = f"from {entry.laws[law].__module__} import {law} as {name}"
-                if line not in imports:
-                    imports.append(line)
-                found.append((name, "".join(f", q[{places[p.name]}]" for p in entry.parameters)))
-        return found
+    def call(law: str, number: int, *motion: str) -> str:
+        return terms[number].call(number, places, law, *motion)
 
     def added(parts: list[str]) -> str:
         return " + ".join(parts) or "0.0"
 
-    memories = calls(_MEMORY)
+    memories, sliding, levels = having["memory_law"], having["sliding_law"], having["levels_law"]
     width = max(1, len(memories))
-    forces = [f"{name}(z, v, t{ends})" for name, ends in calls("force_law")]
+    forces = [call("force_law", number, "z", "v", "t") for number in having["force_law"]]
     forces += [f"x[{place}]" for place in range(len(memories))]
-    sliding = calls("sliding_law")
-    rests = dict(calls("rest_law"))
-    slips = [f"{name}(z, speed, s{ends})" for name, ends in sliding]
+    slips = [call("sliding_law", number, "z", "speed", "s") for number in sliding]
     lows: list[str] = []
     highs: list[str] = []
     rest_lines: list[str] = []
-    for name, ends in sliding:
-        number = name.rpartition("_")[2]
-        own = f"rest_law_{number}"
-        if own in rests:
-            rest_lines.append(f"low_{number}, high_{number} = {own}(z{ends})")
+    for number in sliding:
+        if number in having["rest_law"]:
+            rest_lines.append(f"low_{number}, high_{number} = {call('rest_law', number, 'z')}")
             lows.append(f"low_{number}")
             highs.append(f"high_{number}")
         else:
-            lows.append(f"-{name}(z, 0.0, -1.0{ends})")
-            highs.append(f"{name}(z, 0.0, 1.0{ends})")
-    levels = calls("levels_law")
+            lows.append(f"-{call('sliding_law', number, 'z', '0.0', '-1.0')}")
+            highs.append(call("sliding_law", number, "z", "0.0", "1.0"))
     level_lines = []
-    for name, ends in levels:
+    for number in levels:
         level_lines += [
-            f"for place in {name}({ends[2:]}):",
+            f"for place in {call('levels_law', number)}:",
             "    if low < place < high and (math.isnan(level) or (place < level) != (z1 < z0)):",
             "        level = place",
         ]
-    mass = places["mass"]
-    moved = [f"{name}(x[{place}], slip, s{ends})" for place, (name, ends) in enumerate(memories)] or ["x[0]"]
+    mass = list(places).index("mass")
+    moved = [call("memory_law", number, f"x[{place}]", "slip", "s") for place, number in enumerate(memories)]
     events = bool(sliding or memories or levels)
     numbers = "tuple[float, ...]"
     functions = [
         ("given(parameters: Array, row: int) -> " + numbers, "the parameters that hold in ``row``",
-         [f"return ({_tuple(f'parameters[row, {place}]' for place in places.values())})"]),
+         [f"return ({_tuple(f'parameters[row, {place}]' for place in range(len(places)))})"]),
         ("start_memory(state: Array) -> " + numbers, "the forces that the terms remember, N",
          [f"return ({_tuple(f'state[{3 + place}]' for place in range(width))})"]),
         (f"smooth(z: float, v: float, t: float, x: {numbers}, q: {numbers}) -> float",
@@ -104,7 +96,7 @@ def laws_source(terms: Sequence[Term]) -> str:
          [*rest_lines, f"return {added(lows)}, {added(highs)}"]),
         (f"remembered(x: {numbers}, slip: float, s: float, q: {numbers}) -> {numbers}",
          "the forces that the terms remember after slipping on by ``slip`` m, N",
-         [f"return ({_tuple(moved)})"]),
+         [f"return ({_tuple(moved or ['x[0]'])})"]),
         (f"next_level(z0: float, z1: float, q: {numbers}) -> float",
          "the first kink between z0 and z1, m, or not a number",
          ["level = math.nan", "low, high = min(z0, z1), max(z0, z1)", *level_lines, "return level"]
@@ -131,22 +123,23 @@ def kernel_with(laws: str) -> str:
     """Return the source of the stepping kernel with ``laws`` in place of those that it imports."""
     text = Path(importlib.import_module("spool_sim.integration.stepping").__file__ or "").read_text("utf-8")
     imports = (node for node in ast.parse(text).body if isinstance(node, ast.ImportFrom))
-    found = next((node for node in imports if node.module == _LAWS), None)
+    found = next((node for node in imports if node.module == _REPLACED), None)
     if found is None:
-        raise RuntimeError(f"spool_sim.integration.stepping imports nothing from {_LAWS}")
+        raise RuntimeError(f"spool_sim.integration.stepping imports nothing from {_REPLACED}")
     lines = text.splitlines(keepends=True)
     return "".join([*lines[: found.lineno - 1], laws, "\n\n", *lines[found.end_lineno :]])
 
 
 @lru_cache(maxsize=256)
-def kernel_of(names: tuple[str, ...]) -> ModuleType:
-    """Return the kernel module of the terms called ``names``, in this order.
+def kernel_of(terms: tuple[Term, ...]) -> ModuleType:
+    """Return the kernel module of ``terms``, in this order.
 
     It is compiled at its first call; later processes find it on the disk.
     """
-    return load_kernel(kernel_source([term(name) for name in names]))
+    return load_kernel(kernel_source(terms))
 
 
+@lru_cache(maxsize=256)
 def load_kernel(source: str) -> ModuleType:
     """Return the kernel module of ``source``, which its name is a hash of."""
     name = f"spool_kernel_{hashlib.sha256(source.encode()).hexdigest()[:20]}"

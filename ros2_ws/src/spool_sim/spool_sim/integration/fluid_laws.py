@@ -10,8 +10,8 @@ import math
 from spool_core.kernels.compiled import inner
 from spool_core.numbers import Array
 
-from spool_sim.terms.spring import force_law as force_law_1
-from spool_sim.terms.viscous_friction import force_law as force_law_2
+from spool_sim.terms.drag_and_pushes import viscous as force_law_2
+from spool_sim.terms.springs import spring as force_law_1
 
 EVENTS = False
 MASS = 0
@@ -32,7 +32,7 @@ def start_memory(state: Array) -> tuple[float, ...]:
 @inner
 def smooth(z: float, v: float, t: float, x: tuple[float, ...], q: tuple[float, ...]) -> float:
     """Return the sum of the forces that are continuous in the motion, N."""
-    return force_law_1(z, v, t, q[1]) + force_law_2(z, v, t, q[2])
+    return force_law_1(z, q[1]) + force_law_2(v, q[2])
 
 
 @inner

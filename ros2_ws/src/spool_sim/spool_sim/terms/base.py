@@ -1,14 +1,14 @@
-"""Force term: what it tells about itself.
+"""Force term: one declaration of its numbers, its texts and the functions that compute its force.
 
-A term's file holds the class and its laws: module-level functions of numbers that the project
-compiles (:mod:`spool_core.kernels.compiled`). After the arguments named here come the term's parameters,
-in their order.
+A law is a function of plain numbers at the top level of a module. It takes those of the arguments listed here
+that it uses, and those of the term's parameters, each by its name:
 
-    force_law(z, v, t, ...) -> N                   a force that is continuous in the motion
-    sliding_law(z, speed, direction, ...) -> N     dry friction while slipping: what opposes, speed >= 0
-    rest_law(z, ...) -> (low, high)                N, what it takes up at rest; else sliding_law at speed 0
-    memory_law(force, slip, direction, ...) -> N   friction with memory: the force after slipping on, m
-    levels_law(...) -> (low, high)                 displacements (m) at which force_law has a kink
+    force_law(z, v, t) -> N                    a force that is continuous in the motion
+    sliding_law(z, speed, direction) -> N      dry friction while slipping: what opposes, speed >= 0
+    rest_law(z) -> (low, high)                 N, what it takes up at rest; else sliding_law at speed 0
+    memory_law(force, slip, direction) -> N    friction with memory: the force after slipping on, m
+    levels_law() -> (low, high)                displacements (m) at which force_law has a kink
+    inertia_law(acceleration) -> N             of the moving mass; steps divide by the parameter ``mass``
 
 z (m) and v (m/s) are relative to the body, t (s) runs since the start, direction is +1 or -1. Forces stand
 on the left side of the balance: all terms add up to zero, so friction has the sign of the velocity.
@@ -16,13 +16,11 @@ on the left side of the balance: all terms add up to zero, so friction has the s
 
 from __future__ import annotations
 
-import importlib
-import inspect
-from abc import ABC
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from spool_core.errors import InputError
@@ -30,14 +28,16 @@ from spool_core.numbers import Array
 
 from spool_sim.valve import Valve
 
-#: Arguments of each law before the parameters.
+#: What a law may take besides the parameters of its term.
 LAWS: dict[str, tuple[str, ...]] = {
     "force_law": ("z", "v", "t"),
     "sliding_law": ("z", "speed", "direction"),
     "rest_law": ("z",),
     "memory_law": ("force", "slip", "direction"),
     "levels_law": (),
+    "inertia_law": ("acceleration",),
 }
+Law = Callable[..., Any]
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +85,8 @@ class Parameter:
         return value
 
 
-class Term(ABC):
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Term:
     """Force term in the balance of the spool; all terms of a model add up to zero.
 
     Attributes:
@@ -99,34 +100,46 @@ class Term(ABC):
         dissipates: the force never does work on the spool, so that force times velocity >= 0.
         dissipates_with: name of the term without which it may do work, if any.
         conserves: the force has a potential.
+        force_law, sliding_law, rest_law, memory_law, levels_law, inertia_law: as the module describes.
     """
 
-    name: ClassVar[str]
-    parameters: ClassVar[tuple[Parameter, ...]]
-    law: ClassVar[str]
-    source: ClassVar[str]
-    meaning: ClassVar[str]
-    check: ClassVar[str]
-    odd: ClassVar[bool] = True
-    dissipates: ClassVar[bool] = False
-    dissipates_with: ClassVar[str | None] = None
-    conserves: ClassVar[bool] = False
+    name: str
+    parameters: tuple[Parameter, ...]
+    law: str
+    source: str
+    meaning: str
+    check: str
+    odd: bool = True
+    dissipates: bool = False
+    dissipates_with: str | None = None
+    conserves: bool = False
+    force_law: Law | None = None
+    sliding_law: Law | None = None
+    rest_law: Law | None = None
+    memory_law: Law | None = None
+    levels_law: Law | None = None
+    inertia_law: Law | None = None
 
-    @cached_property
-    def laws(self) -> dict[str, Callable[..., Any]]:
-        """The laws that the term's file defines, by name.
+    def __post_init__(self) -> None:
+        """Refuse a law that takes what it cannot get.
 
         Raises:
-            TypeError: the arguments of a law are not those that its name asks for.
+            TypeError: an argument is neither one that ``LAWS`` lists nor a parameter.
         """
-        module = importlib.import_module(type(self).__module__)
-        found = {name: getattr(module, name) for name in LAWS if hasattr(module, name)}
-        names = tuple(parameter.name for parameter in self.parameters)
-        for name, law in found.items():
-            given = tuple(inspect.signature(getattr(law, "py_func", law)).parameters)
-            if given != LAWS[name] + names:
-                raise TypeError(f"{self.name}.{name}{given}: must take {LAWS[name] + names}")
-        return found
+        for name in self.laws:
+            known = (*LAWS[name], *(parameter.name for parameter in self.parameters))
+            wrong = [argument for argument in self.arguments(name) if argument not in known]
+            if wrong:
+                raise TypeError(f"{self.name}.{name}: takes {', '.join(wrong)}, known are {', '.join(known)}")
+
+    def __init_subclass__(cls) -> None:
+        """Refuse a class: a term is an object."""
+        raise TypeError(f"{cls.__name__} derives from Term: declare Term(name=..., force_law=...) instead")
+
+    @cached_property
+    def laws(self) -> dict[str, Law]:
+        """The laws that the term has, by name."""
+        return {name: law for name in LAWS if (law := getattr(self, name)) is not None}
 
     @property
     def slides(self) -> bool:
@@ -138,20 +151,54 @@ class Term(ABC):
         """Whether it is dry friction, whose force jumps where the velocity changes its sign."""
         return self.slides or "memory_law" in self.laws
 
-    def uncompiled(self, law: str) -> Callable[..., Any] | None:
-        """Return a law uncompiled, for single values; ``None`` where the term has none of that name."""
-        found = self.laws.get(law)
-        return getattr(found, "py_func", found)
+    def function(self, law: str) -> Any:
+        """Return the Python function of a law, uncompiled."""
+        return getattr(self.laws[law], "py_func", self.laws[law])
+
+    def arguments(self, law: str) -> tuple[str, ...]:
+        """Return the names of what a law takes, in its order."""
+        code = self.function(law).__code__
+        return tuple(code.co_varnames[: code.co_argcount])
+
+    def imported(self, number: int, law: str) -> str:
+        """Return the line of source that imports the function of a law as ``LAW_NUMBER``."""
+        function = self.function(law)
+        return f"from {function.__module__} import {function.__name__} as {law}_{number}"
+
+    def call(self, number: int, places: Mapping[str, str], law: str, *motion: str) -> str:
+        """Return the source of a call of ``LAW_NUMBER``.
+
+        Args:
+            number: of the term in its model.
+            places: source of each parameter, by name.
+            law: which one.
+            motion: source of each of its arguments in ``LAWS``.
+        """
+        known = {**places, **dict(zip(LAWS[law], motion, strict=True))}
+        return f"{law}_{number}({', '.join(known[argument] for argument in self.arguments(law))})"
+
+    def uncompiled(self, law: str) -> Law | None:
+        """Return a law for single values; ``None`` where the term has none of that name.
+
+        It takes all of its arguments in ``LAWS``, then all parameters.
+        """
+        if law not in self.laws:
+            return None
+        known = (*LAWS[law], *(parameter.name for parameter in self.parameters))
+        function, places = self.function(law), [known.index(argument) for argument in self.arguments(law)]
+        return lambda *given: function(*[given[place] for place in places])
 
     def force(
         self,
         displacement: Array,
         velocity: Array,
-        acceleration: Array,  # noqa: ARG002
+        acceleration: Array,
         values: Mapping[str, float],
         time: Array | None = None,
     ) -> Array:
         """Return the force, N, shape (n,); dry friction at zero velocity counts as 0.
+
+        Friction with memory starts from zero at the first sample; its reversals fall on samples.
 
         Args:
             displacement: z, relative to the body, m, shape (n,).
@@ -163,7 +210,11 @@ class Term(ABC):
         given = [float(values[parameter.name]) for parameter in self.parameters]
         z, v = displacement.tolist(), velocity.tolist()
         total = np.zeros(displacement.size)
-        smooth, sliding = self.uncompiled("force_law"), self.uncompiled("sliding_law")
+        smooth, sliding, memory, inertia = (
+            self.uncompiled(law) for law in ("force_law", "sliding_law", "memory_law", "inertia_law")
+        )
+        if inertia is not None:
+            total += inertia(acceleration, *given)
         if smooth is not None:
             t = [0.0] * len(z) if time is None else time.tolist()
             total += [smooth(*point, *given) for point in zip(z, v, t, strict=True)]
@@ -172,6 +223,11 @@ class Term(ABC):
                 0.0 if speed == 0.0 else side * sliding(place, side * speed, side, *given)
                 for place, speed, side in zip(z, v, np.sign(velocity).tolist(), strict=True)
             ]
+        if memory is not None:
+            held = [0.0]
+            for slip in np.diff(displacement).tolist():
+                held.append(memory(held[-1], slip, math.copysign(1.0, slip), *given))
+            total += held
         return total
 
     def at_rest(self, displacement: float, values: Mapping[str, float]) -> tuple[float, float]:
