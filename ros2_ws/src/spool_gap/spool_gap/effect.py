@@ -1,21 +1,22 @@
-"""Effect of the catalogue: what its class says about it.
+"""Effect of the catalogue: one declaration of how to find it.
 
-Each effect is one class in a file of ``catalogue/``. Its law is that of terms of :mod:`spool_sim.terms`; the
-class states how to find it: its signature at a measured motion, where a fit starts, and with what it is
-confusable. An effect of the spool's channel derives from :class:`SensorEffect`.
+Its law is that of the term of :mod:`spool_sim.terms` with the effect's name, which has its numbers, meaning
+and checks. The declaration adds its signature at a measured motion, where a fit starts, and with what it is
+confusable. Its functions take what they use by name. An effect of the spool's channel is a
+:class:`SensorEffect`.
 """
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from spool_core.numbers import Array
 from spool_estimator.identification.least_squares import Unknown
-from spool_sim.terms import Parameter, term
+from spool_sim.terms import Parameter, Term, term
 
 #: Shares of the force that moves the spool with which an effect is tried.
 SHARES = (0.02, 0.06, 0.15, 0.4)
@@ -84,21 +85,44 @@ class Scale:
     peaks: tuple[tuple[float, float, float], ...] = ()
 
 
-class Effect(ABC):
+def taking(function: Callable[..., Any], *sources: object) -> Any:
+    """Return ``function`` of what it takes: of each argument the value of that name in ``sources``.
+
+    A source is a mapping, or an object with attributes. An argument with a default may be missing.
+    """
+    code, found = function.__code__, dict[str, object]()
+    for name in code.co_varnames[: code.co_argcount]:
+        for source in sources:
+            value = source.get(name, found) if isinstance(source, Mapping) else getattr(source, name, found)
+            if value is not found:
+                found[name] = value
+                break
+    return function(**found)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Effect:
     """Something that the model may lack.
 
     Attributes:
-        id: as in the contract.
-        kinds: of records that can show it.
-        terms: force terms that hold its law, switched on together; none for an effect of the data channels.
-        replaces: effects that it contains; none of them is added jointly with it.
-        fitted: parameters that are its own, in the order of its report.
-        amplitudes: those of them that are 0 where the effect is absent.
-        positive: coefficients of its signature below 0 make no sense.
-        meaning: on the machine.
-        check: what to look at there.
+        id: as in the contract, and the name of the force term that holds its law.
+        group: what on the machine it belongs to; a maintenance engineer acts by this.
         confusable_with: effects with a similar signature.
         distinguished_by: which excitation distinguishes them.
+        acts: the forces for coefficients of 1, shape (n,) or q of them; takes attributes of a :class:`Motion`
+            and numbers of a shape.
+        solved: the numbers for ``coefficients`` of a trial (a list), ``None`` where they make no sense; takes
+            the shape and the motion as well. By default coefficients are the numbers that the shape lacks.
+        tried: the shapes to try, which are the numbers in which the force is not linear; takes the motion.
+        begun: numbers from which fits begin, from slight to all that acts; takes attributes of a
+            :class:`Scale`. By default the amplitude makes shares of the force.
+        size: the amplitude whose force is that of the scale; by default it is a force itself.
+        freed: what a fit finds; takes the default (``unknowns``), numbers of the structure and ``seconds``.
+        refused: why fitted numbers make no sense on a machine, or empty; takes them and ``deviations``.
+        kinds: of records that can show it.
+        replaces: effects that it contains; none of them is added jointly with it.
+        sized: its numbers that are 0 where it is absent, where it has more than one.
+        positive: coefficients of its signature below 0 make no sense.
         localised: it acts in few stretches of a record only.
         local_minima: with it the motion can go several ways at one excitation, so that a fit of free runs may
             end in a wrong local minimum: random draws precede it.
@@ -106,131 +130,166 @@ class Effect(ABC):
         load_cell_zero: force records cannot tell it from the zero of their load cell.
         scanned: numbers in which the force is not linear that are taken from a list, not refined.
         picture: what its signature is drawn over: ``velocity``, ``displacement``, ``time`` or ``samples``.
-        group: what on the machine it belongs to; a maintenance engineer acts by this.
     """
 
-    id: ClassVar[str]
-    group: ClassVar[str]
-    kinds: ClassVar[tuple[str, ...]] = ("accelerations", "driven", "imposed")
-    terms: ClassVar[tuple[str, ...]] = ()
-    replaces: ClassVar[tuple[str, ...]] = ()
-    fitted: ClassVar[tuple[str, ...]] = ()
-    amplitudes: ClassVar[tuple[str, ...]] = ()
-    positive: ClassVar[bool] = False
-    meaning: ClassVar[str] = ""
-    check: ClassVar[str] = ""
-    confusable_with: ClassVar[tuple[str, ...]] = ()
-    distinguished_by: ClassVar[str] = ""
-    localised: ClassVar[bool] = False
-    local_minima: ClassVar[bool] = False
-    searched: ClassVar[bool] = True
-    load_cell_zero: ClassVar[bool] = False
-    scanned: ClassVar[tuple[str, ...]] = ()
-    picture: ClassVar[str] = "velocity"
+    id: str
+    group: str
+    confusable_with: tuple[str, ...]
+    distinguished_by: str
+    acts: Callable[..., Any] | None = None
+    solved: Callable[..., dict[str, float] | None] | None = None
+    tried: Callable[..., list[dict[str, float]]] | None = None
+    begun: Callable[..., list[dict[str, float]]] | None = None
+    size: Callable[..., float] | None = None
+    freed: Callable[..., list[Unknown]] | None = None
+    refused: Callable[..., str] | None = None
+    kinds: tuple[str, ...] = ("accelerations", "driven", "imposed")
+    replaces: tuple[str, ...] = ()
+    sized: tuple[str, ...] = ()
+    positive: bool = False
+    localised: bool = False
+    local_minima: bool = False
+    searched: bool = True
+    load_cell_zero: bool = False
+    scanned: tuple[str, ...] = ()
+    picture: str = "velocity"
+
+    @property
+    def terms(self) -> tuple[str, ...]:
+        """Names of the force terms that hold its law."""
+        return (self.id,)
+
+    @property
+    def _term(self) -> Term:
+        return term(self.id)
 
     @property
     def on_the_machine(self) -> str:
-        """What it means, from the force term where the effect states no meaning."""
-        return self.meaning or term(self.terms[0]).meaning
+        """What it means."""
+        return self._term.meaning
 
     @property
     def to_check(self) -> str:
         """What to look at."""
-        return self.check or term(self.terms[0]).check
+        return self._term.check
 
     @property
     def law(self) -> str:
         """Its law as text."""
-        return term(self.terms[0]).law if self.terms else ""
+        return self._term.law
 
     @property
     def numbers(self) -> tuple[Parameter, ...]:
-        """The parameters that are its own, in the order of its terms."""
-        return tuple(p for name in self.terms for p in term(name).parameters if p.name in self.fitted)
+        """Its parameters: of those of its term the ones that no valve states."""
+        return tuple(p for p in self._term.parameters if p.valve_attribute is None)
+
+    @cached_property
+    def fitted(self) -> tuple[str, ...]:
+        """Names of its numbers, in the order of its report."""
+        return tuple(number.name for number in self.numbers)
+
+    @property
+    def amplitudes(self) -> tuple[str, ...]:
+        """Names of those of them that are 0 where the effect is absent."""
+        return self.sized or (self.fitted if len(self.fitted) == 1 else ())
 
     @property
     def is_friction(self) -> bool:
         """Whether it is a law of dry friction: one of them is enough."""
-        return any(term(name).jumps for name in self.terms)
+        return self._term.jumps
 
-    def unknowns(self, values: Mapping[str, float], seconds: float) -> list[Unknown]:  # noqa: ARG002
+    def unknowns(self, values: Mapping[str, float], seconds: float) -> list[Unknown]:
         """Return what a fit finds of it, in size as the present ``values``, in records of ``seconds``."""
-        return [
+        found = [
             Unknown(
                 p.name, p.unit, p.low, p.high,
                 abs(values.get(p.name, p.start)) or p.start or 1e-3 * p.high,
             )
             for p in self.numbers
         ]  # fmt: skip
+        if self.freed is None:
+            return found
+        return list(taking(self.freed, {"unknowns": found, "seconds": seconds}, values))
 
-    def shapes(self, motion: Motion) -> list[dict[str, float]]:  # noqa: ARG002
+    def shapes(self, motion: Motion) -> list[dict[str, float]]:
         """Return the choices to try of the numbers in which the force is not linear."""
-        return [{}]
+        return [{}] if self.tried is None else list(taking(self.tried, motion))
 
-    def signature(self, motion: Motion, shape: Mapping[str, float]) -> Array:  # noqa: ARG002
+    def signature(self, motion: Motion, shape: Mapping[str, float]) -> Array:
         """Return the forces for coefficients of 1 along ``motion``, shape (q, n); a sensor has none."""
-        return np.empty((0, motion.displacement.size))
+        if self.acts is None:
+            return np.empty((0, motion.displacement.size))
+        return np.atleast_2d(taking(self.acts, shape, motion))
 
     def values(
-        self,
-        coefficients: Array,
-        shape: Mapping[str, float],
-        motion: Motion,  # noqa: ARG002
+        self, coefficients: Array, shape: Mapping[str, float], motion: Motion
     ) -> dict[str, float] | None:
-        """Return parameter values for the coefficients of a trial, ``None`` where those make no sense.
-
-        By default the coefficients are the fitted numbers that are not of the shape.
-        """
+        """Return parameter values for the coefficients of a trial, ``None`` where those make no sense."""
         if self.positive and not np.all(coefficients > 0.0):
             return None
-        linear = (name for name in self.fitted if name not in shape)
-        return {**shape, **dict(zip(linear, coefficients.tolist(), strict=True))}
+        if self.solved is None:
+            linear = (name for name in self.fitted if name not in shape)
+            return {**shape, **dict(zip(linear, coefficients.tolist(), strict=True))}
+        found = taking(self.solved, {"coefficients": coefficients.tolist()}, shape, motion)
+        if found is None:
+            return None
+        return {name: value for name, value in {**shape, **found}.items() if name in self.fitted}
 
     def guesses(self, scale: Scale) -> list[dict[str, float]]:
-        """Return numbers from which fits of a motion of ``scale`` begin: sizes from slight to all that acts.
-
-        By default each amplitude makes these shares of the force.
-        """
+        """Return numbers from which fits of a motion of ``scale`` begin."""
+        if self.begun is not None:
+            return list(taking(self.begun, scale))
         (own,) = self.amplitudes
         signs = (1.0,) if self.positive else (1.0, -1.0)
         return [{own: sign * share * self.unit(scale)} for share in SHARES for sign in signs]
 
     def unit(self, scale: Scale) -> float:
         """Return the amplitude whose force is that of ``scale``."""
-        return scale.force
+        return scale.force if self.size is None else float(taking(self.size, scale))
 
     def sensible(self, values: Mapping[str, float], deviations: Mapping[str, float]) -> str:
         """Return why the fitted ``values`` make no sense on a machine, or an empty string."""
-        for name in self.fitted:
-            if name in self.amplitudes and abs(values[name]) < 3.0 * deviations.get(name, 0.0):
-                return f"{name} is not significant"
-        return ""
+        reason = "" if self.refused is None else str(taking(self.refused, {"deviations": deviations}, values))
+        for name in self.amplitudes:
+            if not reason and abs(values[name]) < 3.0 * deviations.get(name, 0.0):
+                reason = f"{name} is not significant"
+        return reason
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
 class SensorEffect(Effect):
     """Effect of the spool's channel: its numbers, and what it makes of an acceleration.
 
     A likelihood knows the channel by the parts of :mod:`.likelihood.structure`, a first look its rail; the
-    class gives what is found there its name and what to check.
+    declaration gives what is found there its name and what to check.
 
     Attributes:
         parameters: 0 where the channel is right; ``start`` is a typical size.
         equation: the reading as text.
+        meaning: on the machine.
+        check: what to look at there.
+        reads: the reading, from ``acceleration``, ``period`` and its numbers.
     """
 
-    group = "sensor"
-    kinds = ("accelerations",)
-    picture = "samples"
-    searched = False
-    parameters: ClassVar[tuple[Parameter, ...]] = ()
-    equation: ClassVar[str] = ""
+    group: str = "sensor"
+    kinds: tuple[str, ...] = ("accelerations",)
+    picture: str = "samples"
+    searched: bool = False
+    parameters: tuple[Parameter, ...]
+    equation: str
+    meaning: str
+    check: str
+    reads: Callable[..., Array]
+    terms = ()
+    amplitudes = ()
 
-    def __init_subclass__(cls, **options: Any) -> None:
-        """Name the numbers that the class declares."""
-        super().__init_subclass__(**options)
-        cls.fitted = tuple(parameter.name for parameter in cls.parameters)
+    @property
+    def _term(self) -> Term:
+        return Term(
+            name=self.id, parameters=self.parameters, law=self.equation, source="",
+            meaning=self.meaning, check=self.check,
+        )  # fmt: skip
 
-    @abstractmethod
     def reading(self, acceleration: Array, period: float, values: Mapping[str, float]) -> Array:
         """Return what the channel reads, m/s^2, shape of ``acceleration`` (..., n).
 
@@ -238,16 +297,7 @@ class SensorEffect(Effect):
             acceleration: of the spool, a sample every ``period`` s.
             values: its parameters.
         """
-
-    @property
-    def law(self) -> str:
-        """Its law as text."""
-        return self.equation
-
-    @property
-    def numbers(self) -> tuple[Parameter, ...]:
-        """Its parameters."""
-        return self.parameters
+        return np.asarray(taking(self.reads, {"acceleration": acceleration, "period": period}, values))
 
 
 def scan(low: float, high: float, count: int) -> list[float]:

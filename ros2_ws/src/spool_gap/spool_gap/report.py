@@ -292,12 +292,11 @@ def _agreement(agreement: HeldOutAgreement, kind: str) -> dict[str, Any]:
 
 def _where(where: Where) -> dict[str, Any]:
     rows = {
-        name: [_share(share) for share in getattr(where, name)]
+        name: [
+            {f"low_{unit}": one.low, f"high_{unit}": one.high, "share": one.share, "floor": one.floor}
+            for one in getattr(where, name)
+            for unit in (one.unit.replace("/", "_per_"),)
+        ]
         for name in ("frequency", "displacement", "velocity", "direction", "time", "phase")
     }
     return {**rows, "sentence": where.sentence}
-
-
-def _share(share: Share) -> dict[str, Any]:
-    unit = share.unit.replace("/", "_per_")
-    return {f"low_{unit}": share.low, f"high_{unit}": share.high, "share": share.share, "floor": share.floor}

@@ -1,10 +1,10 @@
-"""The effects that the analysis can name, a class each, in files by family; nuisances that a record shows."""
+"""Effects that the analysis can name, each one declaration, in files by family; nuisances of records."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 
-from spool_core.discovery import classes_in
+from spool_core.discovery import objects_in
 from spool_core.errors import InputError
 from spool_estimator.identification.nuisances import BiasDrift, Hum, RecordNuisance, Spikes
 
@@ -14,7 +14,7 @@ from spool_gap.effect import Effect
 RECORD_NUISANCES: tuple[RecordNuisance, ...] = (Spikes(), Hum(), BiasDrift())
 #: Every effect by its id, in their order.
 EFFECTS: dict[str, Effect] = {
-    entry.id: entry() for entry in sorted(classes_in(__package__, Effect), key=lambda one: str(one.id))
+    entry.id: entry for entry in sorted(objects_in(__package__, Effect), key=lambda entry: entry.id)
 }
 
 #: Ids of the laws of dry friction: of these a machine has one.

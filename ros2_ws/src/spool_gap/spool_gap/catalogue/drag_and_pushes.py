@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +9,7 @@ from spool_core.numbers import Array
 from spool_estimator.identification.least_squares import Unknown
 from spool_sim.terms.drag_and_pushes import LINE
 
-from spool_gap.effect import Effect, Motion, Scale
+from spool_gap.effect import Effect
 
 #: Time constants of oil that warms, over the record's length: longer ones are a line, shorter ones soon over.
 COURSES = (0.15, 0.5)
@@ -22,144 +21,124 @@ IMPOSSIBLE = 10.0
 LOWEST = 0.1
 
 
-class QuadraticDamping(Effect):
-    """A force that grows with v abs(v)."""
-
-    id = "quadratic_damping"
-    group = "drag and oil"
-    terms = ("quadratic_damping",)
-    fitted = ("quadratic_coefficient",)
-    amplitudes = ("quadratic_coefficient",)
-    positive = True
-    confusable_with = ("coulomb_friction", "damping_drift")
-    distinguished_by = "several amplitudes, in a wide band"
-
-    def unit(self, scale: Scale) -> float:
-        """Return the coefficient whose force is that of ``scale``."""
-        return scale.force / scale.speed**2
-
-    def signature(self, motion: Motion, shape: Mapping[str, float]) -> Array:  # noqa: ARG002
-        """Return v abs(v)."""
-        return np.asarray((motion.velocity * np.abs(motion.velocity))[np.newaxis])
+def quadratic(velocity: Array) -> Array:
+    return np.asarray(velocity * np.abs(velocity))
 
 
-class DampingDrift(Effect):
-    """Drag that changes by a line over time, or by the exponential course of oil that warms."""
-
-    id = "damping_drift"
-    group = "drag and oil"
-    terms = ("damping_drift",)
-    fitted = ("damping_drift_rate", "damping_drift_time")
-    amplitudes = ("damping_drift_rate",)
-    picture = "time"
-    confusable_with = ("quadratic_damping",)
-    distinguished_by = "the same excitation at the beginning and at the end of the record"
-
-    def shapes(self, motion: Motion) -> list[dict[str, float]]:
-        """Return a line, and courses that bend within the record."""
-        seconds = float(motion.time.max() - motion.time.min())
-        bent = [{"damping_drift_time": max(1.0, share * seconds)} for share in COURSES]
-        return [{"damping_drift_time": LINE}, *bent]
-
-    def signature(self, motion: Motion, shape: Mapping[str, float]) -> Array:
-        """Return the velocity times the course over time."""
-        constant = shape["damping_drift_time"]
-        return (-constant * np.expm1(-motion.time / constant) * motion.velocity)[np.newaxis]
-
-    def values(
-        self, coefficients: Array, shape: Mapping[str, float], motion: Motion
-    ) -> dict[str, float] | None:
-        """Return the relative rate, and the time constant."""
-        rate = float(coefficients[0]) / max(motion.damping, 1e-9)
-        return {**shape, "damping_drift_rate": rate}
-
-    def unknowns(self, values: Mapping[str, float], seconds: float) -> list[Unknown]:
-        """Return the rate, and the time constant where the course is no line over ``seconds``."""
-        rate, constant = super().unknowns(values, seconds)
-        if values.get("damping_drift_time", LINE) >= LINE:
-            return [rate]
-        return [rate, replace(constant, low=1.0, high=3.0 * seconds, scale=0.3 * seconds)]
-
-    def guesses(self, scale: Scale) -> list[dict[str, float]]:
-        """Return lines, and courses that bend within the record, by which the drag changes in it."""
-        found = [
-            {"damping_drift_rate": change / scale.seconds, "damping_drift_time": LINE} for change in CHANGES
-        ]
-        for time in (max(1.0, share * scale.seconds) for share in COURSES):
-            found += [{"damping_drift_rate": change / time, "damping_drift_time": time} for change in CHANGES]
-        return found
-
-    def sensible(self, values: Mapping[str, float], deviations: Mapping[str, float]) -> str:
-        """Return why ``values`` make no sense: no oil changes its drag tenfold within a record."""
-        constant = values.get("damping_drift_time", LINE)
-        if constant < LINE and abs(values["damping_drift_rate"]) * constant > IMPOSSIBLE:
-            return f"the drag changes by a factor of more than {IMPOSSIBLE:g}"
-        return super().sensible(values, deviations)
+def quadratic_size(force: float, speed: float) -> float:
+    return force / speed**2
 
 
-class PeriodicForce(Effect):
-    """A line in the residual's spectrum that the excitation does not have."""
-
-    id = "periodic_force"
-    group = "excitation"
-    terms = ("periodic_force",)
-    fitted = ("force_frequency", "force_amplitude", "force_phase")
-    amplitudes = ("force_amplitude",)
-    scanned = ("force_frequency",)
-    picture = "time"
-    confusable_with = ()
-    distinguished_by = "a record long enough to distinguish its frequency from the excitation's"
-
-    def unknowns(self, values: Mapping[str, float], seconds: float) -> list[Unknown]:
-        """Return its numbers; a line of a record of ``seconds`` is as wide as steps of its frequency."""
-        found = {unknown.name: unknown for unknown in super().unknowns(values, seconds)}
-        scales = {"force_frequency": 0.05 / seconds, "force_phase": 0.5}
-        found |= {name: replace(found[name], scale=size, absolute=True) for name, size in scales.items()}
-        found["force_frequency"] = replace(found["force_frequency"], low=LOWEST)
-        return list(found.values())
-
-    def guesses(self, scale: Scale) -> list[dict[str, float]]:
-        """Return the lines that stand out of what the base leaves."""
-        return [dict(zip(self.fitted, peak, strict=True)) for peak in scale.peaks]
-
-    def shapes(self, motion: Motion) -> list[dict[str, float]]:
-        """Return the shapes to try."""
-        return [{"force_frequency": frequency} for frequency in motion.peaks]
-
-    def signature(self, motion: Motion, shape: Mapping[str, float]) -> Array:
-        """Return sine and cosine at the frequencies that stand out."""
-        angle = 2.0 * np.pi * shape["force_frequency"] * motion.time
-        return -np.array([np.sin(angle), np.cos(angle)])
-
-    def values(
-        self,
-        coefficients: Array,
-        shape: Mapping[str, float],
-        motion: Motion,  # noqa: ARG002
-    ) -> dict[str, float] | None:
-        """Return amplitude and phase."""
-        sine, cosine = coefficients.tolist()
-        return {
-            **shape,
-            "force_amplitude": float(np.hypot(sine, cosine)),
-            "force_phase": float(np.arctan2(cosine, sine)),
-        }
+QUADRATIC_DAMPING = Effect(
+    id="quadratic_damping",
+    group="drag and oil",
+    positive=True,
+    confusable_with=("coulomb_friction", "damping_drift"),
+    distinguished_by="several amplitudes, in a wide band",
+    acts=quadratic,
+    size=quadratic_size,
+)
 
 
-class ConstantForce(Effect):
-    """A force that is always there; two accelerometers cannot see it."""
+def drift(time: Array, velocity: Array, damping_drift_time: float) -> Array:
+    return -damping_drift_time * np.expm1(-time / damping_drift_time) * velocity
 
-    id = "constant_force"
-    group = "spring and play"
-    kinds = ("driven", "imposed")
-    terms = ("constant_force",)
-    fitted = ("push",)
-    amplitudes = ("push",)
-    load_cell_zero = True
-    picture = "time"
-    confusable_with = ()
-    distinguished_by = "a force record"
 
-    def signature(self, motion: Motion, shape: Mapping[str, float]) -> Array:  # noqa: ARG002
-        """Return -1 throughout."""
-        return -np.ones((1, motion.time.size))
+def rate_of(coefficients: list[float], damping: float) -> dict[str, float]:
+    return {"damping_drift_rate": coefficients[0] / max(damping, 1e-9)}
+
+
+def _courses(seconds: float) -> list[float]:
+    """Return the time constants (s) of a line, and of courses that bend within a record of ``seconds``."""
+    return [LINE, *(max(1.0, share * seconds) for share in COURSES)]
+
+
+def drift_unknowns(
+    unknowns: list[Unknown], seconds: float, damping_drift_time: float = LINE
+) -> list[Unknown]:
+    rate, constant = unknowns
+    if damping_drift_time >= LINE:
+        return [rate]
+    return [rate, replace(constant, low=1.0, high=3.0 * seconds, scale=0.3 * seconds)]
+
+
+def impossible(damping_drift_rate: float, damping_drift_time: float = LINE) -> str:
+    if damping_drift_time < LINE and abs(damping_drift_rate) * damping_drift_time > IMPOSSIBLE:
+        return f"the drag changes by a factor of more than {IMPOSSIBLE:g}"
+    return ""
+
+
+DAMPING_DRIFT = Effect(
+    id="damping_drift",
+    group="drag and oil",
+    sized=("damping_drift_rate",),
+    picture="time",
+    confusable_with=("quadratic_damping",),
+    distinguished_by="the same excitation at the beginning and at the end of the record",
+    acts=drift,
+    solved=rate_of,
+    tried=lambda time: [{"damping_drift_time": one} for one in _courses(float(time.max() - time.min()))],
+    begun=lambda seconds: [
+        {"damping_drift_rate": change / (seconds if one == LINE else one), "damping_drift_time": one}
+        for one in _courses(seconds)
+        for change in CHANGES
+    ],
+    freed=drift_unknowns,
+    refused=impossible,
+)
+
+
+def line(time: Array, force_frequency: float) -> list[Array]:
+    angle = 2.0 * np.pi * force_frequency * time
+    return [-np.sin(angle), -np.cos(angle)]
+
+
+def peak(coefficients: list[float]) -> dict[str, float]:
+    sine, cosine = coefficients
+    return {"force_amplitude": float(np.hypot(sine, cosine)), "force_phase": float(np.arctan2(cosine, sine))}
+
+
+def line_unknowns(unknowns: list[Unknown], seconds: float) -> list[Unknown]:
+    # A line of a record is as wide as steps of its frequency.
+    frequency, amplitude, phase = unknowns
+    return [
+        replace(frequency, low=LOWEST, scale=0.05 / seconds, absolute=True),
+        amplitude,
+        replace(phase, scale=0.5, absolute=True),
+    ]
+
+
+PERIODIC_FORCE = Effect(
+    id="periodic_force",
+    group="excitation",
+    sized=("force_amplitude",),
+    scanned=("force_frequency",),
+    picture="time",
+    confusable_with=(),
+    distinguished_by="a record long enough to distinguish its frequency from the excitation's",
+    acts=line,
+    solved=peak,
+    tried=lambda peaks: [{"force_frequency": frequency} for frequency in peaks],
+    begun=lambda peaks: [
+        {"force_frequency": frequency, "force_amplitude": amplitude, "force_phase": phase}
+        for frequency, amplitude, phase in peaks
+    ],
+    freed=line_unknowns,
+)
+
+
+def push(time: Array) -> Array:
+    return -np.ones(time.size)
+
+
+#: Always there, so two accelerometers cannot see it.
+CONSTANT_FORCE = Effect(
+    id="constant_force",
+    group="spring and play",
+    kinds=("driven", "imposed"),
+    load_cell_zero=True,
+    picture="time",
+    confusable_with=(),
+    distinguished_by="a force record",
+    acts=push,
+)
