@@ -134,12 +134,6 @@ def test_fits_begin_from_several_sizes_within_the_bounds(name: str) -> None:
             assert bounds[number][0] <= guess[number] <= bounds[number][1]
 
 
-def test_an_effect_of_a_channel_is_no_force(motion: Motion) -> None:
-    channels = [entry for entry in EFFECTS.values() if not entry.terms]
-    assert len(channels) == 3
-    assert {entry.signature(motion, {}).shape for entry in channels} == {(0, motion.time.size)}
-
-
 @pytest.mark.parametrize("name", FORCES)
 def test_the_switched_kernel_moves_the_spool_as_a_kernel_of_its_own(name: str) -> None:
     laws = (*(entry.name for entry in MODELS["fluid"].terms), *EFFECTS[name].terms)

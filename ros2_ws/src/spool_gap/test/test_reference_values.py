@@ -196,6 +196,12 @@ def middle(row: Array) -> Array:
     return row[1500:2500]
 
 
+def test_an_effect_of_a_channel_is_no_force() -> None:
+    channels = [entry for entry in EFFECTS.values() if not entry.terms]
+    assert len(channels) == 3
+    assert {entry.signature(MOTION, {}).shape for entry in channels} == {(0, 5)}
+
+
 @pytest.mark.parametrize(("name", "shape", "by_hand"), SIGNATURES)
 def test_signature_is_the_one_worked_out_by_hand(
     name: str, shape: Mapping[str, float], by_hand: list[list[float]]
