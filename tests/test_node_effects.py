@@ -28,7 +28,14 @@ from spool_estimator.estimator import Estimator, phase_of, settings_for
 from spool_estimator.estimator_node import EstimatorNode
 from spool_estimator.messages import from_description, from_message
 from spool_monitor.monitor_node import MonitorNode
-from spool_msgs.msg import AccelerationBlock, HealthEvent, ModelEstimate, Quantity, ValveDescription
+from spool_msgs.msg import (
+    AccelerationBlock,
+    AccelerationBlocks,
+    HealthEvent,
+    ModelEstimate,
+    Quantity,
+    ValveDescription,
+)
 from spool_sim.excitation import PRESETS, load_excitation
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
@@ -181,6 +188,32 @@ def test_a_drift_that_is_set_live_is_in_what_the_simulator_publishes(
         nodes.until(lambda: len(nodes.heard["oil_temperature"]) >= 8, "8 temperatures")
     found = [message.temperature for message in nodes.heard["oil_temperature"]]
     assert found == pytest.approx([20.0, 20.0, *(one for _, _, each in DRIFTS for one in each)])
+
+
+def test_a_simulator_of_many_valves_sends_one_message_for_all(claim_domain: Domains, valve: str) -> None:
+    """Each valve has its noise, and its oil temperature beside the blocks."""
+    with clocked(claim_domain, "plant") as nodes:
+        nodes.listen(AccelerationBlocks, "/accelerations")
+        for number in (1, 3):
+            nodes.listen(Temperature, f"/valve_{number}/oil_temperature")
+        nodes.start(SimulatorNode, valve_file=valve, excitation="multisine", valves=3, **RECORD)
+        nodes.advance(2.5)
+        nodes.until(lambda: len(nodes.heard["/accelerations"]) >= 120, "120 messages")
+    for number in range(3):
+        alone = Simulator(
+            find_valve(valve),
+            PRESETS["multisine"],
+            coulomb_force=0.1,
+            block_size=20,
+            body_sensor=Sensor(noise=0.05),
+            spool_sensor=Sensor(noise=0.05),
+            **(RECORD | {"seed": 5 + number}),
+        )
+        for message, block in zip(nodes.heard["/accelerations"][:120], alone.records(2.4), strict=True):
+            assert message.names == ["valve_1", "valve_2", "valve_3"]
+            assert message.blocks[number].sequence == block.sequence
+            assert message.blocks[number].spool.tolist() == block.spool.tolist()
+    assert [len(nodes.heard[f"/valve_{number}/oil_temperature"]) for number in (1, 3)] == [3, 3]
 
 
 def disturbed(valve: str) -> Iterator[Block]:

@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Sequence
 from typing import Any, ClassVar
 
 from sensor_msgs.msg import Temperature
 from spool_core.errors import InputError
 from spool_core.node import qos
-from spool_core.node.block_hub import BlockPublisher, Throttle
+from spool_core.node.block_hub import HUB, BlockPublisher, Throttle
 from spool_core.node.diagnostics import DiagnosticPublisher, Level, Status, key
 from spool_core.node.managed_node import ManagedNode
-from spool_core.node.messages import to_time
+from spool_core.node.messages import from_block, to_time
 from spool_core.node.parameters import NodeParameter, Value
 from spool_core.node.running import run
 from spool_core.text import plural
+from spool_msgs.msg import AccelerationBlocks
 from std_msgs.msg import Float64
 
 from spool_sim.excitation import load_excitation
@@ -35,8 +37,35 @@ SPEED_RATE = 10.0
 _KNOWN = 0.5
 
 
+class Outlet:
+    """Topics of one simulated valve beside its blocks, below ``prefix``."""
+
+    def __init__(self, node: ManagedNode, prefix: str) -> None:
+        samples = qos.samples_offered(SPEED_RATE)
+        self.thermometer, self.tachometer, self.commander = (
+            node.create_lifecycle_publisher(kind, f"{prefix}{name}", samples)
+            for kind, name in ((Temperature, "oil_temperature"), (Float64, "speed"), (Float64, "command"))
+        )
+        self._command = 0.0
+
+    def publish(self, simulator: Simulator, started: int, each_second: bool, each_speed: bool) -> None:
+        """Send what is due before the next block of ``simulator``, which started at ``started`` (ns)."""
+        valve, command = simulator.valve, simulator.command
+        if each_second and valve.oil is not None:
+            message = Temperature(temperature=simulator.truth.oil_temperature)
+            message.header.frame_id = valve.id
+            message.header.stamp = to_time(simulator.stamp)
+            self.thermometer.publish(message)
+        rpm = simulator.excitation.speed((simulator.stamp - started) * 1e-9)
+        if rpm is not None and each_speed:
+            self.tachometer.publish(Float64(data=rpm))
+        if simulator.strokes is not None and (command != self._command or each_second):
+            self.commander.publish(Float64(data=command))
+            self._command = command
+
+
 class SimulatorNode(ManagedNode):
-    """Publish ``acceleration`` at the pace of the node's clock."""
+    """Publish ``acceleration``, or ``/accelerations`` of many valves, at the pace of the node's clock."""
 
     PARAMETERS: ClassVar = (
         NodeParameter(
@@ -65,6 +94,15 @@ class SimulatorNode(ManagedNode):
             "spool_gain_error", 0.0, "Relative gain error, spool.", "1", -0.5, 0.5, structural=True
         ),
         NodeParameter("seed", 0, "Seed of the noise.", "", 0, 2**31 - 1, structural=True),
+        NodeParameter(
+            "valves",
+            0,
+            "Number of valves, valve_1 and so on, whose blocks go into one message; 0: the node's own valve.",
+            "",
+            0,
+            1000,
+            structural=True,
+        ),
         NodeParameter(
             "stroke_period",
             0.0,
@@ -99,28 +137,31 @@ class SimulatorNode(ManagedNode):
 
     def __init__(self, namespace: str | None = None, **options: Any) -> None:
         super().__init__("simulator", namespace, **options)
-        self._simulator: Simulator | None = None
+        self._simulators: list[Simulator] = []
         self._started: int | None = None
         self._last_turn = 0
         self._complete: float | None = None
         self._sent = 0
         self._skipped = self._told = 0
         self._throttle = Throttle()
-        self._command = 0.0
 
     def configure(self) -> None:
         """Build the valve, the excitation and the sensors from the parameters."""
         self.compile(self._compile_motion)
-        self._simulator = self._build(start_stamp=1)
-        self._publisher = BlockPublisher(self, "acceleration", self.value("block_rate"))
-        self._thermometer = self.create_lifecycle_publisher(
-            Temperature, "oil_temperature", qos.samples_offered(10.0)
-        )
-        self._tachometer = self.create_lifecycle_publisher(Float64, "speed", qos.samples_offered(SPEED_RATE))
-        self._commander = self.create_lifecycle_publisher(Float64, "command", qos.samples_offered(SPEED_RATE))
-        self._diagnostics = DiagnosticPublisher(self, self._simulator.valve.id)
+        self._simulators = self._build(start_stamp=1)
+        rate, count = self.value("block_rate"), self.value("valves")
+        if count and HUB.worker is not None:
+            raise InputError("valves: the simulators of a host send one valve each; set it to 0")
+        self._single = None if count else BlockPublisher(self, "acceleration", rate)
+        if count:
+            self._shared = self.create_lifecycle_publisher(
+                AccelerationBlocks, "/accelerations", qos.samples_offered(rate)
+            )
+        self._names = [f"valve_{number + 1}" for number in range(count)]
+        self._outlets = [Outlet(self, f"/{name}/") for name in self._names] or [Outlet(self, "")]
+        self._diagnostics = DiagnosticPublisher(self, self._simulators[0].valve.id)
         self.get_logger().info(
-            f"configured: valve {self._simulator.valve.id} ({self.value('valve_file')}), "
+            f"configured: valve {self._simulators[0].valve.id} ({self.value('valve_file')}), "
             f"model {self.value('model')}, excitation {self.value('excitation')}"
         )
 
@@ -138,16 +179,19 @@ class SimulatorNode(ManagedNode):
 
     def cleanup(self) -> None:
         """Release publisher and valve."""
-        self._publisher.destroy()
-        self.destroy_publisher(self._thermometer)
-        self.destroy_publisher(self._tachometer)
-        self.destroy_publisher(self._commander)
+        if self._single is not None:
+            self._single.destroy()
+        else:
+            self.destroy_publisher(self._shared)
+        for outlet in self._outlets:
+            for publisher in (outlet.thermometer, outlet.tachometer, outlet.commander):
+                self.destroy_publisher(publisher)
         self._diagnostics.destroy()
-        self._simulator = None
+        self._simulators = []
 
     def refuse_change(self, changes: dict[str, Value]) -> str | None:
         """Try the drift on a separate simulator."""
-        if self._simulator is None or "drift_quantity" not in changes:
+        if not self._simulators or "drift_quantity" not in changes:
             return None
         try:
             self._drift(self._build(start_stamp=1), changes)
@@ -157,21 +201,23 @@ class SimulatorNode(ManagedNode):
 
     def apply_change(self, changes: dict[str, Value]) -> None:
         """Start the drift that the parameters describe; its target and duration alone start none."""
-        if self._simulator is not None and "drift_quantity" in changes:
-            self._drift(self._simulator, changes)
+        if "drift_quantity" in changes:
+            self._drift(self._simulators, changes)
 
-    def _drift(self, simulator: Simulator, changes: dict[str, Value]) -> None:
+    def _drift(self, simulators: Sequence[Simulator], changes: dict[str, Value]) -> None:
         def setting(name: str) -> Any:
             return changes.get(name, self.value(name))
 
         if setting("drift_quantity") != "none":
-            simulator.set_drift(
-                str(setting("drift_quantity")),
-                float(setting("drift_target")),
-                float(setting("drift_duration")),
-            )
+            for simulator in simulators:
+                simulator.set_drift(
+                    str(setting("drift_quantity")),
+                    float(setting("drift_target")),
+                    float(setting("drift_duration")),
+                )
 
-    def _build(self, start_stamp: int) -> Simulator:
+    def _build(self, start_stamp: int) -> list[Simulator]:
+        """Return the valves' simulators, which differ in their noise."""
         sample_rate = self.value("sample_rate")
         block_size = round(sample_rate / self.value("block_rate"))
         if block_size < 1:
@@ -184,27 +230,37 @@ class SimulatorNode(ManagedNode):
             if period
             else None
         )
-        return Simulator(
-            find_valve(self.value("valve_file")),
-            load_excitation(self.value("excitation")),
-            model=self.value("model"),
-            coulomb_force=self.value("coulomb_force") if self.value("model") == "coulomb" else None,
-            sample_rate=sample_rate,
-            block_size=block_size,
-            seed=self.value("seed"),
-            start_stamp=start_stamp,
-            body_sensor=Sensor(gain_error=self.value("body_gain_error"), noise=self.value("noise")),
-            spool_sensor=Sensor(gain_error=self.value("spool_gain_error"), noise=self.value("noise")),
-            strokes=strokes,
+        valve, excitation = find_valve(self.value("valve_file")), load_excitation(self.value("excitation"))
+        body, spool = (
+            Sensor(gain_error=self.value(f"{one}_gain_error"), noise=self.value("noise"))
+            for one in ("body", "spool")
         )
+        return [
+            Simulator(
+                valve,
+                excitation,
+                model=self.value("model"),
+                coulomb_force=self.value("coulomb_force") if self.value("model") == "coulomb" else None,
+                sample_rate=sample_rate,
+                block_size=block_size,
+                seed=self.value("seed") + number,
+                start_stamp=start_stamp,
+                body_sensor=body,
+                spool_sensor=spool,
+                strokes=strokes,
+            )
+            for number in range(max(1, self.value("valves")))
+        ]
 
     def _compile_motion(self) -> None:
-        self._build(start_stamp=1).next_block()
+        self._build(start_stamp=1)[0].next_block()
 
     def _heard(self) -> bool:
         """Return whether as many listen as are waited for, and have for a while."""
         wanted = self.value("wait_for_subscribers")
-        if self._publisher.listeners < wanted:
+        single = self._single
+        listeners = single.listeners if single is not None else self._shared.get_subscription_count()
+        if listeners < wanted:
             self._complete = None
             return False
         if self._complete is None:
@@ -222,27 +278,17 @@ class SimulatorNode(ManagedNode):
             if not self._heard():
                 return
             self._started = now
-            self._simulator = self._build(start_stamp=now)
-            self._drift(self._simulator, {})
+            self._simulators = self._build(start_stamp=now)
+            self._drift(self._simulators, {})
             self._sent = 0
-        assert self._simulator is not None
-        due = int((now - self._started) * 1e-9 * self.value("block_rate")) - self._sent
-        valve = self._simulator.valve
+        rate = self.value("block_rate")
+        due = int((now - self._started) * 1e-9 * rate) - self._sent
         while due > 0:
-            once_a_second = self._sent % max(1, round(self.value("block_rate"))) == 0
-            if once_a_second and valve.oil is not None:
-                message = Temperature(temperature=self._simulator.truth.oil_temperature)
-                message.header.frame_id = valve.id
-                message.header.stamp = to_time(self._simulator.stamp)
-                self._thermometer.publish(message)
-            rpm = self._simulator.excitation.speed((self._simulator.stamp - self._started) * 1e-9)
-            if rpm is not None and self._sent % max(1, round(self.value("block_rate") / SPEED_RATE)) == 0:
-                self._tachometer.publish(Float64(data=rpm))
-            command = self._simulator.command
-            if self._simulator.strokes is not None and (command != self._command or once_a_second):
-                self._commander.publish(Float64(data=command))
-                self._command = command
-            block = self._simulator.next_block()
+            each_second = self._sent % max(1, round(rate)) == 0
+            each_speed = self._sent % max(1, round(rate / SPEED_RATE)) == 0
+            for simulator, outlet in zip(self._simulators, self._outlets, strict=True):
+                outlet.publish(simulator, self._started, each_second, each_speed)
+            blocks = [one.next_block() for one in self._simulators]
             self._sent += 1
             due -= 1
             if due >= _CATCH_UP:
@@ -251,17 +297,21 @@ class SimulatorNode(ManagedNode):
                 if count:
                     self.get_logger().warning(f"{plural(count, 'block')} dropped: the machine is too slow")
                 continue
-            self._publisher.publish(block, valve.id)
+            valve = self._simulators[0].valve.id
+            if self._single is not None:
+                self._single.publish(blocks[0], valve)
+            else:
+                messages = [from_block(block, valve) for block in blocks]
+                self._shared.publish(AccelerationBlocks(names=self._names, blocks=messages))
 
     def _report(self) -> None:
-        assert self._simulator is not None
         waiting = self._started is None
         message = "waiting for subscribers or time" if waiting else "publishing"
         dropped, self._told = self._skipped - self._told, self._skipped
         if dropped:
             message = f"{plural(dropped, 'block')} dropped in the last second: the machine is too slow"
         level = Level.WARNING if waiting or dropped else Level.OK
-        truth = self._simulator.truth
+        truth = self._simulators[0].truth
         self._diagnostics.publish(
             Status(
                 "simulation",
