@@ -40,6 +40,7 @@ class RegressionArrays(NamedTuple):
     covariance: Array
     recent: Array
     bias: Array
+    leaks: Array
 
 
 @dataclass(slots=True)
@@ -51,6 +52,10 @@ class RecursiveLeastSquares:
         forgetting: share of information that a fully excited chunk replaces, 0 to 1.
         noise: standard deviation of the target that the prior is weighed with.
 
+    Attributes:
+        leaks: element i, j: the error of parameter i, in units of its scale, if only parameter j moves, as
+            its estimates do: samples from before the move are explained by a wrong mixture of both.
+
     """
 
     scale: Array
@@ -60,6 +65,7 @@ class RecursiveLeastSquares:
     information: Array = field(init=False)
     covariance: Array = field(init=False)
     bias: Array = field(init=False)
+    leaks: Array = field(init=False)
     _recent: Array = field(init=False)
 
     def __post_init__(self) -> None:
@@ -68,12 +74,15 @@ class RecursiveLeastSquares:
         self.information = np.eye(self.scale.size) * self.noise**2
         self.covariance = np.eye(self.scale.size)
         self.bias = np.zeros(self.scale.size)
+        self.leaks = np.zeros((self.scale.size, self.scale.size))
         self._recent = np.zeros((LAGS, self.scale.size))
 
     @property
     def arrays(self) -> RegressionArrays:
         """What the kernels move on in place."""
-        return RegressionArrays(self.parameters, self.information, self.covariance, self._recent, self.bias)
+        return RegressionArrays(
+            self.parameters, self.information, self.covariance, self._recent, self.bias, self.leaks
+        )
 
     def copy(self) -> RecursiveLeastSquares:
         """Return a recursion that goes on from here by itself."""
@@ -81,7 +90,7 @@ class RecursiveLeastSquares:
         other.scale, other.forgetting, other.noise = self.scale, self.forgetting, self.noise
         other.parameters, other.information = self.parameters.copy(), self.information.copy()
         other.covariance, other.bias = self.covariance.copy(), self.bias.copy()
-        other._recent = self._recent.copy()
+        other._recent, other.leaks = self._recent.copy(), self.leaks.copy()
         return other
 
     def advance(self, gram: Array, score: Array, mean_score: Array, weight: float = 1.0) -> Array:
@@ -110,7 +119,7 @@ class RecursiveLeastSquares:
         self.information = grams.sum(axis=0) + np.eye(self.scale.size) * self.noise**2
         self.covariance = sandwich(self.information, scores)
         self.bias = np.asarray(np.linalg.solve(self.information, mean_score), dtype=np.float64)
-        self._recent[:] = 0.0
+        self._recent[:] = self.leaks[:] = 0.0
         if self.forgetting > 0.0:
             self.information *= min(1.0, 1.0 / (len(grams) * self.forgetting))
 
@@ -142,7 +151,7 @@ def advance(
     change: Array,
 ) -> None:
     """Forget, add the chunk, fill ``change`` of the parameters, which stay; all else moves on in place."""
-    _, information, covariance, recent, bias = regression
+    _, information, covariance, recent, bias, leaks = regression
     size = score.size
     gram = weight * gram
     factor = np.linalg.cholesky(information)
@@ -172,6 +181,9 @@ def advance(
         for j in range(size):
             change[i] += gain[i, j] * weight * score[j]
             bias[i] += shrink[i, j] * former[j] + gain[i, j] * weight * mean_score[j]
+    for i in range(size):
+        leaks[i, i] -= change[i]
+    leaks[:] = times(shrink, leaks)
     neighbours = np.zeros(size)
     for lag in range(recent.shape[0] - 1):
         for i in range(size):

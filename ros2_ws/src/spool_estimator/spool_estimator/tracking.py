@@ -297,8 +297,8 @@ class Tracker:
     @property
     def covariance(self) -> Array:
         """Covariance of k, c, F_c, shape (3, 3): of the regression, and what no amount of data removes."""
-        bias = self.regression.bias
-        chance = (self.regression.covariance + bias[:, np.newaxis] * bias) * self._scales
+        bias, leaks = self.regression.bias, self.regression.leaks * (1.0 - np.eye(self.scale.size))
+        chance = (self.regression.covariance + bias[:, np.newaxis] * bias + leaks @ leaks.T) * self._scales
         chance.reshape(-1)[:: self.scale.size + 1] += self.systematic**2  # the diagonal
         return np.asarray(chance)
 

@@ -138,6 +138,26 @@ def test_two_standard_deviations_cover_the_truth_as_often_as_they_should(kind: s
     assert ((share >= 0.90) & (share <= 0.98)).all(), share
 
 
+def test_what_a_moving_parameter_does_to_the_others_is_known() -> None:
+    """Of drag and dry friction at one frequency, at an amplitude that grows while the drag falls."""
+    phase = 2.0 * np.pi * np.arange(200) / 100.0
+    fit = RecursiveLeastSquares(np.ones(2), 0.025, noise=0.05)
+    errors, stated = [], []
+    for number in range(120):
+        amplitude, drag = (0.1 + 0.01 * max(0, number - 40), 4.0 - 0.02 * max(0, number - 40))
+        rows = np.array([amplitude * np.cos(phase), np.sign(np.cos(phase))]).T
+        target = rows @ [drag, 0.3]
+        if number == 20:
+            fit.begin(np.array([4.0, 0.3]), (rows.T @ rows)[np.newaxis] * 20, np.zeros((2, 2)), np.zeros(2))
+        elif number > 20:
+            fit.advance(rows.T @ rows, rows.T @ (target - rows @ fit.parameters), np.zeros(2))
+            errors.append(abs(fit.parameters[1] - 0.3))
+            stated.append(abs(fit.leaks[1, 0]))
+    assert stated[19] == 0.0  # nothing moved yet
+    assert errors[-1] > 0.02
+    np.testing.assert_allclose(stated[50:], errors[50:], rtol=0.5)
+
+
 def test_the_product_of_small_matrices_is_numpys() -> None:
     one, other = np.random.default_rng(0).standard_normal((2, 3, 3))
     np.testing.assert_allclose(times(one, other.T), one @ other.T, rtol=1e-14)

@@ -233,6 +233,27 @@ def test_a_start_that_is_refused_changes_nothing(monkeypatch: pytest.MonkeyPatch
     assert estimator.tracker.refits == 0
 
 
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_drag_that_falls_at_the_resonance_widens_what_is_stated_of_dry_friction(seed: int) -> None:
+    """At one frequency less drag at a growing amplitude looks like more dry friction; nobody measures which."""
+    shaking = MachineOrders(
+        speed_profile=((0.0, 3000.0), (18.0, 3000.0), (30.0, 1700.0), (44.0, 1700.0), (55.0, 3000.0)),
+        orders=((1.0, 3.5), (2.0, 1.6)),
+        broadband_rms=0.4,
+        broadband_low=6.0,
+        seed=seed,
+    )
+    source = simulator(shaking, 0.2, valve="4weh10_stiff", viscous_coefficient=2.2, noise=0.08, seed=seed)
+    estimator = Estimator(settings_for(find_valve("4weh10_stiff")))
+    follow(source, 8.0, estimator)
+    source.set_drift("viscous_coefficient", 1.1, 27.0)
+    found = follow(source, 60.0, estimator)
+    off = np.abs(values(found, "coulomb_force") - 0.2)
+    stated = np.array([one.parameter("coulomb_force").standard_deviation for one in found])
+    assert max(off) > 0.05
+    assert np.all(off < 3.0 * stated)
+
+
 @pytest.mark.slow
 def test_two_standard_deviations_cover_the_truth() -> None:
     """A small sample of the study in docs/methods/estimation.md."""
