@@ -19,9 +19,10 @@ from spool_bag.adapter_node import AdapterNode
 from spool_core.aligner import Aligner, AlignerSettings, Channel
 from spool_core.block import Block
 from spool_core.block_gate import Fault
+from spool_core.errors import InputError
 from spool_core.node.diagnostics import Level
 from spool_core.node.managed_node import ManagedNode
-from spool_core.node.messages import from_block, from_quantity, nanoseconds, to_time
+from spool_core.node.messages import from_block, from_quantity, nanoseconds, number_of, to_time, type_with
 from spool_core.sensor_stream import Refusal
 from spool_estimator.estimate import QUANTITIES
 from spool_estimator.estimator import Estimator, phase_of, settings_for
@@ -41,7 +42,7 @@ from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
 from spool_sim.simulator_node import SimulatorNode
 from spool_sim.valve import find_valve, shipped_valves
-from std_msgs.msg import Float64, Header
+from std_msgs.msg import Float64, Float64MultiArray, Header
 
 from .clocked import START, STEP, Clocked, Domains, clocked
 
@@ -319,6 +320,39 @@ def test_a_longer_silence_that_is_allowed_live_makes_nothing_stale(claim_domain:
         reports = len(nodes.heard["/diagnostics"])
         nodes.until(lambda: len(nodes.heard["/diagnostics"]) >= reports + 3, "three reports of silence")
         assert ModelEstimate.STATE_STALE not in {message.state for message in heard[stale:]}
+
+
+def test_a_field_of_the_machine_s_own_message_is_the_solenoid_s_command(
+    claim_domain: Domains, valve: str
+) -> None:
+    """All that take `command` get it when it changes; a message without the number is left out."""
+    field = {"command_type": "std_msgs/msg/Float64MultiArray", "command_field": "data[1]"}
+    outputs = ([9.0, 0.0], [9.0, 1.5], [9.0], [9.0, 1.5], [9.0, 0.0])
+    with clocked(claim_domain, "valve_5") as nodes:
+        nodes.listen(Float64, "command")
+        send = nodes.offer(Float64MultiArray, "/plc/outputs")
+        shake = nodes.offer(AccelerationBlock, "acceleration")
+        monitor = nodes.start(MonitorNode, state_folder="none", natural_frequency=28.7)
+        nodes.start(EstimatorNode, valve_file=valve, command_topic="/plc/outputs", **field)
+        source = Simulator(find_valve(valve), PRESETS["multisine"], block_size=40, start_stamp=START)
+        for data, sent in zip(outputs, (1, 2, 2, 2, 3), strict=True):
+            for block in source.records(1.0):
+                shake(from_block(block, "4weh10_stiff"))
+            nodes.advance(1.0)
+            send(Float64MultiArray(data=data))
+            nodes.until(lambda count=sent: len(nodes.heard["command"]) == count, "the command")
+            value = nodes.heard["command"][-1].data
+            nodes.until(lambda wanted=value: monitor._core.strokes.command == wanted, "the monitor has it")
+    assert [message.data for message in nodes.heard["command"]] == [0.0, 1.5, 0.0]
+
+
+def test_a_command_that_no_message_has_is_refused_with_what_it_has() -> None:
+    with pytest.raises(InputError, match="source its workspace"):
+        type_with("plc_msgs/msg/Outputs", "current")
+    with pytest.raises(InputError, match="has no number 'current'; it has: layout, data"):
+        type_with("std_msgs/msg/Float64MultiArray", "current")
+    assert type_with("std_msgs/msg/Float64MultiArray", "data[3]") is Float64MultiArray
+    assert number_of(Float64MultiArray(data=[1.0, 2.5]), "data[1]") == 2.5
 
 
 def test_what_moves_too_little_is_not_estimated(claim_domain: Domains, valve: str) -> None:

@@ -15,7 +15,7 @@ from spool_core.node import qos
 from spool_core.node.block_hub import HUB, Silence, Throttle
 from spool_core.node.diagnostics import DiagnosticPublisher, Level, Status, block_faults, block_values, key
 from spool_core.node.managed_node import ManagedNode
-from spool_core.node.messages import nanoseconds, to_event_message, to_quantity, to_time
+from spool_core.node.messages import nanoseconds, number_of, to_event_message, to_quantity, to_time, type_with
 from spool_core.node.parameters import LANGUAGE, NodeParameter
 from spool_core.uncertainty import Quantity, Validity
 from spool_msgs.msg import GapAnalysis, HealthEvent, ModelEstimate, ValveDescription, WindowRefit
@@ -85,6 +85,13 @@ class EstimatorNode(ManagedNode):
         NodeParameter(
             "gap_base", "fluid", "Model that ~/analyse_gap adds to: name or YAML file.", structural=True,
         ),
+        NodeParameter(
+            "command_topic", "", "Machine's topic with the solenoid's command; empty: none.", structural=True
+        ),
+        NodeParameter("command_type", "std_msgs/msg/Float64", "Its message type.", structural=True),
+        NodeParameter(
+            "command_field", "data", "Its field, e.g. currents[2] or valves[0].current.", structural=True
+        ),
         LANGUAGE,
     )  # fmt: skip
 
@@ -99,6 +106,8 @@ class EstimatorNode(ManagedNode):
         self._silence = Silence(2.0 * LOOK)
         self._reported = (Level.OK, 0)
         self._throttle = Throttle()
+        self._relay: Any = None
+        self._told: float | None = None
 
     def configure(self) -> None:
         """Build the core and say which valve it is for."""
@@ -115,6 +124,10 @@ class EstimatorNode(ManagedNode):
         self._publisher = self.create_lifecycle_publisher(ModelEstimate, "estimate", qos.state())
         self._description_publisher = self.create_lifecycle_publisher(ValveDescription, "valve", qos.state())
         self._description = to_description(valve)
+        self._relay = self._told = None
+        if self.value("command_topic"):
+            self._machine = type_with(self.value("command_type"), self.value("command_field"))
+            self._relay = self.create_lifecycle_publisher(Float64, "command", qos.samples_offered(50.0))
         self._check, self._doubts = ValveCheck(valve), []
         model = load_model(self.value("refit_model"))
         model.values_for(valve)
@@ -143,6 +156,10 @@ class EstimatorNode(ManagedNode):
         self.subscribe_blocks("acceleration", self._take, self._room)
         self.subscribe(Temperature, "oil_temperature", self._take_temperature, qos.samples_wanted())
         self.subscribe(Float64, "command", self._take_command, qos.samples_wanted())
+        if self._relay is not None:
+            self.subscribe(
+                self._machine, self.value("command_topic"), self._pass_command, qos.samples_wanted()
+            )
         if self._worker is not None:
             self.every(0.05, self._collect, steady=True)
         self._gap.open()
@@ -157,6 +174,8 @@ class EstimatorNode(ManagedNode):
         """Release core and publishers."""
         self.destroy_publisher(self._publisher)
         self.destroy_publisher(self._description_publisher)
+        if self._relay is not None:
+            self.destroy_publisher(self._relay)
         self._diagnostics.destroy()
         self._gap.close()
         if self._worker is not None:
@@ -208,6 +227,20 @@ class EstimatorNode(ManagedNode):
         """Take the solenoid's command, which has no stamp: it holds at the end of the newest block."""
         if self._core is not None and self._gate.last is not None:
             self._core.strokes.take_command(self._gate.last.end, message.data)
+
+    def _pass_command(self, message: Any) -> None:
+        """Send the command in a message of the machine to all that take it, this node among them."""
+        try:
+            value = number_of(message, self.value("command_field"))
+        except (AttributeError, IndexError, TypeError, ValueError) as error:
+            count = self._throttle.take("command")
+            if count:
+                topic, field = self.value("command_topic"), self.value("command_field")
+                self.get_logger().warning(f"{topic}: {count} messages without the number {field}: {error}")
+            return
+        if value != self._told:
+            self._told = value
+            self._relay.publish(Float64(data=value))
 
     def _take_temperature(self, message: Temperature) -> None:
         assert self._core is not None

@@ -235,7 +235,7 @@ def test_a_start_that_is_refused_changes_nothing(monkeypatch: pytest.MonkeyPatch
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_drag_that_falls_at_the_resonance_widens_what_is_stated_of_dry_friction(seed: int) -> None:
-    """At one frequency less drag at a growing amplitude looks like more dry friction; nobody measures which."""
+    """At one frequency less drag at a growing amplitude looks like more dry friction."""
     shaking = MachineOrders(
         speed_profile=((0.0, 3000.0), (18.0, 3000.0), (30.0, 1700.0), (44.0, 1700.0), (55.0, 3000.0)),
         orders=((1.0, 3.5), (2.0, 1.6)),

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import array
+import re
+from contextlib import suppress
 from enum import IntEnum
+from importlib import import_module
 from typing import Any, TypeVar
 
 import numpy as np
@@ -12,6 +15,7 @@ from spool_msgs.msg import AccelerationBlock, HealthEvent
 from spool_msgs.msg import Quantity as QuantityMessage
 
 from spool_core.block import Block
+from spool_core.errors import InputError
 from spool_core.events.event import Event, EventState, Facts, Severity, Urgency
 from spool_core.events.language import Language
 from spool_core.events.sentences import headline
@@ -48,6 +52,38 @@ def from_block(block: Block, valve_id: str) -> AccelerationBlock:
     message.body = array.array("f", np.ascontiguousarray(block.body, dtype=np.float32).tobytes())
     message.spool = array.array("f", np.ascontiguousarray(block.spool, dtype=np.float32).tobytes())
     return message
+
+
+def type_with(name: str, field: str) -> Any:
+    """Return the message type ``name`` (``package/msg/Name``), which has ``field``: see :func:`number_of`.
+
+    Raises:
+        InputError: it is not installed, or has no such field.
+    """
+    package, _, kind = name.partition("/msg/")
+    try:
+        found = getattr(import_module(f"{package}.msg"), kind)
+    except (ImportError, AttributeError, ValueError):
+        advice = "write package/msg/Name, and source its workspace"
+        raise InputError(f"{name!r} is no message type here: {advice}") from None
+    try:
+        with suppress(IndexError):  # of an array that is empty until it is sent
+            number_of(found(), field)
+    except (AttributeError, TypeError, ValueError):
+        fields = ", ".join(found.get_fields_and_field_types())
+        raise InputError(f"{name} has no number {field!r}; it has: {fields}") from None
+    return found
+
+
+def number_of(message: Any, field: str) -> float:
+    """Return the number at ``field`` of ``message``, e.g. ``currents[2]`` or ``valves[0].current``.
+
+    Raises:
+        AttributeError, IndexError, TypeError, ValueError: there is no number.
+    """
+    for name, place in re.findall(r"([^.\[\]]+)|\[(\d+)\]", field):
+        message = message[int(place)] if place else getattr(message, name)
+    return float(message)
 
 
 def nanoseconds(time: Time) -> int:

@@ -44,7 +44,7 @@ SHARED = "rt/accelerations"
 _SENT = {
     "simulator": ("acceleration", "oil_temperature", "speed", "command"),
     "adapter": ("acceleration",),
-    "estimator": ("estimate", "valve", "refit", "gap", "events"),
+    "estimator": ("estimate", "valve", "refit", "gap", "events", "command"),
     "monitor": ("health", "events"),
 }
 _HEARD = {
