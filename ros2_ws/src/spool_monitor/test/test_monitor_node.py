@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import shutil
 import time
@@ -26,6 +27,7 @@ from rclpy.time import Time
 from spool_core.block import Block
 from spool_core.events.language import LANGUAGES
 from spool_core.events.sentences import headline
+from spool_core.kernels.strokes import Stroke
 from spool_core.node import qos
 from spool_core.node.block_hub import HUB
 from spool_core.node.diagnostics import key
@@ -303,7 +305,7 @@ CASES = {
     [
         one.name
         for one in MonitorNode.PARAMETERS
-        # Strokes take minutes: test_strokes.py has their limit.
+        # It needs strokes: see below.
         if not (one.structural or one.read_only or one.name == "stroke_change")
     ],
 )
@@ -320,6 +322,24 @@ def test_a_limit_that_changes_while_the_monitor_runs_decides_what_is_reported(
         node.take(case.change(number / 10, *step) for number, step in rest)
         found.append([(one.kind, one.cause, one.state, one.severity) for one in node.sent["events"]])
     assert [case.event in one for one in found] == [True, False]
+
+
+def test_the_limit_of_stroke_times_changes_while_the_monitor_runs(
+    start: Callable[..., DrivenMonitor],
+) -> None:
+    """Strokes that take a third longer than the healthy ones are an alarm where half of that matters."""
+    found = []
+    for limit in (0.15, 0.3):
+        node, generator = start(), np.random.default_rng(1)
+        (answer,) = node.set_parameters([Parameter("stroke_change", value=limit)])
+        assert answer.successful
+        for number in range(120):
+            time = generator.normal(0.02, 0.0002) * (1.0 if number < 60 else 1.33)
+            stroke = Stroke(START + 7 * number * SECOND, True, 1, time, math.nan, 0.2, 0.1)
+            node._publish(node._core.detection.update_strokes([stroke], VALVE.natural_frequency))
+        slower = [one for one in node.sent["events"] if (one.kind, one.cause) == ("stroke", "slower")]
+        found.append(max((one.severity for one in slower), default=0))
+    assert found == [ALARM, WARNING]
 
 
 # What outlives the process, and what reaches a listener that joins late.

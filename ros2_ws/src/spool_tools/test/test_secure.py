@@ -13,6 +13,9 @@ import pytest
 from spool_core.opcua_folder import operators
 from spool_tools.cli import main
 
+ENCLAVES = (
+    "host", "recorder", "viewer", "operator", "valve_1/estimator", "valve_1/monitor", "valve_1/simulator",
+)  # fmt: skip
 OPENSSL = shutil.which("openssl")
 
 
@@ -51,6 +54,13 @@ def test_recorder_and_viewer_hear_everything_and_send_no_data(keystore: Path) ->
             assert may(keystore, enclave, "subscribe", topic)
         for topic in ("rt/valve_1/acceleration", "rt/valve_1/health", "rt/press/left/estimate"):
             assert not may(keystore, enclave, "publish", topic)
+
+
+def test_only_those_who_judge_or_show_valves_hear_the_blocks_of_many(keystore: Path) -> None:
+    """No node of a single valve does, and nobody but the measuring system sends them."""
+    hear = [one for one in ENCLAVES if may(keystore, one, "subscribe", "rt/accelerations")]
+    assert hear == ["host", "recorder", "viewer", "operator"]
+    assert not any(may(keystore, one, "publish", "rt/accelerations") for one in ENCLAVES)
 
 
 def test_a_node_sends_what_is_its_own_and_nothing_of_another_valve(keystore: Path) -> None:

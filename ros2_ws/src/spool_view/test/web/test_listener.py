@@ -11,9 +11,11 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from spool_core.cdr import decode_block
 from spool_core.node import qos
 from spool_monitor import listener as listening
 from spool_monitor.listener import Listener
+from spool_msgs.msg import AccelerationBlock, AccelerationBlocks
 
 from .conftest import PATIENCE, StandIn
 
@@ -93,6 +95,26 @@ def test_what_hosts_take_is_kept_for_metrics(node: Node, stand_in: Callable[[str
     cost = valves["press/left"].cost
     assert cost is not None
     assert (cost.processor_time, cost.memory) == (1.5, 2e6)
+    listener.close()
+
+
+def test_the_page_shows_a_valve_s_blocks_out_of_a_message_for_many(
+    node: Node, stand_in: Callable[[str], StandIn]
+) -> None:
+    """One of two names and one block, as a fault of the source, is left out."""
+    speaker = stand_in("valve_1")
+    listener = Listener(node, ("valve_1",), light=True)
+    (valve,) = listener.follow(["valve_1"])
+    publisher = speaker.node.create_publisher(AccelerationBlocks, "/accelerations", qos.samples_offered(10.0))
+    blocks = [AccelerationBlock(sequence=7, sample_period=1e-3, body=[1.0], spool=[x]) for x in (2.0, 3.0)]
+    messages = [
+        AccelerationBlocks(names=["valve_1", "valve_2"], blocks=blocks[:1]),
+        AccelerationBlocks(names=["valve_2", "/valve_1"], blocks=blocks),
+    ]
+    speaker.node.create_timer(0.1, lambda: [publisher.publish(message) for message in messages])
+    work(node, listener, lambda: valve.blocks, "a block")
+    found = {(block.sequence, *block.body, *block.spool) for block in map(decode_block, valve.blocks)}
+    assert found == {(7, 1.0, 3.0)}
     listener.close()
 
 
