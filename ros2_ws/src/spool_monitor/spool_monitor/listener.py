@@ -44,6 +44,11 @@ _LEVELS = {
 DRIFT = ("friction_drift", "spring_change")
 #: Ends of a parameter's name in ``/diagnostics``, as ``coulomb_force_low_N``: beyond these values it warns.
 ENDS = ("low", "high")
+#: Times of strokes, and keys of what else it shows of them.
+STROKE_TIMES = ("stroke_time", "return_time", "stroke_delay")
+OF_STROKES = (
+    "strokes_today", "judged_share", *(f"{name}{end}_s" for name in STROKE_TIMES for end in ("", "_healthy"))
+)  # fmt: skip
 #: What the monitor says of a detector (`ValveHealth.msg`, judgements), and what that makes of the valve.
 _JUDGEMENTS = {"judged": GOOD, "learning": LEARNING, "not enough excitation": AT_REST}
 
@@ -88,7 +93,7 @@ class HeardValve:
     Attributes:
         health_at: when ``health`` was fetched, s (monotonic).
         gap, blocks: kept only while the valve is followed; with ``light`` also ``estimate``.
-        bounds: values beyond which the monitor warns, by their keys in ``/diagnostics``.
+        bounds: values beyond which the monitor warns, and of strokes, by their keys in ``/diagnostics``.
         blocks: serialized ``AccelerationBlock`` messages, oldest first.
         cost: of its nodes in a host; kept with ``metrics`` only.
         baseline, limits: the monitor's answers, if the user of the listener asked for them.
@@ -312,7 +317,7 @@ class Listener:
 
 
 def bounds_of(statuses: Sequence[DiagnosticStatus], name: str) -> dict[str, float] | None:
-    """Return the values beyond which the monitor of the valve ``name`` warns, ``None`` where it says nothing.
+    """Return where the monitor of the valve ``name`` warns, and its strokes; ``None`` if it is silent.
 
     Args:
         statuses: of a message of ``/diagnostics``.
@@ -321,7 +326,11 @@ def bounds_of(statuses: Sequence[DiagnosticStatus], name: str) -> dict[str, floa
     said = next((one.values for one in statuses if one.name == f"{name}/monitor: condition"), None)
     if said is None:
         return None
-    return {one.key: float(one.value) for one in said if any(f"_{end}" in one.key for end in ENDS)}
+    return {
+        one.key: float(one.value)
+        for one in said
+        if any(f"_{end}" in one.key for end in ENDS) or one.key in OF_STROKES
+    }
 
 
 def cost_of(status: DiagnosticStatus) -> Cost | None:

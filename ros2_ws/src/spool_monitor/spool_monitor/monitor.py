@@ -245,6 +245,11 @@ class Monitor:
         if strokes.count:
             times = plural(strokes.count, "time")
             summary += f"; switched {times} today, judged {strokes.share:.0%} of the time"
+            for one in self.detection.strokes:
+                if one.shown:
+                    now, healthy, _, high = (1e3 * value for value in one.shown.values())
+                    name = one.name.replace("_", " ")
+                    summary += f"; {name} {now:.1f} ms (healthy {healthy:.1f} ms, limit {high:.1f} ms)"
         return Health(
             stamp=self._stamp,
             level=level,

@@ -16,6 +16,7 @@ from spool_core.block_gate import BlockGate, Fault, Verdict
 from spool_core.errors import InputError
 from spool_core.events.language import Language
 from spool_core.events.sentences import headline, language_of
+from spool_core.kernels.strokes import StrokeWatch
 from spool_core.node import qos
 from spool_core.node.block_hub import HUB, Silence, waiting_for_disk
 from spool_core.node.diagnostics import DiagnosticPublisher, Level, Status, block_faults, block_values, key
@@ -317,7 +318,10 @@ class MonitorNode(ManagedNode):
         health = replace(health, namur=max(health.namur, self._alarms.namur))
         self._health_publisher.publish(to_health_message(health, self._valve_id))
         detection, aside = self._core.detection, self._alarms.silence_put_aside
-        tasks = [data_status(detection, self._core.gate, health), condition_status(detection, health)]
+        tasks = [
+            data_status(detection, self._core.gate, health),
+            condition_status(detection, health, self._core.strokes),
+        ]
         if aside:
             text = f"{health.summary}: {aside}"
             tasks = [
@@ -392,8 +396,8 @@ def data_status(detection: Detection, gate: BlockGate, health: Health) -> Status
     return Status("data", level, text, {**block_values(gate), **sensors.values})
 
 
-def condition_status(detection: Detection, health: Health) -> Status:
-    """Return what is wrong with the valve, how it moves, and between which values no drift is reported."""
+def condition_status(detection: Detection, health: Health, strokes: StrokeWatch) -> Status:
+    """Return what is wrong with the valve, how it moves and is switched, and where no drift is reported."""
     shown = (
         health.dominant_frequency, health.amplification, health.natural_frequency, health.viscous_drift,
         health.coulomb_drift,
@@ -404,7 +408,12 @@ def condition_status(detection: Detection, health: Health) -> Status:
         for name, drift in detection.parameters.items()
         for end, value in zip(ENDS, drift.bounds, strict=True)
     }
-    return replace(status, values={**status.values, **warns})
+    switched = {
+        key(f"{one.name}{end}", "s"): value for one in detection.strokes for end, value in one.shown.items()
+    }
+    if strokes.count:
+        switched |= {"strokes_today": strokes.count, "judged_share": strokes.share}
+    return replace(status, values={**status.values, **warns, **switched})
 
 
 def alarm_status(alarm: Alarm, namespace: str) -> Status:

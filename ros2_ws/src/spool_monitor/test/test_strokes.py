@@ -12,6 +12,7 @@ from spool_estimator.estimator import Estimator, settings_for
 from spool_monitor.detectors import Judgement, MonitorSettings
 from spool_monitor.event import Event, EventState
 from spool_monitor.monitor import Monitor
+from spool_monitor.monitor_node import condition_status
 from spool_monitor.replay import Replay
 from spool_sim.excitation import MachineOrders
 from spool_sim.sensors import Sensor
@@ -65,9 +66,22 @@ def test_the_summary_says_how_often_it_was_switched_and_how_long_it_was_judged()
     health = one.monitor.health
     assert 20 <= one.monitor.strokes.count <= 24
     share = f"{one.monitor.strokes.share:.0%}"
-    assert health.summary.endswith(
-        f"; switched {one.monitor.strokes.count} times today, judged {share} of the time"
-    )
+    assert f"; switched {one.monitor.strokes.count} times today, judged {share} of the time" in health.summary
+
+
+def test_the_time_of_strokes_is_shown_beside_that_of_the_healthy_valve_and_its_limit() -> None:
+    """On the page by the summary, in `/diagnostics` by numbers."""
+    one, source = replay(), simulator(Strokes(period=1.5, first=20.0, hold=0.3))
+    one.run(source.records(75.0))
+    values = condition_status(one.monitor.detection, one.monitor.health, one.monitor.strokes).values
+    ends = ("", "_healthy", "_low", "_high")
+    now, healthy, low, high = (values[f"stroke_time{end}_s"] for end in ends)
+    assert healthy == one.monitor.detection.learned["stroke_time"].value
+    assert 0.5 * healthy < low < now < high < 1.5 * healthy
+    text = f"; stroke time {1e3 * now:.1f} ms (healthy {1e3 * healthy:.1f} ms, limit {1e3 * high:.1f} ms)"
+    assert text in one.monitor.health.summary
+    assert values["strokes_today"] == one.monitor.strokes.count
+    assert values["judged_share"] == one.monitor.strokes.share
 
 
 def test_wear_of_a_valve_that_is_switched_is_found() -> None:

@@ -10,7 +10,16 @@ from dataclasses import dataclass, field
 from spool_core.node.diagnostics import key
 from spool_core.system import resident_memory
 from spool_core.uncertainty import Z_95
-from spool_monitor.listener import CONDITIONS, KEPT_COSTS, NO_WORD, WAITING, Cost, HeardValve
+from spool_monitor.listener import (
+    CONDITIONS,
+    ENDS,
+    KEPT_COSTS,
+    NO_WORD,
+    STROKE_TIMES,
+    WAITING,
+    Cost,
+    HeardValve,
+)
 from spool_monitor.shown import ACTIVE, PUT_ASIDE, shown
 from starlette.requests import Request
 from starlette.responses import Response
@@ -35,6 +44,9 @@ METRICS = {
         "gauge", "Distance of the strongest line to the natural frequency, over the latter; negative: below.",
     ),
     "spool_resonance_band_ratio": ("gauge", "Size of the margin at and below which the monitor warns."),
+    "spool_strokes_today": ("gauge", "Strokes of the solenoid since midnight (UTC)."),
+    "spool_judged_ratio": ("gauge", "Share of this day's time that is judged, strokes left out."),
+    "spool_stroke_seconds": ("gauge", "Times of strokes: now, healthy, and where the monitor warns."),
     "spool_alarms_active": ("gauge", "Alarms that are active and not put aside, by number."),
     "spool_alarms_waiting": ("gauge", "Alarms that wait for an operator, by number."),
     "spool_health_timestamp_seconds": ("gauge", "When the monitor was heard last, Unix time."),
@@ -56,6 +68,17 @@ _UNITS = {
     "N s/m": "newton_seconds_per_meter", "m": "meters", "m/s": "meters_per_second", "s": "seconds",
     "kg": "kilograms", "Pa": "pascals", "Pa s": "pascal_seconds", "rad": "radians", "1/s": "per_second",
 }  # fmt: skip
+
+#: Metrics of strokes, the keys in ``/diagnostics`` that they are of, and further labels.
+_STROKES: tuple[tuple[str, str, dict[str, str]], ...] = (
+    ("spool_strokes_today", "strokes_today", {}),
+    ("spool_judged_ratio", "judged_share", {}),
+    *(
+        ("spool_stroke_seconds", f"{time}{end}_s", {"parameter": time, "bound": end.strip("_") or "now"})
+        for time in STROKE_TIMES
+        for end in ("", "_healthy", *(f"_{one}" for one in ENDS))
+    ),
+)
 
 #: Estimates of a valve that are served at most: what a message of others holds is bounded.
 MOST_ESTIMATES = 16
@@ -154,6 +177,8 @@ def _add_valve(found: _Samples, name: str, valve: HeardValve, now: float, unix_t
     margin, band = margin_of(health), valve.limits.get(BAND)
     found.add("spool_resonance_margin_ratio", math.nan if margin is None else margin, valve=name)
     found.add("spool_resonance_band_ratio", math.nan if band is None else band, valve=name)
+    for metric, said, labels in _STROKES:
+        found.add(metric, valve.bounds.get(said, math.nan), valve=name, **labels)
     if estimate is None:
         return
     listed = (*estimate.parameters[:MOST_ESTIMATES], estimate.natural_frequency)

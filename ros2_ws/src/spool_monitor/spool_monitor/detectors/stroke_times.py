@@ -86,6 +86,15 @@ class StrokeTest(Detector):
             drift.eased,
         )  # fmt: skip
 
+    @property
+    def shown(self) -> dict[str, float]:
+        """Time now, of the healthy valve, and limits of the warning, s, by ends of their names."""
+        drift = self._drift
+        if not drift.baseline.frozen or not drift.quantity.known:
+            return {}
+        low, high = drift.bounds
+        return {"": drift.quantity.value, "_healthy": drift.baseline.value, "_low": low, "_high": high}
+
     def _judge(self, moment: Moment) -> None:
         """Show the mean to the drift test: a median, as single strokes stand out."""
         taken, self._taken = np.array(self._taken), []

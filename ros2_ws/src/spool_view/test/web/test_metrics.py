@@ -10,8 +10,9 @@ from pathlib import Path
 
 import pytest
 import yaml
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from prometheus_client.parser import text_string_to_metric_families
-from spool_monitor.listener import KEPT_COSTS, Cost, HeardValve
+from spool_monitor.listener import KEPT_COSTS, Cost, HeardValve, bounds_of
 from spool_msgs.msg import Alarm, AlarmList, ValveHealth
 from spool_view.application import application
 from spool_view.metrics import METRICS, Metrics, estimates_name, exposition
@@ -88,6 +89,29 @@ def test_all_of_a_valve_is_served_in_base_units() -> None:
     assert found["spool_process_cpu_seconds_total{process=host_1}"] == 3.5
     assert found["spool_process_resident_memory_bytes{process=page}"] > 1e6
     assert found["spool_valves{}"] == 1.0
+
+
+def test_strokes_of_a_switched_valve_are_served_with_their_limit() -> None:
+    valve = heard()
+    said = {
+        "strokes_today": 412.0,
+        "judged_share": 0.63,
+        "stroke_time_s": 0.02,
+        "stroke_time_healthy_s": 0.018,
+    }
+    said |= {"stroke_time_healthy_s": 0.018, "stroke_time_high_s": 0.022}
+    texts = [KeyValue(key=key, value=str(value)) for key, value in said.items()]
+    texts.append(KeyValue(key="stroke_time_judgement", value="judged"))
+    status = DiagnosticStatus(name="valve_1/monitor: condition", values=texts)
+    valve.bounds = bounds_of([status], "valve_1") or {}
+    found = read(exposition({"valve_1": valve}, {}, NOW + 1.0, 1_790_000_010.0))
+    assert {name: value for name, value in found.items() if "stroke" in name or "judged" in name} == {
+        "spool_strokes_today{valve=valve_1}": 412.0,
+        "spool_judged_ratio{valve=valve_1}": 0.63,
+        "spool_stroke_seconds{bound=now,parameter=stroke_time,valve=valve_1}": 0.02,
+        "spool_stroke_seconds{bound=healthy,parameter=stroke_time,valve=valve_1}": 0.018,
+        "spool_stroke_seconds{bound=high,parameter=stroke_time,valve=valve_1}": 0.022,
+    }
 
 
 def test_what_is_not_known_is_not_served() -> None:
