@@ -11,11 +11,10 @@ from spool_core.block import Block
 from spool_core.block_gate import BlockGate, Verdict
 from spool_core.events.language import Language
 from spool_core.events.sentences import language_of
-from spool_core.node import qos
+from spool_core.node import messages, qos
 from spool_core.node.block_hub import HUB, Silence, Throttle
 from spool_core.node.diagnostics import DiagnosticPublisher, Level, Status, block_faults, block_values, key
 from spool_core.node.managed_node import ManagedNode
-from spool_core.node.messages import nanoseconds, number_of, to_event_message, to_quantity, to_time, type_with
 from spool_core.node.parameters import LANGUAGE, NodeParameter
 from spool_core.uncertainty import Quantity, Validity
 from spool_msgs.msg import GapAnalysis, HealthEvent, ModelEstimate, ValveDescription, WindowRefit
@@ -124,9 +123,8 @@ class EstimatorNode(ManagedNode):
         self._publisher = self.create_lifecycle_publisher(ModelEstimate, "estimate", qos.state())
         self._description_publisher = self.create_lifecycle_publisher(ValveDescription, "valve", qos.state())
         self._description = to_description(valve)
-        self._relay = self._told = None
         if self.value("command_topic"):
-            self._machine = type_with(self.value("command_type"), self.value("command_field"))
+            self._machine = messages.type_with(self.value("command_type"), self.value("command_field"))
             self._relay = self.create_lifecycle_publisher(Float64, "command", qos.samples_offered(50.0))
         self._check, self._doubts = ValveCheck(valve), []
         model = load_model(self.value("refit_model"))
@@ -176,6 +174,7 @@ class EstimatorNode(ManagedNode):
         self.destroy_publisher(self._description_publisher)
         if self._relay is not None:
             self.destroy_publisher(self._relay)
+            self._relay = self._told = None
         self._diagnostics.destroy()
         self._gap.close()
         if self._worker is not None:
@@ -230,12 +229,11 @@ class EstimatorNode(ManagedNode):
 
     def _pass_command(self, message: Any) -> None:
         """Send the command in a message of the machine to all that take it, this node among them."""
+        topic, field = self.value("command_topic"), self.value("command_field")
         try:
-            value = number_of(message, self.value("command_field"))
+            value = messages.number_of(message, field)
         except (AttributeError, IndexError, TypeError, ValueError) as error:
-            count = self._throttle.take("command")
-            if count:
-                topic, field = self.value("command_topic"), self.value("command_field")
+            if count := self._throttle.take("command"):
                 self.get_logger().warning(f"{topic}: {count} messages without the number {field}: {error}")
             return
         if value != self._told:
@@ -245,7 +243,8 @@ class EstimatorNode(ManagedNode):
     def _take_temperature(self, message: Temperature) -> None:
         assert self._core is not None
         deviation = math.sqrt(message.variance) if message.variance > 0.0 else math.nan
-        self._core.update_temperature(nanoseconds(message.header.stamp), message.temperature, deviation)
+        stamp = messages.nanoseconds(message.header.stamp)
+        self._core.update_temperature(stamp, message.temperature, deviation)
 
     def _watch(self) -> None:
         """Publish once that the estimate is held, an analysis that is done, and another level immediately."""
@@ -334,7 +333,7 @@ class GapService:
         for estimate in estimates:
             event = self._watch.update(estimate)
             if event is not None:
-                self._events.publish(to_event_message(event, self._valve.id, self._language))
+                self._events.publish(messages.to_event_message(event, self._valve.id, self._language))
 
     def _hear(self, event: HealthEvent) -> None:
         raised = event.state == HealthEvent.STATE_RAISED
@@ -362,13 +361,15 @@ class GapService:
         message = GapAnalysis(
             state=GapAnalysis.STATE_DONE if answer.done else GapAnalysis.STATE_FAILED,
             verdict=answer.verdict,
-            confidence=to_quantity(Quantity("confidence", "1", answer.confidence, validity=validity)),
+            confidence=messages.to_quantity(
+                Quantity("confidence", "1", answer.confidence, validity=validity)
+            ),
             sentence=answer.sentence,
             window=answer.duration,
             json=answer.json,
         )
         message.header.frame_id = self._valve.id
-        message.header.stamp = to_time(answer.stamp)
+        message.header.stamp = messages.to_time(answer.stamp)
         self._answers.publish(message)
 
     def close(self) -> None:

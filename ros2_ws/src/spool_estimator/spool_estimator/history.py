@@ -18,6 +18,7 @@ from spool_core.block import Samples
 from spool_core.kernels.compiled import compiled
 from spool_core.numbers import Array
 
+from spool_estimator.identification.spectra import ZeroPhase, relative_motion
 from spool_estimator.prediction import (
     BAND_LIMITED,
     COUNT,
@@ -30,7 +31,6 @@ from spool_estimator.prediction import (
     forget_derivatives,
     predict,
 )
-from spool_estimator.sliding_window import COLUMNS, DIRECTION, SPOOL, Conditioning
 
 #: Runs of the model that one descent takes at most, and the relative change of parameters that ends it.
 MOST_RUNS, CONVERGED = 14, 1.0e-4
@@ -163,7 +163,7 @@ class Fitter:
         mass: kg.
         scale: see :class:`~.prediction.Prediction`.
         low_cut, high_cut: Hz.
-        sliding_velocity: m/s, for the start, see :class:`~.sliding_window.Conditioning`.
+        sliding_velocity: m/s, below it the direction of sliding fades to zero, for the start.
         chunk: samples in a chunk.
 
     """
@@ -178,18 +178,21 @@ class Fitter:
 
     def start(self, body: Samples, spool: Samples) -> Array | None:
         """Return what least squares of the force balance gives, shape (3,), or nothing: a start, biased."""
-        conditioning = Conditioning(self.sample_period, self.low_cut, self.high_cut, self.sliding_velocity)
-        if body.size <= conditioning.settling + 2 * self.chunk:
+        conditioning = ZeroPhase(self.sample_period, self.low_cut, self.high_cut)
+        settling = conditioning.settling
+        if body.size <= 2 * (settling + self.chunk):
             return None
-        rows = np.empty((body.size, COLUMNS))
-        conditioning.take(body, spool, rows)
-        settled: Array = rows[conditioning.settling :]
-        regressors = settled[:, : DIRECTION + 1] * self.scale
+        both = np.asarray(body, np.float64), np.asarray(spool, np.float64)
+        motion = relative_motion(*both, conditioning)
+        direction = conditioning.apply(np.clip(motion.velocity / self.sliding_velocity, -1.0, 1.0))
+        rows = np.stack((motion.displacement, motion.velocity, direction, motion.spool), axis=1)
+        settled: Array = rows[settling:-settling]
+        regressors = settled[:, :3] * self.scale
         gram = regressors.T @ regressors
         gram[np.diag_indices(3)] *= 1.0 + 1e-9
         if not np.all(np.diag(gram) > 0.0):
             return None
-        parameters = np.linalg.solve(gram, -self.mass * (regressors.T @ settled[:, SPOOL])) * self.scale
+        parameters = np.linalg.solve(gram, -self.mass * (regressors.T @ settled[:, 3])) * self.scale
         return np.asarray(parameters) if np.all(np.isfinite(parameters)) else None
 
     def at_rest(self, offset: float) -> Prediction:

@@ -1,16 +1,14 @@
 """Recursive least squares with directional forgetting.
 
-Least squares in information form: chunks of samples add their Gram matrix, forgetting takes information away.
-Forgetting is directional: along each principal direction of the new chunk at most as much is forgotten as
-the chunk brings, so that a parameter that the machine does not excite is held with its certainty
-(Cao and Schwartz, Automatica 36 (2000) 1725, extended from a sample to a chunk).
+Information form (Ljung, System Identification, 1999, section 11.2): chunks add Gram matrices, forgetting
+takes information away. Along each principal direction of a chunk at most as much is forgotten as it brings,
+so that a parameter that the machine does not excite is held with its certainty (directional forgetting: Cao
+and Schwartz, Automatica 36 (2000) 1725, extended from a sample to a chunk).
 
 The covariance is the sandwich form for dependent residuals, carried through the same recursion
 (Liang and Zeger, Biometrika 73 (1986) 13, a chunk being a cluster; neighbours within LAGS chunks may depend
 on each other, with Bartlett's weights: Newey and West, Econometrica 55 (1987) 703). The recursion begins with
 a fit to some chunks: before there is one, a residual is the signal itself and tells nothing of uncertainty.
-
-Ljung, System Identification, 1999, section 11.2.
 """
 
 from __future__ import annotations

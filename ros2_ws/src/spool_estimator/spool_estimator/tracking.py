@@ -67,7 +67,7 @@ class Tracker:
         scale: orders of magnitude of the parameters, shape (3,).
         memory: s, time constant of forgetting.
         low_cut, high_cut: Hz, the band.
-        sliding_velocity: m/s, see :class:`~.sliding_window.Conditioning`.
+        sliding_velocity: m/s, see :class:`~.history.Fitter`.
         minimum_excitation: m/s^2, rms body acceleration below which parameters are held.
 
     Attributes:

@@ -1,7 +1,4 @@
-"""Warm-up: compile every kernel now, so that no node does it at its first sample.
-
-Run as ``python -m spool_estimator.warm_up``.
-"""
+"""Compile every kernel now, so that no node does it at its first sample (``-m spool_estimator.warm_up``)."""
 
 from __future__ import annotations
 
@@ -15,7 +12,7 @@ from spool_sim.valve import find_valve
 from spool_estimator.estimator import Estimator, settings_for
 from spool_estimator.prediction import Prediction
 from spool_estimator.recursive import RecursiveLeastSquares
-from spool_estimator.sliding_window import COLUMNS, ChunkWindow, Conditioning
+from spool_estimator.sliding_window import ChunkWindow
 
 #: Samples after which an estimator has started and stepped on, s between them (few are quick), and the
 #: frequencies that shake the body, Hz.
@@ -35,7 +32,6 @@ def warm_up_estimator() -> None:
     samples = np.ones(16, dtype=np.float32)
     # Blocks of messages are read-only views of their bytes: numba compiles those apart.
     for view in (samples, np.frombuffer(samples.tobytes(), dtype=np.float32)):
-        Conditioning(1e-3).take(view, view, np.empty((view.size, COLUMNS)))
         prediction.take(view, view, np.array([1632.0, 4.0, 0.1]))
     prediction.shift(prediction.mean_squares[:3])
     RecursiveLeastSquares(scale, 0.1, 1.0).advance(np.eye(3), scale, scale)
