@@ -32,7 +32,6 @@ from spool_monitor.detectors.base import (
     NotJudged,
     judgement,
 )
-from spool_monitor.detectors.stroke_times import StrokeTest
 from spool_monitor.detectors.unknowable import unknowable
 from spool_monitor.event import Condition, Event, Finding, condition_name
 from spool_monitor.orders import OrderTracker
@@ -74,7 +73,6 @@ class Detection:
         parameters: tests of the estimated parameters, by name.
         learned: start values of what the channels show, by name.
         units: of both, by name.
-        strokes: the detectors of their times.
         conditions: delays and state of each fault's event, by the detector's name and the fault's part.
         orders: speed and body of the last seconds, and what turns with the shaft.
         doubt: why nothing that depends on time or frequency can be judged now, empty where it can.
@@ -91,7 +89,6 @@ class Detection:
     parameters: dict[str, ParameterDrift] = field(init=False)
     learned: dict[str, Baseline] = field(init=False)
     units: dict[str, str] = field(init=False)
-    strokes: list[StrokeTest] = field(init=False)
     conditions: dict[str, Condition] = field(init=False)
     _conditions_of: dict[str, list[Condition]] = field(init=False)
     doubt: str = ""
@@ -122,7 +119,6 @@ class Detection:
             for one in self.detectors
         }
         duration = settings[BASELINE_TIME]
-        self.strokes = [one for one in self.detectors if isinstance(one, StrokeTest)]
         self.units = {name: unit for one in self.detectors for name, unit in one.learns.items()}
         self.learned = {name: Baseline(duration) for name in self.units}
         self.parameters = {}

@@ -245,7 +245,7 @@ class Monitor:
         if strokes.count:
             times = plural(strokes.count, "time")
             summary += f"; switched {times} today, judged {strokes.share:.0%} of the time"
-            for one in self.detection.strokes:
+            for one in self.detection.detectors:
                 if one.shown:
                     now, healthy, _, high = (1e3 * value for value in one.shown.values())
                     name = one.name.replace("_", " ")

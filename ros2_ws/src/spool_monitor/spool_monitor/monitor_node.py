@@ -16,7 +16,6 @@ from spool_core.block_gate import BlockGate, Fault, Verdict
 from spool_core.errors import InputError
 from spool_core.events.language import Language
 from spool_core.events.sentences import headline, language_of
-from spool_core.kernels.strokes import StrokeWatch
 from spool_core.node import qos
 from spool_core.node.block_hub import HUB, Silence, waiting_for_disk
 from spool_core.node.diagnostics import DiagnosticPublisher, Level, Status, block_faults, block_values, key
@@ -318,10 +317,7 @@ class MonitorNode(ManagedNode):
         health = replace(health, namur=max(health.namur, self._alarms.namur))
         self._health_publisher.publish(to_health_message(health, self._valve_id))
         detection, aside = self._core.detection, self._alarms.silence_put_aside
-        tasks = [
-            data_status(detection, self._core.gate, health),
-            condition_status(detection, health, self._core.strokes),
-        ]
+        tasks = [data_status(detection, self._core.gate, health), condition_status(self._core, health)]
         if aside:
             text = f"{health.summary}: {aside}"
             tasks = [
@@ -396,8 +392,9 @@ def data_status(detection: Detection, gate: BlockGate, health: Health) -> Status
     return Status("data", level, text, {**block_values(gate), **sensors.values})
 
 
-def condition_status(detection: Detection, health: Health, strokes: StrokeWatch) -> Status:
+def condition_status(monitor: Monitor, health: Health) -> Status:
     """Return what is wrong with the valve, how it moves and is switched, and where no drift is reported."""
+    detection, strokes = monitor.detection, monitor.strokes
     shown = (
         health.dominant_frequency, health.amplification, health.natural_frequency, health.viscous_drift,
         health.coulomb_drift,
@@ -409,7 +406,7 @@ def condition_status(detection: Detection, health: Health, strokes: StrokeWatch)
         for end, value in zip(ENDS, drift.bounds, strict=True)
     }
     switched = {
-        key(f"{one.name}{end}", "s"): value for one in detection.strokes for end, value in one.shown.items()
+        key(f"{one.name}{end}", "s"): value for one in detection.detectors for end, value in one.shown.items()
     }
     if strokes.count:
         switched |= {"strokes_today": strokes.count, "judged_share": strokes.share}

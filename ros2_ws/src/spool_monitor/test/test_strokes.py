@@ -73,7 +73,7 @@ def test_the_time_of_strokes_is_shown_beside_that_of_the_healthy_valve_and_its_l
     """On the page by the summary, in `/diagnostics` by numbers."""
     one, source = replay(), simulator(Strokes(period=1.5, first=20.0, hold=0.3))
     one.run(source.records(75.0))
-    values = condition_status(one.monitor.detection, one.monitor.health, one.monitor.strokes).values
+    values = condition_status(one.monitor, one.monitor.health).values
     ends = ("", "_healthy", "_low", "_high")
     now, healthy, low, high = (values[f"stroke_time{end}_s"] for end in ends)
     assert healthy == one.monitor.detection.learned["stroke_time"].value

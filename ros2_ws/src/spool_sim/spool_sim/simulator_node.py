@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Sequence
 from typing import Any, ClassVar
 
 from sensor_msgs.msg import Temperature
@@ -73,13 +72,8 @@ class SimulatorNode(ManagedNode):
         ),
         NodeParameter("model", "coulomb", "Force terms: name of a model or a YAML file.", structural=True),
         NodeParameter(
-            "coulomb_force",
-            0.1,
-            "Coulomb friction of the model 'coulomb'; other models bring their own values.",
-            "N",
-            0.0,
-            1e4,
-            structural=True,
+            "coulomb_force", 0.1, "Coulomb friction of the model 'coulomb'; others bring their own values.",
+            "N", 0.0, 1e4, structural=True,
         ),
         NodeParameter(
             "excitation", "orders", "Body acceleration: a preset's name or a YAML file.", structural=True
@@ -95,45 +89,26 @@ class SimulatorNode(ManagedNode):
         ),
         NodeParameter("seed", 0, "Seed of the noise.", "", 0, 2**31 - 1, structural=True),
         NodeParameter(
-            "valves",
-            0,
-            "Number of valves, valve_1 and so on, whose blocks go into one message; 0: the node's own valve.",
-            "",
-            0,
-            1000,
-            structural=True,
+            "valves", 0, "Number of valves, valve_1 and so on, in one message; 0: the node's own valve.", "",
+            0, 1000, structural=True,
         ),
         NodeParameter(
-            "stroke_period",
-            0.0,
-            "Time between two strokes of the solenoid, 0: none.",
-            "s",
-            0.0,
-            1e5,
+            "stroke_period", 0.0, "Time between two strokes of the solenoid, 0: none.", "s", 0.0, 1e5,
             structural=True,
         ),
         NodeParameter("stroke_hold", 0.5, "Time for which it holds.", "s", 0.01, 1e5, structural=True),
         NodeParameter("stroke_force", 20.0, "Force of the solenoid.", "N", 0.1, 1e4, structural=True),
         NodeParameter(
-            "wait_for_subscribers",
-            0,
-            "Number of subscribers to wait for before the first block.",
-            "",
-            0,
-            100,
-            structural=True,
+            "wait_for_subscribers", 0, "Number of subscribers to wait for before the first block.", "", 0,
+            100, structural=True,
         ),
         NodeParameter(
-            "drift_quantity",
-            "none",
-            "Parameter that drifts; changing it starts.",
+            "drift_quantity", "none", "Parameter that drifts; changing it starts.",
             choices=("none", *DRIFTING),
         ),
-        NodeParameter(
-            "drift_target", 0.0, "Final value of the drifting parameter, SI unit or deg C.", "", -40.0, 1e8
-        ),
+        NodeParameter("drift_target", 0.0, "Final value of the parameter, SI unit or deg C.", "", -40.0, 1e8),
         NodeParameter("drift_duration", 10.0, "Duration of the drift; 0: a step.", "s", 0.0, 1e6),
-    )
+    )  # fmt: skip
 
     def __init__(self, namespace: str | None = None, **options: Any) -> None:
         super().__init__("simulator", namespace, **options)
@@ -204,17 +179,14 @@ class SimulatorNode(ManagedNode):
         if "drift_quantity" in changes:
             self._drift(self._simulators, changes)
 
-    def _drift(self, simulators: Sequence[Simulator], changes: dict[str, Value]) -> None:
+    def _drift(self, simulators: list[Simulator], changes: dict[str, Value]) -> None:
         def setting(name: str) -> Any:
             return changes.get(name, self.value(name))
 
-        if setting("drift_quantity") != "none":
+        name, target, duration = map(setting, ("drift_quantity", "drift_target", "drift_duration"))
+        if name != "none":
             for simulator in simulators:
-                simulator.set_drift(
-                    str(setting("drift_quantity")),
-                    float(setting("drift_target")),
-                    float(setting("drift_duration")),
-                )
+                simulator.set_drift(str(name), float(target), float(duration))
 
     def _build(self, start_stamp: int) -> list[Simulator]:
         """Return the valves' simulators, which differ in their noise."""

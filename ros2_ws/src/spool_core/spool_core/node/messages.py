@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import array
-import re
-from contextlib import suppress
 from enum import IntEnum
 from importlib import import_module
 from typing import Any, TypeVar
@@ -64,11 +62,11 @@ def type_with(name: str, field: str) -> Any:
     try:
         found = getattr(import_module(f"{package}.msg"), kind)
     except (ImportError, AttributeError, ValueError):
-        advice = "write package/msg/Name, and source its workspace"
-        raise InputError(f"{name!r} is no message type here: {advice}") from None
+        raise InputError(f"{name!r} is no package/msg/Name here: source its workspace") from None
     try:
-        with suppress(IndexError):  # of an array that is empty until it is sent
-            number_of(found(), field)
+        number_of(found(), field)
+    except IndexError:
+        return found  # of an array that is empty until it is sent
     except (AttributeError, TypeError, ValueError):
         fields = ", ".join(found.get_fields_and_field_types())
         raise InputError(f"{name} has no number {field!r}; it has: {fields}") from None
@@ -81,8 +79,8 @@ def number_of(message: Any, field: str) -> float:
     Raises:
         AttributeError, IndexError, TypeError, ValueError: there is no number.
     """
-    for name, place in re.findall(r"([^.\[\]]+)|\[(\d+)\]", field):
-        message = message[int(place)] if place else getattr(message, name)
+    for part in field.replace("[", ".[").split("."):
+        message = message[int(part[1:].removesuffix("]"))] if part[:1] == "[" else getattr(message, part)
     return float(message)
 
 

@@ -189,6 +189,11 @@ class Detector(ABC):
         """The on-delay, s."""
         return self.settings[self.on_delay] if isinstance(self.on_delay, MonitorLimit) else self.on_delay
 
+    @property
+    def shown(self) -> dict[str, float]:
+        """What people read of a time that is judged, s, by ends of its name; mostly nothing."""
+        return {}
+
     @classmethod
     def fault(cls, part: str = "") -> str:
         """Return the name of the condition of ``part``; without one, what all of them begin with."""

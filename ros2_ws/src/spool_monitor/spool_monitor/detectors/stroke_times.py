@@ -1,8 +1,7 @@
 """Stroke times: a solenoid's stroke takes another time than on the healthy valve.
 
-Varnish and tired springs show there first. A mean of some strokes is judged by the drift test of the
-estimated parameters, as an estimate that forgets over half of the time between two means. Thicker oil makes
-strokes slower as well: what the drag changed since the start value was learned is let pass.
+Varnish and tired springs show there first. A median of some strokes is judged by the drift test, as an
+estimate that forgets over half of the time between two. What the drag changed since the start is let pass.
 """
 
 from __future__ import annotations

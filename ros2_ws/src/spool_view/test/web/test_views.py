@@ -339,7 +339,7 @@ def test_the_band_of_the_page_ends_at_the_limit_that_the_event_states(
         events = monitor.update_estimate(estimated(second, **{name: drifted}))
     facts = events[0].facts
     assert (facts.parameter, events[0].severity) == (name, MonitorSeverity.WARNING)
-    status = condition_status(monitor.detection, monitor.health, monitor.strokes)
+    status = condition_status(monitor, monitor.health)
     pairs = [
         KeyValue(key=key, value=f"{value:.6g}" if isinstance(value, float) else str(value))
         for key, value in status.values.items()
