@@ -340,6 +340,7 @@ def simulate(
     *,
     sample_rate: float = 2000.0,
     noise: float = 0.05,
+    filter: str = "instants",  # noqa: A002 - as the option and the key of sensors are called
     coulomb_force: float | None = None,
     oil_temperature: str | float | None = None,
     seed: int = 0,
@@ -354,6 +355,8 @@ def simulate(
         seconds: length; default: that of a record, else 40 s.
         sample_rate: Hz.
         noise: of both sensors, rms, m/s^2.
+        filter: low-pass of both channels before sampling: ``instants``, ``mean``, ``linear``, ``causal``,
+            or like ``linear,6,0.42`` with order and corner over the sample rate.
         coulomb_force: N; default: the model's.
         oil_temperature: deg C, or ``"20:60"`` (deg C) for oil that warms; default: the valve's.
         seed: of the noise.
@@ -368,7 +371,7 @@ def simulate(
     with valve_files([valve]) as (file,), contextlib.redirect_stdout(io.StringIO()):
         settings = simulation.SimulationSettings(
             str(file), str(model), str(path_of(excitation)), seconds, sample_rate,
-            coulomb_force=coulomb_force, noise=noise, seed=seed, oil_temperature=oil,
+            coulomb_force=coulomb_force, noise=noise, filter=filter, seed=seed, oil_temperature=oil,
         )  # fmt: skip
         simulation.simulate(bag, settings)
     return Record(bag, folder)

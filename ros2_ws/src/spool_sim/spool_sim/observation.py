@@ -11,13 +11,16 @@ without aliasing, 2001.
 
 from __future__ import annotations
 
+import contextlib
 import math
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 from numpy import fft
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
+from spool_core.errors import InputError
 from spool_core.kernels.compiled import compiled
 from spool_core.numbers import Array
 
@@ -48,6 +51,31 @@ class Observation:
     kind: str = INSTANTS
     order: float = 0.0
     corner: float = math.inf
+
+    @classmethod
+    def of(cls, text: str) -> Observation:
+        """Return the reading that ``text`` names: a kind, or ``KIND,ORDER,CORNER``.
+
+        Raises:
+            InputError: unknown kind, or numbers that no filter has.
+        """
+        kind, *rest = (part.strip() for part in text.split(","))
+        with contextlib.suppress(ValueError, StopIteration):
+            usual = next(one for one in USUAL_ONES if one.kind == kind)
+            if not rest:
+                return usual
+            order, corner = (float(part) for part in rest)
+            whole = kind != CAUSAL or order % 1.0 == 0.0
+            if usual.order and 1.0 <= order <= 24.0 and 0.05 <= corner <= 0.5 and whole:
+                return cls(kind, order, corner)
+        raise InputError(
+            f"filter: {text!r}: use {INSTANTS}, {MEAN}, {LINEAR} or {CAUSAL}; the last two may have order (1 "
+            f"to 24, whole for {CAUSAL}) and corner (0.05 to 0.5 of the sample rate), like {LINEAR},6,0.42"
+        )
+
+    def __str__(self) -> str:
+        """Return the text that ``of`` takes."""
+        return f"{self.kind},{self.order:g},{self.corner:g}" if self.order else self.kind
 
     def sentence(self, rate: float) -> str:
         """Describe the reading at sample ``rate``, Hz, in words."""
@@ -92,9 +120,7 @@ class Observation:
             return np.full(samples, math.inf)
         if self.kind == INSTANTS and delay == 0.0 and gains is None:
             return points[::every].copy()
-        tables = tables_of(self, every)
-        dense = points.copy()
-        add_events(dense, events, *tables[0], 1, 0.0, 1.0)
+        dense = self._dense(points, events, every)
         edge = min(dense.size - 1, EDGE * every)
         padded = np.pad(dense, edge, mode="reflect", reflect_type="odd")
         fade = np.sin(0.5 * np.pi * (np.arange(edge) + 0.5) / edge) ** 2
@@ -105,12 +131,66 @@ class Observation:
         if gains is not None:
             lines *= gains
         found = np.array(fft.irfft(lines, _length(samples, every))[edge : edge + dense.size : every])
-        if self.kind == INSTANTS:  # a jump itself: a table would smear it over the samples next to it
-            step, ramp = tables[0]
-            add_events(found, events, -step, -ramp, every, delay * every, -1.0)
-        else:
-            add_events(found, events, *tables[1], every, delay * every, 0.0)
+        self._add_rest(found, events, every, delay)
         return found
+
+    def _dense(self, points: Array, events: Array, every: int) -> Array:
+        """Return ``points`` with jumps and kinks free of aliases."""
+        dense = points.copy()
+        add_events(dense, events, *tables_of(self, every)[0], 1, 0.0, 1.0)
+        return dense
+
+    def _add_rest(self, row: Array, events: Array, every: int, delay: float) -> None:
+        """Add to the samples what the channel reads of jumps and kinks beyond its factor on ``_dense``."""
+        free, rest = tables_of(self, every)
+        if self.kind == INSTANTS:  # a jump itself: a table would smear it over the samples next to it
+            add_events(row, events, -free[0], -free[1], every, delay * every, -1.0)
+        else:
+            add_events(row, events, *rest, every, delay * every, 0.0)
+
+
+#: What a kind alone stands for: filters as good loggers have them.
+USUAL_ONES = (
+    Observation(), Observation(MEAN), Observation(LINEAR, 6.0, 0.42), Observation(CAUSAL, 4.0, 0.36),
+)  # fmt: skip
+
+
+class Stream:
+    """Observation of a motion that comes in pieces; it stands still before them.
+
+    Attributes:
+        lead: samples by which the readings are behind the motion.
+    """
+
+    def __init__(self, observation: Observation, every: int, delay: float = 0.0) -> None:
+        """Begin; ``every`` and ``delay`` as :meth:`Observation.read` takes them."""
+        self.lead = EDGE + math.ceil((REACH + 1) / every)
+        self._how, self._every, self._delay = observation, every, delay
+        frequency = np.asarray(fft.rfftfreq(2 * EDGE * every, 1.0 / every))
+        response = observation.response(frequency) * np.exp(-2j * np.pi * frequency * delay)
+        self._taps = fft.fftshift(fft.irfft(response, 2 * EDGE * every))[::-1].copy()
+        self._points: Array = np.zeros(2 * self.lead * every)
+        self._events: Array = np.zeros((0, 3))
+
+    def take(self, points: Array, events: Array) -> Array:
+        """Return the readings of as many samples as there are new ``points``, the first ``lead`` too early.
+
+        Args:
+            points, events: as :meth:`Observation.read` takes them.
+        """
+        every, held = self._every, self._points.size
+        samples = points.size // every
+        self._points = np.append(self._points, points)
+        self._events = np.vstack([self._events, events + np.array([held, 0.0, 0.0])])
+        dense = self._how._dense(self._points, self._events, every)
+        first = (self.lead - EDGE) * every + 1  # of the steps that the first sample is made of
+        rows = sliding_window_view(dense[first:], self._taps.size)[::every][:samples]
+        found: Array = np.zeros(self.lead + samples)
+        found[self.lead :] = rows @ self._taps
+        self._how._add_rest(found, self._events, every, self._delay)
+        self._points = self._points[points.size :]
+        self._events = self._events[self._events[:, 0] >= points.size] - np.array([points.size, 0.0, 0.0])
+        return found[self.lead :]
 
 
 @lru_cache(maxsize=64)

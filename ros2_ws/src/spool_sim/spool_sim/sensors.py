@@ -4,22 +4,33 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PlainSerializer, ValidationError
+from spool_core.errors import InputError
 from spool_core.numbers import Array
 
+from spool_sim.observation import INSTANTS, Observation
 from spool_sim.valve import NotNegative, Number, Positive, one_line, read_mapping
 
 #: Samples that one delayed sample is interpolated from (polynomial of degree 5).
 _NODES = 6
 
 
+def _observation(given: Any) -> Any:
+    try:
+        return Observation.of(given) if isinstance(given, str) else given
+    except InputError as error:
+        raise ValueError(str(error)) from None
+
+
 class Sensor(BaseModel):
     """Errors of one accelerometer, in the order in which they act. Frozen.
 
     Attributes:
+        filter: how the logger reads; a text as ``Observation.of`` takes it, such as ``linear`` or
+            ``causal,4,0.36``. Its own noise passes no filter.
         delay_samples: delay behind the true acceleration, in samples, whole or not.
         gain_error: relative, 0.05 reads 5 % too much.
         bias: m/s^2.
@@ -30,12 +41,18 @@ class Sensor(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
+    filter: Annotated[Observation, BeforeValidator(_observation), PlainSerializer(str)] = Observation()
     delay_samples: Annotated[NotNegative, Field(le=100_000.0)] = 0.0
     gain_error: Annotated[Number, Field(gt=-1.0, le=10.0)] = 0.0
     bias: Number = 0.0
     noise: NotNegative = 0.0
     resolution: NotNegative = 0.0
     full_scale: Positive | None = None
+
+    @property
+    def filter_delay(self) -> float:
+        """The part of ``delay_samples`` that the filter makes: what is not whole; 0 without a filter."""
+        return 0.0 if self.filter.kind == INSTANTS else self.delay_samples % 1.0
 
 
 class SensorChannel:
@@ -44,10 +61,10 @@ class SensorChannel:
     def __init__(self, sensor: Sensor, seed: int | np.random.SeedSequence) -> None:
         self.sensor = sensor
         self._generator = np.random.default_rng(seed)
-        self._delay = FractionalDelay(sensor.delay_samples)
+        self._delay = FractionalDelay(sensor.delay_samples - sensor.filter_delay)
 
     def read(self, acceleration: Array) -> Array:
-        """Return the reading (m/s^2, shape (n,)) of the next n samples."""
+        """Return the reading (m/s^2, shape (n,)) of the next n samples, filtered already."""
         sensor = self.sensor
         reading: Array = (1.0 + sensor.gain_error) * self._delay.apply(acceleration) + sensor.bias
         if sensor.noise > 0.0:

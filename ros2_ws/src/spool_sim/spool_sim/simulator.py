@@ -11,11 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 from spool_core.block import Block, Samples
 from spool_core.errors import InputError
+from spool_core.numbers import Array
 
 from spool_sim.excitation import Excitation
 from spool_sim.integration import composed_motion
 from spool_sim.lubrication import OilTable
 from spool_sim.model import Model, load_model
+from spool_sim.observation import INSTANTS, Stream
 from spool_sim.sensors import Sensor, SensorChannel
 from spool_sim.strokes import Strokes
 from spool_sim.valve import Valve
@@ -29,6 +31,8 @@ ROOM = 20.0
 _INNER_SAMPLES = 4096
 # Samples at the start over which the step size is checked by halving, 1 s of them at most.
 _TRIAL_SAMPLES = 4000
+#: Samples that are filtered in one piece, and steps in a sample then, at least.
+_PIECE, _FILTER_STEPS = 64, 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +108,8 @@ class Simulator:
             block_size: samples per block.
             seed: of the sensor noise.
             start_stamp: time of the first sample, ns, > 0.
-            body_sensor, spool_sensor: errors of the accelerometers, none by default.
+            body_sensor, spool_sensor: errors of the accelerometers, none by default. A filter reads ahead,
+                so the motion runs some hundred samples ahead of the readings: a drift begins as much later.
             strokes: of the solenoid, none by default; they add its force and the stops to ``model``.
 
         Raises:
@@ -142,7 +147,7 @@ class Simulator:
         self._rate = Fraction(self.sample_rate)
         self._start_stamp = start_stamp
         self._state = composed_motion.MotionState()
-        self._sample = 0
+        self._sample = self._moved = 0
         body_seed, spool_seed = np.random.SeedSequence(seed).spawn(2)
         self._body_channel = SensorChannel(body_sensor or Sensor(), body_seed)
         self._spool_channel = SensorChannel(spool_sensor or Sensor(), spool_seed)
@@ -157,6 +162,13 @@ class Simulator:
             sample_rate=self.sample_rate,
             highest_frequency=excitation.highest_frequency,
         )
+        sensors = self._body_channel.sensor, self._spool_channel.sensor
+        self._streams: tuple[Stream, ...] = ()
+        if any(one.filter.kind != INSTANTS for one in sensors):
+            self._substeps = max(self._substeps, _FILTER_STEPS)
+            self._streams = tuple(Stream(one.filter, self._substeps, one.filter_delay) for one in sensors)
+        self._every = self._substeps
+        self._ready: Array = np.empty((2, 0))
 
     @property
     def sample_period(self) -> float:
@@ -230,8 +242,10 @@ class Simulator:
             most["viscous_coefficient"] *= float(self._oil.ratio(np.array(coldest)))
         period, highest = 1.0 / self.sample_rate, self.excitation.highest_frequency
         needed = composed_motion.substeps_for(self.model.terms, {**self._values, **most}, period, highest)
+        if self._streams:  # they take each step of so many
+            needed = -(-needed // self._every) * self._every
         self._substeps = max(self._substeps, needed)
-        self._ramps[quantity] = _Ramp(now[quantity], target, self._sample, round(duration * self.sample_rate))
+        self._ramps[quantity] = _Ramp(now[quantity], target, self._moved, round(duration * self.sample_rate))
 
     def next_block(self) -> Block:
         """Return the next block."""
@@ -269,13 +283,55 @@ class Simulator:
 
     def _read(self, samples: int) -> tuple[Samples, Samples]:
         """Return the readings (float32, shape (samples,)) of body and spool, and move on."""
+        if self._streams:
+            body, spool = self._filtered(samples)
+        else:
+            forcing, table = self._conditions(samples)
+            trajectory, self._state = self._motion.advance(
+                self._state,
+                forcing,
+                table,
+                sample_period=self.sample_period,
+                substeps=self._substeps,
+                first_sample=self._moved,
+            )
+            self._moved += samples
+            body, spool = forcing[: -1 : 2 * self._substeps], trajectory.acceleration
+        self._sample += samples
+        readings = self._body_channel.read(body), self._spool_channel.read(spool)
+        return readings[0].astype(np.float32), readings[1].astype(np.float32)
+
+    def _filtered(self, samples: int) -> Array:
+        """Return what the filters make of both accelerations, shape (2, samples)."""
+        while self._ready.shape[1] < samples:
+            forcing, table = self._conditions(_PIECE)
+            points, self._state = self._motion.read(
+                self._state,
+                forcing,
+                table,
+                sample_period=self.sample_period,
+                substeps=self._substeps,
+                first_sample=self._moved,
+            )
+            early = max(0, self._streams[0].lead - self._moved)
+            self._moved += _PIECE
+            fine = self._substeps // self._every
+            events = points.events * (1.0 / fine, 1.0, fine)
+            body = self._streams[0].take(forcing[: -1 : 2 * fine], np.zeros((0, 3)))
+            spool = self._streams[1].take(points.acceleration[::fine], events)
+            self._ready = np.hstack([self._ready, np.array([body, spool])[:, early:]])
+        found, self._ready = self._ready[:, :samples], self._ready[:, samples:]
+        return found
+
+    def _conditions(self, samples: int) -> tuple[Array, Array]:
+        """Return forcing and parameters of the next samples of the motion, as ``advance`` takes them."""
         forcing = self.excitation.acceleration(
-            composed_motion.half_step_times(self._sample, samples, self.sample_rate, self._substeps)
+            composed_motion.half_step_times(self._moved, samples, self.sample_rate, self._substeps)
         )
-        index = np.arange(self._sample, self._sample + samples)
+        index = np.arange(self._moved, self._moved + samples)
         values: dict[str, float | NDArray[np.float64]] = dict(self._values)
         for name, ramp in self._ramps.items():
-            if ramp.start != ramp.target or ramp.first > self._sample:
+            if ramp.start != ramp.target or ramp.first > self._moved:
                 values[name] = ramp.at(index)
             else:
                 values[name] = ramp.target
@@ -283,15 +339,4 @@ class Simulator:
             values["viscous_coefficient"] *= self._oil.ratio(self._ramps["oil_temperature"].at(index))
         if self.strokes is not None:
             values["push"] = self.strokes.push(index / self.sample_rate)
-        trajectory, self._state = self._motion.advance(
-            self._state,
-            forcing,
-            self._motion.table(values, samples),
-            sample_period=self.sample_period,
-            substeps=self._substeps,
-            first_sample=self._sample,
-        )
-        self._sample += samples
-        body = self._body_channel.read(forcing[: -1 : 2 * self._substeps])
-        spool = self._spool_channel.read(trajectory.acceleration)
-        return body.astype(np.float32), spool.astype(np.float32)
+        return forcing, self._motion.table(values, samples)

@@ -20,6 +20,7 @@ from spool_msgs.msg import AccelerationBlocks
 from std_msgs.msg import Float64
 
 from spool_sim.excitation import load_excitation
+from spool_sim.observation import Observation
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import DRIFTING, Simulator
 from spool_sim.strokes import Strokes
@@ -82,6 +83,12 @@ class SimulatorNode(ManagedNode):
         NodeParameter("block_rate", 50.0, "Blocks a second.", "Hz", 0.1, 1000.0, structural=True),
         NodeParameter(
             "noise", 0.05, "Noise of both accelerometers, rms.", "m/s^2", 0.0, 1e3, structural=True
+        ),
+        NodeParameter(
+            "filter",
+            "instants",
+            "Filter of both channels before sampling: instants, mean, linear, causal.",
+            structural=True,
         ),
         NodeParameter("body_gain_error", 0.0, "Relative gain error, body.", "1", -0.5, 0.5, structural=True),
         NodeParameter(
@@ -203,9 +210,9 @@ class SimulatorNode(ManagedNode):
             else None
         )
         valve, excitation = find_valve(self.value("valve_file")), load_excitation(self.value("excitation"))
+        alike = {"filter": Observation.of(self.value("filter")), "noise": self.value("noise")}
         body, spool = (
-            Sensor(gain_error=self.value(f"{one}_gain_error"), noise=self.value("noise"))
-            for one in ("body", "spool")
+            Sensor(gain_error=self.value(f"{one}_gain_error"), **alike) for one in ("body", "spool")
         )
         return [
             Simulator(

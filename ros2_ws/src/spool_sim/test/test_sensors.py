@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from spool_core.errors import InputError
 from spool_core.numbers import Array
+from spool_sim.observation import CAUSAL, Observation
 from spool_sim.sensors import (
     PAPER_CHAIN,
     FractionalDelay,
@@ -115,6 +116,7 @@ def test_chain_of_the_paper_is_uncertain_by_five_per_cent() -> None:
         ("full_scale", 0.0),
         ("bias", float("nan")),
         ("colour", 1.0),
+        ("filter", 6.0),
     ],
 )
 def test_wrong_sensor_file_is_refused_in_one_line(tmp_path: Path, key: str, value: float) -> None:
@@ -128,7 +130,23 @@ def test_wrong_sensor_file_is_refused_in_one_line(tmp_path: Path, key: str, valu
 
 def test_sensor_file_gives_both_sensors(tmp_path: Path) -> None:
     path = tmp_path / "sensors.yaml"
-    path.write_text("body: {noise: 0.1}\nspool: {delay_samples: 2.5, full_scale: 40}\n", "utf-8")
+    path.write_text(
+        "body: {noise: 0.1, filter: 'causal,4,0.36'}\nspool: {delay_samples: 2.5, full_scale: 40}\n", "utf-8"
+    )
     sensors = load_sensors(path)
-    assert sensors.body == Sensor(noise=0.1)
+    assert sensors.body == Sensor(noise=0.1, filter=Observation(CAUSAL, 4.0, 0.36))
     assert sensors.spool == Sensor(delay_samples=2.5, full_scale=40.0)
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["sharp", "linear,6", "linear,six,0.4", "causal,2.5,0.3", "linear,6,0.7", "mean,1,0.4", "linear,6,nan"],
+)
+def test_a_filter_that_none_has_is_refused_with_an_example(text: str) -> None:
+    with pytest.raises(InputError, match=r"^filter: .* like linear,6,0\.42$"):
+        Observation.of(text)
+
+
+@pytest.mark.parametrize("text", ["instants", "mean", "linear,6,0.42", "causal,4,0.36", "linear,3.5,0.4"])
+def test_a_filter_is_written_as_it_is_read(text: str) -> None:
+    assert str(Observation.of(text)) == text

@@ -7,11 +7,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.signal import butter, sosfilt, sosfiltfilt, sosfreqz
 from spool_core.block import Block
 from spool_core.block_gate import BlockGate, Verdict
 from spool_core.errors import InputError
 from spool_sim.excitation import PRESETS, SteadySine
 from spool_sim.model import MODELS
+from spool_sim.observation import CAUSAL, LINEAR, MEAN, Observation
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
 from spool_sim.valve import Valve, find_valve
@@ -193,3 +195,77 @@ def test_wrong_drift_and_length_are_refused(valve: Valve) -> None:
         source.set_drift("oil_temperature", 500.0)
     with pytest.raises(InputError, match="seconds"):
         source.records(0.0)
+
+
+FILTERED = (Observation(MEAN), Observation(LINEAR, 6.0, 0.42), Observation(CAUSAL, 4.0, 0.36))
+
+
+@pytest.mark.parametrize("one", FILTERED, ids=str)
+def test_a_filtered_record_is_the_fine_motion_through_a_filter_of_scipy(
+    valve: Valve, one: Observation
+) -> None:
+    fine, rate, late = 64, 2000.0, 0.0
+    dense = Simulator(valve, PRESETS["sweep"], coulomb_force=0.4, sample_rate=fine * rate, block_size=fine)
+    rows = joined(list(dense.records(2.0)))
+    sensor = Sensor(filter=one)
+    simulator = Simulator(valve, PRESETS["sweep"], coulomb_force=0.4, body_sensor=sensor, spool_sensor=sensor)
+    sections = butter(int(one.order or 1), one.corner if one.order else 0.4, fs=fine, output="sos")
+    for read, row in zip(joined(list(simulator.records(2.0))), rows, strict=True):
+        if one.kind == MEAN:
+            ends = np.append(0.0, np.cumsum(row, dtype=np.float64))
+            made = (np.roll(ends, -fine // 2) - np.roll(ends, fine // 2)) / fine
+        elif one.kind == LINEAR:
+            made = sosfiltfilt(sections, row)
+        else:
+            made = sosfilt(sections, row)
+            _, response = sosfreqz(sections, [1e-3], fs=fine)
+            late = -float(np.angle(response[0])) / (2.0 * np.pi * 1e-3)
+        found = np.interp((np.arange(read.size) + late) * fine, np.arange(made.size), made)
+        inner = slice(100, -100)
+        # A jump of the fine record is half a step late: a part in a hundred of what the filter makes of it.
+        assert np.std((read - found)[inner]) < 1e-3 * np.std(found)
+    instants = rows[1][::fine]
+    assert np.std(read - instants) > 1e-2 * np.std(instants)
+
+
+@settings(max_examples=10, deadline=None)
+@given(block_size=st.integers(1, 700))
+def test_filtered_samples_do_not_depend_on_the_block_size(block_size: int) -> None:
+    valve = find_valve("4weh10_soft")
+    sensors = {
+        "body_sensor": Sensor(filter=FILTERED[0], noise=0.1),
+        "spool_sensor": Sensor(filter=FILTERED[1], delay_samples=2.3),
+    }
+    whole = Simulator(valve, PRESETS["multisine"], block_size=1500, **sensors).next_block()
+    body, spool = joined(
+        list(Simulator(valve, PRESETS["multisine"], block_size=block_size, **sensors).records(0.75))
+    )
+    np.testing.assert_array_equal(body[:1500], whole.body)
+    np.testing.assert_array_equal(spool[:1500], whole.spool)
+
+
+def test_a_filtered_reading_is_late_by_the_delay_of_its_sensor(valve: Valve) -> None:
+    sensors = (Sensor(filter=FILTERED[1], delay_samples=delay) for delay in (0.0, 3.0, 2.5))
+    prompt, whole, half = (
+        Simulator(valve, PRESETS["sweep"], model="fluid", spool_sensor=one, block_size=2000)
+        .next_block()
+        .spool
+        for one in sensors
+    )
+    np.testing.assert_allclose(whole[3:], prompt[:-3], atol=1e-5)
+    # Far below half the rate a mean of two neighbours is the value between them.
+    between = 0.5 * (prompt[1:-2] + prompt[:-3])
+    np.testing.assert_allclose(half[3:], between, atol=2e-3 * np.std(prompt))
+
+
+def test_a_drift_reaches_a_filtered_record_though_its_steps_become_finer(valve: Valve) -> None:
+    sensor = Sensor(filter=FILTERED[1])
+    shaking = SteadySine(frequency=30.0, amplitude=8.0)
+    source = Simulator(valve, shaking, model="fluid", sample_rate=500.0, spool_sensor=sensor)
+    source.next_block()
+    before = source.substeps
+    source.set_drift("spring_stiffness", 400.0 * valve.spring_stiffness)
+    assert source.substeps > before
+    body, spool = joined(list(source.records(8.0)))
+    # Such a spring holds the spool in the body.
+    assert np.std((spool - body)[-1000:]) < 0.02 * np.std(body[-1000:])

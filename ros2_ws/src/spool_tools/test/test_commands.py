@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from spool_bag.importing.choices import columns_of
-from spool_bag.metadata import typestore
+from spool_bag.metadata import custom_data, typestore
 from spool_bag.reader import BagReader
 from spool_core.block import Block
 from spool_core.errors import InputError
@@ -86,6 +86,7 @@ def test_a_simulated_bag_holds_the_simulators_blocks(
         ({"sample_rate": math.nan}, "--sample-rate nan"),
         ({"sample_rate": 150.0}, "sample_rate: 150 Hz"),
         ({"name": "no good"}, "no good"),
+        ({"filter": "linear,6"}, "filter: 'linear,6': use instants, mean"),
     ],
 )
 def test_a_wrong_setting_is_refused_by_name_and_leaves_no_bag(
@@ -95,6 +96,16 @@ def test_a_wrong_setting_is_refused_by_name_and_leaves_no_bag(
     with pytest.raises(InputError, match=said):
         simulate(tmp_path / "bag", settings)
     assert not (tmp_path / "bag").exists()
+
+
+def test_a_simulated_bag_states_how_each_channel_was_sampled(tmp_path: Path) -> None:
+    sensors, bag = tmp_path / "sensors.yaml", tmp_path / "bag"
+    sensors.write_text("spool: {filter: 'causal,4,0.36'}\n", "utf-8")
+    simulate(bag, SimulationSettings("4weh10_soft", "coulomb", "sweep", 1.0, **SETTINGS, sensors=sensors))
+    assert custom_data(bag) == {
+        "left/body/filter": "none: samples at instants",
+        "left/spool/filter": "Butterworth low-pass, order 4, corner 720 Hz",
+    }
 
 
 @pytest.mark.parametrize("start", ["yesterday", "2025-13-01", ""])

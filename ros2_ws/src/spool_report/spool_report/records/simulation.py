@@ -24,6 +24,7 @@ from spool_report.outputs import making_room
 from spool_report.records.record_sources import VALVE_DESCRIPTION, encode_valve, is_table, record_of_table
 from spool_report.terminal import progress
 from spool_sim.excitation import PRESETS, Excitation, Recorded, load_excitation
+from spool_sim.observation import INSTANTS, Observation
 from spool_sim.sensors import Sensor, Sensors, load_sensors
 from spool_sim.valve import find_valve, one_line, read_mapping
 
@@ -43,9 +44,10 @@ class SimulationSettings:
         sample_rate, block_rate: Hz.
         coulomb_force: N; default: the model's.
         noise: of both sensors, rms, m/s^2.
+        filter: of both channels, as ``Observation.of`` takes it.
         seed: of the noise.
         name: namespace of the valve in the bag.
-        sensors: YAML file that replaces ``noise``.
+        sensors: YAML file that replaces ``noise`` and ``filter``.
         oil_temperature: deg C, recorded if it is given; ``"20:60"`` warms the oil; default: the valve file's.
     """
 
@@ -57,6 +59,7 @@ class SimulationSettings:
     block_rate: float = 50.0
     coulomb_force: float | None = None
     noise: float = 0.05
+    filter: str = INSTANTS
     seed: int = 0
     name: str = "valve_1"
     sensors: Path | None = None
@@ -77,7 +80,7 @@ def simulate(out: Path, settings: SimulationSettings) -> None:
             f"--block-rate {block_rate:g} Hz at --sample-rate {sample_rate:g} Hz: "
             "use a number above 0 and not above the sample rate"
         )
-    noisy = Sensor(noise=settings.noise)
+    noisy = Sensor(noise=settings.noise, filter=Observation.of(settings.filter))
     measured = (
         Sensors(body=noisy, spool=noisy) if settings.sensors is None else load_sensors(settings.sensors)
     )
@@ -106,7 +109,13 @@ def simulate(out: Path, settings: SimulationSettings) -> None:
     blocks = simulator.records(seconds)
     valve_id = simulator.valve.id
     count = 0
-    with making_room(out), BagWriter(out, staged=True) as writer, progress("simulating", seconds) as advance:
+    sensors = {"body": measured.body, "spool": measured.spool}
+    custom = {f"{name}/{one}/filter": sensor.filter.sentence(sample_rate) for one, sensor in sensors.items()}
+    with (
+        making_room(out),
+        BagWriter(out, staged=True, custom=custom) as writer,
+        progress("simulating", seconds) as advance,
+    ):
         description = writer.add_topic(f"/{name}/valve", VALVE_DESCRIPTION)
         channel = writer.add_topic(f"/{name}/acceleration", ACCELERATION_BLOCK)
         writer.write(description, SIMULATION_START, encode_valve(simulator.valve, SIMULATION_START))

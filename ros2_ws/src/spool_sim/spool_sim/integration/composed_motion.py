@@ -211,10 +211,7 @@ class ComposedMotion:
             )
         body_rows = _body_rows(count, body_acceleration.shape[0], tables.shape[0], stands_on)
         begins = np.broadcast_to(np.asarray(first_sample, dtype=np.int64), count).copy()
-        packed = np.zeros((count, 3 + max(1, self._memories)))
-        for row, state in zip(packed, states, strict=True):
-            row[:3] = state.displacement, state.velocity, state.direction
-            row[3 : 3 + len(state.memory)] = state.memory
+        packed = self._pack(states)
         result = Trajectory(
             np.empty((count, samples)),
             np.empty((count, samples)),
@@ -249,11 +246,28 @@ class ComposedMotion:
         else:  # the kernel runs without the interpreter lock, and no valve knows of another
             with ThreadPoolExecutor(len(parts)) as pool:
                 list(pool.map(advance_some, parts))
-        last = [
-            MotionState(z, v, direction, tuple(memory[: self._memories]))
-            for z, v, direction, *memory in packed.tolist()
-        ]
-        return result, last
+        return result, self._unpack(packed)
+
+    def read(
+        self,
+        state: MotionState,
+        body_acceleration: Array,
+        table: Array,
+        *,
+        sample_period: float,
+        substeps: int,
+        first_sample: int = 0,
+    ) -> tuple[Points, MotionState]:
+        """Return what an observation makes readings of, and the state at the sample after the last.
+
+        Arguments and their shapes are those of ``advance``.
+        """
+        states = self._pack([state])
+        (points,) = self._read(
+            states, body_acceleration[np.newaxis], table[np.newaxis], np.zeros(1, dtype=np.int64),
+            first_sample, sample_period, substeps,
+        )  # fmt: skip
+        return points, self._unpack(states)[0]
 
     def read_batch(
         self,
@@ -275,10 +289,21 @@ class ComposedMotion:
             rows: of ``body_acceleration`` for each set, shape (s,).
             sample_period, substeps, first_sample: as in ``advance``.
         """
-        count, steps = tables.shape[0], (body_acceleration.shape[1] - 1) // 2
+        states = self._pack([state] * tables.shape[0])
+        return self._read(states, body_acceleration, tables, rows, first_sample, sample_period, substeps)
+
+    def _read(
+        self,
+        states: Array,
+        body_acceleration: Array,
+        tables: Array,
+        rows: NDArray[np.int64],
+        first_sample: int,
+        sample_period: float,
+        substeps: int,
+    ) -> list[Points]:
+        count, steps = states.shape[0], (body_acceleration.shape[1] - 1) // 2
         samples = steps // substeps
-        states = np.zeros((count, 3 + max(1, self._memories)))
-        states[:, :3] = state.displacement, state.velocity, state.direction
         points, z, v = (np.empty((count, size)) for size in (steps, samples, samples))
         # Where reversals come closer than this, what they add is noise.
         events, counts = np.empty((count, 2 * steps + 16, 3)), np.zeros(count, dtype=np.int64)
@@ -288,6 +313,19 @@ class ComposedMotion:
         )  # fmt: skip
         return [
             Points(points[one], events[one, : counts[one]].copy(), z[one], v[one]) for one in range(count)
+        ]
+
+    def _pack(self, states: Sequence[MotionState]) -> Array:
+        packed = np.zeros((len(states), 3 + max(1, self._memories)))
+        for row, state in zip(packed, states, strict=True):
+            row[:3] = state.displacement, state.velocity, state.direction
+            row[3 : 3 + len(state.memory)] = state.memory
+        return packed
+
+    def _unpack(self, packed: Array) -> list[MotionState]:
+        return [
+            MotionState(z, v, direction, tuple(memory[: self._memories]))
+            for z, v, direction, *memory in packed.tolist()
         ]
 
     def _packed(self, parameters: Array) -> NDArray[Any]:

@@ -467,6 +467,8 @@ def read_kernel(
     if not EVENTS:
         s = 0.0
     state[0], state[1], state[2] = z, v, s
+    for place in range(state.size - 3):
+        state[3 + place] = x[place]
     return count
 
 

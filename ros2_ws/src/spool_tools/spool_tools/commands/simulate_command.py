@@ -25,7 +25,17 @@ def simulate(
     noise: Annotated[
         float, typer.Option(help="Sensor noise, rms, m/s^2.", callback=cli.in_range(0.0))
     ] = 0.05,
-    sensors: Annotated[Path | None, typer.Option(help="YAML file of the sensors, replaces --noise.")] = None,
+    filter_: Annotated[
+        str,
+        typer.Option(
+            "--filter",
+            help="Low-pass of both channels: instants, mean, linear, causal, or like linear,6,0.42 with "
+            "order and corner over the sample rate.",
+        ),
+    ] = "instants",
+    sensors: Annotated[
+        Path | None, typer.Option(help="YAML file of the sensors, replaces --noise and --filter.")
+    ] = None,
     oil_temperature: Annotated[
         str | None,
         typer.Option(
@@ -45,7 +55,7 @@ def simulate(
     settings = simulation.SimulationSettings(
         valve, model, excitation, seconds,
         sample_rate=sample_rate, block_rate=block_rate, coulomb_force=coulomb_force, noise=noise,
-        sensors=sensors, oil_temperature=oil_temperature, seed=seed, name=name,
+        filter=filter_, sensors=sensors, oil_temperature=oil_temperature, seed=seed, name=name,
     )  # fmt: skip
     simulation.simulate(out, settings)
 
