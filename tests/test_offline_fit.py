@@ -10,7 +10,7 @@ from spool_bag.reader import BagReader
 from spool_estimator.identification.fit import fit
 from spool_estimator.identification.fit_result import FitSettings
 from spool_estimator.identification.record import records_from_blocks
-from spool_evaluation.studies.estimation import run
+from spool_evaluation.studies.estimation import run, run_loggers
 from spool_gap.evidence.analyse import analyse
 from spool_sim.model import MODELS
 from spool_sim.valve import find_valve
@@ -68,3 +68,16 @@ def test_the_study_writes_what_it_counted(tmp_path: Path) -> None:
     page = (tmp_path / "estimation_study.md").read_text("utf-8")
     assert "`./spool study estimation --cases 2 --seed 1 --out DIR`" in page
     assert (tmp_path / "estimation_scores.png").stat().st_size > 1000
+
+
+def test_the_study_of_loggers_gives_the_law_and_counts_by_the_filter(tmp_path: Path) -> None:
+    (row,) = run_loggers(1, 708, tmp_path, workers=1)
+    assert {one.quantity for one in row.estimates} == {
+        "spring_stiffness",
+        "viscous_coefficient",
+        "coulomb_force",
+    }
+    assert all(abs(one.error) < 1e-3 and one.model == "linear_phase" for one in row.estimates)
+    page = (tmp_path / "loggers_study.md").read_text("utf-8")
+    assert "`./spool study loggers --cases 1 --seed 708 --out DIR`" in page
+    assert "sampled behind filters of loggers" in page

@@ -5,13 +5,16 @@ from __future__ import annotations
 import numpy as np
 
 from spool_blind.condition import MASS, DrawnExcitation, ExperimentCondition, grid, random_lines, risen
-from spool_blind.field.case import LOOK_AHEAD, FieldCase, MeasuringChain
+from spool_blind.field.case import LOOK_AHEAD, FieldCase, ImportanceJudge, MeasuringChain
 from spool_blind.field.logger import POINTS, draw_filters
 from spool_blind.field.nuisances import BODY, SPOOL, Generator
+from spool_blind.hidden import Hidden
 from spool_blind.simulator import AFTER, Plant
 
 #: First number of a record's stream of random numbers: no other family has it.
 FAMILY = 19
+#: Seeds that the field study takes from this family.
+LOGGED = range(420_000, 430_000)
 SECONDS, RATES = 25.0, (1000.0, 2000.0, 4000.0)
 #: N/m, either spring; Hz, band of the excitation; sines of a multisine.
 SPRINGS, BAND, TONES = ((1450.0, 1750.0), (5400.0, 6300.0)), (6.0, 110.0), 14
@@ -21,7 +24,7 @@ COULOMB, STRIBECK = "coulomb_friction", "stribeck_friction"
 def make_logged(seed: int, points: int = POINTS) -> FieldCase:
     """Make the record of ``seed``, with ``points`` steps or more in a sample.
 
-    Its truth has the base's numbers, too, by the names of the product.
+    Its truth has the base's numbers, too, by the names of the product. Importance is judged of ``LOGGED``.
     """
     generator = np.random.default_rng([FAMILY, seed])
     between = generator.uniform
@@ -56,10 +59,15 @@ def make_logged(seed: int, points: int = POINTS) -> FieldCase:
     )
     truth = {"spring_stiffness": numbers["stiffness"], "viscous_coefficient": numbers["damping"], **friction}
     time = np.arange(round((SECONDS - LOOK_AHEAD) * condition.sample_rate)) / condition.sample_rate
-    time, body, spool = chain.record(condition.move(plant, points=points), time)
+    motion = condition.move(plant, points=points)
+    hidden = Hidden({"stribeck_exponent": 2.0, **friction}, truth=friction)
+    judge = ImportanceJudge(condition, chain, {law: hidden}, time, motion) if seed in LOGGED else None
+    time, body, spool = chain.record(motion, time)
+    accepted = (law, *(f"{law}+{name}" for name in chain.may_be_named))
     return FieldCase(
-        seed=seed, hidden=law, accepted=(law,), factor=1.0, condition=condition, plant=plant.numbers,
-        truth={law: truth}, time=time, body=body, spool=spool, chain=chain, importance={},
+        seed=seed, hidden=law, accepted=accepted, factor=1.0, condition=condition, plant=plant.numbers,
+        truth={law: truth}, time=time, body=body, spool=spool, chain=chain,
+        importance={} if judge is None else {law: judge.importance(law)},
     )  # fmt: skip
 
 

@@ -19,6 +19,7 @@ def study(
         typer.Argument(
             help="gap: effects named right? field: behind real measuring chains? gap-limit: how small? "
             "estimation: do intervals hold? "
+            "loggers: behind filters of loggers? "
             "check: do intervals of recovered and halved records hold? "
             "records: is the truth of bags/ found? steps: what does a step cost? "
             "monitor: events found in time? operation: false alarms and delays over valve-days? "

@@ -8,6 +8,7 @@ STUDIES = {
     "field": ("studies.field.study", "run"),
     "gap-limit": ("studies.gap_limit", "run"),
     "estimation": ("studies.estimation", "run"),
+    "loggers": ("studies.estimation", "run_loggers"),
     "check": ("studies.check", "run"),
     "records": ("studies.records", "run"),
     "steps": ("studies.steps", "run"),

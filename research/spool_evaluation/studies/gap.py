@@ -114,7 +114,7 @@ def answered(work: Callable[[], dict[str, Any]]) -> tuple[dict[str, Any], tuple[
         return {"verdict": FAILED}, watch.read(), " ".join(text[-3:])
 
 
-def given(case: BlindCase) -> tuple[Record, Valve]:
+def given(case: HiddenCase) -> tuple[Record, Valve]:
     """Return what the workflow gets to see: the record and the valve's description."""
     valve = valve_from_mapping(yaml.safe_load(valve_text(case)), f"case {case.seed}")
     period = 1.0 / case.condition.sample_rate

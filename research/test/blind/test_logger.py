@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from spool_blind.field.case import MeasuringChain, accepted_verdicts, make_field
 from spool_blind.field.hiding import HiddenPhysics
-from spool_blind.field.logged import make_logged
+from spool_blind.field.logged import LOGGED, make_logged
 from spool_blind.field.logger import FAMILIES, POINTS, LoggerFilter, draw_filters
 from spool_blind.simulator import Plant, SpoolMotion
 
@@ -119,3 +119,9 @@ def test_a_logged_record_does_not_depend_on_how_dense_its_motion_is(seed, kind):
     assert denser.condition.base == case.condition.base
     for found, dense in ((case.spool, denser.spool), (case.body, denser.body)):
         assert np.std(found - dense) < 2e-4 * np.std(found)
+
+
+def test_friction_matters_in_the_logged_records_of_the_field_study():
+    case = make_logged(LOGGED[3])
+    assert case.importance[case.hidden].matters
+    assert case.hidden in case.accepted

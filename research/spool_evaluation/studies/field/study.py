@@ -15,6 +15,7 @@ from typing import Any
 
 from spool_blind.case import write
 from spool_blind.field.case import FieldCase, make_field
+from spool_blind.field.logged import LOGGED, make_logged
 from spool_gap.evidence.analyse import Run
 from spool_sim.model import MODELS
 
@@ -100,7 +101,8 @@ def run(
 
 def judge_field_seed(seed: int, *, diagnosing: bool = False) -> FieldVerdict:
     """Make the field case of ``seed``; return what the workflow says to it, and why it is wrong if asked."""
-    return judge_field(make_field(seed), diagnosing=diagnosing)
+    make = make_logged if seed in LOGGED else make_field
+    return judge_field(make(seed), diagnosing=diagnosing)
 
 
 def judge_field(case: FieldCase, *, diagnosing: bool = False) -> FieldVerdict:

@@ -283,48 +283,15 @@ class Simulator:
 
     def _read(self, samples: int) -> tuple[Samples, Samples]:
         """Return the readings (float32, shape (samples,)) of body and spool, and move on."""
-        if self._streams:
-            body, spool = self._filtered(samples)
-        else:
-            forcing, table = self._conditions(samples)
-            trajectory, self._state = self._motion.advance(
-                self._state,
-                forcing,
-                table,
-                sample_period=self.sample_period,
-                substeps=self._substeps,
-                first_sample=self._moved,
-            )
-            self._moved += samples
-            body, spool = forcing[: -1 : 2 * self._substeps], trajectory.acceleration
+        while self._ready.shape[1] < samples:
+            self._advance(_PIECE if self._streams else samples)
+        (body, spool), self._ready = self._ready[:, :samples], self._ready[:, samples:]
         self._sample += samples
         readings = self._body_channel.read(body), self._spool_channel.read(spool)
         return readings[0].astype(np.float32), readings[1].astype(np.float32)
 
-    def _filtered(self, samples: int) -> Array:
-        """Return what the filters make of both accelerations, shape (2, samples)."""
-        while self._ready.shape[1] < samples:
-            forcing, table = self._conditions(_PIECE)
-            points, self._state = self._motion.read(
-                self._state,
-                forcing,
-                table,
-                sample_period=self.sample_period,
-                substeps=self._substeps,
-                first_sample=self._moved,
-            )
-            early = max(0, self._streams[0].lead - self._moved)
-            self._moved += _PIECE
-            fine = self._substeps // self._every
-            events = points.events * (1.0 / fine, 1.0, fine)
-            body = self._streams[0].take(forcing[: -1 : 2 * fine], np.zeros((0, 3)))
-            spool = self._streams[1].take(points.acceleration[::fine], events)
-            self._ready = np.hstack([self._ready, np.array([body, spool])[:, early:]])
-        found, self._ready = self._ready[:, :samples], self._ready[:, samples:]
-        return found
-
-    def _conditions(self, samples: int) -> tuple[Array, Array]:
-        """Return forcing and parameters of the next samples of the motion, as ``advance`` takes them."""
+    def _advance(self, samples: int) -> None:
+        """Move the spool on; add what both channels pass on of it to what is ready."""
         forcing = self.excitation.acceleration(
             composed_motion.half_step_times(self._moved, samples, self.sample_rate, self._substeps)
         )
@@ -339,4 +306,19 @@ class Simulator:
             values["viscous_coefficient"] *= self._oil.ratio(self._ramps["oil_temperature"].at(index))
         if self.strokes is not None:
             values["push"] = self.strokes.push(index / self.sample_rate)
-        return forcing, self._motion.table(values, samples)
+        points, self._state = self._motion.read(
+            self._state,
+            forcing,
+            self._motion.table(values, samples),
+            sample_period=self.sample_period,
+            substeps=self._substeps,
+            first_sample=self._moved,
+        )
+        fine = self._substeps // self._every if self._streams else self._substeps
+        both: tuple[Array, ...] = forcing[: -1 : 2 * fine], points.acceleration[::fine]
+        if self._streams:
+            events = np.zeros((0, 3)), points.events * (1.0 / fine, 1.0, fine)
+            both = tuple(stream.take(*one) for stream, *one in zip(self._streams, both, events, strict=True))
+        early = max(0, self._streams[0].lead - self._moved) if self._streams else 0
+        self._moved += samples
+        self._ready = np.hstack([self._ready, np.array(both)[:, early:]])
