@@ -193,13 +193,10 @@ def simulated(
     )
     blocks = list(simulator.records(SECONDS))
     rows = []
-    for samples in (
-        np.concatenate([block.body for block in blocks]),
-        np.concatenate([block.spool for block in blocks]),
-    ):
-        sensor = Sensor(noise=noise * float(np.sqrt(np.mean(samples.astype(np.float64) ** 2))))
-        channel = SensorChannel(sensor, int(generator.integers(2**31)))
-        rows.append(channel.read(samples.astype(np.float64)))
+    for channel in ("body", "spool"):
+        samples = np.concatenate([getattr(block, channel) for block in blocks]).astype(np.float64)
+        sensor = Sensor(noise=noise * float(np.sqrt(np.mean(samples**2))))
+        rows.append(SensorChannel(sensor, int(generator.integers(2**31))).read(samples))
     return Record(f"{model}", blocks[0].stamp, 1.0 / SAMPLE_RATE, rows[0], rows[1])
 
 
