@@ -38,6 +38,7 @@ from spool_msgs.msg import (
     ValveDescription,
 )
 from spool_sim.excitation import PRESETS, load_excitation
+from spool_sim.observation import MEAN, Observation
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
 from spool_sim.simulator_node import SimulatorNode
@@ -91,7 +92,10 @@ def change(node: Any, name: str, value: object) -> None:
 def _chain(claim_domain: Domains, valve: str) -> Iterator[Clocked]:
     """Simulator, estimator and monitor that ran for 17 s, of which the simulator slept for a while."""
     shaking = str(Path(valve).with_name("shaking.yaml"))
-    errors = {"noise": 0.02, "body_gain_error": 0.01, "spool_gain_error": -0.03, "coulomb_force": 0.02}
+    errors = {
+        "filter": "mean", "noise": 0.02, "body_gain_error": 0.01, "spool_gain_error": -0.03,
+        "coulomb_force": 0.02,
+    }  # fmt: skip
     with clocked(claim_domain, "valve_1") as chain:
         chain.start(MonitorNode, state_folder="none", resonance_on_delay=3.0)
         chain.start(EstimatorNode, valve_file=valve, memory=1.0)
@@ -118,8 +122,8 @@ def test_every_field_of_a_block_is_what_the_sensors_measured(chain: Clocked, val
         load_excitation(str(Path(valve).with_name("shaking.yaml"))),
         coulomb_force=0.02,
         block_size=40,
-        body_sensor=Sensor(gain_error=0.01, noise=0.02),
-        spool_sensor=Sensor(gain_error=-0.03, noise=0.02),
+        body_sensor=Sensor(filter=Observation(MEAN), gain_error=0.01, noise=0.02),
+        spool_sensor=Sensor(filter=Observation(MEAN), gain_error=-0.03, noise=0.02),
         **RECORD,
     )
     truth = list(simulator.records(18.0))
