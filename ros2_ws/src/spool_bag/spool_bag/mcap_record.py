@@ -1,8 +1,4 @@
-"""Records of an MCAP file, read and written byte by byte, and the definitions among them.
-
-Layout: the MCAP format specification, section "Records" (https://mcap.dev/spec): opcode, length as uint64,
-content.
-"""
+"""Records of an MCAP file, read and written byte by byte, and the definitions among them."""
 
 from __future__ import annotations
 
@@ -22,6 +18,7 @@ from mcap.records import Channel, Message, Schema, Statistics
 BAD_BYTES = (ValueError, struct.error, McapError, MemoryError, OverflowError)
 
 MAGIC = b"\x89MCAP0\r\n"
+#: Layout: the MCAP format specification, section "Records" (https://mcap.dev/spec): opcode, length, content.
 FRAME = struct.Struct("<BQ")
 MESSAGE = struct.Struct("<HIQQ")
 MESSAGE_RECORD = struct.Struct("<BQHIQQ")

@@ -18,7 +18,7 @@ from spool_core.system import OPEN_FLAGS
 from spool_bag.mcap_file import McapFile
 from spool_bag.mcap_record import message_head
 from spool_bag.metadata import Definition, PartCount, TopicCount, part_of, qos_of
-from spool_bag.part_chain import UNREADABLE, begin_of, end_of, file_hash, is_stub, oldest_of
+from spool_bag.part_records import is_stub
 
 #: B of an index at most (MCAP specification): of a chunk, of a channel in it, of a definition besides its
 #: texts, and of all else: statistics with some hundred channels, other records, offsets, footer.
@@ -242,15 +242,12 @@ class McapPart:
 
 
 class Existing(NamedTuple):
-    """Existing parts in order, their topics, the next number, the hash of the last one and of its file,
-    and the oldest part that it tells of: what lacks from there on was not removed by the recorder."""
+    """Existing parts in order, their topics, their files by number, and whether the last one was finished."""
 
     parts: list[PartCount]
     topics: list[tuple[TopicCount, Definition]]
-    next: int
-    link: str
-    file: str
-    oldest: int
+    files: list[tuple[int, Path]]
+    finished: bool
 
 
 def numbered(folder: Path) -> list[tuple[int, Path]]:
@@ -270,14 +267,19 @@ def existing_parts(folder: Path) -> Existing:
     topics: dict[str, tuple[TopicCount, Definition]] = {}
     files = numbered(folder)
     with contextlib.suppress(OSError):
-        if files and is_stub(files[-1][1]):  # no part could name the one before it through it
+        if files and is_stub(files[-1][1]):
             files.pop()[1].unlink()
+        if files:  # a recorder that was killed left what a power loss would take
+            with files[-1][1].open("rb") as stream:
+                os.fsync(stream.fileno())
+    finished = False
     for number, path in files:
-        count = PartCount(path.name, number)
+        count, finished = PartCount(path.name, number), False
         parts.append(count)
         try:
             count.size = path.stat().st_size
             file = McapFile(path)
+            finished = file.closed
             if file.counts is not None and file.times is not None:
                 count.start, count.end = file.times
                 count.messages = {
@@ -296,32 +298,4 @@ def existing_parts(folder: Path) -> Existing:
                     Definition(topic.type, topic.schema, topic.digest, topic.schema_encoding),
                 ),
             )
-    return Existing(
-        parts, list(topics.values()), files[-1][0] + 1 if files else 0, *_last(files), _oldest(files)
-    )
-
-
-def _last(files: list[tuple[int, Path]]) -> tuple[str, str]:
-    """Return the hash that stands for the last part, and that of its whole file where it is finished."""
-    if not files:
-        return "", ""
-    path = files[-1][1]
-    try:
-        with path.open("rb") as stream:
-            os.fsync(stream.fileno())  # a recorder that was killed left what a power loss would take
-        last = end_of(path)
-        return (last.end.link, last.file) if last is not None else (file_hash(path), "")
-    except OSError:
-        return UNREADABLE, ""
-
-
-def _oldest(files: list[tuple[int, Path]]) -> int:
-    """Return the number of the oldest part that the last readable one tells of."""
-    for _, path in reversed(files):
-        try:
-            if begin_of(path) is not None:
-                ended = end_of(path)
-                return max(oldest_of(path), ended.end.oldest if ended is not None else 0)
-        except OSError:
-            continue
-    return 0
+    return Existing(parts, list(topics.values()), files, finished)

@@ -21,7 +21,7 @@ from spool_bag import metadata, no_such_bag
 from spool_bag.blocks import Item, OrderingWindows, Span, decode_blocks, keyed_of
 from spool_bag.mcap_file import Damage, McapFile, McapMessage, MessageBatch, decompressed
 from spool_bag.mcap_record import Topic
-from spool_bag.part_chain import begin_of, losses_of
+from spool_bag.part_records import begin_of, losses_of
 
 _ALL = Span()
 #: Names of topics that one line lists.

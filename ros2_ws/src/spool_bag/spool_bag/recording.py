@@ -1,9 +1,4 @@
-"""A recording in parts, and the thinning of old ones.
-
-The thread alone touches the disk, so that a slow one never holds up who hears the messages. Where the disk is
-full, read-only or gone, messages wait in the queue, what finds it full is counted, and recording goes on by
-itself once it can.
-"""
+"""A recording in parts, and the thinning of old ones."""
 
 from __future__ import annotations
 
@@ -13,9 +8,9 @@ import os
 import shutil
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
 from typing import Protocol
@@ -25,7 +20,7 @@ from spool_core.faults import unexpected
 
 from spool_bag.mcap_file import McapFile
 from spool_bag.metadata import Definition, PartCount, is_unfinished
-from spool_bag.part_chain import BEGIN, END, LOSSES, begin_of, end_of, losses_of
+from spool_bag.part_records import BEGIN, LOSSES, begin_of, file_hash, losses_of
 from spool_bag.parts import McapPart, numbered
 from spool_bag.recorder import PARAMETER_EVENTS, TOPICS, MessageQueue, Recorded
 from spool_bag.writer import CHUNK_SIZE, BagWriter, PartLimits, RecordingError
@@ -62,8 +57,8 @@ class RecordingSettings:
 
     ``limits`` of its parts; ``minimum_free`` (B) on the disk, below which the oldest parts go and then
     recording pauses; ``flush_interval`` (s); ``custom`` stands in the metadata; ``resume``: go on in a
-    recording that is there; ``sign`` signs a part's hash; ``thin_after`` (s) leaves of older parts what they
-    tell without accelerations, 0 never.
+    recording that is there; ``sign`` signs the list of parts; ``thin_after`` (s) removes the accelerations of
+    older parts, 0 never.
     """
 
     limits: PartLimits = field(default_factory=PartLimits)
@@ -98,6 +93,10 @@ class RecordingState:
 class Recording:
     """Recording in the folder ``path``, on a separate thread, from the first call until :meth:`close`.
 
+    The thread alone touches the disk, so a slow disk never holds up the subscriptions. If the disk is full,
+    read-only or gone, messages wait in the queue, those that find it full are counted, and recording goes on
+    by itself once it can.
+
     Raises:
         InputError: ``path`` exists, or cannot be made.
         RecordingError: it cannot be written to.
@@ -125,7 +124,7 @@ class Recording:
             # A machine that is switched on with a full disk: it records once there is room.
             self._paused = str(error)
             log.error(f"recording pauses: {error}")
-        self._thinning = Thinning(path, settings.thin_after, settings.sign, log)
+        self._thinning = Thinning(path, settings.thin_after, log)
         self._thread = threading.Thread(target=self._run, name="recording", daemon=True)
         self._thread.start()
 
@@ -411,24 +410,21 @@ def is_kept(topic: str) -> bool:
     return topic.rpartition("/")[2] in KEPT
 
 
-def thin(path: Path, target: Path, sign: Callable[[str], str] | None = None) -> PartCount | None:
-    """Write to ``target`` what stays of the finished part at ``path``, and return its count.
+def thin(path: Path, target: Path, hashes: Collection[str] = ()) -> tuple[PartCount, str] | None:
+    """Write to ``target`` what stays of the finished part at ``path``; return its count and its SHA-256.
 
-    It keeps its place in the chain of hashes, and says its own hash besides; ``None`` of a part that was
-    never finished, whose place nobody could vouch for.
+    The part must have one of ``hashes``, if there are any; ``None`` of a part that was never finished.
 
     Raises:
         InputError: the part is damaged.
         OSError: it cannot be read, or ``target`` not be written.
     """
-    begin, ended = begin_of(path), end_of(path)
-    if begin is None or ended is None or ended.cut:
+    begin, file = begin_of(path), McapFile(path)
+    if begin is None or not file.closed:
         return None
-    end = ended.end
-    if (end.thinned or end.content) != ended.content or not ended.sound:
+    if hashes and file_hash(path) not in hashes:
         raise InputError(f"{path}: its content was edited: it is left as it is")
     target.unlink(missing_ok=True)
-    file = McapFile(path)
     part = McapPart(target, begin.number, CHUNK_SIZE, {BEGIN: begin.content()})
     try:
         channels: dict[int, int] = {}
@@ -448,10 +444,6 @@ def thin(path: Path, target: Path, sign: Callable[[str], str] | None = None) -> 
         part.flush()
         for told in losses_of(path):
             part.add_metadata(LOSSES, told)
-        thinned = replace(end, thinned=part.digest)
-        if sign is not None:
-            thinned = replace(thinned, thinned_signature=sign(thinned.thinned_link))
-        part.add_metadata(END, thinned.record())
         part.finish()
     except BaseException:
         part.abandon(cut=False)
@@ -459,7 +451,7 @@ def thin(path: Path, target: Path, sign: Callable[[str], str] | None = None) -> 
         raise
     count = part.count
     count.file = path.name
-    return count
+    return count, part.digest
 
 
 class Thinning:
@@ -469,10 +461,10 @@ class Thinning:
     by the times of reception from part to part.
     """
 
-    def __init__(self, path: Path, after: float, sign: Callable[[str], str] | None, log: Log) -> None:
-        self._path, self._after, self._sign, self._log = path, after, sign, log
+    def __init__(self, path: Path, after: float, log: Log) -> None:
+        self._path, self._after, self._log = path, after, log
         self._worker = ThreadPoolExecutor(1, "thinning") if after > 0.0 else None
-        self._under_way: tuple[Path, Future[PartCount | None]] | None = None
+        self._under_way: tuple[Path, Future[tuple[PartCount, str] | None]] | None = None
         self._done: set[str] = set()
         self._looked = -math.inf
         for left in path.glob(f".*.mcap{STAGED}.*") if after > 0.0 else ():
@@ -497,8 +489,8 @@ class Thinning:
         for count in older(writer, self._after * 1e9):
             if count.file not in self._done and not all(is_kept(topic) for topic in count.messages):
                 self._done.add(count.file)
-                part = self._path / count.file
-                self._under_way = part, self._worker.submit(thin, part, _staged(part), self._sign)
+                part, hashes = self._path / count.file, writer.hashes(count.number)
+                self._under_way = part, self._worker.submit(thin, part, _staged(part), hashes)
                 return
         self._looked = time.monotonic()
         self._done &= {count.file for count in writer.finished_parts}
@@ -510,13 +502,14 @@ class Thinning:
         if self._under_way is not None:
             _staged(self._under_way[0]).unlink(missing_ok=True)
 
-    def _take_over(self, writer: BagWriter, part: Path, future: Future[PartCount | None]) -> None:
+    def _take_over(self, writer: BagWriter, part: Path, future: Future[tuple[PartCount, str] | None]) -> None:
         staged = _staged(part)
         try:
-            count = future.result()
-            if count is None:
+            thinned = future.result()
+            if thinned is None:
                 self._log.info(f"{part.name} was never finished: it is not thinned")
-            elif writer.replace(count, staged):
+            elif writer.replace(thinned[0], staged, thinned[1]):
+                count = thinned[0]
                 self._log.info(f"{part.name} is thinned to {count.size / 1e6:.1f} MB (thin_after)")
         except RecordingError:
             raise

@@ -18,7 +18,7 @@ from spool_core.errors import InputError
 from spool_core.system import remove
 
 from spool_bag.metadata import ACCELERATION_BLOCK, typestore
-from spool_bag.part_chain import begin_of
+from spool_bag.part_records import begin_of
 from spool_bag.recorder import LATCHED, MARKS, Recorded
 from spool_bag.recording import Log
 from spool_bag.writer import BagWriter

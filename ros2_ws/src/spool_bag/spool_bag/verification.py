@@ -1,8 +1,7 @@
-"""Verification of recordings: signatures, what was edited, removed or reordered; recovery of damaged ones."""
+"""Verification of recordings: signatures, what was edited, removed or exchanged; recovery of damaged ones."""
 
 from __future__ import annotations
 
-import contextlib
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -17,13 +16,13 @@ from spool_core.text import printable
 
 from spool_bag.mcap_file import Damage, McapFile
 from spool_bag.mcap_record import Topic
-from spool_bag.metadata import Definition, part_of, qos_of, read_metadata
-from spool_bag.part_chain import UNREADABLE, Ended, PartBegin, begin_of, end_of, file_hash, is_stub, oldest_of
+from spool_bag.metadata import Definition, is_unfinished, part_of, qos_of, read_metadata
+from spool_bag.part_records import FILE_NAME, UNDER_WAY, UNREADABLE, PartLine, file_hash, is_chained, parsed
 from spool_bag.parts import numbered
 from spool_bag.reader import BagReader
 from spool_bag.writer import BagWriter
 
-#: Times that a folder is looked at again, as parts of a running recording go by the quota meanwhile.
+#: Times that a folder is looked at again, as a recorder writes and removes parts meanwhile.
 TRIES = 5
 
 
@@ -31,8 +30,8 @@ TRIES = 5
 class Verification:
     """Verification of a recording: ``wrong`` what was done to it, ``notes`` what is to be known, a line each.
 
-    ``parts`` were looked at, ``signed`` of these bear a signature by the key;
-    ``newest_sha256`` is the hash of the last one, which stands for all.
+    ``parts`` were looked at, ``signed`` of these are covered by a signature by the key; ``newest_sha256`` is
+    the hash of the last finished one's line, which covers all lines before.
     """
 
     recording: Path
@@ -46,20 +45,18 @@ class Verification:
 def verify(folder: Path, key: Path | None = None) -> Verification:
     """Return what was done to the recording in ``folder`` since it was written.
 
-    A part is whole where the SHA-256 of its bytes is the one in its last record; parts follow each
-    other where each one names the hash of that before it. With the public ``key`` each hash must be signed
-    by its owner.
+    A part is as it was written if the SHA-256 of its file is the one in the list of parts. With the public
+    ``key`` the list must be signed by its owner.
 
     Raises:
-        InputError: there is no recording in parts, or the key is none.
+        InputError: there is no recording in parts, an earlier release wrote it, or the key is none.
     """
-    for _ in range(TRIES - 1):
-        with contextlib.suppress(FileNotFoundError):
-            return _verify(folder, key)
-    try:
-        return _verify(folder, key)
-    except FileNotFoundError as error:
-        raise InputError(f"{error.filename}: it disappeared during verification") from None
+    for _ in range(TRIES):
+        listed = _list_in(folder)
+        found = _verify(folder, listed, key)
+        if not found.wrong or _list_in(folder) == listed:
+            return found
+    raise InputError(f"{folder}: it changed while it was verified: try again")
 
 
 def make_keys(folder: Path) -> tuple[Path, Path]:
@@ -206,181 +203,120 @@ def recover(source: Path | str, target: Path | str) -> RecoveryResult:
     )
 
 
-def _verify(folder: Path, key: Path | None) -> Verification:
-    """Return what was done to the recording as it is now.
+def _list_in(folder: Path) -> str | None:
+    """Return the list of parts, ``None`` without one."""
+    try:
+        return (folder / FILE_NAME).read_text("ascii", "replace")
+    except FileNotFoundError:
+        return None
+    except OSError as error:
+        raise InputError(f"{folder / FILE_NAME}: cannot be read: {error.strerror}") from error
 
-    Raises:
-        FileNotFoundError: a part went by the quota meanwhile.
-    """
-    # Before the parts: a recorder that writes adds some meanwhile.
-    listed = _listed(folder)
-    files = numbered(folder) if folder.is_dir() else []
-    if not files:
+
+def _verify(folder: Path, text: str | None, key: Path | None) -> Verification:
+    """Return what was done to the recording as it is now, by its list of parts."""
+    files = dict(numbered(folder)) if folder.is_dir() else {}
+    if not files and text is None:
         raise InputError(f"{folder}: no recording in parts: name the folder that a recorder wrote")
-    chain = _Chain(Verification(folder), key, files[-1][1])
-    for number, path in files:
-        chain.take(number, path)
-    found, (first, _), (newest, _) = chain.found, files[0], files[-1]
-    chain.judge_unsigned()
-    if listed is None:
-        found.notes.append("metadata.yaml cannot be read: removed newest parts cannot be detected")
-    elif listed > newest:
-        found.wrong.append(_missing(newest + 1, listed) + ": still listed in metadata.yaml")
-    found.newest_sha256 = chain.link or ""
-    if first > chain.oldest:
-        found.wrong.insert(0, _missing(chain.oldest, first - 1) + ", ahead of all others")
-    elif first > 0:
-        found.notes.append(f"the recorder's quota removed parts 0 to {first - 1}")
+    if text is None and any(is_chained(path) for path in files.values()):
+        raise InputError(
+            f"{folder}: an earlier release recorded it, without {FILE_NAME}: verify it with that release"
+        )
+    found = Verification(folder, len(files))
+    if text is None:
+        found.wrong.append(f"{FILE_NAME}: it is missing: nothing shows whether parts were edited")
+        return found
+    listed = parsed(text)
+    found.wrong.extend(listed.wrong)
+    signed = key is not None and is_signed(listed.signed, listed.signature, key)
+    if key is not None and not signed:
+        by = f"its signature is not by the owner of {key.name}" if listed.signature else "it is not signed"
+        found.wrong.append(f"{FILE_NAME}: {by}, or lines were edited, added or removed")
+    lines = listed.lines
+    oldest = lines[0].number if lines else listed.first
+    if oldest > listed.first:
+        found.notes.append(f"the recorder's quota removed parts {listed.first} to {oldest - 1}")
+    owners = {line.sha256: line.number for line in lines}
+    told, finished = _told(folder)
+    for line in lines:
+        path = files.pop(line.number, None)
+        if path is not None:
+            _judge(found, path, line, owners, finished=finished)
+            found.signed += signed and line.sha256 != UNDER_WAY
+        elif line.sha256 != UNDER_WAY or line.number in told:
+            found.wrong.append(f"part {line.number} was removed")
+        else:
+            found.notes.append(f"part {line.number} was begun, and nothing of it reached the disk")
+    for number, path in files.items():
+        _judge_unlisted(found, path, ours=not finished and listed.first <= number < oldest)
+    ended = [line for line in lines if line.sha256 != UNDER_WAY]
+    found.newest_sha256 = ended[-1].link if ended else ""
     return found
 
 
-@dataclass(slots=True)
-class _Chain:
-    """Chain of parts as far as it was followed: the ``link`` of the last one, and what it says.
-
-    ``oldest``: number of the oldest part that any tells of. ``unsigned``: unfinished parts that no signed one
-    has named yet.
-    """
-
-    found: Verification
-    key: Path | None
-    last: Path
-    link: str | None = None
-    oldest: int = 0
-    _before: int | None = None
-    _ended: tuple[Path, Ended] | None = None
-    unsigned: list[Path] = field(default_factory=list)
-
-    def take(self, number: int, path: Path) -> None:
-        """Judge the next part."""
-        self.found.parts += 1
-        if self._before is not None and number != self._before + 1:
-            self.found.wrong.append(_missing(self._before + 1, number - 1))
-            self.link = self._ended = None
-        try:
-            begin, ended = begin_of(path), end_of(path)
-            self.oldest = max(self.oldest, oldest_of(path))
-            begun = begin is not None or ended is not None or not (path == self.last and is_stub(path))
-        except FileNotFoundError:
-            raise
-        except OSError as error:
-            self._break(number, f"{path.name}: it cannot be read: {error.strerror}")
-            return
-        if not begun:
-            self.found.notes.append(f"{path.name}: it is empty: the recorder was cut off")
-            return
-        if begin is None and ended is None:
-            self._break(number, f"{path.name}: it is no part of a recording, or its beginning was edited")
-            return
-        self._judge_place(number, path, begin)
-        if ended is None:
-            self.unsigned.append(path)
-            self.found.notes.append(
-                f"{path.name}: it is not finished: it is being written, or the recorder was cut off"
-                if path == self.last
-                else f"{path.name}: it was never finished; the next part shows whether it was edited"
-            )
-            self.link, self._ended = file_hash(path), None
+def _judge(
+    found: Verification, path: Path, line: PartLine, owners: Mapping[str, int], *, finished: bool
+) -> None:
+    """Judge the file of a part by its line."""
+    if line.sha256 == UNDER_WAY:
+        if finished:
+            found.wrong.append(f"{path.name}: {FILE_NAME} has no hash of it though the recording is finished")
         else:
-            judged = len(self.found.wrong)
-            self._judge(path, ended, begin.before if begin is not None else ended.end.before)
-            self.oldest = max(self.oldest, ended.end.oldest)
-            sound = len(self.found.wrong) == judged
-            self.link, self._ended = ended.end.link, (path, ended) if sound else None
-        self._before = number
-
-    def judge_unsigned(self) -> None:
-        """Judge the unfinished parts that nobody vouches for, where a key is given."""
-        if self.key is None:
-            return
-        for path in self.unsigned:
-            if path == self.last:
-                self.found.notes.append(f"{path.name}: not signed yet")
-            else:
-                said = f"{path.name}: it was never finished, and no later signed part names it"
-                self.found.wrong.append(said)
-
-    def _break(self, number: int, wrong: str) -> None:
-        self.found.wrong.append(wrong)
-        self.link, self._before, self._ended = None, number, None
-
-    def _judge_place(self, number: int, path: Path, begin: PartBegin | None) -> None:
-        """Judge what a part says of its number and of the part before it."""
-        wrong = self.found.wrong
-        if begin is None:
-            wrong.append(f"{path.name}: its beginning was edited")
-            return
-        if begin.number != number:
-            wrong.append(
-                f"{path.name}: its content names it part {begin.number}: it was renamed or exchanged"
-            )
-        if begin.before == UNREADABLE:
-            self.found.notes.append(f"{path.name}: the recorder could not read the part before it")
-        elif self.link is not None and begin.before != self.link:
-            wrong.append(
-                f"{path.name}: it does not follow the part before it: one of both was exchanged, "
-                "edited or made again"
-            )
-        elif self._ended is not None and begin.file:
-            before, ended = self._ended
-            if begin.file != ended.file and not ended.end.thinned:
-                wrong.append(f"{before.name}: its index was edited")
-
-    def _judge(self, path: Path, ended: Ended, begin_before: str) -> None:
-        """Judge one finished part by its last record."""
-        end, found = ended.end, self.found
-        if end.thinned:
-            vouched = "" if self.key is not None else "; without a key this looks like an edit"
             found.notes.append(
-                f"{path.name}: the recorder thinned it: its accelerations were removed{vouched}"
+                f"{path.name}: it is not finished: it is being written, or the recorder was cut off"
             )
-        if (end.thinned or end.content) != ended.content:
-            found.wrong.append(
-                f"{path.name}: its content was edited: its SHA-256 is not the one it ends with"
-            )
-        elif ended.cut:
-            found.notes.append(f"{path.name}: it has no index: the recorder was cut off")
-        elif not (ended.sound and _readable(path)):
-            found.wrong.append(f"{path.name}: its index or its end was edited")
-        if end.before != begin_before:
-            found.wrong.append(
-                f"{path.name}: beginning and end name different parts before it: it was edited"
-            )
-        if self.key is None:
-            return
-        signed = bool(end.signature) and is_signed(end.link, end.signature, self.key)
-        if signed and end.thinned:
-            signed = is_signed(end.thinned_link, end.thinned_signature, self.key)
-        if signed:
-            found.signed += 1
-            self.unsigned.clear()  # it names them, so that its signature is theirs
-        elif end.signature:
-            found.wrong.append(f"{path.name}: its signature is not by the owner of {self.key.name}")
-        else:
-            found.wrong.append(f"{path.name}: it is not signed")
+        return
+    if line.sha256 == UNREADABLE:
+        found.notes.append(f"{path.name}: the recorder could not read it when it was started")
+        return
+    try:
+        sha256 = file_hash(path)
+    except FileNotFoundError:
+        found.wrong.append(f"part {line.number} was removed")
+        return
+    except OSError as error:
+        found.wrong.append(f"{path.name}: it cannot be read: {error.strerror}")
+        return
+    if sha256 == line.thinned:
+        found.notes.append(f"{path.name}: the recorder thinned it: its accelerations were removed")
+    elif sha256 != line.sha256:
+        other = owners.get(sha256)
+        what = "it was edited" if other is None else f"it is part {other}: it was renamed or exchanged"
+        found.wrong.append(f"{path.name}: {what}: its SHA-256 is not the one in {FILE_NAME}")
+    elif not _is_closed(path):
+        found.notes.append(f"{path.name}: it was never finished: the recorder was cut off")
 
 
-def _listed(folder: Path) -> int | None:
-    """Return the largest number of a part that ``metadata.yaml`` lists, ``None`` where it cannot be read."""
+def _judge_unlisted(found: Verification, path: Path, *, ours: bool) -> None:
+    """Judge a part that the list does not name; ``ours``: the recorder removes it."""
+    if ours:
+        found.notes.append(f"{path.name}: the recorder's quota removes it")
+    elif is_chained(path):
+        found.notes.append(
+            f"{path.name}: an earlier release recorded it, which {FILE_NAME} does not cover: "
+            "verify it with that release"
+        )
+    else:
+        found.wrong.append(
+            f"{path.name}: {FILE_NAME} does not name it: it was added, or its line was removed"
+        )
+
+
+def _told(folder: Path) -> tuple[set[int], bool]:
+    """Return the numbers of the parts in ``metadata.yaml``, and whether it calls the recording finished."""
     try:
         names = [str(name) for name in read_metadata(folder)["relative_file_paths"]]
     except (OSError, YamlError, ValueError, KeyError, TypeError):
-        return None
-    return max((part[1] for name in names if (part := part_of(name)) is not None), default=-1)
+        return set(), False
+    return {part[1] for name in names if (part := part_of(name)) is not None}, not is_unfinished(folder)
 
 
-def _readable(path: Path) -> bool:
-    """Return whether index and end of a part are as mcap wrote them, by their checksum."""
+def _is_closed(path: Path) -> bool:
+    """Return whether a file ends as a finished one does."""
     try:
-        file = McapFile(path)
+        return McapFile(path).closed
     except InputError:
         return False
-    return file.closed and file.counts is not None
-
-
-def _missing(first: int, last: int) -> str:
-    which = f"part {first} was" if first == last else f"parts {first} to {last} were"
-    return f"{which} removed"
 
 
 def _lost(

@@ -15,7 +15,7 @@ from spool_core.errors import InputError
 from spool_core.system import leftovers, lock_file, open_folder, partial_name, remove, sync_folder
 
 from spool_bag import metadata
-from spool_bag.part_chain import BEGIN, END, LOSSES, QUOTA, PartBegin, PartEnd
+from spool_bag.part_records import BEGIN, LOSSES, PartBegin, PartList
 from spool_bag.parts import McapPart, existing_parts
 from spool_bag.recorder import Recorded
 
@@ -69,11 +69,10 @@ class BagWriter:
     metadata as ``custom_data``.
 
     With ``limits`` the bag is a recording in parts, each of which stands by itself: definitions and the last
-    message of each latched topic are repeated at its start, and a chain of hashes
-    (:mod:`spool_bag.part_chain`) leads from part to part. ``resume`` goes on in a recording that is
-    there, whose last messages of latched topics are those to ``repeat``. ``sign`` signs a part's hash;
-    ``oldest``: number of the first part that its recorder did not remove; ``cut_off``: the recorder before
-    did not end.
+    message of each latched topic are repeated at its start. A list of hashes (:mod:`spool_bag.part_records`),
+    signed by ``sign``, shows later edits. ``resume`` goes on in an existing recording, whose last messages of
+    latched topics are those to ``repeat``. ``oldest``: number of the first part that its recorder did not
+    remove; ``cut_off``: the recorder before did not end.
 
     Attributes:
         removed: parts that went by the quota. written: messages that it took, and synced: how
@@ -108,7 +107,7 @@ class BagWriter:
         self.withdrawn: PartBegin | None = None
         self.certain = True
         self._custom = dict(custom or {})
-        self._interval, self._chunk_size, self._sign = flush_interval, chunk_size, sign
+        self._interval, self._chunk_size = flush_interval, chunk_size
         self._channels: list[_Channel] = []
         self._numbers: dict[str, int] = {}
         self._parts: list[metadata.PartCount] = []
@@ -122,26 +121,25 @@ class BagWriter:
         for left in leftovers(self.path):
             remove(left)
         self._folder = partial_name(self.path) if staged else self.path
-        number, before, file, self._oldest = 0, "", "", oldest
+        files: list[tuple[int, Path]] = []
+        number, finished = 0, False
         try:
             self._folder.mkdir(parents=True, exist_ok=there)
             self._claim = FolderClaim(self._folder)
             if there:
-                found = existing_parts(self._folder)
-                self._parts, topics, number, before, file, told = found
-                self._oldest = max(oldest, told)
+                self._parts, topics, files, finished = existing_parts(self._folder)
                 for topic, described in topics:
                     self._append(_Channel(topic, _present(described), latched=False))
+            self._list = PartList(self._folder, sign, files, oldest) if limits is not None else None
+            number = self._list.next if self._list is not None else len(files)
         except OSError as error:
             self.release()
             raise InputError(f"{self.path}: cannot be made: {error.strerror}") from error
         try:
             # The part before may hold nothing but repeated messages, 1 ns ahead of the next message.
             at = 2 + max((self._parts[-1].end if self._parts else 0, *(one.received for one in repeat)))
-            cut_off = cut_off and bool(file)
-            self._part = self._begin(
-                PartBegin(number, before, at if repeat else 0, *lost, file, self._oldest, cut_off)
-            )
+            begin = PartBegin(number, at if repeat else 0, *lost, cut_off and finished)
+            self._part = self._begin(begin)
             try:
                 self._repeat(repeat, at)
                 self._write_metadata()
@@ -260,6 +258,8 @@ class BagWriter:
             return
         with self._guarded():
             self._end_part()
+            if self._list is not None:
+                self._list.end(self._part.digest)
             self._write_metadata(finished=True)
         self._open = False
         self.release()
@@ -297,14 +297,21 @@ class BagWriter:
             self._write_metadata()
         return True
 
-    def replace(self, count: metadata.PartCount, staged: Path) -> bool:
-        """Let the file ``staged`` take the place of a finished part; return whether that is still there.
+    def hashes(self, number: int) -> tuple[str, ...]:
+        """Return the SHA-256 that the file of a part may have."""
+        return self._list.hashes(number) if self._list is not None else ()
+
+    def replace(self, count: metadata.PartCount, staged: Path, sha256: str) -> bool:
+        """Let the file ``staged``, which has this SHA-256, replace a finished part; return whether that is
+        still there.
 
         Raises:
             OSError: it could not.
         """
         for place, part in enumerate(self._parts):
-            if part.file == count.file:
+            if part.file == count.file and self._list is not None:
+                with self._guarded():
+                    self._list.thin(count.number, sha256)
                 staged.replace(self._folder / part.file)
                 self._parts[place] = count
                 with self._guarded():
@@ -359,10 +366,12 @@ class BagWriter:
     def _file_of(self, number: int) -> Path:
         return self._folder / f"{self.path.name}_{number}.mcap"
 
-    def _begin(self, begin: PartBegin) -> McapPart:
+    def _begin(self, begin: PartBegin, ended: str = "") -> McapPart:
         about = {BEGIN: begin.content()} if self.limits is not None else None
+        if self._list is not None:
+            self._list.begin(begin.number, ended)
         part = McapPart(self._file_of(begin.number), begin.number, self._chunk_size, about)
-        self._before, self._begun = begin.before, begin
+        self._begun = begin
         for one in self._channels:
             one.part = None
         return part
@@ -409,8 +418,7 @@ class BagWriter:
         self._parts.append(self._part.count)
         repeated = [one for one in self._channels if one.last is not None]
         at = log_time - 1 if repeated else 0
-        number, file = self._part.count.number + 1, self._part.digest
-        self._part = self._begin(PartBegin(number, self._before, at, file=file, oldest=self._oldest))
+        self._part = self._begin(PartBegin(self._part.count.number + 1, at), self._part.digest)
         for one in repeated:
             assert one.last is not None
             data, published, sequence = one.last
@@ -420,17 +428,11 @@ class BagWriter:
         self._write_metadata()
 
     def _end_part(self) -> None:
-        """Write what ends a part: the bag's metadata, the chain's record, the index."""
+        """Write what ends a part: the bag's metadata and the index."""
         self._sync()
         # As rosbag2's own plugin does, so that the file by itself tells its distribution and counts.
         alone = metadata.BagMetadata((self._part.count,), self._topics(), finished=True, custom=self._custom)
         self._part.add_metadata("rosbag2", {"serialized_metadata": metadata.metadata_text(alone)})
-        if self.limits is not None:
-            end = PartEnd(self._part.count.number, self._part.digest, self._before, self._oldest)
-            if self._sign is not None:
-                end = PartEnd(end.number, end.content, end.before, end.oldest, self._sign(end.link))
-            self._part.add_metadata(END, end.record())
-            self._before = end.link
         self._part.finish()
 
     def _keep_quota(self) -> bool:
@@ -452,12 +454,11 @@ class BagWriter:
         return many > 0
 
     def _remove(self, many: int) -> None:
-        """Remove the oldest parts; the newest one tells of it first: it is no tampering."""
+        """Remove the oldest parts; the list leaves them out first: it is no tampering."""
         following = self._parts[many] if many < len(self._parts) else self._part.count
-        self._oldest = following.number
         self._sync()
-        self._part.add_metadata(QUOTA, {"oldest_part": str(self._oldest)})
-        self._sync()
+        if self._list is not None:
+            self._list.forget(following.number)
         for _ in range(many):
             (self._folder / self._parts[0].file).unlink(missing_ok=True)
             self._parts.pop(0)

@@ -22,11 +22,12 @@ import pytest
 from hypothesis import Phase, example, given, settings
 from hypothesis import strategies as st
 from spool_bag import metadata as metadata_module
+from spool_bag import part_records
 from spool_bag import recording as recording_module
 from spool_bag import snapshot as snapshot_module
 from spool_bag.information import describe
 from spool_bag.metadata import ACCELERATION_BLOCK
-from spool_bag.part_chain import begin_of
+from spool_bag.part_records import begin_of
 from spool_bag.parts import Output, numbered
 from spool_bag.reader import BagReader
 from spool_bag.recorder import LossCount, Recorded
@@ -124,7 +125,16 @@ class Disk:
                 raise self.full()
             write_durably(path, text)
 
+        def lists_durably(path: Path, text: str) -> None:
+            self.left -= 1
+            if self.left < 0 and self.share < 0.5:
+                self.die()
+            writes_durably(path, text)
+            if self.left < 0:
+                self.die()
+
         patch.setattr(Output, "write", writes)
+        patch.setattr(part_records, "write_durably", lists_durably)
         patch.setattr(metadata_module, "write_durably", writes_durably)
         patch.setattr(recording_module, "_free", lambda _: self.free)
 
@@ -335,6 +345,12 @@ def disk() -> Iterator[Disk]:
 @example([(60, ("clock", 1))])  # messages that a part repeats counted in info and recover
 @example([(3, ("kill", 0, 0.5))])  # a part without a whole beginning was called edited
 @example([(70, ("kill", 8, 0.5))])  # so was one without a whole index
+@example([(70, ("kill", 9, 0.0))])  # and before and after each list of parts on the way
+@example([(70, ("kill", 11, 0.0))])
+@example([(70, ("kill", 13, 0.5))])
+@example([(70, ("kill", 14, 0.0))])
+@example([(70, ("kill", 14, 0.5))])
+@example([(70, ("kill", 15, 0.5))])
 @example([(70, ("kill", 12, 0.5))])  # nothing told of the kill where no part was open
 @example([(20, ("disk", False, 500, 150, False))])  # a loss stated twice
 @example([(44, ("disk", False, 7000, 40, False))])  # a message hidden that had the time of repeated ones

@@ -14,12 +14,12 @@ from rosbags.highlevel import AnyReader
 from spool_bag import recording as recording_module
 from spool_bag import verification
 from spool_bag.metadata import ACCELERATION_BLOCK
-from spool_bag.part_chain import PartBegin, begin_of
+from spool_bag.part_records import DISTRUSTED, FILE_NAME, PartBegin
 from spool_bag.parts import Output
 from spool_bag.reader import BagReader
 from spool_bag.recorder import Recorded
 from spool_bag.recording import Recording, RecordingSettings, older, thin
-from spool_bag.verification import TRIES, make_keys, signer, verify
+from spool_bag.verification import TRIES, Verification, make_keys, signer, verify
 from spool_bag.writer import BagWriter, PartLimits, RecordingError
 from spool_core.block import Block
 from spool_core.cdr import encode_block
@@ -160,13 +160,106 @@ def test_an_edit_a_removal_and_an_exchange_are_named(tmp_path: Path, block: Make
         (folder / "x").rename(folder / "bag_2.mcap")
 
     (edited,) = changed("edited", edit)
-    assert edited.startswith("bag_1.mcap: its content was edited")
+    assert edited == "bag_1.mcap: it was edited: its SHA-256 is not the one in parts.sha256"
     assert changed("removed", lambda folder: (folder / "bag_1.mcap").unlink()) == ["part 1 was removed"]
-    (first,) = changed("first", lambda folder: (folder / "bag_0.mcap").unlink())
-    assert first == "part 0 was removed, ahead of all others"
+    assert changed("first", lambda folder: (folder / "bag_0.mcap").unlink()) == ["part 0 was removed"]
     wrong = changed("exchanged", exchange)
-    assert wrong[0].startswith("bag_1.mcap: its content names it part 2")
-    assert any(line.startswith("bag_2.mcap: its content names it part 1") for line in wrong)
+    assert [line.partition(": its")[0] for line in wrong] == [
+        "bag_1.mcap: it is part 2: it was renamed or exchanged",
+        "bag_2.mcap: it is part 1: it was renamed or exchanged",
+    ]
+    assert changed("added", lambda folder: shutil.copy(folder / "bag_1.mcap", folder / "bag_9.mcap")) == [
+        "bag_9.mcap: parts.sha256 does not name it: it was added, or its line was removed"
+    ]
+
+
+def changed_lists(text: str) -> list[str]:
+    """Return a list of parts with each line changed in each way that somebody may try."""
+    rows = text.splitlines()
+    found = []
+    for place, row in enumerate(rows):
+        found += ["\n".join([*rows[:place], *rows[place + 1 :], ""])]
+        for at in range(len(row)):
+            other = "0" if row[at] != "0" else "1"
+            found += ["\n".join([*rows[:place], row[:at] + other + row[at + 1 :], *rows[place + 1 :], ""])]
+    return found
+
+
+@pytest.mark.parametrize("signed", [False, True])
+def test_each_line_of_the_list_that_was_edited_or_removed_is_named(
+    tmp_path: Path, block: MakeBlock, signed: bool
+) -> None:
+    private, public = make_keys(tmp_path / "keys")
+    sign = signer(str(private)) if signed else None
+    recorded(tmp_path / "bag", block, 120, ONE_SECOND, sign=sign).close()
+    path = tmp_path / "bag" / FILE_NAME
+    text = path.read_text("ascii")
+    assert len(text.splitlines()) == 1 + 3 + signed
+    for changed in changed_lists(text):
+        path.write_text(changed, "ascii")
+        assert verify(tmp_path / "bag", public if signed else None).wrong, changed
+    path.unlink()
+    (line,) = verify(tmp_path / "bag").wrong
+    assert line.startswith("parts.sha256: it is missing")
+
+
+def test_a_list_without_its_newest_part_is_named_though_both_are_gone(
+    tmp_path: Path, block: MakeBlock
+) -> None:
+    """Without the key nobody can sign the shorter list; metadata.yaml is changed as well."""
+    private, public = make_keys(tmp_path / "keys")
+    recorded(tmp_path / "bag", block, 120, ONE_SECOND, sign=signer(str(private))).close()
+    (tmp_path / "bag" / "bag_2.mcap").unlink()
+    path = tmp_path / "bag" / FILE_NAME
+    rows = path.read_text("ascii").splitlines()
+    path.write_text("\n".join([*rows[:3], rows[4], ""]), "ascii")
+    told = tmp_path / "bag" / "metadata.yaml"
+    told.write_text(told.read_text("utf-8").replace("bag_2.mcap", "bag_1.mcap"), "utf-8")
+    (line,) = verify(tmp_path / "bag", public).wrong
+    assert line.startswith("parts.sha256: its signature is not by the owner of spool_public.pem")
+
+
+@pytest.mark.parametrize("signed", [False, True])
+def test_a_recorder_vouches_for_no_list_that_was_edited_before_its_start(
+    tmp_path: Path, block: MakeBlock, signed: bool
+) -> None:
+    private, public = make_keys(tmp_path / "keys")
+    sign = signer(str(private)) if signed else None
+    recorded(tmp_path / "bag", block, 120, ONE_SECOND, sign=sign).close()
+    path = tmp_path / "bag" / FILE_NAME
+    path.write_text(path.read_text("ascii").replace("\n1 ", "\n4 "), "ascii")
+    BagWriter(tmp_path / "bag", limits=ONE_SECOND, resume=True, sign=sign).close()
+    assert (tmp_path / "bag" / DISTRUSTED).is_file()
+    wrong = verify(tmp_path / "bag", public if signed else None).wrong
+    assert [line.partition(":")[0] for line in wrong] == ["bag_0.mcap", "bag_1.mcap", "bag_2.mcap"]
+
+
+def test_a_list_that_cannot_be_read_keeps_nothing_from_going_on(tmp_path: Path, block: MakeBlock) -> None:
+    recorded(tmp_path / "bag", block, 120, ONE_SECOND).close()
+    (tmp_path / "bag" / FILE_NAME).unlink()
+    (tmp_path / "bag" / FILE_NAME).mkdir()  # it raises an OSError, as a bad sector does
+    with pytest.raises(InputError, match="cannot be read"):
+        verify(tmp_path / "bag")
+    BagWriter(tmp_path / "bag", limits=ONE_SECOND, resume=True).close()
+    assert [line.partition(":")[0] for line in verify(tmp_path / "bag").wrong] == [
+        f"bag_{part}.mcap" for part in range(3)
+    ]
+
+
+def test_a_recording_of_an_earlier_release_is_not_called_edited(
+    tmp_path: Path, block: MakeBlock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    content = PartBegin.content
+    with monkeypatch.context() as earlier:
+        earlier.setattr(PartBegin, "content", lambda one: {**content(one), "previous_sha256": "0" * 64})
+        recorded(tmp_path / "bag", block, 120, ONE_SECOND).close()
+    (tmp_path / "bag" / FILE_NAME).unlink()
+    with pytest.raises(InputError, match="an earlier release recorded it"):
+        verify(tmp_path / "bag")
+    BagWriter(tmp_path / "bag", limits=ONE_SECOND, resume=True).close()
+    found = verify(tmp_path / "bag")
+    assert found.wrong == []
+    assert [line.partition(":")[0] for line in found.notes] == ["bag_0.mcap", "bag_1.mcap", "bag_2.mcap"]
 
 
 def test_what_the_quota_removed_is_no_tampering(tmp_path: Path, block: MakeBlock) -> None:
@@ -178,14 +271,15 @@ def test_what_the_quota_removed_is_no_tampering(tmp_path: Path, block: MakeBlock
     assert found.notes == ["the recorder's quota removed parts 0 to 0"]
 
 
-def test_a_chain_made_anew_lacks_the_signature(tmp_path: Path, block: MakeBlock) -> None:
+def test_a_list_made_anew_lacks_the_signature(tmp_path: Path, block: MakeBlock) -> None:
     private, public = make_keys(tmp_path / "keys")
     assert private.stat().st_mode & 0o077 == 0
     recorded(tmp_path / "bag", block, 1100, TEN_SECONDS, sign=signer(str(private))).close()
     found = verify(tmp_path / "bag", public)
     assert (found.wrong, found.signed) == ([], 3)
     recorded(tmp_path / "forged", block, 1100, TEN_SECONDS).close()
-    assert len(verify(tmp_path / "forged", public).wrong) == 3
+    (line,) = verify(tmp_path / "forged", public).wrong
+    assert line.startswith("parts.sha256: it is not signed")
     other, _ = make_keys(tmp_path / "others")
     recorded(tmp_path / "other", block, 300, TEN_SECONDS, sign=signer(str(other))).close()
     assert "its signature is not by the owner of" in verify(tmp_path / "other", public).wrong[0]
@@ -526,11 +620,10 @@ def test_old_parts_keep_what_they_tell_without_accelerations(
     found = verify(tmp_path / "bag", public)
     assert (found.wrong, found.signed) == ([], 3)
     assert found.notes[:1] == ["bag_0.mcap: the recorder thinned it: its accelerations were removed"]
-    forged = thin(tmp_path / "bag" / "bag_2.mcap", tmp_path / "forged.mcap")
-    assert forged is not None
+    assert thin(tmp_path / "bag" / "bag_2.mcap", tmp_path / "forged.mcap") is not None
     (tmp_path / "forged.mcap").replace(tmp_path / "bag" / "bag_2.mcap")
     (line,) = verify(tmp_path / "bag", public).wrong
-    assert line.startswith("bag_2.mcap: its signature is not by the owner of")
+    assert line.startswith("bag_2.mcap: it was edited")
 
 
 def test_a_last_part_that_is_gone_is_named(tmp_path: Path, block: MakeBlock) -> None:
@@ -593,17 +686,18 @@ def test_a_recording_whose_parts_go_while_it_is_verified_is_looked_at_again(
     writer = recorded(tmp_path / "bag", block, 400, ONE_SECOND)
     left = [gone]
 
-    def begin(path: Path) -> PartBegin | None:
+    def look(folder: Path, text: str | None, key: Path | None) -> Verification:
         if left[0]:
             left[0] -= 1
             writer.remove_oldest()
-        return begin_of(path)
+        return verify_once(folder, text, key)
 
-    monkeypatch.setattr(verification, "begin_of", begin)
+    verify_once = verification._verify
+    monkeypatch.setattr(verification, "_verify", look)
     if gone < TRIES:
         assert verify(tmp_path / "bag").wrong == []
     else:
-        with pytest.raises(InputError, match="it disappeared during verification"):
+        with pytest.raises(InputError, match="it changed while it was verified"):
             verify(tmp_path / "bag")
     writer.close()
 
@@ -612,7 +706,7 @@ def test_a_part_that_was_removed_before_a_restart_stays_named(tmp_path: Path, bl
     recorded(tmp_path / "bag", block, 1200, TEN_SECONDS).close()
     (tmp_path / "bag" / "bag_0.mcap").unlink()
     BagWriter(tmp_path / "bag", limits=TEN_SECONDS, resume=True).close()
-    assert verify(tmp_path / "bag").wrong == ["part 0 was removed, ahead of all others"]
+    assert verify(tmp_path / "bag").wrong == ["part 0 was removed"]
 
 
 def test_an_index_that_was_edited_with_its_checksum_is_named(tmp_path: Path, block: MakeBlock) -> None:
@@ -624,12 +718,12 @@ def test_an_index_that_was_edited_with_its_checksum_is_named(tmp_path: Path, blo
     data[at : at + 8] = b"/valve_9"
     data[-12:-8] = bytes(4)
     part.write_bytes(data)
-    assert verify(tmp_path / "bag").wrong == ["bag_1.mcap: its index was edited"]
+    assert verify(tmp_path / "bag").wrong == [
+        "bag_1.mcap: it was edited: its SHA-256 is not the one in parts.sha256"
+    ]
 
 
-def test_parts_without_an_end_are_vouched_for_by_a_later_signature_only(
-    tmp_path: Path, block: MakeBlock
-) -> None:
+def test_a_part_without_an_end_is_vouched_for_by_the_next_signature(tmp_path: Path, block: MakeBlock) -> None:
     private, public = make_keys(tmp_path / "keys")
     sign = signer(str(private))
     first = recorded(tmp_path / "bag", block, 100, TEN_SECONDS, sign=sign)
@@ -637,15 +731,13 @@ def test_parts_without_an_end_are_vouched_for_by_a_later_signature_only(
     first.abandon()
     BagWriter(tmp_path / "bag", limits=TEN_SECONDS, resume=True, sign=sign).close()
     found = verify(tmp_path / "bag", public)
-    assert (found.wrong, found.signed) == ([], 1)
-    for _ in range(2):  # somebody without the key adds two
-        forged = BagWriter(tmp_path / "bag", limits=TEN_SECONDS, resume=True)
-        forged.write(forged.add_topic("/valve_1/text", KIND), START, TEXT)
-        forged.flush()
-        forged.abandon()
-    found = verify(tmp_path / "bag", public)
-    assert [line.partition(":")[0] for line in found.wrong] == ["bag_2.mcap"]
-    assert "bag_3.mcap: not signed yet" in found.notes
+    assert (found.wrong, found.signed) == ([], 2)
+    forged = BagWriter(tmp_path / "bag", limits=TEN_SECONDS, resume=True)  # by somebody without the key
+    forged.write(forged.add_topic("/valve_1/text", KIND), START, TEXT)
+    forged.flush()
+    forged.abandon()
+    (line,) = verify(tmp_path / "bag", public).wrong
+    assert line.startswith("parts.sha256: it is not signed")
 
 
 def test_one_recorder_writes_in_a_folder(tmp_path: Path, block: MakeBlock) -> None:

@@ -25,7 +25,7 @@ def verify(
     json: JsonFile = None,
     _force: Force = False,
 ) -> None:
-    """List edited, removed or reordered parts of a recording; exit 1 if there are any.
+    """List edited, removed or exchanged parts of a recording; exit 1 if there are any.
 
     Example: ./spool verify recordings/press_4
     Example: ./spool verify recordings/press_4 --key keys/spool_public.pem
@@ -54,4 +54,4 @@ def verify(
     raise typer.Exit(1 if found.wrong else 0)
 
 
-COMMAND = Command(verify, place=145, line="edited, removed or reordered parts of a recording")
+COMMAND = Command(verify, place=145, line="edited, removed or exchanged parts of a recording")
