@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import os
 import shutil
-import sys
 from collections.abc import Iterator, Mapping
-from pathlib import Path
+from importlib.metadata import distributions
+
+from spool_tools.operations.machine_findings import Finding, machine_findings, print_findings
 
 from setup import packages, requirements, workspace
 from setup.layout import Layout, SetupError
 from setup.process import ask
 from setup.requirements import SetupState
-
-# Of the suite, which need not be installed, this module alone: it needs Python's own library.
-sys.path += [str(Path(__file__).parents[1] / "ros2_ws/src" / name) for name in ("spool_core", "spool_tools")]
-from spool_tools.operations.machine_findings import Finding, machine_findings, print_findings
 
 IMPORTS = "import rclpy, spool_msgs.msg as m; m.AccelerationBlock()"
 HELP = """Usage: ./spool doctor [--live [--seconds S]]
@@ -54,9 +51,7 @@ def _examine(layout: Layout, done: SetupState, environment: Mapping[str, str]) -
     except SetupError as error:
         # What is built already runs without a compiler.
         yield Finding(
-            "warning"
-            if done.environment and requirements.missing_tools(environment.get("PATH"))
-            else "problem",
+            "warning" if done.built and requirements.missing_tools(environment.get("PATH")) else "problem",
             str(error),
         )
     free = shutil.disk_usage(layout.root).free
@@ -85,7 +80,7 @@ def _installation(layout: Layout, done: SetupState, environment: Mapping[str, st
         yield Finding("warning", "the set-up is not finished: the next call continues it")
         return
     yield from _packages(layout)
-    if not done.environment:
+    if not done.built:
         yield Finding("warning", "the workspace is not built yet: the next call does it")
         return
     yield from _workspace(layout, done, environment)
@@ -121,13 +116,13 @@ def _packages(layout: Layout) -> Iterator[Finding]:
 def _workspace(layout: Layout, done: SetupState, environment: Mapping[str, str]) -> Iterator[Finding]:
     wanted = workspace.package_fingerprints(layout.workspace / "src")
     changed = sorted(
-        name for name in wanted.keys() | done.packages.keys() if wanted.get(name) != done.packages.get(name)
+        name for name in wanted.keys() | done.built.keys() if wanted.get(name) != done.built.get(name)
     )
     if changed:
         yield Finding("warning", f"{', '.join(changed)} changed since the last build: the next call builds")
     else:
         yield Finding("ok", f"{len(wanted)} packages of the workspace built and up to date")
-    answer = ask([layout.python, "-c", IMPORTS], workspace.run_environment(layout, done, environment))
+    answer = ask([layout.python, "-c", IMPORTS], workspace.run_environment(layout, environment))
     if answer.returncode:
         reason = (answer.stderr.strip().splitlines() or ["no message"])[-1]
         yield Finding(
@@ -136,21 +131,15 @@ def _workspace(layout: Layout, done: SetupState, environment: Mapping[str, str])
         )
     else:
         yield Finding("ok", "rclpy and spool_msgs can be imported")
-    missing = [name for name in wanted if not _executables_there(layout, name)]
+    missing = [
+        f"{one.name}/{entry.name}"
+        for one in distributions(path=[str(workspace.modules(layout))])
+        for entry in one.entry_points.select(group="console_scripts")
+        if not os.access(layout.install / "lib" / one.name / entry.name, os.X_OK)
+    ]
     if missing:
         yield Finding(
-            "problem",
-            f"no executables of {', '.join(missing)} in {layout.install}: delete that folder and call again",
+            "problem", f"{', '.join(missing)} missing in {layout.install}: delete that folder and call again"
         )
     else:
         yield Finding("ok", "the nodes' executables are installed")
-
-
-def _executables_there(layout: Layout, package: str) -> bool:
-    """Whether every console script that a package's setup.py names is installed."""
-    setup = layout.workspace / "src" / package / "setup.py"
-    text = setup.read_text("utf-8") if setup.exists() else ""
-    # Entry points of other groups come after the list.
-    scripts = text.partition("console_scripts")[2].partition("]")[0]
-    names = [part.split("=")[0].strip() for part in scripts.split('"') if f" = {package}." in part]
-    return all(os.access(layout.install / package / "lib" / package / name, os.X_OK) for name in names)

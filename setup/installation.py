@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import fcntl
-import os
+import shutil
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 
@@ -20,15 +20,13 @@ def is_current(layout: Layout, done: requirements.SetupState) -> bool:
     return (
         requirements.stale(layout, done) is None
         and layout.ready_file.exists()
-        and not _has_to_build(layout, done, workspace.package_fingerprints(layout.workspace / "src"))
+        and done.built == workspace.package_fingerprints(layout.workspace / "src")
+        and (layout.install / "local_setup.bash").exists()
     )
 
 
-def ensure(layout: Layout, environment: Mapping[str, str]) -> requirements.SetupState:
+def ensure(layout: Layout, environment: Mapping[str, str]) -> None:
     """Do what is missing of the set-up.
-
-    Returns:
-        The stamp, complete.
 
     Raises:
         SetupError: one line that says what went wrong.
@@ -39,7 +37,6 @@ def ensure(layout: Layout, environment: Mapping[str, str]) -> requirements.Setup
             done = requirements.load(layout)
             if not is_current(layout, done):
                 Installation(layout, environment, done, keep_open).run()
-            return done
     except OSError as error:
         raise requirements.cannot_write(layout, error) from error
 
@@ -82,9 +79,10 @@ class Installation:
             # Nothing of the old is trusted from here on, whenever the set-up is interrupted.
             requirements.save(layout, requirements.SetupState())
             done.__dict__.update(requirements.SetupState().__dict__)
-        patching = layout.underlay.is_wheels and not done.patched
-        building = patching or not done.lock or _has_to_build(layout, done, self._wanted)
-        self._steps.total = fresh + (not done.lock) + patching + building + (not done.warmed)
+        building = not done.lock or done.built != self._wanted
+        archive = workspace.messages_archive(layout, self._environment)
+        compiling = building and not archive.exists()
+        self._steps.total = fresh + (not done.lock) + building + compiling + (not done.warmed)
         if fresh:
             self._make_venv()
         if not done.lock:
@@ -92,19 +90,22 @@ class Installation:
             lock = layout.lock_hash()
             with self._steps.step(f"installing {len(packages.locked(layout.requirements))} packages"):
                 packages.install(layout, self._tools(), self._runner)
+                if layout.underlay.is_wheels:
+                    workspace.patch_foreign_files(layout, self._tools())
             done.lock = lock
             requirements.save(layout, done)
-        if patching:
-            with self._steps.step("patching the CMake files of the ROS 2 wheels"):
-                workspace.patch_foreign_files(layout, self._tools())
-            done.patched = True
-            requirements.save(layout, done)
         if building:
-            self._discard()
+            self._link()
         with ExitStack() as parallel:
             kernels = None if done.warmed else parallel.enter_context(self._kernels())
             if building:
-                self._build()
+                if not workspace.install_messages(layout, archive):
+                    with self._steps.step(f"building {workspace.MESSAGES}"):
+                        workspace.build_messages(layout, self._tools(), self._runner, archive)
+                    workspace.install_messages(layout, archive)
+                workspace.compile_bytecode(layout, self._tools(), self._runner)
+                done.built = self._wanted
+                requirements.save(layout, done)
             if kernels:
                 self._finish_kernels(kernels)
         layout.ready_file.touch()
@@ -124,43 +125,21 @@ class Installation:
         self._done.underlay = list(self._layout.underlay.prefixes)
         requirements.save(self._layout, self._done)
 
-    def _discard(self) -> None:
-        """Remove what was built of packages that are gone, or all where the build is not whole."""
+    def _link(self) -> None:
+        """Put the workspace's packages into an empty prefix; messages and kernels follow."""
         layout, done = self._layout, self._done
-        if not (layout.install / "local_setup.bash").exists():
-            done.packages = {}
-        if not done.packages:
-            workspace.remove_built(layout)
-        for gone in done.packages.keys() - self._wanted.keys():
-            workspace.remove_built(layout, gone)
-
-    def _build(self) -> None:
-        """Build the packages that changed, and learn the environment again."""
-        layout, done = self._layout, self._done
-        changed = {name for name, value in self._wanted.items() if done.packages.get(name) != value}
-        names = sorted(workspace.cmake_dependents(layout.workspace / "src", changed))
-        what = f"{len(names)} packages" if len(names) > 1 else "".join(names) or "nothing, a package is gone"
-        tools = self._tools()
-        # A build that fails half-way leaves packages that fit no source.
-        done.packages = {name: value for name, value in done.packages.items() if name not in names}
+        if not done.built:
+            shutil.rmtree(layout.output / "build", ignore_errors=True)
+        done.built = {}
         requirements.save(layout, done)
-        with self._steps.step(f"building {what}"):
-            if names:
-                # A package built before gives its environment to those built now.
-                workspace.build(
-                    layout, tools | done.environment | {"PATH": tools["PATH"]}, self._runner, names
-                )
-                workspace.compile_bytecode(layout, tools, self._runner)
-            done.environment = workspace.learn_environment(layout, tools)
-        done.packages = self._wanted
-        requirements.save(layout, done)
+        with self._steps.step(f"linking {len(self._wanted)} packages"):
+            shutil.rmtree(layout.install, ignore_errors=True)
+            workspace.link_packages(layout, self._tools())
 
     @contextmanager
     def _kernels(self) -> Iterator[dict[str, Callable[[], int]]]:
         """Compile the kernels into their cache on disk, in parallel with the build; yield the ends by log."""
-        tools = self._tools()
-        path = os.pathsep.join(filter(None, (workspace.link_sources(self._layout), tools.get("PYTHONPATH"))))
-        environment = tools | {"PYTHONPATH": path}
+        environment = workspace.run_environment(self._layout, self._environment)
         with ExitStack() as parallel:
             ends = {}
             for name, module in WARM_UPS.items():
@@ -176,13 +155,6 @@ class Installation:
                     raise packages.failure("the kernels could not be compiled", log.read_text("utf-8"), log)
         self._done.warmed = True
         requirements.save(self._layout, self._done)
-
-
-def _has_to_build(layout: Layout, done: requirements.SetupState, wanted: dict[str, str]) -> bool:
-    """Whether the built workspace is not what the sources want."""
-    return (
-        not done.environment or done.packages != wanted or not (layout.install / "local_setup.bash").exists()
-    )
 
 
 @contextmanager

@@ -115,7 +115,7 @@ def _run(arguments: list[str]) -> int:
     layout = Layout(ROOT, find_underlay(ROOT, environment))
     done = requirements.load(layout)
     command = arguments[0] if arguments else "--help"
-    if COMPLETION in environment and not done.environment:
+    if COMPLETION in environment and not done.built:
         return 0  # Tab must not set anything up
     if command == "doctor" and "--live" not in arguments:
         from setup.doctor import doctor  # noqa: PLC0415  (a later call has to start immediately)
@@ -127,7 +127,7 @@ def _run(arguments: list[str]) -> int:
 
         return package(ROOT, environment, arguments[1:])
 
-    if not done.environment:
+    if not done.built:
         if command in ("--help", "-h", "help"):
             print(HELP.format(commands=listing(ROOT)), end="")
             return 0
@@ -145,16 +145,14 @@ def _run(arguments: list[str]) -> int:
     from setup.installation import ensure, is_current  # noqa: PLC0415
 
     if not is_current(layout, done):
-        done = ensure(layout, environment)
-    _hand_over(layout, done, environment, arguments or ["--help"])
+        ensure(layout, environment)
+    _hand_over(layout, environment, arguments or ["--help"])
     return 0
 
 
-def _hand_over(
-    layout: Layout, done: requirements.SetupState, environment: dict[str, str], arguments: list[str]
-) -> None:
+def _hand_over(layout: Layout, environment: dict[str, str], arguments: list[str]) -> None:
     """Become the program that does the work."""
-    run = workspace.run_environment(layout, done, environment)
+    run = workspace.run_environment(layout, environment)
     # Threads for the small matrices of a valve cost more than they gain: an analysis takes a tenth longer.
     run.setdefault("OPENBLAS_NUM_THREADS", "1")
     if arguments[0] in LOCAL_BY_DEFAULT:

@@ -139,9 +139,7 @@ class SetupState:
         python_version: "3.x" of the interpreter that made the environment.
         underlay: prefixes of the sourced ROS 2.
         lock: hash of the lock that was installed.
-        patched: whether the CMake files of the wheels name this machine's folders.
-        packages: fingerprint of every package built.
-        environment: variables that the built workspace wants, whole values.
+        built: fingerprint of every package that the workspace holds.
         warmed: whether the kernels were compiled.
     """
 
@@ -149,9 +147,7 @@ class SetupState:
     python_version: str = ""
     underlay: list[str] = field(default_factory=list)
     lock: str = ""
-    patched: bool = False
-    packages: dict[str, str] = field(default_factory=dict)
-    environment: dict[str, str] = field(default_factory=dict)
+    built: dict[str, str] = field(default_factory=dict)
     warmed: bool = False
 
 
@@ -159,8 +155,9 @@ def load(layout: Layout) -> SetupState:
     """The stamp, or an empty one where there is none or it cannot be read."""
     try:
         data = json.loads(layout.state_file.read_text("utf-8"))
-        return SetupState(**{entry.name: data[entry.name] for entry in fields(SetupState)})
-    except (OSError, ValueError, KeyError, TypeError):
+        names = {entry.name for entry in fields(SetupState)}
+        return SetupState(**{name: value for name, value in data.items() if name in names})
+    except (OSError, ValueError, AttributeError):
         return SetupState()
 
 

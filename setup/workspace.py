@@ -1,24 +1,48 @@
-"""Workspace: built with colcon, which packages have to be built again, and patches of the ROS 2 wheels."""
+"""Workspace: its packages linked into one prefix, its messages built, and patches of the ROS 2 wheels."""
 
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 import re
+import shlex
 import shutil
 import sys
-from collections.abc import Mapping
+import time
+import zipfile
+import zlib
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 from setup.layout import Layout, SetupError
 from setup.packages import failure, site_packages
 from setup.process import Runner, ask
-from setup.requirements import SetupState
+from setup.requirements import PYTHON, SERIES, VERSION
 
 TAIL_LINES = 40
-# Of the built workspace's environment only what differs from the surroundings is kept; these always do.
-SHELL_VARIABLES = ("_", "SHLVL", "PWD", "OLDPWD", "COLCON_CURRENT_PREFIX")
-OURS = ("AMENT_PREFIX_PATH", "CMAKE_PREFIX_PATH", "COLCON_PREFIX_PATH", "PYTHONPATH", "LD_LIBRARY_PATH")
+#: The one package that is compiled.
+MESSAGES = "spool_msgs"
+BUILD = """source=$0 build=$1; shift
+cmake -S "$source" -B "$build" "$@" && cmake --build "$build" && cmake --install "$build"
+"""
+#: s after which built messages that nobody took are removed.
+OUTDATED_S = 30 * 86_400
+#: Stands for the project's folder in built messages, until they are unpacked.
+PLACE = b"@SPOOL@"
+#: Asks setuptools what setup.py declares: a line of JSON for each folder.
+DECLARED = """
+import json, os, sys, setuptools
+from distutils.core import run_setup
+for folder in sys.argv[1:]:
+    os.chdir(folder)
+    one = run_setup("setup.py", stop_after="init")
+    words = {"name": one.get_name(), "version": one.get_version(), "packages": one.packages or []}
+    words |= {"files": one.data_files or [], "entries": one.entry_points or {}}
+    print(json.dumps(words), flush=True)
+"""
+SHELLS = ("bash", "sh", "zsh")
 
 # The install links to Python, launch and configuration files: only their coming and going needs a build.
 CONTENT_MATTERS = (".msg", ".srv", ".action", ".idl", ".xml", ".toml", ".cmake", ".c", ".cpp", ".h", ".hpp")
@@ -26,7 +50,7 @@ CONTENT_MATTERS_NAMES = ("CMakeLists.txt", "setup.py", "setup.cfg")
 NOT_BUILT = ("test", "build", "__pycache__")
 
 NUMPY = re.compile(rb"/opt/python/cp3\d+-cp3\d+t?/lib/python3\.\d+t?/site-packages/numpy/_?core/include")
-PYTHON = re.compile(rb"/opt/python/cp3\d+-cp3\d+t?/include/python3\.\d+t?")
+INCLUDE = re.compile(rb"/opt/python/cp3\d+-cp3\d+t?/include/python3\.\d+t?")
 FOLDERS = "import numpy, sysconfig; print(sysconfig.get_paths()['include']); print(numpy.get_include())"
 
 
@@ -69,91 +93,112 @@ def base_environment(layout: Layout, environment: Mapping[str, str]) -> dict[str
     return result
 
 
-def build(layout: Layout, environment: Mapping[str, str], runner: Runner, names: list[str]) -> None:
-    """Build packages of the workspace.
+def run_environment(layout: Layout, environment: Mapping[str, str]) -> dict[str, str]:
+    """The environment in which the suite runs: the user's, with the workspace's variables in place."""
+    result = base_environment(layout, environment)
+    for name, folder in _added(layout).items():
+        result[name] = _before(folder, result.get(name, ""))
+    return result
+
+
+def link_packages(layout: Layout, environment: Mapping[str, str]) -> None:
+    """Install the packages of Python by links, in the layout of `colcon build --merge-install`.
 
     Args:
         layout: the project.
         environment: of `base_environment`.
-        runner: runs colcon.
-        names: packages; the others have to be built already.
 
     Raises:
-        SetupError: a package did not build; its output is on stderr.
+        SetupError: a setup.py failed.
     """
-    command: list[str | Path] = [layout.python, "-m", "colcon", "--log-base", layout.output / "log", "build"]
-    command += ["--symlink-install", "--base-paths", layout.workspace / "src"]
-    command += ["--build-base", layout.output / "build", "--install-base", layout.install]
-    command += ["--event-handlers", "console_direct+", "--packages-select", *names]
-    command += ["--cmake-args", "-DBUILD_TESTING=OFF", f"-DPython3_EXECUTABLE={layout.python}"]
-    command += [f"-DPYTHON_EXECUTABLE={layout.python}", "--no-warn-unused-cli"]
-    # Left to colcon, make starts no second compiler on a machine that has just been busy.
+    packages = sorted(path.parent for path in (layout.workspace / "src").glob("*/setup.py"))
+    answer = ask([layout.python, "-I", "-c", DECLARED, *packages], environment)
+    lines = answer.stdout.splitlines()
+    if answer.returncode != 0:
+        reason = (answer.stderr.strip().splitlines() or ["no message"])[-1]
+        raise SetupError(f"{packages[len(lines)] / 'setup.py'} failed: {reason}")
+    for package, line in zip(packages, lines, strict=True):
+        _link(layout, package, **json.loads(line))
+    for name in SHELLS:
+        file = layout.install / f"local_setup.{name}"
+        added = ((variable, shlex.quote(str(folder))) for variable, folder in _added(layout).items())
+        file.write_text("".join(f"export {one}={path}${{{one}:+:${one}}}\n" for one, path in added), "utf-8")
+
+
+def install_messages(layout: Layout, archive: Path) -> bool:
+    """Unpack the built messages.
+
+    Returns:
+        Whether the archive is there and whole.
+    """
+    try:
+        shutil.unpack_archive(archive, layout.install, "zip")
+        os.utime(archive)
+    except (OSError, shutil.ReadError, zipfile.BadZipFile, zlib.error):
+        return False
+    _replace(layout.install / "share", PLACE, os.fsencode(layout.root))
+    return True
+
+
+def build_messages(layout: Layout, environment: Mapping[str, str], runner: Runner, archive: Path) -> None:
+    """Build the messages with their CMakeLists.txt, into an archive for every clone of the project.
+
+    Args:
+        layout: the project.
+        environment: of `base_environment`.
+        runner: runs cmake.
+        archive: of `messages_archive`.
+
+    Raises:
+        SetupError: they did not build; the output is on stderr.
+    """
+    folder, stage = layout.output / "build" / MESSAGES, layout.output / "build" / "stage"
+    shutil.rmtree(stage, ignore_errors=True)
+    # Left to itself, make starts no second compiler.
     jobs = {"MAKEFLAGS": environment.get("MAKEFLAGS") or f"-j{len(os.sched_getaffinity(0))}"}
-    code, output = runner.run("build", command, {**environment, **jobs}, layout.workspace)
-    if code == 0:
-        return
-    failed = [line.split()[2] for line in output.splitlines() if line.startswith("Failed   <<<")]
-    error = failure(f"{' and '.join(failed) or 'the workspace'} did not build", output, runner.log("build"))
-    sys.stderr.write("\n" + "".join(output.splitlines(keepends=True)[-TAIL_LINES:]))
-    raise error
+    command: list[str | Path] = ["sh", "-c", BUILD, layout.workspace / "src" / MESSAGES, folder]
+    command += ["-DBUILD_TESTING=OFF", f"-DPYTHON_ONLY={'ON' if layout.underlay.is_wheels else 'OFF'}"]
+    command += [f"-D{name}_EXECUTABLE={layout.python}" for name in ("Python3", "PYTHON")]
+    command += [f"-DPYTHON_INSTALL_DIR={modules(layout).relative_to(layout.install)}"]
+    command += [f"-DCMAKE_INSTALL_PREFIX={layout.install}", "--no-warn-unused-cli"]
+    code, output = runner.run("build", command, {**environment, **jobs, "DESTDIR": str(stage)})
+    if code != 0:
+        sys.stderr.write("\n" + "".join(output.splitlines(keepends=True)[-TAIL_LINES:]))
+        raise failure(f"{MESSAGES} did not build", output, runner.log("build"))
+    installed = stage / layout.install.relative_to("/")
+    _replace(installed / "share", os.fsencode(layout.root), PLACE)
+    for old in archive.parent.glob(f"{MESSAGES}-*.zip"):
+        if time.time() - old.stat().st_mtime > OUTDATED_S:
+            old.unlink(missing_ok=True)
+    new = shutil.make_archive(str(archive.with_suffix(f".{os.getpid()}")), "zip", installed)
+    os.replace(new, archive)
+    shutil.rmtree(stage)
+
+
+def messages_archive(layout: Layout, environment: Mapping[str, str]) -> Path:
+    """Where the messages are kept once they are built, by what goes into them.
+
+    The wheels of the lock are the same everywhere: their messages are kept beside the compiled kernels, where
+    each clone finds them. Those of a sourced ROS 2, which may change, stay in the clone.
+    """
+    compiler = shutil.which((environment.get("CC") or "cc").split(" ")[0], path=environment.get("PATH"))
+    parts = [_fingerprint(layout.workspace / "src" / MESSAGES), layout.lock_hash(), PYTHON, VERSION]
+    parts += [ask([compiler, "--version"], environment).stdout if compiler else ""]
+    key = hashlib.sha256("\0".join([*parts, os.confstr("CS_GNU_LIBC_VERSION") or ""]).encode()).hexdigest()
+    folder = layout.notes
+    if layout.underlay.is_wheels:
+        from spool_core.kernels import kernel_files  # noqa: PLC0415  (a call that finds all set up needs none)
+
+        with suppress(RuntimeError):
+            shared = kernel_files.wanted_kernel_folder(environment).parent / "messages"
+            folder = folder if kernel_files.refusal(shared) else shared
+    return folder / f"{MESSAGES}-{key}.zip"
 
 
 def compile_bytecode(layout: Layout, environment: Mapping[str, str], runner: Runner) -> None:
     """Compile the modules of the workspace, as uv does those that it installs."""
     command: list[str | Path] = [layout.python, "-m", "compileall", "-q", "-j", "0"]
-    runner.run("bytecode", [*command, layout.workspace / "src", layout.install], environment)
-
-
-def link_sources(layout: Layout) -> str:
-    """Link each Python package into the folder from which it runs once it is built, as colcon does itself.
-
-    Returns:
-        A path on which Python finds all of them before they are built.
-    """
-    folders = []
-    for source in sorted(path.parent for path in (layout.workspace / "src").glob("*/setup.py")):
-        folder = layout.output / "build" / source.name
-        folder.mkdir(parents=True, exist_ok=True)
-        if not (folder / source.name).exists():
-            (folder / source.name).symlink_to(source / source.name)
-        folders.append(str(folder))
-    return os.pathsep.join(folders)
-
-
-def remove_built(layout: Layout, package: str | None = None) -> None:
-    """Remove what was built, of one package or all."""
-    for folder in (layout.output / "build", layout.install):
-        shutil.rmtree(folder / package if package else folder, ignore_errors=True)
-
-
-def learn_environment(layout: Layout, environment: Mapping[str, str]) -> dict[str, str]:
-    """The path variables that the built workspace wants, without what the user's shell adds.
-
-    Raises:
-        SetupError: the built workspace cannot be sourced.
-    """
-    setup = layout.install / "local_setup.bash"
-    clean = {
-        name: value for name, value in environment.items() if name in OURS or name in ("PATH", "HOME", "LANG")
-    }
-    answer = ask(["bash", "--noprofile", "--norc", "-c", '. "$0" && env -0', setup], clean)
-    if answer.returncode != 0:
-        raise SetupError(f"{setup} cannot be sourced: delete {layout.install} and call again")
-    pairs = (entry.partition("=") for entry in answer.stdout.split("\0") if entry)
-    found = {name: value for name, _, value in pairs if name not in (*SHELL_VARIABLES, "HOME", "LANG")}
-    own_path = found.pop("PATH", "").split(os.pathsep)
-    known = environment.get("PATH", "").split(os.pathsep)
-    found["PATH"] = os.pathsep.join(
-        [str(layout.venv / "bin"), *(part for part in own_path if part not in known)]
-    )
-    return found
-
-
-def run_environment(layout: Layout, state: SetupState, environment: Mapping[str, str]) -> dict[str, str]:
-    """The environment in which the suite runs: the user's, with the workspace's variables in place."""
-    result = base_environment(layout, environment)
-    path = _before(*state.environment.get("PATH", "").split(os.pathsep), environment.get("PATH", os.defpath))
-    return result | state.environment | {"PATH": path}
+    runner.run("bytecode", [*command, *sorted(modules(layout).iterdir())], environment)
 
 
 def package_fingerprints(source: Path) -> dict[str, str]:
@@ -163,26 +208,10 @@ def package_fingerprints(source: Path) -> dict[str, str]:
     }
 
 
-def cmake_dependents(source: Path, changed: set[str]) -> set[str]:
-    """`changed` with every compiled package that depends on one of them, directly or not."""
-    found = set(changed)
-    folders = [path.parent for path in source.glob("*/CMakeLists.txt")]
-    manifests = {folder.name: (folder / "package.xml").read_text("utf-8") for folder in folders}
-    while True:
-        more = {
-            name
-            for name, text in manifests.items()
-            if name not in found and any(f"depend>{one}</" in text for one in found)
-        }
-        if not more:
-            return found
-        found |= more
-
-
 def foreign_files(layout: Layout) -> list[Path]:
     """CMake files that still name the building machine's folders."""
     files = (layout.venv / "share").rglob("*.cmake")
-    return [path for path in files if PYTHON.search(path.read_bytes()) or NUMPY.search(path.read_bytes())]
+    return [path for path in files if INCLUDE.search(path.read_bytes()) or NUMPY.search(path.read_bytes())]
 
 
 def patch_foreign_files(layout: Layout, environment: Mapping[str, str]) -> None:
@@ -202,9 +231,67 @@ def patch_foreign_files(layout: Layout, environment: Mapping[str, str]) -> None:
     for path in foreign_files(layout):
         text = NUMPY.sub(lambda _: numpy_include, path.read_bytes())
         patched = path.with_name(path.name + ".new")
-        patched.write_bytes(PYTHON.sub(lambda _: include, text))
+        patched.write_bytes(INCLUDE.sub(lambda _: include, text))
         # A new file in its place: the old one may be a hard link into a cache that others use.
         os.replace(patched, path)
+
+
+def modules(layout: Layout) -> Path:
+    """The folder of the workspace's modules, in which Python also finds their entry points."""
+    return layout.install / "lib" / f"python{SERIES}" / "site-packages"
+
+
+def _added(layout: Layout) -> dict[str, Path]:
+    """What the workspace adds to the variables of a shell."""
+    prefix = layout.install
+    paths = {"AMENT_PREFIX_PATH": prefix, "CMAKE_PREFIX_PATH": prefix, "LD_LIBRARY_PATH": prefix / "lib"}
+    return paths | {"PYTHONPATH": modules(layout)}
+
+
+def _link(
+    layout: Layout,
+    package: Path,
+    *,
+    name: str,
+    version: str,
+    packages: Sequence[str],
+    files: Sequence[tuple[str, Sequence[str]]],
+    entries: Mapping[str, Sequence[str]],
+) -> None:
+    """Link one package: modules, shared files, entry points, and its executables where `ros2 run` looks."""
+    for top in {one.partition(".")[0] for one in packages}:
+        _symlink(modules(layout) / top, package / top)
+    for folder, sources in files:
+        for source in sources:
+            _symlink(layout.install / folder / Path(source).name, package / source)
+    about = modules(layout) / f"{name}-{version}.dist-info"
+    about.mkdir(parents=True)
+    (about / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: {version}\n", "utf-8")
+    groups = ("\n".join([f"[{group}]", *lines, ""]) for group, lines in entries.items())
+    (about / "entry_points.txt").write_text("\n".join(groups), "utf-8")
+    for line in entries.get("console_scripts", ()):
+        executable, module, function = re.split(r"\s*[=:]\s*", line)
+        script = layout.install / "lib" / name / executable
+        script.parent.mkdir(parents=True, exist_ok=True)
+        # Started by the shell: a path with a blank, or a long one, cannot stand in the first line.
+        script.write_text(
+            f"#!/bin/sh\n'''exec' {shlex.quote(str(layout.python))} \"$0\" \"$@\"\n' '''\n"
+            f"import sys\n\nfrom {module} import {function}\n\nsys.exit({function}())\n",
+            "utf-8",
+        )
+        script.chmod(0o755)
+
+
+def _symlink(link: Path, target: Path) -> None:
+    link.parent.mkdir(parents=True, exist_ok=True)
+    link.symlink_to(target)
+
+
+def _replace(folder: Path, old: bytes, new: bytes) -> None:
+    """Replace bytes in all files of a folder."""
+    for path in folder.rglob("*"):
+        if path.is_file() and not path.is_symlink() and old in (text := path.read_bytes()):
+            path.write_bytes(text.replace(old, new))
 
 
 def _before(*parts: str | Path) -> str:

@@ -3,7 +3,6 @@
 import base64
 import fcntl
 import hashlib
-import json
 import os
 import shutil
 import signal
@@ -11,12 +10,16 @@ import socket
 import subprocess
 import sys
 import time
+import uuid
 import zipfile
 from pathlib import Path
 
 import pytest
+from spool_core.kernels.kernel_files import wanted_kernel_folder
 
+from setup.layout import WHEELS, Layout, Underlay, find_underlay
 from setup.packages import failure, uv_settings
+from setup.workspace import base_environment
 
 ROOT = Path(__file__).resolve().parent.parent
 TOOLS = ("sh", "bash", "env", "readlink", "dirname", "cat", "mkdir", "rm", "uname")
@@ -381,11 +384,31 @@ def make_wheel(folder: Path) -> None:
         wheel.writestr("tiny-1.0.dist-info/RECORD", record + "tiny-1.0.dist-info/RECORD,,\n")
 
 
+def test_a_shell_that_sources_the_workspace_finds_its_packages(tmp_path: Path):
+    """As `ros2 run` and `ros2 launch` look for them, beside those that it had found before."""
+    layout = Layout(ROOT, find_underlay(ROOT, clean_environment()))
+    probe = "import os, spool_sim, spool_msgs as m; print(os.environ['AMENT_PREFIX_PATH'], m.__file__)"
+    for shell in ("sh", "bash"):
+        script = f'. "{layout.install}/local_setup.{shell}" && "{layout.python}" -c "{probe}"'
+        environment = clean_environment(AMENT_PREFIX_PATH=str(tmp_path))
+        done = subprocess.run(
+            [shell, "-c", script], env=environment, capture_output=True, text=True, check=False
+        )
+        prefixes, _, module = done.stdout.strip().partition(" ")
+        assert prefixes == f"{layout.install}:{tmp_path}", done.stderr
+        assert module.startswith(f"{layout.install}/")
+
+
 @pytest.fixture(scope="module")
 def set_up(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A fresh clone, set up by four calls: the first three are ended in the middle, each in another way."""
+    """A fresh clone, set up by four calls: the first three are ended in the middle, each in another way.
+
+    Its messages differ from all that were built before.
+    """
     folder = tmp_path_factory.mktemp("set_up") / "clone"
     subprocess.run(["git", "clone", "--quiet", ROOT, folder], check=True, capture_output=True)
+    with (folder / "ros2_ws/src/spool_msgs/CMakeLists.txt").open("a", encoding="utf-8") as file:
+        file.write(f"# {uuid.uuid4()}\n")
 
     process = start(folder, "test", "--version")
     read_until(process, "making .venv")
@@ -442,12 +465,58 @@ class TestSetUp:
         said = run_inside(set_up, "import rclpy, spool_msgs.msg as m; print(m.HealthEvent.__name__)")
         assert "HealthEvent" in said
 
-    def test_only_what_changed_is_built(self, set_up: Path):
+    def test_a_changed_setup_py_is_followed_and_needs_no_compiler(self, set_up: Path):
         setup = set_up / "ros2_ws/src/spool_sim/setup.py"
-        setup.write_text(setup.read_text("utf-8") + "\n", "utf-8")
+        setup.write_text(setup.read_text("utf-8").replace("simulator =", "other ="), "utf-8")
         result = spool(set_up, "test", "--version")
-        assert "[1/1] building spool_sim ..." in result.stderr
+        assert "[1/1] linking 12 packages ..." in result.stderr
+        assert os.access(set_up / "ros2_ws/install/lib/spool_sim/other", os.X_OK)
         assert spool(set_up, "test", "--version").stderr == ""
+        subprocess.run(["git", "-C", set_up, "checkout", "--quiet", setup], check=True)
+
+    def test_a_setup_py_that_fails_is_named(self, set_up: Path):
+        setup = set_up / "ros2_ws/src/spool_sim/setup.py"
+        setup.write_text("import no_such_module\n", "utf-8")
+        result = spool(set_up, "test", "--version")
+        subprocess.run(["git", "-C", set_up, "checkout", "--quiet", setup], check=True)
+        assert_one_line(result, f"{setup} failed", "no_such_module")
+        assert spool(set_up, "test", "--version").returncode == 0
+
+    def test_messages_are_built_once(self, set_up: Path):
+        """What the first build left serves every clone; a damaged file of it is built again."""
+        install = set_up / "ros2_ws/install"
+        shutil.rmtree(install)
+        result = spool(set_up, "test", "--version")
+        assert "[1/1] linking 12 packages ..." in result.stderr
+        assert "spool_msgs" not in result.stderr
+        archive = max(messages_folder().glob("spool_msgs-*.zip"), key=lambda path: path.stat().st_mtime)
+        archive.write_bytes(archive.read_bytes()[:-1000])
+        shutil.rmtree(install)
+        assert "building spool_msgs ..." in spool(set_up, "test", "--version").stderr
+        assert "HealthEvent" in run_inside(
+            set_up, "import spool_msgs.msg as m; print(m.HealthEvent.__name__)"
+        )
+
+    def test_colcon_builds_the_same_tree(self, set_up: Path, tmp_path: Path):
+        """As on a ROS 2 installation, into separate folders; these hold all that the set-up linked."""
+        layout = Layout(set_up, Underlay(WHEELS))
+        command = [layout.python, "-m", "colcon", "--log-base", tmp_path / "log", "build", "--merge-install"]
+        command += ["--base-paths", set_up / "ros2_ws/src", "--build-base", tmp_path / "build"]
+        command += ["--install-base", tmp_path / "install", "--packages-select"]
+        command += ["spool_msgs", "spool_core", "spool_sim", "spool_view", "spool_bringup"]
+        environment = base_environment(layout, clean_environment())
+        done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stdout + done.stderr
+        for package in ("spool_core", "spool_sim", "spool_view", "spool_bringup"):
+            ours = files_of(set_up / "ros2_ws/install", package)
+            assert ours
+            assert ours <= files_of(tmp_path / "install", package)
+        probe = "import spool_msgs.msg as m, spool_sim.program; print(m.HealthEvent.__name__, m.__file__)"
+        script = f'. "{tmp_path}/install/local_setup.bash" && "{layout.python}" -c "{probe}"'
+        said = subprocess.run(
+            ["bash", "-c", script], env=environment, capture_output=True, text=True, check=False
+        )
+        assert f"HealthEvent {tmp_path}" in said.stdout, said.stderr
 
     def test_python_sources_need_no_build(self, set_up: Path):
         (set_up / "ros2_ws/src/spool_sim/spool_sim/new_module.py").write_text("VALUE = 42\n", "utf-8")
@@ -471,7 +540,7 @@ class TestSetUp:
         assert "build.log" in result.stderr.splitlines()[-1]
         again = spool(set_up, "test", "--version")
         assert again.returncode == 0, again.stderr
-        assert "building spool_msgs ..." in again.stderr
+        assert spool(set_up, "test", "--version").stderr == ""
 
     def test_doctor_sees_a_package_that_is_gone(self, set_up: Path):
         folder = next((set_up / ".venv/lib").glob("python3.*/site-packages/mcap-*.dist-info"))
@@ -516,6 +585,22 @@ class TestSetUp:
         assert f"the project was moved from {set_up}: setting up again" in said
 
 
+def messages_folder() -> Path:
+    """Where this user's built messages are kept."""
+    return wanted_kernel_folder(os.environ).parent / "messages"
+
+
+def files_of(install: Path, package: str) -> set[str]:
+    """What a prefix holds of a package for `ros2 run`, `ros2 launch` and the index, by relative path."""
+    folders = (f"lib/{package}", f"share/{package}", "share/ament_index/resource_index/packages")
+    found = (path for folder in folders for path in (install / folder).rglob("*") if path.is_file())
+    return {
+        str(path.relative_to(install))
+        for path in found
+        if "ament_index" not in path.parts or path.name == package
+    }
+
+
 def source_wheels(venv: Path, folder: Path) -> dict[str, str]:
     """The variables that a sourced ROS 2 sets, for the wheels of an environment alone."""
     folder.mkdir()
@@ -525,13 +610,12 @@ def source_wheels(venv: Path, folder: Path) -> dict[str, str]:
             name = line.split(",")[0].split("/")[0]
             if name not in ("..", "") and not (folder / name).exists() and (site / name).exists():
                 (folder / name).symlink_to(site / name)
-    state = json.loads((venv.parent / ".setup/on_wheels/state.json").read_text("utf-8"))
-    libraries = state["environment"]["LD_LIBRARY_PATH"].split(os.pathsep)
+    libraries = [str(path) for path in (venv / "lib", *site.glob("ros_*.libs"))]
     return {
         "ROS_DISTRO": "jazzy",
         "AMENT_PREFIX_PATH": str(venv),
         "CMAKE_PREFIX_PATH": str(venv),
         "PYTHONPATH": str(folder),
-        "LD_LIBRARY_PATH": os.pathsep.join(part for part in libraries if "install" not in part),
+        "LD_LIBRARY_PATH": os.pathsep.join(libraries),
         "_ROS_WHEELS_BOOTSTRAP_COMPLETE": "1",
     }

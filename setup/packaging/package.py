@@ -175,10 +175,8 @@ def _build(root: Path, stage: Path, environment: dict[str, str]) -> None:
     own = [] if os.geteuid() == 0 else ["--map-root-user"]
     say("setting the suite up at /opt/spool, in a separate name space")
     _run(["unshare", "--mount", *own, "sh", "-c", script, "sh", str(place), unneeded], environment)
-    # What is installed links to the folders it was built in: these stay, without the compiler's own files.
-    waste = [place / "ros2_ws/log", place / ".setup/on_wheels/logs"]
-    for left in (*waste, *(place / "ros2_ws/build").glob("*/CMakeFiles")):
-        shutil.rmtree(left, ignore_errors=True)
+    for waste in ("ros2_ws/build", ".setup/on_wheels/logs"):
+        shutil.rmtree(place / waste, ignore_errors=True)
 
 
 def _fill(root: Path, stage: Path, version: str) -> int:
