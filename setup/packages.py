@@ -16,16 +16,23 @@ from setup.requirements import PYTHON
 
 PIN = re.compile(r"^([A-Za-z0-9._-]+)==(\S+)(?: ; (.*?))? ?\\?$")
 UV = re.compile(r"^uv==(?:.*\\\n)*.*", re.MULTILINE)
-#: Settings of pip that uv has no equal for: pip installs alone then.
-ONLY_PIP = {"client-cert", "keyring-provider"}
 #: Settings of pip and the variables by which uv gets the same.
-VARIABLES = {"index-url": "UV_DEFAULT_INDEX", "cert": "SSL_CERT_FILE", "proxy": "HTTPS_PROXY"}
+VARIABLES = {
+    "index-url": "UV_DEFAULT_INDEX",
+    "cert": "SSL_CERT_FILE",
+    "client-cert": "SSL_CLIENT_CERT",
+    "proxy": "HTTPS_PROXY",
+}
 VERSION_BOUND = re.compile(r"python_full_version (<|>=|==) '3\.(\d+)(?:\.\*)?'")
 NO_NETWORK = re.compile(
     "NewConnectionError|ConnectTimeout|ConnectionError|ProxyError|NameResolutionError|ReadTimeout"
-    "|Network is unreachable"
+    "|Network is unreachable|error sending request"
     "|Temporary failure in name resolution|Connection (refused|broken|reset)|Cannot connect to proxy"
 )
+WRONG_HASH = re.compile(
+    r"DO NOT MATCH THE HASHES[^`]*?^ {4}(\S+) from |Hash mismatch for `(\S+)`", re.MULTILINE
+)
+NOT_FOUND = re.compile(r"No matching distribution found for (\S+)|there is no version of (\S+)")
 
 
 def locked(lock: Path) -> dict[str, str]:
@@ -101,9 +108,7 @@ def forget_half_installed(layout: Layout) -> None:
 
 
 def install(layout: Layout, environment: Mapping[str, str], runner: Runner) -> None:
-    """Install the lock with the uv that it names, or with pip where uv fails; installed packages are kept.
-
-    uv needs a tenth of pip's time; pip brings it, and says what is wrong where neither of them can install.
+    """Install the lock with the uv that it names, which pip brings; installed packages are kept.
 
     Raises:
         SetupError: names the cause: no network, a wrong hash, a full disk, or the log.
@@ -111,23 +116,17 @@ def install(layout: Layout, environment: Mapping[str, str], runner: Runner) -> N
     pip: list[str | Path] = [layout.python, "-m", "pip", "install", "--no-deps", "--require-hashes"]
     pip += ["--retries", "1", "--timeout", "20", "--progress-bar", "off"]
     pip += ["--disable-pip-version-check", "--no-input", "--no-warn-script-location", "-r"]
-    named = UV.search(layout.requirements.read_text("utf-8"))
+    own = layout.notes / "uv.txt"
+    own.write_text("\n".join(UV.findall(layout.requirements.read_text("utf-8"))), "utf-8")
+    # A node starts in half the time with bytecode, also where Python may not write it itself.
+    uv: list[str | Path] = [layout.venv / "bin" / "uv", "pip", "install", "--compile-bytecode"]
+    uv += ["--no-deps", "--require-hashes", "--no-progress", "--python", layout.python]
+    uv += ["-r", layout.requirements]
     settings = uv_settings(pip_settings(layout, environment))
-    if named and settings is not None:
-        own = layout.notes / "uv.txt"
-        own.write_text(named[0] + "\n", "utf-8")
-        # A node starts in half the time with bytecode, also where Python may not write it itself.
-        uv: list[str | Path] = [layout.venv / "bin" / "uv", "pip", "install", "--compile-bytecode"]
-        uv += ["--no-deps", "--require-hashes", "--no-progress", "--python", layout.python]
-        uv += ["-r", layout.requirements]
-        if (
-            runner.run("install", [*pip, own], environment)[0] == 0
-            and runner.run("install", uv, {**environment, **settings})[0] == 0
-        ):
-            return
-    code, output = runner.run("install", [*pip, layout.requirements], environment)
-    if code != 0:
-        raise failure("the packages could not be installed", output, runner.log("install"))
+    for command in ([*pip, own], uv):
+        code, output = runner.run("install", command, {**environment, **settings})
+        if code != 0:
+            raise failure("the packages could not be installed", output, runner.log("install"))
 
 
 def pip_settings(layout: Layout, environment: Mapping[str, str]) -> dict[str, str]:
@@ -143,14 +142,12 @@ def pip_settings(layout: Layout, environment: Mapping[str, str]) -> dict[str, st
     return found
 
 
-def uv_settings(pip: Mapping[str, str]) -> dict[str, str] | None:
-    """The variables that tell uv what pip was told, None where it cannot be told.
+def uv_settings(pip: Mapping[str, str]) -> dict[str, str]:
+    """The variables that tell uv what pip was told.
 
     Args:
         pip: settings of pip by the name of the option.
     """
-    if not ONLY_PIP.isdisjoint(pip):
-        return None
     # The lock's hashes decide what is installed, so any index may give it.
     told = {"UV_INDEX_STRATEGY": "unsafe-best-match", "UV_HTTP_TIMEOUT": "20", "UV_HTTP_RETRIES": "1"}
     told |= {VARIABLES[name]: value for name, value in pip.items() if name in VARIABLES and value}
@@ -161,6 +158,8 @@ def uv_settings(pip: Mapping[str, str]) -> dict[str, str] | None:
     told |= {"UV_INDEX": " ".join(more)} if more else {}
     told |= {"UV_FIND_LINKS": ",".join(links)} if links else {}
     told |= {"UV_INSECURE_HOST": " ".join(hosts)} if hosts else {}
+    if pip.get("keyring-provider", "disabled") != "disabled":
+        told["UV_KEYRING_PROVIDER"] = "subprocess"  # the only one of uv
     if pip.get("no-index", "").lower() in ("1", "true", "yes", "on"):
         told["UV_NO_INDEX"] = "1"
     return told
@@ -179,21 +178,20 @@ def failure(what: str, output: str, log: Path) -> SetupError:
         return SetupError(
             f"{what}: the disk that holds {root} or {temporary} is full: free some space and call again"
         )
-    if "DO NOT MATCH THE HASHES" in output.upper():
-        package = re.search(r"^ {4}(\S+) from ", output, re.MULTILINE)
-        name = package[1] if package else "a package"
+    if found := WRONG_HASH.search(output):
         return SetupError(
-            f"{what}: {name} is not the file that the lock was made with: "
-            f"empty pip's cache (pip cache purge) or ask who runs your package index; see {log}"
+            f"{what}: {found[1] or found[2]} is not the file that the lock was made with: empty the caches "
+            f"(pip cache purge, uv cache clean) or ask who runs your package index; see {log}"
         )
     if NO_NETWORK.search(output):
         return SetupError(
             f"{what}: no connection to the package index: "
             f"check network and proxy, then call again to go on; see {log}"
         )
-    errors = [line[7:] for line in output.splitlines() if line.startswith("ERROR: ")]
-    if errors and "No matching distribution" in errors[-1]:
+    if found := NOT_FOUND.search(output):
         return SetupError(
-            f"{what}: {errors[-1].lower()} on your package index: check pip's configuration; see {log}"
+            f"{what}: no matching distribution found for {found[1] or found[2]} on your package index: "
+            f"check pip's configuration; see {log}"
         )
+    errors = [line[7:] for line in output.splitlines() if line.lower().startswith("error: ")]
     return SetupError(f"{what}: {errors[-1] if errors else 'the tool failed'}; see {log}")

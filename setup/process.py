@@ -36,11 +36,7 @@ class Runner:
         return self.logs / f"{name}.log"
 
     def run(
-        self,
-        name: str,
-        command: Sequence[str | Path],
-        environment: Mapping[str, str],
-        cwd: Path | None = None,
+        self, name: str, command: Sequence[str | Path], environment: Mapping[str, str]
     ) -> tuple[int, str]:
         """Run a tool with its output in the step's log.
 
@@ -48,7 +44,6 @@ class Runner:
             name: of the step.
             command: program and arguments.
             environment: the tool's whole environment.
-            cwd: folder to run in.
 
         Returns:
             Exit code and output.
@@ -56,7 +51,7 @@ class Runner:
         lines: list[str] = []
         with self.log(name).open("w", encoding="utf-8") as file:
             file.write(" ".join(str(part) for part in command) + "\n")
-            with self._started(command, environment, subprocess.PIPE, cwd) as process:
+            with self._started(command, environment, subprocess.PIPE) as process:
                 for line in process.stdout or ():
                     file.write(line)
                     file.flush()
@@ -84,11 +79,7 @@ class Runner:
 
     @contextmanager
     def _started(
-        self,
-        command: Sequence[str | Path],
-        environment: Mapping[str, str],
-        output: int,
-        cwd: Path | None = None,
+        self, command: Sequence[str | Path], environment: Mapping[str, str], output: int
     ) -> Iterator[subprocess.Popen[str]]:
         """Start a tool, and end it where the body is interrupted."""
         with subprocess.Popen(
@@ -100,7 +91,6 @@ class Runner:
             encoding="utf-8",
             errors="replace",
             env=dict(environment),
-            cwd=cwd,
             pass_fds=(self.keep_open,),
             start_new_session=True,
         ) as process:

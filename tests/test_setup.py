@@ -18,7 +18,7 @@ import pytest
 from spool_core.kernels.kernel_files import wanted_kernel_folder
 
 from setup.layout import WHEELS, Layout, Underlay, find_underlay
-from setup.packages import failure, uv_settings
+from setup.packages import UV, failure, uv_settings
 from setup.workspace import base_environment
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -289,15 +289,17 @@ class TestIndexesOfPip:
                 "trusted-host": "packages.example",
             }
         )
-        assert told is not None
         assert told["UV_DEFAULT_INDEX"] == "https://packages.example/simple"
         assert told["UV_INDEX"] == f"https://more.example/simple file://{tmp_path}"
         assert told["UV_FIND_LINKS"] == str(tmp_path)
         assert told["SSL_CERT_FILE"] == "/etc/own.pem"
         assert told["UV_INSECURE_HOST"] == "packages.example"
 
-    def test_what_uv_cannot_be_told_is_left_to_pip(self):
-        assert uv_settings({"client-cert": "/etc/client.pem"}) is None
+    @pytest.mark.parametrize(("provider", "told"), [("auto", "subprocess"), ("disabled", None)])
+    def test_uv_identifies_itself_as_pip_does(self, provider: str, told: str | None):
+        found = uv_settings({"client-cert": "/etc/client.pem", "keyring-provider": provider})
+        assert found["SSL_CLIENT_CERT"] == "/etc/client.pem"
+        assert found.get("UV_KEYRING_PROVIDER") == told
 
 
 class TestPackagesThatDoNotCome:
@@ -320,10 +322,25 @@ class TestPackagesThatDoNotCome:
                 "ERROR: No matching distribution found for tiny==1.0\n",
                 "no matching distribution found for tiny==1.0 on your package index: check pip's",
             ),
+            (
+                "error: Request failed after 1 retry in 1.9s\n  cause: error sending request for url (tiny)\n"
+                "  cause: client error (Connect)\n",
+                "no connection to the package index: check network and proxy",
+            ),
+            (
+                "error: Failed to download `tiny==1.0`\n  cause: Hash mismatch for `tiny==1.0`\n\n"
+                "         Expected:\n           sha256:00\n",
+                "tiny==1.0 is not the file that the lock was made with",
+            ),
+            (
+                "error: No solution found when resolving dependencies\n  cause: Because there is no version "
+                "of tiny==1.0 and you require tiny==1.0, we can conclude that your requirements fail.\n",
+                "no matching distribution found for tiny==1.0 on your package index: check pip's",
+            ),
             ("ERROR: [Errno 28] No space left on device\n", "is full: free some space and call again"),
         ],
     )
-    def test_what_pip_says_becomes_a_cause_and_what_to_do(self, output: str, said: str):
+    def test_what_pip_and_uv_say_becomes_a_cause_and_what_to_do(self, output: str, said: str):
         line = str(failure("the packages could not be installed", output, Path("/p/.setup/on_wheels/a.log")))
         assert said in line
         assert "\n" not in line
@@ -361,7 +378,11 @@ class TestPackagesThatDoNotCome:
     ):
         if there:
             make_wheel(tmp_path)
-        (fresh / "requirements" / "wheels.lock").write_text(f"tiny==1.0 --hash=sha256:{'0' * 64}\n", "utf-8")
+        lock = fresh / "requirements" / "wheels.lock"
+        (uv,) = UV.findall(lock.read_text("utf-8"))
+        lock.write_text(f"{uv}\ntiny==1.0 --hash=sha256:{'0' * 64}\n", "utf-8")
+        download = [sys.executable, "-m", "pip", "download", "--no-deps", "-d", tmp_path, uv.split(" ")[0]]
+        subprocess.run(download, check=True, capture_output=True)
         given = {"PIP_NO_INDEX": "1", "PIP_FIND_LINKS": str(tmp_path), "PIP_CONFIG_FILE": os.devnull}
         assert_one_line(spool(fresh, "demo", **given), *said)
 
@@ -388,15 +409,14 @@ def test_a_shell_that_sources_the_workspace_finds_its_packages(tmp_path: Path):
     """As `ros2 run` and `ros2 launch` look for them, beside those that it had found before."""
     layout = Layout(ROOT, find_underlay(ROOT, clean_environment()))
     probe = "import os, spool_sim, spool_msgs as m; print(os.environ['AMENT_PREFIX_PATH'], m.__file__)"
-    for shell in ("sh", "bash"):
-        script = f'. "{layout.install}/local_setup.{shell}" && "{layout.python}" -c "{probe}"'
-        environment = clean_environment(AMENT_PREFIX_PATH=str(tmp_path))
-        done = subprocess.run(
-            [shell, "-c", script], env=environment, capture_output=True, text=True, check=False
-        )
-        prefixes, _, module = done.stdout.strip().partition(" ")
-        assert prefixes == f"{layout.install}:{tmp_path}", done.stderr
-        assert module.startswith(f"{layout.install}/")
+    script = f'. "{layout.install}/local_setup.bash" && "{layout.python}" -c "{probe}"'
+    environment = clean_environment(AMENT_PREFIX_PATH=str(tmp_path))
+    done = subprocess.run(
+        ["bash", "-c", script], env=environment, capture_output=True, text=True, check=False
+    )
+    prefixes, _, module = done.stdout.strip().partition(" ")
+    assert prefixes == f"{layout.install}:{tmp_path}", done.stderr
+    assert module.startswith(f"{layout.install}/")
 
 
 @pytest.fixture(scope="module")
