@@ -1,5 +1,3 @@
-"""Install spool_sim as an ament_python package."""
-
 from xml.etree import ElementTree
 
 from setuptools import find_namespace_packages, setup

@@ -1,5 +1,3 @@
-"""Install spool_view as an ament_python package."""
-
 from glob import glob
 from xml.etree import ElementTree
 
