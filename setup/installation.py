@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 
 from setup import packages, requirements, workspace
-from setup.layout import Layout
+from setup.layout import Layout, SetupError
 from setup.process import Runner, Steps, say
 
 #: Logs and modules of the processes that compile kernels: of the nodes, and of analyses.
@@ -20,8 +20,7 @@ def is_current(layout: Layout, done: requirements.SetupState) -> bool:
     return (
         requirements.stale(layout, done) is None
         and layout.ready_file.exists()
-        and done.built == workspace.package_fingerprints(layout.workspace / "src")
-        and (layout.install / "local_setup.bash").exists()
+        and _is_built(layout, done, workspace.package_fingerprints(layout.source))
     )
 
 
@@ -59,7 +58,7 @@ class Installation:
         self._done = done
         self._steps = Steps()
         self._runner = Runner(layout.notes, keep_open, self._steps.progress)
-        self._wanted = workspace.package_fingerprints(layout.workspace / "src")
+        self._wanted = workspace.package_fingerprints(layout.source)
 
     def run(self) -> None:
         """Do the steps that are missing.
@@ -79,7 +78,7 @@ class Installation:
             # Nothing of the old is trusted from here on, whenever the set-up is interrupted.
             requirements.save(layout, requirements.SetupState())
             done.__dict__.update(requirements.SetupState().__dict__)
-        building = not done.lock or done.built != self._wanted
+        building = not done.lock or not _is_built(layout, done, self._wanted)
         archive = workspace.messages_archive(layout, self._environment)
         compiling = building and not archive.exists()
         self._steps.total = fresh + (not done.lock) + building + compiling + (not done.warmed)
@@ -102,7 +101,8 @@ class Installation:
                 if not workspace.install_messages(layout, archive):
                     with self._steps.step(f"building {workspace.MESSAGES}"):
                         workspace.build_messages(layout, self._tools(), self._runner, archive)
-                    workspace.install_messages(layout, archive)
+                    if not workspace.install_messages(layout, archive):
+                        raise SetupError(f"{archive} is damaged: check the disk and call again")
                 workspace.compile_bytecode(layout, self._tools(), self._runner)
                 done.built = self._wanted
                 requirements.save(layout, done)
@@ -155,6 +155,10 @@ class Installation:
                     raise packages.failure("the kernels could not be compiled", log.read_text("utf-8"), log)
         self._done.warmed = True
         requirements.save(self._layout, self._done)
+
+
+def _is_built(layout: Layout, done: requirements.SetupState, wanted: dict[str, str]) -> bool:
+    return done.built == wanted and (layout.install / "local_setup.bash").exists()
 
 
 @contextmanager

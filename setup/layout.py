@@ -35,67 +35,33 @@ class Underlay:
         return f"the sourced ROS 2 {self.name} in {', '.join(self.prefixes) or 'no prefix'}"
 
 
-@dataclass(frozen=True)
 class Layout:
     """The folders and files that the set-up works on.
 
     Attributes:
         root: the repository.
         underlay: the ROS 2 beneath; each has its own environment and build.
+        notes: folder of the stamp and the logs.
+        venv: the Python environment, `python` its interpreter.
+        workspace: the ROS 2 workspace, `source` its packages.
+        output: folder that holds `build` and `install`, the built workspace.
+        requirements: the lock, every package with its version and hashes.
     """
 
-    root: Path
-    underlay: Underlay
-
-    @property
-    def notes(self) -> Path:
-        """Folder of the stamp and the logs."""
-        return self.root / ".setup" / f"on_{self.underlay.name}"
-
-    @property
-    def state_file(self) -> Path:
-        """What has been set up, as JSON."""
-        return self.notes / "state.json"
-
-    @property
-    def lock_file(self) -> Path:
-        """Held while something is being set up."""
-        return self.notes / "busy.lock"
-
-    @property
-    def venv(self) -> Path:
-        """The Python environment."""
-        return self.root / ".venv" if self.underlay.is_wheels else self.notes / "venv"
-
-    @property
-    def python(self) -> Path:
-        """The environment's interpreter."""
-        return self.venv / "bin" / "python"
-
-    @property
-    def ready_file(self) -> Path:
-        """Tells the launcher that this environment's interpreter is complete."""
-        return self.venv / "spool-ready"
-
-    @property
-    def workspace(self) -> Path:
-        """The ROS 2 workspace."""
-        return self.root / "ros2_ws"
-
-    @property
-    def output(self) -> Path:
-        """Folder that holds build, install and log."""
-        return self.workspace if self.underlay.is_wheels else self.notes
-
-    @property
-    def install(self) -> Path:
-        """The built workspace."""
-        return self.output / "install"
-
-    @property
-    def requirements(self) -> Path:
-        """The lock: every package with its version and hashes."""
-        return self.root / "requirements" / ("wheels.lock" if self.underlay.is_wheels else "sourced.lock")
+    def __init__(self, root: Path, underlay: Underlay) -> None:
+        wheels = underlay.is_wheels
+        self.root, self.underlay = root, underlay
+        self.notes = root / ".setup" / f"on_{underlay.name}"
+        self.state_file, self.lock_file = self.notes / "state.json", self.notes / "busy.lock"
+        self.venv = root / ".venv" if wheels else self.notes / "venv"
+        self.python = self.venv / "bin" / "python"
+        # Tells the launcher that this environment's interpreter is complete.
+        self.ready_file = self.venv / "spool-ready"
+        self.workspace = root / "ros2_ws"
+        self.source = self.workspace / "src"
+        self.output = self.workspace if wheels else self.notes
+        self.install = self.output / "install"
+        self.requirements = root / "requirements" / ("wheels.lock" if wheels else "sourced.lock")
 
     def lock_hash(self) -> str:
         """Fingerprint of the lock."""

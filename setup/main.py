@@ -17,18 +17,8 @@ from setup.process import say
 ROOT = Path(__file__).resolve().parent.parent
 #: Commands that start nodes or talk to those of `run`: on this host alone unless the caller says more.
 LOCAL_BY_DEFAULT = (
-    "demo",
-    "test",
-    "bench",
-    "run",
-    "python",
-    "alarm",
-    "analyse",
-    "baseline",
-    "snapshot",
-    "watch",
-    "doctor",
-)
+    "demo", "test", "bench", "run", "python", "alarm", "analyse", "baseline", "snapshot", "watch", "doctor",
+)  # fmt: skip
 HELP = """Usage: ./spool COMMAND [arguments]       ./spool COMMAND --help shows details and an example
 
 {commands}

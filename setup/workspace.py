@@ -9,12 +9,12 @@ import re
 import shlex
 import shutil
 import sys
-import time
 import zipfile
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 from setup.layout import Layout, SetupError
 from setup.packages import failure, site_packages
@@ -27,8 +27,8 @@ MESSAGES = "spool_msgs"
 BUILD = """source=$0 build=$1; shift
 cmake -S "$source" -B "$build" "$@" && cmake --build "$build" && cmake --install "$build"
 """
-#: s after which built messages that nobody took are removed.
-OUTDATED_S = 30 * 86_400
+#: Built messages that are kept: of other branches, locks and Pythons.
+KEPT = 20
 #: Stands for the project's folder in built messages, until they are unpacked.
 PLACE = b"@SPOOL@"
 #: Asks setuptools what setup.py declares: a line of JSON for each folder.
@@ -42,7 +42,6 @@ for folder in sys.argv[1:]:
     words |= {"files": one.data_files or [], "entries": one.entry_points or {}}
     print(json.dumps(words), flush=True)
 """
-SHELLS = ("bash", "sh", "zsh")
 
 # The install links to Python, launch and configuration files: only their coming and going needs a build.
 CONTENT_MATTERS = (".msg", ".srv", ".action", ".idl", ".xml", ".toml", ".cmake", ".c", ".cpp", ".h", ".hpp")
@@ -61,14 +60,7 @@ def base_environment(layout: Layout, environment: Mapping[str, str]) -> dict[str
         layout: the project.
         environment: the user's.
     """
-    dropped = (
-        "PYTHONHOME",
-        "PIP_TARGET",
-        "PIP_PREFIX",
-        "PIP_REQUIRE_VIRTUALENV",
-        "VIRTUAL_ENV",
-        "COLCON_PREFIX_PATH",
-    )
+    dropped = ("PYTHONHOME", "PIP_TARGET", "PIP_PREFIX", "PIP_REQUIRE_VIRTUALENV", "VIRTUAL_ENV")
     result = {name: value for name, value in environment.items() if name not in dropped}
     result |= {
         "PIP_USER": "0",
@@ -111,18 +103,17 @@ def link_packages(layout: Layout, environment: Mapping[str, str]) -> None:
     Raises:
         SetupError: a setup.py failed.
     """
-    packages = sorted(path.parent for path in (layout.workspace / "src").glob("*/setup.py"))
+    packages = sorted(path.parent for path in layout.source.glob("*/setup.py"))
     answer = ask([layout.python, "-I", "-c", DECLARED, *packages], environment)
     lines = answer.stdout.splitlines()
     if answer.returncode != 0:
         reason = (answer.stderr.strip().splitlines() or ["no message"])[-1]
         raise SetupError(f"{packages[len(lines)] / 'setup.py'} failed: {reason}")
     for package, line in zip(packages, lines, strict=True):
-        _link(layout, package, **json.loads(line))
-    for name in SHELLS:
-        file = layout.install / f"local_setup.{name}"
-        added = ((variable, shlex.quote(str(folder))) for variable, folder in _added(layout).items())
-        file.write_text("".join(f"export {one}={path}${{{one}:+:${one}}}\n" for one, path in added), "utf-8")
+        _link(layout, package, json.loads(line))
+    added = ((name, shlex.quote(str(folder))) for name, folder in _added(layout).items())
+    exports = (f"export {name}={folder}${{{name}:+:${name}}}\n" for name, folder in added)
+    (layout.install / "local_setup.bash").write_text("".join(exports), "utf-8")
 
 
 def install_messages(layout: Layout, archive: Path) -> bool:
@@ -134,7 +125,7 @@ def install_messages(layout: Layout, archive: Path) -> bool:
     try:
         shutil.unpack_archive(archive, layout.install, "zip")
         os.utime(archive)
-    except (OSError, shutil.ReadError, zipfile.BadZipFile, zlib.error):
+    except (FileNotFoundError, shutil.ReadError, zipfile.BadZipFile, zlib.error):
         return False
     _replace(layout.install / "share", PLACE, os.fsencode(layout.root))
     return True
@@ -156,7 +147,7 @@ def build_messages(layout: Layout, environment: Mapping[str, str], runner: Runne
     shutil.rmtree(stage, ignore_errors=True)
     # Left to itself, make starts no second compiler.
     jobs = {"MAKEFLAGS": environment.get("MAKEFLAGS") or f"-j{len(os.sched_getaffinity(0))}"}
-    command: list[str | Path] = ["sh", "-c", BUILD, layout.workspace / "src" / MESSAGES, folder]
+    command: list[str | Path] = ["sh", "-c", BUILD, layout.source / MESSAGES, folder]
     command += ["-DBUILD_TESTING=OFF", f"-DPYTHON_ONLY={'ON' if layout.underlay.is_wheels else 'OFF'}"]
     command += [f"-D{name}_EXECUTABLE={layout.python}" for name in ("Python3", "PYTHON")]
     command += [f"-DPYTHON_INSTALL_DIR={modules(layout).relative_to(layout.install)}"]
@@ -167,9 +158,8 @@ def build_messages(layout: Layout, environment: Mapping[str, str], runner: Runne
         raise failure(f"{MESSAGES} did not build", output, runner.log("build"))
     installed = stage / layout.install.relative_to("/")
     _replace(installed / "share", os.fsencode(layout.root), PLACE)
-    for old in archive.parent.glob(f"{MESSAGES}-*.zip"):
-        if time.time() - old.stat().st_mtime > OUTDATED_S:
-            old.unlink(missing_ok=True)
+    for old in sorted(archive.parent.glob(f"{MESSAGES}-*.zip"), key=os.path.getmtime)[:-KEPT]:
+        old.unlink(missing_ok=True)
     new = shutil.make_archive(str(archive.with_suffix(f".{os.getpid()}")), "zip", installed)
     os.replace(new, archive)
     shutil.rmtree(stage)
@@ -182,7 +172,7 @@ def messages_archive(layout: Layout, environment: Mapping[str, str]) -> Path:
     each clone finds them. Those of a sourced ROS 2, which may change, stay in the clone.
     """
     compiler = shutil.which((environment.get("CC") or "cc").split(" ")[0], path=environment.get("PATH"))
-    parts = [_fingerprint(layout.workspace / "src" / MESSAGES), layout.lock_hash(), PYTHON, VERSION]
+    parts = [_fingerprint(layout.source / MESSAGES), layout.lock_hash(), PYTHON, VERSION]
     parts += [ask([compiler, "--version"], environment).stdout if compiler else ""]
     key = hashlib.sha256("\0".join([*parts, os.confstr("CS_GNU_LIBC_VERSION") or ""]).encode()).hexdigest()
     folder = layout.notes
@@ -248,22 +238,14 @@ def _added(layout: Layout) -> dict[str, Path]:
     return paths | {"PYTHONPATH": modules(layout)}
 
 
-def _link(
-    layout: Layout,
-    package: Path,
-    *,
-    name: str,
-    version: str,
-    packages: Sequence[str],
-    files: Sequence[tuple[str, Sequence[str]]],
-    entries: Mapping[str, Sequence[str]],
-) -> None:
+def _link(layout: Layout, package: Path, declared: Mapping[str, Any]) -> None:
     """Link one package: modules, shared files, entry points, and its executables where `ros2 run` looks."""
-    for top in {one.partition(".")[0] for one in packages}:
+    for top in {one.partition(".")[0] for one in declared["packages"]}:
         _symlink(modules(layout) / top, package / top)
-    for folder, sources in files:
+    for folder, sources in declared["files"]:
         for source in sources:
             _symlink(layout.install / folder / Path(source).name, package / source)
+    name, version, entries = declared["name"], declared["version"], declared["entries"]
     about = modules(layout) / f"{name}-{version}.dist-info"
     about.mkdir(parents=True)
     (about / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: {version}\n", "utf-8")
