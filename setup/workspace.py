@@ -113,6 +113,7 @@ def link_packages(layout: Layout, environment: Mapping[str, str]) -> None:
         _link(layout, package, json.loads(line))
     added = ((name, shlex.quote(str(folder))) for name, folder in _added(layout).items())
     exports = (f"export {name}={folder}${{{name}:+:${name}}}\n" for name, folder in added)
+    (layout.install / "COLCON_IGNORE").touch()
     (layout.install / "local_setup.bash").write_text("".join(exports), "utf-8")
 
 

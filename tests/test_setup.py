@@ -520,11 +520,17 @@ class TestSetUp:
     def test_colcon_builds_the_same_tree(self, set_up: Path, tmp_path: Path):
         """As on a ROS 2 installation, into separate folders; these hold all that the set-up linked."""
         layout = Layout(set_up, Underlay(WHEELS))
-        command = [layout.python, "-m", "colcon", "--log-base", tmp_path / "log", "build", "--merge-install"]
+        colcon = [layout.python, "-m", "colcon", "--log-base", tmp_path / "log"]
+        command = [*colcon, "build", "--merge-install"]
         command += ["--base-paths", set_up / "ros2_ws/src", "--build-base", tmp_path / "build"]
         command += ["--install-base", tmp_path / "install", "--packages-select"]
         command += ["spool_msgs", "spool_core", "spool_sim", "spool_view", "spool_bringup"]
         environment = base_environment(layout, clean_environment())
+        listed = [*colcon, "list", "--names-only", "--base-paths", set_up / "ros2_ws"]
+        names = subprocess.run(
+            listed, env=environment, capture_output=True, text=True, check=False
+        ).stdout.split()
+        assert sorted(names) == sorted(path.parent.name for path in layout.source.glob("*/package.xml"))
         done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stdout + done.stderr
         for package in ("spool_core", "spool_sim", "spool_view", "spool_bringup"):
