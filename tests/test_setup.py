@@ -523,8 +523,7 @@ class TestSetUp:
         colcon = [layout.python, "-m", "colcon", "--log-base", tmp_path / "log"]
         command = [*colcon, "build", "--merge-install"]
         command += ["--base-paths", set_up / "ros2_ws/src", "--build-base", tmp_path / "build"]
-        command += ["--install-base", tmp_path / "install", "--packages-select"]
-        command += ["spool_msgs", "spool_core", "spool_sim", "spool_view", "spool_bringup"]
+        command += ["--install-base", tmp_path / "install", "--packages-up-to", "spool_bringup"]
         environment = base_environment(layout, clean_environment())
         listed = [*colcon, "list", "--names-only", "--base-paths", set_up / "ros2_ws"]
         names = subprocess.run(
@@ -533,7 +532,7 @@ class TestSetUp:
         assert sorted(names) == sorted(path.parent.name for path in layout.source.glob("*/package.xml"))
         done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stdout + done.stderr
-        for package in ("spool_core", "spool_sim", "spool_view", "spool_bringup"):
+        for package in ("spool_core", "spool_sim", "spool_bringup"):
             ours = files_of(set_up / "ros2_ws/install", package)
             assert ours
             assert ours <= files_of(tmp_path / "install", package)
