@@ -524,6 +524,7 @@ class TestSetUp:
         command = [*colcon, "build", "--merge-install"]
         command += ["--base-paths", set_up / "ros2_ws/src", "--build-base", tmp_path / "build"]
         command += ["--install-base", tmp_path / "install", "--packages-up-to", "spool_bringup"]
+        command += ["--cmake-args", "-DBUILD_TESTING=OFF", "-DPYTHON_ONLY=ON"]
         environment = base_environment(layout, clean_environment())
         listed = [*colcon, "list", "--names-only", "--base-paths", set_up / "ros2_ws"]
         names = subprocess.run(
