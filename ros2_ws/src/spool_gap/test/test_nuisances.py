@@ -158,3 +158,21 @@ def test_motion_at_the_mains_frequency_is_no_hum(clean: Record) -> None:
     moved = replace(clean, body=clean.body + line.real, spool=clean.spool + (follows * line).real)
     hum = next(entry for entry in RECORD_NUISANCES if entry.id == "hum")
     assert not hum.clean([moved], VALVE).found
+
+
+def test_spikes_of_short_stretches_are_judged_together(clean: Record) -> None:
+    """Also that of the last sample, beyond which no other one shows it, and those that look like speed."""
+    length, generator = clean.body.size // 6, np.random.default_rng(3)
+    stretches, spikes = [], 0
+    for number in range(6):
+        one = clean.part(number * length, (number + 1) * length)
+        spool = one.spool.copy()
+        for place in (*generator.integers(10, length - 10, 3).tolist(), length - 1):
+            spool[place : place + 2] += 150.0
+            spikes += 1
+        stretches.append(replace(one, spool=spool))
+    found = next(one for one in RECORD_NUISANCES if one.id == "spikes").clean(stretches, VALVE)
+    for number, one in enumerate(found.records):
+        whole = clean.part(number * length, (number + 1) * length)
+        assert np.abs(one.spool - whole.spool).max() < 3.0
+    assert [own.id for own in found.found] == ["spikes"]

@@ -116,27 +116,22 @@ class Spikes(RecordNuisance):
 
     def clean(self, records: Sequence[Record], valve: Valve) -> Cleaned:  # noqa: ARG002
         """Return ``records`` without spikes, and how many a second each channel has."""
-        rate: dict[str, float] = {}
-        cleaned = []
         seconds = sum(record.duration for record in records)
-        for record in records:
-            rows = {"body": record.body, "spool": record.spool}
-            band = ZeroPhase(record.sample_period, TRAVEL)
-            motion = [np.abs(band.apply(record.spool - record.body, order)) for order in (1, 2)]
-            for name in ("body", "spool"):
-                row = getattr(record, name)
-                spikes = spikes_of(row, record.sample_rate)
-                places = np.array([place for place, _ in spikes], dtype=np.int64)
-                if 0 < places.size < MOST_SPIKES * row.size and not (
-                    name == "spool" and _of_motion(places, motion)
-                ):
-                    # Cubics through the samples beside them take their place.
-                    off = {width: _off(row, width) for width in {width for _, width in spikes}}
-                    rows[name] = row.copy()
-                    for place, width in spikes:
-                        rows[name][place : place + width] -= off[width][:, place]
-                    rate[name] = rate.get(name, 0.0) + places.size / seconds
-            cleaned.append(replace(record, body=rows["body"], spool=rows["spool"]))
+        freed = {
+            name: [_freed(getattr(record, name), record.sample_rate) for record in records]
+            for name in ("body", "spool")
+        }
+        # Of all stretches together: a pause may leave few in each.
+        rows = zip(records, freed["body"], freed["spool"], strict=True)
+        if _of_motion(np.concatenate([_ranks(one, body[0], *spool) for one, body, spool in rows], axis=1)):
+            nowhere = np.empty(0, dtype=np.int64)
+            freed["spool"] = [(record.spool, nowhere) for record in records]
+        counts = {name: sum(places.size for _, places in own) for name, own in freed.items()}
+        rate = {name: count / seconds for name, count in counts.items() if count}
+        cleaned = [
+            replace(record, body=body, spool=spool)
+            for record, (body, _), (spool, _) in zip(records, freed["body"], freed["spool"], strict=True)
+        ]
         found = tuple(
             Nuisance(
                 self.id, name, value, float(np.sqrt(value / seconds)), "1/s", corrected=True, check=self.check
@@ -310,17 +305,50 @@ def _deviation(off: Array, row: Array, rate: float) -> Array:
     return np.asarray(np.maximum(deviation, 1e-9 * float(np.abs(row).max(initial=0.0)) + 1e-30))
 
 
-def _of_motion(places: NDArray[np.int64], motion: Sequence[Array]) -> bool:
-    """Whether spikes may be hits, or jumps of friction, which come at places or speeds of the motion.
+def _freed(row: Array, rate: float) -> tuple[Array, NDArray[np.int64]]:
+    """Return ``row`` (n,) with cubics through the samples beside its spikes, and where these are."""
+    row = _ended(row, rate)
+    spikes = spikes_of(row, rate)
+    if not 0 < len(spikes) < MOST_SPIKES * row.size:
+        return row, np.empty(0, dtype=np.int64)
+    off = {width: _off(row, width) for width in {width for _, width in spikes}}
+    freed = row.copy()
+    for place, width in spikes:
+        freed[place : place + width] -= off[width][:, place]
+    return freed, np.array([place for place, _ in spikes], dtype=np.int64)
 
-    Args:
-        places: of the spikes.
-        motion: abs(z') and abs(z), shape (n,) each.
+
+def _ended(row: Array, rate: float) -> Array:
+    """Return ``row`` (n,) without spikes at its ends, which one side alone shows."""
+    found = row.copy()
+    for view in (found, found[::-1]):
+        bends = np.abs(np.diff(view[-max(16, round(SPIKE_AROUND * rate)) :], 2))
+        far = np.flatnonzero(bends[-WIDEST:] > FAR * float(np.median(bends)) / 0.6745)
+        if far.size:
+            begin = far[0] - min(WIDEST, bends.size)
+            view[begin:] = view[begin - 1]
+    return found
+
+
+def _ranks(record: Record, body: Array, spool: Array, places: NDArray[np.int64]) -> Array:
+    """Return the ranks (0 to 1) of abs(z') and abs(z) at ``places``, shape (2, spikes).
+
+    The motion is that of the readings without spikes, which are no motion.
     """
-    if places.size < FEWEST_SPIKES:
+    band = ZeroPhase(record.sample_period, TRAVEL)
+    rows = [np.abs(band.apply(spool - body, order)) for order in (1, 2)]
+    return np.array([np.searchsorted(np.sort(row), row[places]) / row.size for row in rows])
+
+
+def _of_motion(ranks: Array) -> bool:
+    """Whether spikes of ``ranks`` (2, spikes) may be hits, or jumps of friction.
+
+    Those come at places or speeds of the motion.
+    """
+    count = ranks.shape[1]
+    if count < FEWEST_SPIKES:
         return True
-    ranks = [float(np.mean(np.searchsorted(np.sort(row), row[places]) / row.size)) for row in motion]
-    return any(abs(rank - 0.5) > AS_HITS / np.sqrt(12.0 * places.size) for rank in ranks)
+    return bool(np.any(np.abs(ranks.mean(axis=1) - 0.5) > AS_HITS / np.sqrt(12.0 * count)))
 
 
 @dataclass(frozen=True, slots=True)
