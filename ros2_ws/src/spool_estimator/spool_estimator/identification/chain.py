@@ -1,6 +1,7 @@
 """Parts of the measuring chain beyond gain, delay and the logger's low-pass.
 
-A part is a factor on the spectrum of one channel, or a gain that drifts. All are 1 where their size is 0.
+A part is a factor on the spectrum of one channel, or on its samples: a gain that drifts or depends on the
+reading. All are 1 where their size is 0.
 """
 
 from __future__ import annotations
@@ -15,6 +16,9 @@ from spool_sim.terms import Parameter
 
 #: Hz, below which a response is taken to be that of this frequency.
 LOWEST = 0.3
+#: m/s^2: data sheets state nonlinearity by the acceleration of gravity. Readings beyond ``FAR`` times it are
+#: those of a simulation that diverges.
+GRAVITY, FAR = 9.80665, 1e3
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,8 +28,9 @@ class ChainPart:
     Attributes:
         id: as in results; ``channel`` is "body" or "spool".
         parameters: the first one is its size.
-        response: factor on the spectrum at frequencies (Hz, > 0) for its numbers, ``None`` for a drift.
+        response: factor on the spectrum at frequencies (Hz, > 0) for its numbers, if it is a filter.
         meaning: what it is; ``check``: what to look at.
+        factor: on samples, by the reading (m/s^2, shape (n,)), the time (s, shape (n,)) and its numbers.
     """
 
     id: str
@@ -34,6 +39,7 @@ class ChainPart:
     response: Callable[[Array, tuple[float, ...]], Spectrum] | None
     meaning: str
     check: str
+    factor: Callable[[Array, Array, tuple[float, ...]], Array] | None = None
 
     @property
     def key(self) -> str:
@@ -56,6 +62,12 @@ def mode(frequency: Array, share: float, natural: float, damping: float) -> Spec
     """Return 1 plus ``share`` of the motion of a mode at ``natural`` Hz with the ratio ``damping``."""
     own = frequency**2 / (natural**2 - frequency**2 + 2j * damping * natural * frequency)
     return np.asarray(1.0 + share * own, dtype=np.complex128)
+
+
+def bent(reading: Array, numbers: tuple[float, ...]) -> Array:
+    """Return the relative sensitivity at ``reading`` (m/s^2) for its changes over g and over its square."""
+    size = np.clip(reading / GRAVITY, -FAR, FAR)
+    return np.asarray(1.0 + size * (numbers[0] + size * numbers[1]))
 
 
 def _coupling(channel: str) -> ChainPart:
@@ -115,6 +127,21 @@ CHAIN_PARTS: dict[str, ChainPart] = {
             None,
             "the sensitivity of a sensor or amplifier drifts, for example while it warms up",
             "warm-up time and temperature of sensors and amplifiers, cables and mountings that come loose",
+            lambda _, time, numbers: 1.0 + numbers[0] * time,
+        ),
+        ChainPart(
+            "nonlinearity",
+            "spool",
+            (
+                Parameter("spool_square", "1/g", -0.05, 0.05, 5e-4, "change of the sensitivity over g"),
+                Parameter(
+                    "spool_cube", "1/g^2", -0.01, 0.01, 5e-5, "change of the sensitivity over g squared"
+                ),
+            ),
+            None,
+            "the sensitivity of the spool's sensor depends on the reading",
+            "calibration of the spool's sensor at several amplitudes, its range, strain at its base",
+            lambda reading, _, numbers: bent(reading, numbers),
         ),
     )
 }

@@ -112,11 +112,6 @@ class Reading:
         """Return the parts that are filters of ``channel``."""
         return tuple(one for one in self.parts if one[0].channel == channel and one[0].response is not None)
 
-    @property
-    def drift(self) -> float:
-        """Relative change of the spool's gain in a second."""
-        return next((numbers[0] for part, numbers in self.parts if part.response is None), 0.0)
-
 
 def response_of(parts: Iterable[tuple[ChainPart, tuple[float, ...]]], frequency: Array) -> Spectrum:
     """Return the factor of ``parts`` on a spectrum at ``frequency``, Hz."""
@@ -327,6 +322,7 @@ class FreeRun:
         lead, count = window.start - window.first, window.stop - window.start
         part = slice(lead, lead + count)
         period = entry.sample_period
+        time: Array = period * (entry.first_sample + window.start + np.arange(count, dtype=np.float64))
         rows = []
         for run, one in zip(runs, readings, strict=True):
             gains = None
@@ -334,10 +330,11 @@ class FreeRun:
                 lines = lines_of(run.acceleration.size // substeps, substeps)
                 gains = response_of(one.of("spool"), lines / period)
             row = one.observation.read(run.acceleration, run.events, substeps, one.delay / period, gains)
-            row *= 1.0 + one.gain
-            if one.drift:
-                row *= 1.0 + one.drift * period * (entry.first_sample + window.first + np.arange(row.size))
-            rows.append(row[part])
+            row = row[part] * (1.0 + one.gain)
+            for chained, numbers in one.parts:
+                if chained.factor is not None:
+                    row *= chained.factor(row, time, numbers)
+            rows.append(row)
         return Response(
             np.array(rows),
             np.array([run.displacement[part] for run in runs]),

@@ -180,6 +180,11 @@ class Search:
         best = self.simplest.structure
         if best.sharp:
             self.finish(self._observed(best))
+        if self._predictions.clipped:
+            # What the base bridged is far off where much is clipped.
+            self._predictions.bridge(self.simplest.structure)
+            for key, fit in self.fits.items():
+                self.fits[key] = fit_structure(self._predictions, fit.structure, steps=QUICK, enough=ROUGH)
         # Those that come near the best one are fitted to their end.
         most, least = self.best.evidence, NEAR * min(one.left for one in self.fits.values())
         for key, fit in self.fits.items():
@@ -341,7 +346,8 @@ def guesses_of_part(key: str) -> list[dict[str, float]]:
             for share in MODE_SHARES
         ]
     signs = (1.0, -1.0) if size.low < 0.0 else (1.0,)
-    return [{size.name: sign * one * size.start} for one in SIZES for sign in signs]
+    rest = {one.name: 0.0 for one in others}
+    return [{size.name: sign * one * size.start, **rest} for one in SIZES for sign in signs]
 
 
 def senseless(fit: StructureFit) -> str:

@@ -1,7 +1,7 @@
 """Structure of a hypothesis: what acts on the spool and in the measuring chain, with every number.
 
-A part of the chain is a factor on the spectrum of one channel, a delay of the spool's samples, or a gain that
-drifts. All are 1 (or 0 s) where their size is 0. The record is never changed: the inverse of the body's parts
+A part of the chain is a factor on the spectrum or the samples of one channel, or a delay of the spool's. All
+are 1 (or 0 s) where their size is 0. The record is never changed: the inverse of the body's parts
 is applied to the excitation, and the spool's parts to the simulated motion.
 """
 
@@ -39,8 +39,10 @@ READ_UNKNOWNS = (
 
 
 def told(part: ChainPart, values: Values, deviations: Values) -> Nuisance:
-    """Return the nuisance of ``part`` for the result: its corner or natural frequency, or its rate."""
+    """Return the nuisance of ``part`` for the result: corner, natural frequency, rate or surest number."""
     own = part.parameters[1 if part.id == "extra_mode" else 0]
+    if part.id == "nonlinearity":
+        own = max(part.parameters, key=lambda p: abs(values[p.name]) / deviations.get(p.name, math.inf))
     size, spread, unit = abs(values[own.name]), deviations.get(own.name, float("nan")), own.unit
     if part.id == "anti_alias" and size > 0.0:
         size, spread, unit = 1.0 / size, spread / size**2, "Hz"
