@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy import fft
 from numpy.typing import NDArray
+from scipy import special
 from spool_core.numbers import Array, Complex
 from spool_core.record_limits import LIMITS
 
@@ -42,6 +43,10 @@ NEIGHBOURS, FEWEST = 5, 8
 #: standard deviation of a median over that of a mean, for many samples.
 SURE, MEDIAN = 5.0, 1.25
 
+#: Lines of a band that has one level of noise, and mean of the calmest quarter of its pieces over it: the
+#: power of normal noise has a gamma distribution.
+BAND = 8
+CALMEST = float(special.gammainc(BAND + 1, special.gammaincinv(BAND, QUANTILE))) / QUANTILE
 #: s of one piece, and pieces that overlap at each instant.
 PIECE, OVERLAP = 1.0, 4
 #: Power over that of the noise up to which lines are noise, and from which they are excitation.
@@ -315,6 +320,28 @@ def noise_of(body: Array, spool: Array, rate: float) -> ChannelNoise:
     drowned = below.any() and float(np.median(spool_density[below])) > LOUDER * spool_noise
     bound = _falls(frequency, spool_density, (ABOVE[0] * high, 0.45 * rate), body.size / piece)
     return ChannelNoise(noise, spool_noise, low, high, rate, 0.8 * edge if drowned else 0.0, bound)
+
+
+def resting_noise(body: Array, spool: Array, white: float, rate: float) -> Array:
+    """Return frequencies (Hz) and the density of the body's noise there, (m/s^2)^2/Hz, shape (2, bands).
+
+    It is that of the quietest pieces of a band that is excited at other times, if the spool does not follow
+    the body there: that is vibration across the sensor's axis. Elsewhere it is ``white``.
+    """
+    piece = min(body.size, round(rate))
+    one, other = (_pieces(row, rate, piece) for row in (body, spool))
+    lines, found = np.fft.rfftfreq(piece, 1.0 / rate), [(0.0, white)]
+    for begin in range(1, lines.size - BAND, BAND):
+        cut = slice(begin, begin + BAND)
+        density = np.mean(np.abs(one[:, cut]) ** 2, axis=1)
+        calm = density <= np.quantile(density, QUANTILE)
+        level, first, second = float(density[calm].mean()) / CALMEST, one[calm, cut], other[calm, cut]
+        together = abs(np.vdot(first, second)) ** 2 / max(float(np.sum(np.abs(second) ** 2)), 1e-300)
+        resting = float(density.max()) > LOUDER * level and together < LIMITS.coherent * float(
+            np.sum(np.abs(first) ** 2)
+        )
+        found.append((float(lines[cut].mean()), max(white, level) if resting else white))
+    return np.array(found).T
 
 
 @dataclass(frozen=True, slots=True)

@@ -42,7 +42,7 @@ FORCE, FREQUENCY = "force_amplitude", "force_frequency"
 #: Lines of a tile at least: three for each regressor.
 LEAST_LINES = 12
 #: Power of a line of the body's reading over that of a quiet line from which it shows the valve, and not what
-#: else shakes both sensors; share of all lines that is quiet at least.
+#: else shakes both sensors; share of the lines of a band that is quiet at least.
 LOUD, QUIET = 30.0, 0.2
 #: Sensitivity across the axis that data sheets of accelerometers allow: weaker lines of the body may be that.
 ACROSS = 0.05
@@ -184,12 +184,15 @@ class _Remainder:
         """Yield regressions on what the body did, through a smooth transfer in each tile."""
         part = self._part
         body = np.abs(part.counted_lines(part.body)[self._windows]) ** 2
-        quiet = float(np.quantile(body, QUIET))
+        of_all = _level(body)
         through = part.counted_lines(self._predicted)[self._windows]
         # What other numbers of spring and drag would change.
         moved = part.lines_of_forces(self._motion, self._own)[:, self._windows]
         for cut in self._bands:
             slope = np.linspace(-1.0, 1.0, cut.stop - cut.start)
+            # A band that nothing stands out of is excited all the time: its own level does not show.
+            own_level = _level(body[:, cut])
+            quiet = own_level if np.any(body[:, cut] > LOUD * own_level) else of_all
             for place in range(self._windows.size):
                 loud = body[place, cut] > max(LOUD * quiet, ACROSS**2 * float(body[place].max()))
                 if int(loud.sum()) < LEAST_LINES:
@@ -299,6 +302,11 @@ class _Remainder:
         """Time of each sample of all windows, s, shape (windows, samples)."""
         shape = self._part.windows_of(self._error).shape
         return np.arange(shape[0] * shape[1], dtype=np.float64).reshape(shape) * self._part.period
+
+
+def _level(power: Array) -> float:
+    """Return the mean of the noise in the lines of ``power``, a share ``QUIET`` of which is noise alone."""
+    return float(np.quantile(power, QUIET)) / -math.log1p(-QUIET)
 
 
 def _power(lines: Spectrum) -> float:
