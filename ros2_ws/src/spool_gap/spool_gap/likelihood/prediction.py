@@ -16,7 +16,8 @@ Source: Whittle, 1953 (likelihood by spectra).
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from itertools import pairwise
 
@@ -55,7 +56,6 @@ class Prediction:
         time: of the first sample that is compared, s.
         lines: frequencies that are compared, Hz, shape (lines,).
         windows: of a second; ``inside``: those whose errors count, shape (windows,).
-        settled: windows in which a body that clips is known, and half a second before them, shape (windows,).
         spool, body: measured, m/s^2, shape (n,); of the body with its noise.
         plain: all tiles have one level: such fits converge from afar.
         beside: at instants, too, samples beside jumps count: else low-passes could not be compared.
@@ -81,6 +81,8 @@ class Prediction:
         (window,) = self.run.windows
         cut = self._compared = slice(window.start, window.stop)
         self.spool, self.body = readings.spool[cut], readings.record.body[cut]
+        self._railed = np.flatnonzero(~np.isnan(readings.rail[cut]))
+        self._rails = readings.rail[cut][self._railed]
         self.size = self.spool.size
         self.seconds = self.size * self.period
         self.time = readings.time + window.start * self.period
@@ -107,17 +109,6 @@ class Prediction:
         self._length = fft.next_fast_len(self.size, real=True)
         self._every_line: Array = fft.rfftfreq(self._length, self.period)
         self.count(readings.counted[cut].astype(np.float64))
-        self.settled: Mask = self._known_body()
-
-    def _known_body(self) -> Mask:
-        if self.readings.body_limit <= 0.0:
-            return np.ones(self.windows, dtype=np.bool_)
-        known = (~self.readings.heard | self.readings.counted)[self._compared]
-        half = self._window // 2
-        ends = (np.arange(self.windows) + 1) * self._window
-        return np.array(
-            [known[max(0, end - self._window - half) : end].all() for end in ends], dtype=np.bool_
-        )
 
     def count(self, counted: Array) -> None:
         """Count the samples with 1 in ``counted`` (n,), and no others, from now on."""
@@ -155,7 +146,8 @@ class Prediction:
         """Return what ``structures``, of the same effects and parts, leave, shape (s, windows, lines).
 
         At instants a sample is before or after a jump of the motion, and the noise of the body moves the
-        jump: the two samples beside each jump of the first structure do not count.
+        jump: the two samples beside each jump of the first structure do not count. Where the sensor clips,
+        what is predicted beyond its limit leaves nothing.
         """
         found = self.responses(structures)
         rows = self.spool - found.acceleration
@@ -167,6 +159,11 @@ class Prediction:
             rows[:, beside] = 0.0
         far = ~(np.abs(rows).max(axis=1) < FAR)
         lines = self.counted_lines(np.clip(np.nan_to_num(rows, nan=FAR), -FAR, FAR))
+        if self._railed.size:
+            short = self._rails - np.nan_to_num(found.acceleration[:, self._railed])
+            rows = np.zeros_like(rows)
+            rows[:, self._railed] = np.where(self._rails > 0.0, short.clip(0.0, FAR), short.clip(-FAR, 0.0))
+            lines += self.lines_of(rows)
         lines[far] = FAR
         return lines
 
@@ -186,7 +183,10 @@ class Prediction:
         """Return this with the samples that the spool lacks bridged by the reading that ``one`` predicts."""
         guess = self.readings.spool.copy()
         guess[self._compared] = self.responses([one]).acceleration[0]
-        return Prediction(bridged(self.readings, guess), self.valve, self.motions)
+        found = Prediction(bridged(self.readings, guess), self.valve, self.motions)
+        found.hold_out(self.held)
+        found.work = self.work
+        return found
 
     def counted_lines(self, rows: Array) -> Spectrum:
         """Return the spectra of what counts of ``rows`` (..., n), shape (..., windows, lines).
@@ -236,7 +236,8 @@ class Prediction:
         passed = (damping * turn + stiffness) / (mass * turn**2 + damping * turn + stiffness)
         noise = self.readings.noise
         # Above the excitation the body's noise is filtered off.
-        of_body = np.where(self.lines < 1.5 * noise.high, noise.body, 0.0) * np.abs(passed) ** 2
+        density = np.interp(self.lines, *self.readings.resting)
+        of_body = np.where(self.lines < 1.5 * noise.high, density, 0.0) * np.abs(passed) ** 2
         return np.asarray(noise.spool + of_body)
 
     def density_of(self, power: Array) -> Array:
@@ -350,6 +351,26 @@ class Predictions:
             if brief.numbers > 0.0:
                 break
         return brief
+
+    @property
+    def clipped(self) -> bool:
+        """Whether the spool's channel clips."""
+        return any(not np.isnan(part.readings.rail).all() for part in self.parts)
+
+    def bridge(self, one: Structure) -> None:
+        """Bridge the samples that the spool lacks by the reading that ``one`` predicts."""
+        self.parts = tuple(part.bridged(one) for part in self.parts)
+
+    @contextmanager
+    def by_squares(self) -> Iterator[None]:
+        """Give all tiles one level while this lasts."""
+        for part in self.parts:
+            part.plain = True
+        try:
+            yield
+        finally:
+            for part in self.parts:
+                part.plain = False
 
     @property
     def work(self) -> float:

@@ -1,7 +1,8 @@
 """Readings of one record as a likelihood takes them: both channels, what is missing, noise and excitation.
 
-Samples that clip, spike or are missing are missing in both roles: the spool's do not count, and after a
-missing sample of the body nothing counts until the motion has forgotten it.
+Samples that spike or are missing are missing in both roles: the spool's do not count, and after a missing
+sample of the body nothing counts until the motion has forgotten it. A sample of the spool at the limit of its
+sensor shows that the acceleration is at least that.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 from spool_core.numbers import Array
 from spool_estimator.identification.channel_faults import at_rail, restored
 from spool_estimator.identification.record import Record
-from spool_estimator.identification.spectra import ChannelNoise, ZeroPhase, noise_of, quiet
+from spool_estimator.identification.spectra import ChannelNoise, ZeroPhase, noise_of, quiet, resting_noise
 
 Mask = NDArray[np.bool_]
 
@@ -22,6 +23,8 @@ Mask = NDArray[np.bool_]
 RATE = 2500.0
 #: Hz, below which no excitation of a valve is looked for.
 LOWEST = 1.0
+#: Deviations of the body's noise up to which a restored sample of its channel counts as read.
+KNOWN = 3.0
 #: s after a missing sample of the body, and after a longer gap (of ``LONG`` s), that do not count.
 AFTER, AFTER_LONG, LONG = 0.008, 0.15, 0.005
 #: Share of the samples at a rail that are of one side alone; s within which a rail hardly moves; share of the
@@ -41,8 +44,10 @@ class Readings:
         body: excitation, m/s^2: restored where it clips, freed of noise, nothing below ``low_cut``.
         spool: m/s^2, nothing below ``low_cut``.
         heard: samples of the spool that are there.
+        rail: limit of the spool's sensor where it clips, on the scale of ``spool``, m/s^2; NaN elsewhere.
         counted: samples whose prediction errors count.
         noise: of both channels, with the excitation's band.
+        resting: frequencies and density of the body's noise there, Hz and (m/s^2)^2/Hz, shape (2, bands).
         low_cut: Hz, above which the channels are used.
         body_limit, spool_limit: m/s^2, where the channel clips, else 0.
         body_clipped, spool_clipped: share of the samples at the limit.
@@ -56,8 +61,10 @@ class Readings:
     body: Array
     spool: Array
     heard: Mask
+    rail: Array
     counted: Mask
     noise: ChannelNoise
+    resting: Array
     low_cut: float
     body_limit: float
     spool_limit: float
@@ -72,7 +79,9 @@ class Readings:
         return replace(
             self,
             time=self.time + begin * self.period,
-            **{name: getattr(self, name)[begin:end] for name in ("body", "spool", "heard", "counted")},
+            **{
+                name: getattr(self, name)[begin:end] for name in ("body", "spool", "heard", "rail", "counted")
+            },
             record=self.record.part(begin, end),
         )
 
@@ -92,29 +101,38 @@ def readings_of(
         hum: lines of the mains, Hz, that are not compared.
         noise: of both channels, where the record does not show it.
     """
-    rows, masks, limits, shares = [], [], [], []
+    rows, masks, limits, shares, deviations = [], [], [], [], []
     for number, row in enumerate((record.body, record.spool)):
         gone = np.zeros(row.size, dtype=np.bool_) if missing is None else missing[number].copy()
         rail = at_rail(row)
         limits.append(0.0 if rail is None else float(np.median(np.abs(row[rail]))))
         shares.append(0.0 if rail is None else float(rail.mean()))
+        flat: Mask = np.zeros(row.size, dtype=np.bool_)
         if rail is not None:
-            flat = rail | _at_moving_rail(row, rail, round(WITHIN * record.sample_rate))
+            # What is known to be wrong, as a spike that ends at the rail, is no top.
+            flat = ~gone & (rail | _at_moving_rail(row, rail, round(WITHIN * record.sample_rate)))
             gone |= np.convolve(flat.astype(np.float64), np.ones(3), mode="same") > 0.0
-        rows.append(_filled(row, gone, clipped=rail is not None))
+        filled, deviation = _filled(row, gone, flat, record.sample_rate)
+        rows.append(filled)
+        deviations.append(deviation)
         masks.append(gone)
     noise = noise or noise_of(rows[0], rows[1], record.sample_rate)
+    # What is restored as well as noise lets it be read is not missing.
+    unknown = masks[0] & (deviations[0] > KNOWN * noise.body_rms)
     low_cut = max(LOWEST, 0.4 * noise.low)
     conditioning = ZeroPhase(record.sample_period, low_cut)
     body, spool = conditioning.apply(rows[0]), conditioning.apply(rows[1])
+    resting = resting_noise(body, spool, noise.body, record.sample_rate)
     return Readings(
         record.sample_period,
         record.first_sample * record.sample_period,
-        quiet(body, noise.body, record.sample_rate).apply(body),
+        quiet(body, lambda hertz: np.interp(hertz, *resting), record.sample_rate).apply(body),
         spool,
         ~masks[1],
-        ~masks[1] & ~_disturbed(masks[0], record.sample_period),
+        np.where(flat, spool + record.spool - rows[1], np.nan),
+        ~masks[1] & ~_disturbed(unknown, record.sample_period),
         noise,
+        resting,
         low_cut,
         limits[0],
         limits[1],
@@ -140,12 +158,15 @@ def averaged(readings: Readings) -> Readings:
 
     record = readings.record
     period = record.sample_period * every
+    # The mean of clipped readings is no more than that of the true ones.
+    at_least = np.where(np.isnan(readings.rail), readings.spool, readings.rail)
     return replace(
         readings,
         period=period,
         body=means(readings.body),
         spool=means(readings.spool),
         heard=whole(readings.heard),
+        rail=np.where(whole(np.isnan(readings.rail)), np.nan, means(at_least)),
         counted=whole(readings.counted),
         means=True,
         record=replace(
@@ -167,17 +188,22 @@ def bridged(readings: Readings, guess: Array) -> Readings:
     row, there, places = readings.record.spool, readings.heard, np.arange(readings.heard.size)
     offset = np.interp(places, places[there], (row - guess)[there])
     filled = np.where(there, row, guess + offset)
-    return replace(readings, spool=ZeroPhase(readings.period, readings.low_cut).apply(filled))
+    spool = ZeroPhase(readings.period, readings.low_cut).apply(filled)
+    rail = np.where(np.isnan(readings.rail), np.nan, spool + row - filled)
+    return replace(readings, spool=spool, rail=rail)
 
 
-def _filled(row: Array, gone: Mask, *, clipped: bool) -> Array:
-    """Return ``row`` with the samples ``gone`` filled in: clipped tops by the band of the others."""
-    if not gone.any():
-        return row
-    if clipped:
-        return restored(row, gone)
+def _filled(row: Array, gone: Mask, flat: Mask, rate: float) -> tuple[Array, Array]:
+    """Return ``row`` with the samples ``gone`` filled in, and their deviations, m/s^2, shape (n,).
+
+    Tops that are ``flat`` are restored; else a line through the neighbours is as good as nothing.
+    """
+    if gone.all() or not gone.any():
+        return row, np.where(gone, np.inf, 0.0)
+    if flat.any():
+        return restored(row, gone, flat, rate)
     place = np.arange(row.size)
-    return np.asarray(np.interp(place, place[~gone], row[~gone]))
+    return np.interp(place, place[~gone], row[~gone]), np.where(gone, np.inf, 0.0)
 
 
 def _at_moving_rail(row: Array, rail: Mask, length: int) -> Mask:
