@@ -23,7 +23,7 @@ from spool_gap.evidence.intervals import Numbers, numbers_of, refined
 from spool_gap.evidence.look import Look
 from spool_gap.likelihood.kernel import SwitchableMotion
 from spool_gap.likelihood.prediction import Predictions
-from spool_gap.likelihood.remainder import patterns_of, phase_kept
+from spool_gap.likelihood.remainder import MOTION, patterns_of, phase_kept
 from spool_gap.likelihood.rest import (
     Rest,
     TwoForces,
@@ -53,8 +53,8 @@ RIGHTLY_UNEXPLAINED = 0.5
 BEYOND = 2.0
 #: Delay of a low-pass far below its corner over 1 over the corner in Hz (Butterworth, second order).
 FILTERED = math.sqrt(2.0) / (2.0 * math.pi)
-#: Share of what a named effect changes that may be left unexplained beside it, and by which a plainer law may
-#: leave more.
+#: Share of what a named effect changes that another force may leave unexplained beside it, and by which a
+#: plainer law may leave more.
 MOST_LEFT = 0.1
 
 #: Share of what play or preload changes by which a record differs from its law: real seats give, and the
@@ -172,9 +172,10 @@ def decide(
         rest, unexplained = _blows(predictions, held.judged(fit), settings.least_share, rest)
         matters |= unexplained
     if unexplained:
-        # A name stands beside a remainder only where that is small against what the name explains: a law
-        # that is none of the catalogue's looks like the nearest one of them, and leaves the rest.
-        least = rest.share / MOST_LEFT
+        # A name stands beside another force only where that is small against what the name explains: a law
+        # that is none of the catalogue's looks like the nearest one of them, and leaves the rest. What
+        # follows the body or is a wave is no force of the motion: the name has to explain more than that.
+        least = rest.share / (1.0 if rest.beside else MOST_LEFT)
         for name in [one for one in named if shares.get(one, 0.0) < least]:
             named.remove(name)
             refused[name] = "the remainder is too large for this law to be right"
@@ -201,7 +202,6 @@ def decide(
         if unexplained
         else _others(predictions, standing, chosen, _joined(fit), probabilities, look, settings)
     )
-    numbers = numbers.united([one.fit for one in others])
     return Decision(
         fit, numbers, tuple(named), small, shares, rest, unexplained, probabilities, search.base, parts,
         nearest.structure.effects if nearest else (), refused,
@@ -343,7 +343,7 @@ def _left(
         noise = math.sqrt(max(0.0, judged.agreement.nrmse**2 - one.share**2))
         loud = one.share >= max(known, least[1], min(judged.floor, noise))
         if loud and one.gain > DECISIVE:
-            return Rest(one.gain, one.share, one.follows), True
+            return Rest(one.gain, one.share, one.follows, beside=one.follows != MOTION), True
     return rest, matters
 
 

@@ -34,7 +34,7 @@ from spool_gap.likelihood.structure_fit import StructureFit, curvature_of
 
 #: Degree of the functions of one variable, and of each of two.
 DEGREE, BOTH = 9, 4
-#: Windows in which the body is known, at least, for a remainder to be looked for.
+#: Windows at least, for a remainder to be looked for.
 FEWEST = 2
 #: Samples around a hit on a stop that do not count: the time of a hit within a sample is not known.
 BESIDE = 5
@@ -68,18 +68,17 @@ class Rest:
         gain: of the evidence (log), 0 at least.
         share: of the spool's acceleration, rms, that it makes.
         follows: what most of it is a function of.
+        beside: it is no force of the motion.
     """
 
     gain: float
     share: float
     follows: str
+    beside: bool = False
 
 
 def rest_of(predictions: Predictions, fit: StructureFit) -> Rest:
-    """Return what a smooth force explains of what ``fit`` leaves, where the body's motion is known.
-
-    What a clipped body did is restored by a curve, whose errors look like a force.
-    """
+    """Return what a smooth force explains of what ``fit`` leaves."""
     best = Rest(0.0, 0.0, "nothing")
     with settled(predictions, fit) as enough:
         if not enough:
@@ -245,15 +244,14 @@ def split_by_direction(structure: Structure, ratio: float) -> Structure:
 
 @contextmanager
 def settled(predictions: Predictions, fit: StructureFit) -> Iterator[bool]:
-    """Count no window in which the body is not known while this lasts; yield whether enough are left.
+    """Count no sample at a hit on a stop while this lasts; yield whether enough windows are left.
 
-    Nor does a sample at a hit on a stop count: what a contact of few samples leaves looks like a force there.
+    What a contact of few samples leaves looks like a force there.
     """
     own = fit.structure
     hits = [term for name in own.effects if EFFECTS[name].localised for term in EFFECTS[name].terms]
     before = [(part.inside, part.counted) for part in predictions.parts]
     for part in predictions.parts:
-        part.inside = part.inside & part.settled
         if hits:
             touched = part.force_of(own, hits) != 0.0
             part.count(part.counted * (np.convolve(touched, np.ones(BESIDE), mode="same") < 0.5))
