@@ -135,7 +135,7 @@ class Run:
 
     def judged(self, decision: Decision) -> tuple[Judged, Judged]:
         """Return what the base and the choice of ``decision`` leave of data held out."""
-        return self.held.judged(decision.base), self.held.judged(decision.fit)
+        return self.held.least(decision.base), self.held.judged(decision.fit)
 
     def words(self, decision: Decision, judged: tuple[Judged, Judged]) -> Words:
         """Return ``decision`` in words."""
@@ -165,11 +165,10 @@ def searched(
     begin = min(one.time for one in look.readings)
     counted = [replace(one, time=one.time - begin) for one in look.readings]
     predictions = Predictions([Prediction(one, valve, motions) for one in counted])
-    if "spool" in look.limits and predictions.numbers > 0.0:
+    if predictions.clipped and predictions.numbers > 0.0:
         # Clipped tops are several samples long, and no curve through the others restores them as well as
         # a model.
-        rough = fit_structure(predictions, structure_of(base, valve)).structure
-        predictions = Predictions([part.bridged(rough) for part in predictions.parts])
+        predictions.bridge(fit_structure(predictions, structure_of(base, valve)).structure)
     held = HeldOut(
         predictions, [number >= len(look.readings) - look.held for number in range(len(look.readings))]
     )

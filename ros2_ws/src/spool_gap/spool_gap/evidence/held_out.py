@@ -120,6 +120,17 @@ class HeldOut:
             self._known[key] = found if refitted else replace(found, rows=[])
         return self._known[key]
 
+    def least(self, fit: StructureFit) -> Judged:
+        """Return the least that ``fit`` leaves of the windows, refitted without them by both measures.
+
+        The likelihood gives up loud tiles, which most of the error is in; least squares do not.
+        """
+        robust = self.judged(fit)
+        with self.apart(), self._predictions.by_squares():
+            again = fit_structure(self._predictions, robust.structure)
+        with self.apart():
+            return min(robust, self._judged(again.structure), key=lambda one: one.agreement.nrmse)
+
     def _judged(self, one: Structure) -> Judged:
         measured = noise = 0.0
         rows, windows = [], []
