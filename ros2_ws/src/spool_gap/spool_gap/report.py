@@ -2,13 +2,24 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from spool_core.numbers import Array
-from spool_core.uncertainty import PLUS_MINUS, Quantity, as_json, by_name, number, percent, with_interval
+from spool_core.uncertainty import (
+    PLUS_MINUS,
+    Z_95,
+    Quantity,
+    as_json,
+    by_name,
+    number,
+    percent,
+    unit_text,
+    with_interval,
+)
 
 from spool_gap.catalogue import EFFECTS
 from spool_gap.result import Explanation, GapResult, HeldOutAgreement, Remainder, Share, Surface, Where
@@ -21,6 +32,8 @@ CHECK_COLOURED = (
     "noise that is louder in the band of the motion than above it: cable and connector, 1/f noise of a MEMS "
     "sensor, vibration across its axis, which a single axis cannot separate from noise"
 )
+#: Share of the difference's power from which a candidate without a verdict is worth naming with it: half.
+SHOWN = 0.5
 #: What a remainder may be that is predictable from each of these.
 LOOKS_LIKE = {
     "position": "a spring, a magnet or a stop that the catalogue does not describe",
@@ -28,8 +41,8 @@ LOOKS_LIKE = {
     "position and speed": "flow forces, or friction that depends on the place",
     "the way since the last reversal": "hysteresis, such as that of friction before sliding",
     "time": "something that changes over the record: oil that warms, a sensor that drifts",
-    "the motion of the body": "dynamics that the catalogue does not describe: a lag, a resonance, drag or a "
-    "spring that changes within the record",
+    "the motion of the body": "a lag or resonance, drag or a spring that changes within the record, or "
+    "vibration across a sensor's axis",
     "the motion of the spool": "a force of another law, or a sensor that is not linear",
     "blows at the ends of the stroke": "a stop, or something loose that the spool hits",
     "a wave": "a periodic force, or a vibration or hum that one of the sensors picks up",
@@ -95,6 +108,46 @@ def surface(residual: Residual, cells: int = CELLS) -> Surface:
     return Surface(np.asarray(z_edges), np.asarray(v_edges), mean, count)
 
 
+def lead(result: GapResult) -> tuple[tuple[str, str], ...]:
+    """Return what is missing, how sure that is, and what to check: a sentence each behind its heading."""
+    what = "the spool's acceleration" if result.kind == "accelerations" else "the force"
+    missing = result.sentence
+    if result.effects:
+        found = []
+        for one in result.effects:
+            sizes = ", ".join(f"{own.name.replace('_', ' ')} {rounded(own)}" for own in one.parameters)
+            found.append(f"{one.id.replace('_', ' ')} ({sizes})" if sizes else one.id.replace("_", " "))
+        missing = f"The model lacks {' and '.join(found)}"
+        if result.remainder is not None:
+            left = f"{percent(math.sqrt(result.remainder.share) * result.before.nrmse)} of {what}"
+            missing += f", and something else is left ({left}; {_followed(result.remainder)})"
+        missing += "."
+    note = f" ({result.confidence_note})" if result.confidence_note else ""
+    errors = f"error {percent(result.before.nrmse)} before, {percent(result.after.nrmse)} after"
+    sure = (
+        f"Confidence {result.confidence:.2f}{note}; on data that no fit has seen: {errors}, "
+        f"in % of {what}{_noise(result.after.nrmse, result.known_floor, ', ')}."
+    )
+    checks = [one.check for one in result.effects if one.check]
+    if result.alternatives or (not checks and result.advice):
+        checks.append(result.advice)
+    checks += [one.check for one in result.nuisances] if not checks else []
+    check = f"{'; '.join(dict.fromkeys(filter(None, checks))) or 'nothing on this valve'}."
+    return (
+        ("What is missing", missing),
+        ("How sure", sure),
+        ("What to check", f"{check[:1].upper()}{check[1:]}"),
+    )
+
+
+def rounded(one: Quantity) -> str:
+    """Return a number with its 95 % interval, or to four digits where the interval is narrower than these."""
+    digit = 10.0 ** (math.floor(math.log10(abs(one.value))) - 3) if one.value else 0.0
+    if 0.0 <= Z_95 * one.standard_deviation < digit:
+        return f"{number(one.value)}{unit_text(one.unit)}"
+    return with_interval(one.value, one.standard_deviation, one.unit)
+
+
 def nothing_missing(base: str, after: float, floor: float, of_what: str) -> str:
     """Return the sentence where nothing is missing in the model ``base``.
 
@@ -119,9 +172,7 @@ def named(
     lacking, meanings = [], []
     for name, numbers in effects:
         entry = EFFECTS[name]
-        sizes = [
-            f"{one.name} {with_interval(one.value, one.standard_deviation, one.unit)}" for one in numbers
-        ]
+        sizes = [f"{one.name} {rounded(one)}" for one in numbers]
         spelled = name.replace("_", " ")
         lacking.append(f"{spelled} ({', '.join(sizes)}; {PLUS_MINUS})")
         meanings.append(f"{spelled.capitalize()} means {entry.on_the_machine}. Check {entry.to_check}.")
@@ -162,22 +213,31 @@ def unnamed(
         floor: error that noise alone leaves.
         of_what: that is compared.
     """
-    near = f"; the closest candidates are {', '.join(candidates)}" if candidates else ""
-    if follows != "nothing":
-        near += f". The remainder follows {follows}"
+    near = ""
+    if candidates:
+        names = " and ".join(name.replace("_", " ") for name in candidates)
+        shown = 1.0 - (after / before) ** 2 if before > 0.0 else 0.0
+        much = f": with it {percent(shown)} of the difference's power is gone" if shown >= SHOWN else ""
+        near = f" Closest is {names}{much}."
+    rest = f" The rest follows {follows}: {looks_like(follows)}." if follows != "nothing" else ""
     return (
-        f"Something is missing that has no name here: '{base}' leaves {percent(before)} of {of_what}, "
-        f"the best of the catalogue {percent(after)}{_noise(after, floor, ', ')}{near}."
+        f"Something is missing that has no name here: '{base}' misses "
+        f"{percent(before)} of {of_what}, the best model {percent(after)}{_noise(after, floor, ', ')}."
+        f"{near}{rest}"
     )
 
 
 def still_missing(left: Remainder) -> str:
     """Return the sentence on the remainder beside names."""
-    follows = "nothing predicts it" if left.function_of == "nothing" else f"it follows {left.function_of}"
     return (
         f"Something else is left, {left.over_noise_floor:.3g} times the noise's power and "
-        f"{percent(left.share)} of the gap's; {follows}: {left.looks_like}."
+        f"{percent(left.share)} of the gap's; {_followed(left)}."
     )
+
+
+def _followed(left: Remainder) -> str:
+    follows = "nothing predicts it" if left.function_of == "nothing" else f"it follows {left.function_of}"
+    return f"{follows}: {left.looks_like}"
 
 
 def result_to_dict(result: GapResult) -> dict[str, Any]:

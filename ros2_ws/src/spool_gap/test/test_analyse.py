@@ -9,11 +9,12 @@ from functools import lru_cache
 import numpy as np
 import pytest
 from spool_core.errors import InputError
+from spool_core.uncertainty import Quantity
 from spool_estimator.identification.record import Record, records_from_blocks
 from spool_gap.evidence.analyse import analyse
 from spool_gap.likelihood.structure import structure_of
-from spool_gap.report import nothing_missing, result_to_dict
-from spool_gap.result import Explanation, GapResult
+from spool_gap.report import lead, nothing_missing, result_to_dict, rounded, unnamed
+from spool_gap.result import Explanation, GapResult, Remainder
 from spool_sim.excitation import Multisine, SweptSine
 from spool_sim.model import MODELS, model_from_mapping
 from spool_sim.sensors import Sensor
@@ -106,6 +107,42 @@ def test_noise_of_which_only_a_bound_is_known_is_left_out() -> None:
     assert result_to_dict(result)["gap"]["noise_floor"] is None
     assert nothing_missing("fluid", 0.004, 0.09, "the force") == (
         "Nothing is missing: 'fluid' leaves 0.40 % of the force."
+    )
+
+
+def test_a_report_leads_with_what_is_missing_how_sure_that_is_and_what_to_check() -> None:
+    result = replace(with_cubic(), confidence=0.8)
+    missing, sure, check = lead(result)
+    assert missing == (
+        "What is missing",
+        f"The model lacks cubic stiffness (cubic coefficient {shown(result)}).",
+    )
+    assert sure[0] == "How sure"
+    assert sure[1].startswith("Confidence 0.80; on data that no fit has seen: error ")
+    assert check[0] == "What to check"
+    assert check[1].lower() == f"{result.effects[0].check}.".lower()
+    left = replace(result, remainder=Remainder(0.01, 9.0, "the motion of the body", "a lag"))
+    assert "and something else is left (" in lead(left)[0][1]
+    assert lead(left)[0][1].endswith("; it follows the motion of the body: a lag).")
+
+
+def shown(result: GapResult) -> str:
+    return rounded(result.effects[0].parameters[0])
+
+
+@pytest.mark.parametrize(
+    ("deviation", "text"), [(0.000018, "225.0 Hz"), (0.02, "225.0 Hz"), (0.3, "225.00 ± 0.59 Hz")]
+)
+def test_an_interval_below_four_digits_is_not_shown_in_sentences(deviation: float, text: str) -> None:
+    assert rounded(Quantity("force_frequency", "Hz", 225.000018, deviation)) == text
+
+
+def test_an_open_gap_is_told_with_the_candidate_and_what_is_left() -> None:
+    text = unnamed("fluid", ["cubic_stiffness"], "speed", 0.1, 0.025, 0.01, "the force")
+    assert text == (
+        "Something is missing that has no name here: 'fluid' misses 10 % of the force, the best model 2.5 %, "
+        "noise alone 1.0 %. Closest is cubic stiffness: with it 94 % of the difference's power is gone. "
+        "The rest follows speed: friction or drag of another law."
     )
 
 

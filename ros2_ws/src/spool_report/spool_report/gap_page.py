@@ -9,10 +9,10 @@ import matplotlib.pyplot as plt
 import numpy as np
 from markupsafe import Markup
 from matplotlib.figure import Figure
-from spool_core.uncertainty import LEGEND, interval, number, with_interval
+from spool_core.uncertainty import LEGEND, interval, number
 from spool_estimator.identification.determination import RISE_95, ProfileLikelihood, sentences
 from spool_gap.catalogue import EFFECTS
-from spool_gap.report import anomaly_sentence
+from spool_gap.report import anomaly_sentence, lead, rounded
 from spool_gap.result import Curves, GapResult, Surface, Where
 
 from spool_report import page as html
@@ -84,8 +84,7 @@ def gap_page(
     alone = f", noise alone {noise}" if math.isfinite(result.known_floor) else ""
     seen = f"Held-out error {first} before, {last} after{alone}."
     sections = [
-        html.verdict(result.sentence),
-        html.answers(_answers(result, seen)),
+        html.answers(lead(result)),
         html.drawing(waveform_figure(result.curves), WAVEFORM, seen),
         *([html.listing([f"Warning: {line}" for line in result.warnings])] if result.warnings else []),
         html.table(["", "before", "after", "noise alone"], rows),
@@ -104,18 +103,6 @@ def gap_page(
     return html.page(title, sections, sources)
 
 
-def _answers(result: GapResult, seen: str) -> list[tuple[str, str]]:
-    """Return how sure the verdict is, what to do, and what would narrow it down."""
-    note = f" ({result.confidence_note})" if result.confidence_note else ""
-    pairs = [("How sure", f"Confidence {result.confidence:.2f}{note}. {seen}")]
-    checks = [effect.check for effect in result.effects if effect.check]
-    if checks:
-        pairs.append(("What to do", f"Check {'; '.join(checks)}."))
-    if result.advice:
-        pairs.append(("To narrow it down", f"{result.advice[:1].upper()}{result.advice[1:]}."))
-    return pairs
-
-
 def _what_was_found(result: GapResult) -> list[Markup]:
     """Return the effects that are missing, what bounds their numbers, and what else was noticed."""
     sections = []
@@ -123,10 +110,7 @@ def _what_was_found(result: GapResult) -> list[Markup]:
         effects = [
             {
                 "effect": _said(effect.id),
-                "numbers": "; ".join(
-                    f"{_said(one.name)} {with_interval(one.value, one.standard_deviation, one.unit)}"
-                    for one in effect.parameters
-                ),
+                "numbers": "; ".join(f"{_said(one.name)} {rounded(one)}" for one in effect.parameters),
                 "what it means": effect.meaning,
                 "what to check": effect.check,
             }
@@ -139,10 +123,7 @@ def _what_was_found(result: GapResult) -> list[Markup]:
                 "explanation": " and ".join(_said(name) for name in one.effects) or "nothing is missing",
                 "group": one.group,
                 "probability": f"{one.probability:.2f}",
-                "numbers": "; ".join(
-                    f"{_said(own.name)} {with_interval(own.value, own.standard_deviation, own.unit)}"
-                    for own in one.parameters
-                ),
+                "numbers": "; ".join(f"{_said(own.name)} {rounded(own)}" for own in one.parameters),
                 "distinguished by": one.told_apart_by,
             }
             for one in result.explanations

@@ -22,7 +22,7 @@ from spool_estimator.plausibility import check_records
 from spool_gap.evidence.analyse import analyse
 from spool_gap.force.analyse import analyse_forces
 from spool_gap.force.balance import ForceRecord
-from spool_gap.report import anomaly_sentence, result_to_dict
+from spool_gap.report import anomaly_sentence, lead, result_to_dict, rounded
 from spool_gap.result import GapResult, GapSettings
 from spool_report.fit_tables import LONGEST_NAME, save_model
 from spool_report.outputs import ResultFiles, sources, write_file, write_json
@@ -232,26 +232,28 @@ def _force_records(
 
 def show(result: GapResult, console: Console) -> None:
     """Print the verdict, what was found and how the hypotheses rank."""
-    note = f"; {result.confidence_note}" if result.confidence_note else ""
-    console.print(f"{result.verdict}  (confidence {result.confidence:.2f}{note})", style="bold")
-    console.print(result.sentence, markup=False, soft_wrap=True)
-    if result.linear_anomaly is not None:
-        console.print(anomaly_sentence(result.linear_anomaly), markup=False, soft_wrap=True)
-    console.print(f"Gap location: {result.where.sentence}.", markup=False, soft_wrap=True)
-    if result.advice:
-        console.print(f"Suggested next measurement: {result.advice}.", markup=False, soft_wrap=True)
+    console.print(f"{result.verdict}  (confidence {result.confidence:.2f})", style="bold")
+    lines = [f"{heading}: {sentence}" for heading, sentence in lead(result)]
+    lines += [f"\n{result.sentence}"] if result.effects else []
+    lines += [anomaly_sentence(anomaly)] if (anomaly := result.linear_anomaly) is not None else []
+    lines.append(f"Gap location: {result.where.sentence}.")
+    lines += [f"Suggested next measurement: {result.advice}."] if result.advice else []
+    for line in lines:
+        console.print(line, markup=False, soft_wrap=True)
     if result.alternatives:
         answers = Table("explanation", "group", "probability", box=None, pad_edge=False)
-        answers.add_column("distinguished by", overflow="fold")
+        for column in ("numbers", "distinguished by"):
+            answers.add_column(column, overflow="fold")
         for one in result.explanations:
             name = " + ".join(one.effects) or "none"
-            answers.add_row(name, one.group, f"{one.probability:.2f}", one.told_apart_by)
+            numbers = ", ".join(f"{own.name} {rounded(own)}" for own in one.parameters)
+            answers.add_row(name, one.group, f"{one.probability:.2f}", numbers, one.told_apart_by)
         console.print(answers)
-    numbers = Table("parameter", "value", PLUS_MINUS, "unit", box=None, pad_edge=False)
+    table = Table("parameter", "value", PLUS_MINUS, "unit", box=None, pad_edge=False)
     for quantity in result.parameters:
         shown = interval(quantity.value, quantity.standard_deviation)
-        numbers.add_row(quantity.name, shown.value, shown.half_width, quantity.unit)
-    console.print(numbers)
+        table.add_row(quantity.name, shown.value, shown.half_width, quantity.unit)
+    console.print(table)
     console.print(LEGEND, markup=False, soft_wrap=True)
     for profile in result.profiles:
         console.print(profile.sentence, markup=False, soft_wrap=True)
