@@ -34,7 +34,7 @@ from spool_gap.likelihood.remainder import BODY, Pattern
 from spool_gap.likelihood.rest import Rest
 from spool_gap.likelihood.search import DECISIVE, Search
 from spool_gap.likelihood.structure import DELAY, GAIN, structure_of
-from spool_gap.likelihood.structure_fit import Curvature, StructureFit, fit_structure
+from spool_gap.likelihood.structure_fit import StructureFit, fit_structure
 from spool_gap.result import GapSettings
 from spool_sim.excitation import SweptSine
 from spool_sim.model import MODELS, Model
@@ -200,19 +200,14 @@ def test_no_verdict_is_surer_than_the_share_of_records_that_some_structure_fits(
     assert replace(doubted, unexplained=True).confidence == pytest.approx(0.3 * RIGHTLY_UNEXPLAINED)
 
 
-def test_the_pulls_of_a_few_windows_scatter_as_a_sample_of_them_does() -> None:
-    """By hand: one number and four windows, whose pulls are 1, -1, 2 and 0."""
+def test_the_pulls_of_a_window_are_those_of_its_real_and_imaginary_lines() -> None:
+    """By hand: two parts of two windows, whose pulls are 1, -1, 2 and 0."""
     parts = [SimpleNamespace(inside=np.ones(2, np.bool_), lines=np.arange(3.0)) for _ in range(2)]
     predictions: Any = SimpleNamespace(parts=parts)
     residual = np.zeros((2, 2, 2, 3))  # part, real and imaginary, window, line
     residual[0, 0, 0, 0], residual[0, 1, 1, 2] = 1.0, -1.0
     residual[1, :, 0, 1] = 1.0
-    slopes = np.ones((1, residual.size))
-    bread, sandwich = intervals._covariances(
-        predictions, Curvature(slopes, np.array([[0.5]])), residual.ravel()
-    )
-    # 0.5 * (1 + 1 + 4) * 4 / (4 - 1) * 0.5
-    assert (bread.item(), sandwich.item()) == (0.5, pytest.approx(2.0))
+    assert [residual.ravel()[one].sum() for one in intervals._windows(predictions)] == [1.0, -1.0, 2.0, 0.0]
 
 
 def test_an_interval_reaches_to_what_the_record_does_not_tell_apart() -> None:

@@ -1,7 +1,9 @@
 """Least squares: unknowns, the descent to the minimum, and which of them the data determine.
 
-The slopes of all unknowns are one batch of simulations. They are taken again only where a step falls short of
-what they promise; in between, each step corrects them in its direction.
+Fits of one model, of several set-ups, of profiles and of the structures of a gap analysis descend alike: by
+Gauss-Newton steps within bounds, damped where the cost does not fall. The slopes of all unknowns are one
+batch of simulations. They are taken again only where a step falls short of what they promise; in between,
+each step corrects them in its direction (Broyden, 1965).
 
 The slopes of the forces along the measured motion, and of what friction takes up at rest, have full rank
 where every unknown shows in its own way. A direction in which they vanish is a change of several unknowns
@@ -14,11 +16,12 @@ from __future__ import annotations
 
 import itertools
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from threading import Lock
-from typing import Protocol, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from spool_core.numbers import Array
@@ -31,8 +34,8 @@ SMALLEST_SIZE = 0.1
 FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING, EASED, BACK_OFF = 0.1, 1e-6, 1e4, 0.2, 10.0
 #: Share of the promised fall from which the slopes are trusted for another step.
 TRUSTED = 0.4
-#: Largest change of an unknown in one round, over its size.
-LONGEST_STEP = 0.7
+#: Largest change of an unknown in one round, over its size, and of an absolute one.
+LONGEST_STEP, LONGEST_ABSOLUTE = 0.7, 5.0
 #: Step of an unknown over its size for slopes.
 STEP = 1e-3
 
@@ -59,6 +62,10 @@ class Unknown:
     def size(self, value: float) -> float:
         """Return the size of ``value`` that steps are taken in proportion to."""
         return self.scale if self.absolute else max(abs(value), SMALLEST_SIZE * self.scale)
+
+    def room(self, size: float) -> float:
+        """Return the largest change in one round of a value of ``size``."""
+        return (LONGEST_ABSOLUTE if self.absolute else LONGEST_STEP) * size
 
 
 def bounds_of(unknowns: Sequence[Unknown]) -> tuple[Array, Array]:
@@ -105,45 +112,86 @@ class Work:
         return most if left >= most * steps else math.ceil(left / steps)
 
 
-class LeastSquares(Protocol):
-    """Weighted residuals of several points together."""
+class LeastSquares(ABC):
+    """Residuals whose weighed squares, or what these approximate near a point, are made small.
 
-    @property
-    def unknowns(self) -> Sequence[Unknown]:
-        """What is fitted, the order of every point."""
+    Attributes:
+        unknowns: what is fitted, the order of every point.
+        anchored: residuals of one call belong together, as they depend on its first point.
+    """
 
-    def residuals(self, points: Array) -> Array:
-        """Return the weighted residuals at ``points`` (s, u), shape (s, m)."""
+    unknowns: Sequence[Unknown]
+    anchored = False
 
-    def costs(self, residuals: Array) -> Array:
+    @abstractmethod
+    def residuals(self, points: Array) -> Any:
+        """Return the residuals at ``points`` (s, u), real or complex, shape (s, m)."""
+
+    @abstractmethod
+    def costs(self, residuals: Any) -> Array:
         """Return what is made small, from ``residuals`` (s, m), shape (s,)."""
+
+    def weighed(self, rows: Any, residual: Any) -> Array:  # noqa: ARG002
+        """Return ``rows`` (..., m) with the weights that hold at ``residual`` (m,), real, shape (..., n)."""
+        return np.asarray(rows)
+
+    def slopes(self, point: Array, residual: Any, widened: float = 1.0) -> Any:
+        """Return the slopes at ``point`` (u,), whose residual is ``residual`` (m,), shape (u, m).
+
+        They are taken over steps of ``widened`` times the usual length; not finite where nothing follows.
+        """
+        low, high = bounds_of(self.unknowns)
+        steps = widened * STEP * sizes_of(self.unknowns, point)
+        steps = np.where(point + steps > high, -steps, steps)
+        runs = self.residuals(np.vstack([*([point] if self.anchored else []), point + np.diag(steps)]))
+        here, rows = (runs[0], runs[1:]) if self.anchored else (residual, runs)
+        broken = ~np.isfinite(self.costs(rows - here))
+        if broken.any():
+            steps[broken] *= -1.0
+            rows[broken] = self.residuals(np.clip(point + np.diag(steps), low, high)[broken])
+        return (rows - here) / steps[:, np.newaxis]
 
 
 @dataclass(frozen=True, slots=True)
 class Descent:
-    """End of a descent: ``point``, shape (u,), its ``cost``, and whether nothing falls by enough any more."""
+    """End of a descent: ``point``, shape (u,), its ``cost``, and whether nothing falls by enough any more.
+
+    ``residual``: at the point, shape (m,).
+    """
 
     point: Array
     cost: float
     converged: bool
+    residual: Any = None
 
 
-def descend(problem: LeastSquares, starts: Array, rounds: int, enough: float, tries: int = 1) -> Descent:
+def descend(
+    problem: LeastSquares,
+    starts: Array,
+    rounds: int,
+    enough: float,
+    tries: int = 1,
+    *,
+    relative: bool = True,
+    damping: float = FIRST_DAMPING,
+) -> Descent:
     """Return the deepest end of the descents from the best ``tries`` of ``starts`` (s, u).
 
     Args:
         problem: what is made small.
         starts: points, shape (s, u).
         rounds: after which a descent ends without having converged.
-        enough: fall of the cost, as a share of it, below which it has converged.
+        enough: fall of the cost below which it has converged.
         tries: how many of the starts are followed.
+        relative: ``enough`` is a share of the cost.
+        damping: of the first step.
     """
     starts = np.clip(starts, *bounds_of(problem.unknowns))
     residuals = problem.residuals(starts)
     order = np.argsort(problem.costs(residuals))[:tries]
 
     def followed(place: int) -> Descent:
-        return _follow(problem, starts[place], residuals[place], rounds, enough)
+        return _follow(problem, starts[place], residuals[place], rounds, enough, relative, damping)
 
     return min(in_parallel(followed, order.tolist()), key=lambda one: one.cost)
 
@@ -247,19 +295,18 @@ def in_parallel(work: Callable[[Item], Found], items: Iterable[Item]) -> list[Fo
         return list(pool.map(work, every))
 
 
-def _follow(problem: LeastSquares, x: Array, residual: Array, rounds: int, enough: float) -> Descent:
+def _follow(
+    problem: LeastSquares, x: Array, residual: Any, rounds: int, enough: float, relative: bool, damping: float
+) -> Descent:
     low, high = bounds_of(problem.unknowns)
-    typical = np.array([unknown.scale for unknown in problem.unknowns])
     cost = float(problem.costs(residual[np.newaxis])[0])
-    damping, converged, known, exact = FIRST_DAMPING, not x.size, False, False
-    sizes = typical
-    slopes: Array = np.empty((0, 0))
-    before: tuple[Array, Array, float] | None = None
+    converged, known, exact = not x.size, False, False
+    sizes, slopes = sizes_of(problem.unknowns, x), np.empty((0, 0))
+    before: tuple[Array, Any, float] | None = None
     for _ in range(rounds if x.size else 0):
+        least = enough * cost if relative else enough
         if not known:
-            sizes = sizes_of(problem.unknowns, x)
-            step = np.where(x + STEP * sizes > high, -STEP, STEP) * sizes
-            changes = problem.residuals(x + np.diag(step)) - residual
+            changes = problem.slopes(x, residual)
             if not np.isfinite(problem.costs(changes)).all():
                 # Beside motions that cannot be followed: nearer to where the slopes were known.
                 if before is None or damping > MOST_DAMPING:
@@ -268,40 +315,45 @@ def _follow(problem: LeastSquares, x: Array, residual: Array, rounds: int, enoug
                 damping, known, exact = damping * BACK_OFF, slopes.size > 0, False
                 continue
             # In units of the unknowns' sizes: stiffnesses and delays differ by ten powers of ten.
-            slopes, known, exact = (changes * (sizes / step)[:, np.newaxis]).T, True, True
-        information, gradient = slopes.T @ slopes, slopes.T @ residual
+            sizes = sizes_of(problem.unknowns, x)
+            slopes, known, exact = changes * sizes[:, np.newaxis], True, True
+        rows, left = problem.weighed(slopes, residual), problem.weighed(residual, residual)
+        information, gradient = rows @ rows.T, rows @ left
         # What would leave its bounds stays there, and the others are solved for without it.
         own = np.flatnonzero(~(((x <= low) & (gradient > 0.0)) | ((x >= high) & (gradient < 0.0))))
         move = np.zeros(x.size)
         if own.size:
-            diagonal = np.diag(information) + 1e-12 * np.trace(information)
-            matrix = information[np.ix_(own, own)] + np.diag(damping * diagonal[own])
-            move[own] = -np.linalg.lstsq(matrix, gradient[own], rcond=1e-12)[0]
-        if exact and _promised(move, gradient, information) < enough * cost:
-            converged = True
-            break
-        longest = float(np.max(np.abs(move) * sizes / np.maximum(sizes, typical)))
-        trial = np.clip(x + sizes * move * LONGEST_STEP / max(longest, LONGEST_STEP), low, high)
+            scales = np.sqrt(np.maximum(np.diag(information)[own], 1e-12 * np.trace(information) + 1e-300))
+            matrix = information[np.ix_(own, own)] / np.outer(scales, scales) + damping * np.eye(own.size)
+            move[own] = -np.linalg.lstsq(matrix, gradient[own] / scales, rcond=1e-12)[0] / scales
+        if _promised(move, gradient, information) < least:
+            if exact:
+                converged = True
+                break
+            known = False
+            continue
+        room = np.array([unknown.room(size) for unknown, size in zip(problem.unknowns, sizes, strict=True)])
+        trial = np.clip(x + np.clip(sizes * move, -room, room), low, high)
         move = (trial - x) / sizes
         promised = _promised(move, gradient, information)
         outcome = problem.residuals(trial[np.newaxis])[0]
         fall = cost - float(problem.costs(outcome[np.newaxis])[0])
         if fall > 0.0:
-            # What the step showed corrects the slopes in its direction (Broyden, 1965).
-            slopes = slopes + np.outer(outcome - residual - slopes @ move, move / (move @ move))
-            known = fall > TRUSTED * promised and fall > enough * cost
+            # What the step showed corrects the slopes in its direction.
+            slopes = slopes + np.outer(move / (move @ move), outcome - residual - move @ slopes)
+            known = fall > TRUSTED * promised and fall > least
             damping = max(damping * EASED, LEAST_DAMPING)
             before = x, residual, cost
             x, residual, cost = trial, outcome, cost - fall
             exact = False
         elif exact:
-            damping *= BACK_OFF
+            damping = max(damping, FIRST_DAMPING / BACK_OFF**2) * BACK_OFF
             if damping > MOST_DAMPING:
                 converged = True
                 break
         else:
             known = False
-    return Descent(x, cost, converged)
+    return Descent(x, cost, converged, residual)
 
 
 def _promised(move: Array, gradient: Array, information: Array) -> float:

@@ -19,7 +19,7 @@ timing and the sampling rate are not known is added.
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -31,7 +31,16 @@ from spool_sim.observation import CAUSAL, INSTANTS, LINEAR, Observation
 
 from spool_estimator.identification.fit_result import FILTER, SPOOL_DELAY, SPOOL_GAIN, FitSettings
 from spool_estimator.identification.free_run import USUAL, FreeRun, Reading, Response
-from spool_estimator.identification.least_squares import Descent, Unknown, Work, bounds_of, descend, sizes_of
+from spool_estimator.identification.least_squares import (
+    STEP,
+    Descent,
+    LeastSquares,
+    Unknown,
+    Work,
+    bounds_of,
+    descend,
+    sizes_of,
+)
 from spool_estimator.identification.spectra import Spectrum, ZeroPhase, faded, residual_spectrum
 
 #: s over which the differences fade in and out at the ends of a window.
@@ -40,8 +49,6 @@ FADE = 0.05
 HIGHEST_SHARE = 0.45
 #: Share of samples at instants that must lie apart from jumps for the others to be left out.
 LEAST_KEPT = 0.4
-#: Relative step of the slopes.
-STEP = 1e-3
 
 #: s of the blocks over which the weighted residual's slopes are summed.
 BLOCK = 0.5
@@ -72,8 +79,8 @@ def with_numbers(
     return Observation(observation.kind, order, corner)
 
 
-class Weighted(ABC):
-    """Weighted residual with its slopes.
+class Weighted(LeastSquares):
+    """Weighted residual of free runs.
 
     Attributes:
         unknowns: what is fitted, the order of every point.
@@ -103,10 +110,6 @@ class Weighted(ABC):
         return found
 
     @abstractmethod
-    def residuals(self, points: Array) -> Array:
-        """Return the weighted residuals at ``points`` (s, u), shape (s, all samples)."""
-
-    @abstractmethod
     def late(self, point: Array, samples: float) -> Array:
         """Return the weighted residual at ``point`` with the spool's sensor later by ``samples``."""
 
@@ -127,22 +130,15 @@ class Weighted(ABC):
         """Return the weighted residual at ``point`` (u,)."""
         return np.asarray(self.residuals(point[np.newaxis])[0])
 
-    @staticmethod
-    def costs(residuals: Array) -> Array:
+    def costs(self, residuals: Array) -> Array:
         """Return the sums of squares of ``residuals`` (s, m), shape (s,); infinite where a run failed."""
         with np.errstate(over="ignore"):
             return np.asarray(np.nan_to_num(np.sum(residuals**2, axis=1), nan=np.inf, posinf=np.inf))
 
     def at_with_slopes(self, point: Array) -> tuple[Array, Array]:
-        """Return ``at`` and its Jacobian, shape (all samples, u); all perturbed sets run in one call."""
-        steps = STEP * sizes_of(self.unknowns, point)
-        steps = np.where(point + steps > bounds_of(self.unknowns)[1], -steps, steps)
-        runs = self.residuals(np.vstack([point, point + np.diag(steps)]))
-        broken = ~np.isfinite(runs[1:]).all(axis=1)
-        if broken.any():
-            steps[broken] *= -1.0
-            runs[1:][broken] = self.residuals((point + np.diag(steps))[broken])
-        return runs[0], np.asarray(((runs[1:] - runs[0]) / steps[:, np.newaxis]).T)
+        """Return ``at`` and its Jacobian, shape (all samples, u)."""
+        residual = self.at(point)
+        return residual, np.asarray(self.slopes(point, residual).T)
 
     def central_slopes(self, point: Array) -> Array:
         """Return the Jacobian by differences to both sides where the bounds leave room."""
@@ -350,11 +346,10 @@ def fit_covariance(
         late = residuals.late(point, settings.timing) - residual
         # In units of its standard deviation, which is the last row.
         slopes = np.vstack([np.column_stack([slopes, late]), np.eye(1, own.size + 1, own.size)])
-        residual = np.append(residual, 0.0)
-        step = np.linalg.lstsq(slopes, residual, rcond=None)[0]
+        step = np.linalg.lstsq(slopes, np.append(residual, 0.0), rcond=None)[0]
         moved[shown] -= step[own]
         residuals.delay_by(-float(step[-1]) * settings.timing)
-    told = covariance_of(slopes, residual, residuals.blocks)[np.ix_(own, own)]
+    told = covariance_of(slopes, residual, residuals.blocks)[0][np.ix_(own, own)]
     if rate_std > 0.0:
         powers = np.array([rate_power(unknown.unit) for unknown in residuals.unknowns])
         doubt = (rate_std * powers * point)[shown]
@@ -363,29 +358,38 @@ def fit_covariance(
     return moved, covariance
 
 
-def covariance_of(slopes: Array, residual: Array, blocks: Sequence[slice]) -> Array:
-    """Return the covariance of a least-squares point, shape (u, u).
+def covariance_of(
+    slopes: Array, residual: Array, blocks: Sequence[slice | NDArray[np.int64]]
+) -> tuple[Array, float]:
+    """Return the covariance of a least-squares point, shape (u, u), and the dispersion, 1 at least.
 
-    It is that of a weighted residual that is white with variance 1. Where the blocks show more spread (the
-    sandwich form; noise whose strength changes along the record, errors of the model), it is as large as they
-    show, and a little more where they are few (the variance of Student's t).
+    It is that of a weighted residual that is white with variance 1. Errors that go with the motion, as those
+    of a noisy input or of a law that is a little wrong, repeat, and noise may change along the record: where
+    the blocks show more spread (the sandwich form), it is as large as they show, and a little more where they
+    are few (the variance of Student's t). The dispersion is how many times larger, in power, over all.
+
+    Sources: Huber, 1967; White, 1982 (sandwich).
 
     Args:
-        slopes: Jacobian, shape (n, u), of full rank.
-        residual: at the point, shape (n,), weighed.
+        slopes: Jacobian, shape (n, u); rows that no block holds are priors.
+        residual: at the point, weighed, shape (n,) or shorter by the priors.
         blocks: pieces of the samples that hardly depend on each other.
     """
-    bread = np.linalg.inv(slopes.T @ slopes)
+    information = slopes.T @ slopes
+    size = np.sqrt(np.maximum(np.diag(information), 1e-300))
+    bread = np.linalg.pinv(information / np.outer(size, size), hermitian=True) / np.outer(size, size)
     scores = np.array([slopes[block].T @ residual[block] for block in blocks])
     scores -= scores.mean(axis=0)
     count = len(blocks)
-    sandwich = bread @ (scores.T @ scores) @ bread * count / max(1, count - slopes.shape[1])
+    meat = scores.T @ scores * (count / max(1, count - slopes.shape[1]))
     # Where most of what is known of an unknown comes from: its share in each block.
     shares = np.array([np.sum((slopes[block] @ bread) ** 2, axis=0) for block in blocks])
-    worth = shares.sum(axis=0) ** 2 / np.sum(shares**2, axis=0)
-    shown_spread = np.diag(sandwich) / np.diag(bread) * (1.0 + 2.0 / worth)
+    worth = shares.sum(axis=0) ** 2 / np.maximum(np.sum(shares**2, axis=0), 1e-300)
+    alone = np.maximum(np.diag(bread), 1e-300)
+    shown_spread = np.diag(bread @ meat @ bread) / alone * (1.0 + 2.0 / np.maximum(worth, 1.0))
     grown = np.sqrt(np.maximum(1.0, shown_spread))
-    return np.asarray(bread * np.outer(grown, grown))
+    dispersion = max(1.0, float(np.sum(bread * meat)) / len(bread))
+    return np.asarray(bread * np.outer(grown, grown)), dispersion
 
 
 def standard_deviations(covariance: Array) -> Array:

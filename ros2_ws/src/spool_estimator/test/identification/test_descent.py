@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from scipy.optimize import least_squares
 from spool_estimator.identification.least_squares import (
     Descent,
+    LeastSquares,
     Unknown,
     bounds_of,
     descend,
@@ -28,7 +29,7 @@ UNKNOWNS = (
 )
 
 
-class Decay:
+class Decay(LeastSquares):
     """A decay with noise, a least-squares problem as fits pose them."""
 
     def __init__(self, truth: Sequence[float], seed: int) -> None:
@@ -44,8 +45,7 @@ class Decay:
     def residuals(self, points):
         return self.model(points) - self.measured
 
-    @staticmethod
-    def costs(residuals):
+    def costs(self, residuals):
         return np.sum(residuals**2, axis=1)
 
 
@@ -80,14 +80,15 @@ class Diverging(Decay):
     def residuals(self, points):
         return np.where(points[:, :1] > 3.0, 1e200, super().residuals(points))
 
-    costs = staticmethod(Weighted.costs)
+    costs = Weighted.costs
 
 
 def test_a_descent_beside_motions_too_large_to_square_ends_without_an_error():
-    end = found(Diverging((5.0, 8.0, 0.1), 1), [(2.999, 8.0, 0.1)])
+    problem = Diverging((5.0, 8.0, 0.1), 1)
+    end = found(problem, [(2.999, 8.0, 0.1)])
     assert math.isfinite(end.cost)
     assert end.point[0] <= 3.0
-    assert Weighted.costs(np.array([[1e200]])) == math.inf
+    assert problem.costs(np.array([[1e200]])) == math.inf
 
 
 def test_nothing_to_find_is_found_immediately():

@@ -1,14 +1,11 @@
 """Intervals of a fit's numbers, and the profile likelihoods that show what bounds them.
 
-Where errors are independent noise of the estimated level, the curvature of the likelihood at its
-maximum gives the covariance of the numbers. Errors that go with the motion, as those of a noisy input or of a
-law that is a little wrong, repeat from line to line; each window of a second then pulls the numbers another
-way than chance allows. The sandwich of curvature and of the scatter of the windows' pulls counts that. Where
-a force jumps, its instants scatter, and slopes over short steps seem to tell more than they do: the wider
-interval of two lengths of step counts.
+They are those of any fit (:func:`spool_estimator.identification.residuals.covariance_of`), each window of a
+second a block. Where a force jumps, its instants scatter, and slopes over short steps seem to tell more than
+they do: the wider interval of two lengths of step counts.
 
-Sources: Huber, 1967; White, 1982 (sandwich); Murphy and van der Vaart, JASA 95, 2000 (profile likelihood);
-Raue and others, Bioinformatics 25, 2009 (what a profile shows).
+Sources: Murphy and van der Vaart, JASA 95, 2000 (profile likelihood); Raue and others, Bioinformatics 25, 2009
+(what a profile shows).
 """
 
 from __future__ import annotations
@@ -18,12 +15,14 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from spool_core.numbers import Array
 from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.identification.determination import RISE_95, ProfileLikelihood, verdict_of
+from spool_estimator.identification.residuals import covariance_of
 
 from spool_gap.likelihood.prediction import Predictions
-from spool_gap.likelihood.structure_fit import Curvature, StructureFit, curvature_of, fit_structure
+from spool_gap.likelihood.structure_fit import StructureFit, curvature_of, fit_structure
 
 #: Lengths of the steps that slopes of intervals are taken over, in those of a fit.
 WIDENED = (1.0, 10.0)
@@ -74,35 +73,24 @@ class Numbers:
 
 
 def numbers_of(predictions: Predictions, fit: StructureFit) -> Numbers:
-    """Return the numbers of ``fit`` with their intervals."""
+    """Return the numbers of ``fit`` with their intervals, as of any fit (:func:`covariance_of`)."""
     residual = predictions.weighed(fit.lines, predictions.weights(fit.lines))
-    found = [_covariances(predictions, curvature_of(predictions, fit, one), residual) for one in WIDENED]
-    bread, sandwich = found[0]
-    # Never narrower than noise alone makes them.
-    spread = np.sqrt(np.max([np.diag(one) for pair in found for one in pair], axis=0).clip(0.0))
-    wider = np.diag(sandwich) > np.diag(bread)
-    correlation = np.where(wider[:, np.newaxis] & wider, _correlation(sandwich), _correlation(bread))
-    np.fill_diagonal(correlation, 1.0)
-    dispersion = max(1.0, float(np.trace(np.linalg.pinv(bread) @ sandwich)) / len(fit.names))
+    windows = _windows(predictions)
+    found = []
+    for widened in WIDENED:
+        slopes = curvature_of(predictions, fit, widened).slopes
+        priors = np.diag(fit.priors)
+        found.append(covariance_of(np.concatenate([slopes.T, priors]), residual, windows))
+    spread = np.sqrt(np.max([np.diag(one) for one, _ in found], axis=0))
     quantities = tuple(
         Quantity(one.name, one.unit, fit.structure.values[one.name], float(deviation), Validity.VALID)
         for one, deviation in zip(fit.unknowns, spread, strict=True)
     )
-    return Numbers(quantities, np.clip(correlation, -1.0, 1.0), dispersion)
-
-
-def _covariances(predictions: Predictions, curvature: Curvature, residual: Array) -> tuple[Array, Array]:
-    """Return the covariance by the curvature, and its sandwich with the scatter of the windows' pulls."""
-    bread = curvature.covariance
-    pulls = _by_window(predictions, curvature.slopes * residual)
-    count = pulls.shape[1]
-    meat = pulls @ pulls.T * (count / max(count - bread.shape[0], 1))
-    return bread, bread @ meat @ bread
-
-
-def _correlation(covariance: Array) -> Array:
+    covariance, dispersion = found[0]
     size = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
-    return np.asarray(covariance / np.outer(size, size))
+    correlation = np.clip(covariance / np.outer(size, size), -1.0, 1.0)
+    np.fill_diagonal(correlation, 1.0)
+    return Numbers(quantities, correlation, dispersion)
 
 
 def profiles_of(
@@ -130,15 +118,15 @@ def refined(predictions: Predictions, fit: StructureFit) -> tuple[StructureFit, 
     return again, numbers_of(predictions, again)
 
 
-def _by_window(predictions: Predictions, rows: Array) -> Array:
-    """Return the sums of ``rows`` (p, numbers) over each window that counts, shape (p, windows)."""
-    sums, begin = [], 0
+def _windows(predictions: Predictions) -> list[NDArray[np.int64]]:
+    """Return the places of each window that counts among the weighed numbers."""
+    found, begin = [], 0
     for part in predictions.parts:
-        windows, lines = int(part.inside.sum()), part.lines.size
-        block = rows[:, begin : begin + 2 * windows * lines].reshape(rows.shape[0], 2, windows, lines)
-        sums.append(block.sum(axis=(1, 3)))
-        begin += 2 * windows * lines
-    return np.concatenate(sums, axis=1)
+        shape = 2, int(part.inside.sum()), part.lines.size
+        places = begin + np.arange(math.prod(shape)).reshape(shape)
+        found += [places[:, window].ravel() for window in range(shape[1])]
+        begin += places.size
+    return found
 
 
 def _profile(predictions: Predictions, fit: StructureFit, numbers: Numbers, name: str) -> ProfileLikelihood:

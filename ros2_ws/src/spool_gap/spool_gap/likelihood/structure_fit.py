@@ -1,9 +1,6 @@
 """Fit of a structure's numbers by the likelihood of what it leaves.
 
-Gauss-Newton steps, damped where the likelihood does not rise. The slopes come from runs with each number
-changed a little, and are updated by what each step shows until that promises too much.
-
-Source of the update: Broyden, A class of methods for solving nonlinear simultaneous equations, 1965.
+It descends as every fit does (:mod:`spool_estimator.identification.least_squares`).
 """
 
 from __future__ import annotations
@@ -14,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from spool_core.numbers import Array
-from spool_estimator.identification.least_squares import Unknown
+from spool_estimator.identification.least_squares import LeastSquares, Unknown, descend
 from spool_sim.observation import INSTANTS, Spectrum
 
 from spool_gap.likelihood.prediction import Predictions
@@ -25,14 +22,8 @@ from spool_gap.likelihood.structure import DELAY, GAIN, Structure
 PRIORS = {GAIN: 0.03, DELAY: 0.3e-3}
 #: Steps of a fit, and rise of the log likelihood that ends it: a tenth of what a parameter costs.
 STEPS, ENOUGH = 40, 0.5
-#: Step of a number over its size for slopes, and of a number of the chain over its typical size.
-STEP, CHAIN_STEP = 1e-3, 0.02
-#: Largest change of a number in a step over its size.
-LONGEST = 0.7
-#: Share of the promised rise below which slopes are worked out again.
-KEPT = 0.4
-#: Damping of the first step, and from which a fit has ended.
-FIRST, MOST = 1e-2, 1e4
+#: Damping of the first step: structures start where brief fits of others ended.
+DAMPING = 1e-2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,6 +68,52 @@ class StructureFit:
         return self.log_likelihood - 0.5 * self.count * math.log(self.numbers)
 
 
+class _Likelihood(LeastSquares):
+    """Minus twice the log likelihood of what a structure leaves, with the priors of gain and delay.
+
+    A residual has the errors of all parts, one behind the other, and the numbers over their priors.
+    """
+
+    def __init__(
+        self, predictions: Predictions, structure: Structure, unknowns: Sequence[Unknown], priors: Array
+    ) -> None:
+        self.unknowns = tuple(unknowns)
+        self.anchored = structure.observation.kind == INSTANTS  # the first decides which samples count
+        self._predictions, self._structure, self._priors = predictions, structure, priors
+        self._shapes = [(part.windows, part.lines.size) for part in predictions.parts]
+        self._ends = np.cumsum([windows * lines for windows, lines in self._shapes]).tolist()
+
+    def at(self, point: Array) -> Structure:
+        """Return the structure at ``point`` (u,)."""
+        names = (one.name for one in self.unknowns)
+        return self._structure.moved(dict(zip(names, point.tolist(), strict=True)))
+
+    def residuals(self, points: Array) -> Spectrum:
+        """Return the errors at ``points`` (s, u) and the numbers over their priors, shape (s, m)."""
+        structures = [self.at(point) for point in points]
+        rows = [part.errors(structures).reshape(len(points), -1) for part in self._predictions.parts]
+        return np.concatenate([*rows, (points * self._priors).astype(np.complex128)], axis=1)
+
+    def lines(self, rows: Spectrum) -> list[Spectrum]:
+        """Return the errors of each part in ``rows`` (..., m), shape (..., windows, lines)."""
+        parts = np.split(rows[..., : self._ends[-1]], self._ends[:-1], axis=-1)
+        return [
+            part.reshape(*rows.shape[:-1], *shape) for part, shape in zip(parts, self._shapes, strict=True)
+        ]
+
+    def costs(self, residuals: Spectrum) -> Array:
+        """Return minus twice the log likelihood of ``residuals`` (s, m), shape (s,)."""
+        priors = np.sum(residuals[:, self._ends[-1] :].real ** 2, axis=1)
+        found = [self._predictions.log_likelihood(self.lines(row)) for row in residuals]
+        return np.asarray(priors - 2.0 * np.array(found))
+
+    def weighed(self, rows: Spectrum, residual: Spectrum) -> Array:
+        """Return ``rows`` (..., m) over the levels of ``residual`` (m,), the priors' last, shape (..., n)."""
+        weights = self._predictions.weights(self.lines(residual))
+        errors = self._predictions.weighed(self.lines(rows), weights)
+        return np.concatenate([errors, rows[..., self._ends[-1] :].real], axis=-1)
+
+
 def fit_structure(
     predictions: Predictions,
     structure: Structure,
@@ -97,54 +134,14 @@ def fit_structure(
     structure = structure.bounded(predictions.seconds)
     every = structure.unknowns(predictions.seconds)
     unknowns = [one for one in every if one.name not in held]
-    names = tuple(one.name for one in unknowns)
-    priors = np.array([1.0 / PRIORS[name] if name in PRIORS else 0.0 for name in names])
-    lines = predictions.errors([structure])[0]
-    point = np.array([structure.values[name] for name in names])
-    likelihood = predictions.log_likelihood(lines) - 0.5 * float(np.sum((priors * point) ** 2))
-    damping, fresh = FIRST, False
-    slopes: list[Spectrum] = []
-    for _ in range(steps if names else 0):
-        if not slopes:
-            slopes, fresh = _slopes(predictions, structure, unknowns, lines), True
-        weights = predictions.weights(lines)
-        rows, residual = predictions.weighed(slopes, weights), predictions.weighed(lines, weights)
-        change, promised = _step(rows, residual, priors, point, damping)
-        if promised < enough:
-            if fresh:
-                break
-            slopes = []
-            continue
-        trial_point = _within(unknowns, point, change)
-        moved = trial_point - point
-        trial = structure.moved(dict(zip(names, trial_point.tolist(), strict=True)))
-        trial_lines = predictions.errors([trial])[0]
-        value = predictions.log_likelihood(trial_lines) - 0.5 * float(np.sum((priors * trial_point) ** 2))
-        rise = value - likelihood
-        if rise > 0.0:
-            # The slopes that explain the change of the errors along this step.
-            sizes = [one.size(value) for one, value in zip(unknowns, point.tolist(), strict=True)]
-            scaled = moved / np.array(sizes) ** 2
-            share = scaled / float(moved @ scaled)
-            for place, rows_there in enumerate(slopes):
-                off = trial_lines[place] - lines[place] - np.tensordot(moved, rows_there, 1)
-                slopes[place] = rows_there + share[:, np.newaxis, np.newaxis] * off
-            structure, lines, likelihood, point = trial, trial_lines, value, trial_point
-            damping = max(0.2 * damping, 1e-9)
-            if rise < KEPT * promised or rise < enough:
-                if fresh and rise < enough:
-                    break
-                slopes = []
-            fresh = False
-        elif fresh:
-            damping = 10.0 * damping + 1e-3
-            if damping > MOST:
-                break
-        else:
-            slopes = []
+    priors = np.array([1.0 / PRIORS[one.name] if one.name in PRIORS else 0.0 for one in unknowns])
+    problem = _Likelihood(predictions, structure, unknowns, priors)
+    point = np.array([structure.values[one.name] for one in unknowns])
+    end = descend(problem, point[np.newaxis], steps, 2.0 * enough, relative=False, damping=DAMPING)
+    lines = problem.lines(end.residual)
     return StructureFit(
-        structure,
-        likelihood,
+        problem.at(end.point),
+        -0.5 * end.cost,
         unknowns,
         len(every),
         lines,
@@ -169,55 +166,11 @@ class Curvature:
 
 def curvature_of(predictions: Predictions, fit: StructureFit, widened: float = 1.0) -> Curvature:
     """Return the curvature of the likelihood at ``fit``, with slopes over steps ``widened`` times as long."""
-    rows = _slopes(predictions, fit.structure, fit.unknowns, fit.lines, widened)
-    slopes = predictions.weighed(rows, predictions.weights(fit.lines))
-    information = slopes @ slopes.T + np.diag(fit.priors**2)
+    problem = _Likelihood(predictions, fit.structure, fit.unknowns, fit.priors)
+    point = np.array([fit.structure.values[name] for name in fit.names])
+    residual = np.concatenate([*(one.ravel() for one in fit.lines), point * fit.priors])
+    rows = problem.weighed(problem.slopes(point, residual, widened), residual)
+    information = rows @ rows.T
     scales = np.sqrt(np.maximum(np.diag(information), 1e-300))
     covariance = np.linalg.pinv(information / np.outer(scales, scales), hermitian=True)
-    return Curvature(slopes, covariance / np.outer(scales, scales))
-
-
-def _slopes(
-    predictions: Predictions,
-    structure: Structure,
-    unknowns: Sequence[Unknown],
-    lines: Sequence[Spectrum],
-    widened: float = 1.0,
-) -> list[Spectrum]:
-    """Return the change of the errors over each unknown, (u, windows, lines) for each part."""
-    steps = np.array([widened * _step_size(one, structure.values[one.name]) for one in unknowns])
-    points = [
-        structure.moved({one.name: structure.values[one.name] + step})
-        for one, step in zip(unknowns, steps.tolist(), strict=True)
-    ]
-    if structure.observation.kind == INSTANTS:  # which samples count depends on the first structure
-        rows = [part.errors([structure, *points]) for part in predictions.parts]
-        lines, rows = [row[0] for row in rows], [row[1:] for row in rows]
-    else:
-        rows = [part.errors(points) for part in predictions.parts]
-    return [(row - here) / steps[:, np.newaxis, np.newaxis] for row, here in zip(rows, lines, strict=True)]
-
-
-def _step(slopes: Array, residual: Array, priors: Array, point: Array, damping: float) -> tuple[Array, float]:
-    """Return the damped Gauss-Newton step, and the rise of the log likelihood that it promises."""
-    information = slopes @ slopes.T + np.diag(priors**2)
-    gradient = slopes @ residual + priors**2 * point
-    scales = np.sqrt(np.maximum(np.diag(information), 1e-300))
-    matrix, scaled = information / np.outer(scales, scales), gradient / scales
-    change = -np.linalg.lstsq(matrix + damping * np.eye(point.size), scaled, rcond=1e-12)[0]
-    promised = -float(scaled @ change) - 0.5 * float(change @ matrix @ change)
-    return change / scales, promised
-
-
-def _step_size(unknown: Unknown, value: float) -> float:
-    size = CHAIN_STEP * unknown.scale if unknown.absolute else STEP * max(abs(value), 0.05 * unknown.scale)
-    return -size if value + size > unknown.high else size
-
-
-def _within(unknowns: Sequence[Unknown], point: Array, change: Array) -> Array:
-    """Return the numbers after ``change`` (u,), within bounds and not too far at a time."""
-    found = []
-    for one, value, delta in zip(unknowns, point.tolist(), change.tolist(), strict=True):
-        most = 5.0 * one.scale if one.absolute else LONGEST * max(abs(value), 0.1 * one.scale)
-        found.append(min(max(value + min(max(delta, -most), most), one.low), one.high))
-    return np.array(found)
+    return Curvature(rows[:, : -point.size], covariance / np.outer(scales, scales))
