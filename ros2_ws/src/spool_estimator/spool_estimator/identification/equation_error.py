@@ -1,8 +1,8 @@
 """Start of a fit: least squares on the equation of motion, and what noise of the input does to it.
 
 Displacement and velocity come from both accelerations without phase; the forces of the model at that motion
-and the inertia force pass the same operator, and their sum is made small. Parameters in which the forces are
-linear come from a bounded regression, whatever the others are; those are tried from several places.
+and the inertia force pass the same operator, and their sum is made small, from several places where the
+balance has several minima.
 
 Noise in the excitation shakes dry friction loose and multiplies with itself in the normal equations: both
 bend the parameters by a little that does not average out. It is found by simulation: the model at the point
@@ -20,25 +20,33 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
-from scipy.optimize import least_squares, lsq_linear
 from spool_core.errors import InputError
 from spool_core.numbers import Array
 
 from spool_estimator.identification.fit_result import FILTER, MASS, SPOOL_DELAY, SPOOL_GAIN
 from spool_estimator.identification.free_run import FALL, FreeRun, excitation_gain, excitation_limit
-from spool_estimator.identification.least_squares import Unknown, bounds_of, sizes_of
+from spool_estimator.identification.least_squares import (
+    LeastSquares,
+    Unknown,
+    bounds_of,
+    descend,
+    sizes_of,
+)
 from spool_estimator.identification.record import Record, first_seconds
 from spool_estimator.identification.residuals import HIGHEST_SHARE, Residuals, standard_deviations
 from spool_estimator.identification.spectra import ZeroPhase, noise_of, relative_motion
 
 #: s of data that the start is taken from.
 LONGEST = 8.0
-#: Random places from which parameters that are not linear are tried, and the decades they spread over.
-TRIALS, DECADES = 12, 1.0
+#: Random places that are tried, the decades they spread over, and how many are followed beside the start.
+TRIALS, DECADES, FOLLOWED = 24, 1.0, 4
+#: Rounds of these descents, the fall of the cost that ends them, and the distance over the size of their ends
+#: up to which they are one start.
+ROUNDS, ENOUGH, SAME = 20, 1e-5, 0.02
+#: Length of step at which, and share of the largest change up to which, an unknown changes nothing.
+WIDE, BLIND = 100.0, 1e-9
 #: Samples at which the rank of the forces' slopes is judged, and the relative step of these.
 SLOPE_SAMPLES, SLOPE_STEP = 4000, 1e-5
-#: How many of them are followed by a descent, and parts of their range from which the best is a start.
-FOLLOWED, PARTS = 2, 4
 
 #: Pairs of noise, added and taken away. A few will do where none moves an unknown by this share of its
 #: deviation.
@@ -50,11 +58,12 @@ BELIEVED = 3.0
 HOLDS = 1.5
 
 
-class EquationError:
+class EquationError(LeastSquares):
     """The balance of forces of a model at the measured motion.
 
     Attributes:
-        blind: names of unknowns that change nothing here, such as friction at rest.
+        unknowns: parameters of the law that are fitted.
+        blind: names of those that change nothing here, such as friction at rest.
     """
 
     def __init__(self, run: FreeRun, unknowns: Sequence[Unknown], values: Array, low_cut: float) -> None:
@@ -68,12 +77,10 @@ class EquationError:
         """
         self._run = run
         self._values = values
-        self._unknowns = tuple(unknowns)
-        own = [u for u in unknowns if u.name not in (SPOOL_GAIN, SPOOL_DELAY, *FILTER)]
-        self._own = own
-        self._columns = [run.names.index(unknown.name) for unknown in own]
-        self._low, self._high = bounds_of(own)
-        self._scale = np.array([unknown.scale for unknown in own])
+        self._every = tuple(unknowns)
+        self.unknowns = [u for u in unknowns if u.name not in (SPOOL_GAIN, SPOOL_DELAY, *FILTER)]
+        self._columns = [run.names.index(unknown.name) for unknown in self.unknowns]
+        self._start = values[0, self._columns]
         mass = float(values[0, run.names.index(MASS)])
         self._stretches = []
         for number, some in first_seconds(run.records, LONGEST, shortest=4.0 / low_cut):
@@ -92,34 +99,22 @@ class EquationError:
                     inside,
                 )
             )
-        self._find_kinds()
+        self._inertia = np.concatenate([one.inertia for one in self._stretches] or [np.empty(0)])
+        size = np.linalg.norm(self.slopes(self._start, self._balance(self._start[np.newaxis])[0], WIDE), axis=1)
+        shown = size * sizes_of(self.unknowns, self._start)
+        self.blind = tuple(
+            unknown.name
+            for unknown, one in zip(self.unknowns, shown.tolist(), strict=True)
+            if one <= BLIND * float(shown.max(initial=0.0))
+        )
 
-    def _find_kinds(self) -> None:
-        """Find which unknowns change nothing, and which act linearly together."""
-        count = len(self._own)
-        start = self._values[0, self._columns]
-        step = np.where(start + 0.2 * self._scale <= self._high, 0.1, -0.1) * self._scale
-        places = [np.zeros(count)]
-        pairs = [(i, j) for i in range(count) for j in range(i, count)]
-        unit = np.diag(step)
-        places += [unit[i] for i in range(count)]
-        places += [unit[i] + unit[j] for i, j in pairs]
-        forces = self._forces(start + np.array(places)) if self._stretches else np.zeros((len(places), 1))
-        single = forces[1 : count + 1] - forces[0]
-        size = np.linalg.norm(single, axis=1)
-        largest = float(size.max(initial=0.0))
-        self.blind = tuple(u.name for u, norm in zip(self._own, size, strict=True) if norm <= 1e-9 * largest)
-        crossed = np.zeros((count, count), dtype=np.bool_)
-        for (i, j), together in zip(pairs, forces[count + 1 :], strict=True):
-            left = float(np.linalg.norm(together - forces[0] - single[i] - single[j]))
-            crossed[i, j] = crossed[j, i] = left > 1e-6 * min(size[i], size[j])
-        self._linear: list[int] = []
-        for i in range(count):
-            if self._own[i].name not in self.blind and not crossed[i][[*self._linear, i]].any():
-                self._linear.append(i)
-        self._others = [
-            i for i in range(count) if i not in self._linear and self._own[i].name not in self.blind
-        ]
+    def residuals(self, points: Array) -> Array:
+        """Return inertia and conditioned forces at ``points`` (s, u), N, shape (s, all samples)."""
+        return self._balance(points)
+
+    def costs(self, residuals: Array) -> Array:
+        """Return the sums of squares of ``residuals`` (s, m), shape (s,)."""
+        return np.asarray(np.nan_to_num(np.sum(residuals**2, axis=1), nan=np.inf))
 
     def force_slopes(self, point: Array) -> Array:
         """Return the slopes of the forces at the measured motion and at rest, shape (rows, all unknowns).
@@ -128,22 +123,23 @@ class EquationError:
         sensor's unknowns have separate rows. The inertia balances the forces: that is the column of a
         mass, as two accelerometers show forces over the mass only.
         """
-        own = np.array([point[self._unknowns.index(unknown)] for unknown in self._own])
-        step = SLOPE_STEP * sizes_of(self._own, own)
-        lows, highs = np.maximum(own - step, self._low), np.minimum(own + step, self._high)
+        own = np.array([point[self._every.index(unknown)] for unknown in self.unknowns])
+        step = SLOPE_STEP * sizes_of(self.unknowns, own)
+        low, high = bounds_of(self.unknowns)
+        lows, highs = np.maximum(own - step, low), np.minimum(own + step, high)
         columns = []
         for place in range(own.size):
             ends = np.repeat(own[np.newaxis], 2, axis=0)
             ends[:, place] = lows[place], highs[place]
             rows = self._unfiltered_forces(ends)
             columns.append((rows[1] - rows[0]) / (highs[place] - lows[place]))
-            if self._own[place].name == MASS:
+            if self.unknowns[place].name == MASS:
                 columns[-1] = -self._unfiltered_forces(own[np.newaxis])[0] / own[place]
-        slopes = np.zeros((columns[0].size + len(self._unknowns), len(self._unknowns)))
-        for unknown, column in zip(self._own, columns, strict=True):
-            slopes[: column.size, self._unknowns.index(unknown)] = column
-        for number, unknown in enumerate(self._unknowns):
-            if unknown not in self._own:
+        slopes = np.zeros((columns[0].size + len(self._every), len(self._every)))
+        for unknown, column in zip(self.unknowns, columns, strict=True):
+            slopes[: column.size, self._every.index(unknown)] = column
+        for number, unknown in enumerate(self._every):
+            if unknown not in self.unknowns:
                 slopes[columns[0].size + number, number] = 1.0
         return slopes
 
@@ -183,14 +179,14 @@ class EquationError:
         """
         most = float(np.abs(self._inertia).max(initial=0.0))
         found = point.copy()
-        places = [self._unknowns.index(unknown) for unknown in self._own]
+        places = [self._every.index(unknown) for unknown in self.unknowns]
 
         def least(own: Array) -> float:
             sets = self._values.copy()
             sets[:, self._columns] = own[places]
             return float(np.abs(self._at_rest(sets)).min())
 
-        for place, unknown in zip(places, self._own, strict=True):
+        for place, unknown in zip(places, self.unknowns, strict=True):
             while (now := least(found)) < HOLDS * most:
                 more = found.copy()
                 more[place] = min(2.0 * max(found[place], unknown.size(0.0)), unknown.high)
@@ -199,108 +195,47 @@ class EquationError:
                 found = more
         return found if least(found) >= HOLDS * most else None
 
-    def _forces(self, points: Array) -> Array:
-        """Return the conditioned forces at ``points`` (s, u), N, shape (s, all samples)."""
+    def _balance(self, points: Array) -> Array:
         sets = np.repeat(self._values, points.shape[0], axis=0)
         sets[:, self._columns] = points
-        return np.concatenate(
-            [
-                stretch.conditioning.apply(
-                    self._run.motion.forces(
-                        stretch.displacement,
-                        stretch.velocity,
-                        sets,
-                        sample_period=stretch.sample_period,
-                        first_sample=stretch.first_sample,
-                    )
-                )[:, stretch.inside]
-                for stretch in self._stretches
-            ],
-            axis=1,
-        )
-
-    @property
-    def _inertia(self) -> Array:
-        return np.concatenate([stretch.inertia for stretch in self._stretches])
-
-    def _solve_linear(self, point: Array) -> tuple[Array, float]:
-        """Return ``point`` with its linear unknowns from a regression, and the squared error left."""
-        count = len(self._linear)
-        base = point.copy()
-        base[self._linear] = np.maximum(self._low[self._linear], np.minimum(0.0, self._high[self._linear]))
-        step = self._scale[self._linear]
-        points = np.vstack([base, base + np.eye(base.size)[self._linear] * step[:, np.newaxis]])
-        forces = self._forces(points)
-        columns = (forces[1:] - forces[0]).T
-        target = -(self._inertia + forces[0])
-        # Normal equations scaled to unit columns: a few unknowns, many samples.
-        size = np.linalg.norm(columns, axis=0)
-        size[size == 0.0] = 1.0
-        triangle = np.asarray(np.linalg.qr(np.column_stack([columns / size, target]), mode="r"))
-        bounds = (
-            (self._low[self._linear] - base[self._linear]) / step * size,
-            (self._high[self._linear] - base[self._linear]) / step * size,
-        )
-        found = lsq_linear(triangle[:, :count], triangle[:, count], bounds, method="bvls")
-        solved = base.copy()
-        solved[self._linear] = np.clip(
-            base[self._linear] + found.x / size * step, self._low[self._linear], self._high[self._linear]
-        )
-        return solved, 2.0 * float(found.cost)
+        rows = [
+            stretch.conditioning.apply(
+                self._run.motion.forces(
+                    stretch.displacement,
+                    stretch.velocity,
+                    sets,
+                    sample_period=stretch.sample_period,
+                    first_sample=stretch.first_sample,
+                )
+            )[:, stretch.inside]
+            for stretch in self._stretches
+        ]
+        return np.concatenate([*rows, np.empty((len(points), 0))], axis=1) + self._inertia
 
     def starts(self) -> list[Array]:
         """Return points (all unknowns) to start from, best first; the given start where no data tells one."""
-        given = self._values[0, self._columns]
-        if not self._stretches:
-            return [self._complete(given)]
-        if not self._linear:
-            return [self._complete(given)]
-        if not self._others:
-            return [self._complete(self._solve_linear(given)[0])]
+        if not self._stretches or len(self.blind) == len(self.unknowns):
+            return [self._complete(self._start)]
         generator = np.random.default_rng(1)
-        trials = np.repeat(given[np.newaxis], TRIALS + 1, axis=0)
-        spread = 10.0 ** generator.uniform(-DECADES, DECADES, (TRIALS, len(self._others)))
-        trials[1:, self._others] = np.clip(
-            np.where(given[self._others] != 0.0, given[self._others], self._scale[self._others]) * spread,
-            self._low[self._others],
-            self._high[self._others],
-        )
-        solved = sorted((self._solve_linear(trial) for trial in trials), key=lambda pair: pair[1])
-        followed = [self._descend(point) for point, _ in solved[:FOLLOWED]]
-        followed.sort(key=lambda pair: pair[1])
-        # The measured motion is smooth where the spool turns round, and its balance of forces may mislead:
-        # the best trial in each part of the range is a start as well.
-        across = sorted(solved, key=lambda pair: float(pair[0][self._others[0]]))
-        size = len(across) // PARTS
-        followed += [
-            min(across[n : n + size], key=lambda pair: pair[1]) for n in range(0, size * PARTS, size)
-        ]
-        return [self._complete(point) for point, _ in followed]
-
-    def _descend(self, start: Array) -> tuple[Array, float]:
-        """Return the end of a descent in the unknowns that are not linear, the others solved each time."""
-        scale = self._scale[self._others]
-
-        def cost(shares: Array) -> Array:
-            point = start.copy()
-            point[self._others] = shares * scale
-            solved, _ = self._solve_linear(point)
-            return np.asarray(self._inertia + self._forces(solved[np.newaxis])[0])
-
-        low, high = self._low[self._others] / scale, self._high[self._others] / scale
-        first = np.clip(start[self._others] / scale, low, high)
-        found = least_squares(
-            cost, first, bounds=(low, high), diff_step=1e-2, max_nfev=8, ftol=1e-4, xtol=1e-3
-        )
-        point = start.copy()
-        point[self._others] = found.x * scale
-        solved, left = self._solve_linear(point)
-        return solved, left
+        sizes = np.where(self._start != 0.0, self._start, sizes_of(self.unknowns, self._start))
+        spread = 10.0 ** generator.uniform(-DECADES, DECADES, (TRIALS, sizes.size))
+        trials = np.clip(sizes * spread, *bounds_of(self.unknowns))
+        trials = trials[np.argsort(self.costs(self.residuals(trials)))[:FOLLOWED]]
+        ends = [descend(self, one[np.newaxis], ROUNDS, ENOUGH) for one in (self._start, *trials)]
+        ends.sort(key=lambda end: end.cost)
+        found: list[Array] = []
+        for end in ends:
+            near = SAME * sizes_of(self.unknowns, end.point)
+            if not any((np.abs(end.point - other) <= near).all() for other in found):
+                found.append(end.point)
+        # The measured motion is smooth where the spool turns round, and its balance of forces may mislead.
+        others = [self._start] if len(found) > 1 else []
+        return [self._complete(point) for point in (*found, *others)]
 
     def _complete(self, own: Array) -> Array:
         """Return the point of all unknowns: sensors without error."""
-        place = {unknown.name: float(value) for unknown, value in zip(self._own, own, strict=True)}
-        return np.array([place.get(unknown.name, 0.0) for unknown in self._unknowns])
+        place = {unknown.name: float(value) for unknown, value in zip(self.unknowns, own, strict=True)}
+        return np.array([place.get(unknown.name, 0.0) for unknown in self._every])
 
 
 @dataclass(frozen=True, slots=True)
