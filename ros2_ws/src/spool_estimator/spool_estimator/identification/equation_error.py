@@ -25,13 +25,7 @@ from spool_core.numbers import Array
 
 from spool_estimator.identification.fit_result import FILTER, MASS, SPOOL_DELAY, SPOOL_GAIN
 from spool_estimator.identification.free_run import FALL, FreeRun, excitation_gain, excitation_limit
-from spool_estimator.identification.least_squares import (
-    LeastSquares,
-    Unknown,
-    bounds_of,
-    descend,
-    sizes_of,
-)
+from spool_estimator.identification.least_squares import LeastSquares, Unknown, bounds_of, descend, sizes_of
 from spool_estimator.identification.record import Record, first_seconds
 from spool_estimator.identification.residuals import HIGHEST_SHARE, Residuals, standard_deviations
 from spool_estimator.identification.spectra import ZeroPhase, noise_of, relative_motion
@@ -100,8 +94,8 @@ class EquationError(LeastSquares):
                 )
             )
         self._inertia = np.concatenate([one.inertia for one in self._stretches] or [np.empty(0)])
-        size = np.linalg.norm(self.slopes(self._start, self._balance(self._start[np.newaxis])[0], WIDE), axis=1)
-        shown = size * sizes_of(self.unknowns, self._start)
+        slopes = self.slopes(self._start, self.residuals(self._start[np.newaxis])[0], WIDE)
+        shown = np.linalg.norm(slopes, axis=1) * sizes_of(self.unknowns, self._start)
         self.blind = tuple(
             unknown.name
             for unknown, one in zip(self.unknowns, shown.tolist(), strict=True)
@@ -110,7 +104,21 @@ class EquationError(LeastSquares):
 
     def residuals(self, points: Array) -> Array:
         """Return inertia and conditioned forces at ``points`` (s, u), N, shape (s, all samples)."""
-        return self._balance(points)
+        sets = np.repeat(self._values, points.shape[0], axis=0)
+        sets[:, self._columns] = points
+        rows = [
+            stretch.conditioning.apply(
+                self._run.motion.forces(
+                    stretch.displacement,
+                    stretch.velocity,
+                    sets,
+                    sample_period=stretch.sample_period,
+                    first_sample=stretch.first_sample,
+                )
+            )[:, stretch.inside]
+            for stretch in self._stretches
+        ]
+        return np.asarray(np.concatenate([*rows, np.empty((len(points), 0))], axis=1) + self._inertia)
 
     def costs(self, residuals: Array) -> Array:
         """Return the sums of squares of ``residuals`` (s, m), shape (s,)."""
@@ -195,23 +203,6 @@ class EquationError(LeastSquares):
                 found = more
         return found if least(found) >= HOLDS * most else None
 
-    def _balance(self, points: Array) -> Array:
-        sets = np.repeat(self._values, points.shape[0], axis=0)
-        sets[:, self._columns] = points
-        rows = [
-            stretch.conditioning.apply(
-                self._run.motion.forces(
-                    stretch.displacement,
-                    stretch.velocity,
-                    sets,
-                    sample_period=stretch.sample_period,
-                    first_sample=stretch.first_sample,
-                )
-            )[:, stretch.inside]
-            for stretch in self._stretches
-        ]
-        return np.concatenate([*rows, np.empty((len(points), 0))], axis=1) + self._inertia
-
     def starts(self) -> list[Array]:
         """Return points (all unknowns) to start from, best first; the given start where no data tells one."""
         if not self._stretches or len(self.blind) == len(self.unknowns):
@@ -228,9 +219,7 @@ class EquationError(LeastSquares):
             near = SAME * sizes_of(self.unknowns, end.point)
             if not any((np.abs(end.point - other) <= near).all() for other in found):
                 found.append(end.point)
-        # The measured motion is smooth where the spool turns round, and its balance of forces may mislead.
-        others = [self._start] if len(found) > 1 else []
-        return [self._complete(point) for point in (*found, *others)]
+        return [self._complete(point) for point in found]
 
     def _complete(self, own: Array) -> Array:
         """Return the point of all unknowns: sensors without error."""

@@ -321,6 +321,9 @@ def follow(
     if seen is not None and NO_FILTER < residuals.observation.corner < math.inf:
         residuals.unknowns, residuals.observation = free, Observation(INSTANTS)
         best = replace(best, point=best.point[: len(free)])
+    if not np.isfinite(residuals.at(best.point)).all():  # numbers that the first seconds hardly show
+        trial, best = _first_end(Residuals(run, free, values, band), points, seen, settings.starts)
+        residuals.unknowns, residuals.observation = trial.unknowns, trial.observation
     best = refine(residuals, best, REWEIGHED)
     residuals.observation = with_numbers(residuals.observation, residuals.unknowns, best.point.tolist())
     return Ended(residuals, best, law, before)

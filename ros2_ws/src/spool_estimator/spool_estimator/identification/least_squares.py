@@ -24,6 +24,7 @@ from threading import Lock
 from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 from spool_core.numbers import Array
 from spool_core.system import processors
 
@@ -301,7 +302,8 @@ def _follow(
     low, high = bounds_of(problem.unknowns)
     cost = float(problem.costs(residual[np.newaxis])[0])
     converged, known, exact = not x.size, False, False
-    sizes, slopes = sizes_of(problem.unknowns, x), np.empty((0, 0))
+    sizes: Array = sizes_of(problem.unknowns, x)
+    slopes: Any = np.empty((0, 0))
     before: tuple[Array, Any, float] | None = None
     for _ in range(rounds if x.size else 0):
         least = enough * cost if relative else enough
@@ -319,13 +321,8 @@ def _follow(
             slopes, known, exact = changes * sizes[:, np.newaxis], True, True
         rows, left = problem.weighed(slopes, residual), problem.weighed(residual, residual)
         information, gradient = rows @ rows.T, rows @ left
-        # What would leave its bounds stays there, and the others are solved for without it.
-        own = np.flatnonzero(~(((x <= low) & (gradient > 0.0)) | ((x >= high) & (gradient < 0.0))))
-        move = np.zeros(x.size)
-        if own.size:
-            scales = np.sqrt(np.maximum(np.diag(information)[own], 1e-12 * np.trace(information) + 1e-300))
-            matrix = information[np.ix_(own, own)] / np.outer(scales, scales) + damping * np.eye(own.size)
-            move[own] = -np.linalg.lstsq(matrix, gradient[own] / scales, rcond=1e-12)[0] / scales
+        held = ((x <= low) & (gradient > 0.0)) | ((x >= high) & (gradient < 0.0))
+        move = _step(information, gradient, held, damping)
         if _promised(move, gradient, information) < least:
             if exact:
                 converged = True
@@ -334,7 +331,7 @@ def _follow(
             continue
         room = np.array([unknown.room(size) for unknown, size in zip(problem.unknowns, sizes, strict=True)])
         trial = np.clip(x + np.clip(sizes * move, -room, room), low, high)
-        move = (trial - x) / sizes
+        move = np.asarray((trial - x) / sizes)
         promised = _promised(move, gradient, information)
         outcome = problem.residuals(trial[np.newaxis])[0]
         fall = cost - float(problem.costs(outcome[np.newaxis])[0])
@@ -354,6 +351,16 @@ def _follow(
         else:
             known = False
     return Descent(x, cost, converged, residual)
+
+
+def _step(information: Array, gradient: Array, held: NDArray[np.bool_], damping: float) -> Array:
+    """Return the damped step, shape (u,): what would leave its bounds is ``held``, the others without it."""
+    move, own = np.zeros(held.size), np.flatnonzero(~held)
+    if own.size:
+        scales = np.sqrt(np.maximum(np.diag(information)[own], 1e-12 * np.trace(information) + 1e-300))
+        matrix = information[np.ix_(own, own)] / np.outer(scales, scales) + damping * np.eye(own.size)
+        move[own] = -np.linalg.lstsq(matrix, gradient[own] / scales, rcond=1e-12)[0] / scales
+    return move
 
 
 def _promised(move: Array, gradient: Array, information: Array) -> float:

@@ -29,18 +29,10 @@ from spool_core.numbers import Array
 from spool_core.uncertainty import rate_power
 from spool_sim.observation import CAUSAL, INSTANTS, LINEAR, Observation
 
+from spool_estimator.identification import least_squares
 from spool_estimator.identification.fit_result import FILTER, SPOOL_DELAY, SPOOL_GAIN, FitSettings
 from spool_estimator.identification.free_run import USUAL, FreeRun, Reading, Response
-from spool_estimator.identification.least_squares import (
-    STEP,
-    Descent,
-    LeastSquares,
-    Unknown,
-    Work,
-    bounds_of,
-    descend,
-    sizes_of,
-)
+from spool_estimator.identification.least_squares import Unknown
 from spool_estimator.identification.spectra import Spectrum, ZeroPhase, faded, residual_spectrum
 
 #: s over which the differences fade in and out at the ends of a window.
@@ -79,7 +71,7 @@ def with_numbers(
     return Observation(observation.kind, order, corner)
 
 
-class Weighted(LeastSquares):
+class Weighted(least_squares.LeastSquares):
     """Weighted residual of free runs.
 
     Attributes:
@@ -92,7 +84,7 @@ class Weighted(LeastSquares):
 
     @property
     @abstractmethod
-    def work(self) -> Work:
+    def work(self) -> least_squares.Work:
         """Work of the fit so far, and its limit."""
 
     @property
@@ -100,12 +92,12 @@ class Weighted(LeastSquares):
     def steps(self) -> float:
         """Simulated steps of the residuals at one point."""
 
-    def descend(self, starts: Array, rounds: int, enough: float, tries: int = 1) -> Descent:
+    def descend(self, starts: Array, rounds: int, enough: float, tries: int = 1) -> least_squares.Descent:
         """Return the end of the descents, as :func:`.least_squares.descend`, within the limit of work."""
         # Slopes and trial of each start; known before they begin, so that threads do not matter.
         of_a_round = tries * (len(self.unknowns) + 1) * self.steps
         most = self.work.rounds(rounds, of_a_round)
-        found = descend(self, starts, most, enough, tries)
+        found = least_squares.descend(self, starts, most, enough, tries)
         self.work.cut |= most < rounds and not found.converged
         return found
 
@@ -142,8 +134,8 @@ class Weighted(LeastSquares):
 
     def central_slopes(self, point: Array) -> Array:
         """Return the Jacobian by differences to both sides where the bounds leave room."""
-        steps = STEP * sizes_of(self.unknowns, point)
-        low, high = bounds_of(self.unknowns)
+        steps = least_squares.STEP * least_squares.sizes_of(self.unknowns, point)
+        low, high = least_squares.bounds_of(self.unknowns)
         lows, highs = np.maximum(point - steps, low), np.minimum(point + steps, high)
         runs = self.residuals(np.vstack([point + np.diag(highs - point), point + np.diag(lows - point)]))
         count = len(self.unknowns)
@@ -185,7 +177,7 @@ class Residuals(Weighted):
         self.kept: list[Array] = [np.ones(1)] * len(run.windows)
 
     @property
-    def work(self) -> Work:
+    def work(self) -> least_squares.Work:
         """Work of the fit so far, and its limit."""
         return self.run.work
 

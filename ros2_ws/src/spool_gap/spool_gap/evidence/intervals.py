@@ -4,8 +4,8 @@ They are those of any fit (:func:`spool_estimator.identification.residuals.covar
 second a block. Where a force jumps, its instants scatter, and slopes over short steps seem to tell more than
 they do: the wider interval of two lengths of step counts.
 
-Sources: Murphy and van der Vaart, JASA 95, 2000 (profile likelihood); Raue and others, Bioinformatics 25, 2009
-(what a profile shows).
+Sources: Murphy and van der Vaart, JASA 95, 2000 (profile likelihood); Raue and others, Bioinformatics 25,
+2009 (what a profile shows).
 """
 
 from __future__ import annotations
@@ -120,7 +120,8 @@ def refined(predictions: Predictions, fit: StructureFit) -> tuple[StructureFit, 
 
 def _windows(predictions: Predictions) -> list[NDArray[np.int64]]:
     """Return the places of each window that counts among the weighed numbers."""
-    found, begin = [], 0
+    found: list[NDArray[np.int64]] = []
+    begin = 0
     for part in predictions.parts:
         shape = 2, int(part.inside.sum()), part.lines.size
         places = begin + np.arange(math.prod(shape)).reshape(shape)
