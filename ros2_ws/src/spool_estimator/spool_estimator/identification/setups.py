@@ -482,16 +482,16 @@ def _mass_starts(parts: Sequence[_Part], names: Sequence[str], start: Array) -> 
     place = {name: n for n, name in enumerate(names)}
     rows = [start]
     for factor in MASSES:
-        mass = start[place[MASS]] * factor
+        mass = factor * (parts[0].residuals.values[MASS] - parts[0].setup.added_mass)
         found: dict[str, list[float]] = {}
         for part in parts:
-            ended = dict(
-                zip((u.name for u in part.ended.residuals.unknowns), part.ended.best.point, strict=True)
-            )
-            grown = (mass + part.setup.added_mass) / part.residuals.values[MASS]
+            fitted = (unknown.name for unknown in part.ended.residuals.unknowns)
+            # A set-up's own fit may have held another number in place of the mass.
+            own = {**part.residuals.values, **dict(zip(fitted, part.ended.best.point.tolist(), strict=True))}
+            grown = (mass + part.setup.added_mass) / own[MASS]
             for unknown, name, scale in zip(part.unknowns, part.names, part.scales, strict=True):
-                if unknown.unit.startswith("N") and unknown.name in ended:
-                    found.setdefault(name, []).append(float(ended[unknown.name]) * grown / scale)
+                if unknown.unit.startswith("N"):
+                    found.setdefault(name, []).append(own[unknown.name] * grown / float(scale))
         row = start.copy()
         row[place[MASS]] = mass
         for name, values in found.items():
