@@ -4,16 +4,8 @@ Samples are weighed by the spectrum of the residual, so that the weighted residu
 resonance and excitation make of the noise. Windows fade at both ends: a step there would reach far through
 the weighing.
 
-Whittle's likelihood of a residual with power density S(f) is a sum of log S over the lines of its spectrum.
-For a residual of n independent lines in the band and p parameters
-
-    BIC = n mean(log S) + p log n
-
-up to a constant that all models of one set of data share. For a white residual it is the known n log(rms^2) +
-p log n.
-
-They hold for noise of any colour and for noise whose strength changes along the record; how far the sensors'
-timing and the sampling rate are not known is added.
+The deviations hold for noise of any colour and for noise whose strength changes along the record; how far the
+sensors' timing and the sampling rate are not known is added.
 """
 
 from __future__ import annotations
@@ -283,6 +275,14 @@ def read_as(residuals: Residuals, observation: Observation) -> Residuals:
 
 def information_criterion(residuals: Residuals, point: Array, parameters: int) -> tuple[float, float]:
     """Return BIC at ``point`` and the number of independent samples n that it counts.
+
+    Whittle's likelihood of a residual with power density S(f) is a sum of log S over the lines of its
+    spectrum. For a residual of n independent lines in the band and p parameters
+
+        BIC = n mean(log S) + p log n
+
+    up to a constant that all models of one set of data share. For a white residual it is the known
+    n log(rms^2) + p log n.
 
     Args:
         residuals: gives windows and band.
