@@ -29,13 +29,13 @@ SOURCE = ROOT / "ros2_ws" / "src"
 RESEARCH = {path.parent.name for path in (ROOT / "research").glob("*/__init__.py")}
 #: What was measured. A limit is only lowered: a feature is paid by a removal in the same change.
 RATCHETS = {
-    "lines": 84_916,
-    "lines of code": 54_425,
-    "files": 402,
+    "lines": 84_681,
+    "lines of code": 54_343,
+    "files": 378,
     "lines of research": 14_917,
-    "lines up to the last import, %": 8.35,
+    "lines up to the last import, %": 8.16,
     "private functions with one caller, %": 16.09,
-    "modules with one importer, %": 14.52,
+    "modules with one importer, %": 13.85,
 }
 
 
