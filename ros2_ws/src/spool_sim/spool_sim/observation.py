@@ -122,12 +122,13 @@ class Observation:
             return points[::every].copy()
         dense = self._dense(points, events, every)
         edge = min(dense.size - 1, EDGE * every)
-        padded = np.pad(dense, edge, mode="reflect", reflect_type="odd")
         fade = np.sin(0.5 * np.pi * (np.arange(edge) + 0.5) / edge) ** 2
-        padded *= np.concatenate([fade, np.ones(dense.size), fade[::-1]])
+        before, after = 2.0 * dense[0] - dense[edge:0:-1], 2.0 * dense[-1] - dense[-2 : -edge - 2 : -1]
+        padded = np.concatenate([before * fade, dense, after * fade[::-1]])
         lines = fft.rfft(padded, _length(samples, every))
-        frequency = lines_of(samples, every)
-        lines *= _response(self, samples, every) * np.exp(-2j * np.pi * frequency * delay)
+        lines *= _response(self, samples, every)
+        if delay != 0.0:
+            lines *= _late(delay, samples, every)
         if gains is not None:
             lines *= gains
         found = np.array(fft.irfft(lines, _length(samples, every))[edge : edge + dense.size : every])
@@ -225,6 +226,11 @@ def _integrals(response: Spectrum) -> tuple[Array, Array]:
 @lru_cache(maxsize=64)
 def _response(observation: Observation, samples: int, every: int) -> Spectrum:
     return observation.response(lines_of(samples, every))
+
+
+@lru_cache(maxsize=16)  # of a batch most sets have one delay
+def _late(delay: float, samples: int, every: int) -> Spectrum:
+    return np.asarray(np.exp(-2j * np.pi * delay * lines_of(samples, every)))
 
 
 @lru_cache(maxsize=64)
