@@ -113,10 +113,11 @@ class HeldOut:
         """
         key = fit, refitted
         if key not in self._known:
-            steps = STEPS if refitted else 0
             with self.apart():
-                again = fit_structure(self._predictions, fit.structure, steps=steps)
-                found = self._judged(again.structure)
+                one = fit.structure
+                if refitted:
+                    one = fit_structure(self._predictions, one, steps=STEPS).structure
+                found = self._judged(one)
             self._known[key] = found if refitted else replace(found, rows=[])
         return self._known[key]
 
