@@ -367,16 +367,9 @@ def _named(
             else float("nan")
         )
         parameters = words.extra.get(name) or _own(decision.numbers, name)
+        errors = error, after.agreement.nrmse
         found.append(
-            NamedEffect(
-                name,
-                tuple(parameters),
-                error,
-                after.agreement.nrmse,
-                evidence,
-                entry.on_the_machine,
-                entry.to_check,
-            )
+            NamedEffect(name, tuple(parameters), *errors, evidence, entry.on_the_machine, entry.to_check)
         )
     return found
 
