@@ -76,6 +76,12 @@ def test_the_truth_leaves_the_noise_of_both_sensors() -> None:
     assert NOISE * 0.97 < left < NOISE * 1.5
 
 
+def test_a_free_run_that_starts_again_in_each_window_leaves_noise_as_well() -> None:
+    of = readings_of(record())
+    left = error_rms(Prediction(of, VALVE, MOTIONS, restarts=1.0), structure())
+    assert left == pytest.approx(error_rms(Prediction(of, VALVE, MOTIONS), structure()), rel=0.02)
+
+
 def test_predictions_take_the_kernels_that_the_warm_up_compiles() -> None:
     for motion in MOTIONS:
         motion.warm_up()

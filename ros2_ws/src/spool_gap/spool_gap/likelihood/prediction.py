@@ -62,13 +62,20 @@ class Prediction:
         work: steps of integration so far.
     """
 
-    def __init__(self, readings: Readings, valve: Valve, motions: Sequence[SwitchableMotion]) -> None:
+    def __init__(
+        self,
+        readings: Readings,
+        valve: Valve,
+        motions: Sequence[SwitchableMotion],
+        restarts: float = math.inf,
+    ) -> None:
         """Lay out the tiles.
 
         Args:
             readings: of at least three windows.
             valve: as described.
             motions: kernels, the quickest first; the first one that has all terms of a structure runs it.
+            restarts: s after which the free run starts again from the measured motion.
 
         Raises:
             InputError: the stretch is too short.
@@ -77,15 +84,15 @@ class Prediction:
         self.readings = readings = averaged(readings)
         self.period = readings.period
         cleaned = replace(readings.record, body=readings.body, spool=readings.spool, oil_temperature=None)
-        self.run = FreeRun([cleaned], MODELS["fluid"], valve)
-        (window,) = self.run.windows
-        cut = self._compared = slice(window.start, window.stop)
+        self.run = FreeRun([cleaned], MODELS["fluid"], valve, window=restarts)
+        first, *_, last = (*self.run.windows, self.run.windows[-1])
+        cut = self._compared = slice(first.start, last.stop)
         self.spool, self.body = readings.spool[cut], readings.record.body[cut]
         self._railed = np.flatnonzero(~np.isnan(readings.rail[cut]))
         self._rails = readings.rail[cut][self._railed]
         self.size = self.spool.size
         self.seconds = self.size * self.period
-        self.time = readings.time + window.start * self.period
+        self.time = readings.time + first.start * self.period
         self._window = round(WINDOW / self.period)
         self.windows = self.size // self._window
         frequency = fft.rfftfreq(self._window, self.period)
@@ -139,8 +146,13 @@ class Prediction:
         run = self.run.of(MODELS["fluid"], motion)
         run.substeps = [substeps]
         sets = np.array([motion.row(one.terms, one.values) for one in structures])
-        (found,) = run.responses(sets, [one.reading for one in structures])
-        return found
+        found = run.responses(sets, [one.reading for one in structures])
+        begins = [window.start - run.windows[0].start for window in run.windows]
+        rows = [
+            (one.acceleration, one.displacement, one.velocity, one.jumps + begin)
+            for one, begin in zip(found, begins, strict=True)
+        ]
+        return Response(*(np.concatenate(row, axis=-1) for row in zip(*rows, strict=True)))
 
     def errors(self, structures: Sequence[Structure]) -> Spectrum:
         """Return what ``structures``, of the same effects and parts, leave, shape (s, windows, lines).
@@ -326,7 +338,10 @@ class Predictions:
         self.seconds = max(part.time + part.seconds for part in parts)
 
     def excerpt(self) -> Predictions:
-        """Return this for excerpts with much motion, spread over the time, or for all of a short one."""
+        """Return this for excerpts with much motion, spread over the time, or for all of a short one.
+
+        Free runs start again in each window there: after some blows two motions that begin alike differ.
+        """
         counting = [one for one in self.parts if one.inside.any()] or list(self.parts)
         short = sum(part.seconds for part in self.parts) <= EXCERPTS * EXCERPT
         found = []
@@ -346,7 +361,9 @@ class Predictions:
                 found.append(part.readings.part(first, first + length))
         own, every = self.parts[0], [one.readings for one in counting]
         for readings in (found, every):  # all of the excerpts may be clipped
-            brief = Predictions([Prediction(one, own.valve, own.motions) for one in readings or every])
+            brief = Predictions([
+                Prediction(one, own.valve, own.motions, WINDOW) for one in readings or every
+            ])  # fmt: skip
             brief.seconds = self.seconds
             if brief.numbers > 0.0:
                 break
