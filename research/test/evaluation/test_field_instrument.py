@@ -27,7 +27,8 @@ from spool_evaluation.studies.field.verdicts import Diagnosis, FieldVerdict, Hid
 from spool_evaluation.studies.gap import BASE
 from spool_gap.evidence import analyse
 from spool_gap.evidence.analyse import Run
-from spool_gap.likelihood.search import DECISIVE, Key
+from spool_gap.likelihood.search import Key
+from spool_gap.likelihood.structure_fit import DECISIVE
 from spool_sim.model import MODELS
 
 CASE = make_field(33, "coulomb_friction", ())

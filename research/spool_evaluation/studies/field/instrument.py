@@ -22,9 +22,9 @@ from spool_estimator.identification.chain import CHAIN_PARTS
 from spool_estimator.identification.record import Record
 from spool_gap.catalogue import EFFECTS
 from spool_gap.evidence.analyse import Run
-from spool_gap.likelihood.search import DECISIVE, Key
+from spool_gap.likelihood.search import Key
 from spool_gap.likelihood.structure import DELAY, GAIN, Structure, structure_of
-from spool_gap.likelihood.structure_fit import StructureFit
+from spool_gap.likelihood.structure_fit import DECISIVE, StructureFit
 from spool_sim.valve import Valve
 
 from spool_evaluation.results.page import markdown_table, write_page

@@ -32,9 +32,9 @@ from spool_gap.likelihood.kernel import motions_for
 from spool_gap.likelihood.prediction import Prediction, Predictions
 from spool_gap.likelihood.remainder import BODY, Pattern
 from spool_gap.likelihood.rest import Rest
-from spool_gap.likelihood.search import DECISIVE, Search
+from spool_gap.likelihood.search import Search
 from spool_gap.likelihood.structure import DELAY, GAIN, structure_of
-from spool_gap.likelihood.structure_fit import StructureFit, fit_structure
+from spool_gap.likelihood.structure_fit import DECISIVE, StructureFit, fit_structure
 from spool_gap.result import GapSettings
 from spool_sim.excitation import SweptSine
 from spool_sim.model import MODELS, Model

@@ -82,6 +82,15 @@ def test_a_free_run_that_starts_again_in_each_window_leaves_noise_as_well() -> N
     assert left == pytest.approx(error_rms(Prediction(of, VALVE, MOTIONS), structure()), rel=0.02)
 
 
+@pytest.mark.parametrize(("ahead", "ends_early"), [(-1.0, False), (1e9, True)])
+def test_a_fit_ends_early_only_where_it_cannot_come_to_its_goal(ahead: float, *, ends_early: bool) -> None:
+    """Pace is that of its best step so far."""
+    of, start = Predictions([prediction(with_play())]), structure("spring_backlash", backlash=4e-4)
+    whole = fit_structure(of, start)
+    again = fit_structure(of, start, goal=whole.log_likelihood + ahead)
+    assert (again.log_likelihood < whole.log_likelihood - 1.0) == ends_early
+
+
 def test_predictions_take_the_kernels_that_the_warm_up_compiles() -> None:
     for motion in MOTIONS:
         motion.warm_up()

@@ -15,9 +15,9 @@ from spool_gap.evidence.look import Look, look_at
 from spool_gap.likelihood.kernel import motions_for
 from spool_gap.likelihood.prediction import Prediction, Predictions
 from spool_gap.likelihood.remainder import BODY, MOTION, patterns_of
-from spool_gap.likelihood.search import DECISIVE, Search
+from spool_gap.likelihood.search import Search
 from spool_gap.likelihood.structure import Values, structure_of
-from spool_gap.likelihood.structure_fit import fit_structure
+from spool_gap.likelihood.structure_fit import DECISIVE, fit_structure
 from spool_gap.report import looks_like
 from spool_gap.result import GapSettings
 from spool_sim.excitation import Excitation, Multisine, SweptSine

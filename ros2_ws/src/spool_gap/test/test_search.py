@@ -9,6 +9,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 from scipy import signal
+from spool_estimator.identification import free_run, least_squares
 from spool_estimator.identification.chain import mode
 from spool_estimator.identification.record import Record, records_from_blocks
 from spool_gap.evidence import analyse as workflow
@@ -20,9 +21,9 @@ from spool_gap.likelihood.kernel import motions_for
 from spool_gap.likelihood.prediction import Prediction, Predictions
 from spool_gap.likelihood.readings import readings_of
 from spool_gap.likelihood.rest import Rest, rest_of
-from spool_gap.likelihood.search import DECISIVE, Search
+from spool_gap.likelihood.search import Search
 from spool_gap.likelihood.structure import Structure, structure_of
-from spool_gap.likelihood.structure_fit import fit_structure
+from spool_gap.likelihood.structure_fit import DECISIVE, fit_structure
 from spool_gap.result import GapResult, GapSettings
 from spool_sim.excitation import Excitation, Multisine, SweptSine
 from spool_sim.model import MODELS, Model
@@ -165,8 +166,21 @@ def test_a_first_look_at_an_effect_takes_excerpts_of_the_record_alone(name: str)
     of = predictions(record())
     search = Search(of, structure_of(BASE, VALVE), [name])
     before = of.work
-    assert search._scanned(search.base.structure, name).structure.effects == (name,)
+    (found,) = search._compared([search._trial(search.base.structure, name)])
+    assert found.structure.effects == (name,)
     assert of.work == before
+
+
+def test_the_fits_do_not_depend_on_the_number_of_threads(monkeypatch: pytest.MonkeyPatch) -> None:
+    def numbers(count: int) -> dict[object, tuple[float, dict[str, float]]]:
+        for module in (least_squares, free_run):
+            monkeypatch.setattr(module, "processors", lambda: count)
+        names = ["coulomb_friction", "stribeck_friction", "end_stop"]
+        search = Search(predictions(hiding("coulomb_friction")), structure_of(BASE, VALVE), names)
+        search.run()
+        return {key: (one.evidence, dict(one.structure.values)) for key, one in search.fits.items()}
+
+    assert numbers(3) == numbers(1)
 
 
 STOP = {"stop_gap": 1.2e-3, "stop_stiffness": 2e5, "stop_dissipation": 0.3, "stop_damping": 2.0}

@@ -20,7 +20,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from threading import Lock
+from threading import Lock, local
 from typing import Any, TypeVar
 
 import numpy as np
@@ -28,6 +28,8 @@ from numpy.typing import NDArray
 from spool_core.numbers import Array
 from spool_core.system import processors
 
+#: ``busy``: this thread is one of several that share the processors.
+_THREAD = local()
 #: Size of an unknown near 0, as a share of its typical size.
 SMALLEST_SIZE = 0.1
 
@@ -175,6 +177,7 @@ def descend(
     *,
     relative: bool = True,
     damping: float = FIRST_DAMPING,
+    goal: float = math.inf,
 ) -> Descent:
     """Return the deepest end of the descents from the best ``tries`` of ``starts`` (s, u).
 
@@ -186,13 +189,14 @@ def descend(
         tries: how many of the starts are followed.
         relative: ``enough`` is a share of the cost.
         damping: of the first step.
+        goal: cost; a descent that does not come to it at its largest pace so far ends.
     """
     starts = np.clip(starts, *bounds_of(problem.unknowns))
     residuals = problem.residuals(starts)
     order = np.argsort(problem.costs(residuals))[:tries]
 
     def followed(place: int) -> Descent:
-        return _follow(problem, starts[place], residuals[place], rounds, enough, relative, damping)
+        return _follow(problem, starts[place], residuals[place], rounds, enough, relative, damping, goal)
 
     return min(in_parallel(followed, order.tolist()), key=lambda one: one.cost)
 
@@ -287,17 +291,35 @@ def combinations(
 
 
 def in_parallel(work: Callable[[Item], Found], items: Iterable[Item]) -> list[Found]:
-    """Return what ``work`` makes of each of ``items``, in their order."""
+    """Return what ``work`` makes of each of ``items``, in their order, in a thread for each processor.
+
+    What is in such a thread already goes on in it.
+    """
     every = list(items)
     threads = min(len(every), processors())
-    if threads < 2:
+    if threads < 2 or hasattr(_THREAD, "busy"):
         return [work(item) for item in every]
-    with ThreadPoolExecutor(threads) as pool:
+    with ThreadPoolExecutor(threads, initializer=lambda: setattr(_THREAD, "busy", True)) as pool:
         return list(pool.map(work, every))
 
 
+def hopeless(cost: float, falls: Sequence[float], left: int, goal: float) -> bool:
+    """Return whether ``cost`` stays above ``goal`` in ``left`` steps like the largest of its ``falls``.
+
+    The first fall does not tell: that step is damped most.
+    """
+    return len(falls) > 1 and cost - left * max(falls) > goal
+
+
 def _follow(
-    problem: LeastSquares, x: Array, residual: Any, rounds: int, enough: float, relative: bool, damping: float
+    problem: LeastSquares,
+    x: Array,
+    residual: Any,
+    rounds: int,
+    enough: float,
+    relative: bool,
+    damping: float,
+    goal: float,
 ) -> Descent:
     low, high = bounds_of(problem.unknowns)
     cost = float(problem.costs(residual[np.newaxis])[0])
@@ -305,7 +327,8 @@ def _follow(
     sizes: Array = sizes_of(problem.unknowns, x)
     slopes: Any = np.empty((0, 0))
     before: tuple[Array, Any, float] | None = None
-    for _ in range(rounds if x.size else 0):
+    falls: list[float] = []
+    for left in reversed(range(rounds if x.size else 0)):
         least = enough * cost if relative else enough
         if not known:
             changes = problem.slopes(x, residual)
@@ -319,8 +342,8 @@ def _follow(
             # In units of the unknowns' sizes: stiffnesses and delays differ by ten powers of ten.
             sizes = sizes_of(problem.unknowns, x)
             slopes, known, exact = changes * sizes[:, np.newaxis], True, True
-        rows, left = problem.weighed(slopes, residual), problem.weighed(residual, residual)
-        information, gradient = rows @ rows.T, rows @ left
+        rows, rest = problem.weighed(slopes, residual), problem.weighed(residual, residual)
+        information, gradient = rows @ rows.T, rows @ rest
         held = ((x <= low) & (gradient > 0.0)) | ((x >= high) & (gradient < 0.0))
         move = _step(information, gradient, held, damping)
         if _promised(move, gradient, information) < least:
@@ -343,6 +366,9 @@ def _follow(
             before = x, residual, cost
             x, residual, cost = trial, outcome, cost - fall
             exact = False
+            falls.append(fall)
+            if hopeless(cost, falls, left, goal):
+                break
         elif exact:
             damping = max(damping, FIRST_DAMPING / BACK_OFF**2) * BACK_OFF
             if damping > MOST_DAMPING:

@@ -34,9 +34,9 @@ from spool_gap.likelihood.rest import (
     split_by_direction,
     two_forces,
 )
-from spool_gap.likelihood.search import DECISIVE, Search, senseless
+from spool_gap.likelihood.search import Search, senseless
 from spool_gap.likelihood.structure import DELAY, GAIN, Structure
-from spool_gap.likelihood.structure_fit import StructureFit, fit_structure
+from spool_gap.likelihood.structure_fit import DECISIVE, StructureFit, fit_structure
 from spool_gap.result import UNEXPLAINED, GapSettings
 
 #: Temperature of the probabilities: evidence counts windows as independent and laws as exact, which no

@@ -28,7 +28,7 @@ from spool_gap.force.balance import (
 from spool_gap.force.determined import check_one_mass, determined
 from spool_gap.force.position import CONSTANT, Chosen, cross_validated, fitted_by_position, free_run_error
 from spool_gap.force.result import quantities_of, result_of
-from spool_gap.likelihood.search import DECISIVE
+from spool_gap.likelihood.structure_fit import DECISIVE
 from spool_gap.result import GapResult, GapSettings, NamedEffect, Progress, RankedHypothesis
 
 #: s of the stretches that are fitted and held out by turns.

@@ -59,7 +59,6 @@ class Prediction:
         spool, body: measured, m/s^2, shape (n,); of the body with its noise.
         plain: all tiles have one level: such fits converge from afar.
         beside: at instants, too, samples beside jumps count: else low-passes could not be compared.
-        work: steps of integration so far.
     """
 
     def __init__(
@@ -109,7 +108,7 @@ class Prediction:
         self.held: Mask = np.zeros(self.windows, dtype=np.bool_)
         self.inside: Mask = ~self.held
         self._steps: dict[tuple[object, ...], int] = {}
-        self.work, self.plain, self.beside = 0.0, False, False
+        self.plain, self.beside = False, False
         # Power of a line that rounding stands for.
         density = self.readings.noise.spool * LEAST_POWER
         self._floor = max(density * 0.5 / self.period * float(np.sum(self._taper**2)), 1e-12)
@@ -142,7 +141,6 @@ class Prediction:
         """Return what ``structures``, which have the same effects and parts, predict of the record."""
         first = structures[0]
         motion, substeps = self._run_by(first)
-        self.work += float(len(structures) * substeps * self.size)
         run = self.run.of(MODELS["fluid"], motion)
         run.substeps = [substeps]
         sets = np.array([motion.row(one.terms, one.values) for one in structures])
@@ -182,12 +180,12 @@ class Prediction:
     def _run_by(self, one: Structure) -> tuple[SwitchableMotion, int]:
         """Return the kernel that runs ``one``, and its steps a sample."""
         motion = next(entry for entry in self.motions if entry.has(one.terms))
-        # Within a tenth of each number the same steps will do.
-        rounded = tuple((name, float(f"{one.values[name]:.1g}")) for name in sorted(one.values))
-        key = (one.terms, rounded)
+        # Within a twentieth of each number the same steps will do.
+        rounded = {name: float(f"{one.values[name]:.2g}") for name in sorted(one.values)}
+        key = (one.terms, tuple(rounded.items()))
         if key not in self._steps:
             self._steps[key] = steps_a_sample(
-                Point(one.terms, one.values), self.period, min(self.readings.noise.high, 0.4 / self.period)
+                Point(one.terms, rounded), self.period, min(self.readings.noise.high, 0.4 / self.period)
             )
         return motion, self._steps[key]
 
@@ -392,7 +390,7 @@ class Predictions:
     @property
     def work(self) -> float:
         """Steps of integration so far."""
-        return sum(part.work for part in self.parts)
+        return sum(part.run.work.spent for part in self.parts)
 
     def hold_out(self, held: Sequence[Mask]) -> None:
         """Hold out the windows ``held`` of each part."""

@@ -28,9 +28,8 @@ from spool_gap.effect import Motion
 from spool_gap.likelihood.kernel import SwitchableMotion
 from spool_gap.likelihood.prediction import Prediction, Predictions
 from spool_gap.likelihood.readings import Readings, readings_of
-from spool_gap.likelihood.search import DECISIVE
 from spool_gap.likelihood.structure import Structure
-from spool_gap.likelihood.structure_fit import StructureFit, curvature_of
+from spool_gap.likelihood.structure_fit import DECISIVE, StructureFit, curvature_of
 
 #: Degree of the functions of one variable, and of each of two.
 DEGREE, BOTH = 9, 4

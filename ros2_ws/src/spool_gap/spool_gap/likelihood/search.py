@@ -8,12 +8,14 @@ all stay in the table, for the decision.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from spool_core.numbers import Array
 from spool_estimator.identification.chain import CHAIN_PARTS
+from spool_estimator.identification.least_squares import hopeless, in_parallel
 from spool_estimator.identification.spectra import ZeroPhase
 from spool_sim.observation import CAUSAL, INSTANTS, LINEAR, MEAN, Observation
 
@@ -21,7 +23,7 @@ from spool_gap.catalogue import EFFECTS
 from spool_gap.effect import Scale
 from spool_gap.likelihood.prediction import Prediction, Predictions
 from spool_gap.likelihood.structure import Limits, Structure
-from spool_gap.likelihood.structure_fit import ENOUGH, StructureFit, fit_structure
+from spool_gap.likelihood.structure_fit import DECISIVE, ENOUGH, StructureFit, fit_structure
 
 Key = tuple[frozenset[str], frozenset[str]]
 
@@ -42,9 +44,6 @@ NEAR = 1.02
 HOPELESS = 300.0
 #: Components of a structure at most: effects, and parts of the chain.
 MOST_EFFECTS, MOST_PARTS = 3, 4
-#: Evidence (log likelihood less its penalty) from which a component stays: twice what counts as decisive
-#: (Kass and Raftery, 1995), since many are tried.
-DECISIVE = 10.0
 #: Share of the rest (rms) that a component takes away at least: laws near rest and low-passes of loggers
 #: are described to about that.
 LEAST_FALL = 0.01
@@ -70,6 +69,14 @@ REACH, HARD, ENDS, FEWEST_HARD = 0.995, 1.4, 0.7, 2
 ALIKE = 0.15
 #: Lines of what the base leaves that may be a force, and how far they must stand out of the median, in power.
 PEAKS, STANDS_OUT = 3, 30.0
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """Guesses of one structure, which differ in numbers; ``zoom``: its likelihood has many maxima."""
+
+    guesses: Sequence[Structure]
+    zoom: bool = False
 
 
 class Search:
@@ -187,34 +194,36 @@ class Search:
                 self.fits[key] = fit_structure(self._predictions, fit.structure, steps=QUICK, enough=ROUGH)
         # Those that come near the best one are fitted to their end.
         most, least = self.best.evidence, NEAR * min(one.left for one in self.fits.values())
-        for key, fit in self.fits.items():
-            if fit.left <= least or fit.evidence >= most - HOPELESS:
-                self.fits[key] = fit_structure(self._predictions, fit.structure, steps=STEPS, enough=ENOUGH)
+        near = [fit for fit in self.fits.values() if fit.left <= least or fit.evidence >= most - HOPELESS]
+        ended = partial(fit_structure, self._predictions, steps=STEPS, enough=ENOUGH)
+        for fit in in_parallel(lambda one: ended(one.structure), near):
+            self.fits[fit.structure.key] = fit
         self.base = self.fits[self.base.structure.key]
 
     def _one_more(self, own: Structure) -> None:
         """Each effect and each part of the measuring chain beside ``own``."""
         # However late it is, every effect is tried alone.
-        rows = [
-            self._scanned(own, name)
-            for name in self._names
-            if self._may_add(own, name) and not (self.late and own.effects)
-        ]
+        late = self.late
+        names = () if late and own.effects else self._names
+        parts = () if late or len(own.parts) >= MOST_PARTS else CHAIN_PARTS
+        rows = self._compared([
+            *(self._trial(own, name) for name in names if self._may_add(own, name)),
+            *(
+                Trial([own.having(own.effects, (*own.parts, key), one) for one in guesses_of_part(key)])
+                for key in parts
+                if key not in own.parts
+            ),
+        ])  # fmt: skip
         jumping = [one for one in rows if one.structure.sharp and not own.sharp]
         if jumping:
             # Forces that jump or bend show the logger's low-pass, once the fit is near.
             ranked = sorted(jumping, key=lambda one: -one.evidence)[:SETTLED]
-            ended = [self._roughly(one.structure, STEPS) for one in ranked]
+            ended = in_parallel(lambda one: self._roughly(one.structure, STEPS), ranked)
             settled = self._settled(max(ended, key=lambda one: one.evidence))
-            seen = settled.structure.observation
-            rows = [one for one in rows if one not in jumping] + [
-                self._roughly(one.structure.read_by(seen)) for one in jumping
-            ]
-            rows = [one for one in rows if one.structure.key != settled.structure.key] + [settled]
-        for key in CHAIN_PARTS if len(own.parts) < MOST_PARTS else ():
-            if key not in own.parts and not self.late:
-                wider = own.having(own.effects, (*own.parts, key))
-                rows.append(self._fitted(wider, [{**own.values, **one} for one in guesses_of_part(key)]))
+            seen, goal = settled.structure.observation, settled.log_likelihood - HOPELESS
+            others = [one.structure for one in jumping if one.structure.key != settled.structure.key]
+            again = in_parallel(lambda one: self._roughly(one.read_by(seen), goal=goal), others)
+            rows = [*(one for one in rows if one not in jumping), *again, settled]
         self._finish_best(rows)
 
     def _alike(self, own: Structure) -> None:
@@ -224,13 +233,12 @@ class Search:
             part = self._predictions.parts[0]
             force = float(np.mean(np.abs(part.force_of(own, EFFECTS[name].terms))))
             scale = replace(self._scale, force=force / ALIKE)
-            rows = [
-                self._scanned(bare, other, scale)
-                for other in self._names
-                if other != name and EFFECTS[other].is_friction and not self.late
-            ]
+            others = [other for other in self._names if other != name and EFFECTS[other].is_friction]
+            known = self._roughly(own)
+            trials = [self._trial(bare, other, scale) for other in others if not self.late]
+            rows = self._compared(trials, known.log_likelihood - HOPELESS)
             rows.sort(key=lambda one: -one.evidence)
-            if rows and rows[0].evidence > self._roughly(own).evidence - HOPELESS:
+            if rows and rows[0].evidence > known.evidence - HOPELESS:
                 rows[0] = self._settled(self._roughly(rows[0].structure, STEPS))
             self._finish_best(rows)
 
@@ -238,63 +246,90 @@ class Search:
         """The best structure without each of its components."""
         for _ in range(MOST_EFFECTS):
             own = self.simplest.structure
-            for name in (*own.effects, *own.parts):
-                if own.without(name).key not in self.fits:
-                    self.finish(own.without(name))
+            fewer = [own.without(name) for name in (*own.effects, *own.parts)]
+            self._keep(in_parallel(self._whole, [one for one in fewer if one.key not in self.fits]))
             if self.simplest.structure.key == own.key:
                 return
 
     # Fits -----------------------------------------------------------------------------------------------
 
-    def _scanned(self, own: Structure, name: str, scale: Scale | None = None) -> StructureFit:
-        """Return the best brief fit of ``own`` with the effect ``name``."""
+    def _trial(self, own: Structure, name: str, scale: Scale | None = None) -> Trial:
+        """Return guesses of ``own`` with the effect ``name``."""
         guesses = EFFECTS[name].guesses(scale or self._scale)
         wider = own.having((*own.effects, name), own.parts, guesses[0] if guesses else None)
         # Numbers of a base without a stop or friction may be far off: those of the description, too.
         besides = ({}, self._described) if not own.effects else ({},)
-        starts = [{**own.values, **beside, **one} for beside in besides for one in guesses]
-        return self._fitted(wider, starts, zoom=EFFECTS[name].localised or EFFECTS[name].local_minima)
+        starts = [wider.moved({**beside, **one}) for beside in besides for one in guesses]
+        return Trial(starts or [wider], EFFECTS[name].localised or EFFECTS[name].local_minima)
 
-    def _fitted(
-        self, wider: Structure, starts: Iterable[Mapping[str, float]], *, zoom: bool = False
-    ) -> StructureFit:
-        """Return the best brief fit of ``wider`` in the excerpts from the likeliest of ``starts``."""
-        several = any(len(EFFECTS[name].fitted) > 1 for name in wider.effects) and not wider.parts
-        best = self._likeliest([wider.moved(one) for one in starts] or [wider])[: STARTS if several else 1]
+    def _compared(self, trials: Sequence[Trial], goal: float = -math.inf) -> list[StructureFit]:
+        """Return the best brief fit of each of ``trials``; those that stay far below ``goal`` end early.
+
+        The one with the likeliest guess goes first, and those that cost most last: each group shows what the
+        next one has to come near.
+        """
+        ranked = in_parallel(lambda one: self._likeliest(one.guesses), trials)
+        order = sorted(range(len(trials)), key=lambda place: -ranked[place][0][0])
+        plain = [place for place in order if not trials[place].zoom]
+        zoomed = [place for place in order if trials[place].zoom]
+        found: dict[int, StructureFit] = {}
+        for group in (plain[:1], plain[1:], zoomed):
+            work = partial(self._best_of, goal=goal)
+            rows = in_parallel(work, [(ranked[place], trials[place].zoom) for place in group])
+            found |= dict(zip(group, rows, strict=True))
+            goal = max([goal, *(one.log_likelihood - HOPELESS for one in rows)])
+        return [found[place] for place in range(len(trials))]
+
+    def _best_of(self, ranked: tuple[Sequence[tuple[float, Structure]], bool], goal: float) -> StructureFit:
+        """Return the best brief fit from the likeliest guesses, or from that of draws around the best."""
+        guesses, zoom = ranked
+        first = guesses[0][1]
         if zoom:
-            best = [self._zoomed(best[0])]
-        return max((self._roughly(one) for one in best), key=lambda one: one.evidence)
+            return self._roughly(self._zoomed(*guesses[0], goal), goal=goal)
+        several = any(len(EFFECTS[name].fitted) > 1 for name in first.effects) and not first.parts
+        best = self._roughly(first, goal=goal)
+        for _, other in guesses[1 : STARTS if several else 1]:
+            again = self._roughly(other, goal=max(goal, best.log_likelihood))
+            best = max(best, again, key=lambda one: one.evidence)
+        return best
 
-    def _likeliest(self, trials: Sequence[Structure]) -> list[Structure]:
-        """Return ``trials`` in the order of their likelihood in the excerpts, as they stand."""
+    def _likeliest(self, trials: Sequence[Structure]) -> list[tuple[float, Structure]]:
+        """Return ``trials`` by their log likelihood in the excerpts, as they stand, the likeliest first."""
         bounded = [one.bounded(self._predictions.seconds) for one in trials]
         bounded = [one for one in bounded if not _senseless(one)] or bounded
         likely = [self._brief.log_likelihood(lines) for lines in self._brief.errors(bounded)]
-        return [bounded[place] for place in np.argsort(likely)[::-1].tolist()]
+        return [(likely[place], bounded[place]) for place in np.argsort(likely)[::-1].tolist()]
 
-    def _zoomed(self, one: Structure) -> Structure:
+    def _zoomed(self, known: float, one: Structure, goal: float) -> Structure:
         """Return the likeliest of draws around ``one``, each group around the best of the one before.
 
-        The likelihood has many maxima there. Source: Rubinstein, The cross-entropy method, 1999.
+        The likelihood, ``known`` at ``one``, has many maxima there. Source: Rubinstein, The cross-entropy
+        method, 1999.
         """
         generator = np.random.default_rng(0)
+        rises: list[float] = []
         own = [number for name in one.effects for number in EFFECTS[name].fitted]
         names = [*own, *(unknown.name for unknown in one.base_unknowns)]
         spread = np.where(np.arange(len(names)) < len(own), *SPREADS)
         centre = np.array([one.values[name] for name in names])
-        for _ in range(GROUPS):
+        for left in reversed(range(GROUPS)):
             draws = centre * np.exp(spread * generator.standard_normal((DRAWS, len(names))))
             trials = [one.moved(dict(zip(names, row, strict=True))) for row in draws.tolist()]
             trials = [each for each in trials if not _senseless(each)]
-            one, *others = self._likeliest([one, *trials])[: DRAWS // 4]
-            best = np.array([[abs(each.values[name]) + 1e-12 for name in names] for each in (one, *others)])
+            (value, one), *others = self._likeliest([one, *trials])[: DRAWS // 4]
+            rises.append(value - known)
+            if hopeless(-value, rises, left, -goal):
+                break
+            known = value
+            kept = [one, *(each for _, each in others)]
+            best = np.array([[abs(each.values[name]) + 1e-12 for name in names] for each in kept])
             centre = best.mean(axis=0)
             spread = np.log(best).std(axis=0) + 1e-4
         return one
 
-    def _roughly(self, one: Structure, steps: int = QUICK) -> StructureFit:
+    def _roughly(self, one: Structure, steps: int = QUICK, goal: float = -math.inf) -> StructureFit:
         """Return a brief fit of ``one`` in the excerpts."""
-        return fit_structure(self._brief, one, steps=steps, enough=ROUGH)
+        return fit_structure(self._brief, one, steps=steps, enough=ROUGH, goal=goal)
 
     def _settled(self, near: StructureFit) -> StructureFit:
         """Return the brief fit ``near`` with the low-pass that it shows at its end."""
@@ -303,28 +338,38 @@ class Search:
 
     def _observed(self, own: Structure) -> Structure:
         """Return ``own`` with the logger's low-pass that is likeliest beside it."""
-        trials = [own, *(own.read_by(one) for one in self._kinds)]
         for part in self._brief.parts:
             part.beside = True
-        best = max((self._roughly(one, OBSERVED) for one in trials), key=lambda one: one.evidence)
+        known = self._roughly(own, OBSERVED)
+        read = partial(self._roughly, steps=OBSERVED, goal=known.log_likelihood)
+        others = in_parallel(read, [own.read_by(one) for one in self._kinds])
         for part in self._brief.parts:
             part.beside = False
-        return best.structure
+        return max(known, *others, key=lambda one: one.evidence).structure
 
-    def _finish_best(self, rows: Sequence[StructureFit], most: int = FINALISTS) -> None:
+    def _finish_best(self, rows: Sequence[StructureFit]) -> None:
         ranked = sorted(rows, key=lambda one: (bool(senseless(one)), -one.evidence))
-        for number, one in enumerate(ranked):
-            # Others are shown, and not worth their last digits.
-            hopeless = number >= most or self.late or one.evidence < ranked[0].evidence - HOPELESS
-            self.finish(one.structure, steps=0 if hopeless else STEPS)
+        late = self.late
+        # Others are shown, and not worth their last digits.
+        near = 0 if late else sum(one.evidence >= ranked[0].evidence - HOPELESS for one in ranked)
+        jobs = [(one.structure, STEPS * (place < min(near, FINALISTS))) for place, one in enumerate(ranked)]
+        self._keep(in_parallel(lambda job: self._whole(*job), jobs))
 
-    def finish(self, one: Structure, steps: int = STEPS) -> StructureFit:
+    def _whole(self, one: Structure, steps: int = STEPS) -> StructureFit:
+        """Return a fit of ``one`` to the whole record."""
+        return fit_structure(self._predictions, one, steps=steps, enough=ROUGH)
+
+    def _keep(self, fits: Sequence[StructureFit]) -> None:
+        """Keep each of ``fits`` that is likelier than what is known of its structure."""
+        for fit in fits:
+            known = self.fits.get(fit.structure.key)
+            # Numbers that make no sense on a machine never hide others that do.
+            if known is None or (not senseless(fit), fit.evidence) > (not senseless(known), known.evidence):
+                self.fits[fit.structure.key] = fit
+
+    def finish(self, one: Structure) -> StructureFit:
         """Fit ``one`` to the whole record; keep it where it is likelier than what is known."""
-        fit = fit_structure(self._predictions, one, steps=steps, enough=ROUGH)
-        known = self.fits.get(one.key)
-        # Numbers that make no sense on a machine never hide others that do.
-        if known is None or (not senseless(fit), fit.evidence) > (not senseless(known), known.evidence):
-            self.fits[one.key] = fit
+        self._keep([self._whole(one)])
         return self.fits[one.key]
 
     def _may_add(self, own: Structure, name: str) -> bool:

@@ -24,6 +24,9 @@ PRIORS = {GAIN: 0.03, DELAY: 0.3e-3}
 STEPS, ENOUGH = 40, 0.5
 #: Damping of the first step: structures start where brief fits of others ended.
 DAMPING = 1e-2
+#: Evidence (log likelihood less its penalty) from which a component stays: twice what counts as decisive
+#: (Kass and Raftery, 1995), since many are tried.
+DECISIVE = 10.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -121,6 +124,7 @@ def fit_structure(
     held: frozenset[str] = frozenset(),
     steps: int = STEPS,
     enough: float = ENOUGH,
+    goal: float = -math.inf,
 ) -> StructureFit:
     """Return the most likely fit of ``structure``, which holds the start values.
 
@@ -130,6 +134,7 @@ def fit_structure(
         held: numbers that keep their values.
         steps: at most.
         enough: rise of the log likelihood that ends it.
+        goal: log likelihood; a fit that does not come to it at its largest pace so far ends.
     """
     structure = structure.bounded(predictions.seconds)
     every = structure.unknowns(predictions.seconds)
@@ -137,18 +142,14 @@ def fit_structure(
     priors = np.array([1.0 / PRIORS[one.name] if one.name in PRIORS else 0.0 for one in unknowns])
     problem = _Likelihood(predictions, structure, unknowns, priors)
     point = np.array([structure.values[one.name] for one in unknowns])
-    end = descend(problem, point[np.newaxis], steps, 2.0 * enough, relative=False, damping=DAMPING)
+    end = descend(
+        problem, point[np.newaxis], steps, 2.0 * enough, relative=False, damping=DAMPING, goal=-2.0 * goal
+    )
     lines = problem.lines(end.residual)
     return StructureFit(
-        problem.at(end.point),
-        -0.5 * end.cost,
-        unknowns,
-        len(every),
-        lines,
-        predictions.numbers,
-        priors,
+        problem.at(end.point), -0.5 * end.cost, unknowns, len(every), lines, predictions.numbers, priors,
         predictions.left(lines),
-    )
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
