@@ -183,6 +183,12 @@ def test_the_fits_do_not_depend_on_the_number_of_threads(monkeypatch: pytest.Mon
     assert numbers(3) == numbers(1)
 
 
+def test_no_effect_is_tried_where_nothing_follows_a_pattern() -> None:
+    search = Search(predictions(record()), structure_of(BASE, VALVE), [*HIDDEN, "end_stop"])
+    search.run()
+    assert set(search.fits) == {search.base.structure.key}
+
+
 STOP = {"stop_gap": 1.2e-3, "stop_stiffness": 2e5, "stop_dissipation": 0.3, "stop_damping": 2.0}
 
 

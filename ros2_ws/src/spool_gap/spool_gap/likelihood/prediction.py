@@ -411,14 +411,6 @@ class Predictions:
         """Return the log likelihood of ``lines``, a spectrum a part."""
         return sum(part.log_likelihood(one) for part, one in zip(self.parts, lines, strict=True))
 
-    def noise(self, one: Structure) -> float:
-        """Return the rms that noise alone leaves of ``one`` over that of the reading, 0 where unknown."""
-        if any(part.readings.noise.spool_is_bound for part in self.parts):
-            return 0.0
-        noise = sum(part.noise_of(one, int(part.inside.sum())) for part in self.parts)
-        rows = [part.counted_lines(part.spool)[part.inside] for part in self.parts]
-        return math.sqrt(noise / max(sum(float(np.sum(np.abs(row) ** 2)) for row in rows), 1e-300))
-
     def left(self, lines: Sequence[Spectrum]) -> float:
         """Return the rms of ``lines`` over that of the spool's reading, in the windows that count."""
         sums = np.zeros(2)

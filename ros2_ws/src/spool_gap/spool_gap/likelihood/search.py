@@ -14,6 +14,7 @@ from functools import partial
 
 import numpy as np
 from spool_core.numbers import Array
+from spool_core.record_limits import LIMITS
 from spool_estimator.identification.chain import CHAIN_PARTS
 from spool_estimator.identification.least_squares import hopeless, in_parallel
 from spool_estimator.identification.spectra import ZeroPhase
@@ -22,6 +23,8 @@ from spool_sim.observation import CAUSAL, INSTANTS, LINEAR, MEAN, Observation
 from spool_gap.catalogue import EFFECTS
 from spool_gap.effect import Scale
 from spool_gap.likelihood.prediction import Prediction, Predictions
+from spool_gap.likelihood.remainder import patterns_of
+from spool_gap.likelihood.rest import rest_of
 from spool_gap.likelihood.structure import Limits, Structure
 from spool_gap.likelihood.structure_fit import DECISIVE, ENOUGH, StructureFit, fit_structure
 
@@ -175,10 +178,8 @@ class Search:
             own = self.simplest.structure
             if (name, own.key) in made or (self.late and number > 0):
                 break
-            if move == self._one_more and (
-                self.simplest.left**2 - self._predictions.noise(own) ** 2 < self._least_share**2
-            ):
-                break  # too little is left beside noise for a further component
+            if move == self._one_more and not self._open(self.simplest):
+                break
             self._tell(name, 0.15 + 0.3 * number / (MOST_EFFECTS + MOST_PARTS))
             made.add((name, own.key))
             move(own)
@@ -199,6 +200,18 @@ class Search:
         for fit in in_parallel(lambda one: ended(one.structure), near):
             self.fits[fit.structure.key] = fit
         self.base = self.fits[self.base.structure.key]
+
+    def _open(self, fit: StructureFit) -> bool:
+        """Whether what ``fit`` leaves follows something that a further component may explain."""
+        blows = self.hit and not any(EFFECTS[name].localised for name in fit.structure.effects)
+        # Blows are in few samples, and no pattern repeats; nor does one beside a motion that is all wrong.
+        if blows or fit.left > LIMITS.explains_nothing:
+            return True
+        return any(
+            one.gain > DECISIVE and one.share >= self._least_share
+            for of in (patterns_of, lambda *own: [rest_of(*own)])
+            for one in of(self._predictions, fit)
+        )
 
     def _one_more(self, own: Structure) -> None:
         """Each effect and each part of the measuring chain beside ``own``."""
