@@ -9,7 +9,7 @@ confusable. Its functions take what they use by name. An effect of the spool's c
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -33,8 +33,6 @@ class Motion:
         velocity_noise: rms, m/s: below it the sign of the velocity is not known.
         peaks: frequencies (Hz) that stand out of the residual and are not the excitation's.
         mass, stiffness, damping: of the base as fitted, kg, N/m, N s/m.
-        reading: of the spool's channel, free of noise, m/s^2; empty where the record has none.
-        low_cut: Hz, below which the motion is not known.
     """
 
     displacement: Array
@@ -47,8 +45,6 @@ class Motion:
     stiffness: float
     damping: float
     peaks: tuple[float, ...] = ()
-    reading: Array = field(default_factory=lambda: np.empty(0))
-    low_cut: float = 0.0
 
     @property
     def sign(self) -> Array:

@@ -11,7 +11,7 @@ Sources: Murphy and van der Vaart, JASA 95, 2000 (profile likelihood); Raue and 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -94,22 +94,14 @@ def numbers_of(predictions: Predictions, fit: StructureFit) -> Numbers:
 
 
 def profiles_of(
-    predictions: Predictions,
-    fit: StructureFit,
-    numbers: Numbers,
-    names: Sequence[str],
-    progress: Callable[[float], None] = lambda _share: None,
+    predictions: Predictions, fit: StructureFit, numbers: Numbers, names: Sequence[str]
 ) -> tuple[ProfileLikelihood, ...]:
     """Return the profile likelihoods of the fitted numbers ``names`` of ``fit``.
 
     Rises are divided by the dispersion, so that a profile agrees with the interval near its lowest point.
     """
-    found = []
-    for count, name in enumerate(names):
-        progress(count / len(names))
-        if numbers.deviations.get(name, 0.0) > 0.0:
-            found.append(_profile(predictions, fit, numbers, name))
-    return tuple(found)
+    known = [name for name in names if numbers.deviations.get(name, 0.0) > 0.0]
+    return tuple(_profile(predictions, fit, numbers, name) for name in known)
 
 
 def refined(predictions: Predictions, fit: StructureFit) -> tuple[StructureFit, Numbers]:
