@@ -34,7 +34,7 @@ from spool_gap.likelihood.rest import (
     split_by_direction,
     two_forces,
 )
-from spool_gap.likelihood.search import Search, senseless
+from spool_gap.likelihood.search import Search, of_sets, senseless
 from spool_gap.likelihood.structure import DELAY, GAIN, Structure
 from spool_gap.likelihood.structure_fit import DECISIVE, StructureFit, fit_structure
 from spool_gap.result import UNEXPLAINED, GapSettings
@@ -141,7 +141,7 @@ def decide(
     refused: dict[str, str] = {}
     standing = _standing(search, held, settings.least_share)
     # Of each set of effects the likeliest that stands, where there is one.
-    fits = search.of_each_set | _of_sets(standing)
+    fits = search.of_each_set | of_sets(standing)
     richer: list[StructureFit] = []
     fit = _plainest(predictions, fits, _simplest(standing), refused, settings, held, richer)
     fit = _predicting(fits, held, fit, refused, settings.least_share)
@@ -247,12 +247,6 @@ def _refuse_leader(search: Search, held: HeldOut, fit: StructureFit, refused: di
         refused.setdefault(name, reason)
 
 
-def _of_sets(fits: Sequence[StructureFit]) -> dict[frozenset[str], StructureFit]:
-    """Return the likeliest of ``fits`` with each set of effects."""
-    rising = sorted(fits, key=lambda one: one.evidence)
-    return {frozenset(one.structure.effects): one for one in rising}
-
-
 def _simplest(fits: Sequence[StructureFit]) -> StructureFit:
     """Return the one with the fewest numbers of those whose evidence does not decide against it."""
     least = max(one.evidence for one in fits) - DECISIVE
@@ -306,7 +300,7 @@ def _others(
 
     ``said``: what is named of ``chosen``, joined; with a force for each direction another law than its own.
     """
-    of_set = _of_sets(standing)
+    of_set = of_sets(standing)
     taken = frozenset(chosen.structure.effects)
     of_set[taken] = chosen
     known = {own: probabilities.get(_joined(one), 0.0) for own, one in of_set.items()}

@@ -8,7 +8,7 @@ all stay in the table, for the decision.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -146,8 +146,7 @@ class Search:
     @property
     def of_each_set(self) -> dict[frozenset[str], StructureFit]:
         """The likeliest fit with each set of effects, whatever its measuring chain."""
-        rising = sorted(self.fits.values(), key=lambda one: one.evidence)
-        return {frozenset(one.structure.effects): one for one in rising}
+        return of_sets(self.fits.values())
 
     @property
     def simplest(self) -> StructureFit:
@@ -391,6 +390,12 @@ class Search:
         if EFFECTS[name].is_friction and any(EFFECTS[one].is_friction for one in own.effects):
             return False
         return bool(EFFECTS[name].guesses(self._scale))
+
+
+def of_sets(fits: Iterable[StructureFit]) -> dict[frozenset[str], StructureFit]:
+    """Return the likeliest of ``fits`` with each set of effects."""
+    rising = sorted(fits, key=lambda one: one.evidence)
+    return {frozenset(one.structure.effects): one for one in rising}
 
 
 def guesses_of_part(key: str) -> list[dict[str, float]]:
