@@ -195,7 +195,7 @@ class Prediction:
         guess[self._compared] = self.responses([one]).acceleration[0]
         found = Prediction(bridged(self.readings, guess), self.valve, self.motions)
         found.hold_out(self.held)
-        found.work = self.work
+        found.run.work.spent = self.run.work.spent
         return found
 
     def counted_lines(self, rows: Array) -> Spectrum:
