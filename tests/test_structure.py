@@ -35,7 +35,7 @@ RATCHETS = {
     "lines of research": 14_917,
     "lines up to the last import, %": 8.16,
     "private functions with one caller, %": 16.09,
-    "modules with one importer, %": 13.85,
+    "modules with one importer, %": 13.56,
 }
 
 

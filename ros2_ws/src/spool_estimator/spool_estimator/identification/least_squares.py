@@ -364,8 +364,7 @@ def _follow(
             known = fall > TRUSTED * promised and fall > least
             damping = max(damping * EASED, LEAST_DAMPING)
             before = x, residual, cost
-            x, residual, cost = trial, outcome, cost - fall
-            exact = False
+            x, residual, cost, exact = trial, outcome, cost - fall, False
             falls.append(fall)
             if hopeless(cost, falls, left, goal):
                 break
