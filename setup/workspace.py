@@ -259,7 +259,9 @@ def _link(layout: Layout, package: Path, declared: Mapping[str, Any]) -> None:
         # Started by the shell: a path with a blank, or a long one, cannot stand in the first line.
         script.write_text(
             f"#!/bin/sh\n'''exec' {shlex.quote(str(layout.python))} \"$0\" \"$@\"\n' '''\n"
-            f"import sys\n\nfrom {module} import {function}\n\nsys.exit({function}())\n",
+            # Processes of a pool import it again and must not run it.
+            f"import sys\n\nfrom {module} import {function}\n\n"
+            f'if __name__ == "__main__":\n    sys.exit({function}())\n',
             "utf-8",
         )
         script.chmod(0o755)
