@@ -29,8 +29,8 @@ SOURCE = ROOT / "ros2_ws" / "src"
 RESEARCH = {path.parent.name for path in (ROOT / "research").glob("*/__init__.py")}
 #: What was measured. A limit is only lowered: a feature is paid by a removal in the same change.
 RATCHETS = {
-    "lines": 84_681,
-    "lines of code": 54_343,
+    "lines": 84_645,
+    "lines of code": 54_314,
     "files": 378,
     "lines of research": 14_917,
     "lines up to the last import, %": 8.16,

@@ -7,13 +7,13 @@ import multiprocessing
 import os
 import signal
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
 from importlib import import_module
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from spool_core.errors import InputError, how_to_install
 from spool_core.faults import unexpected
@@ -23,7 +23,7 @@ from spool_core.uncertainty import as_json
 
 from spool_fleet.analyses.base import Rows, Subject, analyses
 from spool_fleet.manifest import Manifest, StoredResult
-from spool_fleet.parquet import missing_months, write_month
+from spool_fleet.parquet import bring_up_to_date
 
 if TYPE_CHECKING:
     from spool_report.runs.record_replay import ReplaySettings
@@ -39,11 +39,9 @@ Found = TypeVar("Found")
 #: Times that work is begun whose worker died: one killed worker is an accident, three are the work's doing.
 TRIES = 3
 
-#: Tasks for each worker that wait in its queue, so that none stands still.
+#: Tasks under way for each worker: one more than it works at, so that none stands still.
 AHEAD = 2
 
-#: Tasks for each worker that wait at the scheduler.
-AHEAD_ON_CLUSTER = 2
 #: s in which a scheduler has to answer.
 PATIENCE = 10
 #: Address that means a cluster of processes of this host, which ends with the run.
@@ -71,8 +69,6 @@ def tasks_due(
         keys: key of each analysis by its name; results of another key are computed again.
         settings: gives those of the monitor for a namespace, ``None`` for the shipped ones.
     """
-    for month in missing_months(manifest):
-        manifest.forget(month)
     tasks = []
     for path, work in manifest.due(keys).items():
         valve_file = manifest.of(path)[0].valve_file or None
@@ -85,7 +81,7 @@ def run_tasks(
     manifest: Manifest,
     tasks: Sequence[Task],
     keys: Mapping[str, str],
-    executor: Executor,
+    pool: ProcessPool,
     advance: Callable[[float], None] = lambda _: None,
 ) -> RunResult:
     """Run ``tasks``, keep each result as it comes, and bring the tables up to date.
@@ -94,11 +90,11 @@ def run_tasks(
         manifest: the store's.
         tasks: as of ``tasks_due``.
         keys: of each analysis, kept with its results: what they follow from besides the record.
-        executor: runs them.
+        pool: runs them.
         advance: called with the number of bags that were done.
     """
     result = RunResult()
-    for done in executor.run(run_task, tasks):
+    for done in pool.run(run_task, tasks):
         outcomes = done.found if done.found is not None else failed(done.item, done.reason)
         stored = (
             (one.namespace, StoredResult(one.analysis, one.status, one.reason, one.rows)) for one in outcomes
@@ -115,12 +111,6 @@ def run_tasks(
     result.failed.sort()
     bring_up_to_date(manifest)
     return result
-
-
-def bring_up_to_date(manifest: Manifest) -> None:
-    """Write the tables of every month that lacks something."""
-    for month in manifest.outdated():
-        write_month(manifest, month)
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,14 +160,6 @@ class Done(Generic[Item, Found]):
     reason: str = ""
 
 
-class Executor(Protocol):
-    """Runs a function of one item, an item at a time on each worker, in no particular order."""
-
-    def run(self, work: Callable[[Item], Found], items: Iterable[Item]) -> Iterator[Done[Item, Found]]:
-        """Yield what was done as it becomes known; items are taken as workers become free."""
-        ...
-
-
 class ProcessPool:
     """Process pool of ``workers`` processes, each of which uses one processor."""
 
@@ -185,46 +167,59 @@ class ProcessPool:
         self.workers = workers
 
     def run(self, work: Callable[[Item], Found], items: Iterable[Item]) -> Iterator[Done[Item, Found]]:
-        """Yield what was done, as the protocol says.
+        """Yield what was done as it becomes known, in no order; items are taken as workers become free.
 
         Who was at work when a worker died is not known: all that were under way are tried again, from the
         third time on each alone, so that only the work that ends its process is given up.
         """
         waiting = iter(items)
         again: list[tuple[Item, int]] = []
-        pool = _pool(self.workers)
+        pool = self._executor()
+        running: dict[Future[Found], tuple[Item, int]] = {}
         try:
-            running: dict[Future[Found], tuple[Item, int]] = {}
             while True:
-                while len(running) < self.workers * AHEAD and again:
-                    item, tries = again.pop()
+                free = self.most() - len(running)
+                following = [again.pop() for _ in range(min(free, len(again)))]
+                following += [(item, 1) for item in islice(waiting, max(0, free - len(following)))]
+                for item, tries in following:
                     running[pool.submit(work, item)] = item, tries
-                for item in islice(waiting, max(0, self.workers * AHEAD - len(running))):
-                    running[pool.submit(work, item)] = item, 1
                 if not running:
                     return
                 broken = False
                 for future in wait(running, return_when=FIRST_COMPLETED).done:
                     item, tries = running.pop(future)
-                    error = future.exception()
-                    if isinstance(error, BrokenProcessPool):
+                    try:
+                        done = Done(item, future.result())
+                    except BrokenProcessPool:
                         broken = True
                         again.append((item, tries + 1))
-                    elif error is not None:
-                        yield Done(item, None, f"{type(error).__name__}: {error}")
-                    else:
-                        yield Done(item, future.result())
+                        continue
+                    except Exception as error:  # whatever the work raised
+                        done = Done(item, None, f"{type(error).__name__}: {error}")
+                    yield done
                 if broken:
                     again += [(item, tries + 1) for item, tries in running.values()]
                     running.clear()
-                    pool.shutdown(wait=False, cancel_futures=True)
+                    pool.shutdown(wait=False)
                     suspects = [item for item, tries in again if tries >= TRIES]
                     again = [(item, tries) for item, tries in again if tries < TRIES]
                     for item in suspects:
                         yield _alone(work, item)
-                    pool = _pool(self.workers)
+                    pool = self._executor()
         finally:
-            pool.shutdown(wait=False, cancel_futures=True)
+            for future in running:
+                future.cancel()
+            pool.shutdown(wait=False)
+
+    def close(self) -> None:
+        """End what runs between two calls of ``run``: here nothing."""
+
+    def _executor(self) -> Executor:
+        return _pool(self.workers)
+
+    def most(self) -> int:
+        """Return how many items may be under way."""
+        return AHEAD * self.workers
 
 
 def prepare_worker() -> None:
@@ -235,8 +230,11 @@ def prepare_worker() -> None:
     gc.freeze()
 
 
-class DaskCluster:
-    """Dask cluster at ``address`` (such as ``tcp://10.0.0.5:8786``), or ``local`` with so many ``workers``.
+class DaskCluster(ProcessPool):
+    """Processes of a Dask cluster, which may come and go.
+
+    ``address`` is that of the scheduler, such as ``tcp://10.0.0.5:8786``, or ``local`` for a cluster of so
+    many ``workers`` on this host.
 
     Raises:
         InputError: Dask is not installed, or no scheduler answers.
@@ -247,7 +245,7 @@ class DaskCluster:
             dask: Any = import_module("distributed")  # an extra
         except ImportError:
             raise InputError(f"--dask: Dask is not installed: {how_to_install('distributed')}") from None
-        self._dask = dask
+        super().__init__(workers)
         self._cluster: Any = None
         try:
             if address == LOCAL:
@@ -258,35 +256,19 @@ class DaskCluster:
         except (OSError, ValueError, TimeoutError) as error:
             raise InputError(f"--dask {address}: no scheduler responds at this address: {error}") from None
 
-    def run(self, work: Callable[[Item], Found], items: Iterable[Item]) -> Iterator[Done[Item, Found]]:
-        """Yield what was done, as the protocol says; workers may come and go."""
-        waiting = iter(items)
-        running: dict[Any, Item] = {}
-
-        def submit(item: Item) -> Any:
-            future = self._client.submit(work, item, pure=False, retries=TRIES)
-            running[future] = item
-            return future
-
-        first = [
-            submit(item) for item in islice(waiting, AHEAD_ON_CLUSTER * max(1, len(self._client.nthreads())))
-        ]
-        completed = self._dask.as_completed(first)
-        for future in completed:
-            item = running.pop(future)
-            error = future.exception()
-            if error is not None:
-                yield Done(item, None, f"{type(error).__name__}: {error}")
-            else:
-                yield Done(item, future.result())
-            for following in islice(waiting, 1):
-                completed.add(submit(following))
-
     def close(self) -> None:
         """Leave the scheduler, and end a cluster of this host."""
         self._client.close()
         if self._cluster is not None:
             self._cluster.close()
+
+    def _executor(self) -> Executor:
+        executor: Executor = self._client.get_executor(pure=False, retries=TRIES)
+        return executor
+
+    def most(self) -> int:
+        """Return how many items may be under way; workers that come are used."""
+        return AHEAD * max(1, len(self._client.nthreads()))
 
 
 def _run(task: Task, namespace: str, name: str) -> Outcome:

@@ -1,6 +1,6 @@
 """Manifest of a fleet store: its bags, what was found in each, service events; one SQLite file.
 
-Results wait in it until they are in the Parquet tables; a kill at any moment loses at most what was not
+It holds everything: the Parquet tables are made from it. A kill at any moment loses at most what was not
 committed, which the next run does again.
 """
 
@@ -12,19 +12,20 @@ import zlib
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import astuple, dataclass
-from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
 from spool_core.errors import InputError
 
 FILE_NAME = "manifest.sqlite"
-#: Format of the file; another one is refused.
-FORMAT = 1
+#: Format of the file; 1, in which only the tables had the rows, is taken over, another one is refused.
+FORMAT, OLDER = 2, 1
 #: s.
 DAY = 86_400.0
-#: s to wait for another process that writes.
-PATIENCE = 30.0
+#: s to wait for another process that writes: tables of a month of 100,000 bags take half a minute.
+PATIENCE = 300.0
+#: Month in which a record began, such as ``2026-03``.
+_MONTH = "strftime('%Y-%m', start / 1000000000, 'unixepoch')"
 _TABLES = """
 CREATE TABLE IF NOT EXISTS bags (
     path TEXT, namespace TEXT, content TEXT, stamp TEXT, machine TEXT, valve TEXT, start INTEGER,
@@ -35,7 +36,8 @@ CREATE INDEX IF NOT EXISTS bags_by_start ON bags (start);
 CREATE TABLE IF NOT EXISTS results (
     path TEXT, namespace TEXT, analysis TEXT, key TEXT, status TEXT, reason TEXT, rows BLOB,
     PRIMARY KEY (path, namespace, analysis)) WITHOUT ROWID;
-CREATE INDEX IF NOT EXISTS results_waiting ON results (path) WHERE rows IS NOT NULL;
+CREATE INDEX IF NOT EXISTS results_by_key ON results (path, namespace, analysis, key);
+DROP INDEX IF EXISTS results_waiting;
 CREATE TABLE IF NOT EXISTS services (
     machine TEXT, valve TEXT, start INTEGER, kind TEXT, comment TEXT,
     PRIMARY KEY (machine, valve, start, kind)) WITHOUT ROWID;
@@ -76,20 +78,15 @@ class Entry:
     reason: str
     valve_file: str = ""
 
-    @property
-    def month(self) -> str:
-        """Month in which the record began, such as ``2026-03``."""
-        return month_of(self.start)
-
 
 @dataclass(frozen=True, slots=True)
 class StoredResult:
-    """Result of one analysis of one record; ``rows`` by table, ``None`` where the tables have them."""
+    """Result of one analysis of one record; ``rows`` by table."""
 
     analysis: str
     status: str
     reason: str
-    rows: dict[str, list[list[Any]]] | None
+    rows: dict[str, list[list[Any]]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,11 +109,6 @@ class Service:
         return self.machine in ("", machine) and self.valve in ("", valve)
 
 
-def month_of(start: int) -> str:
-    """Return the month of ``start`` (ns since 1970, UTC), such as ``2026-03``."""
-    return datetime.fromtimestamp(start // 1_000_000_000, timezone.utc).strftime("%Y-%m")
-
-
 class Manifest:
     """Manifest in the folder ``store``; ``make`` makes it where it is missing.
 
@@ -135,12 +127,15 @@ class Manifest:
             self._db.execute("PRAGMA journal_mode=WAL")
             self._db.execute("PRAGMA synchronous=NORMAL")
             self._db.executescript(_TABLES)
-            version = self._db.execute("PRAGMA user_version").fetchone()[0]
-            if version == 0:
-                self._db.execute(f"PRAGMA user_version={FORMAT}")
+            version = self._version()
+            if version in (0, OLDER):
+                with self.transaction():
+                    if self._version() == OLDER:  # no other process was first
+                        self._take_over()
+                    self._db.execute(f"PRAGMA user_version={FORMAT}")
         except (sqlite3.Error, OSError) as error:
             raise InputError(f"{file}: cannot be used as a fleet store: {error}") from error
-        if version not in (0, FORMAT):
+        if version not in (0, OLDER, FORMAT):
             raise InputError(
                 f"{file}: another version of the suite wrote it (format {version}): use another store"
             )
@@ -172,12 +167,11 @@ class Manifest:
     def put(self, path: str, entries: Iterable[Entry]) -> None:
         """Put the records of a bag in place of those it had; changed ones lose their results."""
         new = {entry.namespace: entry for entry in entries}
-        with self._transaction():
+        with self.transaction():
             old = {entry.namespace: entry for entry in self._entries("WHERE path = ?", (path,))}
             if old == new:
                 return
-            for entry in (*old.values(), *new.values()):
-                self._db.execute("INSERT OR IGNORE INTO outdated VALUES (?)", (entry.month,))
+            self._outdate(path)
             self._db.execute("DELETE FROM bags WHERE path = ?", (path,))
             for name in old.keys() | new.keys():
                 if name not in old or name not in new or _content(old[name]) != _content(new[name]):
@@ -185,16 +179,21 @@ class Manifest:
             self._db.executemany(
                 f"INSERT INTO bags VALUES ({','.join('?' * 14)})", [astuple(entry) for entry in new.values()]
             )
+            self._outdate(path)
 
     def entries(self, month: str | None = None) -> Iterator[Entry]:
         """Yield all records, or those of ``month``, by machine, valve and start."""
-        for entry in self._entries("ORDER BY machine, valve, start, path, namespace"):
-            if month is None or entry.month == month:
-                yield entry
+        order = "ORDER BY machine, valve, start, path, namespace"
+        if month is None:
+            yield from self._entries(order)
+        else:
+            yield from self._entries(f"WHERE {_MONTH} = ? {order}", (month,))
 
     def months(self) -> list[str]:
         """Return the months in which records began."""
-        return sorted({month_of(start) for (start,) in self._db.execute("SELECT DISTINCT start FROM bags")})
+        return [
+            month for (month,) in self._db.execute(f"SELECT DISTINCT {_MONTH} AS month FROM bags ORDER BY 1")
+        ]
 
     # Results
 
@@ -212,18 +211,14 @@ class Manifest:
 
     def keep(self, path: str, keys: Mapping[str, str], results: Iterable[tuple[str, StoredResult]]) -> None:
         """Keep results of the bag at ``path``, each with its namespace and key, in one transaction."""
-        with self._transaction():
+        with self.transaction():
             for namespace, one in results:
-                packed = zlib.compress(json.dumps(one.rows, separators=(",", ":")).encode())
                 self._db.execute(
                     "INSERT OR REPLACE INTO results VALUES (?,?,?,?,?,?,?)",
-                    (path, namespace, one.analysis, keys[one.analysis], one.status, one.reason, packed),
-                )
-            self._db.execute(
-                "INSERT OR IGNORE INTO outdated SELECT strftime('%Y-%m', start / 1000000000, 'unixepoch') "
-                "FROM bags WHERE path = ?",
-                (path,),
-            )
+                    (path, namespace, one.analysis, keys[one.analysis], one.status, one.reason,
+                     _packed(one.rows)),
+                )  # fmt: skip
+            self._outdate(path)
 
     def results(self, path: str, namespace: str) -> list[StoredResult]:
         """Return the results of one record by name of the analysis."""
@@ -233,9 +228,7 @@ class Manifest:
             (path, namespace),
         ).fetchall()
         return [
-            StoredResult(
-                name, status, reason, None if packed is None else json.loads(zlib.decompress(packed))
-            )
+            StoredResult(name, status, reason, json.loads(zlib.decompress(packed)))
             for name, status, reason, packed in rows
         ]
 
@@ -243,24 +236,9 @@ class Manifest:
         """Return the months whose tables lack something."""
         return [month for (month,) in self._db.execute("SELECT month FROM outdated ORDER BY month")]
 
-    def forget(self, month: str) -> None:
-        """Take all results of ``month`` as not done: its tables are gone."""
-        with self._transaction():
-            for entry in list(self.entries(month)):
-                self._db.execute(
-                    "DELETE FROM results WHERE path = ? AND namespace = ? AND rows IS NULL",
-                    (entry.path, entry.namespace),
-                )
-            self._db.execute("INSERT OR IGNORE INTO outdated VALUES (?)", (month,))
-
     def written(self, month: str) -> None:
-        """Note that the tables of ``month`` are complete: what waited is dropped."""
-        with self._transaction():
-            self._db.executemany(
-                "UPDATE results SET rows = NULL WHERE path = ? AND namespace = ?",
-                [(entry.path, entry.namespace) for entry in self.entries(month)],
-            )
-            self._db.execute("DELETE FROM outdated WHERE month = ?", (month,))
+        """Note that the tables of ``month`` are complete."""
+        self._db.execute("DELETE FROM outdated WHERE month = ?", (month,))
 
     # Service events
 
@@ -279,11 +257,43 @@ class Manifest:
     def _entries(self, rest: str, values: tuple[str, ...] = ()) -> list[Entry]:
         return [Entry(*row) for row in self._db.execute(f"SELECT * FROM bags {rest}", values).fetchall()]
 
+    def _version(self) -> int:
+        return int(self._db.execute("PRAGMA user_version").fetchone()[0])
+
+    def _outdate(self, path: str) -> None:
+        """Note that the tables lack something of the bag at ``path``."""
+        self._db.execute(f"INSERT OR IGNORE INTO outdated SELECT {_MONTH} FROM bags WHERE path = ?", (path,))
+
+    def _take_over(self) -> None:
+        """Take the rows of a store of the older format from its tables; what is lost there is due again."""
+        from spool_fleet.parquet import rows_in_tables  # noqa: PLC0415 - it imports this module
+
+        for month in self.months():
+            held = rows_in_tables(self.store, month)
+            if held is None:
+                continue
+            for entry in self.entries(month):
+                whose = (entry.path, entry.namespace)
+                names = self._db.execute(
+                    "SELECT analysis FROM results WHERE path = ? AND namespace = ? AND rows IS NULL", whose
+                ).fetchall()
+                for (name,) in names:
+                    self._db.execute(
+                        "UPDATE results SET rows = ? WHERE path = ? AND namespace = ? AND analysis = ?",
+                        (_packed(held.get((entry.path, entry.valve, name), {})), *whose, name),
+                    )
+        self._db.execute("DELETE FROM results WHERE rows IS NULL")
+
     @contextmanager
-    def _transaction(self) -> Iterator[None]:
+    def transaction(self) -> Iterator[None]:
+        """Keep other processes from writing meanwhile; all of it counts, or nothing after an error."""
         self._db.execute("BEGIN IMMEDIATE")
         with self._db:  # commits, or takes back on an error
             yield
+
+
+def _packed(rows: dict[str, list[list[Any]]]) -> bytes:
+    return zlib.compress(json.dumps(rows, separators=(",", ":")).encode())
 
 
 def _content(entry: Entry) -> tuple[str, ...]:

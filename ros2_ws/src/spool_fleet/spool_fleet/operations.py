@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, closing, nullcontext
+from contextlib import closing
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,7 @@ from spool_fleet import execution
 from spool_fleet.add import DAMAGED, Added, Naming, PathPattern, Scan, add, found_bags, read_table, scan
 from spool_fleet.analyses.base import chosen
 from spool_fleet.manifest import Manifest, Service
+from spool_fleet.parquet import bring_up_to_date
 from spool_fleet.query import QUESTIONS, ask, rows_of, sql_of
 
 
@@ -54,7 +55,7 @@ def add_to_store(
 
     with closing(Manifest(store, make=True)) as manifest, progress("reading bags", len(bags)) as advance:
         added = add(manifest, bags, naming, scans, advance)
-        execution.bring_up_to_date(manifest)
+        bring_up_to_date(manifest)
     return added
 
 
@@ -88,13 +89,9 @@ def run_over_store(
         )
     with closing(Manifest(store)) as manifest:
         tasks = execution.tasks_due(manifest, keys, lambda name: settings_from(params_file, name))
-        executing: AbstractContextManager[execution.Executor] = (
-            nullcontext(execution.ProcessPool(count))
-            if dask is None
-            else closing(execution.DaskCluster(dask, count))
-        )
-        with executing as executor, progress("analysing bags", len(tasks)) as advance:
-            result = execution.run_tasks(manifest, tasks, keys, executor, advance)
+        chosen_pool = execution.ProcessPool(count) if dask is None else execution.DaskCluster(dask, count)
+        with closing(chosen_pool) as pool, progress("analysing bags", len(tasks)) as advance:
+            result = execution.run_tasks(manifest, tasks, keys, pool, advance)
         trends = write_trends(store, manifest.services())
     return result, [*lines, *sentences(trends)]
 

@@ -1,4 +1,4 @@
-"""Tables of a store: their columns, and the Parquet files that hold them.
+"""Tables of a store: their columns, and the Parquet files that are made of the manifest.
 
 The same records give the same bytes: rows stand in the order of machine, valve, start and path, and nothing
 of the run goes into a file.
@@ -7,6 +7,8 @@ of the run goes into a file.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +19,10 @@ from spool_core.system import staged
 from spool_fleet.manifest import Entry, Manifest, StoredResult
 
 FOLDER = "tables"
+#: Records whose rows are written together: enough for columns that compress, few enough for any memory.
+TOGETHER = 1000
 
-#: The analysis that rows of a table come from, where it is but one.
+#: The analysis that rows of a table come from, where they do not name it.
 _SOURCES = {"events": "monitor", "gaps": "gap"}
 
 _RECORD = [
@@ -87,102 +91,75 @@ def table_file(store: Path, table: str, part: str) -> Path:
     return store / FOLDER / table / f"{part}.parquet"
 
 
-def write_month(manifest: Manifest, month: str) -> None:
-    """Bring the tables of ``month`` up to date with the manifest.
-
-    Rows that the manifest does not hold any more come from the file that is there. Each file is replaced as
-    a whole, and what waits in the manifest is dropped once all are.
-    """
-    store, entries = manifest.store, list(manifest.entries(month))
-    for table in RECORD_TABLES:
-        _write_table(manifest, table, month, entries)
-    manifest.written(month)
-    for table in RECORD_TABLES:
-        file = table_file(store, table, month)
-        if not entries:
-            file.unlink(missing_ok=True)
-
-
-def missing_months(manifest: Manifest) -> list[str]:
-    """Return the months of which a table was removed."""
-    return [
+def bring_up_to_date(manifest: Manifest) -> None:
+    """Write the tables of every month that lacks something or of which a file was removed."""
+    removed = {
         month
         for month in manifest.months()
-        if any(not table_file(manifest.store, table, month).exists() for table in RECORD_TABLES)
-    ]
+        if not all(table_file(manifest.store, table, month).exists() for table in RECORD_TABLES)
+    }
+    for month in sorted({*manifest.outdated(), *removed}):
+        # Nobody may add to the month between what is written and the note that it is.
+        with manifest.transaction():
+            entries = iter(list(manifest.entries(month)))
+            with ExitStack() as stack:
+                writers = {
+                    table: stack.enter_context(_writer(manifest.store, table, month))
+                    for table in RECORD_TABLES
+                }
+                empty = True
+                while some := list(islice(entries, TOGETHER)):
+                    empty = False
+                    found = [(entry, manifest.results(entry.path, entry.namespace)) for entry in some]
+                    for table, writer in writers.items():
+                        rows = [row for entry, results in found for row in _rows(table, entry, results)]
+                        columns = zip(*rows, strict=True)
+                        arrays = [
+                            pa.array(one, kind)
+                            for one, kind in zip(columns, writer.schema.types, strict=False)
+                        ]
+                        if rows:
+                            writer.write_table(pa.Table.from_arrays(arrays, schema=writer.schema))
+            for table in RECORD_TABLES if empty else ():
+                table_file(manifest.store, table, month).unlink()
+            manifest.written(month)
 
 
 def write_whole(store: Path, table: str, rows: Sequence[Mapping[str, Any]]) -> None:
     """Write ``table`` as one file with ``rows``."""
-    content = pa.Table.from_pylist([dict(row) for row in rows], schema=SCHEMAS[table])
-    _replace(table_file(store, table, "all"), table, iter([content]))
+    with _writer(store, table, "all") as writer:
+        writer.write_table(pa.Table.from_pylist([dict(row) for row in rows], schema=SCHEMAS[table]))
 
 
-def _write_table(manifest: Manifest, table: str, month: str, entries: Sequence[Entry]) -> None:
-    file = table_file(manifest.store, table, month)
-    kept = _Kept(file) if file.exists() else None
-
-    def groups() -> Iterator[pa.Table]:
-        for entry in entries:
-            rows = _rows(table, entry, manifest.results(entry.path, entry.namespace), kept)
-            if rows:
-                record = [entry.path, entry.machine, entry.valve, entry.start // 1000]
-                schema = SCHEMAS[table]
-                whole = [[*record, *row] for row in rows]
-                columns = [
-                    pa.array([row[number] for row in whole], schema.field(number).type)
-                    for number in range(len(schema))
-                ]
-                yield pa.Table.from_arrays(columns, schema=schema)
-
-    _replace(file, table, groups())
+def rows_in_tables(store: Path, month: str) -> dict[tuple[str, str, str], dict[str, list[list[Any]]]] | None:
+    """Return the rows of ``month`` by bag, valve and analysis, each by table; ``None``: a file is lost."""
+    found: dict[tuple[str, str, str], dict[str, list[list[Any]]]] = {}
+    for table in ("parameters", *_SOURCES):
+        try:
+            rows = pq.read_table(table_file(store, table, month)).to_pylist()
+        except (OSError, pa.ArrowInvalid):
+            return None
+        for row in rows:
+            whose = row["bag"], row["valve"], _SOURCES.get(table) or row["analysis"]
+            found.setdefault(whose, {}).setdefault(table, []).append(list(row.values())[len(_RECORD) :])
+    return found
 
 
-def _replace(file: Path, table: str, groups: Iterator[pa.Table]) -> None:
+@contextmanager
+def _writer(store: Path, table: str, part: str) -> Iterator[pq.ParquetWriter]:
+    """Yield what writes the file of ``table`` for ``part``, which is replaced as a whole at the end."""
+    file = table_file(store, table, part)
     file.parent.mkdir(parents=True, exist_ok=True)
-    # Dictionaries of so few rows would cost more than they save; by statistics a query skips other valves.
-    known = [name for name in ("machine", "valve", "start") if name in SCHEMAS[table].names]
-    options = {"compression": "zstd", "use_dictionary": False, "write_statistics": known}
-    with staged(file, replace=True) as part, pq.ParquetWriter(part, SCHEMAS[table], **options) as writer:
-        for group in groups:
-            writer.write_table(group)
+    with staged(file) as staging, pq.ParquetWriter(staging, SCHEMAS[table], compression="zstd") as writer:
+        yield writer
 
 
-class _Kept:
-    """Rows of a file that is there, by record; a row group is read when it is asked for."""
-
-    def __init__(self, file: Path) -> None:
-        self._file = pq.ParquetFile(file)
-        self._groups: dict[tuple[str, str], list[int]] = {}
-        for number in range(self._file.num_row_groups):
-            first = self._file.read_row_group(number, columns=["bag", "valve"]).slice(0, 1).to_pylist()
-            for row in first:
-                self._groups.setdefault((row["bag"], row["valve"]), []).append(number)
-
-    def rows(self, entry: Entry) -> list[list[Any]]:
-        """Return the rows of ``entry`` without the columns that say which record it is."""
-        found: list[list[Any]] = []
-        for number in self._groups.get((entry.path, entry.valve), ()):
-            for row in self._file.read_row_group(number).to_pylist():
-                found.append(list(row.values())[4:])
-        return found
-
-
-def _rows(table: str, entry: Entry, results: Sequence[StoredResult], kept: _Kept | None) -> list[list[Any]]:
+def _rows(table: str, entry: Entry, results: Sequence[StoredResult]) -> list[list[Any]]:
     """Return the rows of ``entry`` in ``table``, in the order of the analyses."""
+    record = [entry.path, entry.machine, entry.valve, entry.start // 1000]
     if table == "bags":
-        return [[entry.duration, entry.rate, entry.lost, entry.status, entry.reason or None,
+        return [[*record, entry.duration, entry.rate, entry.lost, entry.status, entry.reason or None,
                  entry.temperature, entry.content]]  # fmt: skip
     if table == "analyses":
-        return [[one.analysis, one.status, one.reason or None] for one in results]
-    known = {one.analysis for one in results if one.rows is None}
-    old = kept.rows(entry) if kept is not None and known else []
-    found = []
-    for one in results:
-        if one.rows is not None:
-            found += one.rows.get(table, [])
-        elif table == "parameters":
-            found += [row for row in old if row[0] == one.analysis]
-        elif one.analysis == _SOURCES[table]:
-            found += old
-    return found
+        return [[*record, one.analysis, one.status, one.reason or None] for one in results]
+    return [[*record, *row] for one in results for row in one.rows.get(table, [])]

@@ -19,9 +19,6 @@ from spool_fleet.parquet import FOLDER, SCHEMAS
 
 #: A bit string becomes bytes with a filling, a time of day loses its zone.
 _LOST_IN_ARROW = re.compile(r"\b(?:BIT|TIME WITH TIME ZONE)\b")
-_KINDS = {
-    "string": "VARCHAR", "double": "DOUBLE", "int64": "BIGINT", "timestamp[us, tz=UTC]": "TIMESTAMPTZ",
-}  # fmt: skip
 
 _WHOSE = "({machine} = '' OR machine = {machine}) AND ({valve} = '' OR valve = {valve})"
 
@@ -119,8 +116,7 @@ def connect(store: Path) -> duckdb.DuckDBPyConnection:
             listed = ", ".join(_quoted(str(file)) for file in files)
             connection.execute(f"CREATE VIEW {name} AS SELECT * FROM read_parquet([{listed}])")
         else:
-            columns = ", ".join(f"NULL::{_KINDS[str(one.type)]} AS {one.name}" for one in schema)
-            connection.execute(f"CREATE VIEW {name} AS SELECT {columns} WHERE false")
+            connection.register(name, schema.empty_table())
     connection.execute(f"SET allowed_directories = [{_quoted(str(folder) + '/')}]")
     connection.execute("SET enable_external_access = false")
     connection.execute("SET lock_configuration = true")

@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 import pytest
 from spool_fleet.content import PageContent, page_content, write_reports
-from spool_fleet.execution import bring_up_to_date
 from spool_fleet.fleet_page import fleet_page
 from spool_fleet.judgement import write_trends
 from spool_fleet.manifest import Entry, Manifest, Service, StoredResult
+from spool_fleet.parquet import bring_up_to_date
 
 AXE = Path(__file__).parents[2] / "spool_view" / "test" / "web" / "vendor" / "axe.min.js.gz"
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)

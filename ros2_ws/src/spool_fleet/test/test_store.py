@@ -5,19 +5,21 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
+import sqlite3
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 
 import pytest
 import spool_fleet
 from spool_core.errors import InputError
-from spool_fleet import execution
+from spool_fleet import execution, parquet
 from spool_fleet.analyses.base import REFERRED, analyses, chosen
 from spool_fleet.execution import Done, ProcessPool, Task, run_task
-from spool_fleet.manifest import Entry, Manifest, StoredResult
+from spool_fleet.manifest import Manifest
 from spool_fleet.operations import add_service, add_to_store, answer, run_over_store
-from spool_fleet.parquet import RECORD_TABLES
-from spool_report.outputs import write_json
+from spool_fleet.parquet import RECORD_TABLES, rows_in_tables
+from spool_report.outputs import suite_version, write_json
 
 PATTERN = "{machine}/{date}/{valve}"
 
@@ -203,27 +205,91 @@ def test_bags_that_come_later_give_the_same_bytes(recordings: Path, store: Path,
     assert tables_of(later) == tables_of(store)
 
 
-def test_a_bag_whose_tables_were_removed_is_due_again(tmp_path: Path) -> None:
-    manifest, keys = Manifest(tmp_path, make=True), {"fit": "k"}
-    record = Entry("/bag", "valve_1", "0" * 64, "s", "press", "valve", 10**18, 60.0, 2e3, 0, 45.0, "ok", "")
-    manifest.put("/bag", [record])
-    manifest.keep("/bag", keys, [("valve_1", StoredResult("fit", "ok", "", {}))])
-    manifest.written(record.month)
-    assert manifest.due(keys) == {}
-    manifest.forget(record.month)
-    assert manifest.due(keys) == {"/bag": {"valve_1": ["fit"]}}
-    manifest.close()
+@pytest.mark.parametrize("lost", [None, "bags", "analyses", "parameters", "events", "gaps"])
+def test_a_table_that_was_removed_is_made_again(store: Path, tmp_path: Path, lost: str | None) -> None:
+    again = tmp_path / "store"
+    shutil.copytree(store, again)
+    for file in (again / "tables" / (lost or "")).rglob("*.parquet"):
+        file.unlink()
+    assert run_over_store(again, "monitor,features", 1, None)[0].bags == 0
+    assert tables_of(again) == tables_of(store)
 
 
-@pytest.mark.slow
-def test_tables_that_were_removed_are_made_again(recordings: Path, tmp_path: Path) -> None:
-    store = tmp_path / "store"
-    add_to_store(store, [recordings / "press_1"], PATTERN, None, "", 1)
-    run_over_store(store, "features", 1, None)
-    before = tables_of(store)
-    (store / "tables/parameters/2026-03.parquet").unlink()
-    assert run_over_store(store, "features", 1, None)[0].bags == 2
-    assert tables_of(store) == before
+def test_a_bag_that_gets_another_name_keeps_its_results(
+    recordings: Path, store: Path, tmp_path: Path
+) -> None:
+    again = tmp_path / "store"
+    shutil.copytree(store, again)
+    rows = "SELECT bag, name, value FROM parameters ORDER BY ALL"
+    before = spool_fleet.table(again, rows).to_pylist()
+    table = tmp_path / "bags.csv"
+    bag = recordings / "press_1/2026-03-02/valve_1"
+    table.write_text(f"bag,machine,valve,date\n{bag},press_9,valve_9,2025-12-01\n", "utf-8")
+    assert add_to_store(again, [bag], PATTERN, table, "", 1).new == 1
+    assert spool_fleet.table(again, rows).to_pylist() == before
+    named = f"SELECT DISTINCT machine, valve, start FROM parameters WHERE bag = '{bag}'"
+    (row,) = spool_fleet.table(again, named).to_pylist()
+    assert (row["machine"], row["valve"], str(row["start"].date())) == ("press_9", "valve_9", "2025-12-01")
+
+
+@pytest.fixture
+def older(store: Path, tmp_path: Path) -> Path:
+    """Store of format 1: of one bag the rows wait in the manifest, of the others the tables have them."""
+    made = tmp_path / "older"
+    shutil.copytree(store, made)
+    with closing(sqlite3.connect(made / "manifest.sqlite", isolation_level=None)) as database:
+        database.execute("UPDATE results SET rows = NULL WHERE path != (SELECT min(path) FROM bags)")
+        database.execute("DROP INDEX results_by_key")
+        database.execute("CREATE INDEX results_waiting ON results (path) WHERE rows IS NOT NULL")
+        database.execute("PRAGMA user_version = 1")
+    return made
+
+
+def test_a_store_of_the_older_format_is_taken_over_with_its_results(store: Path, older: Path) -> None:
+    with closing(Manifest(older)):
+        shutil.rmtree(older / "tables")
+    assert run_over_store(older, "monitor,features", 1, None)[0].bags == 0
+    assert tables_of(older) == tables_of(store)
+
+
+def test_an_older_store_is_taken_over_whole_or_not_at_all(
+    store: Path, older: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def ended(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched:
+        # March is taken over when the process ends.
+        patched.setattr(
+            parquet, "rows_in_tables", lambda *of: rows_in_tables(*of) if of[1] == "2026-03" else ended()
+        )
+        with pytest.raises(KeyboardInterrupt):
+            Manifest(older)
+    assert run_over_store(older, "monitor,features", 1, None)[0].bags == 0
+    assert tables_of(older) == tables_of(store)
+
+
+def test_what_an_older_store_lost_is_due_again(older: Path) -> None:
+    (older / "tables/parameters/2026-03.parquet").unlink()
+    with closing(Manifest(older)) as manifest:
+        due = manifest.due(dict.fromkeys(("features", "monitor"), suite_version()))
+    assert {Path(path).parent.name for path in due} == {"2026-03-02"}
+    assert len(due) == 3
+
+
+def test_a_service_is_told_and_tables_are_read_while_another_process_is_at_work(
+    store: Path, tmp_path: Path
+) -> None:
+    busy = tmp_path / "store"
+    shutil.copytree(store, busy)
+    with closing(Manifest(busy)) as run:
+        assert len(spool_fleet.table(busy, "bags")) == 8
+        assert add_service(busy, "press_1", "", {"repair": "2026-03-20"}, "")
+        assert [one.kind for one in run.services()] == ["repair"]
+        with run.transaction():  # as the tables of a month are written
+            assert len(spool_fleet.table(busy, "services")) == 1
+            with closing(Manifest(busy)) as other:
+                assert len(list(other.entries())) == 8
 
 
 @pytest.mark.parametrize(("kind", "ours"), [(TypeError, True), (OSError, False)])
