@@ -35,3 +35,15 @@ def test_dropped_blocks_are_said_once_and_for_ten_seconds() -> None:
         "1 of 2 valves behind by up to 0.6 s: use more processes or fewer valves"
     ]
     assert [place for place, (_, level) in enumerate(log) if level is Level.WARNING] == list(range(10, 20))
+
+
+def test_a_process_without_a_moment_of_rest_is_too_busy_before_blocks_wait_for_long() -> None:
+    times, workload = {"/valve_1/acceleration": TopicTimes(messages=1)}, Workload()
+    busy = {1.0: 0.9, 1.25: 1.15, 1.5: 0.1}
+    levels = {}
+    for look in range(50):
+        now = 0.25 * look
+        workload.take(now, times, 0.1, busy.get(now, 0.0))
+        levels[now] = workload.level
+    warned = [now for now, level in levels.items() if level is Level.WARNING]
+    assert (warned[0], warned[-1]) == (1.25, 11.0)

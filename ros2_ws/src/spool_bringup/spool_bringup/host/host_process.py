@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import gc
+import math
 import multiprocessing
 import os
-import resource
 import sys
 import time
 from collections import deque
@@ -32,7 +32,6 @@ from spool_estimator.estimator_node import EstimatorNode
 from spool_monitor.monitor_node import MonitorNode
 
 from spool_bringup.host.arguments import (
-    NAME,
     FirstList,
     ListedValve,
     arguments_of_nodes,
@@ -65,6 +64,9 @@ STARTS = 20.0
 TOGETHER = 0.2
 #: s that blocks wait, or that were dropped of a valve in the last SPAN s: a warning, an error.
 WARNS, FAILS = 0.5, 2.0
+#: s without a moment of rest after which a process does not keep up, however short blocks wait: longer turns
+#: save half of the work, so that the wait grows slowly. Of ten valves that keep up the longest was 0.2 s.
+RESTLESS = 1.0
 #: s of the clock that losses are looked back on.
 SPAN = 10.0
 
@@ -72,6 +74,7 @@ SPAN = 10.0
 #: another one: a managed node that sends by :class:`~spool_core.node.block_hub.BlockPublisher`.
 SOURCES = "spool.sources"
 NONE = "none"
+CANNOT = "it cannot be started: see its log"
 
 
 @dataclass(slots=True)
@@ -81,18 +84,21 @@ class Workload:
     Attributes:
         level: what it is now.
         wait: s, longest that blocks of a valve waited since the last :meth:`take`.
+        text: what operators read, empty where the process keeps up.
     """
 
     level: Level = Level.OK
     wait: float = 0.0
-    _text: str = ""
+    text: str = ""
+    _restless: float = -math.inf
     _before: deque[tuple[float, dict[str, tuple[int, int, float]]]] = field(default_factory=deque)
 
-    def take(self, now: float, times: Mapping[str, TopicTimes], behind: float) -> str:
+    def take(self, now: float, times: Mapping[str, TopicTimes], behind: float, busy: float = 0.0) -> str:
         """Judge waits and losses at ``now`` (s, steady); return what to log where that became worse, else "".
 
-        ``behind``: s of samples that wait now.
+        ``behind``: s of samples that wait now; ``busy``: s without a moment of rest until now.
         """
+        self._restless = now if busy >= RESTLESS else self._restless
         counts = {name: (one.messages, one.dropped, one.seconds_dropped) for name, one in times.items()}
         self._before.append((now, counts))
         while self._before[0][0] < now - SPAN:
@@ -105,24 +111,20 @@ class Workload:
         self.wait = max([behind, *(one.longest_wait for one in times.values())])
         worst = max([self.wait, *(one[2] for one in new)])
         before, self.level = self.level, Level.ERROR if worst >= FAILS else Level.WARNING
-        if worst < WARNS:
-            self.level = Level.OK
+        if worst < WARNS and now - self._restless >= SPAN:
+            self.level, self.text = Level.OK, ""
+            return ""
         waited = [
             (one[1] > 0, held.longest_wait >= WARNS) for one, held in zip(new, times.values(), strict=True)
         ]
         judged, dropped = (sum(one[place] for one in new) for place in (0, 1))
         late = max([1, *map(sum, zip(*waited, strict=True))])
-        self._text = (
+        self.text = (
             f"the controller is too busy: {judged:.0f} of {judged + dropped:.0f} blocks judged in the last "
             f"{SPAN:g} s, {late} of {len(times)} valves behind by up to {worst:.1f} s: use more processes or "
             "fewer valves"
         )
-        return self.text if self.level is not Level.OK and before is Level.OK else ""
-
-    @property
-    def text(self) -> str:
-        """What operators read, empty where the process keeps up."""
-        return "" if self.level is Level.OK else self._text
+        return self.text if before is Level.OK else ""
 
 
 @dataclass(slots=True)
@@ -169,9 +171,6 @@ class HostNode(ManagedNode):
         NodeParameter("processes", 1, "Processes over which the valves are spread.", minimum=1, maximum=64),
     )
 
-    def __init__(self, name: str = NAME) -> None:
-        super().__init__(name)
-
     def deactivate(self) -> None:
         """Say that this stops none of the hosted nodes."""
         self.get_logger().warning("the hosted nodes stay active: each has its own life cycle")
@@ -213,7 +212,7 @@ class HostProcess:
             STOP.phase = Phase.RUNNING
             # The events executor has no end of a spin that is not a busy one.
             while not STOP.requested:
-                self._turn(TURN)
+                self._guarded(self._executor.spin_once, TURN)
                 now = time.monotonic()
                 self._guarded(self._look, now)
                 if now - self._reported >= REPORT:
@@ -292,7 +291,7 @@ class HostProcess:
         for one in self.hosted:
             # An operator, or a new try after a failure, may have been sooner.
             if one.node.value("autostart") and one.node.is_inactive and not one.failed:
-                self._activate(one)
+                self._change(one, one.node.trigger_activate)
                 # What listens already is served while the others begin.
                 self._turns()
         if autostart:
@@ -333,19 +332,12 @@ class HostProcess:
         self.hosted.append(one)
         self._executor.add_node(node)
         if node.value("autostart"):
-            self._configure(one)
-
-    def _configure(self, one: Hosted) -> None:
-        if one.node.trigger_configure() != TransitionCallbackReturn.SUCCESS:
-            self._fail(one)
-
-    def _activate(self, one: Hosted) -> None:
-        if one.node.trigger_activate() != TransitionCallbackReturn.SUCCESS:
-            self._fail(one)
+            self._change(one, one.node.trigger_configure)
 
     @staticmethod
-    def _fail(one: Hosted) -> None:
-        one.failed, one.due = "it cannot be started: see its log", time.monotonic() + AGAIN
+    def _change(one: Hosted, transition: Callable[[], TransitionCallbackReturn]) -> None:
+        if transition() != TransitionCallbackReturn.SUCCESS:
+            one.failed, one.due = CANNOT, time.monotonic() + AGAIN
 
     def _turns(self) -> None:
         """Work off what waits in executor and worker, so that a start delays no node that runs already."""
@@ -353,14 +345,11 @@ class HostProcess:
         assert HUB.worker is not None
         begun = time.monotonic()
         while not STOP.requested and (now := time.monotonic()) < begun + LONGEST_TURNS:
-            self._turn(IDLE)
+            self._guarded(self._executor.spin_once, IDLE)
             self._guarded(self._look, now)
             HUB.collect()
             if now - begun >= TURNS and not HUB.worker.waiting:
                 return
-
-    def _turn(self, seconds: float) -> None:
-        self._guarded(self._executor.spin_once, seconds)
 
     def _guarded(self, action: Callable[[float], object], argument: float) -> None:
         """Do something; what it raises ends none of the nodes."""
@@ -378,8 +367,7 @@ class HostProcess:
 
     def _look(self, now: float) -> None:
         """Give up what hangs, and begin again what failed."""
-        since = now - self._looked
-        if since < LOOK:
+        if now - self._looked < LOOK:
             return
         self._looked = now
         self._beat()
@@ -412,11 +400,11 @@ class HostProcess:
     def _judge_workload(self, now: float) -> None:
         """Judge whether it keeps up, and save work where it does not; a change for the worse is reported."""
         if HUB.starting:  # what piles up meanwhile is no overload
-            caught_up = HUB.behind < WARNS or now - self._started > STARTS
-            HUB.starting = not (self._started and caught_up)
+            HUB.starting = not self._started or (HUB.behind >= WARNS and now - self._started <= STARTS)
             return
-        level, worse = self._workload.level, self._workload.take(now, HUB.times, HUB.behind)
-        BUDGET.behind = self._workload.wait >= WARNS
+        busy = HUB.worker.busy if HUB.worker is not None else 0.0
+        level, worse = self._workload.level, self._workload.take(now, HUB.times, HUB.behind, busy)
+        BUDGET.behind = busy >= RESTLESS or self._workload.wait >= WARNS
         if worse and (count := self._throttle.take("workload")):
             self._node.get_logger().warning(f"{worse} ({plural(count, 'time')})" if count > 1 else worse)
         if self._workload.level.value > level.value:
@@ -429,18 +417,17 @@ class HostProcess:
         with contextlib.suppress(Exception):
             one.node.trigger_cleanup()
         try:
-            self._configure(one)
+            self._change(one, one.node.trigger_configure)
             if not one.failed:
-                self._activate(one)
+                self._change(one, one.node.trigger_activate)
         except REFUSED:  # it is in a state that has no such transition: an operator shut it down
-            self._fail(one)
+            one.failed, one.due = CANNOT, time.monotonic() + AGAIN
 
     def _report(self, now: float) -> None:
         """Publish what the host does, and what each valve costs and waits."""
         worker = HUB.worker
         assert worker is not None
-        usage = resource.getrusage(resource.RUSAGE_SELF)
-        cpu = usage.ru_utime + usage.ru_stime
+        cpu = time.process_time()
         elapsed = max(now - self._reported, 1e-3)
         share_of_core = (cpu - self._cpu) / elapsed
         self._cpu, self._reported = cpu, now
@@ -491,30 +478,25 @@ def valve_timings(times: Mapping[str, TopicTimes], elapsed: float, resident: int
         elapsed: s, since the last call.
         resident: B, of the process; a valve is given its share.
     """
-    return [
-        _timing(topic.strip("/").rpartition("/")[0], one, elapsed, resident // len(times))
-        for topic, one in times.items()
-    ]
-
-
-def _timing(valve: str, times: TopicTimes, elapsed: float, resident: int) -> Status:
-    new = times.since()
-    values: dict[str, object] = {
-        "blocks": times.messages,
-        "blocks_late": times.late,
-        "blocks_lost": times.blocks_lost,
-        "blocks_dropped": times.dropped,
-        "blocks_waiting": times.waiting,
-        "block_age_s": times.age,
-        "longest_wait_s": times.longest_wait,
-        "cpu_share": new.work / elapsed,
-        "cpu_time_s": f"{times.work:.3f}",
-        "resident_B": resident,
-    }
-    times.longest_wait = 0.0
-    told = [
-        f"{count} blocks {what}" for count, what in ((new.late, "late"), (new.blocks_lost, "lost")) if count
-    ]
-    if not new.messages:
-        told = ["no blocks"]
-    return Status(valve, Level.WARNING if told else Level.OK, ", ".join(told) or "in time", values)
+    found = []
+    for topic, one in times.items():
+        new = one.since()
+        values: dict[str, object] = {
+            "blocks": one.messages,
+            "blocks_late": one.late,
+            "blocks_lost": one.blocks_lost,
+            "blocks_dropped": one.dropped,
+            "blocks_waiting": one.waiting,
+            "block_age_s": one.age,
+            "longest_wait_s": one.longest_wait,
+            "cpu_share": new.work / elapsed,
+            "cpu_time_s": f"{one.work:.3f}",
+            "resident_B": resident // len(times),
+        }
+        one.longest_wait = 0.0
+        told = [f"{new.late} blocks late"] * (new.late > 0)
+        told += [f"{new.blocks_lost} blocks lost"] * (new.blocks_lost > 0)
+        told = told if new.messages else ["no blocks"]
+        level = Level.WARNING if told else Level.OK
+        found.append(Status(topic.strip("/").rpartition("/")[0], level, ", ".join(told) or "in time", values))
+    return found

@@ -375,6 +375,7 @@ class Worker:
         self.done = 0
         self._clock, self._times = clock, times
         self._looked = clock()
+        self._busy_since = math.inf
         self._before: dict[int | None, ThreadTimes | None] = {}
         self._jobs: queue.SimpleQueue[tuple[object, Callable[[Any], None], Any]] = queue.SimpleQueue()
         self._current: _Job | None = None
@@ -386,6 +387,11 @@ class Worker:
     def waiting(self) -> int:
         """Number of jobs that wait."""
         return self._jobs.qsize()
+
+    @property
+    def busy(self) -> float:
+        """Time since it last had nothing to do, s; 0 while it has nothing."""
+        return max(0.0, self._clock() - self._busy_since)
 
     def put(self, owner: object, job: Callable[[Any], None], argument: Any) -> None:
         """Let ``job(argument)`` run when its turn comes; those of an owner that hangs are dropped."""
@@ -460,7 +466,10 @@ class Worker:
         me, _THREAD.worker = threading.current_thread(), self
         try:
             while True:
+                if self._jobs.empty():
+                    self._busy_since = math.inf
                 owner, job, argument = self._jobs.get()
+                self._busy_since = min(self._busy_since, self._clock())
                 if owner is _END:
                     return
                 if id(owner) in self._refused:

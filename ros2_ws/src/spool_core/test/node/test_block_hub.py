@@ -417,6 +417,36 @@ def test_the_time_of_a_pause_of_the_whole_process_makes_no_job_hang() -> None:
     worker.close()
 
 
+def test_a_worker_is_busy_from_job_to_job_until_it_rests() -> None:
+    machine, turn = Machine(), threading.Semaphore(0)
+    worker, begun = Worker(lambda: machine.now, machine.times), threading.Semaphore(0)
+
+    def job(_: object) -> None:
+        begun.release()
+        assert turn.acquire(timeout=PATIENCE)
+
+    assert worker.busy == 0.0
+    for seconds in (0.0, 3.0):  # without a moment of rest between both
+        worker.put("owner", job, None)
+        machine.now = seconds
+        assert seconds or begun.acquire(timeout=PATIENCE)
+    assert worker.busy == 3.0
+    turn.release()
+    assert begun.acquire(timeout=PATIENCE)
+    machine.now = 5.0
+    assert worker.busy == 5.0
+    turn.release()
+    while worker.busy:
+        threading.Event().wait(0.001)
+    machine.now = 7.0
+    worker.put("owner", job, None)
+    assert begun.acquire(timeout=PATIENCE)
+    machine.now = 8.0
+    assert worker.busy == 1.0
+    turn.release()
+    worker.close()
+
+
 def test_the_system_tells_what_a_thread_used_and_that_it_waits() -> None:
     own = thread_times(threading.get_native_id())
     assert own is not None
