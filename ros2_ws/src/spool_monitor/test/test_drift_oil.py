@@ -256,3 +256,60 @@ def test_a_thermometer_that_stands_still_while_the_drag_falls_by_half_is_named(n
     shares = dict(zip(facts.causes, facts.probabilities, strict=True))
     assert facts.note == ("oil_referred" if noise else "oil_temperature_frozen")
     assert shares["wear"] == pytest.approx(0.75 if noise else 0.5)
+
+
+def mornings(seed: int, *, told: bool, wears: bool) -> list[tuple[float, Event]]:
+    """Return the events of cold starts of a tank with a heat balance, and their h since the wear begins.
+
+    A valve that ``wears`` loses a quarter of its drag in a minute of the third of four cold starts.
+    Losses of the pump come and go, a cooler opens at 48 deg C: no oil warms by an exponential. The
+    thermometer (``told``) has two lags: its corner of the tank, and its sleeve. The oil is ISO VG 46 by ASTM
+    D341 (46 mm^2/s at 40 deg C, 6.8 at 100).
+    """
+    draw = np.random.default_rng(seed)
+    thick, thin = (math.log10(math.log10(viscosity + 0.7)) for viscosity in (46.0, 6.8))
+    slope = (thick - thin) / math.log10(313.15 / 373.15)
+
+    def thickness(celsius: float) -> float:
+        return float(10.0**10.0 ** (thick + slope * math.log10((celsius + 273.15) / 313.15)))
+
+    litres, corner, sleeve = draw.uniform(60.0, 200.0), draw.uniform(20.0, 240.0), draw.uniform(10.0, 120.0)
+    room, oil = draw.uniform(12.0, 22.0), 47.0
+    near = shown = oil
+    monitor, events, stamp, wear = Monitor(MonitorSettings(natural_frequency=15.15)), [], 0.0, math.inf
+    for morning in range(5):
+        changes = losses = 0.0
+        for second in range(0, 5400 if morning else 600, 2):
+            stamp += 2.0
+            if second >= changes:  # W, as machining and waiting take turns
+                losses = draw.choice([0.15, 0.6, 1.0]) * 50.0 * litres
+                changes = second + draw.uniform(60.0, 900.0)
+            cools = (6.0 + (2.0 * litres if oil > 48.0 else 0.0)) * (oil - room)
+            oil += 2.0 * (losses - cools) / (0.87 * 1900.0 * litres) if morning else 0.0
+            near += 2.0 * (oil - near) / corner
+            shown += 2.0 * (near - shown) / sleeve
+            wear = stamp if (morning, second) == (3, 3000) else wear
+            worn = 0.25 * min(1.0, max(0.0, stamp - wear) / 60.0) if wears else 0.0
+            drag = 4.0 * thickness(oil) / thickness(47.0) * (1.0 - worn) * draw.normal(1.0, 0.003)
+            estimate = at(stamp, drag, drag * thickness(40.0) / thickness(shown) if told else None)
+            celsius = Quantity("oil_temperature", "deg C", shown, 0.3, Validity.VALID)
+            estimate = replace(estimate, oil_temperature=celsius) if told else estimate
+            events += [((stamp - wear) / 3600.0, one) for one in monitor.update_estimate(estimate)]
+        stamp += 3600.0 * draw.uniform(8.0, 14.0)
+        oil = near = shown = room + draw.normal(0.0, 1.0)
+    return events
+
+
+@pytest.mark.parametrize("told", [False, True])
+@pytest.mark.parametrize("wears", [pytest.param(False, marks=pytest.mark.slow), True])
+def test_oil_that_warms_by_a_heat_balance_is_no_wear_and_wear_is_found_within_a_day(
+    *, told: bool, wears: bool
+) -> None:
+    events = mornings(100, told=told, wears=wears)
+    assert {(event.kind, 0.0 < hour < 24.0) for hour, event in events} == (
+        {("friction_drift", True)} if wears else set()
+    )
+    assert {event.cause for _, event in events} <= {"wear", "oil_or_wear"}
+    if told and wears:
+        assert events[0][0] < 0.05
+        assert events[-1][1].cause == "wear"
