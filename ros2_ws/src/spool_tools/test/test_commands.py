@@ -6,7 +6,9 @@ import itertools
 import math
 import re
 from collections.abc import Iterator
+from contextlib import nullcontext
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -16,9 +18,13 @@ from spool_bag.metadata import custom_data, typestore
 from spool_bag.reader import BagReader
 from spool_core.block import Block
 from spool_core.errors import InputError
+from spool_monitor.detectors import MonitorSettings
 from spool_monitor.journal import Journal, JournalEntry
+from spool_monitor.monitor import Monitor
+from spool_monitor.monitor_node import to_health_message
 from spool_monitor.state_database import FILE
 from spool_monitor.state_file import valve_folder
+from spool_msgs.msg import AlarmList, ValveHealth
 from spool_report.records.record_sources import VALVE_DESCRIPTION, encode_valve, recorded_valve
 from spool_report.records.simulation import SIMULATION_START, SimulationSettings, simulate
 from spool_sim.excitation import PRESETS
@@ -26,6 +32,7 @@ from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
 from spool_sim.valve import find_valve, shipped_valves
 from spool_tools.cli import main
+from spool_tools.operations import service_client
 
 SETTINGS: dict[str, Any] = {
     "sample_rate": 2000.0,
@@ -191,3 +198,21 @@ def test_the_history_of_alarms_is_read_where_ros_cannot_start(
         assert "resonance" in capsys.readouterr().out
     assert main(["alarm", "list", "valve_1"]) == 2
     assert "ROS_DOMAIN_ID=none is no domain" in capsys.readouterr().err
+
+
+def test_the_alarm_list_begins_with_the_strokes_of_a_valve_that_is_switched(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monitor = Monitor(MonitorSettings(natural_frequency=15.15))
+
+    def shown() -> str:
+        said = {AlarmList: AlarmList(), ValveHealth: to_health_message(monitor.health, "valve_1")}
+        node = SimpleNamespace(create_subscription=lambda kind, _name, take, _qos: take(said[kind]))
+        monkeypatch.setattr(service_client, "client_node", lambda *_: nullcontext(node))
+        assert service_client.show_alarms("valve_1", every=False) == 0
+        return capsys.readouterr().out
+
+    assert shown() == "valve_1: no alarms\n"
+    monitor.strokes.count = 412
+    assert shown().startswith("valve_1: switched 412 times today, judged ")
+    assert shown().endswith(" of the time\nvalve_1: no alarms\n")

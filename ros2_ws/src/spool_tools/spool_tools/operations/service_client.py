@@ -31,7 +31,7 @@ from spool_monitor.alarm import AlarmState
 from spool_monitor.listener import WAITING
 from spool_monitor.shown import listed
 from spool_msgs import srv
-from spool_msgs.msg import AlarmList, GapAnalysis
+from spool_msgs.msg import AlarmList, GapAnalysis, ValveHealth
 from spool_report.outputs import write_file
 from spool_report.terminal import wide_console
 from std_srvs.srv import Trigger
@@ -277,7 +277,7 @@ def analyse_live(valve: str, json_file: Path | None) -> None:
 
 
 def show_alarms(valve: str, *, every: bool, details: bool = False, language: str = "") -> int:
-    """Print the alarms of ``valve``; return 1 where one waits for an operator.
+    """Print the strokes and alarms of ``valve``; return 1 where an alarm waits for an operator.
 
     Args:
         valve: namespace.
@@ -291,8 +291,13 @@ def show_alarms(valve: str, *, every: bool, details: bool = False, language: str
     chosen = language_of(language)
     with client_node("spool_alarm", valve) as node:
         heard: list[AlarmList] = []
+        said: list[ValveHealth] = []
         node.create_subscription(AlarmList, f"/{valve}/alarms", heard.append, qos.state())
-        until(node, lambda: bool(heard), f"{valve}/monitor")
+        node.create_subscription(ValveHealth, f"/{valve}/health", said.append, qos.state())
+        until(node, lambda: heard and said, f"{valve}/monitor")
+    for part in said[-1].summary.split("; "):
+        if part.startswith("switched "):
+            print(f"{valve}: {part}")
     found = heard[-1].alarms if every else listed(heard[-1])
     if not found:
         print(f"{valve}: no alarms")
