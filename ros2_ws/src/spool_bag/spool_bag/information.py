@@ -96,8 +96,10 @@ def describe(path: Path | str, span: Span | None = None) -> BagInformation:
     passes = {name: _Pass() for name in reader.valves}
     for name, item in reader.streams():
         passes[name].take(item)
+    undecodable = {topic.strip("/"): count for topic, count in reader.undecodable.items()}
     valves = tuple(
-        one.summary(name, reader.undecodable.get(_topic(reader, name), 0)) for name, one in passes.items()
+        one.summary(name, undecodable.get(f"{name}/acceleration".strip("/"), 0))
+        for name, one in passes.items()
     )
     first = min((valve.first_stamp_ns for valve in valves if valve.first_stamp_ns is not None), default=None)
     duration = duration_of([one.timeline for one in passes.values()])
@@ -260,10 +262,6 @@ def _logged(reader: BagReader) -> tuple[int | None, float | None]:
         first = record.log_time if first is None else min(first, record.log_time)
         last = record.log_time if last is None else max(last, record.log_time)
     return first, None if first is None or last is None else (last - first) / 1e9
-
-
-def _topic(reader: BagReader, valve: str) -> str:
-    return next((name for name in reader.topics if name.strip("/") == f"{valve}/acceleration".strip("/")), "")
 
 
 @dataclass(slots=True)

@@ -124,7 +124,9 @@ class McapFile:
                 self._size = stream.seek(0, 2)
                 if start == MAGIC:
                     self._start = len(MAGIC)
-                elif not self._size or not self._any_chunk(stream):
+                elif not self._size or not any(
+                    True for _ in Walk(stream, self._size, 0, lambda _: None, quiet_tail=True)
+                ):
                     what = "is not an MCAP file" if self._size else "is empty"
                     raise InputError(f"{self.path} {what}: name a rosbag2 directory or an .mcap file")
                 stream.seek(max(self._size - len(MAGIC), 0))
@@ -229,10 +231,6 @@ class McapFile:
         if nowhere:
             reason = "messages of a channel without description"
             walk.damaged(Damage(run.frame.offset, FRAME.size + run.frame.length, reason, nowhere))
-
-    def _any_chunk(self, stream: BinaryIO) -> bool:
-        """Return whether a chunk can be read behind a damaged beginning."""
-        return next(iter(Walk(stream, self._size, 0, lambda _: None, quiet_tail=True)), None) is not None
 
     def _refuse(self, damage: Damage) -> None:
         raise InputError(

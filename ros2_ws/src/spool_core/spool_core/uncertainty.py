@@ -74,8 +74,8 @@ def compared(*pairs: tuple[float, float]) -> tuple[Shown, ...]:
         return tuple(Shown(UNKNOWN, UNKNOWN) for _ in pairs)
     last = max(_last_digit(*pair) for pair in known)
     leading = max(
-        math.floor(math.log10(max(abs(value), _finite(Z_95 * deviation), 10.0**last)))
-        for value, deviation in known
+        math.floor(math.log10(max(abs(value), width if math.isfinite(width) else 0.0, 10.0**last)))
+        for value, width in ((value, Z_95 * deviation) for value, deviation in known)
     )
     power = 0 if leading in _PLAIN else leading
     return tuple(_shown(value, deviation, last, power) for value, deviation in pairs)
@@ -262,7 +262,3 @@ def _written(value: Decimal, power: int, last: int) -> str:
     if not text.strip("-0."):
         text = text.lstrip("-")
     return f"{text}e{power}" if power else text
-
-
-def _finite(value: float) -> float:
-    return value if math.isfinite(value) else 0.0

@@ -234,11 +234,6 @@ class Estimator:
             tracker.refits,
         )
 
-    def _restore(self, known: Knowledge | None) -> None:
-        """Go back to what was ``known``, or to nothing."""
-        if self.tracker is not None and self.latest is not None:
-            self.tracker.restore(known)
-
     @property
     def lacking(self) -> int:
         """Samples until the next estimate falls due; 0 before the first block."""
@@ -320,8 +315,10 @@ class Estimator:
     def _go_back(self, stamp: int) -> None:
         """Go back to the last estimate that was good at ``stamp`` (ns)."""
         self._gone_back = True
-        self._restore(self._good.back(stamp))
+        known = self._good.back(stamp)
         if self.latest is not None:
+            if self.tracker is not None:
+                self.tracker.restore(known)
             self.latest = self._good.held(self.latest, State.SETTLING)
 
     def _estimate(self, stamp: int, sequence: int) -> Estimate:

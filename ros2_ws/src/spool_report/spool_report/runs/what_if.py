@@ -132,7 +132,11 @@ class WhatIf:
             f"{one.quantity} from {number(one.before, 3)} to {number(one.after, 3)}{unit_text(one.unit)}"
             for one in self.changes
         ]
-        shown = [_span(one) for one in self.after.avoid]
+        shown = [
+            ("" if one.order is None else f"order {exact(one.order)}: ")
+            + f"{number(one.low, 3)} to {number(one.high, 3)} {one.unit}"
+            for one in self.after.avoid
+        ]
         what = "speeds" if self.speeds else "frequencies"
         ending = f"avoid these {what}: {', '.join(shown)}" if shown else f"there are no {what} to avoid"
         if not self.changed:
@@ -281,11 +285,6 @@ def _interval(low: float, high: float) -> str:
 
 def _given(value: float | None, unit: str) -> str:
     return "none" if value is None else f"{exact(value)}{unit_text(unit)}"
-
-
-def _span(one: sines.Span) -> str:
-    order = "" if one.order is None else f"order {exact(one.order)}: "
-    return f"{order}{number(one.low, 3)} to {number(one.high, 3)} {one.unit}"
 
 
 def _refuse_time(model: Model, valve: Valve) -> None:
