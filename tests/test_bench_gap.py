@@ -7,10 +7,10 @@ import importlib
 import numpy as np
 import pytest
 from rich.console import Console
-from spool_blind.case import make
+from spool_blind.field.case import make_field
 from spool_evaluation.bench import run_bench, table_of
 from spool_evaluation.results.timing import Timing
-from spool_evaluation.studies.gap import given
+from spool_evaluation.studies.estimation import given
 from spool_gap.catalogue import EFFECTS
 from spool_gap.effect import Motion
 
@@ -27,12 +27,12 @@ def _peer(monkeypatch):
 
 @pytest.mark.slow
 def test_pysindy_finds_a_hardening_spring_from_the_library(peer):
-    found = peer.library(*given(make(6, "cubic_stiffness")))
+    found = peer.library(*given(make_field(6, "cubic_stiffness", ())))
     assert "cubic_stiffness" in peer.named(found, ensemble=False)
 
 
 def test_the_library_holds_every_shape_of_every_law_of_the_catalogue(peer):
-    found = peer.library(*given(make(6, "cubic_stiffness")))
+    found = peer.library(*given(make_field(6, "cubic_stiffness", ())))
     n = 1000
     wave = np.sin(np.linspace(0.0, 50.0, n))
     motion = Motion(wave, wave, wave, np.arange(n) * 1e-3, 1e-3, 0.0, 0.18, 1632.0, 4.0, (50.0,) * peer.LINES)
@@ -43,7 +43,7 @@ def test_the_library_holds_every_shape_of_every_law_of_the_catalogue(peer):
 
 
 def test_a_sine_from_outside_is_offered_at_its_own_frequency(peer):
-    case = make(6, "periodic_force")
+    case = make_field(6, "periodic_force", ())
     record, valve = given(case)
     conditioning = peer.ZeroPhase(record.sample_period, peer.LOW_CUT)
     motion = peer.relative_motion(record.body, record.spool, conditioning)

@@ -1,7 +1,6 @@
-"""The gap workflow on records of a second simulator: named right, nothing made up, bad records not judged.
+"""The gap workflow on records of a second simulator: bad records are not judged.
 
-Few cases; those with a seed of the published study were missed there and led to a repair. `./spool study gap`
-runs the others.
+What it names right: `research/test/evaluation/test_field_study.py` and `./spool study field`.
 """
 
 from __future__ import annotations
@@ -15,10 +14,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from spool_blind.case import BlindCase, limit_case, make, write, write_record
+from spool_blind.field.case import FieldCase, make_field
+from spool_blind.files import write, write_record
 from spool_blind.simulator import Plant, move
 from spool_core.numbers import GRAVITY, Array
-from spool_evaluation.studies.gap import judge
 from spool_sim.excitation import SweptSine
 from spool_sim.integration.composed_motion import ComposedMotion, MotionState, half_step_times
 from spool_sim.model import MODELS
@@ -130,52 +129,13 @@ def test_both_simulators_agree_on_the_motion_with_dry_friction():
 
 
 @lru_cache(maxsize=1)
-def good() -> BlindCase:
-    return make(3, "coulomb_friction")
+def good() -> FieldCase:
+    return make_field(3, "coulomb_friction", ())
 
 
 def slow(*values: object) -> Any:
     """A case that is left to the slow tests."""
     return pytest.param(*values, marks=pytest.mark.slow)
-
-
-@pytest.mark.parametrize(
-    ("seed", "hidden"),
-    [
-        slow(9023, "none"),  # the noise looks like a cubic spring to either half of the record
-        slow(1081, "none"),  # and here like one to the half that is held out
-        slow(12, "quadratic_damping"),
-        # Few windows, in which the two simulators stick differently, favour a richer law.
-        slow(15005, "coulomb_friction"),
-        # A law that held-out windows take for another.
-        slow(12044, "mixed_friction"),
-        # With backlash no free run helps, and one window, in which runs part, outweighs all others.
-        slow(17176, "mixed_friction+spring_backlash"),
-        # The stop is hit so rarely that it lies beyond all but a few samples.
-        slow(102, "end_stop+stribeck_friction"),
-    ],
-)
-def test_what_is_hidden_is_named_with_its_size(seed: int, hidden: str) -> None:
-    row = judge(make(seed, hidden))
-    assert set(row.verdict.split("+")) == set(hidden.split("+")), row
-    assert all(abs(error) < 0.10 for error in row.errors.values()), row.errors
-    if hidden != "none":
-        assert set(row.errors) == set(row.truth)
-
-
-@pytest.mark.slow
-def test_what_has_no_name_is_told_next_to_names_that_explain_part_of_it() -> None:
-    """A spring that is stiffer on one side: synchronised runs follow it with a preload, free ones do not."""
-    assert "unexplained" in judge(make(18178, "skew_spring")).verdict.split("+")
-
-
-@pytest.mark.parametrize(("seed", "hidden"), [slow(902, "coulomb_friction"), slow(901, "cubic_stiffness")])
-def test_an_effect_of_twice_what_can_be_seen_at_all_is_named(seed: int, hidden: str) -> None:
-    """Less than a hundredth of what is clear, seen by a test that knows it at half of that."""
-    seen = limit_case(seed, hidden, moderate=True)
-    assert seen is not None
-    row = judge(make(seed, hidden, factor=2.0 * seen.factor, moderate=True), least_share=0.0)
-    assert row.verdict == hidden, row
 
 
 @pytest.mark.parametrize("name", [name for name, spoiling in SPOILINGS.items() if not spoiling.usable])

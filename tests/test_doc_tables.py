@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 
 import pytest
+from spool_blind.field.case import Importance
 from spool_core.record_limits import limits_table
 from spool_evaluation.bench import markdown_of
 from spool_evaluation.results.timing import Timing
@@ -13,11 +14,7 @@ from spool_evaluation.studies import records, steps
 from spool_evaluation.studies.estimation import LIMITS, Estimated, RecordFit
 from spool_evaluation.studies.estimation import page_parts as estimation_parts
 from spool_evaluation.studies.field.study import field_parts
-from spool_evaluation.studies.field.verdicts import ChainFault, FieldVerdict, HiddenShare
-from spool_evaluation.studies.gap import BlindVerdict
-from spool_evaluation.studies.gap import page_parts as gap_parts
-from spool_evaluation.studies.gap_limit import DetectionLimit, sentence, within
-from spool_evaluation.studies.gap_limit import page_parts as limit_parts
+from spool_evaluation.studies.field.verdicts import ChainFault, FieldVerdict
 from spool_evaluation.studies.monitor import ScenarioOutcome, table
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -155,7 +152,7 @@ def test_files_and_folders_that_a_page_names_exist(page: Path, sources: str) -> 
 
 def field_row(hidden: str, verdict: str) -> FieldVerdict:
     kind = "none" if hidden == "none" else "effect"
-    shares = {} if hidden == "none" else {hidden: HiddenShare(0.1, 0.1, 10.0, matters=True)}
+    shares = {} if hidden == "none" else {hidden: Importance(0.1, 0.1, 100.0, 10.0)}
     hum = (ChainFault("hum", "spool", 0.2, "m/s^2"),)
     known = {"truth": {"end_stop.gap": 1.0}, "found": {"end_stop.gap": (1.0, 0.1)}, "confidence": 0.9}
     return FieldVerdict(
@@ -165,18 +162,11 @@ def field_row(hidden: str, verdict: str) -> FieldVerdict:
 
 
 def test_result_pages_have_the_columns_that_their_commands_write() -> None:
-    known = {"truth": {"a.x": 1.0}, "found": {"a.x": (1.0, 0.1)}, "before": 0.1, "after": 0.01, "floor": 0.01}
-    case = {"kind": "effect", "hidden": "end_stop", "accepted": ("end_stop",), "factor": 1.0}
-    right = BlindVerdict(seed=1, verdict="end_stop", **case, **known)
-    wrong = BlindVerdict(seed=2, verdict="none", **case)
-    limit = DetectionLimit("coulomb_friction", 1, "coulomb_force", 0.001, 0.002, 2.0)
     told = Estimated("fluid", "spring_stiffness", "N/m", 1632.0, 1632.1, 0.2)
     fitted = RecordFit(1, "fluid", "soft", "HL68", "sweep", 0.01, (told,), (), None, True, 0.01, 3.5)
     compiled = markdown_of([Timing("a", "b", 1.0, 2.0, 1.0, 1.0, compiling=1.0)])
     judged = markdown_of([Timing("a", "b", 1.0, 2.0, 1.0, 1.0)])
     wanted = {
-        "gap_study.md": "\n\n".join(gap_parts([right, wrong])),
-        "gap_limits.md": limit_parts([limit])[-1],
         "field_study.md": "\n\n".join(
             field_parts([field_row("end_stop", "end_stop"), field_row("none", "x")])
         ),
@@ -187,7 +177,6 @@ def test_result_pages_have_the_columns_that_their_commands_write() -> None:
         "bench_sim.md": compiled,
         "bench_estimate.md": judged,
         "bench_gap.md": judged,
-        "bench_monitor.md": judged,
     }
     for name, text in wanted.items():
         assert headers(result(name)) == headers(text)
@@ -222,13 +211,3 @@ def test_the_errors_of_a_time_step_are_those_of_the_page(tmp_path: Path) -> None
         shown = printed[f"`{name}`"]
         assert shown == pytest.approx(errors[: len(shown)], rel=0.1)
     assert (tmp_path / "convergence.png").stat().st_size > 1000
-
-
-def test_how_many_effects_reach_the_limit_follows_from_the_table() -> None:
-    names, *rows = cells_of("gap_limits.md")
-    ratios = [cells[names.index("ratio")] for cells in rows]
-    limits = [
-        DetectionLimit("any", number, "x", 1.0, 1.0, None if ratio == "-" else float(ratio))
-        for number, ratio in enumerate(ratios)
-    ]
-    assert sentence(sum(within([limit]) for limit in limits), len(limits)) in result("gap_limits.md")

@@ -1,7 +1,4 @@
-"""Experiment condition of a record: valve, oil, excitation, sampling, noise, nuisances.
-
-Field cases have other machines and loggers: they come last here.
-"""
+"""Experiment condition of a record: valve, oil, excitation, sampling, noise, nuisances."""
 
 from __future__ import annotations
 
@@ -22,21 +19,23 @@ SOFT, STIFF = 1632.0, 5846.0
 VISCOUS = (1.2, 8.5)
 MASS = (0.15, 0.22)
 AMPLITUDE = (3.0, 20.0)
-RATES = (1000.0, 1250.0, 2000.0, 2500.0, 4000.0, 5000.0)
+RATES = (1000.0, 1250.0, 2000.0, 2500.0, 4000.0, 5000.0, 8000.0, 10_000.0)
 DURATION = (20.0, 60.0)
-NOISE = (0.003, 0.03)
+#: Rms of white noise over that of the channel's acceleration.
+NOISE = (0.002, 0.02)
 #: Declared tolerances of the sensors; a share of the records uses most of them.
 GAIN_TOLERANCE, DELAY_TOLERANCE = 0.05, 0.5e-3
 NUISANCE_SHARE = 0.4
 NUISANCE_USE = 0.9
-#: s, Hz and share of a moderate condition.
-MODERATE_DURATION, MODERATE_RATE, MODERATE_NOISE = (15.0, 20.0), 2000.0, 0.01
 #: Hz at which the motion without effects is looked at.
 SCALE_RATE = 2000.0
 #: m, travel beyond which an excitation is turned down: the valve's stroke.
 LARGEST_TRAVEL = 5e-3
 
-KINDS = ("sweep", "stepped_sine", "multisine", "machine_orders")
+IDLE, HAMMER, OPERATION = "engine_idle", "hammer_bursts", "operation_with_pauses"
+#: Of a shaker, at levels that are drawn, and of a machine.
+SHAKEN = ("sweep", "stepped_sine", "multisine", "machine_orders")
+KINDS = (*SHAKEN, IDLE, HAMMER, OPERATION)
 #: Hz at which an excitation is worked out; a cubic spline through it errs by 1e-6 at 150 Hz.
 GRID_RATE = 8000.0
 #: s over which an excitation rises from rest.
@@ -115,16 +114,12 @@ class ExperimentCondition:
         )
 
 
-def draw_condition(
-    generator: np.random.Generator, *, from_rest: bool = False, moderate: bool = False, field: bool = False
-) -> ExperimentCondition:
-    """Draw a condition whose travel stays within the stroke wherever the least amplitude allows it.
+def draw_condition(generator: np.random.Generator, *, from_rest: bool = False) -> ExperimentCondition:
+    """Draw a condition whose travel stays within the stroke.
 
     Args:
         generator: of the numbers.
         from_rest: the record begins before the motion does.
-        moderate: a short record at a common rate, with middling noise and nothing of the tolerances used.
-        field: other machines and loggers besides, and no least amplitude.
     """
     nominal = float(generator.choice([SOFT, STIFF]))
     numbers = {
@@ -133,19 +128,15 @@ def draw_condition(
         "damping": float(np.exp(generator.uniform(*np.log(VISCOUS)))),
     }
     resonance = float(np.sqrt(numbers["stiffness"] / numbers["mass"]) / (2.0 * np.pi))
-    duration = float(round(generator.uniform(*(MODERATE_DURATION if moderate else DURATION))))
+    duration = float(round(generator.uniform(*DURATION)))
     # What is drawn in which order makes the records of all seeds.
-    before = float(generator.choice([0.0, 1.0])) if field or not from_rest else 0.0
+    before = float(generator.choice([0.0, 1.0]))
     before = 0.0 if from_rest else before
-    kind = str(generator.choice(list(FIELD_KINDS if field else KINDS)))
-    nuisance = field and generator.random() < NUISANCE_SHARE
+    kind = str(generator.choice(list(KINDS)))
+    use = NUISANCE_USE if generator.random() < NUISANCE_SHARE else 0.0
     excitation = draw_excitation(generator, kind, resonance, -before, duration + AFTER)
-    if not field:
-        nuisance = generator.random() < NUISANCE_SHARE and not moderate
-    use = NUISANCE_USE if nuisance else 0.0
     amplitude = float(np.exp(generator.uniform(*np.log(AMPLITUDE))))
-    rate = MODERATE_RATE if moderate else float(generator.choice(list(FIELD_RATES if field else RATES)))
-    noise = np.log(FIELD_NOISE if field else NOISE)
+    rate = float(generator.choice(list(RATES)))
     condition = ExperimentCondition(
         base=Plant(numbers),
         nominal_stiffness=nominal,
@@ -154,14 +145,12 @@ def draw_condition(
         sample_rate=rate,
         duration=duration,
         before=before,
-        noise_share=MODERATE_NOISE if moderate else float(np.exp(generator.uniform(*noise))),
+        noise_share=float(np.exp(generator.uniform(*np.log(NOISE)))),
         gain=1.0 + use * GAIN_TOLERANCE * float(generator.uniform(-1.0, 1.0)),
         delay=use * DELAY_TOLERANCE * float(generator.uniform(-1.0, 1.0)),
     )
     too_far = condition.scale().travel_peak / LARGEST_TRAVEL
-    if too_far > 1.0:
-        condition = replace(condition, amplitude=max(amplitude / too_far, 0.0 if field else AMPLITUDE[0]))
-    return condition
+    return replace(condition, amplitude=amplitude / too_far) if too_far > 1.0 else condition
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,7 +158,7 @@ class DrawnExcitation:
     """Excitation of the body, drawn.
 
     Attributes:
-        kind: one of ``FIELD_KINDS``.
+        kind: one of ``KINDS``.
         low, high: Hz, where most of it lies.
         levels: relative amplitudes of equal stretches of the record.
         start, end: s, from before the record's start to its end.
@@ -196,7 +185,7 @@ def draw_excitation(
 
     Args:
         generator: drawn from.
-        kind: one of ``FIELD_KINDS``.
+        kind: one of ``KINDS``.
         resonance: natural frequency of the spool, Hz: the band begins below and ends above it.
         start: s, not above 0; at rest there.
         end: s.
@@ -205,7 +194,7 @@ def draw_excitation(
         KeyError: there is no such kind.
     """
     t = grid(start, end)
-    if kind in KINDS:
+    if kind in SHAKEN:
         low = generator.uniform(0.45, 0.75) * resonance
         high = min(generator.uniform(3.0, 5.5) * resonance, 120.0)
         shape = SHAPES[kind](generator, t - start, low, high)
@@ -310,11 +299,6 @@ def _lines(generator: np.random.Generator, t: Array, frequencies: Array, rms: fl
     return np.asarray(total * rms * np.sqrt(2.0 / frequencies.size))
 
 
-#: Of field cases: Hz, and rms of white noise over that of the channel's acceleration.
-FIELD_RATES, FIELD_NOISE = (*RATES, 8000.0, 10_000.0), (0.002, 0.02)
-
-IDLE, HAMMER, OPERATION = "engine_idle", "hammer_bursts", "operation_with_pauses"
-FIELD_KINDS = (*KINDS, IDLE, HAMMER, OPERATION)
 #: 1/s, shaft of an idling diesel engine: 600 to 900 rpm.
 IDLE_SPEED = (10.0, 15.0)
 #: Orders of a four-stroke engine with four cylinders, and their relative amplitudes: the firing is order 2.

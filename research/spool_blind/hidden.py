@@ -1,9 +1,11 @@
-"""Hidden effects: those of the catalogue, those outside of it, and what they do to plant and channels."""
+"""Hidden effects of the catalogue, and what they do to plant and channel."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,11 +22,10 @@ class Hidden:
 
     Attributes:
         plant: numbers of the plant that it sets, see ``simulator.NAMES``.
-        channel: attributes of ``Channels`` that it sets.
+        channel: attributes of ``MeasuringChain`` that it sets.
         truth: values that a fit should find, by the names of the catalogue's parameters, SI.
         size: names in ``plant``, ``channel`` and ``truth`` that grow with its size.
         edges: names of limits, with the peak that they cut; larger is further below the peak.
-        simpler: numbers of the plant that make it a simpler effect, from which it must be distinguished.
     """
 
     plant: Mapping[str, float] = field(default_factory=dict)
@@ -32,7 +33,6 @@ class Hidden:
     truth: Mapping[str, float] = field(default_factory=dict)
     size: tuple[str, ...] = ()
     edges: Mapping[str, float] = field(default_factory=dict)
-    simpler: Mapping[str, float] = field(default_factory=dict)
 
     def sized(self, factor: float) -> Hidden:
         """Return the same, ``factor`` times as large."""
@@ -60,21 +60,11 @@ GRAVITY = 9.80665
 SPOOL_SHARE = 0.172 / 0.18
 
 
-@dataclass(frozen=True, slots=True)
-class Kind:
-    """Kind of hidden effect.
-
-    Attributes:
-        draw: draws it at clear size for a condition and the motion it has without it.
-        group: two of a pair come from different groups.
-        accepted: verdicts that are right; for an effect of the catalogue its own id.
-        richer: a law of friction that contains Coulomb friction.
-    """
+class Kind(NamedTuple):
+    """Kind of hidden effect: ``draw`` makes it at clear size; two of a pair are of different groups."""
 
     draw: Draw
     group: str
-    accepted: tuple[str, ...]
-    richer: bool = False
 
 
 def coulomb(generator: Generator, _: ExperimentCondition, scale: Scale) -> Hidden:
@@ -120,7 +110,6 @@ def asymmetric(generator: Generator, _: ExperimentCondition, scale: Scale) -> Hi
         {},
         {"forward_force": force + excess, "backward_force": force - excess},
         ("coulomb_force", "asymmetry", "forward_force", "backward_force"),
-        simpler={"asymmetry": 0.0},
     )
 
 
@@ -226,124 +215,41 @@ def either_sign(generator: Generator, value: float, positive: float = 0.5) -> fl
     return value if generator.random() < positive else -value
 
 
+#: Those of the catalogue, by id.
 EFFECTS: dict[str, Kind] = {
-    "coulomb_friction": Kind(coulomb, "friction", ("coulomb_friction",)),
-    "stribeck_friction": Kind(stribeck, "friction", ("stribeck_friction",), richer=True),
-    "mixed_friction": Kind(mixed, "friction", ("mixed_friction",), richer=True),
-    "asymmetric_friction": Kind(asymmetric, "friction", ("asymmetric_friction",), richer=True),
-    "presliding_friction": Kind(presliding, "friction", ("presliding_friction",)),
-    "quadratic_damping": Kind(quadratic, "damping", ("quadratic_damping",)),
-    "cubic_stiffness": Kind(cubic, "spring", ("cubic_stiffness",)),
-    "end_stop": Kind(end_stop, "spring", ("end_stop",)),
-    "spring_backlash": Kind(backlash, "spring", ("spring_backlash",)),
-    "spring_preload": Kind(preload, "spring", ("spring_preload",)),
-    "periodic_force": Kind(ripple, "outside", ("periodic_force",)),
-    "damping_drift": Kind(drift, "time", ("damping_drift",)),
-    "spool_gain_error": Kind(gain, "gain", ("spool_gain_error",)),
-    "spool_delay": Kind(delay, "delay", ("spool_delay",)),
-    "sensor_saturation": Kind(saturation, "range", ("sensor_saturation",)),
+    "coulomb_friction": Kind(coulomb, "friction"),
+    "stribeck_friction": Kind(stribeck, "friction"),
+    "mixed_friction": Kind(mixed, "friction"),
+    "asymmetric_friction": Kind(asymmetric, "friction"),
+    "presliding_friction": Kind(presliding, "friction"),
+    "quadratic_damping": Kind(quadratic, "damping"),
+    "cubic_stiffness": Kind(cubic, "spring"),
+    "end_stop": Kind(end_stop, "spring"),
+    "spring_backlash": Kind(backlash, "spring"),
+    "spring_preload": Kind(preload, "spring"),
+    "periodic_force": Kind(ripple, "outside"),
+    "damping_drift": Kind(drift, "time"),
+    "spool_gain_error": Kind(gain, "gain"),
+    "spool_delay": Kind(delay, "delay"),
+    "sensor_saturation": Kind(saturation, "range"),
 }
 
-
-def lugre(generator: Generator, _: ExperimentCondition, scale: Scale) -> Hidden:
-    """LuGre's friction: bristles with damping, whose limit falls with speed."""
-    static = between(generator, 0.25, 0.45) * scale.force
-    stiffness = static / (between(generator, 0.03, 0.1) * scale.travel)
-    return Hidden(
-        {
-            "static_force": static,
-            "coulomb_force": between(generator, 0.4, 0.6) * static,
-            "stribeck_velocity": between(generator, 0.2, 0.5) * scale.velocity,
-            "stribeck_exponent": 2.0,
-            "bristle_stiffness": stiffness,
-            "bristle_damping": between(generator, 0.1, 0.4) * float(np.sqrt(stiffness * 0.18)),
-        },
-        size=("static_force", "coulomb_force", "bristle_stiffness", "bristle_damping"),
-    )
+NONE = "none"
+#: Two accelerometers see these only in how the motion sets in.
+FROM_REST = ("asymmetric_friction",)
+#: Two effects that one record may hide.
+PAIRS: tuple[str, ...] = tuple(
+    f"{one}+{other}"
+    for one, other in combinations(sorted(EFFECTS), 2)
+    if EFFECTS[one].group != EFFECTS[other].group
+    and {"gain", "delay"} != {EFFECTS[one].group, EFFECTS[other].group}
+)
 
 
-def sensor_low_pass(generator: Generator, condition: ExperimentCondition, _: Scale) -> Hidden:
-    """A low-pass in the spool's sensor alone; far above the excitation it would be a mere delay."""
-    return Hidden({}, {"low_pass": between(generator, 0.5, 1.4) * condition.excitation.high})
-
-
-def damping_by_position(generator: Generator, _: ExperimentCondition, scale: Scale) -> Hidden:
-    """Drag that grows away from the centre: the overlap of the lands changes."""
-    value = between(generator, 1.0, 3.0) / (2.0 * scale.travel) ** 2 * 2.0
-    return Hidden({"damping_by_position": value}, size=("damping_by_position",))
-
-
-def stiffness_drift(generator: Generator, condition: ExperimentCondition, _: Scale) -> Hidden:
-    """A spring that changes with its temperature over the record."""
-    rate = either_sign(generator, between(generator, 0.06, 0.15)) / condition.duration
-    return Hidden({"stiffness_rate": rate}, size=("stiffness_rate",))
-
-
-def bouc_wen(generator: Generator, _: ExperimentCondition, scale: Scale) -> Hidden:
-    """Hysteresis after Bouc and Wen."""
-    force = between(generator, 0.2, 0.45) * scale.force
-    travel = between(generator, 0.15, 0.5) * scale.travel
-    return Hidden({"hysteresis_force": force, "hysteresis_travel": travel}, size=("hysteresis_force",))
-
-
-def flow_force_step(generator: Generator, _: ExperimentCondition, scale: Scale) -> Hidden:
-    """A force that sets in where a land opens."""
-    force = between(generator, 0.2, 0.5) * scale.force
-    place = either_sign(generator, between(generator, 0.3, 1.2) * scale.travel)
-    return Hidden(
-        {"step_force": -force, "step_place": place, "step_width": 0.1 * scale.travel}, size=("step_force",)
-    )
-
-
-def fractional_drag(generator: Generator, _: ExperimentCondition, scale: Scale) -> Hidden:
-    """Drag with the root of the speed, or a power near it."""
-    exponent = between(generator, 0.35, 0.6)
-    force = between(generator, 0.3, 0.6) * scale.force
-    return Hidden(
-        {"power_drag": force / scale.velocity**exponent, "power_exponent": exponent}, size=("power_drag",)
-    )
-
-
-def sampling_jitter(generator: Generator, condition: ExperimentCondition, _: Scale) -> Hidden:
-    """A spool channel whose sampling instants scatter."""
-    return Hidden({}, {"jitter": between(generator, 0.3, 0.6) / condition.sample_rate}, size=("jitter",))
-
-
-def slipping_mass(generator: Generator, condition: ExperimentCondition, scale: Scale) -> Hidden:
-    """A part that rides on the spool by friction and slips when pulled hard."""
-    share = between(generator, 0.15, 0.35)
-    mass = share * condition.base.numbers["mass"]
-    friction = between(generator, 0.3, 0.7) * mass * scale.acceleration
-    return Hidden({"loose_mass": mass, "loose_friction": friction}, size=("loose_mass", "loose_friction"))
-
-
-def sensor_mounting(generator: Generator, _: ExperimentCondition, __: Scale) -> Hidden:
-    """A spool sensor on an elastic mounting."""
-    return Hidden({}, {"mount_frequency": between(generator, 130.0, 220.0), "mount_damping": 0.05})
-
-
-def skew_spring(generator: Generator, condition: ExperimentCondition, scale: Scale) -> Hidden:
-    """A spring that is stiffer on one side."""
-    value = either_sign(generator, between(generator, 0.12, 0.3))
-    return Hidden(
-        {"skew_stiffness": value * condition.base.numbers["stiffness"] / scale.travel_peak},
-        size=("skew_stiffness",),
-    )
-
-
-OUT_OF_CATALOGUE: dict[str, Kind] = {
-    name: Kind(draw, "out_of_catalogue", ("unexplained",))
-    for name, draw in {
-        "lugre_friction": lugre,
-        "sensor_low_pass": sensor_low_pass,
-        "damping_by_position": damping_by_position,
-        "stiffness_drift": stiffness_drift,
-        "bouc_wen_hysteresis": bouc_wen,
-        "flow_force_step": flow_force_step,
-        "fractional_drag": fractional_drag,
-        "sampling_jitter": sampling_jitter,
-        "slipping_mass": slipping_mass,
-        "sensor_mounting": sensor_mounting,
-        "skew_spring": skew_spring,
-    }.items()
-}
+def kind_of(hidden: str) -> str:
+    """Return none, effect, pair or out_of_catalogue."""
+    if hidden == NONE:
+        return NONE
+    if "+" in hidden:
+        return "pair"
+    return "effect" if hidden in EFFECTS else "out_of_catalogue"

@@ -1,6 +1,6 @@
 """Simulator of a spool, written a second time: nothing here is shared with the one that ships.
 
-First the force laws, then the plant and how it moves, then what the channels make of its motion.
+First the force laws, then the plant and how it moves.
 
 Everything is a function of the displacement z (m) and the velocity v (m/s) relative to the body, the time t
 (s) and the numbers of a plant, an array in the order of :data:`NAMES`. An effect is absent where its
@@ -23,7 +23,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft, rfftfreq
-from scipy.signal import butter, lfilter, lfilter_zi
 from spool_core.kernels.compiled import compiled
 
 Array = NDArray[np.float64]
@@ -47,13 +46,6 @@ NAMES: tuple[str, ...] = (
     "preload_force", "preload_travel",
     "ripple_force", "ripple_frequency", "ripple_phase",
     "damping_rate",  # relative, 1/s
-    "stiffness_rate",  # relative, 1/s
-    "damping_by_position",  # relative, 1/m^2
-    "hysteresis_force", "hysteresis_travel",  # Bouc-Wen
-    "step_force", "step_place", "step_width",  # flow force where a land opens
-    "power_drag", "power_exponent",
-    "loose_mass", "loose_friction",  # a part that rides on the spool and slips
-    "skew_stiffness",  # N/m^2, even in z
     "warming_share", "warming_time",  # drag that tends to 1 + share times itself, with a time constant, s
     "slip_force", "slip_travel",  # Maxwell slip: all elements slide at this force, N, after this travel, m
     "soft_preload", "soft_travel",  # preload that sets in smoothly, N and m
@@ -75,13 +67,7 @@ QUADRATIC, CUBIC = PLACE["quadratic"], PLACE["cubic"]
 GAP, STOP, STOP_DAMPING = PLACE["stop_gap"], PLACE["stop_stiffness"], PLACE["stop_damping"]
 BACKLASH, PRELOAD, TRAVEL = PLACE["backlash"], PLACE["preload_force"], PLACE["preload_travel"]
 RIPPLE, RIPPLE_HZ, RIPPLE_PHASE = PLACE["ripple_force"], PLACE["ripple_frequency"], PLACE["ripple_phase"]
-DAMPING_RATE, STIFFNESS_RATE = PLACE["damping_rate"], PLACE["stiffness_rate"]
-BY_POSITION = PLACE["damping_by_position"]
-HYSTERESIS, HYSTERESIS_TRAVEL = PLACE["hysteresis_force"], PLACE["hysteresis_travel"]
-STEP, STEP_PLACE, STEP_WIDTH = PLACE["step_force"], PLACE["step_place"], PLACE["step_width"]
-POWER, EXPONENT = PLACE["power_drag"], PLACE["power_exponent"]
-LOOSE_MASS, LOOSE_FRICTION = PLACE["loose_mass"], PLACE["loose_friction"]
-SKEW = PLACE["skew_stiffness"]
+DAMPING_RATE = PLACE["damping_rate"]
 WARMING, WARMING_TIME = PLACE["warming_share"], PLACE["warming_time"]
 SLIP, SLIP_TRAVEL = PLACE["slip_force"], PLACE["slip_travel"]
 SOFT, SOFT_TRAVEL = PLACE["soft_preload"], PLACE["soft_travel"]
@@ -100,22 +86,18 @@ _CHAMBER, _COILS, _COILS_SPEED = ELEMENTS, ELEMENTS + 1, ELEMENTS + 2
 @compiled
 def restoring(z: float, v: float, t: float, p: Array) -> float:
     """Return what depends on place and time, N: springs, stops, flow force, a force from outside."""
-    force = p[STIFFNESS] * (1.0 + p[STIFFNESS_RATE] * t) * z
+    force = p[STIFFNESS] * z
     if p[BACKLASH] > 0.0:
         outside = max(abs(z) - p[BACKLASH], 0.0)
         force = p[STIFFNESS] * math.copysign(outside, z)
     if p[CUBIC] != 0.0:
         force += p[CUBIC] * z**3
-    if p[SKEW] != 0.0:
-        force += p[SKEW] * z * z
     if p[PRELOAD] > 0.0:
         force += p[PRELOAD] * (math.copysign(1.0, z) if abs(z) > p[TRAVEL] else z / p[TRAVEL])
     if p[STOP] > 0.0 and abs(z) > p[GAP]:
         inward = math.copysign(1.0, z)
         push = p[STOP] * (abs(z) - p[GAP]) + p[STOP_DAMPING] * inward * v
         force += inward * max(push, 0.0)
-    if p[STEP] != 0.0:
-        force += 0.5 * p[STEP] * (1.0 + math.tanh((z - p[STEP_PLACE]) / p[STEP_WIDTH]))
     if p[SOFT] != 0.0:
         force += p[SOFT] * math.tanh(z / p[SOFT_TRAVEL])
     if p[SEAT] > 0.0 and z > p[SEAT_PLACE]:
@@ -129,17 +111,14 @@ def restoring(z: float, v: float, t: float, p: Array) -> float:
 
 
 @compiled
-def drag(z: float, v: float, t: float, p: Array) -> float:
+def drag(v: float, t: float, p: Array) -> float:
     """Return what grows with the velocity, N."""
     course = 1.0 + p[DAMPING_RATE] * t
     if p[WARMING] != 0.0:
         course += p[WARMING] * (1.0 - math.exp(-t / p[WARMING_TIME]))
-    share = max(course, 0.0) * (1.0 + p[BY_POSITION] * z * z)
-    force = p[DAMPING] * share * v
+    force = p[DAMPING] * max(course, 0.0) * v
     if p[QUADRATIC] != 0.0:
         force += p[QUADRATIC] * abs(v) * v
-    if p[POWER] != 0.0:
-        force += math.copysign(p[POWER] * abs(v) ** p[EXPONENT], v)
     return float(force)
 
 
@@ -172,14 +151,6 @@ def bristle_after(x: float, v: float, duration: float, p: Array) -> float:
         return x
     aim = math.copysign(bristle_limit(abs(v), p) / p[BRISTLE], v)
     return float(aim + (x - aim) * math.exp(-abs(v * duration / aim)))
-
-
-@compiled
-def hysteresis_after(x: float, v: float, duration: float, p: Array) -> float:
-    """Return Bouc and Wen's internal displacement (m) after moving at ``v`` for ``duration``, exponent 2."""
-    reach = p[HYSTERESIS_TRAVEL]
-    middle = x + 0.5 * duration * (v - 0.5 * (abs(v) * abs(x) * x + v * x * x) / reach**2)
-    return float(x + duration * (v - 0.5 * (abs(v) * abs(middle) * middle + v * middle * middle) / reach**2))
 
 
 @compiled
@@ -335,8 +306,6 @@ def remembered(v: float, x: float, duration: float, p: Array) -> float:
         after = bristle_after(x, v, 0.5 * duration, p)
         rate = (bristle_after(x, v, duration, p) - x) / duration
         return float(p[BRISTLE] * after + p[BRISTLE_DAMPING] * rate)
-    if p[HYSTERESIS] > 0.0:
-        return float(p[HYSTERESIS] / p[HYSTERESIS_TRAVEL] * hysteresis_after(x, v, 0.5 * duration, p))
     return 0.0
 
 
@@ -375,7 +344,7 @@ def step_through(excitation: Array, h: float, start: float, p: Array) -> tuple[A
     count = excitation.size
     acceleration, displacement = np.empty(count), np.empty(count)
     mass = p[MASS]
-    z, v, x, loose = 0.0, 0.0, 0.0, 0.0
+    z, v, x = 0.0, 0.0, 0.0
     states, more = np.zeros(STATES), has_states(p)
     for n in range(count):
         t = start + (n + 0.5) * h
@@ -383,22 +352,13 @@ def step_through(excitation: Array, h: float, start: float, p: Array) -> tuple[A
         middle = z + 0.5 * h * v
         speed, after = v, v
         for _ in range(2):  # the second time with the velocity in the middle: second order
-            force = restoring(middle, speed, t, p) + drag(middle, speed, t, p) + remembered(speed, x, h, p)
+            force = restoring(middle, speed, t, p) + drag(speed, t, p) + remembered(speed, x, h, p)
             if more:
                 force += force_of_states(states, middle, speed, h, p)
             after = kick(v, speed, -body - force / mass, h, p)
             speed = 0.5 * (v + after)
-        if p[LOOSE_MASS] > 0.0:
-            loose -= h * body
-            reduced = mass * p[LOOSE_MASS] / (mass + p[LOOSE_MASS])
-            impulse = min(max(reduced * (after - loose), -h * p[LOOSE_FRICTION]), h * p[LOOSE_FRICTION])
-            after -= impulse / mass
-            loose += impulse / p[LOOSE_MASS]
-            speed = 0.5 * (v + after)
         if p[BRISTLE] > 0.0:
             x = bristle_after(x, speed, h, p)
-        elif p[HYSTERESIS] > 0.0:
-            x = hysteresis_after(x, speed, h, p)
         if more:
             advance_states(states, middle, speed, body, h, p)
         acceleration[n] = (after - v) / h + body
@@ -406,59 +366,6 @@ def step_through(excitation: Array, h: float, start: float, p: Array) -> tuple[A
         z = middle + 0.5 * h * after
         v = after
     return acceleration, displacement
-
-
-@dataclass(frozen=True, slots=True)
-class Channels:
-    """Channel errors of body and spool; the body's is the reference, so gain and delay are the spool's.
-
-    Attributes:
-        gain: reading of the spool's sensor over the truth.
-        delay: of the spool's reading behind the body's, s; negative is ahead.
-        full_scale: of the spool's sensor, m/s^2; 0 for none.
-        noise: rms of white noise on either channel, m/s^2.
-        low_pass: corner of a second-order low-pass in the spool's sensor, Hz; 0 for none.
-        jitter: rms of the spool's sampling instants, s.
-        mount_frequency, mount_damping: resonance of the spool sensor's mounting, Hz; 0 for none.
-    """
-
-    gain: float = 1.0
-    delay: float = 0.0
-    full_scale: float = 0.0
-    noise: float = 0.0
-    low_pass: float = 0.0
-    jitter: float = 0.0
-    mount_frequency: float = 0.0
-    mount_damping: float = 0.05
-
-    def read(self, motion: SpoolMotion, t: Array, generator: np.random.Generator) -> tuple[Array, Array]:
-        """Return the readings (body, spool), m/s^2, at the instants ``t`` (s, shape (n,))."""
-        sensed = motion.spool
-        rate = 1.0 / motion.step
-        if self.low_pass > 0.0:
-            numerator, denominator = butter(2, self.low_pass, fs=rate)
-            sensed, _ = lfilter(
-                numerator, denominator, sensed, zi=sensed[0] * lfilter_zi(numerator, denominator)
-            )
-        if self.mount_frequency > 0.0:
-            sensed = self._mounted(sensed, rate)
-        when = t - self.delay
-        if self.jitter > 0.0:
-            when = when + self.jitter * generator.standard_normal(t.size)
-        body = np.interp(t, motion.time, motion.body)
-        spool = self.gain * np.interp(when, motion.time, sensed)
-        body += self.noise * generator.standard_normal(t.size)
-        spool += self.noise * generator.standard_normal(t.size)
-        if self.full_scale > 0.0:
-            spool = np.clip(spool, -self.full_scale, self.full_scale)
-        return body, spool
-
-    def _mounted(self, sensed: Array, rate: float) -> Array:
-        """Return what a sensor on an elastic mounting feels: one mass on spring and damper."""
-        turn = 2.0 * np.pi * self.mount_frequency / rate
-        radius = np.exp(-self.mount_damping * turn)
-        denominator = [1.0, -2.0 * radius * np.cos(turn * np.sqrt(1.0 - self.mount_damping**2)), radius**2]
-        return np.asarray(lfilter([sum(denominator)], denominator, sensed))
 
 
 def transmissibility(numbers: Mapping[str, float], frequency: Array, *, travel: bool = False) -> Spectrum:
@@ -469,24 +376,10 @@ def transmissibility(numbers: Mapping[str, float], frequency: Array, *, travel: 
     return np.asarray(-numbers["mass"] / whole if travel else inner / whole, dtype=np.complex128)
 
 
-class Padded:
-    """Spectrum of a signal that starts from rest, extended so that it ends at rest."""
-
-    def __init__(self, signal: Array, rate: float) -> None:
-        fade = round(FADE * rate)
-        ending = signal[-1] * (0.5 + 0.5 * np.cos(np.pi * np.arange(1, fade + 1) / fade))
-        whole = np.concatenate((signal, ending))
-        self.size = signal.size
-        self.length = next_fast_len(whole.size + round(REST * rate), real=True)
-        self.frequency: Array = rfftfreq(self.length, 1.0 / rate)
-        self.spectrum: Spectrum = rfft(whole, self.length)
-
-    def through(self, factor: Spectrum) -> Array:
-        """Return the signal after a linear system of this frequency response, shape of the signal."""
-        return np.asarray(irfft(self.spectrum * factor, self.length)[: self.size], dtype=np.float64)
-
-
 def respond(numbers: Mapping[str, float], body: Array, rate: float, *, travel: bool = False) -> Array:
     """Return the spool's acceleration (m/s^2) or travel (m) under ``body`` (from rest, ``rate`` Hz)."""
-    padded = Padded(body, rate)
-    return padded.through(transmissibility(numbers, padded.frequency, travel=travel))
+    fade = round(FADE * rate)
+    whole = np.concatenate((body, body[-1] * (0.5 + 0.5 * np.cos(np.pi * np.arange(1, fade + 1) / fade))))
+    length = next_fast_len(whole.size + round(REST * rate), real=True)
+    through = transmissibility(numbers, rfftfreq(length, 1.0 / rate), travel=travel)
+    return np.asarray(irfft(rfft(whole, length) * through, length)[: body.size], dtype=np.float64)

@@ -17,15 +17,9 @@ from numpy.typing import NDArray
 from scipy.fft import rfft, rfftfreq
 from scipy.optimize import lsq_linear
 from scipy.signal import welch
+from scipy.stats import chi2, ncx2
 
-from spool_blind.case import FROM_REST, NONE, OUT_OF_CATALOGUE_TOLERANCE, HiddenCase, sample_times
-from spool_blind.condition import (
-    DELAY_TOLERANCE,
-    FIELD_NOISE,
-    GAIN_TOLERANCE,
-    ExperimentCondition,
-    draw_condition,
-)
+from spool_blind.condition import DELAY_TOLERANCE, GAIN_TOLERANCE, NOISE, ExperimentCondition, draw_condition
 from spool_blind.field.foreign import KINDS, foreign_names
 from spool_blind.field.hiding import HiddenPhysics, draw_hidden, field_hidden_by
 from spool_blind.field.logger import POINTS, LoggerFilter, draw_filters
@@ -40,9 +34,8 @@ from spool_blind.field.nuisances import (
     draw_nuisances,
     names_by,
 )
-from spool_blind.hidden import EFFECTS, Hidden
+from spool_blind.hidden import EFFECTS, FROM_REST, NONE, Hidden, kind_of
 from spool_blind.simulator import Plant, SpoolMotion, dry, transmissibility
-from spool_blind.visibility import threshold
 
 Array = NDArray[np.float64]
 
@@ -65,8 +58,12 @@ DEVELOPMENT = "development"
 
 #: Share of the spool's acceleration (rms) that a name has to be worth: the default of `gap --least-share`.
 LEAST_SHARE = 0.0025
+#: For laws of no catalogue gain and delay may be so many times out of tolerance: those have names.
+OUT_OF_CATALOGUE_TOLERANCE = 10.0
+#: Rate of false alarms, and power at the threshold: half of the records.
+FALSE_ALARM, POWER = 0.01, 0.5
 #: Laws of friction that contain Coulomb friction, or come close to it where their passage is short.
-LIKE_COULOMB = (*(name for name, kind in EFFECTS.items() if kind.richer), "presliding_friction")
+LIKE_COULOMB = ("stribeck_friction", "mixed_friction", "asymmetric_friction", "presliding_friction")
 #: Relative steps of stiffness, drag and friction for slopes.
 STEPS = {"stiffness": 0.002, "damping": 0.02, "coulomb_force": 0.02}
 #: Steps of a refit at most, and share of the remaining error above which another one is not worth its time.
@@ -76,16 +73,39 @@ LARGEST_CHANGE = (0.6, 1.6)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FieldCase(HiddenCase):
-    """A record behind a measuring chain.
+class FieldCase:
+    """A record behind a measuring chain, with its truth.
 
     Attributes:
+        seed: makes it again.
+        hidden: "none", an effect's id, two joined by "+", or the id of a law outside of the catalogue.
+        accepted: verdicts that are right; with "unexplained" among them, so is that next to names.
+        factor: size over that of an effect that is clear.
+        condition: drawn.
+        plant: numbers of the plant, with what is hidden.
+        truth: values a fit should find, by effect, then by parameter; SI.
+        time, body, spool: the record as it is stored, s and m/s^2, shape (n,); NaN where a sample is empty.
         chain: both channels, with their nuisances.
         importance: of each hidden effect or law.
     """
 
+    seed: int
+    hidden: str
+    accepted: tuple[str, ...]
+    factor: float
+    condition: ExperimentCondition
+    plant: Mapping[str, float]
+    truth: Mapping[str, Mapping[str, float]]
+    time: Array
+    body: Array
+    spool: Array
     chain: MeasuringChain
     importance: Mapping[str, Importance]
+
+    @property
+    def kind(self) -> str:
+        """Kind of what is hidden, see ``kind_of``."""
+        return kind_of(self.hidden)
 
     @property
     def window(self) -> str:
@@ -105,8 +125,21 @@ class FieldCase(HiddenCase):
 
     def told(self) -> dict[str, Any]:
         """Return what is true of it, for JSON, SI units."""
+        condition = self.condition
         return {
-            **HiddenCase.told(self),
+            "seed": self.seed,
+            "kind": self.kind,
+            "hidden": self.hidden,
+            "accepted": list(self.accepted),
+            "factor": self.factor,
+            "effects": {name: dict(values) for name, values in self.truth.items()},
+            "plant": dict(self.plant),
+            "drive": condition.excitation.kind,
+            "amplitude_m_s2": condition.amplitude,
+            "band_Hz": [condition.excitation.low, condition.excitation.high],
+            "sample_rate_Hz": condition.sample_rate,
+            "duration_s": condition.duration,
+            "nominal_stiffness_N_m": condition.nominal_stiffness,
             "window": self.window,
             "importance": {
                 name: {**asdict(one), "matters": one.matters} for name, one in self.importance.items()
@@ -136,12 +169,11 @@ def make_field(seed: int, hidden: str | None = None, nuisances: Sequence[str] | 
     hidden = field_hidden_by(seed) if hidden is None else hidden
     names = hidden.split("+")
     from_rest = any(name in FROM_REST for name in names)
-    condition = draw_condition(_stream(seed, CONDITION), from_rest=from_rest, field=True)
+    condition = draw_condition(_stream(seed, CONDITION), from_rest=from_rest)
     physics = draw_hidden(_stream(seed, HIDDEN), hidden, condition, condition.scale())
     plant = plant_of(condition, list(physics.parts.values()))
     motion = condition.move(plant)
-    time = sample_times(condition)
-    time = time[: time.size - round(LOOK_AHEAD * condition.sample_rate)]
+    time = np.arange(round((condition.duration - LOOK_AHEAD) * condition.sample_rate)) / condition.sample_rate
     if nuisances is None:
         nuisances = foreign_names(seed) or names_by(_stream(seed, NUISANCE_NAMES), names)
     kinds = NUISANCES | KINDS
@@ -295,6 +327,22 @@ class Importance:
     def matters(self) -> bool:
         """Whether a name for it is demanded."""
         return self.share > LEAST_SHARE and self.evidence > self.threshold
+
+
+def threshold(parameters: int) -> float:
+    """Return the evidence at which a test for ``parameters`` numbers sees half of the records.
+
+    The test raises one false alarm in a hundred records.
+    """
+    critical = float(chi2.ppf(1.0 - FALSE_ALARM, parameters))
+    low, high = 0.0, 10.0 * critical
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        if ncx2.sf(critical, parameters, middle) < POWER:
+            low = middle
+        else:
+            high = middle
+    return high
 
 
 class ImportanceJudge:
@@ -456,7 +504,7 @@ def _chain(
     sensor: dict[str, float] = {}
     for part in physics.parts.values():
         sensor.update(part.channel)
-    shares = {SPOOL: condition.noise_share, BODY: float(np.exp(generator.uniform(*np.log(FIELD_NOISE))))}
+    shares = {SPOOL: condition.noise_share, BODY: float(np.exp(generator.uniform(*np.log(NOISE))))}
     rows = dict(_moving(motion))
     return MeasuringChain(
         gain=sensor.get("gain", condition.gain),

@@ -11,9 +11,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from spool_blind.case import NONE, PAIRS
 from spool_blind.condition import ExperimentCondition, Scale
-from spool_blind.hidden import EFFECTS, Draw, Generator, Hidden, between
+from spool_blind.hidden import EFFECTS, NONE, PAIRS, Draw, Generator, Hidden, between
 
 #: Of 12 seeds in a row: so many with nothing hidden, one effect, two effects; the rest a law of no catalogue.
 BLOCK, SHARES = 12, (4, 4, 2)

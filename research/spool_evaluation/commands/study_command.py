@@ -17,7 +17,7 @@ def study(
     what: Annotated[
         str,
         typer.Argument(
-            help="gap: effects named right? field: behind real measuring chains? gap-limit: how small? "
+            help="field: hidden effects named right, behind real measuring chains? "
             "estimation: do intervals hold? "
             "loggers: behind filters of loggers? "
             "check: do intervals of recovered and halved records hold? "
@@ -49,7 +49,7 @@ def study(
 ) -> None:
     """Count over many blind records how often the suite is right.
 
-    Example: ./spool study gap --cases 200 --seed 1000 --out study_gap
+    Example: ./spool study field --cases 60 --seed 1000 --out study_field
     """
     if what == "stale":
         from spool_evaluation.results.stale import OLD, ROOT, ages  # noqa: PLC0415 - slow to load

@@ -9,8 +9,6 @@ from pathlib import Path
 from typing import Literal
 
 from matplotlib.figure import Figure
-from rich.console import Console
-from rich.table import Table
 from scipy.stats import binomtest, chi2
 from spool_report.outputs import suite_version, write_json
 
@@ -169,18 +167,7 @@ class Target:
         }
 
 
-#: Head of a table of targets, and its rows.
-TARGET_HEAD = ("question", "target", "found (95 % interval)", "met")
-
-
-def target_rows(targets: Sequence[Target]) -> list[tuple[str, str, str, str]]:
-    """Return the study's questions with their answers, as cells."""
-    return [(one.name, one.wanted, str(one.share), one.answer) for one in targets]
-
-
-def show_targets(targets: Sequence[Target]) -> None:
-    """Print the study's questions with their answers."""
-    table = Table(*TARGET_HEAD, box=None, pad_edge=False)
-    for row in target_rows(targets):
-        table.add_row(*row)
-    Console(width=140).print(table)
+def target_table(targets: Sequence[Target]) -> str:
+    """Return the study's questions with their answers, Markdown."""
+    rows = [(one.name, one.wanted, str(one.share), one.answer) for one in targets]
+    return markdown_table(("question", "target", "found (95 % interval)", "met"), rows)

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 #: Module and function of each; the function takes (cases, seed, out, workers).
 STUDIES = {
-    "gap": ("studies.gap", "run"),
     "field": ("studies.field.study", "run"),
-    "gap-limit": ("studies.gap_limit", "run"),
     "estimation": ("studies.estimation", "run"),
     "loggers": ("studies.estimation", "run_loggers"),
     "check": ("studies.check", "run"),

@@ -16,9 +16,12 @@ from statistics import median
 from typing import Any
 
 import numpy as np
+import yaml
 from matplotlib.figure import Figure
+from spool_blind.field.case import FieldCase
 from spool_blind.field.logged import make_logged
 from spool_blind.field.nuisances import SPOOL
+from spool_blind.files import valve_text
 from spool_core.numbers import GRAVITY
 from spool_estimator.identification.fit import fit
 from spool_estimator.identification.fit_result import SPOOL_DELAY, SPOOL_GAIN, Fit, FitSettings
@@ -28,11 +31,10 @@ from spool_sim.excitation import Excitation, MachineOrders, SteppedSine, SweptSi
 from spool_sim.model import MODELS
 from spool_sim.sensors import Sensor, SensorChannel
 from spool_sim.simulator import Simulator
-from spool_sim.valve import Valve, find_valve
+from spool_sim.valve import Valve, find_valve, valve_from_mapping
 
 from spool_evaluation.results.page import interval, markdown_table, save_picture, study_command, write_page
 from spool_evaluation.results.timing import Stopwatch
-from spool_evaluation.studies.gap import given
 from spool_evaluation.studies.workers import spread
 
 MODEL_NAMES = ("fluid", "microwedge", "mixed", "coulomb_hydrodynamic", "coulomb")
@@ -53,7 +55,7 @@ LIMITS = (
     "Here truth and fit share one simulator, and the model fitted is the one that made the record: the table "
     "shows whether noise is turned into standard deviations rightly, not what an error of the simulation or "
     "a law that is missing does to the values. For that see the [sample records](estimation_records.md), "
-    "made by another simulator, and the [blind cases](gap_study.md)."
+    "made by another simulator, and the [field cases](field_study.md)."
 )
 LOGGED = (
     "[Records with dry friction](../../research/spool_blind/README.md#field-cases) of a second simulator, "
@@ -111,6 +113,13 @@ def judge(item: tuple[int, int]) -> RecordFit:
         result.agreement.nrmse if result.agreement else math.nan,
         watch.read()[0],
     )  # fmt: skip
+
+
+def given(case: FieldCase) -> tuple[Record, Valve]:
+    """Return what a fit gets to see: the record and the valve's description."""
+    valve = valve_from_mapping(yaml.safe_load(valve_text(case)), f"case {case.seed}")
+    period = 1.0 / case.condition.sample_rate
+    return Record(f"case {case.seed}", 0, period, case.body, case.spool), valve
 
 
 def judge_logged(seed: int) -> RecordFit:

@@ -2,19 +2,43 @@
 
 from __future__ import annotations
 
+import ast
+from pathlib import Path
+
 import numpy as np
 import pytest
-from spool_blind.case import kind_of
-from spool_blind.condition import FIELD_KINDS, OPERATION, draw_excitation
-from spool_blind.field.case import LOOK_AHEAD, WINDOWS, Importance, accepted_verdicts, make_field, window_of
+import spool_blind
+from spool_blind.condition import KINDS, OPERATION, draw_excitation
+from spool_blind.field.case import (
+    LOOK_AHEAD,
+    WINDOWS,
+    Importance,
+    accepted_verdicts,
+    make_field,
+    threshold,
+    window_of,
+)
 from spool_blind.field.hiding import BLOCK, FIELD_LAWS, HiddenPhysics, field_hidden_by, warming
 from spool_blind.field.nuisances import Clipping
-from spool_blind.hidden import Hidden
+from spool_blind.hidden import EFFECTS, Hidden, kind_of
 from spool_blind.simulator import Plant, move
 
 BASE = {"mass": 0.18, "stiffness": 1632.0, "damping": 4.0}
 H = 20e-6
 LARGE, SMALL = Importance(0.1, 0.1, 1e4, 6.6), Importance(0.01, 0.001, 1e4, 6.6)
+SOURCES = sorted(Path(spool_blind.__file__).parent.rglob("*.py"))
+
+
+@pytest.mark.parametrize("source", SOURCES, ids=lambda path: path.name)
+def test_nothing_of_the_suite_is_shared_but_the_compiler(source):
+    names = []
+    for node in ast.walk(ast.parse(source.read_text("utf-8"))):
+        if isinstance(node, ast.Import):
+            names += [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and node.level == 0:
+            names.append(str(node.module))
+    shared = {name for name in names if name.startswith("spool_") and not name.startswith("spool_blind")}
+    assert shared <= {"spool_core.kernels.compiled"}
 
 
 def times(seconds):
@@ -155,7 +179,7 @@ def test_windows_of_seeds_do_not_touch():
     assert sum(len(seeds) for seeds in WINDOWS.values()) == len(set().union(*WINDOWS.values()))
 
 
-@pytest.mark.parametrize("kind", FIELD_KINDS)
+@pytest.mark.parametrize("kind", KINDS)
 def test_an_excitation_begins_at_rest_and_has_the_size_that_is_told(kind):
     excitation = draw_excitation(np.random.default_rng(3), kind, 15.0, -1.0, 20.0)
     t = np.arange(-1.0, 20.0, 1e-3)
@@ -180,6 +204,24 @@ def test_a_law_of_no_catalogue_is_never_a_name_alone_unless_it_is_that_one(law):
     assert "unexplained" in case.accepted
     assert set(case.accepted) <= {"none", "unexplained", "presliding_friction"}
     assert ("none" in case.accepted) is not case.importance[law].matters
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("effect", EFFECTS)
+def test_an_effect_of_the_catalogue_changes_the_record_and_its_name_is_right(effect):
+    case = make_field(33, effect, ())
+    assert case.kind == "effect"
+    assert case.importance[effect].with_without > 0.0
+    assert effect in case.accepted
+    assert case.truth[effect]
+
+
+def test_the_threshold_is_where_half_of_the_records_pass_the_test():
+    generator = np.random.default_rng(1)
+    evidence = threshold(2)
+    draws = generator.standard_normal((200_000, 2)) + np.array([np.sqrt(evidence), 0.0])
+    critical = -2.0 * np.log(0.01)  # of two numbers
+    assert np.mean(np.sum(draws**2, axis=1) > critical) == pytest.approx(0.5, abs=0.01)
 
 
 def test_what_matters_is_named_and_what_does_not_may_be():

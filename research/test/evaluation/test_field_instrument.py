@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from spool_blind.case import write
-from spool_blind.field.case import make_field
+from spool_blind.field.case import Importance, make_field
+from spool_blind.files import write
 from spool_evaluation.studies.field.instrument import (
     CHAIN,
     DETECTOR,
@@ -22,9 +22,8 @@ from spool_evaluation.studies.field.instrument import (
     reason,
     stretches_as_told,
 )
-from spool_evaluation.studies.field.study import field_row
-from spool_evaluation.studies.field.verdicts import Diagnosis, FieldVerdict, HiddenShare
-from spool_evaluation.studies.gap import BASE
+from spool_evaluation.studies.field.study import BASE, field_row
+from spool_evaluation.studies.field.verdicts import Diagnosis, FieldVerdict
 from spool_gap.evidence import analyse
 from spool_gap.evidence.analyse import Run
 from spool_gap.likelihood.search import Key
@@ -37,7 +36,7 @@ OTHER: Key = frozenset({"mixed_friction"}), frozenset()
 
 
 def row(hidden: str, verdict: str, kind: str = "effect", why: Diagnosis | None = None) -> FieldVerdict:
-    important = {hidden: HiddenShare(0.1, 0.1, 10.0, True)}
+    important = {hidden: Importance(0.1, 0.1, 100.0, 10.0)}
     return FieldVerdict(
         seed=1, window="development", kind=kind, hidden=hidden, accepted=(hidden,), importance=important,
         nuisances=(), verdict=verdict, diagnosis=why,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from spool_blind.field.case import make_field
+from spool_blind.field.case import Importance, make_field
 from spool_evaluation.studies import workers
 from spool_evaluation.studies.field import study
 from spool_evaluation.studies.field.instrument import NEVER
@@ -25,7 +25,6 @@ from spool_evaluation.studies.field.verdicts import (
     ChainFault,
     Diagnosis,
     FieldVerdict,
-    HiddenShare,
     brier_scores,
     by_nuisance,
     counted,
@@ -35,7 +34,7 @@ from spool_evaluation.studies.field.verdicts import (
 )
 from spool_gap.evidence import analyse
 
-LARGE, SMALL = HiddenShare(0.1, 0.05, 100.0, True), HiddenShare(0.01, 0.001, 100.0, False)
+LARGE, SMALL = Importance(0.1, 0.05, 1e3, 10.0), Importance(0.01, 0.001, 1e3, 10.0)
 HUM = ChainFault("hum", "spool", 0.2, "m/s^2")
 
 

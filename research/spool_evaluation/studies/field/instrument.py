@@ -15,8 +15,8 @@ from pathlib import Path
 
 from rich.console import Console
 from rich.table import Table
-from spool_blind.case import NONE
 from spool_blind.field.case import FieldCase
+from spool_blind.hidden import NONE
 from spool_core.errors import InputError
 from spool_estimator.identification.chain import CHAIN_PARTS
 from spool_estimator.identification.record import Record
@@ -36,8 +36,8 @@ from spool_evaluation.studies.field.verdicts import (
     ChainFault,
     Diagnosis,
     FieldVerdict,
+    by_parameter,
 )
-from spool_evaluation.studies.gap import by_parameter
 
 PAGE, TITLE = "field_diagnosis.md", "Why verdicts of the field study are wrong"
 SATURATION = "sensor_saturation"

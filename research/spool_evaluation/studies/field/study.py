@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import signal
 import tempfile
+import traceback
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
@@ -13,44 +14,46 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from spool_blind.case import write
 from spool_blind.field.case import FieldCase, make_field
 from spool_blind.field.logged import LOGGED, make_logged
+from spool_blind.files import write
+from spool_core.errors import InputError
 from spool_gap.evidence.analyse import Run
 from spool_sim.model import MODELS
 
 from spool_evaluation.results.page import (
-    TARGET_HEAD,
     Proportion,
     markdown_table,
     renew_json,
     save_picture,
-    show_targets,
     study_command,
-    target_rows,
+    target_table,
     write_page,
 )
+from spool_evaluation.results.timing import Stopwatch
 from spool_evaluation.studies.field.instrument import diagnosed, diagnosis_page, stretches_as_told
 from spool_evaluation.studies.field.verdicts import (
     ENOUGH,
+    FAILED,
     OUTCOMES,
     QUESTIONS,
+    REFUSED,
     RIGHT,
     UNIMPORTANT,
     ChainFault,
     FieldVerdict,
-    HiddenShare,
     brier_scores,
     by_nuisance,
+    by_parameter,
     counted,
     deciles,
     field_targets,
     reliability_figure,
     told_of,
 )
-from spool_evaluation.studies.gap import BASE, answered, common_fields, condition_text, summary, times_line
 from spool_evaluation.studies.workers import resumed
 
+BASE = "fluid"
 ROWS, DIAGNOSED, RESULT = "field_cases.jsonl", "field_cases_diagnosed.jsonl", "field_study.json"
 #: s of computing after which a case counts as one without a word: five times what the workflow may take.
 LONGEST = 600.0
@@ -89,10 +92,12 @@ def run(
     path = out / (DIAGNOSED if diagnosing else ROWS)
     done = resumed(path, FieldVerdict, lambda row: row.seed, work, seeds, "field cases", workers)
     rows = sorted(done, key=lambda row: row.seed)
-    renew_json(out / RESULT, summary(rows, field_targets(rows)))
+    targets = field_targets(rows)
+    found = {"cases": len(rows), "targets": [target.to_dict() for target in targets], "rows": rows}
+    renew_json(out / RESULT, found)
     command = study_command("field", cases, seed)
     page = write_field_page(rows, out, command)
-    show_targets(field_targets(rows))
+    print(target_table(targets))
     print(f"{page}: every number, what went wrong and how to make it again")
     if diagnosing:
         diagnosis_page(rows, out, f"{command} --diagnose")
@@ -144,24 +149,62 @@ def analysed(record: Path, valve: Path, runs: list[Run]) -> dict[str, Any]:
     return result_to_dict(doubted(run.concluded(), check_records(described, stretches)))
 
 
+def answered(work: Callable[[], dict[str, Any]]) -> tuple[dict[str, Any], tuple[float, float], str]:
+    """Return what the workflow says, the time it took (see ``Stopwatch.read``), and why it says nothing.
+
+    One crash must not end a study: its last lines are kept.
+    """
+    watch = Stopwatch()
+    try:
+        return work(), watch.read(), ""
+    except InputError as error:
+        return {"verdict": REFUSED}, watch.read(), str(error)
+    except Exception:
+        text = traceback.format_exc().strip().splitlines()
+        return {"verdict": FAILED}, watch.read(), " ".join(text[-3:])
+
+
 def field_row(
     case: FieldCase, result: dict[str, Any], seconds: tuple[float, float], message: str = ""
 ) -> FieldVerdict:
     """Return the row of ``case`` with ``result``, the workflow's own JSON."""
+    gap = result.get("gap", {})
+    condition = case.condition
     return FieldVerdict(
-        **common_fields(case, result, seconds, message),
-        window=case.window,
-        importance={
-            name: HiddenShare(one.with_without, one.share, one.evidence / one.threshold, bool(one.matters))
-            for name, one in case.importance.items()
+        seed=case.seed,
+        kind=case.kind,
+        hidden=case.hidden,
+        accepted=case.accepted,
+        verdict=result["verdict"],
+        candidates=tuple(result.get("candidates") or ()),
+        confidence=result.get("confidence"),
+        truth=by_parameter(case.truth),
+        found={
+            f"{effect['id']}.{name}": (entry["value"], entry.get("std"))
+            for effect in result.get("effects", [])
+            for name, entry in effect["parameters"].items()
+            if entry["value"] is not None
         },
+        before=gap.get("before", {}).get("nrmse"),
+        after=gap.get("after", {}).get("nrmse"),
+        floor=gap.get("noise_floor"),
+        seconds=seconds[0],
+        processor_seconds=seconds[1],
+        message=message,
+        window=case.window,
+        importance=dict(case.importance),
         nuisances=tuple(ChainFault(one.id, one.channel, one.size, one.unit) for one in case.nuisances),
         told=tuple(
             ChainFault(one["id"], one["channel"], one["size"], one["unit"])
             for one in result.get("nuisances", [])
         ),
         sampled=case.sampled,
-        condition=f"{condition_text(case)}, size {case.factor:.2g}",
+        condition=(
+            f"{condition.excitation.kind} {condition.amplitude:.3g} m/s², "
+            f"{condition.nominal_stiffness:.0f} N/m, c {case.plant['damping']:.2g}, "
+            f"{condition.sample_rate:.0f} Hz, {condition.duration:.0f} s, "
+            f"noise {100.0 * condition.noise_share:.2g} %, size {case.factor:.2g}"
+        ),
         explained=tuple(
             tuple(one["effects"])
             for one in result.get("explanations", [])
@@ -182,8 +225,8 @@ def field_parts(rows: Sequence[FieldVerdict]) -> list[str]:
     return [
         ABOUT,
         window_line(rows),
-        times_line(rows),
-        markdown_table(TARGET_HEAD, target_rows(field_targets(rows))),
+        _times(rows),
+        target_table(field_targets(rows)),
         "## By what was asked",
         _outcomes("asked", {name: [row for row in rows if row.question == name] for name in QUESTIONS}),
         "## By what was hidden",
@@ -210,6 +253,15 @@ def window_line(rows: Sequence[FieldVerdict]) -> str:
     """Return what the seeds may be used for."""
     windows = sorted({row.window for row in rows})
     return REPORTED if windows == ["report"] else NOT_REPORTED.format(window=" and ".join(windows))
+
+
+def _times(rows: Sequence[FieldVerdict]) -> str:
+    """Return how many cases there are and how long they took."""
+    times, computing = zip(*((row.seconds, row.processor_seconds) for row in rows), strict=True)
+    return (
+        f"{len(rows)} cases. A case: median {median(times):.1f} s ({median(computing):.1f} s of computing), "
+        f"longest {max(times):.1f} s."
+    )
 
 
 @contextmanager

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar
 
 from matplotlib.figure import Figure
+from spool_blind.field.case import Importance
 from spool_gap.catalogue import EFFECTS, group_of
 
 from spool_evaluation.results.page import Proportion, Target
-from spool_evaluation.studies.gap import FAILED, REFUSED, CaseVerdict
 
 UNEXPLAINED, NONE = "unexplained", "none"
+REFUSED, FAILED = "refused", "failed"
 #: Laws of no catalogue that are linear.
 LINEAR = ("spring_surge", "oil_chamber")
 #: Ids of groups of effects, as verdicts have them.
@@ -24,6 +25,8 @@ NOTHING, ONE, TWO, OUTSIDE, UNIMPORTANT = (
     "nothing hidden", "one effect", "two effects", "out-of-catalogue law", "not of importance",
 )  # fmt: skip
 QUESTIONS = (NOTHING, ONE, TWO, OUTSIDE, UNIMPORTANT)
+#: Names of the channels' truth in the catalogue, where they differ.
+CATALOGUE_NAMES = {"gain_error": "spool_gain_error", "delay": "spool_delay", "full_scale": "saturation_limit"}
 #: Numbers of a drag that warms: an exponential's rate is that of its beginning, a line's that of all.
 DRIFT_RATE, DRIFT_TIME = "damping_drift.damping_drift_rate", "damping_drift.damping_drift_time"
 #: Standard deviations of a 95 % interval.
@@ -38,23 +41,6 @@ class ChainFault:
     channel: str
     size: float | None
     unit: str
-
-
-@dataclass(frozen=True, slots=True)
-class HiddenShare:
-    """Share of the spool's acceleration that a hidden effect makes, and whether it has to be named.
-
-    Attributes:
-        with_without: rms of the difference with and without it over the rms of the acceleration.
-        share: the same after the base is refitted; this one decides.
-        over_threshold: evidence of a test that knows it over what finds half of such records.
-        matters: a name is demanded.
-    """
-
-    with_without: float
-    share: float
-    over_threshold: float
-    matters: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,10 +59,21 @@ class Diagnosis:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FieldVerdict(CaseVerdict):
+class FieldVerdict:
     """Verdict of the workflow on one field case, with its truth.
 
     Attributes:
+        seed, kind, hidden, accepted: of the case; see :class:`~spool_blind.field.case.FieldCase`.
+        verdict: the verdict given; "refused" where the record was refused, "failed" where no verdict came.
+        candidates: the class that was named together with "unexplained".
+        confidence: 0 to 1.
+        truth: values of the parameters by "effect.parameter"; SI.
+        found: the fitted ones with their standard deviations, ``None`` where that is not known.
+        before, after, floor: held-out gap and noise floor, rms over rms; ``None`` where unknown.
+        seconds: taken by the workflow.
+        processor_seconds: of them spent computing, which other work on the machine does not change.
+        condition: excitation, spring, rate and so on, for looking up.
+        message: why it was refused.
         window: of its seed; see :mod:`spool_blind.field.case`.
         importance: of each hidden effect.
         nuisances, told: of the measuring chain, drawn and as the workflow told them.
@@ -88,8 +85,24 @@ class FieldVerdict(CaseVerdict):
 
     JSON_PROPERTIES: ClassVar = ("outcome", "question")
 
+    seed: int
+    kind: str
+    hidden: str
+    accepted: tuple[str, ...]
+    verdict: str
+    candidates: tuple[str, ...] = ()
+    confidence: float | None = None
+    truth: dict[str, float] = field(default_factory=dict)
+    found: dict[str, tuple[float, float | None]] = field(default_factory=dict)
+    before: float | None = None
+    after: float | None = None
+    floor: float | None = None
+    seconds: float = 0.0
+    processor_seconds: float = 0.0
+    condition: str = ""
+    message: str = ""
     window: str
-    importance: dict[str, HiddenShare]
+    importance: dict[str, Importance]
     nuisances: tuple[ChainFault, ...]
     told: tuple[ChainFault, ...] = ()
     sampled: str = ""
@@ -194,6 +207,15 @@ class FieldVerdict(CaseVerdict):
     def _comparable(self, name: str) -> bool:
         """Whether ``name`` means the same in truth and result: a rate belongs to its time constant."""
         return name != DRIFT_RATE or (DRIFT_TIME in self.truth) == (DRIFT_TIME in self.found)
+
+
+def by_parameter(truth: Mapping[str, Mapping[str, float]]) -> dict[str, float]:
+    """Return true values by "effect.parameter", in the names of the catalogue."""
+    return {
+        f"{effect}.{CATALOGUE_NAMES.get(name, name)}": value
+        for effect, values in truth.items()
+        for name, value in values.items()
+    }
 
 
 def counted(rows: Iterable[FieldVerdict]) -> dict[str, Proportion]:
