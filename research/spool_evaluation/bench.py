@@ -41,8 +41,8 @@ def run_bench(
         json: file to write.
         markdown: file for the page, as those of docs/results.
         seconds: how long each run of ``host`` and ``record`` takes, and ``valves`` of how many each is.
-        seed: of the first record of ``gap`` and ``monitor``; their own where left out.
-        cases: how many records of ``gap``, how often every kind of ``monitor``; their own where left out.
+        seed: of the first record of ``gap``; its own where left out.
+        cases: how many records of ``gap``; its own where left out.
         against: page of the same benchmark to compare costs with.
 
     Returns:

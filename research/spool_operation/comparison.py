@@ -17,11 +17,11 @@ from typing import Any
 import numpy as np
 from spool_core.numbers import Array
 from spool_evaluation.results.page import markdown_table
-from spool_evaluation.studies.peers import PEERS, first_alarm, median, soonest
 from spool_evaluation.studies.workers import spread
 from spool_monitor.parameter_drift import VISCOUS
 
 from spool_operation.faults import SPEEDS
+from spool_operation.peers import PEERS, first_alarm, median, soonest
 from spool_operation.run_day import TRACED, Trace, outcome_of, severity_of
 from spool_operation.world import ValveDay, draw_day
 
@@ -144,9 +144,9 @@ ABOUT = (
     "limits follow from `false_alarm_interval` and the estimates' covariance. Of "
     "each peer the setting counts that does best on these faults, which favours it. Cells: median delay "
     "from when the change is as large as it has to be found, with the 95 % interval of the median, and how "
-    "many were missed. river's ADWIN and KSWIN have no threshold to set to a rate; they are compared in "
-    "[benchmarks](bench_monitor.md). Warm oil looks like wear where no thermometer corrects for it, so the "
-    "viscous coefficient of such days has separate thresholds and rows."
+    "many were missed. river's ADWIN and KSWIN have no threshold to set to a rate, so they are left out. "
+    "Warm oil looks like wear where no thermometer corrects for it, so the viscous coefficient of such days "
+    "has separate thresholds and rows."
 )
 
 

@@ -26,7 +26,6 @@ from spool_estimator.estimator import Estimator, settings_for
 from spool_estimator.gap_watch import GapWatch
 from spool_estimator.identification.oil import LAG, USUAL_DEVIATION
 from spool_evaluation.studies.monitor import LEAVES_OPEN
-from spool_evaluation.studies.peers import judged_share
 from spool_monitor.detectors import MonitorSettings
 from spool_monitor.detectors.resonance import RESONANCE_BAND
 from spool_monitor.event import Event, EventState
@@ -36,6 +35,7 @@ from spool_sim.lubrication import OilTable
 from spool_sim.simulator import DEFAULT_START_STAMP, Simulator
 
 from spool_operation.faults import Hurt
+from spool_operation.peers import judged_share
 from spool_operation.surrogate import Surrogate, SurrogateRow, errors, load_surrogate
 from spool_operation.world import Hold, ValveDay, draw_day, features
 

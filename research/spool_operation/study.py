@@ -18,16 +18,13 @@ from spool_evaluation.results.page import interval, markdown_table, poisson_inte
 from spool_evaluation.studies.workers import resumed
 from spool_report.outputs import suite_version
 
-from spool_operation.comparison import Comparison, compare, span
+from spool_operation.comparison import YEAR, Comparison, compare, span
 from spool_operation.faults import SPEEDS
 from spool_operation.run_day import DayOutcome, DayRun, RaisedEvent, run_day
 from spool_operation.surrogate import load_surrogate
 from spool_operation.world import draw_day, stretches_of
 
-YEAR = 365.25
 ROWS = "operation_days.jsonl"
-#: Seeds are apart by this much: healthy days, days with faults, days that thresholds are set on.
-APART = 10_000_000
 #: Severity from which a fault is of the size of an alarm.
 ALARM = 2.0
 #: Failing days that the page lists.

@@ -8,7 +8,6 @@ BENCHMARKS: dict[str, tuple[str, ...]] = {
     "bag": (),
     "estimate": (),
     "gap": ("seed", "cases"),
-    "monitor": ("seed", "cases"),
     "host": ("seconds", "valves"),
     "record": ("seconds", "valves"),
 }

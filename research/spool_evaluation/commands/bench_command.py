@@ -12,12 +12,8 @@ from spool_tools.command import Command, Force, JsonFile
 def bench(
     what: Annotated[str | None, typer.Argument(help="Name of the benchmark (default: all).")] = None,
     json: JsonFile = None,
-    seed: Annotated[
-        int | None, typer.Option(help="Seed of the first record (gap and monitor only).", min=0)
-    ] = None,
-    cases: Annotated[
-        int | None, typer.Option(help="Number of records (gap), or of records of each kind (monitor).", min=1)
-    ] = None,
+    seed: Annotated[int | None, typer.Option(help="Seed of the first record (gap only).", min=0)] = None,
+    cases: Annotated[int | None, typer.Option(help="Number of records (gap only).", min=1)] = None,
     markdown: Annotated[
         Path | None, typer.Option(help="Write the table as Markdown.", metavar="FILE")
     ] = None,

@@ -130,11 +130,11 @@ def stream(case: Scenario) -> Iterator[Block | tuple[int, float]]:
             yield hurt
 
 
-def replay(case: Scenario, *, keep: bool = False) -> Replay:
+def replay(case: Scenario) -> Replay:
     """Return the cores after ``case``: those of the live nodes, with their default settings."""
     valve = case.drawn_valve
     settings = MonitorSettings(natural_frequency=valve.natural_frequency)
-    one = Replay(Estimator(settings_for(valve)), Monitor(settings), keep=keep)
+    one = Replay(Estimator(settings_for(valve)), Monitor(settings))
     for item in stream(case):
         if isinstance(item, Block):
             one.update(item)

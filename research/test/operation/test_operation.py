@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,9 +13,9 @@ from spool_core.errors import InputError
 from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.estimator import Estimator, settings_for
 from spool_estimator.identification.oil import OilReference, oil_law
-from spool_evaluation.studies.peers import WINDOW, best_split, page_hinkley, page_sum, run_change, run_level
 from spool_monitor.parameter_drift import CAP, CumulativeSum
 from spool_operation.comparison import YEAR, threshold_of
+from spool_operation.peers import WINDOW, best_split, page_hinkley, page_sum, run_level, soonest
 from spool_operation.run_day import (
     MEMORY,
     DayOutcome,
@@ -142,6 +143,12 @@ def test_memory_stays_as_it_is_over_weeks() -> None:
 # Peers.
 
 
+def test_the_best_setting_misses_least_and_then_is_soonest() -> None:
+    delays = {"late": [9.0, 9.0], "soon": [4.0, 6.0], "misses": [1.0, math.inf], "before": [math.nan, 1.0]}
+    name, _ = soonest({name: np.array(found) for name, found in delays.items()})
+    assert name == "soon"
+
+
 def test_the_best_split_is_the_one_that_ruptures_finds() -> None:
     import ruptures  # noqa: PLC0415 - slow to load
 
@@ -183,14 +190,6 @@ def test_the_level_of_a_run_follows_a_step_and_forgets_what_was_before() -> None
     level = run_level(values, 1e-3, 0.1)
     assert level[59] < 0.05
     assert level[-1] == pytest.approx(1.0, abs=0.05)
-
-
-def test_a_change_of_level_is_as_good_as_certain_after_it_and_unlikely_before() -> None:
-    generator = np.random.default_rng(3)
-    values = np.concatenate([generator.normal(0.0, 0.1, 60), generator.normal(1.0, 0.1, 40)])
-    changed = run_change(values, 1e-3, 0.1)
-    assert changed[59] < 0.2
-    assert changed[-1] > 0.999
 
 
 def test_pages_sum_is_the_one_that_ships() -> None:

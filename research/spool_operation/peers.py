@@ -1,8 +1,7 @@
 """Peers of the drift test: what each watches, so that its threshold can be set to a false-alarm rate.
 
 Each takes changes of one parameter against its baseline, over the change that has to be found, one a second,
-and gives a statistic for each; an alarm is where that exceeds the threshold. Users: `./spool study operation`
-and `./spool bench monitor`.
+and gives a statistic for each; an alarm is where that exceeds the threshold.
 
 Page, Continuous inspection schemes, Biometrika 41 (1954), and Hinkley (1971) as in river's ``PageHinkley``;
 Adams and MacKay, Bayesian online changepoint detection (2007, arXiv:0710.3742), a recursion over lengths of
@@ -107,20 +106,10 @@ def best_split(values: Array) -> Array:
     return found
 
 
-def run_level(values: Array, hazard: float, scatter: float) -> Array:
-    """Return the size of the posterior mean level of the present run."""
-    return np.asarray(run_posterior(values, hazard, scatter)[0])
-
-
-def run_change(values: Array, hazard: float, scatter: float) -> Array:
-    """Return the probability that a run began among the last ``LENGTHS`` values but the first of all."""
-    return np.asarray(run_posterior(values, hazard, scatter)[1])
-
-
 @compiled
-def run_posterior(values: Array, hazard: float, scatter: float) -> Array:
-    """Return level and probability of a change, shape (2, n); run lengths up to ``LENGTHS``."""
-    found = np.empty((2, values.size))
+def run_level(values: Array, hazard: float, scatter: float) -> Array:
+    """Return the size of the posterior mean level of the present run; run lengths up to ``LENGTHS``."""
+    found = np.empty(values.size)
     noise, prior = scatter**-2, 1.0
     weights, sums = np.zeros(LENGTHS + 1), np.zeros(LENGTHS + 1)
     weights[0] = 1.0
@@ -151,8 +140,7 @@ def run_posterior(values: Array, hazard: float, scatter: float) -> Array:
         level = 0.0
         for r in range(used):
             level += weights[r] * noise * sums[r] / (prior + noise * r)
-        found[0, i] = abs(level)
-        found[1, i] = 1.0 - weights[used - 1]
+        found[i] = abs(level)
     return found
 
 
