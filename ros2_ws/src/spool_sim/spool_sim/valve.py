@@ -7,6 +7,7 @@ in mm^2/s and T in K. The two catalogue points of an oil give A and B.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,6 +26,7 @@ from pydantic import (
 from spool_core.errors import InputError
 from spool_core.files import file_of, read_yaml
 from spool_core.numbers import GRAVITY
+from spool_core.text import printable
 
 CELSIUS_ZERO = 273.15
 _OFFSET = 0.7
@@ -100,6 +102,27 @@ OILS: dict[str, Oil] = {
         ),
     )
 }
+
+#: What may stand before a grade's number: of all these the viscosity index is about VISCOSITY_INDEX.
+_GRADED = re.compile(r"(?:(?:iso)?vg|hlp?|(?:isol)?hm)?(\d+)")
+
+
+def known_oil(text: str) -> str:
+    """Return the name in ``OILS`` of what a label says: ``HLP 46``, ``VG46`` and ``iso vg 46`` are one grade.
+
+    Raises:
+        InputError: no such oil; what is suggested has the number that was given.
+    """
+    plain = re.sub(r"[\s_-]", "", text).lower()
+    exact = next((name for name in OILS if plain == name.replace(" ", "").lower()), None)
+    graded, numbers = _GRADED.fullmatch(plain), re.findall(r"\d+", plain)
+    name = exact or (f"ISO VG {graded[1]}" if graded else "")
+    if name in OILS:
+        return name
+    near = f"ISO VG {numbers[-1]}" if numbers else ""
+    hint = f"; did you mean {near}?" if near in OILS else ""
+    raise InputError(f"unknown oil {printable(text, 40)!r}, known are {', '.join(OILS)}{hint}")
+
 
 #: Keys that a description may leave out, and what each is for: who needs one that is missing says so.
 OPTIONAL: Mapping[str, str] = {
@@ -245,9 +268,7 @@ class Valve(BaseModel):
     @field_validator("oil")
     @classmethod
     def _known_oil(cls, oil: str | None) -> str | None:
-        if oil is not None and oil not in OILS:
-            raise ValueError(f"unknown oil, known are {', '.join(OILS)}")
-        return oil
+        return None if oil is None else known_oil(oil)
 
     @model_validator(mode="after")
     def _fits_together(self) -> Valve:

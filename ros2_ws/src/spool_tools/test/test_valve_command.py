@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from pathlib import Path
 
 import pytest
+from hypothesis import given as property_of
+from hypothesis import strategies as st
+from spool_core.errors import InputError
 from spool_report.records.valve_sheet import QUESTIONS, asked, described, file_text, number_of
-from spool_sim.valve import load_valve, shipped_valves
+from spool_sim.valve import known_oil, load_valve, shipped_valves
 from spool_tools.cli import main
 
 ROOT = Path(__file__).resolve().parents[4]
@@ -107,7 +111,7 @@ def test_id_mass_and_frequency_are_enough_for_a_fit(
         ({"id": "a", "moving_mass": "180", "spring_stiffness": "1632"}, "moving_mass in g?"),
         (
             {"id": "a", "moving_mass": "180g", "spring_stiffness": "1632", "oil": "VG 33"},
-            "'VG 33' is unknown",
+            "--oil: unknown oil 'VG 33', known are",
         ),
         ({"id": "two words", "moving_mass": "180g", "spring_stiffness": "1632"}, "id: string should match"),
     ],
@@ -121,6 +125,25 @@ def test_what_cannot_be_a_valve_is_refused_in_one_line(
     assert error.count("\n") == 1
     assert said in error
     assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    "text", ["HL46", "HLP46", "hlp 46", "HM-46", "VG 46", "ISO VG 46", "iso-l-hm 46", "46"]
+)
+def test_an_oil_is_known_by_its_number(text: str) -> None:
+    assert (
+        described({"id": "a", "moving_mass": "1", "spring_stiffness": "9e3", "oil": text})[0].oil
+        == "ISO VG 46"
+    )
+
+
+@property_of(st.text("HLPVGMISO zZ-", max_size=9), st.integers(0, 400))
+def test_no_oil_has_another_number_than_was_typed(letters: str, number: int) -> None:
+    try:
+        said = known_oil(f"{letters}{number}")
+    except InputError as error:
+        said = str(error).partition("did you mean")[2]
+    assert set(re.findall(r"\d+", said)) <= {str(number)}
 
 
 def test_questions_are_asked_until_answered_and_only_while_they_matter(tmp_path: Path) -> None:

@@ -211,7 +211,7 @@ def test_the_command_writes_json_and_a_page(tmp_path: Path, capsys: pytest.Captu
         (["--set", "stop_gap=1e-3"], "stop_gap: unknown parameter of model 'fluid'"),
         (["--set", "mass"], "write it like mass=0.2"),
         (["--spring-stiffness", "0.1"], "spring_stiffness: 0.1 N/m is out of range"),
-        (["--oil", "HL86"], "unknown oil"),
+        (["--oil", "HL86"], "--oil: unknown oil 'HL86'"),
         (["--oil-temperature", "300"], "out of range for HL68"),
         (["--mount-frequency", "6"], "a mount needs both"),
         (["--mount-frequency", "-6", "--mount-damping", "0.1"], "above 0"),

@@ -21,6 +21,7 @@ from spool_sim.valve import (
     OPTIONAL,
     STEEL,
     Valve,
+    known_oil,
     read_mapping,
     valve_file,
     valve_from_mapping,
@@ -136,22 +137,6 @@ def number_of(question: Question, text: str) -> float:
     return float(f"{float(found[1]) * units[unit]:.12g}")
 
 
-def oil_of(text: str) -> str:
-    """Return the oil's name as valve files have it, whatever its case and blanks.
-
-    Raises:
-        InputError: no such oil.
-    """
-
-    def plain(name: str) -> str:
-        return re.sub(r"[\s_-]", "", name).lower()
-
-    names = {plain(name): name for name in OILS} | {plain(name.removeprefix("ISO ")): name for name in OILS}
-    if plain(text) not in names:
-        raise InputError(f"--oil: {text!r} is unknown, known are {', '.join(OILS)}{did_you_mean(text, OILS)}")
-    return names[plain(text)]
-
-
 def asked(
     given: Mapping[str, str], answer: Callable[[str], str], refuse: Callable[[str], None]
 ) -> dict[str, str]:
@@ -183,7 +168,10 @@ def checked_answer(question: Question, text: str) -> float | str:
         InputError: it is no answer to ``question``.
     """
     if question.key == "oil":
-        return oil_of(text)
+        try:
+            return known_oil(text)
+        except InputError as error:
+            raise InputError(f"--oil: {error}") from None
     if question.kind == "text":
         if not text:
             raise InputError(f"{question.flag}: name the valve, e.g. {question.example}")

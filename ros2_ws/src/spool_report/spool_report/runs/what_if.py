@@ -12,7 +12,6 @@ from rich.console import Console
 from rich.table import Table
 from spool_core.errors import InputError
 from spool_core.numbers import Array
-from spool_core.text import did_you_mean
 from spool_core.uncertainty import exact, named, number, percent, unit_text
 from spool_report.records.simulation import find_excitation
 from spool_report.runs import frequency_response as sines
@@ -21,7 +20,7 @@ from spool_report.terminal import progress
 from spool_sim.excitation import MachineOrders, SteadySine, SteppedSine, SweptSine
 from spool_sim.integration.composed_motion import ComposedMotion
 from spool_sim.model import Model, load_model
-from spool_sim.valve import DENSITY, OILS, Valve, find_valve
+from spool_sim.valve import DENSITY, OILS, Valve, find_valve, known_oil
 
 #: Model of a valve without a model file: a description states mass, springs and film, and no dry friction.
 DEFAULT_MODEL = "fluid"
@@ -368,11 +367,10 @@ def _viscosity_ratio(request: WhatIfRequest, valve: Valve) -> float:
     """
     if request.oil is None and request.oil_temperature is None:
         return 1.0
-    if request.oil is not None and request.oil not in OILS:
-        raise InputError(
-            f"--oil {request.oil}: unknown oil, known are {', '.join(OILS)}{did_you_mean(request.oil, OILS)}"
-        )
-    name = request.oil or valve.oil
+    try:
+        name = valve.oil if request.oil is None else known_oil(request.oil)
+    except InputError as error:
+        raise InputError(f"--oil: {error}") from None
     if name is None:
         raise InputError(
             f"--oil-temperature: valve '{valve.id}' names no oil: add oil to its file, or pass --oil"
