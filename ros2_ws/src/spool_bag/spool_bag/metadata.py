@@ -215,7 +215,8 @@ def storage_files(folder: Path, *, foreign: bool = False) -> Storage:
             found = [*folder.glob(f"*{suffix}"), *folder.glob(f"*{suffix}{COMPRESSED}")]
             paths = [folder / name for name in in_order(path.name for path in found)]
     if not paths:
-        raise InputError(f"{folder}: no .mcap file in it: name a rosbag2 directory or an .mcap file")
+        kinds = "a rosbag2 directory, or a file in it" if foreign else "a rosbag2 directory or an .mcap file"
+        raise InputError(f"{folder}: no .mcap file in it: name {kinds}")
     return Storage(paths, messages, warnings, packed)
 
 

@@ -150,7 +150,8 @@ def making_room(path: Path) -> Iterator[None]:
         yield
         return
     if not _force.get():
-        raise InputError(f"--out {path}: already exists: name another folder, or overwrite it with --force")
+        kind = "folder" if path.is_dir() else "file"
+        raise InputError(f"--out {path}: already exists: name another {kind}, or overwrite it with --force")
     if path.is_dir() and not any(path.glob("*.mcap")):
         raise InputError(f"--out {path}: a folder that is no bag is not replaced: name another one")
     aside = path.with_name(f".{path.name}.replaced-{os.getpid()}")

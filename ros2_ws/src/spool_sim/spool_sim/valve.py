@@ -549,20 +549,20 @@ def _masses(given: Mapping[str, float]) -> list[str]:
     area = 0.25 * math.pi * diameter**2
     heaviest = STEEL * area * LONGEST * diameter
     lightest = LIGHTEST * STEEL * area * given.get("land_length", 0.0)
-    said = []
-    for key in ("moving_mass", "spool_mass"):
-        mass = given.get(key)
-        if mass is None:
-            continue
-        if mass > heaviest:
-            said.append(
-                f"{key}: {mass:g} kg is no spool of {1e3 * diameter:g} mm diameter (solid steel, "
-                f"{LONGEST:g} diameters long: {heaviest:.3g} kg); did you write g? the file takes kg: "
-                f"{mass / 1e3:g}"
-            )
-        elif mass < lightest:
-            said.append(
-                f"{key}: {mass:g} kg is less than {100.0 * LIGHTEST:g} % of its land in steel "
-                f"({lightest:.2g} kg); the file takes kg"
-            )
+    masses = {key: given[key] for key in ("moving_mass", "spool_mass") if key in given}
+    said = [
+        f"{key}: {mass:g} kg is less than {100.0 * LIGHTEST:g} % of its land in steel ({lightest:.2g} kg); "
+        "the file takes kg"
+        for key, mass in masses.items()
+        if mass < lightest
+    ]
+    heavy = {key: mass for key, mass in masses.items() if mass > heaviest}
+    if heavy:  # the moving mass may follow from the spool's, and then one slip makes both
+        written = ", ".join(f"{key}: {mass:g} kg" for key, mass in heavy.items())
+        meant = ", ".join(f"{key}: {mass / 1e3:g}" for key, mass in heavy.items())
+        said.append(
+            f"{written}: no spool of {1e3 * diameter:g} mm diameter (solid steel, {LONGEST:g} diameters "
+            f"long: {heaviest:.3g} kg); did you write g? the file takes kg: {meant}; valve new takes "
+            f"{list(heavy.values())[-1]:g}g"
+        )
     return said

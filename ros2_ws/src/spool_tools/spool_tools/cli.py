@@ -14,7 +14,7 @@ from spool_core.system import expanded
 from spool_report.outputs import fail, one_command
 from typer.exceptions import TyperException
 
-from spool_tools.command import CommandGroup
+from spool_tools.command import CommandGroup, command_modules
 
 app = typer.Typer(
     name="spool",
@@ -81,6 +81,7 @@ def main(arguments: list[str] | None = None) -> int:
             return fail("interrupted", 130)
         except TyperException as error:
             command = next((word for word in arguments if not word.startswith("-")), "")
+            command = command if command in command_modules() else ""
             text = error.format_message()
             if not text:  # no arguments: the help has been shown
                 return 2

@@ -44,6 +44,23 @@ SETTINGS: dict[str, Any] = {
 }
 
 
+@pytest.mark.parametrize(
+    ("typed", "said"),
+    [
+        (["gpa"], "No such command 'gpa'. Did you mean 'gap'? See: ./spool --help\n"),
+        (["gap", "--no-such"], "See: ./spool gap --help\n"),
+        (["import", "{here}", "--look"], "name a rosbag2 directory, or a file in it\n"),
+        (["export", "{here}", "--out", "{here}/a.csv"], "a.csv: already exists: name another file, or"),
+    ],
+)
+def test_what_a_refusal_names_exists(
+    typed: list[str], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "a.csv").touch()
+    assert main([word.format(here=tmp_path) for word in typed]) == 2
+    assert said in capsys.readouterr().err
+
+
 # Simulated bags and descriptions.
 
 

@@ -36,6 +36,10 @@ def test_what_is_not_there_is_refused_by_name(tmp_path: Path, monkeypatch: pytes
     monkeypatch.setenv("AMENT_PREFIX_PATH", str(prefix))
     with pytest.raises(InputError, match="package other_package is not installed"):
         find_executable("other_package", "node")
+    with pytest.raises(InputError, match=r"some_pakage is not installed; did you mean some_package\?$"):
+        find_executable("some_pakage", "node")
+    with pytest.raises(InputError, match=r"; did you mean alpha\?$"):
+        find_executable("some_package", "alhpa")
     with pytest.raises(InputError, match=r"no executable node; it has: alpha, beta$"):
         find_executable("some_package", "node")
     with pytest.raises(InputError, match=r"no executable data\.txt"):

@@ -113,6 +113,12 @@ def test_id_mass_and_frequency_are_enough_for_a_fit(
             {"id": "a", "moving_mass": "180g", "spring_stiffness": "1632", "oil": "VG 33"},
             "--oil: unknown oil 'VG 33', known are",
         ),
+        (
+            {"id": "a", "spool_mass": "172kg", "spring_rate": "816", "land_diameter": "20 mm"},
+            "valve new: moving_mass: 172 kg, spool_mass: 172 kg: no spool of 20 mm diameter (solid steel, 40 "
+            "diameters long: 1.97 kg); did you write g? the file takes kg: moving_mass: 0.172, spool_mass: "
+            "0.172; valve new takes 172g\n",
+        ),
         ({"id": "two words", "moving_mass": "180g", "spring_stiffness": "1632"}, "id: string should match"),
     ],
 )

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from spool_core.errors import InputError
+from spool_core.text import did_you_mean
 
 from spool_tools.command import GONE
 
@@ -29,7 +30,10 @@ def find_executable(package: str, executable: str) -> Path:
         if (prefix / "share/ament_index/resource_index/packages" / package).exists()
     ]
     if not owners:
-        raise InputError(f"package {package} is not installed; is the workspace built and sourced?")
+        index = (prefix / "share/ament_index/resource_index/packages" for prefix in prefixes)
+        near = did_you_mean(package, (found.name for folder in index for found in folder.glob("*")))
+        hint = near or "; is the workspace built and sourced?"
+        raise InputError(f"package {package} is not installed{hint}")
     for prefix in owners:
         folder = prefix / "lib" / package
         if os.access(folder / executable, os.X_OK):
@@ -39,6 +43,7 @@ def find_executable(package: str, executable: str) -> Path:
     found = sorted(path.name for path in (owners[0] / "lib" / package).glob("*") if os.access(path, os.X_OK))
     raise InputError(
         f"package {package} has no executable {executable}; it has: {', '.join(found) or 'none'}"
+        f"{did_you_mean(executable, found)}"
     )
 
 
