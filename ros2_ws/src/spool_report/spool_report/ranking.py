@@ -33,6 +33,8 @@ WORTH = 0.03
 #: How many times the sensor's noise is more than noise: the body's sensor shakes the model as well.
 UNEXPLAINED = 3.0
 
+#: Difference of BIC up to which it is "not worth more than a bare mention": Kass and Raftery, 1995, 3.2.
+MENTIONED = 2.0
 #: How many times a descent that has not converged goes on.
 ROUNDS = 2
 
@@ -242,6 +244,26 @@ def fit_and_validate(
     return validated(data, found, settings)
 
 
+def no_worse(data: FitData, fits: Sequence[ValidatedFit], settings: FitSettings) -> list[ValidatedFit]:
+    """Return ``fits`` of one set of data, none worse on it than that of a model which its model contains.
+
+    A fit that is worse ended beside its optimum: it is made again from where the other one ended.
+    """
+    best = list(fits)
+    for place in sorted(range(len(best)), key=lambda at: len(best[at].fit.model.parameters)):
+        for other in list(best):
+            wide = best[place].fit
+            start = wide.model.values_as(other.fit.model, other.fit.values, data.valve)
+            worse = wide.reason is not None or other.training_error < best[place].training_error
+            if start is None or other.fit.reason is not None or not worse:
+                continue
+            free = {name: value for name, value in start.items() if name not in wide.held}
+            again = fit_and_validate(data, wide.model, replace(settings, start=free, starts=1))
+            if again.fit.reason is None and not again.training_error > best[place].training_error:
+                best[place] = replace(again, fit=replace(again.fit, notes=wide.notes))
+    return best
+
+
 def validated(data: FitData, found: Fit, settings: FitSettings) -> ValidatedFit:
     """Return a fit with its agreement with what was held out of ``data``."""
     if found.agreement is None or not data.held_out:
@@ -302,17 +324,15 @@ def _sentences(
             f"{_names(larger)} {verb} equally well with {few if few == most else f'{few} to {most}'} more "
             f"parameter{'s' if most > 1 else ''}; the data do not justify this."
         )
-    certain = min((e for e in equal if math.isfinite(e.criterion)), key=lambda e: e.criterion, default=best)
-    if certain is not best and certain.parameters > best.parameters:
+    known = [entry for entry in (*equal, *worse) if math.isfinite(entry.criterion)]
+    certain = min(known, key=lambda one: one.criterion, default=best)
+    if best.criterion - certain.criterion > MENTIONED:
         cut = 1.0 - certain.error / best.error
+        less = f"reduces the error by only {100.0 * cut:.1f} %" if cut > 0.0 else "does not reduce the error"
         said.append(
-            f"The information criterion alone prefers {_said(certain)}, by "
-            f"{best.criterion - certain.criterion:.0f}. Its extra terms are real or compensate for sampling, "
-            + (
-                f"but reduce the error by only {100.0 * cut:.1f} %."
-                if cut > 0.0
-                else "but do not reduce the error."
-            )
+            f"The information criterion alone, which takes each model's own residual for its noise, prefers "
+            f"{_said(certain)}, by {best.criterion - certain.criterion:.0f}; {_said(certain)} {less}, and "
+            "the error decides."
         )
     if best.error > UNEXPLAINED * noise:
         said.append(

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from spool_estimator.identification.fit_result import Fit
+from spool_estimator.identification.fit_result import Fit, FitSettings
 from spool_estimator.identification.free_run import USUAL
 from spool_estimator.identification.record import Record
 from spool_report.fit_curves import overlay, sensor_noise
-from spool_report.ranking import WORTH, Rank, away_from_jumps, ordered
-from spool_report.records.record_loading import load_recording
+from spool_report.ranking import WORTH, Rank, away_from_jumps, fit_and_validate, no_worse, ordered
+from spool_report.records.record_loading import Selection, load_data, load_recording
 from spool_sim.excitation import SteadySine
 from spool_sim.model import load_model
 from spool_sim.observation import INSTANTS, Observation
@@ -54,7 +54,32 @@ def test_twins_are_not_distinguished() -> None:
 def test_a_certain_but_small_gain_is_told_and_not_preferred() -> None:
     ranking = ordered([entry("fluid", 2, 1.01, -100.0), entry("coulomb", 3, 1.0, -150.0)])
     assert ranking.preferred == "fluid"
-    assert any("The information criterion alone prefers coulomb, by 50" in s for s in ranking.sentences)
+    assert any(
+        "prefers coulomb, by 50; coulomb reduces the error by only 1.0 %" in s for s in ranking.sentences
+    )
+
+
+def test_a_criterion_that_prefers_a_worse_model_is_explained_and_ranks_nothing() -> None:
+    ranking = ordered([entry("coulomb", 3, 1.0, 1353.0), entry("stribeck", 5, 3.5, 0.0)])
+    assert ranking.preferred == "coulomb"
+    assert ranking.sentences[1].endswith(
+        "prefers stribeck, by 1353; stribeck does not reduce the error, and the error decides."
+    )
+    assert len(ordered([entry("a", 3, 1.0, 1.0), entry("b", 4, 1.0, 0.0)]).sentences) == 2
+
+
+def test_a_model_that_contains_another_is_fitted_no_worse() -> None:
+    data = load_data([BAGS / "practice_03"], "4weh10_soft", Selection(stop=12.0))
+    settings = FitSettings(starts=1)
+    dry = fit_and_validate(data, load_model("coulomb"), settings)
+    # Held at more friction than there is, as a descent may end beside its optimum.
+    wrong = replace(settings, held={"coulomb_force": 0.8, "static_force": 0.8})
+    beside = fit_and_validate(data, load_model("stribeck"), wrong)
+    assert beside.training_error > 1.5 * dry.training_error
+    beside = replace(beside, fit=replace(beside.fit, held={"mass": beside.fit.held["mass"]}))
+    found = no_worse(data, [beside, dry], settings)
+    assert [one.name for one in found] == ["stribeck", "coulomb"]
+    assert found[0].training_error <= 1.001 * dry.training_error
 
 
 def test_a_model_without_a_result_comes_last_with_its_reason() -> None:

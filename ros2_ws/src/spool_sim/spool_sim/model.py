@@ -112,6 +112,22 @@ class Model:
             for parameter in self.parameters
         }
 
+    def values_as(self, other: Model, values: Mapping[str, float], valve: Valve) -> dict[str, float] | None:
+        """Return values with which the model does what ``other`` does with ``values``.
+
+        ``None`` unless it has the terms of ``other``, or terms that become them, and more of them.
+        """
+        theirs, own = ({one.name for one in model.terms} for model in (other, self))
+        left, found = theirs - own, {**self.values_for(valve), **values}
+        for one in self.terms:
+            if one.name not in theirs:
+                name = next((name for name in one.becomes if name in left), "")
+                left.discard(name)
+                found |= one.becomes[name](found) if name in one.becomes else {}
+        if left or theirs == own:
+            return None
+        return {one.name: min(max(found[one.name], one.low), one.high) for one in self.parameters}
+
     def true_values_for(self, valve: Valve, overrides: Mapping[str, float] | None = None) -> dict[str, float]:
         """Return the values as :meth:`values_for`, for a valve that acts instead of one that is fitted.
 

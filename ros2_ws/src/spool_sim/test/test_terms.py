@@ -237,3 +237,39 @@ def test_two_terms_with_one_parameter_of_their_own_each_are_refused() -> None:
     terms = ["inertia", "spring", "coulomb_friction", "stribeck_friction"]
     with pytest.raises(InputError, match="both have a coulomb_force"):
         model_from_mapping({"name": "both", "terms": terms})
+
+
+@settings(deadline=None)
+@given(
+    st.sampled_from([(one, name) for one in TERMS.values() for name in one.becomes]),
+    st.floats(-3e-3, 3e-3),
+    st.floats(-0.5, 0.5),
+    st.floats(0.0, 5.0),
+)
+def test_a_term_that_contains_another_can_be_it(
+    pair: tuple[Term, str], z: float, v: float, friction: float
+) -> None:
+    term, name = pair
+    values = {one.name: one.start for one in term.parameters} | {"coulomb_force": friction}
+    values |= term.becomes[name](values)
+    expected = at(TERMS[name], values, z, v, 0.0) if name else 0.0
+    assert at(term, values, z, v, 0.0) == pytest.approx(expected, abs=1e-12)
+    low, high = term.at_rest(z, values)
+    assert (low, high) == pytest.approx(TERMS[name].at_rest(z, values) if name else (0.0, 0.0), abs=1e-12)
+
+
+def test_a_model_contains_those_whose_terms_it_has_or_can_be(valve: Valve) -> None:
+    known = {name: MODELS[name] for name in ("fluid", "coulomb", "stribeck", "coulomb_hydrodynamic", "mixed")}
+    contains = {
+        name: {
+            other for other in known if one.values_as(known[other], {"coulomb_force": 0.3}, valve) is not None
+        }
+        for name, one in known.items()
+    }
+    assert contains == {
+        "fluid": set(),
+        "coulomb": {"fluid"},
+        "stribeck": {"fluid", "coulomb"},
+        "coulomb_hydrodynamic": {"fluid", "coulomb"},
+        "mixed": {"fluid"},
+    }

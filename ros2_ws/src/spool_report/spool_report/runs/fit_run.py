@@ -12,7 +12,7 @@ from spool_estimator.identification.fit import determined_before
 from spool_estimator.identification.fit_result import FitSettings
 from spool_report import fit_tables as tables
 from spool_report.outputs import ResultFiles, write_file, write_json
-from spool_report.ranking import FittedSeries, Ranking, ValidatedFit, fit_and_validate, rank
+from spool_report.ranking import FittedSeries, Ranking, ValidatedFit, fit_and_validate, no_worse, rank
 from spool_report.records.record_loading import FitData, Selection, load_data
 from spool_report.terminal import progress, warn
 from spool_sim.model import Model, load_model
@@ -236,11 +236,19 @@ def fit_all(data: Sequence[FitData], models: Sequence[Model], settings: FitSetti
         for one in data:
             validated = []
             for model in models:
-                found = fit_and_validate(one, model, settings)
-                known = determined_before(one.fitted, model, one.valve)
-                validated.append(replace(found, fit=replace(found.fit, determinations=known)))
+                validated.append(fit_and_validate(one, model, settings))
                 advance(1.0)
-            series.append(FittedSeries(one, tuple(validated)))
+            validated = no_worse(one, validated, settings)
+            known = [determined_before(one.fitted, model, one.valve) for model in models]
+            series.append(
+                FittedSeries(
+                    one,
+                    tuple(
+                        replace(found, fit=replace(found.fit, determinations=own))
+                        for found, own in zip(validated, known, strict=True)
+                    ),
+                )
+            )
     return series
 
 

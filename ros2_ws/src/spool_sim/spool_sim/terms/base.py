@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -38,6 +38,11 @@ LAWS: dict[str, tuple[str, ...]] = {
     "inertia_law": ("acceleration",),
 }
 Law = Callable[..., Any]
+
+
+def without(*names: str) -> dict[str, Callable[[Mapping[str, float]], dict[str, float]]]:
+    """Return what ``Term.becomes`` says of a term whose force is 0 where these parameters are 0."""
+    return {"": lambda _values: dict.fromkeys(names, 0.0)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,6 +105,8 @@ class Term:
         dissipates: the force never does work on the spool, so that force times velocity >= 0.
         dissipates_with: name of the term without which it may do work, if any.
         conserves: the force has a potential.
+        becomes: name of a term that this one contains, "" for none at all, and the parameters that make it
+            that one, from all values of both.
         force_law, sliding_law, rest_law, memory_law, levels_law, inertia_law: as the module describes.
     """
 
@@ -113,6 +120,7 @@ class Term:
     dissipates: bool = False
     dissipates_with: str | None = None
     conserves: bool = False
+    becomes: Mapping[str, Callable[[Mapping[str, float]], dict[str, float]]] = field(default_factory=dict)
     force_law: Law | None = None
     sliding_law: Law | None = None
     rest_law: Law | None = None

@@ -6,7 +6,7 @@ import math
 
 from spool_core.kernels.compiled import compiled
 
-from spool_sim.terms.base import Parameter, Term
+from spool_sim.terms.base import Parameter, Term, without
 
 
 @compiled
@@ -26,6 +26,7 @@ COULOMB_FRICTION = Term(
     meaning="solid contact of spool and bore: wear, dirt, side load",
     check="cleanliness of the oil, scoring of spool and bore, straightness and side load",
     dissipates=True,
+    becomes=without("coulomb_force"),
     sliding_law=coulomb,
 )
 
@@ -47,6 +48,10 @@ ASYMMETRIC_FRICTION = Term(
     check="burrs on the edges, tilt, seal lips",
     dissipates=True,
     odd=False,
+    becomes=without("forward_force", "backward_force")
+    | {
+        "coulomb_friction": lambda of: dict.fromkeys(("forward_force", "backward_force"), of["coulomb_force"])
+    },
     sliding_law=asymmetric,
 )
 
@@ -79,6 +84,8 @@ STRIBECK_FRICTION = Term(
     meaning="mixed lubrication: the film carries more of the load the faster the spool moves",
     check="surface finish, oil viscosity at running temperature, time at rest under pressure",
     dissipates=True,
+    becomes=without("coulomb_force", "static_force")
+    | {"coulomb_friction": lambda of: {"static_force": of["coulomb_force"]}},
     sliding_law=stribeck,
 )
 

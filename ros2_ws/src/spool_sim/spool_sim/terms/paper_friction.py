@@ -7,7 +7,7 @@ import math
 from spool_core.kernels.compiled import compiled
 from spool_core.numbers import GRAVITY
 
-from spool_sim.terms.base import Parameter, Term
+from spool_sim.terms.base import Parameter, Term, without
 
 NORMAL_LOAD = Parameter(
     "normal_load",
@@ -79,6 +79,12 @@ COULOMB_HYDRODYNAMIC_FRICTION = Term(
     check="side load, oil viscosity, scoring",
     dissipates=True,
     dissipates_with="viscous_friction",
+    becomes=without("dry_coefficient", "film_coefficient")
+    | {
+        "coulomb_friction": lambda of: {
+            "dry_coefficient": of["coulomb_force"] / max(of["normal_load"], 1e-9), "film_coefficient": 0.0,
+        }
+    },
     force_law=film,
     sliding_law=dry_contact,
 )  # fmt: skip
@@ -180,6 +186,7 @@ MICROWEDGE_FRICTION = Term(
     meaning="roughness peaks of spool and bore that interlock at rest",
     check="surface finish and scoring",
     dissipates=True,
+    becomes=without("contact_proportionality"),
     sliding_law=microwedge,
     rest_law=microwedge_at_rest,
 )  # fmt: skip
@@ -212,6 +219,7 @@ MIXED_FRICTION = Term(
     meaning="boundary contacts of spool and bore with oil between them",
     check="oil cleanliness and viscosity, scoring, side load",
     dissipates=True,
+    becomes=without("mixed_root_coefficient", "mixed_inverse_coefficient"),
     sliding_law=mixed,
 )
 
