@@ -56,6 +56,11 @@ __all__ = [
 ]
 
 
+def __dir__() -> list[str]:
+    """Return the interface, for completion in notebooks."""
+    return [*__all__, "__version__"]
+
+
 def __getattr__(name: str) -> str:
     """Return the version of the suite as ``__version__``, which takes a moment to look up."""
     if name != "__version__":
