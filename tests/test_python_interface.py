@@ -39,6 +39,30 @@ def test_importing_it_loads_no_library_that_takes_long() -> None:
     assert done.stdout == "[]\n"
 
 
+def test_completion_offers_the_interface_alone() -> None:
+    assert dir(spool) == sorted([*spool.__all__, "__version__"])
+    assert all(hasattr(spool, name) for name in dir(spool))
+
+
+def test_a_record_shows_what_it_is(tmp_path: Path) -> None:
+    record = spool.read(BAG)
+    for said in (repr(record), record._repr_html_()):
+        for part in ("practice_03", "40 s", "2000 Hz", "body, spool", "not described"):
+            assert part in said
+    gone = spool.Record(tmp_path / "<b>.csv")
+    assert "cannot be read" in repr(gone)
+
+
+def test_dates_without_a_zone_are_of_the_one_that_is_stated() -> None:
+    record = spool.read(BAG)
+    stamps = np.datetime64("2026-05-04T09:51:40", "ns") + (record.time[:4000] * 1e9).astype("timedelta64[ns]")
+    table = pd.DataFrame({"body_m_s2": record.body[:4000], "spool_m_s2": record.spool[:4000]}, index=stamps)
+    begins = [spool.read(table, zone=zone)._recording.stretches[0].start for zone in ("", "Europe/Berlin")]
+    assert begins[0] - begins[1] == 2 * 3600 * 10**9
+    with pytest.raises(spool.InputError, match="no dates without a zone"):
+        spool.read(table.tz_localize("Europe/Berlin"), zone="Europe/Berlin")
+
+
 def test_a_fit_has_the_numbers_of_the_command(fitted: spool.Fit, tmp_path: Path) -> None:
     written = tmp_path / "fit.json"
     arguments = ["fit", str(BAG), "--valve", "4weh10_soft", "--model", "coulomb", "--json", str(written)]

@@ -154,8 +154,33 @@ class Record:
 
         return np.concatenate([getattr(one, name) for one in self._recording.stretches])
 
+    def _rows(self) -> list[tuple[str, str]]:
+        """Return what the record is, as names and texts."""
+        recording = self._recording
+        oil = recording.stretches[0].oil_temperature is not None
+        channels = f"body, spool{', oil temperature' if oil else ''}"
+        return [
+            ("length", f"{self.duration:.6g} s"),
+            ("sample rate", f"{self.sample_rate:.6g} Hz"),
+            ("channels", channels),
+            ("stretches without gaps", str(len(recording.stretches))),
+            ("valve", "not described" if self.valve is None else self.valve.id),
+        ]
+
     def __repr__(self) -> str:
-        return f"Record({str(self.path)!r})"
+        try:
+            rows = self._rows()
+        except InputError as error:
+            return f"Record({str(self.path)!r}: {error})"
+        return f"Record({str(self.path)!r}, {', '.join(f'{name}: {text}' for name, text in rows)})"
+
+    def _repr_html_(self) -> str:
+        from html import escape  # noqa: PLC0415
+
+        rows = "".join(
+            f"<tr><th>{escape(name)}</th><td>{escape(text)}</td></tr>" for name, text in self._rows()
+        )
+        return f"<table><caption>{escape(str(self.path))}</caption>{rows}</table>"
 
 
 #: What analyses take as a record.
@@ -201,6 +226,7 @@ def read(
     topic: Mapping[str, str] | None = None,
     exclude: str | Sequence[str] = (),
     dates: str = "",
+    zone: str = "",
     stamps: str | None = None,
     align: str = "auto",
     empty_as_gap: bool = False,
@@ -225,6 +251,7 @@ def read(
         topic: topics and axes of a foreign bag by role: ``{"body": "/imu_1:z", "spool": "/imu_2:z"}``.
         exclude: columns to leave out.
         dates: order of dates like 05/04/2026: ``dmy``, ``mdy`` or ``ymd``; needed where several fit.
+        zone: time zone of stamps that name none, e.g. ``Europe/Berlin``; UTC without it.
         stamps: which time of a foreign bag's messages counts: ``header``, ``log`` or ``arrival``.
         align: ``auto``, or ``none`` if two clocks must not be brought together.
         empty_as_gap: leave out rows in which body or spool has no value.
@@ -241,10 +268,20 @@ def read(
     """
     part = Part(name, start, stop, since, until, around)
     if not isinstance(source, (str, Path, list, tuple)):
-        given = (unit, columns, scale, rate, exclude, dates)
+        given = (unit, columns, scale, rate, exclude, dates, zone)
         return _read_arrays(source, part, *given, empty_as_gap=empty_as_gap)
     paths = [_file(one) for one in ([source] if isinstance(source, (str, Path)) else source)]
-    named = (unit, columns, scale, rate, topic, exclude or None, dates or None, stamps, empty_as_gap or None)
+    named = (
+        unit,
+        columns,
+        scale,
+        rate,
+        topic,
+        exclude or None,
+        dates or zone or None,
+        stamps,
+        empty_as_gap or None,
+    )
     if len(paths) == 1 and all(one is None for one in named) and align == "auto":
         record = Record(paths[0], None, part)
         _ = record._recording  # wrong files are refused here
@@ -256,7 +293,7 @@ def read(
     how = choices(
         columns=_pairs("columns", columns), unit=_pairs("unit", units), scale=_pairs("scale", scale),
         topic=_pairs("topic", topic), rate=rate, align=align, exclude=exclude or None, stamps=stamps,
-        dates=dates, empty_as_gap=empty_as_gap,
+        dates=dates, empty_as_gap=empty_as_gap, zone=zone,
     )  # fmt: skip
     folder, bag = _place(paths[0].name.partition(".")[0] or "record")
     import_record(paths, bag, how=how)
@@ -491,6 +528,7 @@ def _read_arrays(
     rate: float | None,
     exclude: str | Sequence[str],
     dates: str,
+    zone: str,
     *,
     empty_as_gap: bool,
 ) -> Record:
@@ -511,8 +549,8 @@ def _read_arrays(
         try:
             return read(
                 [file], unit=unit, columns=columns, scale=scale, rate=rate, exclude=exclude, dates=dates,
-                empty_as_gap=empty_as_gap, align="none", name=part.name, start=part.start, stop=part.stop,
-                since=part.since, until=part.until, around=part.around,
+                zone=zone, empty_as_gap=empty_as_gap, align="none", name=part.name, start=part.start,
+                stop=part.stop, since=part.since, until=part.until, around=part.around,
             )  # fmt: skip
         except InputError as error:
             raise InputError(str(error).replace(str(file), "arrays")) from error

@@ -6,6 +6,7 @@ import re
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
 from spool_core.errors import InputError
 from spool_core.text import printable
@@ -56,6 +57,7 @@ class Choices:
     ``dates``: order of day, month and year in dates like 05/04/2026 or 26/05/04: ``dmy``, ``mdy`` or ``ymd``.
     ``empty_as_gap``: whether a row without a value in a channel is a gap in all of them.
     ``pulses``: of a tacho per revolution; without them such a channel is not read.
+    ``zone``: in which stamps are that name none, e.g. ``Europe/Berlin``; "": UTC.
     """
 
     columns: Mapping[str, str] = field(default_factory=dict)
@@ -69,6 +71,7 @@ class Choices:
     dates: str = ""
     empty_as_gap: bool = False
     pulses: int | None = None
+    zone: str = ""
 
     def states_unit(self, role: str) -> bool:
         """Return whether ``--columns`` names a column by the role with its unit, e.g. ``body_m_s2``."""
@@ -95,6 +98,7 @@ def choices(
     dates: str = "",
     empty_as_gap: bool = False,
     pulses: int | None = None,
+    zone: str = "",
 ) -> Choices:
     """Return what the options of the same names say.
 
@@ -130,8 +134,23 @@ def choices(
         )
     if dates not in ("", "dmy", "mdy", "ymd"):
         raise InputError(f"--dates {printable(dates, 20)!r}: write dmy, mdy or ymd")
+    try:
+        _ = ZoneInfo(zone or "UTC")
+    except (ZoneInfoNotFoundError, ValueError, OSError) as error:
+        raise InputError(f"--zone {printable(zone, 40)!r}: write a region and city, Europe/Berlin") from error
     return Choices(
-        named, units, scales, topics, rate, align == "auto", left_out, stamps, dates, empty_as_gap, pulses
+        named,
+        units,
+        scales,
+        topics,
+        rate,
+        align == "auto",
+        left_out,
+        stamps,
+        dates,
+        empty_as_gap,
+        pulses,
+        zone,
     )
 
 

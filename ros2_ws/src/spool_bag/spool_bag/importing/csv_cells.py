@@ -203,6 +203,17 @@ def _date_orders(texts: Iterable[str]) -> dict[str, frozenset[tuple[int, int, in
     return orders
 
 
+def zone_named(text: pa.ChunkedArray) -> bool:
+    """Return whether one of the moments names its zone."""
+    from pyarrow import compute  # noqa: PLC0415
+
+    call: Any = compute
+    found = call.match_substring_regex(
+        call.utf8_trim_whitespace(text), r"(?i):\d\S*\s*(Z|UTC|[+-]\d{2}:?\d{2})$"
+    )
+    return bool(call.any(found).as_py())
+
+
 def moments(text: pa.ChunkedArray, order: str = "dmy") -> NDArray[np.int64]:
     """Return moments, or dates and clocks joined by a blank, as ns since 1970; UTC where no zone is named.
 

@@ -117,6 +117,8 @@ def read_record(
     for table in tables:
         table.dates = asked.dates
     clocks = assigned(tables, kind, asked)
+    if asked.zone and any(one.axis is None for one in clocks):
+        raise InputError(f"{files[0]}: --zone {asked.zone}: it has no column of times: leave --zone out")
     if len(clocks) == 1:
         record = _of_clock(clocks[0], kind, asked, regular=regular, single=single)
     else:
@@ -164,7 +166,7 @@ def _of_clock(clock: ClockRoles, kind: str, asked: Choices, *, regular: bool, si
             values, required, "that the file marks as invalid" if table.holes_are_gaps else "that are empty"
         )
     if axis is not None:
-        timed, axis = _time_of(clock, axis, values, stated or group.count / group.span)
+        timed, axis = _time_of(clock, axis, values, stated or group.count / group.span, asked.zone)
     else:
         number = None if counter is None else values[counter.channel.name]
         timed = time_axis.counted(values[names[0]].size, number, stated or math.nan, group.delay)
@@ -237,11 +239,12 @@ def _check_jumps(path: Path, timed: time_axis.TimeAxis, where: Callable[[int], s
 
 
 def _time_of(
-    clock: ClockRoles, axis: Role, values: dict[str, Values], rate: float
+    clock: ClockRoles, axis: Role, values: dict[str, Values], rate: float, zone: str
 ) -> tuple[time_axis.TimeAxis, Role]:
     """Return the time of a clock's samples and its axis, once no other time in the file contradicts it.
 
     A column that stands still is none, and of several the finest counts. ``rate``: Hz, that is stated.
+    ``zone``: as of ``Choices``.
 
     Raises:
         InputError: the unit is no time or not known, values are missing, or two times are two clocks.
@@ -275,7 +278,8 @@ def _time_of(
                 f"time into its own file; or, if the first holds for both channels, type --exclude {way}"
             )
     _check_jumps(table.path, found, table.where)
-    return found, axis
+    local = axis.use.unit == STAMP and not table.zoned
+    return (time_axis.in_zone(table.path, found, zone, local=local) if zone else found), axis
 
 
 def _base_of(

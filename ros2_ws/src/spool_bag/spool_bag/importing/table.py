@@ -103,6 +103,7 @@ class Table(ABC):
     shape (n,)) of each group that was read. ``holes_are_gaps``: rows without a value are missing samples by
     the format. ``dates``: order of day, month and year, where the user states it. ``gravity``:
     length of the mean vector of three axes, in the unit that the format prescribes, by group, once read.
+    ``zoned``: its stamps are UTC by the format, or name their zone, which is known once they were read.
     ``settings``: what the file states beside its channels. ``unread``: why a column is no channel, by name.
     """
 
@@ -113,6 +114,7 @@ class Table(ABC):
     warnings: tuple[str, ...] = ()
     holes_are_gaps: bool = False
     dates: str = ""
+    zoned: bool = False
     gravity: Mapping[str, float] = MappingProxyType({})
     settings: Settings = Settings()
     unread: Mapping[str, str] = MappingProxyType({})

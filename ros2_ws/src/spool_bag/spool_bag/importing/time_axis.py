@@ -6,9 +6,10 @@ import math
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from datetime import datetime, timezone
+from datetime import datetime, timedelta, timezone
 from pathlib import Path
 from typing import Any
+from zoneinfo import ZoneInfo
 
 import numpy as np
 from numpy.typing import NDArray
@@ -173,6 +174,40 @@ def read_axis(column: TimeColumn, rate: float = math.nan) -> TimeAxis:
         return TimeAxis((values - first) * 86_400.0, start, label, (note,))
     note = f"{label} has no unit: by its steps and size it is in {only}"
     return TimeAxis(values if only == "s" else values * _SIZES[only], None, label, (*notes, note))
+
+
+def in_zone(path: Path, found: TimeAxis, zone: str, *, local: bool) -> TimeAxis:
+    """Return a time axis whose stamps are those of clocks in a zone, e.g. ``Europe/Berlin``, not UTC.
+
+    ``local``: they are dates that name no zone.
+
+    Raises:
+        InputError: they are not, clocks there never show the first one, or were changed until the last.
+    """
+    if not local or found.start is None:
+        raise InputError(
+            f"{path}: --zone {zone}: it has no dates without a zone: leave --zone out, or give the time of "
+            "the first sample with --start"
+        )
+    naive = datetime(1970, 1, 1) + timedelta(microseconds=found.start // 1000)
+    own, later = (naive.replace(tzinfo=ZoneInfo(zone), fold=fold) for fold in (0, 1))
+    moment = own.astimezone(timezone.utc)
+    if moment.astimezone(own.tzinfo).replace(tzinfo=None) != naive:
+        raise InputError(f"{path}: --zone {zone}: clocks there never show {naive}: they are set forward then")
+    last = (moment + timedelta(seconds=float(found.time[-1]))).astimezone(own.tzinfo)
+    if last.utcoffset() != own.utcoffset():
+        raise InputError(
+            f"{path}: --zone {zone}: clocks there change during the record: import what stands before and "
+            "after separately"
+        )
+    twice = " (shown twice that night: the first is taken)" if later.utcoffset() != own.utcoffset() else ""
+    note = (
+        f"the record begins at {own:%Y-%m-%d %H:%M:%S} in {zone}{twice}, {moment:%Y-%m-%d %H:%M:%S} UTC, by "
+        f"{found.label}"
+    )
+    start = found.start + round((moment - naive.replace(tzinfo=timezone.utc)).total_seconds()) * 10**9
+    notes = (one for one in found.notes if not one.startswith("the record begins at"))
+    return replace(found, start=start, notes=(*notes, note))
 
 
 def counted(size: int, number: Values | None, rate: float, delay: float) -> TimeAxis:

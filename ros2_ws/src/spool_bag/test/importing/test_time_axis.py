@@ -337,3 +337,70 @@ def test_two_runs_in_one_file_are_refused_whatever_rate_is_given(tmp_path: Path,
     )
     with pytest.raises(InputError, match=r"does not increase .*two runs in one file"):
         read_record(path, how=choices(rate=rate))
+
+
+def local(path: Path, first: str, zone: str = "") -> Path:
+    begin = datetime.fromisoformat(first)
+    return csv(
+        path,
+        "time,body [m/s^2],spool [m/s^2]",
+        lambda at: f"{begin + timedelta(seconds=at / RATE):%d.%m.%Y %H:%M:%S.%f}{zone}",
+        body,
+        spool,
+    )
+
+
+@pytest.mark.parametrize(
+    ("first", "zone", "utc", "said"),
+    [
+        (
+            "2026-05-04 09:51:40",
+            "Europe/Berlin",
+            "2026-05-04 07:51:40",
+            "09:51:40 in Europe/Berlin, 2026-05-04",
+        ),
+        ("2026-12-04 00:10:00", "Europe/Berlin", "2026-12-03 23:10:00", "2026-12-03 23:10:00 UTC, by time"),
+        ("2026-12-04 09:51:40", "America/New_York", "2026-12-04 14:51:40", "in America/New_York, 2026"),
+        (
+            "2026-10-25 02:59:30",
+            "Europe/Berlin",
+            "2026-10-25 00:59:30",
+            "(shown twice that night: the first is",
+        ),
+        ("2026-05-04 09:51:40", "", "2026-05-04 09:51:40", "09:51:40 UTC by time"),
+    ],
+)
+def test_stamps_without_a_zone_are_of_the_zone_that_is_stated(
+    tmp_path: Path, first: str, zone: str, utc: str, said: str
+) -> None:
+    found = read_record(local(tmp_path / "a.csv", first), how=choices(zone=zone))
+    assert is_whole(found)
+    assert found.start == int(np.datetime64(utc, "ns").astype(np.int64))
+    assert sum(said in note for note in found.notes) == 1
+    assert sum("the record begins" in note for note in found.notes) == 1
+
+
+@pytest.mark.parametrize(
+    ("first", "named", "said"),
+    [
+        ("2026-03-29 02:30:00", "", "clocks there never show 2026-03-29 02:30:00"),
+        ("2026-03-29 01:59:59.900", "", "clocks there change during the record"),
+        ("2026-05-04 09:51:40", "+02:00", "it has no dates without a zone: leave --zone out"),
+        ("2026-05-04 09:51:40", "Z", "it has no dates without a zone: leave --zone out"),
+    ],
+)
+def test_a_zone_that_cannot_hold_is_refused(tmp_path: Path, first: str, named: str, said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        read_record(local(tmp_path / "a.csv", first, named), how=choices(zone="Europe/Berlin"))
+
+
+def test_a_zone_is_for_dates_and_has_a_name(tmp_path: Path) -> None:
+    seconds = csv(tmp_path / "a.csv", "time_s,body_m_s2,spool_m_s2", lambda at: f"{at / RATE}", body, spool)
+    with pytest.raises(InputError, match="it has no dates without a zone"):
+        read_record(seconds, how=choices(zone="Europe/Berlin"))
+    counted = csv(tmp_path / "b.csv", "body_m_s2,spool_m_s2", body, spool)
+    with pytest.raises(InputError, match="it has no column of times: leave --zone out"):
+        read_record(counted, how=choices(zone="Europe/Berlin", rate=RATE))
+    for wrong in ("Berlin", "CEST", "../etc/passwd", "+02:00"):
+        with pytest.raises(InputError, match=r"--zone '.*': write a region and city, Europe/Berlin"):
+            choices(zone=wrong)

@@ -43,6 +43,9 @@ def import_(
     dates: Annotated[
         str, typer.Option(help="Order of dates like 05/04/2026 or 26/05/04: dmy, mdy or ymd.")
     ] = "",
+    zone: Annotated[
+        str, typer.Option(help="Time zone of stamps that name none: Europe/Berlin; default: UTC.")
+    ] = "",
     empty_as_gap: Annotated[
         bool, typer.Option("--empty-as-gap", help="Leave out rows in which body or spool has no value.")
     ] = False,
@@ -90,7 +93,9 @@ def import_(
     from spool_report.records.record_sources import iso_time  # noqa: PLC0415
     from spool_report.terminal import progress  # noqa: PLC0415
 
-    how = choices(columns, unit, scale, topic, rate, align, exclude, stamps, dates, empty_as_gap, pulses)
+    how = choices(
+        columns, unit, scale, topic, rate, align, exclude, stamps, dates, empty_as_gap, pulses, zone
+    )
     if len(files) > 2:
         raise InputError(f"{files[2]}: two files at most, body and spool; import each record separately")
     if look:

@@ -80,6 +80,7 @@ class ArrowTable(Table):
                 call: Any = pa_compute
                 table = batch.filter(call.equal(batch.column(VALVE), group.name))
             columns.add({name: _numbers(table.column(name)) for name in names})
+            self.zoned = any(getattr(table.schema.field(name).type, "tz", None) for name in names)
         return columns.take()
 
     def where(self, row: int) -> str:

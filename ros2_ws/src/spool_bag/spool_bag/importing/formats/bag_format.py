@@ -47,6 +47,8 @@ class BagTable(Table):
         InputError: no such topic in it.
     """
 
+    zoned = True
+
     def __init__(self, path: Path) -> None:
         self.path = path
         self.clocks: dict[str, tuple[NDArray[np.int64], NDArray[np.int64]]] = {}

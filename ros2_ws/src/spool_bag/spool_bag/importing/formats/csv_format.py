@@ -25,6 +25,7 @@ from spool_bag.importing.csv_cells import (
     moments,
     pieces,
     shape_of,
+    zone_named,
 )
 from spool_bag.importing.csv_layout import BLANKS, Dialect, cells_of, dialect, is_proven
 from spool_bag.importing.formats.format import Format
@@ -255,10 +256,12 @@ class CsvTable(Table):
         call: Any = compute
         try:
             if kind is Kind.MOMENT:
+                self.zoned = self.zoned or zone_named(table.column(name))
                 return moments(table.column(name), self._order(table.column(name)))
             if name in self._dates:
                 dates = table.column(self._dates[name])
                 text = call.binary_join_element_wise(dates, table.column(name), " ")
+                self.zoned = self.zoned or zone_named(text)
                 return moments(text, self._order(dates))
             return clocks(table.column(name))
         except pa.ArrowInvalid as error:

@@ -14,7 +14,7 @@ import numpy as np
 from spool_core.errors import InputError
 from spool_core.text import printable
 
-from spool_bag.importing.csv_cells import HOLES, Kind, clocks, date_order, kind_of, moments
+from spool_bag.importing.csv_cells import HOLES, Kind, clocks, date_order, kind_of, moments, zone_named
 from spool_bag.importing.csv_layout import Layout, column_kinds, is_data, layout_of
 from spool_bag.importing.formats.format import Format
 from spool_bag.importing.settings import Settings
@@ -236,6 +236,8 @@ class _Column:
                 return clocks(text)
             given = self.table.dates if self.table is not None else ""
             days = {cell.strip()[:10] for cell in self.cells}
+            if self.table is not None:
+                self.table.zoned = self.table.zoned or zone_named(text)
             return moments(text, date_order(self.where.partition(": ")[0], days, given)[0])
         except pa.ArrowInvalid as error:
             raise InputError(f"{self.where % self.row} is no time: {printable(error, 100)}") from error

@@ -26,6 +26,7 @@ class Mf4Table(Table):
     """MDF file: each of its channel groups has its own clock; values that it marks as invalid are NaN."""
 
     holes_are_gaps = True
+    zoned = True
 
     def __init__(self, path: Path) -> None:
         check_size(path)

@@ -23,6 +23,8 @@ _UNITS = ("unit_string", "NI_UnitDescription", "unit", "Unit", "units")
 class TdmsTable(Table):
     """TDMS file; a channel is read when it is asked for."""
 
+    zoned = True
+
     def __init__(self, path: Path) -> None:
         from nptdms import TdmsFile  # noqa: PLC0415 - comes with the extras
         from nptdms.log import log_manager  # noqa: PLC0415
