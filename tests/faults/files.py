@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import random
 import shutil
 from collections.abc import Callable
@@ -19,6 +18,7 @@ from spool_bag.writer import BagWriter, PartLimits
 from spool_core.block import Block
 from spool_core.cdr import encode_block
 from spool_core.errors import InputError
+from spool_monitor.state_database import FILE
 from spool_monitor.state_file import StateFile
 
 from .outcome import Outcome
@@ -197,11 +197,12 @@ def corrupted_state(contents: Contents, folder: Path, seed: int) -> Outcome:
     """Damage the monitor's state: loading gives the newest whole one, or the one before, and says so."""
     draw = random.Random(seed)
     folder.mkdir(parents=True)
-    path = folder / "state.json"
-    writer = StateFile(path)
+    path = folder / FILE
+    writer = StateFile(folder, print)
     states = [{"alarms": [number] * 5, "baseline": {"k": 5847.0 + number}} for number in range(3)]
     for state in states:
-        writer.save(state)
+        writer.save("state", state)
+    writer.close()
     data = bytearray(path.read_bytes())
     kind = draw.randrange(5)
     if kind == 0:
@@ -213,12 +214,12 @@ def corrupted_state(contents: Contents, folder: Path, seed: int) -> Outcome:
     elif kind == 3:
         data = bytearray(b"[" * 20_000)
     else:
-        data = bytearray(json.dumps({"format": draw.choice([None, "x", -1, 1e400]), "content": 5}).encode())
+        data[60:64] = draw.randbytes(4)  # the version
     path.write_bytes(data)
-    reader = StateFile(path)
-    found = reader.load()
+    said: list[str] = []
+    found = StateFile(folder, said.append).load(["state"]).get("state")
     wrong = "" if found in states[1:] else f"it loaded {str(found)[:80]}"
-    if found != states[2] and not reader.warnings:
+    if found != states[2] and not said:
         wrong = "nothing was said"
     return Outcome("corrupted state", seed, wrong=wrong)
 

@@ -67,8 +67,8 @@ systemctl stop $services
 fact stopped "$(systemctl is-active $services | sort -u | tr '\n' ' ')"
 sleep 1
 as_spool /usr/bin/spool info $recordings | tee /mnt/io/info
-fact alarms_of_valves "$(find /var/lib/spool/machine -name alarms.json | xargs grep -l stale | wc -l)"
-fact baselines "$(find /var/lib/spool/machine -name 'baseline*.json' | wc -l)"
+fact alarms_of_valves "$(find /var/lib/spool/machine -name trends.sqlite.last | xargs grep -la '"kind": "stale"' | wc -l)"
+fact baselines "$(find /var/lib/spool/machine -name trends.sqlite.last | xargs grep -la '"records"' | wc -l)"
 as_spool /usr/bin/spool verify $recordings > /mnt/io/verify
 fact verified "$?"
 fact state_files "$(find /var/lib/spool -type f | wc -l)"

@@ -211,20 +211,11 @@ def write_durably(path: Path, content: str | bytes, *, mode: int = 0o666, replac
         OSError: it cannot be written; ``path`` is as before.
     """
     with staged(path, replace=replace) as part:
-        write_synced(part, content, mode)
-
-
-def write_synced(path: Path, content: str | bytes, mode: int) -> None:
-    """Write ``content`` to the new file ``path`` and wait until the disk has it.
-
-    Raises:
-        OSError: it is there already, or cannot be written; half a file may be there then.
-    """
-    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | OPEN_FLAGS, mode)
-    with os.fdopen(descriptor, "wb") as stream:
-        stream.write(content.encode() if isinstance(content, str) else content)
-        stream.flush()
-        os.fsync(stream.fileno())
+        descriptor = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL | OPEN_FLAGS, mode)
+        with os.fdopen(descriptor, "wb") as stream:
+            stream.write(content.encode() if isinstance(content, str) else content)
+            stream.flush()
+            os.fsync(stream.fileno())
 
 
 def give_way() -> None:

@@ -9,7 +9,6 @@ from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 from spool_core.errors import InputError
-from spool_core.events.sentences import headline
 from spool_core.uncertainty import Quantity
 
 from spool_monitor.alarm import (
@@ -134,15 +133,10 @@ class AlarmStore:
         kept = []
         for alarm in self.alarms.values():
             entry = {name: getattr(alarm, name) for name in _KEPT}
-            # Earlier versions keep these of an event: so they can take the alarms up.
-            entry |= {"message": "", "value": None, "unit": ""}
             for name in ("shelved_by", "suppressed_by", "serviced_by"):
                 entry[name] = None if entry[name] is None else asdict(entry[name])
             if alarm.event is not None:
-                value, unit = alarm.event.quantity.value, alarm.event.quantity.unit
                 entry["event"] = serialised(asdict(alarm.event))
-                entry |= {"message": alarm.event.text or headline(alarm.event), "unit": unit}
-                entry["value"] = value if math.isfinite(value) else None
             kept.append(entry)
         return kept
 
@@ -226,7 +220,7 @@ def serialised(value: Any) -> Any:
 
 def _earlier_event(alarm: Alarm, entry: Any) -> Event | None:
     """Return the event of an alarm that an earlier version kept: its sentence and its number."""
-    if not entry.get("message"):
+    if not entry.get("message"):  # this version keeps none
         return None
     value = math.nan if entry["value"] is None else entry["value"]
     return Event(

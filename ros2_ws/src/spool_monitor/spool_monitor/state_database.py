@@ -1,12 +1,14 @@
-"""The SQLite file of one valve's monitor: opening, versions, locks, damage; trends and journal are in it."""
+"""The SQLite file of one valve's monitor, which holds all that it keeps: opening, versions, locks, damage."""
 
 from __future__ import annotations
 
+import os
 import sqlite3
-from collections.abc import Iterator
+import threading
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeVar
 
 from spool_core.errors import InputError
 from spool_core.system import FILE_MODE, private_file, restrict
@@ -19,6 +21,9 @@ VERSION = 1
 
 #: s that a writing waits for the process that holds the file, e.g. a copy that is being made of it.
 PATIENCE = 5.0
+
+_ASIDE = threading.Lock()
+_Part = TypeVar("_Part", bound="StateDatabase")
 
 
 class LaterVersionError(InputError):
@@ -42,15 +47,21 @@ class StateDatabase:
     SCHEMA: ClassVar[str] = ""
     #: SQL that fails where a table is missing.
     PROBES: ClassVar[tuple[str, ...]] = ()
+    #: Whether it reads, but never changes, a file that a later version of the suite wrote.
+    READS_LATER: ClassVar[bool] = False
 
     def __init__(self, path: Path, *, read_only: bool = False, patience: float = PATIENCE) -> None:
         self.path = path
         if read_only and not path.is_file():
             raise InputError(f"{path}: no such file")
         mode = "ro" if read_only else "rwc"
+        log = path.with_name(f"{path.name}-wal")
+        if read_only and not log.exists() and not os.access(path.parent, os.W_OK):
+            mode = "ro&immutable=1"  # SQLite would write next to it
         if not read_only:
-            private_file(path)  # SQLite gives the files next to it the same permissions
-            for ending in ("-wal", "-shm"):
+            if not path.exists():  # closing it would release this process's locks of a file in use
+                private_file(path)  # SQLite gives the files next to it the same permissions
+            for ending in ("", "-wal", "-shm"):
                 restrict(path.with_name(path.name + ending), FILE_MODE)
         with named(path):
             # Written by one worker thread, opened and closed by the node's.
@@ -60,7 +71,8 @@ class StateDatabase:
         try:
             with named(path):
                 (version,) = self.base.execute("PRAGMA user_version").fetchone()
-                if version > VERSION:
+                self.version = version
+                if version > VERSION and not (read_only and self.READS_LATER):
                     raise LaterVersionError(
                         f"{path}: a later version of the suite wrote it (format {version}, not {VERSION})"
                     )
@@ -109,6 +121,39 @@ def own_file(path: Path, patience: float = PATIENCE) -> Path:
     return path
 
 
+def opened(
+    part: type[_Part], path: Path, warn: Callable[[str], None], patience: float, **settings: Any
+) -> _Part:
+    """Open ``part`` of the file that this version keeps (:func:`own_file`) for writing, with ``settings``.
+
+    A damaged file gets the name ``NAME.damaged``, which ``warn`` is called with, and a new one is begun.
+
+    Raises:
+        OSError: it can't be opened or made now.
+    """
+    path = own_file(path, patience)
+    with _ASIDE:  # another thread must not put the new file aside
+        try:
+            return part(path, patience=patience, **settings)
+        except LaterVersionError as error:
+            raise OSError(str(error)) from error
+        except InputError as error:
+            put_aside(path, error, warn)
+            return part(path, patience=patience, **settings)
+
+
+def put_aside(path: Path, reason: InputError, warn: Callable[[str], None]) -> None:
+    """Rename the damaged file ``path`` to ``NAME.damaged``.
+
+    Raises:
+        OSError: it can't be renamed.
+    """
+    warn(f"{reason}: the monitor renames it to {path.name}.damaged and starts a new file")
+    path.replace(path.with_name(f"{path.name}.damaged"))
+    for ending in ("-wal", "-shm"):  # they belong to the damaged one
+        path.with_name(path.name + ending).unlink(missing_ok=True)
+
+
 def valves_in(base: Path) -> dict[str, Path]:
     """Return the file of each valve whose monitor keeps its state below ``base``, by namespace, sorted."""
     files = {str(one.parent.parent.relative_to(base)): own_file(one) for one in base.glob(f"**/{FILE}")}
@@ -129,11 +174,10 @@ def named(path: Path) -> Iterator[None]:
     """Raise what SQLite raises as InputError (the file is damaged or none of ours) or OSError."""
     try:
         yield
-    except sqlite3.OperationalError as error:
+    except sqlite3.DatabaseError as error:
         if "no such" in str(error):
             raise InputError(f"{path}: it holds no trends of a valve") from error
-        raise OSError(f"{path}: {error}") from error
-    except (sqlite3.IntegrityError, sqlite3.ProgrammingError) as error:
-        raise OSError(f"{path}: {error}") from error
-    except sqlite3.DatabaseError as error:
+        busy = (sqlite3.IntegrityError, sqlite3.OperationalError, sqlite3.ProgrammingError)
+        if isinstance(error, busy) and not any(words in str(error) for words in ("unsupported", "decode")):
+            raise OSError(f"{path}: {error}") from error
         raise InputError(f"{path}: it is damaged ({error})") from error

@@ -1,7 +1,4 @@
-"""What a monitor has learned: the baseline of a parameter, and the file that holds it.
-
-The file survives a restart, the loss of power at any moment, and another version of the suite.
-"""
+"""What a monitor has learned: the baseline of a parameter, and what holds it over a loss of power."""
 
 from __future__ import annotations
 
@@ -10,27 +7,24 @@ import hashlib
 import json
 import math
 import os
-import re
+from collections.abc import Callable, Iterable
+from contextlib import closing, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, TextIO
 
 import numpy as np
 from spool_core import system
 from spool_core.errors import InputError
 from spool_core.numbers import MEDIAN_TO_DEVIATION
 
+from spool_monitor.state_database import FILE, PATIENCE, VERSION, StateDatabase, named, opened, put_aside
+
 #: s, estimates do not come closer; it bounds how many are kept for a start value.
 SHORTEST_PERIOD = 0.1
 
-#: Written by this version; it reads older ones. A later version that changes what a key means counts up.
-FORMAT = 1
-
-#: B; a valve's alarms and baselines take 100 kB at most: anything larger is no state.
-MOST_BYTES = 16_000_000
-
-#: Endings of the file that is being written, of the copy before and of what could not be read.
-NEW, LAST, DAMAGED = "new", "last", "damaged"
+#: Name of the copy of alarms and baselines next to the file.
+LAST = f"{FILE}.last"
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,139 +159,137 @@ class BaselineRecord:
             )
 
 
-class Found(NamedTuple):
-    """State found on the disk; ``sequence`` -1: of a later version whose checksum this one can't form."""
+class StateTable(StateDatabase):
+    """Alarms and baselines, each as JSON with its checksum, in one valve's file or in the copy next to it."""
 
-    format: int
-    sequence: int
-    content: Any
+    SCHEMA = "CREATE TABLE IF NOT EXISTS state (name TEXT PRIMARY KEY, whole BLOB NOT NULL)"
+    READS_LATER = True
+
+    def write(self, name: str, whole: bytes) -> None:
+        """Replace the state ``name`` with ``whole``; errors as of :class:`StateDatabase`."""
+        self.check_file()
+        with named(self.path), self.base:
+            self.base.execute("INSERT OR REPLACE INTO state VALUES (?, ?)", (name, whole))
+
+    def read(self) -> dict[str, bytes]:
+        """Return what is kept by name; errors as of :class:`StateDatabase`."""
+        if not self.ask("SELECT 1 FROM sqlite_master WHERE name = 'state'", (int,)):
+            return {}  # written by a version that kept it elsewhere
+        return dict(self.ask("SELECT name, whole FROM state", (str, bytes)))
 
 
 @dataclass(slots=True)
 class StateFile:
-    """JSON with a checksum, the last good copy next to it.
+    """Alarms and baselines of one valve in its ``folder``: in the file of its trends and in a copy of them.
 
-    Saving writes ``NAME.new`` to the disk first, then renames the present file to ``NAME.last`` and the new
-    one to ``NAME``: whatever a power loss interrupts, one whole state is there, and loading takes the newest.
-    What can't be read is kept as ``NAME.damaged``. Where ``NAME`` was written in a format that is newer than
-    this version's it is read as far as it is understood and left untouched: this version keeps its own state
-    in ``NAME.format1``, whose content later versions take up where it is the newer one. Only the owner may
-    read the files.
-
-    Attributes:
-        warnings: what was found damaged or unknown when it was loaded, one line each.
+    Each saving is a transaction of the file, then one of the copy (:data:`LAST`): whatever a power loss
+    interrupts, one whole state is there, and loading takes the newest. What can't be read is kept as
+    ``NAME.damaged``. A file of a later version is read as far as it is understood and left untouched, see
+    :func:`.state_database.own_file`. Where there is none, the JSON of earlier versions is taken up.
+    ``warn`` is called with one line for people about what is damaged or unknown.
     """
 
-    path: Path
-    warnings: list[str] = field(default_factory=list, init=False)
-    _target: Path = field(init=False)
-    _sequence: int = field(default=0, init=False)
-    _sound: bool = field(default=False, init=False)
+    folder: Path
+    warn: Callable[[str], None]
+    patience: float = PATIENCE
+    _sequences: dict[str, int] = field(default_factory=dict, init=False)
+    _refused: dict[str, bytes] = field(default_factory=dict, init=False)
+    _open: dict[str, StateTable] = field(default_factory=dict, init=False)
 
-    def __post_init__(self) -> None:
-        self._target = self.path
-
-    def save(self, content: Any) -> None:
+    def save(self, name: str, content: Any) -> None:
         """Write ``content``, which JSON can hold, to the disk; it is there when this returns.
 
         Raises:
-            OSError: it could not be written; the state from before is kept.
-            ValueError: JSON can't hold it.
+            InputError: the file was damaged while it was in use; the next saving begins a new one.
+            OSError: it could not be written to the file, or not to the copy.
+            ValueError: JSON can't hold it; the state from before is kept.
 
         """
-        self._sequence += 1
-        text = _text(content)
-        head = {"format": FORMAT, "sequence": self._sequence, "sha256": _digest(self._sequence, text)}
-        system.private_folder(self._target.parent)
-        new = _beside(self._target, NEW)
-        new.unlink(missing_ok=True)
-        system.write_synced(new, f'{json.dumps(head)[:-1]}, "content": {text}}}\n', system.FILE_MODE)
-        if self._target.exists():  # a damaged file must not replace the good copy
-            self._target.replace(_beside(self._target, LAST if self._sound else DAMAGED))
-        new.replace(self._target)
-        system.sync_folder(self._target.parent)
-        self._sound = True
+        sequence = self._sequences[name] = self._sequences.get(name, 0) + 1
+        whole = {"sequence": sequence, "sha256": _digest(sequence, content), "content": content}
+        if name in self._refused:
+            system.write_durably(self.folder / f"{name}.damaged", self._refused[name], mode=system.FILE_MODE)
+            del self._refused[name]
+        failed: InputError | OSError | None = None
+        for file in (FILE, LAST):
+            try:
+                if file not in self._open:
+                    self._open[file] = opened(StateTable, self.folder / file, self.warn, self.patience)
+                self._open[file].write(name, json.dumps(whole).encode())
+            except (InputError, OSError) as error:
+                failed = failed or error
+                table = self._open.pop(file, None)
+                if table is not None:
+                    table.close()
+                    if isinstance(error, InputError):
+                        with suppress(OSError):
+                            put_aside(table.path, error, self.warn)
+        if failed is not None:
+            raise failed
 
-    def load(self) -> Any | None:
-        """Return the newest whole state, ``None`` where there is none; never raises for what it finds.
+    def load(self, names: Iterable[str]) -> dict[str, Any]:
+        """Return the newest whole state of each of ``names`` that has one.
 
         Raises:
             OSError: a file that is there can't be read now, which is no damage; nothing was decided.
 
         """
-        self.warnings.clear()
-        self._target = self.path
-        found = self._look(self.path)
-        newer = max((one.format for one in found.values()), default=0)
-        if newer > FORMAT:
-            self._target = _beside(self.path, f"format{FORMAT}")
-            self.warnings.append(
-                f"{self.path}: a later version of the suite wrote it (format {newer}, this version writes "
-                f"{FORMAT}): it is read as far as possible and left as it is; {self._target.name} is written"
-            )
-        # Versions with formats up to this one's kept these while a later one's was there.
-        pattern = re.compile(re.escape(self.path.name) + r"\.format(\d+)")
-        try:
-            names = os.listdir(self.path.parent)
-        except OSError:  # not there, or not to be listed: what can't be read was looked for above
-            names = []
-        numbers = [match[1] for match in map(pattern.fullmatch, names) if match]
-        for number in sorted(numbers):
-            if int(number) <= FORMAT:
-                found |= self._look(_beside(self.path, f"format{number}"))
-        self._sound = self._target in found
-        newest = max(found, key=lambda path: found[path].sequence, default=None)
-        if newest is None or found[newest].sequence < 0:
-            return None
-        self._sequence = found[newest].sequence
-        if any("damaged" in warning for warning in self.warnings):
-            self.warnings[-1] += f"; {newest.name} is used"
-        return found[newest].content
-
-    def refuse(self, reason: str) -> None:
-        """Take note that what :meth:`load` gave can't be used: saving keeps it as ``NAME.damaged``."""
-        kept = f"; it will be kept as {_beside(self._target, DAMAGED).name}" if self._sound else ""
-        self.warnings.append(f"{self._target}: {reason}{kept}")
-        self._sound = False
-
-    def _look(self, path: Path) -> dict[Path, Found]:
-        """Return the whole states of ``path`` and of the copies next to it; what is damaged is warned of."""
-        found = {}
-        for one in (path, _beside(path, NEW), _beside(path, LAST)):
+        loaded, said, tables = {}, list[str](), {}
+        files = self.folder.glob("trends*.sqlite*")  # of other versions, too
+        for path in sorted(one for one in files if one.suffix in (".sqlite", ".last")):
             try:
-                found[one] = _read(one)
-            except (FileNotFoundError, NotADirectoryError):
+                with closing(StateTable(path, read_only=True, patience=self.patience)) as table:
+                    tables[path.name] = table.read()
+            except InputError as error:
+                said.append(str(error))
                 continue
-            except ValueError as error:
-                if one != _beside(path, NEW):  # half a new one is what a power loss leaves
-                    self.warnings.append(f"{one}: damaged: {error}")
-        return found
+            if table.version > VERSION:
+                said.append(
+                    f"a later version of the suite wrote {path.name} (format {table.version}, this version "
+                    f"writes {VERSION}): it is read as far as possible and left as it is"
+                )
+        for name in names:
+            kept = _newest({file: table[name] for file, table in tables.items() if name in table}, said)
+            self._sequences[name] = kept["sequence"] if kept else 0
+            if not kept:
+                earlier = {path.name: path.read_bytes() for path in self.folder.glob(f"{name}.json*")}
+                kept = _newest(earlier, said)
+            if kept:
+                loaded[name] = kept["content"]
+        for line in said:
+            self.warn(f"{self.folder}: {line}")
+        return loaded
+
+    def refuse(self, name: str, content: Any, reason: str) -> None:
+        """Warn that what :meth:`load` gave can't be used; saving keeps it as ``NAME.damaged``."""
+        self.warn(f"{self.folder}: {reason}; it will be kept as {name}.damaged")
+        self._refused[name] = json.dumps(content).encode()
+
+    def close(self) -> None:
+        """Close the files."""
+        while self._open:
+            self._open.popitem()[1].close()
 
 
-class FolderLock:
-    """Lock of a folder: sole right to write in it, held until it is released or the process ends.
+def lock_folder(folder: Path) -> TextIO:
+    """Take the sole right to write in a folder, until the returned file is closed or the process ends.
 
     Raises:
         OSError: the folder can't be made or written, or another process holds it (BlockingIOError).
 
     """
-
-    def __init__(self, folder: Path) -> None:
-        system.private_folder(folder)
-        descriptor = os.open(folder / "lock", os.O_WRONLY | os.O_CREAT | system.OPEN_FLAGS, system.FILE_MODE)
-        self._stream = os.fdopen(descriptor, "w", encoding="utf-8")
-        for path in folder.iterdir():  # of versions that left them readable to others
-            if path.is_file() and not path.is_symlink():
-                system.restrict(path, system.FILE_MODE)
-        try:
-            system.lock_file(self._stream.fileno(), wait=False)
-        except OSError:
-            self._stream.close()
-            raise
-
-    def release(self) -> None:
-        """Let others write."""
-        self._stream.close()
+    system.private_folder(folder)
+    descriptor = os.open(folder / "lock", os.O_WRONLY | os.O_CREAT | system.OPEN_FLAGS, system.FILE_MODE)
+    lock = os.fdopen(descriptor, "w", encoding="utf-8")
+    for path in folder.iterdir():  # of versions that left them readable to others
+        if path.is_file() and not path.is_symlink():
+            system.restrict(path, system.FILE_MODE)
+    try:
+        system.lock_file(lock.fileno(), wait=False)
+    except OSError:
+        lock.close()
+        raise
+    return lock
 
 
 def default_folder() -> Path:
@@ -316,40 +308,22 @@ def valve_folder(base: Path, namespace: str) -> Path:
     return base.joinpath(*(part for part in namespace.split("/") if part not in ("", ".", ".."))) / "monitor"
 
 
-def _read(path: Path) -> Found:
-    """Return the state in ``path``.
-
-    Raises:
-        OSError: it can't be read.
-        ValueError: it holds no whole state; the reason is given.
-
-    """
-    if path.stat().st_size > MOST_BYTES:
-        raise ValueError(f"it has more than {MOST_BYTES // 1_000_000} MB")
-    try:
-        whole = json.loads(path.read_text(encoding="utf-8"))
-        text = _text(whole["content"]) if isinstance(whole, dict) and "content" in whole else ""
-    except RecursionError:
-        raise ValueError("it is nested too deeply") from None
-    if not isinstance(whole, dict) or not {"format", "sequence", "sha256", "content"} <= set(whole):
-        raise ValueError("it is not a state file")
-    written, sequence = whole["format"], whole["sequence"]
-    if type(written) is not int or written < 1:
-        raise ValueError(f"its format is {written!r}, not a whole number from 1")
-    if type(sequence) is not int or whole["sha256"] != _digest(sequence, text):
-        if written > FORMAT:
-            return Found(written, -1, None)
-        raise ValueError("its checksum does not fit")
-    return Found(written, sequence, whole["content"])
+def _newest(found: dict[str, bytes], said: list[str]) -> dict[str, Any] | None:
+    """Return the newest whole state of ``found``, by file; what is damaged is ``said``."""
+    states = []
+    for file, data in found.items():
+        try:
+            whole = json.loads(data)
+            sequence = whole["sequence"]
+            if type(sequence) is not int or whole["sha256"] != _digest(sequence, whole["content"]):
+                raise ValueError("its checksum does not fit")
+            states.append(whole)
+        except (KeyError, RecursionError, TypeError, ValueError) as error:
+            if not file.endswith((".new", ".damaged")):  # half a new one is what a power loss leaves
+                said.append(f"{file}: damaged: {error}")
+    return max(states, key=lambda whole: whole["sequence"], default=None)
 
 
-def _beside(path: Path, ending: str) -> Path:
-    return path.with_name(f"{path.name}.{ending}")
-
-
-def _text(content: Any) -> str:
-    return json.dumps(content, sort_keys=True, separators=(",", ":"), allow_nan=False)
-
-
-def _digest(sequence: int, text: str) -> str:
+def _digest(sequence: int, content: Any) -> str:
+    text = json.dumps(content, sort_keys=True, separators=(",", ":"), allow_nan=False)
     return hashlib.sha256(f"{sequence}\n{text}".encode()).hexdigest()

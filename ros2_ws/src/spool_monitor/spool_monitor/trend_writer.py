@@ -17,7 +17,7 @@ from spool_core.kernels.compiled import compiled
 from spool_core.kernels.strokes import Stroke
 from spool_estimator.estimate import Estimate
 
-from spool_monitor.state_database import PATIENCE, LaterVersionError, own_file
+from spool_monitor.state_database import PATIENCE, opened
 from spool_monitor.trend import Sums, TrendStore
 
 #: s of data between two writings: what a power loss costs.
@@ -111,31 +111,6 @@ class TrendWriter:
             self._warn(f"trends: unwritten data in memory are lost: {self.trouble}")
         self._let_go()
 
-    def _opened(self) -> TrendStore:
-        """Return the store, opened where it is not.
-
-        Raises:
-            OSError: it can't be opened now.
-
-        """
-        if self._store is None:
-            path = own_file(self._path, self._patience)
-            try:
-                self._store = TrendStore(path, patience=self._patience)
-            except LaterVersionError as error:
-                raise OSError(str(error)) from error
-            except InputError as error:
-                self._warn(f"{error}: the monitor renames it to {path.name}.damaged and starts a new file")
-                path.replace(path.with_name(f"{path.name}.damaged"))
-                for ending in ("-wal", "-shm"):  # they belong to the damaged one
-                    path.with_name(path.name + ending).unlink(missing_ok=True)
-                self._store = TrendStore(path, patience=self._patience)
-            if path != self._path:
-                self._warn(
-                    f"{self._path}: a later version of the suite wrote it: trends now go to {path.name}"
-                )
-        return self._store
-
     def _write(self, sums: Sums, stamp: int) -> None:
         self._held.merge(sums)
         try:
@@ -162,7 +137,12 @@ class TrendWriter:
             OSError: it can't be written.
 
         """
-        store = self._opened()
+        if self._store is None:
+            self._store = opened(TrendStore, self._path, self._warn, self._patience)
+            name = self._store.path.name
+            if name != self._path.name:
+                self._warn(f"{self._path}: a later version of the suite wrote it: trends now go to {name}")
+        store = self._store
         if self._failed is not None:
             name, sums = self._failed
             if store.newest() != name:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 from pydantic import TypeAdapter, ValidationError
 from spool_core.errors import InputError
@@ -21,17 +21,17 @@ from spool_monitor.alarm_store import AlarmStore, serialised
 from spool_monitor.detection import Detection
 from spool_monitor.journal import DAYS, Journal, JournalEntry
 from spool_monitor.monitor import Monitor
-from spool_monitor.state_database import FILE, own_file
+from spool_monitor.state_database import FILE, opened
 from spool_monitor.state_file import (
     Baseline,
     BaselineRecord,
     BaselineStage,
-    FolderLock,
     HealthyValue,
     StateFile,
+    lock_folder,
 )
 
-ALARMS, BASELINE, JOURNAL = "alarms.json", "baseline.json", "the journal"
+ALARMS, BASELINE, JOURNAL = "alarms", "baseline", "the journal"
 
 #: Entries of the journal that are held at most while they can't be written.
 MOST_HELD = 10_000
@@ -64,8 +64,8 @@ class ValveState:
     alarms: AlarmStore = field(default_factory=AlarmStore)
     journal_days: float = DAYS
     baseline: BaselineKeeper = field(init=False)
-    _files: dict[str, StateFile] = field(default_factory=dict, init=False)
-    _lock: FolderLock | None = field(default=None, init=False)
+    _file: StateFile = field(init=False)
+    _lock: TextIO | None = field(default=None, init=False)
     _due: set[str] = field(default_factory=set, init=False)
     _unread: set[str] = field(default_factory=set, init=False)
     _held: deque[JournalEntry] = field(default_factory=lambda: deque(maxlen=MOST_HELD), init=False)
@@ -91,11 +91,10 @@ class ValveState:
         """Take up what was kept; never raises for what it finds."""
         self.alarms.expect(self.monitor.conditions)
         if self.folder is not None:
-            self._files = {name: StateFile(self.folder / name) for name in (ALARMS, BASELINE)}
+            self._file = StateFile(self.folder, self.warn, PATIENCE)
             self._take_lock()
             self._unread = {ALARMS, BASELINE}
-            for name in (ALARMS, BASELINE):
-                self._read(name)
+            self._read()
         self.alarms.restore(self.monitor.conditions)
 
     def keep_alarms(self) -> None:
@@ -142,36 +141,37 @@ class ValveState:
         if self._due and self.owned:
             self.warn(f"state_folder: {self.folder}: not written and lost: {', '.join(sorted(self._due))}")
         self._close_journal()
+        if self.folder is not None:
+            self._file.close()
         if self._lock is not None:
-            self._lock.release()
+            self._lock.close()
             self._lock = None
 
     def _take_lock(self) -> bool:
         assert self.folder is not None
         try:
-            self._lock = FolderLock(self.folder)
+            self._lock = lock_folder(self.folder)
         except BlockingIOError:
             self._warn_once(f"state_folder: {self.folder} is in use by another monitor: nothing is kept")
         except OSError as error:
             self._say_unwritable(error)
         return self.owned
 
-    def _read(self, name: str) -> bool:
-        """Take up what a file holds, if that was not done yet; return whether it may be written now."""
-        if name not in self._unread:
+    def _read(self) -> bool:
+        """Take up what the file holds, if that was not done yet; return whether it may be written now."""
+        if not self._unread:
             return True
-        file = self._files[name]
         try:
-            content = file.load()
+            found = self._file.load(self._unread)
         except OSError as error:
-            self._due.add(name)
+            self._due |= self._unread
             self._warn_once(
                 f"state_folder: {self.folder} can't be read ({error.strerror or error}): alarms and baseline "
                 "of before are not known; the monitor tries again every 10 s and replaces nothing"
             )
             return False
-        self._unread.discard(name)
-        if content is not None:
+        self._unread.clear()
+        for name, content in found.items():
             try:
                 if name == ALARMS:
                     self.alarms.join(content)
@@ -179,19 +179,17 @@ class ValveState:
                 else:
                     self.baseline.load(content)
             except InputError as error:
-                file.refuse(str(error))
-        for warning in file.warnings:
-            self.warn(warning)
+                self._file.refuse(name, content, str(error))
         return True
 
     def _write(self, name: str) -> None:
-        if not self.owned or not self._read(name):
+        if not self.owned or not self._read():
             return
         try:
             if name == JOURNAL:
                 self._write_journal()
             else:
-                self._files[name].save(self.alarms.dump() if name == ALARMS else self.baseline.dump())
+                self._file.save(name, self.alarms.dump() if name == ALARMS else self.baseline.dump())
         except (InputError, OSError) as error:
             self._due.add(name)
             self._say_unwritable(error)
@@ -207,15 +205,15 @@ class ValveState:
         """Write the entries that are held.
 
         Raises:
-            InputError: the file is damaged; the writer of trends puts it aside.
+            InputError: the file is damaged.
             OSError: it can't be written.
 
         """
         assert self.folder is not None
         try:
             if self._journal is None:
-                path = own_file(self.folder / FILE, PATIENCE)
-                self._journal = Journal(path, self.journal_days, patience=PATIENCE)
+                path, days = self.folder / FILE, self.journal_days
+                self._journal = opened(Journal, path, self.warn, PATIENCE, days=days)
                 # A writing that failed may be on the disk all the same.
                 if self._journal.newest(self._unsure) == list(self._held)[: self._unsure]:
                     for _ in range(self._unsure):

@@ -18,7 +18,6 @@ import numpy as np
 import pytest
 from hypothesis import Phase, example, given, settings
 from hypothesis import strategies as st
-from spool_core import system
 from spool_core.block import Block
 from spool_core.errors import InputError
 from spool_core.uncertainty import Quantity
@@ -29,7 +28,7 @@ from spool_monitor.estimate_gate import Descriptions
 from spool_monitor.event import Condition, Event, EventState, Finding, Severity
 from spool_monitor.monitor import HealthLevel, Monitor
 from spool_monitor.parameter_drift import CAP, VISCOUS, Outlook
-from spool_monitor.state_file import HealthyValue
+from spool_monitor.state_file import HealthyValue, StateTable
 from spool_monitor.valve_state import ValveState
 from spool_sim.excitation import PRESETS
 from spool_sim.sensors import Sensor
@@ -423,7 +422,7 @@ def test_a_disk_that_was_full_loses_nothing_or_says_so(place: int, full: int, re
     with TemporaryDirectory() as folder:
         chain.keep_in(Path(folder))
         for number, block in enumerate(story.blocks[moment:]):
-            write = mock.patch.object(system, "write_synced", side_effect=no_space)
+            write = mock.patch.object(StateTable, "write", side_effect=no_space)
             with write if number < full else nullcontext():
                 chain.take(block)
                 chain.state.retry(block.stamp)
