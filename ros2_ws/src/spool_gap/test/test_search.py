@@ -17,6 +17,7 @@ from spool_gap.evidence.analyse import DOUBTFUL, analyse, words_of
 from spool_gap.evidence.decision import decide
 from spool_gap.evidence.held_out import HeldOut
 from spool_gap.evidence.look import look_at
+from spool_gap.likelihood import search as search_module
 from spool_gap.likelihood.kernel import motions_for
 from spool_gap.likelihood.prediction import Prediction, Predictions
 from spool_gap.likelihood.readings import readings_of
@@ -187,6 +188,15 @@ def test_no_effect_is_tried_where_nothing_follows_a_pattern() -> None:
     search = Search(predictions(record()), structure_of(BASE, VALVE), [*HIDDEN, "end_stop"])
     search.run()
     assert set(search.fits) == {search.base.structure.key}
+
+
+def test_effects_are_tried_where_the_motion_is_known_in_too_few_windows_to_look_for_a_pattern(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(search_module, "patterns_of", lambda *_: [])
+    search = Search(predictions(record()), structure_of(BASE, VALVE), ["quadratic_damping"])
+    search.run()
+    assert (frozenset({"quadratic_damping"}), frozenset()) in search.fits
 
 
 STOP = {"stop_gap": 1.2e-3, "stop_stiffness": 2e5, "stop_dissipation": 0.3, "stop_damping": 2.0}

@@ -206,11 +206,11 @@ class Search:
         # Blows are in few samples, and no pattern repeats; nor does one beside a motion that is all wrong.
         if blows or fit.left > LIMITS.explains_nothing:
             return True
-        return any(
-            one.gain > DECISIVE and one.share >= self._least_share
-            for of in (patterns_of, lambda *own: [rest_of(*own)])
-            for one in of(self._predictions, fit)
-        )
+        patterns = patterns_of(self._predictions, fit)
+        rest = rest_of(self._predictions, fit)
+        found = [(rest.gain, rest.share), *((one.gain, one.share) for one in patterns)]
+        # Without any the body's motion is known in too few windows to look for one.
+        return not patterns or any(gain > DECISIVE and share >= self._least_share for gain, share in found)
 
     def _one_more(self, own: Structure) -> None:
         """Each effect and each part of the measuring chain beside ``own``."""
