@@ -193,10 +193,10 @@ def compile_bytecode(layout: Layout, environment: Mapping[str, str], runner: Run
 
 
 def package_fingerprints(source: Path) -> dict[str, str]:
-    """A fingerprint of every package beneath `source`, by package folder name."""
-    return {
-        path.name: _fingerprint(path) for path in sorted(source.iterdir()) if (path / "package.xml").is_file()
-    }
+    """A fingerprint of every package beneath `source` and of how it is linked, by package folder name."""
+    how = hashlib.sha256(Path(__file__).read_bytes()).hexdigest()
+    packages = (path for path in sorted(source.iterdir()) if (path / "package.xml").is_file())
+    return {path.name: f"{_fingerprint(path)} {how}" for path in packages}
 
 
 def foreign_files(layout: Layout) -> list[Path]:

@@ -39,7 +39,7 @@ def test_a_law_that_is_ten_per_cent_wrong_is_among_the_mutants() -> None:
             text=True,
             check=True,
         ).stdout
-        for name in ("coulomb_friction", "hess_soom_friction")
+        for name in ("friction", "paper_friction")
     ]
     assert "return 0.9 * coulomb_force" in found[0]
     assert "(hess_soom_static - hess_soom_minimum) / (1.0 + ratio)" in found[1]

@@ -32,9 +32,9 @@ RATCHETS = {
     "lines": 84_645,
     "lines of code": 54_314,
     "files": 378,
-    "lines of research": 14_917,
-    "lines up to the last import, %": 8.16,
-    "private functions with one caller, %": 16.09,
+    "lines of research": 13_498,
+    "lines up to the last import, %": 8.15,
+    "private functions with one caller, %": 16.04,
     "modules with one importer, %": 13.56,
 }
 

@@ -427,7 +427,7 @@ def test_browsers_get_every_value_of_an_alarm(alarm: Alarm) -> None:
         "name": "friction_drift/coulomb_force", "code": 201, "kind": "friction_drift", "cause": "wear",
         "state": "shelved", "underlying": "acknowledged", "severity": "warning", "letter": "F", "urgency": 3,
         "parameter": "coulomb_force", "common": False, "occurrence": 5, "raised": 1_790_000_003,
-        "acknowledged": 1_790_000_004, "by": "Eva", "comment": "wait for the part",
+        "acknowledged": 1_790_000_004, "by": "Eva", "comment": "wait for the part", "hidden": None,
         "shelved_until": 1_890_000_006,
     }  # fmt: skip
     assert texts["en"]["headline"] == "Friction drift (spool): Coulomb force 0.71 N, limit 0.66 N"

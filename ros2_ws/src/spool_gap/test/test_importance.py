@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from spool_core.errors import InputError
 from spool_estimator.identification.record import Record, records_from_blocks
 from spool_gap.evidence.analyse import analyse
 from spool_gap.result import GapSettings
@@ -76,9 +75,12 @@ def clipped_in_both(share: float) -> Record:
     return replace(record, body=np.clip(record.body, -rail, rail), spool=np.clip(record.spool, -rail, rail))
 
 
-def test_a_record_whose_excitation_is_clipped_throughout_is_refused_with_what_to_do() -> None:
-    with pytest.raises(InputError, match=r"channel: spool and body\); choose a larger range of the sensor"):
-        analyse([clipped_in_both(0.25)], VALVE, FLUID)
+def test_a_record_that_is_clipped_throughout_is_saturation_with_what_to_do() -> None:
+    found = analyse([clipped_in_both(0.25)], VALVE, FLUID)
+    assert found.verdict == "sensor_saturation"
+    clipped = [entry for entry in found.nuisances if entry.id == "clipping"]
+    assert {entry.channel for entry in clipped} == {"body", "spool"}
+    assert all("measuring range" in entry.check for entry in clipped)
 
 
 @pytest.mark.slow

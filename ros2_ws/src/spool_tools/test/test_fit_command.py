@@ -211,8 +211,8 @@ def test_the_saved_model_moves_the_spool_as_the_record_says(fitted: Path, tmp_pa
 def test_the_page_stands_by_itself(fitted: Path) -> None:
     text = (fitted / "fit.html").read_text("utf-8")
     page = Page(text)
-    # Four of the fit, and six of evidence.
-    assert len(page.pictures) == 4 + 6
+    # Four of the fit, and three of evidence.
+    assert len(page.pictures) == 4 + 3
     assert all(picture.startswith("data:image/svg+xml;base64,") for picture in page.pictures)
     assert not page.loaded
     assert "spring stiffness" in text

@@ -12,11 +12,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy import fft
 from numpy.typing import NDArray
-from scipy import special
 from spool_core.numbers import Array, Complex
 from spool_core.record_limits import LIMITS
 
@@ -43,10 +43,8 @@ NEIGHBOURS, FEWEST = 5, 8
 #: standard deviation of a median over that of a mean, for many samples.
 SURE, MEDIAN = 5.0, 1.25
 
-#: Lines of a band that has one level of noise, and mean of the calmest quarter of its pieces over it: the
-#: power of normal noise has a gamma distribution.
+#: Lines of a band that has one level of noise.
 BAND = 8
-CALMEST = float(special.gammainc(BAND + 1, special.gammaincinv(BAND, QUANTILE))) / QUANTILE
 #: s of one piece, and pieces that overlap at each instant.
 PIECE, OVERLAP = 1.0, 4
 #: Power over that of the noise up to which lines are noise, and from which they are excitation.
@@ -322,6 +320,17 @@ def noise_of(body: Array, spool: Array, rate: float) -> ChannelNoise:
     return ChannelNoise(noise, spool_noise, low, high, rate, 0.8 * edge if drowned else 0.0, bound)
 
 
+@cache
+def _calmest() -> float:
+    """Return the mean of the calmest quarter of a band's pieces over its level.
+
+    The power of normal noise has a gamma distribution.
+    """
+    from scipy import special  # noqa: PLC0415 - slow to load
+
+    return float(special.gammainc(BAND + 1, special.gammaincinv(BAND, QUANTILE))) / QUANTILE
+
+
 def resting_noise(body: Array, spool: Array, white: float, rate: float) -> Array:
     """Return frequencies (Hz) and the density of the body's noise there, (m/s^2)^2/Hz, shape (2, bands).
 
@@ -335,7 +344,7 @@ def resting_noise(body: Array, spool: Array, white: float, rate: float) -> Array
         cut = slice(begin, begin + BAND)
         density = np.mean(np.abs(one[:, cut]) ** 2, axis=1)
         calm = density <= np.quantile(density, QUANTILE)
-        level, first, second = float(density[calm].mean()) / CALMEST, one[calm, cut], other[calm, cut]
+        level, first, second = float(density[calm].mean()) / _calmest(), one[calm, cut], other[calm, cut]
         together = abs(np.vdot(first, second)) ** 2 / max(float(np.sum(np.abs(second) ** 2)), 1e-300)
         resting = float(density.max()) > LOUDER * level and together < LIMITS.coherent * float(
             np.sum(np.abs(first) ** 2)

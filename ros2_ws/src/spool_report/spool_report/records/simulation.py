@@ -24,8 +24,6 @@ from spool_report.outputs import making_room
 from spool_report.records.record_sources import VALVE_DESCRIPTION, encode_valve, is_table, record_of_table
 from spool_report.terminal import progress
 from spool_sim.excitation import PRESETS, Excitation, Recorded, load_excitation
-from spool_sim.observation import INSTANTS, Observation
-from spool_sim.sensors import Sensor, Sensors, load_sensors
 from spool_sim.valve import find_valve, one_line, read_mapping
 
 #: 2025-01-01 UTC: a simulated record has no real time.
@@ -59,7 +57,7 @@ class SimulationSettings:
     block_rate: float = 50.0
     coulomb_force: float | None = None
     noise: float = 0.05
-    filter: str = INSTANTS
+    filter: str = "instants"
     seed: int = 0
     name: str = "valve_1"
     sensors: Path | None = None
@@ -80,11 +78,14 @@ def simulate(out: Path, settings: SimulationSettings) -> None:
             f"--block-rate {block_rate:g} Hz at --sample-rate {sample_rate:g} Hz: "
             "use a number above 0 and not above the sample rate"
         )
+    shaking = find_excitation(settings.excitation)
+    from spool_sim.observation import Observation  # noqa: PLC0415 - kernels
+    from spool_sim.sensors import Sensor, Sensors, load_sensors  # noqa: PLC0415 - kernels, too
+
     noisy = Sensor(noise=settings.noise, filter=Observation.of(settings.filter))
     measured = (
         Sensors(body=noisy, spool=noisy) if settings.sensors is None else load_sensors(settings.sensors)
     )
-    shaking = find_excitation(settings.excitation)
     if seconds is None:
         seconds = shaking.duration if isinstance(shaking, Recorded) else SIMULATION_SECONDS
     described = find_valve(settings.valve)

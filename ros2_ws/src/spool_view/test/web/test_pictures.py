@@ -68,7 +68,7 @@ def test_pictures_of_the_page_show_its_labels_of_today(
     for page in pages.values():
         page.wait_for_selector("[data-alarm=resonance] [data-state=unacknowledged]")
         if view == "valve":
-            page.wait_for_selector("tr[data-parameter=relative_displacement]")
+            page.wait_for_selector("tr[data-parameter=relative_displacement]", state="attached")
             page.wait_for_selector("#resonance dl + dl")
     for name, page in pages.items():
         if out:
