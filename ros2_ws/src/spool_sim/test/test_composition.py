@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import os
+import pickle
 import subprocess
 import sys
 from dataclasses import dataclass
@@ -400,3 +401,8 @@ def test_the_same_list_is_the_same_kernel_and_another_order_another() -> None:
 def test_models_from_files_take_any_list() -> None:
     model = model_from_mapping({"name": "all", "terms": list(EVERYTHING), "parameters": {"dahl_force": 0.3}})
     assert [p.name for p in model.parameters].count("viscous_coefficient") == 1
+
+
+@pytest.mark.parametrize("name", list(MODELS))
+def test_a_model_goes_to_another_process(name: str) -> None:
+    assert pickle.loads(pickle.dumps(MODELS[name])) == MODELS[name]

@@ -144,6 +144,14 @@ class Term:
         """Refuse a class: a term is an object."""
         raise TypeError(f"{cls.__name__} derives from Term: declare Term(name=..., force_law=...) instead")
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Go to another process by name, as its laws are functions; one that is not registered goes whole."""
+        from spool_sim.terms import TERMS, term  # noqa: PLC0415 - imports this module
+
+        if TERMS.get(self.name) is self:
+            return term, (self.name,)
+        return object.__new__, (Term,), self.__dict__
+
     @cached_property
     def laws(self) -> dict[str, Law]:
         """The laws that the term has, by name."""
