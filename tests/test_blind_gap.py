@@ -130,7 +130,7 @@ def test_both_simulators_agree_on_the_motion_with_dry_friction():
 
 @lru_cache(maxsize=1)
 def good() -> FieldCase:
-    return make_field(3, "coulomb_friction", ())
+    return make_field(4, "coulomb_friction", ())
 
 
 def slow(*values: object) -> Any:

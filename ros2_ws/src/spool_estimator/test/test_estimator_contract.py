@@ -125,14 +125,16 @@ def test_all_that_was_known_is_restored_whatever_was_learned_since() -> None:
     estimator, blocks = Estimator(SETTINGS), record(20.0)
     estimates_of(estimator, blocks[:450])
     twin = pickle.loads(pickle.dumps(estimator))
-    twin._restore(twin._began.knowledge())
+    assert estimator.tracker is not None
+    assert twin.tracker is not None
+    twin.tracker.restore(twin._began.knowledge())
     expected, known = pickle.dumps(twin._began.knowledge()), estimator._began.knowledge()
     for wrong in (blocks[450:600], blocks[600:750]):  # the second time behind a restored state
         estimates_of(
             estimator, [replace(one, body=one.spool + np.float32(3.0), spool=one.body) for one in wrong]
         )
         assert pickle.dumps(estimator._began.knowledge()) != expected
-        estimator._restore(known)
+        estimator.tracker.restore(known)
         assert pickle.dumps(estimator._began.knowledge()) == expected
 
 

