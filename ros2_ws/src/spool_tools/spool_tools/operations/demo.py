@@ -45,7 +45,7 @@ _RAISED = {
 }
 
 #: s, within which every node must be up and the first estimates be there.
-START_UP = 30.0
+START_UP = 60.0
 
 #: Shares of the run: the machine runs steadily, passes the resonance, runs steadily while friction drifts.
 PASSAGE = (0.38, 0.5, 0.62)
