@@ -196,6 +196,7 @@ class Pages:
         self._template = environment.from_string(SITE.joinpath("page.html").read_text(encoding="utf-8"))
         self._files = {**_files(SITE), **_files(CHARTS)}
         self._operable = desk.operable
+        self._personal = desk.token is not None and desk.token.personal
 
     async def machine(self, request: Request) -> Response:
         """Answer with the machine's page."""
@@ -246,6 +247,7 @@ class Pages:
             valve=valve,
             here=request.url.path,
             operable=self._operable,
+            personal=self._personal,
         )
         headers = {"cache-control": "no-store", "vary": "accept-language, cookie"}
         return Response(text, media_type="text/html", headers=headers)

@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from datetime import datetime, timezone
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeAlias, TypeVar
 
@@ -119,22 +120,21 @@ def limits_of(valve: HeardValve, parameter: str) -> dict[str, float | None]:
 
 
 def history(
-    base: Path, valves: Iterable[str], search: str, length: str, language: str, failed: Failed = _ignored
-) -> dict[str, Any]:
+    base: Path, valves: Iterable[str], search: str, span: tuple[int, int], language: str,
+    failed: Failed = _ignored,
+) -> dict[str, Any]:  # fmt: skip
     """Return the newest entries of the journals of ``valves`` that hold ``search``, and the alarms' figures.
 
     Args:
         base: the monitors' ``state_folder``.
         valves: namespaces.
         search: words; each has to be in an entry.
-        length: one of :data:`PERIODS`.
+        span: begin (0: all there is) and end, ns since 1970.
         language: of the headlines.
         failed: called with a valve whose journal can't be read, and why.
     """
-    now = time.time_ns()
-    since = now - PERIODS[length] * 1_000_000_000 if PERIODS[length] else 0
     journals = _journals(base, valves, failed)
-    rows = _found(journals, search, since, language)
+    rows = _found(journals, search, span, language)
     entries = [
         {
             "time": one.stamp // 1_000_000_000,
@@ -148,8 +148,8 @@ def history(
         }
         for valve, one in rows[-MOST_ENTRIES:][::-1]
     ]
-    begin = since or min((one.stamp for some in journals.values() for one in some), default=now - 1)
-    counted = statistics(journals, begin, now)
+    first = min((one.stamp for some in journals.values() for one in some), default=span[1] - 1)
+    counted = statistics(journals, span[0] or first, span[1])
     return {
         "count": len(rows),
         "entries": entries,
@@ -171,14 +171,14 @@ def history(
 
 
 def history_table(
-    base: Path, valves: Iterable[str], search: str, length: str, language: str, failed: Failed = _ignored
-) -> str:
+    base: Path, valves: Iterable[str], search: str, span: tuple[int, int], language: str,
+    failed: Failed = _ignored,
+) -> str:  # fmt: skip
     """Return what :func:`history` finds as CSV, all of it, oldest first; times in UTC."""
-    since = time.time_ns() - PERIODS[length] * 1_000_000_000 if PERIODS[length] else 0
     text = io.StringIO()
     table = csv.writer(text, lineterminator="\n")
     table.writerow(COLUMNS)
-    for valve, one in _found(_journals(base, valves, failed), search, since, language):
+    for valve, one in _found(_journals(base, valves, failed), search, span, language):
         table.writerow(cells(valve, one, LANGUAGES[language]))
     return text.getvalue()
 
@@ -206,7 +206,8 @@ class Records:
             return _nothing()
         base = self._desk.state_folder
         try:
-            found = await self._read(lambda: trend_of(base, valve, parameter, length, int(since)))
+            limits = partial(limits_of, self._desk.valves[valve])
+            found = await self._read(lambda: trend_of(base, valve, parameter, length, int(since), limits))
         except (InputError, OSError) as error:  # names files: not for browsers
             self._failed(valve, error)
             return _nothing()
@@ -242,14 +243,24 @@ class Records:
             self._desk.warn(f"trends and journal of {valve} can't be read, the page shows none: {error}")
 
     async def _searched(
-        self, request: Request, read: Callable[[Path, list[str], str, str, str, Failed], Found]
+        self, request: Request, read: Callable[[Path, list[str], str, tuple[int, int], str, Failed], Found]
     ) -> Found | Response:
         search, length = request.query_params.get("search", ""), request.query_params.get("range", "week")
-        if len(search) > LONGEST or length not in PERIODS:
+        ends = [request.query_params.get(end, "") for end in ("since", "until")]
+        if (
+            len(search) > LONGEST
+            or length not in PERIODS
+            or not all(re.fullmatch("[0-9]{0,10}", one) for one in ends)
+        ):
             return PlainTextResponse("no such search", 400)
+        now = time.time_ns()
+        begin, end = (int(one) * 1_000_000_000 if one else 0 for one in ends)
+        if not any(ends) and PERIODS[length]:
+            begin = now - PERIODS[length] * 1_000_000_000
+        span = begin, max(begin, end or now)
         names, language = list(self._desk.valves), self._language(request)
         return await self._read(
-            lambda: read(self._desk.state_folder, names, search, length, language, self._failed)
+            lambda: read(self._desk.state_folder, names, search, span, language, self._failed)
         )
 
     async def _read(self, read: Callable[[], Found]) -> Found:
@@ -281,14 +292,14 @@ def _journals(base: Path, valves: Iterable[str], failed: Failed) -> dict[str, li
 
 
 def _found(
-    journals: Mapping[str, list[JournalEntry]], search: str, since: int, language: str
+    journals: Mapping[str, list[JournalEntry]], search: str, span: tuple[int, int], language: str
 ) -> list[tuple[str, JournalEntry]]:
     words = search.casefold().split()
     rows = [
         (valve, one)
         for valve, entries in journals.items()
         for one in entries
-        if one.stamp >= since
+        if span[0] <= one.stamp < span[1]
         and all(
             word in " ".join(map(str, cells(valve, one, LANGUAGES[language]))).casefold() for word in words
         )

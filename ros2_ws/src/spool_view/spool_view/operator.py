@@ -11,11 +11,13 @@ import secrets
 import threading
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from datetime import datetime, timezone
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
+from spool_core.opcua_folder import KeptPassword
 from spool_core.system import FILE_MODE, private_folder, restrict, write_durably
 from spool_monitor.listener import HeardValve
 from spool_monitor.shown import listed
@@ -38,6 +40,8 @@ from spool_view.metrics import Metrics
 
 #: Random bytes of a token: it can't be guessed.
 RANDOM = 32
+#: Browsers in which an operator may be signed in by name and password.
+MOST_SIGNED_IN = 8
 
 #: B of a request, s that it may take to come in.
 MOST_BODY, BODY = 4096, 5.0
@@ -46,27 +50,60 @@ ACTS, ACTS_AT_ONCE = 1.0, 10.0
 
 
 class OperatorToken:
-    """Operator's token, kept in ``path`` (mode 0600) until :meth:`remove`.
+    """Operators' way in: a token for all, kept in ``path`` (mode 0600) until :meth:`remove`.
+
+    With ``passwords`` by name each operator signs in instead, for a token of this page's run.
 
     Raises:
         OSError: the file can't be made.
     """
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self._token = secrets.token_urlsafe(RANDOM)
+    def __init__(self, path: Path, passwords: Mapping[str, KeptPassword] = MappingProxyType({})) -> None:
+        self.path, self._passwords = path, passwords
+        self._names: dict[str, str] = {}
+        if passwords:
+            return
+        token = secrets.token_urlsafe(RANDOM)
         private_folder(path.parent)
-        write_durably(path, f"{self._token}\n", mode=FILE_MODE)
+        write_durably(path, f"{token}\n", mode=FILE_MODE)
+        self._names[token] = ""
 
-    def fits(self, header: str) -> bool:
-        """Return whether an ``Authorization`` header bears the token; takes as long whatever it holds."""
-        wanted = f"Bearer {self._token}".encode()
-        return hmac.compare_digest(header.encode("utf-8", "replace"), wanted)
+    @property
+    def personal(self) -> bool:
+        """Whether operators sign in by name and password."""
+        return bool(self._passwords)
+
+    def who(self, header: str) -> str | None:
+        """Return whose token an ``Authorization`` header bears, empty: anybody's; ``None``: it bears none."""
+        given = header.encode("utf-8", "replace")
+        return next(
+            (
+                who
+                for one, who in list(self._names.items())
+                if hmac.compare_digest(given, f"Bearer {one}".encode())
+            ),
+            None,
+        )
+
+    def sign_in(self, name: str, password: str) -> str | None:
+        """Return a token for the operator ``name``; ``None`` where name and password do not fit.
+
+        It takes as long for a name that nobody has.
+        """
+        kept = self._passwords.get(name)
+        fits = (kept or next(iter(self._passwords.values()))).fits(password)
+        if kept is None or not fits:
+            return None
+        for token in [one for one, who in self._names.items() if who == name][:-MOST_SIGNED_IN]:
+            del self._names[token]
+        token = secrets.token_urlsafe(RANDOM)
+        self._names[token] = name
+        return token
 
     def remove(self) -> None:
         """Take the file away, if it is still this one's."""
         with contextlib.suppress(OSError):
-            if self.path.read_text(encoding="ascii").strip() == self._token:
+            if self.path.read_text(encoding="ascii").strip() in self._names:
                 self.path.unlink()
 
 
@@ -110,11 +147,25 @@ class Operating:
         self._desk = desk
         self._acts = RateLimit(ACTS, ACTS_AT_ONCE)
         self._wrong = RateLimit(WRONG, WRONG_AT_ONCE)
+        self._tries = RateLimit(WRONG, WRONG_AT_ONCE)
         self._warned = RateLimit(1.0 / 60.0, 1.0)
 
     async def check(self, request: Request) -> Response:
-        """Say whether the token is right."""
-        return self._refusal(request) or _answer(200, "right")
+        """Say whether the token is right, or answer name and password with one."""
+        token = self._desk.token
+        if token is None or not token.personal:
+            return self._refusal(request) or _answer(200, "right")
+        try:
+            given = await _content(request, MOST_BODY)
+            name, password = (str(given[key]) for key in ("who", "token"))
+        except (ActRefusedError, KeyError, TypeError):
+            return _answer(400, "name and password are missing")
+        if not self._tries.take():
+            return _answer(429, "too many tries: wait a few seconds")
+        made = await run_in_threadpool(token.sign_in, name, password)
+        return (
+            self._wrong_answer("name or password is wrong") if made is None else _answer(200, "right", made)
+        )
 
     async def act(self, request: Request) -> Response:
         """Do an operator's act: it is in the log before it is done, and what came of it after."""
@@ -147,9 +198,12 @@ class Operating:
         valves = list(self._desk.valves.values())
         shown = {one.name: frozenset(alarm.name for alarm in listed(one.alarms)) for one in valves}
         try:
-            return read(await _content(request, most), shown)
+            acts = read(await _content(request, most), shown)
         except ActRefusedError as error:
             return _answer(400, str(error))
+        assert self._desk.token is not None
+        who = self._desk.token.who(request.headers["authorization"])
+        return [replace(act, who=who) for act in acts] if who else acts
 
     async def _done(self, act: Act) -> tuple[int, str]:
         """Do ``act`` and return the status and the text of the answer."""
@@ -164,11 +218,15 @@ class Operating:
         if self._desk.token is None or self._desk.log is None:
             return _answer(403, "this page is read only: it was started without --operator")
         given = request.headers.getlist("authorization")
-        if len(given) == 1 and self._desk.token.fits(given[0]):
+        if len(given) == 1 and self._desk.token.who(given[0]) is not None:
             return None
+        again = "sign in again: the page was restarted" if self._desk.token.personal else "the token is wrong"
+        return self._wrong_answer(again)
+
+    def _wrong_answer(self, text: str) -> Response:
         if self._warned.take():
-            self._desk.warn("a request with a wrong token, or without one, was refused")
-        return _answer(401, "the token is wrong") if self._wrong.take() else _answer(429, "too many tries")
+            self._desk.warn("a request with a wrong token or password, or without one, was refused")
+        return _answer(401, text) if self._wrong.take() else _answer(429, "too many tries")
 
     async def _note(self, step: str, act: Act, **more: Any) -> bool:
         assert self._desk.log is not None
@@ -231,5 +289,6 @@ async def _body(request: Request, most: int) -> bytes:
     return bytes(body)
 
 
-def _answer(status: int, text: str) -> JSONResponse:
-    return JSONResponse({"text": text}, status, {"cache-control": "no-store"})
+def _answer(status: int, text: str, token: str = "") -> JSONResponse:
+    content = {"text": text, **({"token": token} if token else {})}
+    return JSONResponse(content, status, {"cache-control": "no-store"})

@@ -17,6 +17,7 @@ from spool_core.node.managed_node import ManagedNode
 from spool_core.node.parameters import NodeParameter, Value, rule
 from spool_core.node.running import run
 from spool_core.node.service_calls import ServiceCalls
+from spool_core.opcua_folder import KeptPassword, operators
 from spool_core.system import expanded
 from spool_monitor.listener import HeardValve, Listener
 from spool_monitor.state_file import default_folder
@@ -53,6 +54,12 @@ class PageNode(ManagedNode):
         ),
         NodeParameter(
             "operator", False, "Allow operators with the token to acknowledge, shelve, reset and more.",
+            structural=True,
+        ),
+        NodeParameter(
+            "security_folder", "",
+            "Folder made by ./spool secure --opcua: its operators sign in by name and password; empty: by "
+            "the token.",
             structural=True,
         ),
         NodeParameter("metrics", False, "Serve /metrics for Prometheus.", structural=True),
@@ -108,7 +115,7 @@ class PageNode(ManagedNode):
         address, port = self._socket.getsockname()[:2]
         if self.value("operator"):
             try:
-                self._token = operating.OperatorToken(folder / FOLDER / f"token_{port}")
+                self._token = operating.OperatorToken(folder / FOLDER / f"token_{port}", self._passwords())
                 self._log = operating.ActLog(folder / FOLDER / "operator_log.jsonl")
             except OSError as error:
                 raise InputError(
@@ -140,10 +147,23 @@ class PageNode(ManagedNode):
         self.get_logger().info(f"the page is at http://{host}:{port}/")
         if self.value("metrics"):
             self.get_logger().info(f"metrics for Prometheus are at http://{host}:{port}/metrics")
-        if self._token is not None:
+        if self._token is not None and self._token.personal:
+            self.get_logger().info("operators sign in by name and password")
+        elif self._token is not None:
             self.get_logger().info(f"operators: the token is in {self._token.path}")
         else:
             self.get_logger().info("the page is read only: start it with --operator to let operators act")
+
+    def _passwords(self) -> dict[str, KeptPassword]:
+        if not self.value("security_folder"):
+            return {}
+        folder = expanded(self.value("security_folder"))
+        found = operators(folder)
+        if not found:
+            raise InputError(
+                f"security_folder: no operator in {folder}: ./spool secure --opcua {folder} --operator NAME"
+            )
+        return found
 
     def deactivate(self) -> None:
         """End every stream, then the rest."""
@@ -217,6 +237,7 @@ def serve(
     metrics: bool = False,
     names: tuple[str, ...] = (),
     bags: Path | None = None,
+    operators: Path | None = None,
 ) -> None:
     """Serve the page on this host until SIGINT or SIGTERM.
 
@@ -225,6 +246,7 @@ def serve(
         operator: whether who has the token may acknowledge, shelve and more; else the page is read only.
         metrics: whether ``/metrics`` is served for Prometheus.
         names: of valves; empty for all that are heard.
+        operators: folder made by ``./spool secure --opcua``, whose operators sign in by name and password.
         bags: a recording or a folder of recordings, for the waterfall of a page that is opened.
 
     Raises:
@@ -232,7 +254,7 @@ def serve(
     """
     values: dict[str, Value] = {
         "port": port, "operator": operator, "metrics": metrics, "valves": list(names) or [""],
-        "bags": str(bags or ""),
+        "bags": str(bags or ""), "security_folder": str(operators or ""),
     }  # fmt: skip
     words = [word for name, value in values.items() for word in rule(name, value)]
     code = run(PageNode, ["--ros-args", *words])

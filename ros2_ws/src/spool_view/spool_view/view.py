@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,7 @@ from spool_monitor.shown import shown as shown_valve
 from spool_monitor.state_database import FILE, own_file
 from spool_monitor.state_file import valve_folder
 from spool_monitor.trend import KEPT, TrendStore, finest
+from spool_monitor.trend_outlook import outlook
 from spool_msgs.msg import Alarm, AlarmList, GapAnalysis, HealthEvent, ModelEstimate, Quantity, ValveHealth
 
 #: What the monitor says where the strongest line is too weak to be one of the machine's.
@@ -234,7 +235,10 @@ def is_whole(spectrum: Mapping[str, Any]) -> bool:
     return bool(abs(WINDOW * spectrum["step"] - 1.0) < LINES_APART)
 
 
-def trend_of(base: Path, valve: str, parameter: str, length: str, begin: int = 0) -> dict[str, Any]:
+def trend_of(
+    base: Path, valve: str, parameter: str, length: str, begin: int = 0,
+    limits: Callable[[str], Mapping[str, float | None]] = lambda _: {},
+) -> dict[str, Any]:  # fmt: skip
     """Return the trend of a parameter of ``valve``, or of ``FIRST`` where ``parameter`` is empty.
 
     Args:
@@ -243,6 +247,7 @@ def trend_of(base: Path, valve: str, parameter: str, length: str, begin: int = 0
         parameter: name.
         length: one of ``RANGES``.
         begin: s since 1970, instead of ``length``; 0: by ``length``.
+        limits: return ``baseline``, ``low`` and ``high`` of a parameter.
 
     Raises:
         InputError: there is none, or the file is damaged.
@@ -261,6 +266,8 @@ def trend_of(base: Path, valve: str, parameter: str, length: str, begin: int = 0
         duration = now - since if since else (now - hours[0].start if hours else 0)
         seconds = finest(KEPT, duration, MOST_POINTS)
         spans = store.spans(name, seconds, since - since % seconds)[-MOST_POINTS:]
+        own = limits(name)
+        near, reaches = outlook(store, name, own.get("baseline"), [own.get("low"), own.get("high")], now)
     finally:
         store.close()
     return {
@@ -274,6 +281,8 @@ def trend_of(base: Path, valve: str, parameter: str, length: str, begin: int = 0
         "minimum": [rounded(span.minimum) for span in spans],
         "mean": [rounded(span.mean) for span in spans],
         "maximum": [rounded(span.maximum) for span in spans],
+        "near_days": near,
+        "reaches": None if reaches is None else [rounded(reaches.early), rounded(reaches.late)],
     }
 
 

@@ -25,6 +25,14 @@ def watch(
     operator: Annotated[
         bool, typer.Option("--operator", help="Allow the page to acknowledge and shelve, with a token.")
     ] = False,
+    operators: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            help="With --operator: folder of ./spool secure --opcua, whose operators sign in by name and "
+            "password.",
+        ),
+    ] = None,
     metrics: Annotated[
         bool, typer.Option("--metrics", help="Serve /metrics for Prometheus on the page's port.")
     ] = False,
@@ -52,9 +60,18 @@ def watch(
         page = next(iter(entry_points(group=PAGES)), None)
         if page is None:
             raise InputError("--web: the package spool_view is not installed here")
-        page.load()(port=port, operator=operator, metrics=metrics, names=tuple(valves or ()), bags=bags)
+        if operators is not None and not operator:
+            raise InputError("--operators: add --operator")
+        page.load()(
+            port=port,
+            operator=operator,
+            metrics=metrics,
+            names=tuple(valves or ()),
+            bags=bags,
+            operators=operators,
+        )
         return
-    if operator:
+    if operator or operators is not None:
         raise InputError("--operator: is of the page: add --web; on the terminal use ./spool alarm")
     if metrics:
         raise InputError("--metrics: the page serves them: add --web")

@@ -1,6 +1,6 @@
 // An operator's acts: a dialog for who, why and how long; the token stays in this tab.
 
-import { fill, make, operable, setText, texts } from "/static/text.js";
+import { fill, make, operable, personal, setText, texts } from "/static/text.js";
 
 const TOKEN = "spool_token";
 const WHO = "spool_who";
@@ -30,9 +30,10 @@ async function send(path, content) {
       headers: { "content-type": "application/json", authorization: `Bearer ${sessionStorage.getItem(TOKEN) ?? ""}` },
       body: JSON.stringify(content),
     });
-    return [answer.status, (await answer.json().catch(() => ({}))).text ?? ""];
+    const found = await answer.json().catch(() => ({}));
+    return [answer.status, found.text ?? "", found.token ?? ""];
   } catch {
-    return [0, ""];
+    return [0, "", ""];
   }
 }
 
@@ -45,16 +46,17 @@ function showMode() {
 function signIn(then) {
   const fields = [
     field("who", texts.who, { required: "", maxlength: 60 }),
-    field("token", texts.token, { required: "", type: "password" }),
+    field("token", personal ? texts.password : texts.token, { required: "", type: "password" }),
   ];
   ask(texts.sign_in, fields, async (values) => {
     sessionStorage.setItem(TOKEN, values.token.trim());
     sessionStorage.setItem(WHO, values.who.trim());
-    const [status, text] = await send("/operator", {});
+    const [status, text, token] = await send("/operator", personal ? { who: values.who.trim(), token: values.token } : {});
     if (status !== 200) {
       sessionStorage.removeItem(TOKEN);
       return text || texts.no_answer;
     }
+    if (personal) sessionStorage.setItem(TOKEN, token);
     showMode();
     if (then) setTimeout(then);
     return "";
@@ -71,9 +73,10 @@ export function askFor(act, title, target) {
   if (act === "maintain") fields.push(field("minutes", texts.maintain_minutes, { type: "number", min: 1, max: 527040, step: "any", value: 120, required: "" }));
   if (act === "shelve") fields.push(field("minutes", texts.minutes, { type: "number", min: 0, max: 10080, step: "any", value: 30, required: "" }));
   fields.push(field("comment", texts.comment, { maxlength: 200 }));
-  fields.push(field("who", texts.who, { required: "", maxlength: 60, value: sessionStorage.getItem(WHO) ?? "" }));
+  const own = sessionStorage.getItem(WHO) ?? "";
+  if (!personal) fields.push(field("who", texts.who, { required: "", maxlength: 60, value: own }));
   ask(title, fields, async (values) => {
-    const content = { act, ...target, who: values.who, comment: values.comment };
+    const content = { act, ...target, who: values.who ?? own, comment: values.comment };
     if (values.minutes !== undefined) content.minutes = Number(values.minutes);
     const [status, text] = await send(target.targets ? "/acts" : "/act", content);
     if (status === 401) {

@@ -57,11 +57,41 @@ export function grouped(entries) {
 
 /** One line in the header of each page while something waits for an operator. */
 export function showBanner(entries) {
+  chime(entries);
   const banner = document.getElementById("banner");
   const waiting = grouped(entries).filter((group) => group.some(([, alarm]) => waits(alarm))).length;
   banner.hidden = !waiting;
   setText(banner, waiting ? fill(texts.waiting, { n: waiting }) : "");
 }
+
+const SOUND = "spool_sound";
+const switched = document.getElementById("sound");
+let heard = null;
+
+/** A short tone when an alarm comes that nobody has acknowledged, where somebody turned the sound on. */
+function chime(entries) {
+  const before = heard;
+  heard = new Set(entries.filter(([, alarm]) => waits(alarm)).map(([valve, alarm]) => `${valve} ${alarm.name} ${alarm.occurrence}`));
+  if (before === null || localStorage.getItem(SOUND) !== "on" || [...heard].every((key) => before.has(key))) return;
+  const context = new AudioContext();
+  const tone = new OscillatorNode(context, { frequency: 880 });
+  tone.connect(new GainNode(context, { gain: 0.2 })).connect(context.destination);
+  tone.onended = () => context.close();
+  tone.start();
+  tone.stop(context.currentTime + 0.4);
+  switched.dataset.played = String(Number(switched.dataset.played ?? 0) + 1);
+}
+
+function showSound() {
+  const on = localStorage.getItem(SOUND) === "on";
+  switched.setAttribute("aria-pressed", String(on));
+  setText(switched, on ? texts.sound_on : texts.sound_off);
+}
+switched.addEventListener("click", () => {
+  localStorage.setItem(SOUND, localStorage.getItem(SOUND) === "on" ? "off" : "on");
+  showSound();
+});
+showSound();
 
 const keyOf = (valve, alarm) => `${valve} ${alarm.name}`;
 

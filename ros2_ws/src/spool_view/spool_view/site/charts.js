@@ -116,6 +116,18 @@ let chosen = false;
 /** Loads so far: an answer that comes after that of a later load is out of date. */
 let loads = 0;
 
+/** What the trend promises: days near the limit in the last week, and when it is reached. */
+function outlook(data) {
+  const words = [];
+  if (data.near_days) words.push(fill(texts.near_days, { n: data.near_days }));
+  if (data.reaches) {
+    const unit = data.reaches[0] < 2 * 86400 ? [3600, texts.in_hours] : [86400, texts.in_days];
+    const [early, late] = data.reaches.map((seconds) => (seconds === null ? null : Math.round(seconds / unit[0])));
+    words.push(fill(late === null ? texts.reaches_after : texts.reaches, { early, late, unit: unit[1] }));
+  }
+  return words;
+}
+
 async function loadTrend() {
   const own = ++loads;
   const parameter = document.getElementById("trend_parameter");
@@ -125,7 +137,8 @@ async function loadTrend() {
   let data = null;
   try {
     const wish = parameter.value || asked.parameter;
-    const since = !chosen && asked.raised ? Math.floor(asked.raised - Math.max(600, 0.25 * (Date.now() / 1000 - asked.raised))) : 0;
+    const from = Number(new URLSearchParams(location.hash.slice(1)).get("at")) || asked.raised;
+    const since = !chosen && from ? Math.floor(from - Math.max(600, 0.25 * (Date.now() / 1000 - from))) : 0;
     const answer = await fetch("/trend?" + new URLSearchParams({ valve, range, parameter: wish, ...(since ? { since } : {}) }), { cache: "no-store" });
     data = answer.ok ? await answer.json() : null;
   } catch {
@@ -145,7 +158,7 @@ async function loadTrend() {
   const round = (value) => digits(Number(value).toPrecision(4));
   const words = { parameter: nameOf(data.parameter), low: round(Math.min(...data.minimum)), high: round(Math.max(...data.maximum)), last: round(data.mean.at(-1)), unit: unitText(data.unit).trim(), span: texts.spans[data.seconds] };
   const said = fill(texts.trend_text, words);
-  setText(text, said);
+  setText(text, [said, ...outlook(data)].join(" "));
   const bounds = asked.limits(data.parameter);
   const known = (value) => value !== null && value !== undefined;
   const shownY = (_, low, high) => {

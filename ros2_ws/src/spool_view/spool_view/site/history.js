@@ -20,7 +20,7 @@ function entry(one) {
   const text = [one.text, one.comment ? fill(texts.comment_is, { comment: one.comment }) : ""].filter(Boolean).join(" ");
   const cells = [
     make("th", { scope: "row" }, clock(one.time)),
-    make("td", { "data-label": c.valve }, make("a", { href: `/valve/${one.valve}` }, one.valve)),
+    make("td", { "data-label": c.valve }, make("a", { href: `/valve/${one.valve}#at=${one.time}`, title: texts.course_then }, one.valve)),
     make("td", { "data-label": texts.action }, texts.actions[one.action] ?? one.action),
     make("td", { "data-label": c.alarm }, `${one.code || ""} ${one.alarm.replaceAll("_", " ")}`.trim()),
     make("td", { "data-label": texts.person }, one.who),
@@ -41,6 +41,9 @@ function figures(found) {
 async function load() {
   const turn = ++asked;
   const query = new URLSearchParams({ search: words.value.trim(), range: range.value });
+  const midnight = (id, days) => (byId(id).value ? String(Math.round(new Date(`${byId(id).value}T00:00`).setDate(new Date(`${byId(id).value}T00:00`).getDate() + days) / 1000)) : "");
+  for (const [name, seconds] of [["since", midnight("begin", 0)], ["until", midnight("end", 1)]]) if (seconds) query.set(name, seconds);
+  range.disabled = Boolean(byId("begin").value || byId("end").value);
   byId("csv").href = "/history.csv?" + query;
   try {
     const answer = await fetch("/history.json?" + query, { cache: "no-store" });
@@ -64,7 +67,7 @@ export function start() {
     clearTimeout(timer);
     timer = setTimeout(load, 250);
   });
-  range.addEventListener("change", load);
+  for (const one of [range, byId("begin"), byId("end")]) one.addEventListener("change", load);
   byId("print").addEventListener("click", () => window.print());
   let alarms = {};
   listen("/stream/machine", {

@@ -1,7 +1,7 @@
 // Texts, numbers and times in the page's language; elements are made with text only, never with markup.
 
 const data = JSON.parse(document.getElementById("page_data").textContent);
-export const { texts, language, valve, view, operable } = data;
+export const { texts, language, valve, view, operable, personal } = data;
 
 export function fill(text, values) {
   return text.replace(/\{(\w+)\}/g, (_, name) => String(values[name] ?? ""));

@@ -4,7 +4,7 @@ import { actButton } from "/static/acts.js";
 import { buttons, reasonOf, showAlarms, showBanner, stateText, titleOf } from "/static/alarms.js";
 import { aimTrend, fillWaterfall, showSpectrum, startTrend } from "/static/charts.js";
 import { gauge, marginPicture } from "/static/drawing.js";
-import { announce, setLight } from "/static/light.js";
+import { ABNORMAL, announce, mark, setLight } from "/static/light.js";
 import { listen } from "/static/stream.js";
 import { ago, clock, digits, fill, language, make, nameOf, now, operable, quantity, setText, texts, valve } from "/static/text.js";
 
@@ -120,6 +120,7 @@ function show(data) {
   if (before !== null && before !== data.condition) announce(valve, data.condition);
   before = data.condition;
   setLight(byId("light"), data.condition, data.letter);
+  document.title = document.title.replace(/^[^\p{L}\d]* ?/u, ABNORMAL.includes(data.condition) ? `${mark(data.condition)} ` : "");
   setText(byId("summary"), data.summary ?? "");
   natural = data.resonance?.natural.value ?? null;
   band = data.resonance?.band ?? null;

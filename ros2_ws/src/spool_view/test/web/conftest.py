@@ -9,7 +9,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -24,6 +24,7 @@ from spool_core.events.event import Event, EventState, Facts, Severity, Urgency
 from spool_core.events.language import LANGUAGES
 from spool_core.node import qos, testing
 from spool_core.node.messages import to_event_message
+from spool_core.opcua_folder import keep_operator, operators
 from spool_core.uncertainty import Quantity as Measured
 from spool_core.uncertainty import Validity
 from spool_monitor.listener import HeardValve
@@ -135,6 +136,7 @@ def make_station(tmp_path: Path) -> Iterator[Callable[..., Station]]:
     def make(
         *,
         operator: bool = True,
+        people: Mapping[str, str] | None = None,
         outcome: Outcome | None = None,
         spectrum: Callable[[list[bytes]], dict[str, Any] | None] = lambda _: None,
     ) -> Station:
@@ -147,6 +149,8 @@ def make_station(tmp_path: Path) -> Iterator[Callable[..., Station]]:
             answer.set_result(outcome or Outcome(True, act.alarm))
             return answer
 
+        for name, password in (people or {}).items():
+            keep_operator(tmp_path, name, password)
         desk = Desk(
             valves={"valve_1": valve},
             open=[],
@@ -154,7 +158,9 @@ def make_station(tmp_path: Path) -> Iterator[Callable[..., Station]]:
             state_folder=tmp_path,
             spectrum=spectrum,
             do=do,
-            token=OperatorToken(tmp_path / "web_page" / "token_8765") if operator else None,
+            token=OperatorToken(tmp_path / "web_page" / "token_8765", operators(tmp_path))
+            if operator
+            else None,
             log=ActLog(tmp_path / "web_page" / "operator_log.jsonl") if operator else None,
             warn=lambda _: None,
         )

@@ -71,6 +71,28 @@ def test_many_wrong_tokens_are_slowed_and_the_right_one_still_works(station: Sta
     assert station.client.post("/operator", headers=station.headers()).status_code == 200
 
 
+def test_operators_sign_in_by_name_and_act_under_that_name_only(make_station: Callable[..., Station]) -> None:
+    station = make_station(people={"Eva": "correct horse", "Jan": "battery staple"})
+    assert not list((station.desk.state_folder / "web_page").glob("token_*"))
+
+    def signed_in(name: str, password: str) -> tuple[int, str]:
+        answer = station.client.post(
+            "/operator", json={"who": name, "token": password}, headers={"origin": OWN}
+        )
+        return answer.status_code, answer.json().get("token", "")
+
+    assert signed_in("Eva", "battery staple") == signed_in("Nobody", "correct horse") == (401, "")
+    code, token = signed_in("Eva", "correct horse")
+    assert code == 200
+    own = {"origin": OWN, "authorization": f"Bearer {token}"}
+    assert station.client.post("/act", json={**ACT, "who": "Jan"}, headers=own).status_code == 200
+    assert [act.who for act in station.asked] == ["Eva"]
+    assert [json.loads(line)["who"] for line in station.log.splitlines()] == ["Eva", "Eva"]
+    assert token not in station.log
+    codes = [signed_in("Eva", "guess")[0] for _ in range(12)]
+    assert codes[-1] == 429
+
+
 def test_token_and_log_are_the_users_alone_and_the_token_goes_at_the_end(station: Station) -> None:
     assert station.desk.token is not None
     assert station.desk.log is not None

@@ -11,6 +11,7 @@ from typing import Any
 from urllib.request import ProxyHandler, build_opener
 
 import pytest
+from spool_core.opcua_folder import keep_operator
 from spool_msgs.msg import AlarmList
 
 from .conftest import (
@@ -165,6 +166,32 @@ def test_a_publisher_that_is_killed_is_stale_and_an_operator_acts_by_mouse_and_k
     ]
     assert entries[2]["minutes"] == 5.0
     assert domain.token not in domain.log
+
+
+def test_a_new_alarm_sounds_once_and_an_operator_signs_in_by_name(
+    domain: Domain, stand_in: Callable[..., StandIn], open_page: Callable[..., Any]
+) -> None:
+    keep_operator(domain.folder / "secure", "Eva", "correct horse")
+    monitor = stand_in()
+    _, address = domain.page(operator=True, security_folder=str(domain.folder / "secure"))
+    page = open_page(f"{address}valve/valve_1")
+    becomes(page, "good")
+    page.click("#sound")
+    monitor.alarms = AlarmList(alarms=[alarm()])
+    monitor.say()
+    page.wait_for_selector("#sound[data-played='1'][aria-pressed=true]")
+    monitor.say()
+    page.click("tr[data-alarm=resonance] button[data-act=acknowledge]")
+    page.fill("#who", "Eva")
+    page.fill("#token", "wrong horse")
+    page.click("#dialog_do")
+    page.wait_for_selector("#dialog_said >> text=name or password is wrong")
+    page.fill("#token", "correct horse")
+    page.click("#dialog_do")
+    page.wait_for_selector("#mode >> text=Eva")
+    page.wait_for_selector("#comment")
+    assert page.query_selector("#dialog #who") is None
+    assert page.get_attribute("#sound", "data-played") == "1"
 
 
 def test_markup_in_what_others_say_stays_text(

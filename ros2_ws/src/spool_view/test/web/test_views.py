@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -188,7 +190,7 @@ def test_browsers_get_every_value_of_an_event_in_the_history(tmp_path: Path) -> 
     seen = replace(raised, stamp=(now - 50) * 10**9, action="shelve", who="Eva", comment="wait", text="Stuck")
     journal.write([raised, seen])
     journal.close()
-    found = history(tmp_path, ["valve_1"], "eva", "day", "en")
+    found = history(tmp_path, ["valve_1"], "eva", (0, time.time_ns()), "en")
     assert (found["count"], found["entries"]) == (1, [{
         "time": now - 50, "valve": "valve_1", "action": "shelve", "alarm": "stuck_spool", "code": 400,
         "who": "Eva", "comment": "wait", "text": "Stuck",
@@ -197,6 +199,22 @@ def test_browsers_get_every_value_of_an_event_in_the_history(tmp_path: Path) -> 
     assert often == {
         "valve": "valve_1", "alarm": "stuck_spool", "code": 400, "count": 1, "share": "100",
     }  # fmt: skip
+
+
+def test_the_history_has_what_lies_between_two_days(tmp_path: Path, make_station: Callable[..., Any]) -> None:
+    path = valve_folder(tmp_path, "valve_1") / FILE
+    path.parent.mkdir(parents=True)
+    journal = Journal(path)
+    day = 1_790_000_000
+    one = JournalEntry(day * 10**9, "raise", "stuck_spool", 400, "F", "alarm", "unacknowledged", 3)
+    journal.write([replace(one, stamp=(day + 86400 * number) * 10**9) for number in range(3)])
+    journal.close()
+    client = make_station().client
+    asked = {"since": str(day + 86400), "until": str(day + 2 * 86400)}
+    found = client.get("/history.json", params=asked).json()
+    assert [one["time"] for one in found["entries"]] == [day + 86400]
+    assert len(client.get("/history.csv", params=asked).text.splitlines()) == 2
+    assert client.get("/history.json", params={"since": "-1"}).status_code == 400
 
 
 def block(sequence: int, period: float = 0.001, size: int = 100, frequency: float = 25.0) -> Block:
