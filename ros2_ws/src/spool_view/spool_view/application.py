@@ -325,7 +325,6 @@ class Streams:
         self._machine = MachineChannel(desk)
         self._valves: dict[str, ValveChannel] = {}
         self._falls: OrderedDict[str, Fall] = OrderedDict()
-        self._reading = asyncio.Semaphore(1)
         self._readers: set[Reader] = set()
         self._closed = False
         self._trouble = 0.0
@@ -367,7 +366,7 @@ class Streams:
         def join(reader: Reader) -> None:
             channel = self._valves.get(name)
             if channel is None:
-                channel = self._valves[name] = ValveChannel(self._desk, name, self._fall(name), self._reading)
+                channel = self._valves[name] = ValveChannel(self._desk, name, self._fall(name))
             channel.join(reader)
 
         def leave(reader: Reader) -> None:

@@ -7,14 +7,10 @@ import json
 import math
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
-from pathlib import Path
+from collections.abc import Callable
 from typing import Any
 
-from spool_core.errors import InputError
-from spool_core.faults import unexpected
 from spool_monitor.listener import HeardValve
-from starlette.concurrency import run_in_threadpool
 
 from spool_view.operator import Desk
 from spool_view.view import WINDOW, alarms_of, detail_of, is_whole, row_of
@@ -23,7 +19,7 @@ from spool_view.view import WINDOW, alarms_of, detail_of, is_whole, row_of
 PERIOD = 0.5
 #: Spectra of a waterfall: a minute.
 FALL = 120
-#: s between two spectra from which a waterfall shows a gap: the recorder brings data to the disk each second.
+#: s between two spectra from which a waterfall shows a gap.
 BROKEN = 3.0
 #: Events that a reader may be behind (4 s), and bytes of them.
 MOST_BEHIND, MOST_BYTES = 8, 2_000_000
@@ -84,9 +80,8 @@ class MachineChannel:
 class ValveChannel:
     """Valve's channel: its view where it changed, and its spectrum."""
 
-    def __init__(self, desk: Desk, name: str, fall: Fall, reading: asyncio.Semaphore) -> None:
-        self._desk, self._name, self._fall, self._reading = desk, name, fall, reading
-        self._history: asyncio.Task[None] | None = None
+    def __init__(self, desk: Desk, name: str, fall: Fall) -> None:
+        self._desk, self._name, self._fall = desk, name, fall
         self.readers: set[Reader] = set()
         self._detail: dict[str, Any] = {}
         self._seen: tuple[int, str] | None = None
@@ -128,33 +123,9 @@ class ValveChannel:
                 if is_whole(found):
                     self._fall.append((time.time(), found["spool"]))
                 events.append(encode("spectrum", found))
-        self._send(events)
-        if self._history is None and self._desk.bags is not None and self._name in self._desk.valves:
-            self._history = asyncio.ensure_future(self._read(self._desk.bags))
-
-    def _send(self, events: Sequence[bytes]) -> None:
         for event in events:
             for reader in tuple(self.readers):
                 reader.offer(event)
-
-    async def _read(self, bags: Path) -> None:
-        """Put what is recorded before what was seen, and send that."""
-        from spool_view.recorded import recorded_spectra  # noqa: PLC0415 - 5 MB, for bags alone
-
-        try:
-            async with self._reading:
-                found = await run_in_threadpool(recorded_spectra, bags, self._name, FALL, PERIOD)
-        except InputError as error:
-            self._desk.warn(str(error))
-            return
-        except Exception as error:  # the stream goes on without it
-            self._desk.warn(f"bags: the waterfall of {self._name} begins empty: {unexpected(error)}")
-            return
-        if found:
-            seen = [one for one in self._fall if one[0] > found[-1][0]]
-            self._fall.clear()
-            self._fall.extend([*found, *seen])
-            self._send([encode("waterfall", waterfall_of(self._fall, time.time()))])
 
 
 def waterfall_of(fall: Fall, now: float) -> dict[str, Any]:

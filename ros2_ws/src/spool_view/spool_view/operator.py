@@ -243,8 +243,7 @@ class Desk:
     """Desk of a page: valves, where trends are kept, and, with an operator, ``do``, ``token`` and ``log``.
 
     ``open``: names of the valves whose page a browser has open, those opened first at the front.
-    ``metrics``: what ``/metrics`` serves; without them there is no such page. ``bags``: where the recorder
-    writes; without it a waterfall begins when its page is opened.
+    ``metrics``: what ``/metrics`` serves; without them there is no such page.
     """
 
     valves: dict[str, HeardValve]
@@ -257,7 +256,6 @@ class Desk:
     log: ActLog | None
     warn: Callable[[str], object]
     metrics: Metrics | None = None
-    bags: Path | None = None
 
     @property
     def operable(self) -> bool:

@@ -73,12 +73,6 @@ class PageNode(ManagedNode):
             "$XDG_STATE_HOME/spool, else ~/.local/state/spool.",
             structural=True,
         ),
-        NodeParameter(
-            "bags", "",
-            "Recording, or folder of recordings, that fills the waterfall of a valve's page when it is "
-            "opened; empty: none.",
-            structural=True,
-        ),
     )  # fmt: skip
 
     def __init__(self, **options: Any) -> None:
@@ -137,7 +131,6 @@ class PageNode(ManagedNode):
             log=self._log,
             warn=self.get_logger().warning,
             metrics=Metrics(self._listener.valves, self._listener.hosts) if self.value("metrics") else None,
-            bags=expanded(self.value("bags")) if self.value("bags") else None,
         )
         self._server = ServerThread(application(desk), self._socket)
         self._server.start()
@@ -236,7 +229,6 @@ def serve(
     operator: bool = False,
     metrics: bool = False,
     names: tuple[str, ...] = (),
-    bags: Path | None = None,
     operators: Path | None = None,
 ) -> None:
     """Serve the page on this host until SIGINT or SIGTERM.
@@ -247,14 +239,13 @@ def serve(
         metrics: whether ``/metrics`` is served for Prometheus.
         names: of valves; empty for all that are heard.
         operators: folder made by ``./spool secure --opcua``, whose operators sign in by name and password.
-        bags: a recording or a folder of recordings, for the waterfall of a page that is opened.
 
     Raises:
         SystemExit: the page could not be served; what is wrong was said in one line.
     """
     values: dict[str, Value] = {
         "port": port, "operator": operator, "metrics": metrics, "valves": list(names) or [""],
-        "bags": str(bags or ""), "security_folder": str(operators or ""),
+        "security_folder": str(operators or ""),
     }  # fmt: skip
     words = [word for name, value in values.items() for word in rule(name, value)]
     code = run(PageNode, ["--ros-args", *words])

@@ -284,6 +284,7 @@ def read_parameters(file: str | Path, node: str, table: Sequence[NodeParameter])
 REMOVED = {
     "method": "the estimator has one method, the model that runs in parallel: remove the line",
     "forgetting": "the estimator forgets exponentially: remove the line and set memory, the time constant",
+    "bags": "a waterfall begins when its page is opened: remove the line",
 }
 
 

@@ -36,10 +36,6 @@ def watch(
     metrics: Annotated[
         bool, typer.Option("--metrics", help="Serve /metrics for Prometheus on the page's port.")
     ] = False,
-    bags: Annotated[
-        Path | None,
-        typer.Option(help="Recording, or folder of recordings, that fills the page's waterfalls."),
-    ] = None,
     who: Annotated[str, typer.Option(hidden=True)] = "",
     seconds: Annotated[
         float | None, typer.Option(help="Without a terminal: end after this many seconds.", min=0.0)
@@ -52,7 +48,7 @@ def watch(
 
     Example: ./spool watch
 
-    Example: ./spool watch --web --port 8765 --bags recordings
+    Example: ./spool watch --web --port 8765 --operator
     """
     if who:
         raise InputError("--who: the table has no keys any more: ./spool alarm acknowledge VALVE --who NAME")
@@ -67,7 +63,6 @@ def watch(
             operator=operator,
             metrics=metrics,
             names=tuple(valves or ()),
-            bags=bags,
             operators=operators,
         )
         return
@@ -75,8 +70,6 @@ def watch(
         raise InputError("--operator: is of the page: add --web; on the terminal use ./spool alarm")
     if metrics:
         raise InputError("--metrics: the page serves them: add --web")
-    if bags is not None:
-        raise InputError("--bags: the page shows them: add --web")
     from spool_tools.operations.watch import watch as run  # noqa: PLC0415 - slow to load
 
     run(tuple(valves or ()), seconds, language)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -31,6 +32,7 @@ from spool_msgs.msg import AlarmList, GapAnalysis, ModelEstimate, Quantity, Valv
 from spool_msgs.srv import ManageBaseline
 from spool_view.acts import RateLimit
 from spool_view.application import LANGUAGES, SITE, language_of
+from spool_view.channels import BROKEN, waterfall_of
 from spool_view.kept import history, limits_of
 from spool_view.view import AT_REST, alarms_of, detail_of, row_of, shown, spectrum_of, trend_of
 
@@ -369,3 +371,10 @@ def test_the_band_of_the_page_ends_at_the_limit_that_the_event_states(
     (shown_there,) = (one for one in detail_of(one, 100.0)["estimate"]["parameters"] if one["name"] == name)
     assert shown_there[end] == pytest.approx(facts.limit, rel=1e-5)
     assert limits_of(one, name)[end] == shown_there[end]
+
+
+def test_missing_time_is_an_empty_line_and_the_last_time_before_it_is_named() -> None:
+    fall = deque([(0.0, [1.0]), (0.5, [2.0]), (0.6 + BROKEN, [3.0])])
+    found = waterfall_of(fall, 4.0)
+    assert (found["spool"], found["until"]) == ([[1.0], [2.0], [], [3.0]], 0.0)
+    assert waterfall_of(deque([(0.0, [1.0])]), 1.0) == {"step": 0.5, "spool": [[1.0]], "until": None}
