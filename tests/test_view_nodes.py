@@ -473,5 +473,6 @@ def test_each_parameter_of_the_page_changes_what_browsers_get(claim_domain: Doma
             lambda: 'parameter="stiffness",bound="high"' in metrics(), "estimates, its page is closed"
         )
         given = json.dumps({"who": "Eva", "token": "correct horse"}).encode()
-        assert json.loads(get("/operator", given, **{"origin": url, "content-type": "application/json"}))["token"]
+        headers = {"origin": url, "content-type": "application/json"}
+        assert json.loads(get("/operator", given, **headers))["token"]
         assert [one.name for one in (tmp_path / "own" / "web_page").iterdir()] == ["operator_log.jsonl"]

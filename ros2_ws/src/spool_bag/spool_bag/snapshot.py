@@ -8,13 +8,13 @@ from collections import deque
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
-from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
 from rosbags.serde import SerdeError
 from spool_core.cdr import CdrError, header_stamp
 from spool_core.errors import InputError
+from spool_core.events.event import snapshot_name
 from spool_core.system import remove
 
 from spool_bag.metadata import ACCELERATION_BLOCK, typestore
@@ -62,8 +62,7 @@ class Snapshot:
     @property
     def name(self) -> str:
         """Name of its bag, e.g. ``valve_1_resonance_20260102T030405Z``."""
-        moment = datetime.fromtimestamp(self.stamp * 1e-9, timezone.utc)
-        return f"{self.valve.strip('/').replace('/', '_')}_{self.event}_{moment:%Y%m%dT%H%M%SZ}".lstrip("_")
+        return snapshot_name(self.valve, self.event, self.stamp)
 
     def add(self, message: Recorded) -> None:
         """Take a message; beyond :data:`MOST_BYTES` nothing more is held."""
@@ -195,8 +194,7 @@ class SnapshotKeeper:
         # The clock may have been set back meanwhile: the oldest block is not the one of the least stamp.
         if not raised or not ring.blocks or stamp < min(ring.blocks):
             return
-        kind = "".join(c if c.isalnum() or c == "_" else "_" for c in event.kind)[:40]
-        if not self._begin(valve, ring, kind, stamp, message.received):
+        if not self._begin(valve, ring, event.kind, stamp, message.received):
             self.refused += 1
 
     def ask(self, valve: str, now: int) -> str:

@@ -16,7 +16,9 @@ from pathlib import Path
 from typing import Any, TypeAlias, TypeVar
 
 from spool_core.errors import InputError
+from spool_core.events.event import Severity, snapshot_name
 from spool_core.events.language import LANGUAGES
+from spool_monitor.alarm import Input
 from spool_monitor.alarm_statistics import AlarmLimits, figures, statistics
 from spool_monitor.journal import COLUMNS, JournalEntry, cells, entries_in
 from spool_monitor.listener import ENDS, HeardValve
@@ -145,6 +147,7 @@ def history(
             "who": one.who,
             "comment": one.comment,
             "text": one.headline(LANGUAGES[language]),
+            **(_of_raised(valve, one, language) if one.action == Input.RAISE.value else {}),
         }
         for valve, one in rows[-MOST_ENTRIES:][::-1]
     ]
@@ -167,6 +170,16 @@ def history(
             }
             for one in counted.frequent
         ],
+    }
+
+
+def _of_raised(valve: str, one: JournalEntry, language: str) -> dict[str, str]:
+    """Return what to do about a raised alarm, and the name of the recording of its minutes."""
+    event = one.said
+    recorded = event is not None and event.severity is Severity.ALARM
+    return {
+        "advice": LANGUAGES[language].event(one.code).advice,
+        "snapshot": snapshot_name(valve, event.kind, event.stamp) if event is not None and recorded else "",
     }
 
 

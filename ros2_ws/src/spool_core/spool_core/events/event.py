@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import enum
 import math
+import re
 from dataclasses import dataclass
+from datetime import datetime, timezone
 
 from spool_core.uncertainty import Z_95, Quantity
 
@@ -148,3 +150,14 @@ class Event:
     code: int = 0
     facts: Facts = Facts()
     text: str = ""
+
+
+def snapshot_name(valve: str, kind: str, stamp: int) -> str:
+    """Return the name of the bag of the minutes around an event at ``stamp`` (ns).
+
+    >>> snapshot_name("/press/valve_1", "resonance", 1_767_323_045_000_000_000)
+    'press_valve_1_resonance_20260102T030405Z'
+    """
+    moment = f"{datetime.fromtimestamp(stamp * 1e-9, timezone.utc):%Y%m%dT%H%M%SZ}"
+    own = valve.strip("/").replace("/", "_")
+    return "_".join(filter(None, (own, re.sub(r"\W", "_", kind)[:40], moment)))

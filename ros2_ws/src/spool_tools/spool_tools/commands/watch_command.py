@@ -59,11 +59,7 @@ def watch(
         if operators is not None and not operator:
             raise InputError("--operators: add --operator")
         page.load()(
-            port=port,
-            operator=operator,
-            metrics=metrics,
-            names=tuple(valves or ()),
-            operators=operators,
+            port=port, operator=operator, metrics=metrics, names=tuple(valves or ()), operators=operators
         )
         return
     if operator or operators is not None:

@@ -18,13 +18,14 @@ function table(names, rows) {
 function entry(one) {
   const c = texts.columns;
   const text = [one.text, one.comment ? fill(texts.comment_is, { comment: one.comment }) : ""].filter(Boolean).join(" ");
+  const more = [one.advice, one.snapshot ? fill(texts.recorded_as, { name: one.snapshot }) : ""].filter(Boolean);
   const cells = [
     make("th", { scope: "row" }, clock(one.time)),
     make("td", { "data-label": c.valve }, make("a", { href: `/valve/${one.valve}#at=${one.time}`, title: texts.course_then }, one.valve)),
     make("td", { "data-label": texts.action }, texts.actions[one.action] ?? one.action),
     make("td", { "data-label": c.alarm }, `${one.code || ""} ${one.alarm.replaceAll("_", " ")}`.trim()),
     make("td", { "data-label": texts.person }, one.who),
-    make("td", { "data-label": c.says, class: "says" }, text),
+    make("td", { "data-label": c.says, class: "says" }, text, ...more.map((line) => make("div", { class: "note" }, line))),
   ];
   return make("tr", {}, ...cells);
 }

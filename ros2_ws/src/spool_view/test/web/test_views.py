@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import math
 import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +15,12 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from spool_core.block import Block
-from spool_core.events.event import Event
+from spool_core.events.event import Event, EventState
 from spool_core.events.event import Severity as MonitorSeverity
 from spool_core.uncertainty import Quantity as Measured
 from spool_core.uncertainty import Validity
 from spool_estimator.estimate import Estimate, State
+from spool_monitor.alarm_store import serialised
 from spool_monitor.detectors import DETECTORS, JUDGEMENT_TEXTS, MonitorSettings
 from spool_monitor.journal import Journal, JournalEntry
 from spool_monitor.listener import DRIFT, HeardValve, bounds_of, condition_of
@@ -201,6 +203,25 @@ def test_browsers_get_every_value_of_an_event_in_the_history(tmp_path: Path) -> 
     assert often == {
         "valve": "valve_1", "alarm": "stuck_spool", "code": 400, "count": 1, "share": "100",
     }  # fmt: skip
+
+
+def test_a_raised_alarm_in_the_history_leads_to_its_recording(tmp_path: Path) -> None:
+    path, stamp = valve_folder(tmp_path, "press/valve_1") / FILE, 1_767_323_045_000_000_000
+    path.parent.mkdir(parents=True)
+    event = Event(
+        stamp, "resonance", EventState.RAISED, MonitorSeverity.ALARM, "",
+        Measured("amplification", "1", 4.2, 0.1, Validity.VALID), code=100,
+    )  # fmt: skip
+    journal = Journal(path)
+    journal.write([
+        JournalEntry(stamp + second * 10**9, "raise", "resonance", 100, event=kept)
+        for second, kept in ((5, json.dumps(serialised(asdict(event)))), (9, ""))
+    ])  # fmt: skip
+    journal.close()
+    unknown, known = history(tmp_path, ["press/valve_1"], "", (0, time.time_ns()), "en")["entries"]
+    assert known["snapshot"] == "press_valve_1_resonance_20260102T030405Z"
+    assert known["advice"].startswith("change the machine's speed")
+    assert (unknown["snapshot"], unknown["advice"]) == ("", known["advice"])
 
 
 def test_the_history_has_what_lies_between_two_days(tmp_path: Path, make_station: Callable[..., Any]) -> None:
