@@ -12,6 +12,7 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),
     ],
+    package_data={PACKAGE: ["importing/*.yaml"]},
     zip_safe=True,
     extras_require={"test": ["pytest"]},
     maintainer="Spool suite maintainers",

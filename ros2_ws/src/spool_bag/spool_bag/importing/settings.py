@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from typing import Any, NamedTuple
@@ -16,67 +16,16 @@ from typing import Any, NamedTuple
 import numpy as np
 from spool_core.text import printable
 
-from spool_bag.importing.units import factor, quantity_of, split_header
+from spool_bag.importing.units import VOCABULARY, factor, meanings, quantity_of, split_header
 
-#: Names of a number that states a sampling rate (+1) or a period (-1), and of one that may as well be the
-#: speed of a shaft or an excitation's.
-_RATES = dict.fromkeys(
-    (
-        "fs", "f_s", "sr", "samplerate", "sample_rate", "samplingrate", "sampling_rate", "samp_rate",
-        "fsample", "f_sample", "samplefrequency", "sample_frequency", "samplingfrequency",
-        "sampling_frequency",
-        "sampling_freq", "sample_freq", "samples_per_second", "abtastrate", "abtastfrequenz",
-    ),
-    1.0,
-)  # fmt: skip
-_PERIODS = dict.fromkeys(
-    (
-        "dt", "ts", "t_s", "delta_t", "deltat", "sampleperiod", "sample_period", "samplingperiod",
-        "sampling_period", "sampleinterval", "sample_interval", "samplinginterval", "sampling_interval",
-        "sampletime", "sample_time", "time_step", "timestep", "abtastzeit", "tinterval", "t_interval", "isi",
-        "sampling_time_interval",
-    ),
-    -1.0,
-)  # fmt: skip
-_SURE = {**_RATES, **_PERIODS}
-_DOUBTFUL = {"rate": 1.0, "frequency": 1.0, "freq": 1.0, "data_rate": 1.0, "period": -1.0}
-#: Units of rates, as settings and lines above samples name them.
-RATE_UNITS = {
-    "": 1.0, "hz": 1.0, "khz": 1e3, "mhz": 1e6, "s/s": 1.0, "sa/s": 1.0, "ks/s": 1e3, "ksa/s": 1e3,
-    "ms/s": 1e6, "msa/s": 1e6, "sps": 1.0, "ksps": 1e3, "1/s": 1.0, "samples/s": 1.0, "samples/sec": 1.0,
-    "hertz": 1.0, "kilohertz": 1e3, "samples/second": 1.0, "s^-1": 1.0, "s-1": 1.0, "k": 1e3,
+_NAMES: dict[str, list[str]] = VOCABULARY["settings"]
+#: Power of the number in a rate: 1 of rates, -1 of periods.
+_SURE = {**dict.fromkeys(_NAMES["rates"], 1.0), **dict.fromkeys(_NAMES["periods"], -1.0)}
+_DOUBTFUL = {
+    **dict.fromkeys(_NAMES["perhaps_rates"], 1.0), **dict.fromkeys(_NAMES["perhaps_periods"], -1.0)
 }  # fmt: skip
-_UNIT_NAMES = ("unit", "units", "unit_string", "einheit", "y_unit", "yunit", "ni_unitdescription")
-_STARTS = (
-    "t0", "t_0", "start", "start_time", "starttime", "time_start", "t_start", "tstart", "begin", "begin_time",
-    "wf_start_time", "acquisition_start", "x0", "first_time",
-)  # fmt: skip
-_DELAYS = (
-    "wf_start_offset", "start_offset", "time_offset", "offset_time", "delay", "x_offset", "xoffset",
-    "t_offset",
-)  # fmt: skip
-_COUNTS = (
-    "samples", "n_samples", "nsamples", "num_samples", "number_of_samples", "sample_count", "samplecount",
-    "samples_count", "npts", "num_points", "number_of_points", "record_length",
-    "number_of_sampling_data", "anzahl_messwerte",
-)  # fmt: skip
-_DURATIONS = ("duration", "total_time", "record_duration", "recording_time", "dauer", "messdauer")
-#: Numbers that may have been applied to the samples already, or not.
-_SCALES = (
-    "scale", "gain", "slope", "multiplier", "factor", "calibration", "calibration_factor", "cal",
-    "cal_factor", "calfactor", "conversion", "conversion_factor", "scaling", "coefficient", "lsb",
-    "resolution", "counts_to_units", "skalierung", "faktor", "scale_factor", "scalefactor",
-)  # fmt: skip
-_SENSITIVITIES = ("sensitivity", "sensor_sensitivity", "empfindlichkeit", "full_scale", "fullscale", "range")
-_SHIFTS = ("offset", "bias", "intercept", "zero", "y_offset", "yoffset")
-_MISSING = ("_fill_value", "_fillvalue", "missing_value", "fill_value", "nodata")
-#: What a logger did to the samples of one channel, which moves it against the other one.
-_FILTERS = (
-    "decimation", "decimation_factor", "downsampling", "downsampling_factor", "bandwidth", "cutoff",
-    "cutoff_frequency", "cut_off", "cut_off_frequency", "corner_frequency", "lowpass", "low_pass", "filter",
-    "lowpass_frequency", "filter_frequency", "filter_cutoff", "anti_alias", "anti_alias_filter", "averaging",
-    "averages", "smoothing", "tiefpass", "grenzfrequenz", "bandbreite",
-)  # fmt: skip
+#: Units of rates, as settings and lines above samples name them.
+RATE_UNITS: dict[str, float] = meanings(VOCABULARY["rate_units"])
 #: Attributes that belong to the format itself.
 _FORMATS_OWN = re.compile(
     r"class|title|version|name|dimension_list|reference_list|dimension_labels|_netcdf.*|_nc.*|field_\d.*|"
@@ -164,12 +113,14 @@ class Settings:
     def unit(self, channel: str) -> str:
         """Return the unit that is stated for a channel, its own or that of all beside it; "" for none."""
         parent, _, leaf = channel.rpartition("/")
-        for word in _UNIT_NAMES[:2]:  # units of all channels by their names, in a separate group
+        for word in _NAMES["units"][:2]:  # units of all channels by their names, in a separate group
             path = self._paths.get(_placed(f"{parent}/{word}/{leaf}".lstrip("/")), "")
             if path and isinstance(self._held[path], str):
                 self._used.add(path)
                 return str(self._held[path]).strip()
-        near = [one for one in self._near(channel) if one.name in _UNIT_NAMES and isinstance(one.value, str)]
+        near = [
+            one for one in self._near(channel) if one.name in _NAMES["units"] and isinstance(one.value, str)
+        ]
         own = [one for one in near if one.depth >= max(channel.count("/"), 0.5)]
         return str(self._take(max(own, key=lambda one: one.depth)).value).strip() if own else ""
 
@@ -214,22 +165,26 @@ class Settings:
                 one, number = numbers.pop(name)
                 self._take(one)
                 size, offset = (number, offset) if name == "scale_factor" else (size, number)
-        for name in _MISSING:
+        for name in _NAMES["missing"]:
             if name in numbers:
                 self._take(numbers[name][0])
                 missing.append(numbers[name][1])
         for name, (one, number) in numbers.items():
-            neutral = number == (1.0 if name in _SCALES else 0.0)
-            if name not in (*_SCALES, *_SHIFTS) or size != 1.0 or offset != 0.0:
+            neutral = number == (1.0 if name in _NAMES["scales"] else 0.0)
+            if name not in (*_NAMES["scales"], *_NAMES["shifts"]) or size != 1.0 or offset != 0.0:
                 continue
             if neutral:
                 self._take(one)
-            elif whole and name in _SCALES:
+            elif whole and name in _NAMES["scales"]:
                 doubt = f"{printable(one.path, 60)} = {number:.7g}"
                 return Scaling(size, offset, tuple(missing), doubt, number)
         for one in near if whole and (size, offset) == (1.0, 0.0) else ():
             number = _number(one.value)
-            if one.name in (*_SCALES, *_SENSITIVITIES) and number not in (0.0, 1.0) and math.isfinite(number):
+            if (
+                one.name in (*_NAMES["scales"], *_NAMES["sensitivities"])
+                and number not in (0.0, 1.0)
+                and math.isfinite(number)
+            ):
                 doubt = f"the file states {printable(one.path, 60)} = {number:.7g}"
                 return Scaling(size, offset, tuple(missing), doubt, number)
         return Scaling(size, offset, tuple(missing))
@@ -241,11 +196,11 @@ class Settings:
             (one, unit)
             for one in sorted(self._near(channel), key=lambda one: -one.depth)
             for base, unit in [_with_unit(one.name)]
-            if base in (*_STARTS, *_DELAYS)
+            if base in (*_NAMES["starts"], *_NAMES["delays"])
         ]
         taken: list[Setting] = []
         for one, unit in near:
-            found = moment_of(one.value) if _with_unit(one.name)[0] in _STARTS else None
+            found = moment_of(one.value) if _with_unit(one.name)[0] in _NAMES["starts"] else None
             if found is not None:
                 if moment is None:
                     moment = found
@@ -267,17 +222,17 @@ class Settings:
         return {
             base: printable(_shown(one.value), 40)
             for one in own
-            for base in [one.name if one.name in _FILTERS else _with_unit(one.name)[0]]
-            if base in _FILTERS
+            for base in [one.name if one.name in _NAMES["filters"] else _with_unit(one.name)[0]]
+            if base in _NAMES["filters"]
         }
 
     def count(self, channel: str) -> float:
         """Return how many samples of a channel are stated, NaN for none."""
-        return self._amount(channel, _COUNTS, "")
+        return self._amount(channel, _NAMES["counts"], "")
 
     def span(self, channel: str) -> float:
         """Return the duration (s) that is stated for a channel, NaN for none."""
-        return self._amount(channel, _DURATIONS, "time")
+        return self._amount(channel, _NAMES["durations"], "time")
 
     def use(self, *paths: str) -> None:
         """Mark settings as used, as formats do with those of which they take care themselves."""
@@ -341,11 +296,11 @@ class Settings:
     def _unit_path(self, one: Setting) -> str:
         """Return the path of the setting that states the unit of ``one``, "" where there is none."""
         parent, _, name = one.path.rpartition("/")
-        ways = [f"{one.path}{mark}{word}" for mark in "_/" for word in _UNIT_NAMES[:2]]
-        ways += [f"{parent}/{word}/{name}".lstrip("/") for word in _UNIT_NAMES[:2]]
+        ways = [f"{one.path}{mark}{word}" for mark in "_/" for word in _NAMES["units"][:2]]
+        ways += [f"{parent}/{word}/{name}".lstrip("/") for word in _NAMES["units"][:2]]
         return next((self._paths[_placed(way)] for way in ways if _placed(way) in self._paths), "")
 
-    def _amount(self, channel: str, names: tuple[str, ...], quantity: str) -> float:
+    def _amount(self, channel: str, names: Sequence[str], quantity: str) -> float:
         near = sorted(self._near(channel), key=lambda one: -one.depth)
         for one in near:
             base, unit = (one.name, "") if one.name in names else _with_unit(one.name)

@@ -4,122 +4,38 @@ from __future__ import annotations
 
 import re
 import unicodedata
+from collections.abc import Iterable, Mapping
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from spool_core.errors import InputError
+from spool_core.files import load_yaml
 from spool_core.numbers import Array
 from spool_core.text import printable
 
-#: Units of everything that loggers of hydraulic valves record; a gram or a gauss never occurs, so that `g`
-#: and
-#: `G` are gravity. Gravity: ISO 80000-3.
-DEFINITIONS = """
-pico- = 1e-12 = p-
-nano- = 1e-9 = n-
-micro- = 1e-6 = u-
-milli- = 1e-3 = m-
-centi- = 1e-2 = c-
-kilo- = 1e3 = k-
-mega- = 1e6 = M-
-second = [time] = s = sec
-minute = 60 * second = min
-hour = 3600 * second = h
-day = 86400 * second
-tick = 1e-7 * second
-meter = [length] = m
-inch = 0.0254 * meter = in
-foot = 0.3048 * meter = ft
-mil = 25.4e-6 * meter
-liter = 0.001 * meter ** 3 = L = l
-standard_gravity = 9.80665 * meter / second ** 2 = g = g_n = gn = G = g0
-galileo = 0.01 * meter / second ** 2 = Gal
-volt = [voltage] = V
-ampere = [current] = A
-ohm = volt / ampere
-coulomb = ampere * second
-full_scale = [reading] = FS
-percent_full_scale = 0.01 * full_scale
-count = [count]
-newton = [force] = N
-pound_force = 4.4482216152605 * newton = lbf
-kilogram_force = 9.80665 * newton = kgf = kp
-kilogram = newton * second ** 2 / meter = kg
-watt = newton * meter / second = W
-pascal = newton / meter ** 2 = Pa
-bar = 1e5 * pascal
-psi = 6894.757293168361 * pascal
-hertz = 1 / second = Hz
-rpm = 1 / minute
-radian = [angle] = rad
-degree = 0.017453292519943295 * radian = deg
-percent = [ratio]
-strain = [strain]
-tesla = [magnetic_field] = T
-lux = [light]
-decibel = [level] = dB
-kelvin = [temperature]; offset: 0 = K
-degree_Celsius = kelvin; offset: 273.15 = degC
-degree_Fahrenheit = 5 / 9 * kelvin; offset: 233.15 + 200 / 9 = degF
-"""
+#: Words by which loggers name units, channels and settings.
+VOCABULARY: Any = load_yaml(Path(__file__).with_name("vocabulary.yaml").read_text("utf-8"))
+
+
+def meanings(listed: Mapping[Any, Iterable[str]]) -> dict[str, Any]:
+    """Return what each word means, of a part of the vocabulary that lists the words by their meaning."""
+    return {word: meaning for meaning, words in listed.items() for word in words}
+
 
 #: Unit in which each quantity is kept, and the units to choose from where a file names none.
 KEPT = {"acceleration": "m/s**2", "time": "s", "temperature": "degC", "length": "m", "force": "N",
         "frequency": "rpm"}  # fmt: skip
 #: What a sensor puts out before its sensitivity is applied, and the unit of each.
 READINGS = {"voltage": "V", "reading": "FS", "count": "count", "current": "A", "charge": "coulomb"}
-#: Quantities that are recognised, so that a message can name them, and a unit of each.
-_OTHERS = {
-    "velocity": "m/s", "pressure": "Pa", "angle": "rad", "angular velocity": "rad/s",
-    "flow": "l/min", "mass": "kg", "power": "W", "torque or energy": "N*m", "resistance": "ohm",
-    "ratio": "percent", "strain": "strain", "magnetic field": "T", "illuminance": "lux", "level": "dB",
-    "stiffness": "N/m", "jerk": "m/s**3",
-}  # fmt: skip
 #: Largest unit of a quantity (in that of ``KEPT`` or ``READINGS``) that a logger uses: a megavolt or a mega-g
 #: is a misread prefix.
 _LARGEST = {"acceleration": 100.0, "voltage": 1e3, "current": 1.0, "charge": 1e-6, "time": 86400.0}
 
-_AS_WRITTEN = {
-    "c": "degC", "°c": "degC", "degc": "degC", "deg c": "degC", "grad c": "degC", "celsius": "degC",
-    "degrees c": "degC", "degrees celsius": "degC", "° c": "degC", "f": "degF", "°f": "degF", "degf": "degF",
-    "deg f": "degF", "fahrenheit": "degF", "k": "K", "°": "deg", "grad": "deg",
-    "g's": "g", "gee": "g", "gees": "g", "g-force": "g", "g force": "g", "gravity": "g", "gravities": "g",
-    "mg's": "mg", "m_s2": "m/s**2", "mm_s2": "mm/s**2", "m_s_2": "m/s**2", "mps2": "m/s**2",
-    "mps^2": "m/s**2",
-    "mps": "m/s", "m/ss": "m/s**2", "mm_s": "mm/s", "m_s": "m/s", "ips": "in/s", "gal": "Gal", "mgal": "mGal",
-    "vdc": "V", "v dc": "V", "mvdc": "mV", "mv": "mV", "v": "V",
-    "fs": "FS", "%fs": "percent_full_scale", "% fs": "percent_full_scale",
-    "counts": "count", "cts": "count", "ct": "count", "lsb": "count", "lsbs": "count", "digit": "count",
-    "digits": "count", "adc": "count", "adc counts": "count", "adc count": "count", "adu": "count",
-    "raw": "count", "raw counts": "count", "bits": "count", "bit": "count", "codes": "count", "code": "count",
-    "ticks": "count", "skt": "count",
-    "%": "percent", "percent": "percent", "prozent": "percent", "pct": "percent", "ppm": "percent",
-    "1/min": "rpm", "/min": "rpm", "u/min": "rpm", "rev/min": "rpm", "r/min": "rpm", "min-1": "rpm",
-    "min^-1": "rpm", "hz": "Hz", "dps": "deg/s", "db": "dB", "ue": "strain", "um/m": "strain",
-    "м/с2": "m/s**2", "м/с^2": "m/s**2", "мм/с2": "mm/s**2", "м/с": "m/s", "с": "s", "сек": "s", "мс": "ms",
-    "мкс": "us", "в": "V", "мв": "mV", "°с": "degC", "米/秒2": "m/s**2", "秒": "s", "毫秒": "ms",
-    "100ns": "tick", "100 ns": "tick", "0.1us": "tick", "0.1 us": "tick", "filetime": "tick",
-    "uepsilon": "strain", "lbs": "lbf", "pc": "pcoulomb", "nc": "ncoulomb",
-}  # fmt: skip
-#: Words for units, each token by itself: `Meters per Second squared`, `Volt`, `Sek`.
-_WORDS = {
-    "second": "s", "seconds": "s", "secs": "s", "sek": "s", "sekunde": "s", "sekunden": "s",
-    "msec": "ms", "msecs": "ms", "millisecond": "ms", "milliseconds": "ms", "millisekunden": "ms",
-    "usec": "us", "usecs": "us", "microsecond": "us", "microseconds": "us", "nsec": "ns", "nanosecond": "ns",
-    "nanoseconds": "ns", "minutes": "min", "minuten": "min", "hours": "h", "stunden": "h", "days": "day",
-    "meters": "m", "metre": "m", "metres": "m", "millimeter": "mm", "millimeters": "mm",
-    "millimetre": "mm", "millimetres": "mm", "centimeter": "cm", "centimeters": "cm", "micrometer": "um",
-    "micrometers": "um", "micron": "um", "microns": "um", "inches": "in", "feet": "ft", "mils": "mil",
-    "volt": "V", "volts": "V", "millivolt": "mV", "millivolts": "mV", "mvolt": "mV", "mvolts": "mV",
-    "microvolt": "uV", "microvolts": "uV", "newton": "N", "newtons": "N", "kilonewton": "kN", "pascal": "Pa",
-    "hertz": "Hz", "ohms": "ohm", "ampere": "A", "amps": "A", "degrees": "deg", "kelvin": "K",
-    "squared": "2", "per": "/", "pro": "/",
-}  # fmt: skip
-_MARKS = str.maketrans(
-    {"·": "*", "⋅": "*", "∙": "*", "•": "*", "×": "*", "μ": "u", "−": "-", "–": "-", "∕": "/", "⁄": "/",
-     "÷": "/", "Ω": "ohm", "’": "'", "′": "'", "`": "'", "´": "'", "\u200b": "", "\ufeff": ""}
-)  # fmt: skip
+_AS_WRITTEN: dict[str, str] = meanings(VOCABULARY["written"])
+_WORDS: dict[str, str] = meanings(VOCABULARY["within"])
+_MARKS = str.maketrans(meanings(VOCABULARY["marks"]))
 #: A power of ten ahead of a unit, as in `10^-3 g`.
 _POWER = re.compile(
     r"(?:1?[xX*]?10\s*(?:\^|\*\*)?\s*|1[eE])(?P<power>[+-]?\d)\s*[*·]?\s*(?P<unit>[A-Za-z].*)"
@@ -135,25 +51,7 @@ _LEVEL = re.compile(
 )
 
 #: Words that name a channel, by the short name of what it is.
-WORDS = {
-    "time": (
-        "time", "t", "zeit", "zeitstempel", "timestamp", "messzeit", "temps", "datetime", "stamp", "uhrzeit",
-        "elapsed", "tempo", "czas", "sec", "secs", "时间", "時間", "время",
-    ),
-    "body": (
-        "body", "housing", "gehäuse", "gehaeuse", "gehause", "ventilgehäuse", "valvebody", "阀体", "корпус",
-    ),
-    "spool": (
-        "spool", "schieber", "steuerschieber", "kolben", "steuerkolben", "valvespool",
-        "阀芯", "スプール", "золотник",
-    ),
-    "oil": ("oil", "öl", "oel", "öltemperatur", "oeltemperatur"),
-    "speed": ("speed", "rpm", "drehzahl", "tacho", "obroty", "转速", "回転数", "обороты"),
-    "command": ("command",),
-    "tacho": (),  # a column called tacho is a speed, unless the user names it
-    "displacement": ("displacement", "weg", "position", "stroke", "verschiebung"),
-    "force": ("force", "kraft"),
-}  # fmt: skip
+WORDS: dict[str, list[str]] = VOCABULARY["channels"]
 _NAMES = frozenset(word for words in WORDS.values() for word in words)
 #: What stands in round brackets and describes a place, an axis or a number, not a unit.
 _PLACES = re.compile(
@@ -176,9 +74,7 @@ _ENDING = re.compile(
 )
 _SCOPE = re.compile(r"(?P<name>CH\d)\s*(?P<unit>m?V)")
 #: What says that a channel has no unit.
-NO_UNIT = frozenset(
-    {"-", "--", "---", "–", "—", "1", "none", "n/a", "na", "unitless", "no unit", "ohne", "?"}
-)
+NO_UNIT = frozenset(VOCABULARY["no_unit"])
 
 
 @cache
@@ -349,7 +245,7 @@ def split_header(text: str) -> tuple[str, str]:
 def _registry() -> Any:
     import pint  # noqa: PLC0415 - 0.2 s that nobody else needs
 
-    return pint.UnitRegistry(DEFINITIONS.strip().splitlines(), cache_folder=None)
+    return pint.UnitRegistry(VOCABULARY["definitions"].splitlines(), cache_folder=None)
 
 
 @cache
@@ -360,7 +256,8 @@ def _quantity(plain: str) -> str:
         found = _registry().Unit(plain)
     except Exception:
         return ""
-    for quantity, kept in {**KEPT, **READINGS, **_OTHERS}.items():
+    known: dict[str, str] = {**KEPT, **READINGS, **VOCABULARY["quantities"]}
+    for quantity, kept in known.items():
         if found.dimensionality == _registry().Unit(kept).dimensionality:
             if quantity in ("temperature",):
                 return quantity
