@@ -11,8 +11,6 @@ Numbers are in SI units, oil temperatures in deg C. Each result has ``summary()`
 ``to_dict()``, which equals the JSON of the command of the same name, and shows itself in a notebook. Every
 function raises ``InputError`` for input that cannot be used; its message is one line that names what is
 wrong, where, and what to do.
-
-Libraries that load slowly are imported by the functions that need them.
 """
 
 from __future__ import annotations

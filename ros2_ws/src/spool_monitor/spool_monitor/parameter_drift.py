@@ -1,7 +1,6 @@
 """Drift of a parameter: sequential test, forecast, cause of a friction change, and what is kept of it.
 
-Page, E. S.: Continuous inspection schemes, Biometrika 41 (1954); run length of the Brownian approximation as
-in Basseville and Nikiforov, Detection of Abrupt Changes (1993), section 5.2.
+Page, Biometrika 41 (1954); run length as in Basseville and Nikiforov, Detection of Abrupt Changes, 1993, 5.2.
 
 ISA-18.2 (IEC 62682) wants an alarm's priority from what happens and how much time there is. A straight line
 through the change since its beginning tells the time where the second half of it rises as the first one does;

@@ -1,7 +1,6 @@
 """Settings that a file states beside its samples: rates, units, scales, starts and counts, by one rule.
 
-Every format hands its attributes, properties and single numbers to :class:`Settings`. What is taken is
-marked, so that all else that stands beside a channel can be named as not used.
+Every format hands its attributes, properties and single numbers to :class:`Settings`, which marks those used.
 """
 
 from __future__ import annotations

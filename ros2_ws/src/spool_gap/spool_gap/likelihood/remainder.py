@@ -3,19 +3,17 @@
 A likelihood with a noise level for each tile never punishes a loud remainder. Here a remainder counts as
 noise only where no pattern is found in it:
 
-- within a window it is coherent with what the body did, through any smooth transfer, which may change from
-  window to window and from band to band: a lag, a resonance, drag that changes;
+- within a window it is coherent with what the body did, through any smooth transfer, as of a lag or a mode;
 - powers of displacement, velocity and reading, with coefficients from all other windows, predict it;
-- a line in it keeps its phase over the windows, or its size where its frequency wanders.
+- a line in it keeps its phase over the windows, or its size.
 
 The run is free, and its numbers are fitted to it: neither the spool's noise nor an error of the numbers is in
 its motion. Of the power of normal noise in a tile, m of K regressors explain a share that has a Beta
 distribution, whatever the noise's level, so mean and variance of the sum over all tiles are known. So are the
 distributions of the ratio of a line's mean to its scatter over the windows, and of the scatter of its power.
 
-Sources: Bendat and Piersol, Random Data, 4th ed., 2010, ch. 6 and 9 (coherence); Ljung, System
-Identification, 2nd ed., 1999, ch. 16 (residuals must not depend on the input); Dawid, 1984 (prequential
-likelihood); Fisher, Tests of significance in harmonic analysis, 1929.
+Sources: Bendat and Piersol, Random Data, 2010, ch. 6 and 9 (coherence); Ljung, System Identification, 1999,
+ch. 16; Dawid, 1984 (prequential likelihood); Fisher, Tests of significance in harmonic analysis, 1929.
 """
 
 from __future__ import annotations

@@ -10,8 +10,8 @@ that it uses, and those of the term's parameters, each by its name:
     levels_law() -> (low, high)                displacements (m) at which force_law has a kink
     inertia_law(acceleration) -> N             of the moving mass; steps divide by the parameter ``mass``
 
-z (m) and v (m/s) are relative to the body, t (s) runs since the start, direction is +1 or -1. Forces stand
-on the left side of the balance: all terms add up to zero, so friction has the sign of the velocity.
+z (m) and v (m/s) are relative to the body, t (s) runs since the start, direction is +1 or -1. All forces add
+up to zero, so friction has the sign of the velocity.
 """
 
 from __future__ import annotations
