@@ -114,7 +114,7 @@ def _packages(layout: Layout) -> Iterator[Finding]:
 
 
 def _workspace(layout: Layout, done: SetupState, environment: Mapping[str, str]) -> Iterator[Finding]:
-    wanted = workspace.package_fingerprints(layout.source)
+    wanted = workspace.package_fingerprints(layout.packages)
     changed = sorted(
         name for name in wanted.keys() | done.built.keys() if wanted.get(name) != done.built.get(name)
     )

@@ -20,7 +20,7 @@ def is_current(layout: Layout, done: requirements.SetupState) -> bool:
     return (
         requirements.stale(layout, done) is None
         and layout.ready_file.exists()
-        and _is_built(layout, done, workspace.package_fingerprints(layout.source))
+        and _is_built(layout, done, workspace.package_fingerprints(layout.packages))
     )
 
 
@@ -58,7 +58,7 @@ class Installation:
         self._done = done
         self._steps = Steps()
         self._runner = Runner(layout.notes, keep_open, self._steps.progress)
-        self._wanted = workspace.package_fingerprints(layout.source)
+        self._wanted = workspace.package_fingerprints(layout.packages)
 
     def run(self) -> None:
         """Do the steps that are missing.

@@ -43,7 +43,7 @@ class Layout:
         underlay: the ROS 2 beneath; each has its own environment and build.
         notes: folder of the stamp and the logs.
         venv: the Python environment, `python` its interpreter.
-        workspace: the ROS 2 workspace, `source` its packages.
+        workspace: the ROS 2 workspace, `packages` its packages and add-ons.
         output: folder that holds `build` and `install`, the built workspace.
         requirements: the lock, every package with its version and hashes.
     """
@@ -58,7 +58,7 @@ class Layout:
         # Tells the launcher that this environment's interpreter is complete.
         self.ready_file = self.venv / "spool-ready"
         self.workspace = root / "ros2_ws"
-        self.source = self.workspace / "src"
+        self.packages = sorted(path.parent for path in self.workspace.glob("*/*/package.xml"))
         self.output = self.workspace if wheels else self.notes
         self.install = self.output / "install"
         self.requirements = root / "requirements" / ("wheels.lock" if wheels else "sourced.lock")

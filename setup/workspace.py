@@ -11,7 +11,7 @@ import shutil
 import sys
 import zipfile
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -103,7 +103,7 @@ def link_packages(layout: Layout, environment: Mapping[str, str]) -> None:
     Raises:
         SetupError: a setup.py failed.
     """
-    packages = sorted(path.parent for path in layout.source.glob("*/setup.py"))
+    packages = [path for path in layout.packages if (path / "setup.py").is_file()]
     answer = ask([layout.python, "-I", "-c", DECLARED, *packages], environment)
     lines = answer.stdout.splitlines()
     if answer.returncode != 0:
@@ -148,7 +148,7 @@ def build_messages(layout: Layout, environment: Mapping[str, str], runner: Runne
     shutil.rmtree(stage, ignore_errors=True)
     # Left to itself, make starts no second compiler.
     jobs = {"MAKEFLAGS": environment.get("MAKEFLAGS") or f"-j{len(os.sched_getaffinity(0))}"}
-    command: list[str | Path] = ["sh", "-c", BUILD, layout.source / MESSAGES, folder]
+    command: list[str | Path] = ["sh", "-c", BUILD, layout.workspace / "src" / MESSAGES, folder]
     command += ["-DBUILD_TESTING=OFF", f"-DPYTHON_ONLY={'ON' if layout.underlay.is_wheels else 'OFF'}"]
     command += [f"-D{name}_EXECUTABLE={layout.python}" for name in ("Python3", "PYTHON")]
     command += [f"-DPYTHON_INSTALL_DIR={modules(layout).relative_to(layout.install)}"]
@@ -173,7 +173,7 @@ def messages_archive(layout: Layout, environment: Mapping[str, str]) -> Path:
     each clone finds them. Those of a sourced ROS 2, which may change, stay in the clone.
     """
     compiler = shutil.which((environment.get("CC") or "cc").split(" ")[0], path=environment.get("PATH"))
-    parts = [_fingerprint(layout.source / MESSAGES), layout.lock_hash(), PYTHON, VERSION]
+    parts = [_fingerprint(layout.workspace / "src" / MESSAGES), layout.lock_hash(), PYTHON, VERSION]
     parts += [ask([compiler, "--version"], environment).stdout if compiler else ""]
     key = hashlib.sha256("\0".join([*parts, os.confstr("CS_GNU_LIBC_VERSION") or ""]).encode()).hexdigest()
     folder = layout.notes
@@ -192,10 +192,9 @@ def compile_bytecode(layout: Layout, environment: Mapping[str, str], runner: Run
     runner.run("bytecode", [*command, *sorted(modules(layout).iterdir())], environment)
 
 
-def package_fingerprints(source: Path) -> dict[str, str]:
-    """A fingerprint of every package beneath `source` and of how it is linked, by package folder name."""
+def package_fingerprints(packages: Iterable[Path]) -> dict[str, str]:
+    """A fingerprint of every package and of how it is linked, by package folder name."""
     how = hashlib.sha256(Path(__file__).read_bytes()).hexdigest()
-    packages = (path for path in sorted(source.iterdir()) if (path / "package.xml").is_file())
     return {path.name: f"{_fingerprint(path)} {how}" for path in packages}
 
 

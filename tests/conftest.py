@@ -291,7 +291,7 @@ def modules() -> dict[str, Module]:
     from spool_evaluation.pictures.structure import read_modules  # noqa: PLC0415 - slow to load
 
     root = Path(__file__).resolve().parent.parent
-    return read_modules(root / "ros2_ws" / "src", root / "research")
+    return read_modules(*(root / name for name in ("ros2_ws/src", "ros2_ws/addons", "research")))
 
 
 @pytest.fixture(scope="session")

@@ -32,7 +32,7 @@ PAGES = [
     ROOT / "README.md",
     ROOT / "bags" / "README.md",
     *DOCS.rglob("*.md"),
-    *ROOT.glob("ros2_ws/src/**/README.md"),
+    *ROOT.glob("ros2_ws/*/spool_*/**/README.md"),
     *ROOT.glob("research/*/README.md"),
 ]
 #: Tables elsewhere define or explain: names, meanings, settings, sources. Nothing in them was measured.
@@ -130,10 +130,8 @@ def test_links_lead_somewhere(page: Path) -> None:
 @pytest.fixture(scope="module", name="sources")
 def _sources() -> str:
     """The paths of all folders and files of the sources, a line each."""
-    top = [
-        ROOT / name
-        for name in (".ci", "bags", "docs", "requirements", "research", "ros2_ws/src", "setup", "tests")
-    ]
+    folders = ".ci bags docs requirements research ros2_ws/src ros2_ws/addons setup tests"
+    top = [ROOT / name for name in folders.split()]
     found = [path for folder in top for path in (folder, *folder.rglob("*"))]
     return "".join(f"/{path.relative_to(ROOT)}{'/' * path.is_dir()}\n" for path in found)
 

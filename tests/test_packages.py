@@ -12,7 +12,7 @@ import pytest
 from spool_core.errors import OLDEST
 
 SOURCE = Path(__file__).resolve().parent.parent / "ros2_ws" / "src"
-PACKAGES = sorted(path.parent for path in SOURCE.glob("*/package.xml"))
+PACKAGES = sorted(path.parent for path in SOURCE.parent.glob("*/spool_*/package.xml"))
 # Import name -> rosdep's name, where it is not "python3-" and the import name.
 ROSDEP_NAMES = {
     "PIL": "pil",

@@ -170,7 +170,7 @@ def test_commands_of_running_nodes_work_on_them(system: System, folder: Path) ->
 
 def test_a_files_name_means_one_kind_of_file_in_all_texts() -> None:
     """``my_valve.yaml`` is a valve description, ``limits.yaml`` and ``nodes.yaml`` are parameter files."""
-    folders = (ROOT / "docs", ROOT / "ros2_ws" / "src", ROOT / "setup")
+    folders = (ROOT / "docs", ROOT / "ros2_ws/src", ROOT / "ros2_ws/addons", ROOT / "setup")
     texts = [
         path for folder in folders for path in folder.rglob("*") if path.suffix in {".md", ".py", ".yaml"}
     ]

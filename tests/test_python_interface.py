@@ -183,7 +183,7 @@ def test_wrong_input_is_one_type_of_error_with_one_line(wrong) -> None:
 def test_every_option_that_a_message_names_becomes_an_argument() -> None:
     """In the sources of all messages; what follows an option there may be filled in."""
     sources = "".join(
-        path.read_text("utf-8") for path in (ROOT / "ros2_ws" / "src").glob("spool_*/spool_*/**/*.py")
+        path.read_text("utf-8") for path in (ROOT / "ros2_ws").glob("*/spool_*/spool_*/**/*.py")
     )
     found = {line.strip() for line in sources.splitlines() if re.search(r"--[a-z]", line)}
     assert len(found) > 300

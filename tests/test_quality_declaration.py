@@ -9,7 +9,7 @@ from xml.etree import ElementTree as Xml
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-PACKAGES = sorted(path.parent for path in (ROOT / "ros2_ws" / "src").glob("*/package.xml"))
+PACKAGES = sorted(path.parent for path in (ROOT / "ros2_ws").glob("*/spool_*/package.xml"))
 DECLARATION = (ROOT / "QUALITY_DECLARATION.md").read_text("utf-8")
 CI = (ROOT / ".ci" / "run").read_text("utf-8")
 

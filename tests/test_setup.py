@@ -98,7 +98,8 @@ def fresh(tmp_path: Path) -> Path:
     """The project as it is, without anything that was set up; the sources are those of the project."""
     folder = tmp_path / "project with a space"
     (folder / "ros2_ws").mkdir(parents=True)
-    (folder / "ros2_ws" / "src").symlink_to(ROOT / "ros2_ws" / "src")
+    for name in ("src", "addons"):
+        (folder / "ros2_ws" / name).symlink_to(ROOT / "ros2_ws" / name)
     shutil.copy2(ROOT / "spool", folder)
     for name in ("setup", "requirements"):
         shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
@@ -522,15 +523,16 @@ class TestSetUp:
         layout = Layout(set_up, Underlay(WHEELS))
         colcon = [layout.python, "-m", "colcon", "--log-base", tmp_path / "log"]
         command = [*colcon, "build", "--merge-install"]
-        command += ["--base-paths", set_up / "ros2_ws/src", "--build-base", tmp_path / "build"]
-        command += ["--install-base", tmp_path / "install", "--packages-up-to", "spool_bringup"]
+        command += ["--base-paths", set_up / "ros2_ws", "--build-base", tmp_path / "build"]
+        command += ["--install-base", tmp_path / "install"]
+        command += ["--packages-up-to", "spool_bringup", "spool_fleet"]
         command += ["--cmake-args", "-DBUILD_TESTING=OFF", "-DPYTHON_ONLY=ON"]
         environment = base_environment(layout, clean_environment())
         listed = [*colcon, "list", "--names-only", "--base-paths", set_up / "ros2_ws"]
         names = subprocess.run(
             listed, env=environment, capture_output=True, text=True, check=False
         ).stdout.split()
-        assert sorted(names) == sorted(path.parent.name for path in layout.source.glob("*/package.xml"))
+        assert sorted(names) == sorted(path.name for path in layout.packages)
         done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stdout + done.stderr
         for package in ("spool_core", "spool_sim", "spool_bringup"):
@@ -581,7 +583,7 @@ class TestSetUp:
         folder = tmp_path / "clone"
         subprocess.run(["git", "clone", "--quiet", set_up, folder], check=True, capture_output=True)
         source = folder / "ros2_ws/src"
-        for package in source.glob("spool_*"):
+        for package in (folder / "ros2_ws").glob("*/spool_*"):
             if package.name not in ("spool_msgs", "spool_monitor", "spool_gap"):
                 shutil.rmtree(package)
         for package in ("spool_monitor", "spool_gap"):

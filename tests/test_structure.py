@@ -41,7 +41,7 @@ RATCHETS = {
 
 def source_files() -> list[Path]:
     """Return every file of what users run: packages, launch files and set-up, without tests."""
-    folders = (*SOURCE.glob("spool_*"), ROOT / "setup")
+    folders = (*SOURCE.parent.glob("*/spool_*"), ROOT / "setup")
     return [path for folder in folders for path in folder.rglob("*.py") if "test" not in path.parts]
 
 
@@ -196,7 +196,7 @@ def lower_limits(found: dict[str, float]) -> None:
 
 def print_growth(commit: str) -> None:
     """Print the packages of users that have more lines of source than at ``commit``."""
-    asked = ["git", "diff", "--numstat", "--no-renames", commit, "--", "ros2_ws/src", "setup"]
+    asked = ["git", "diff", "--numstat", commit, "--", "ros2_ws/src", "ros2_ws/addons", "setup"]
     grown = Counter[str]()
     for line in subprocess.run(
         asked, cwd=ROOT, capture_output=True, text=True, check=True
@@ -212,7 +212,7 @@ def print_growth(commit: str) -> None:
 
 
 if __name__ == "__main__":
-    lower_limits(counted(read_modules(SOURCE, ROOT / "research")))
+    lower_limits(counted(read_modules(SOURCE, SOURCE.parent / "addons", ROOT / "research")))
     latest = subprocess.run(
         ["git", "describe", "--tags", "--abbrev=0"], cwd=ROOT, capture_output=True, text=True, check=False
     )

@@ -267,5 +267,5 @@ def _name(path: Path) -> str:
     """Return the name that a module is imported by; of a test its path with dots."""
     parts = path.with_suffix("").parts
     if "test" not in parts:
-        parts = parts[3:] if parts[:2] == ("ros2_ws", "src") else parts[parts[0] == "research" :]
+        parts = parts[3:] if parts[:1] == ("ros2_ws",) else parts[parts[0] == "research" :]
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)

@@ -1,6 +1,6 @@
 """Structure of the source: packages by lines, layered by what they import, as a picture and for its test.
 
-python -m spool_evaluation.pictures.structure ros2_ws/src docs/pictures/structure.png
+python -m spool_evaluation.pictures.structure ros2_ws/src ros2_ws/addons docs/pictures/structure.png
 """
 
 from __future__ import annotations
@@ -98,9 +98,9 @@ def layers(imports: Mapping[str, set[str]]) -> list[list[str]]:
     return found
 
 
-def draw(source: Path, picture: Path, title: str) -> None:
-    """Draw the packages below ``source``: width by lines, arrows to what is imported and not implied."""
-    modules = read_modules(source)
+def draw(sources: Iterable[Path], picture: Path) -> None:
+    """Draw the packages below ``sources``: width by lines, arrows to what is imported and not implied."""
+    modules = read_modules(*sources)
     lines = {name: sum(module.lines for module in modules.values() if module.package == name)
              for name in package_imports(modules)}  # fmt: skip
     imports = package_imports(modules)
@@ -135,7 +135,7 @@ def draw(source: Path, picture: Path, title: str) -> None:
     axes.set_xlim(-6.6, 6.6)
     axes.set_ylim(-0.5, len(rows) - 0.5)
     axes.set_axis_off()
-    axes.set_title(f"{title}: {sum(lines.values())} lines; arrows lead to what is imported", fontsize=9)
+    axes.set_title(f"Packages: {sum(lines.values())} lines; arrows lead to what is imported", fontsize=9)
     figure.savefig(picture, dpi=130, bbox_inches="tight")
 
 
@@ -144,4 +144,4 @@ def _below(name: str, imports: Mapping[str, set[str]]) -> set[str]:
 
 
 if __name__ == "__main__":
-    draw(Path(sys.argv[1]), Path(sys.argv[2]), sys.argv[3] if len(sys.argv) > 3 else "Packages")
+    draw(map(Path, sys.argv[1:-1]), Path(sys.argv[-1]))

@@ -244,7 +244,7 @@ def suite_version() -> str:
     """Return like ``0.1.0 (commit 1a2b3c4d5e6f)``; a ``+`` behind the commit: sources were changed since."""
     folder = Path(__file__).resolve().parent
     revision = _git(folder, "rev-parse", "--short=12", "HEAD")
-    sources = (":/ros2_ws/src", ":/research", ":/requirements")
+    sources = (":/ros2_ws/src", ":/ros2_ws/addons", ":/research", ":/requirements")
     if not revision:
         return package_version()
     changed = _git(folder, "status", "--porcelain", "--untracked-files=no", "--", *sources) != ""

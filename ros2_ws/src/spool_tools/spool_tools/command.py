@@ -33,7 +33,7 @@ SUFFIX = "_command"
 RESEARCH = "spool_evaluation"
 IN_A_CHECKOUT = ("bench", "paper", "study")
 #: Panels of the list of commands, and of a command's options.
-PANELS = ("Start", "Records", "Running valves", "Simulation and planning", "Fleets", "Development")
+PANELS = ("Start", "Records", "Running valves", "Simulation and planning", "Add-ons", "Development")
 OUTPUT, PART, EXPERT = "Output", "Part of the record", "Expert"
 
 
@@ -338,6 +338,7 @@ PASSING_ON = {"allow_extra_args": True, "ignore_unknown_options": True, "allow_i
 
 #: What to do without commands and nodes that were removed.
 GONE = {
+    "fleet": "this command is in the add-on spool_fleet: put its folder into ros2_ws/addons and call again",
     "layout": "removed: open foxglove.json, lichtblick.json or plotjuggler.xml of spool_view/layouts",
     "plots": "the node was removed: plot fields of the topics estimate and health, see spool_view/layouts",
 }

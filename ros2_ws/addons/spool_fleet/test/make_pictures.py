@@ -1,6 +1,6 @@
 """Pictures of a fleet's page, for the documentation.
 
-python ros2_ws/src/spool_fleet/test/make_pictures.py fleet.html docs/pictures
+python ros2_ws/addons/spool_fleet/test/make_pictures.py fleet.html docs/pictures
 """
 
 from __future__ import annotations

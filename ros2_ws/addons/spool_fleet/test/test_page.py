@@ -20,7 +20,7 @@ from spool_fleet.judgement import write_trends
 from spool_fleet.manifest import Entry, Manifest, Service, StoredResult
 from spool_fleet.parquet import bring_up_to_date
 
-AXE = Path(__file__).parents[2] / "spool_view" / "test" / "web" / "vendor" / "axe.min.js.gz"
+AXE = Path(__file__).parents[3] / "src" / "spool_view" / "test" / "web" / "vendor" / "axe.min.js.gz"
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 #: Nothing that the browser asks for by itself may be found.
 FLAGS = ["--headless", "--no-sandbox", "--disable-gpu", "--host-resolver-rules=MAP * ~NOTFOUND"]

@@ -1,0 +1,76 @@
+"""The core without add-ons, and with one: linked as the set-up does, from a tree that holds just these."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from setup.layout import Layout, find_underlay
+from setup.workspace import base_environment, link_packages, run_environment
+
+ROOT = Path(__file__).resolve().parent.parent
+BAG = ROOT / "bags" / "practice_03"
+Run = Callable[..., subprocess.CompletedProcess[str]]
+
+
+@pytest.fixture(name="core")
+def _core(tmp_path: Path) -> Callable[..., Run]:
+    """Return what links the core and the named add-ons, and returns what runs `spool` of these."""
+    own = Layout(ROOT, find_underlay(ROOT, os.environ))
+
+    def linked(*add_ons: str) -> Run:
+        tree = tmp_path / "tree"
+        (tree / "ros2_ws" / "addons").mkdir(parents=True)
+        (tree / "ros2_ws" / "src").symlink_to(ROOT / "ros2_ws" / "src")
+        for name in add_ons:
+            (tree / "ros2_ws" / "addons" / name).symlink_to(ROOT / "ros2_ws" / "addons" / name)
+        (tree / ".venv").symlink_to(own.venv)
+        core = Layout(tree, own.underlay)
+        link_packages(core, base_environment(own, os.environ))
+        for path in (*own.install.glob("share/**/spool_msgs"), *own.install.glob("lib/*/*/spool_msgs")):
+            place = core.install / path.relative_to(own.install)
+            place.parent.mkdir(parents=True, exist_ok=True)
+            place.symlink_to(path)
+        environment = run_environment(core, os.environ)
+
+        def run(*words: str | Path) -> subprocess.CompletedProcess[str]:
+            program = core.install / "lib" / "spool_bringup" / "spool"
+            return subprocess.run(
+                [program, *words], cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
+            )
+
+        return run
+
+    return linked
+
+
+def test_the_core_alone_does_all_but_what_add_ons_do(core: Callable[..., Run], tmp_path: Path) -> None:
+    spool = core()
+    assert "fleet" not in spool("--help").stdout
+    for words in (
+        ("simulate", "--seconds", "4", "--valve", "4weh10_soft", "--out", "made"),
+        ("export", BAG, "--out", "record.csv"),
+        ("import", "record.csv", "--out", "imported"),
+        ("fit", "imported", "--valve", "4weh10_soft", "--json", "fit.json"),
+        ("replay", BAG, "--valve", "4weh10_soft", "--json", "replay.json"),
+    ):
+        done = spool(*words)
+        assert done.returncode == 0, done.stderr
+    assert (tmp_path / "fit.json").stat().st_size > 1000
+    refused = spool("fleet", "add", BAG, "--store", "store")
+    assert refused.returncode == 2
+    assert refused.stderr.count("\n") == 1
+    assert "add-on spool_fleet: put its folder into ros2_ws/addons" in refused.stderr
+
+
+def test_an_add_on_beside_the_core_brings_its_command(core: Callable[..., Run]) -> None:
+    spool = core("spool_fleet")
+    assert "Add-ons" in spool("--help").stdout
+    done = spool("fleet", "add", BAG.parent, "--store", "store")
+    assert done.returncode == 0, done.stderr
+    done = spool("fleet", "query", "--store", "store", "SELECT count(*) AS bags FROM bags")
+    assert done.returncode == 0, done.stderr
