@@ -26,6 +26,7 @@ PAGES = (ROOT / "README.md", ROOT / "docs" / "commissioning.md")
 NOT_RUN = {
     "demo": "takes a minute: tests/test_demo.py runs it",
     "test": "runs this test",
+    "play": "stays until Ctrl-C: tests/test_play.py runs it",
     "doctor": "judges this machine, not the page",
 }
 #: Commands that need running nodes.

@@ -42,6 +42,7 @@ ABOUT: Mapping[str, tuple[str, ...]] = {
     "test_command_line": ("spool_tools.cli", "spool_tools.command", "spool_bringup.program", "setup.*"),
     "test_conditions": ("spool_view.opcua_*", "spool_monitor.listener", "spool_core.opcua_folder"),
     "test_demo": ("spool_tools.operations.demo", "spool_tools.commands.demo_command"),
+    "test_play": ("spool_tools.operations.play", "spool_tools.commands.play_command"),
     "test_gap_live": ("spool_estimator.gap_*", "spool_estimator.estimator_node"),
     "test_host": ("spool_bringup.host.*", "spool_core.node.*"),
     "test_killed_nodes": ("spool_*.*_node", "spool_core.node.*"),

@@ -2,39 +2,26 @@
 
 from __future__ import annotations
 
-import signal
-import time
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import rclpy
 import yaml
 from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.signals import SignalHandlerOptions
-from rich.console import Console, Group
-from rich.live import Live
-from rich.table import Table
-from rich.text import Text
 from spool_bag.information import describe
 from spool_bag.reader import BagReader
 from spool_core.errors import InputError
-from spool_core.events.language import Language
-from spool_core.events.sentences import language_of
 from spool_core.node.network import isolate
 from spool_core.node.parameters import rule
-from spool_core.uncertainty import LEGEND
-from spool_monitor.listener import HeardValve, Listener
-from spool_msgs.msg import HealthEvent, Quantity, ValveHealth
+from spool_msgs.msg import HealthEvent
 from spool_report.outputs import write_json
 from spool_sim.excitation import from_mapping
 
+from spool_tools.operations.live_run import Display, live_run
 from spool_tools.operations.node_processes import Nodes
 from spool_tools.operations.service_client import call
-from spool_tools.operations.valve_rows import estimate_cells, event_line
 
 #: Text for an event, by whether it was raised live and from the bag.
 _RAISED = {
@@ -43,9 +30,6 @@ _RAISED = {
     (False, True): "NOT raised live, but from the bag",
     (False, False): "NOT RAISED, neither live nor from the bag",
 }
-
-#: s, within which every node must be up and the first estimates be there.
-START_UP = 60.0
 
 #: Shares of the run: the machine runs steadily, passes the resonance, runs steadily while friction drifts.
 PASSAGE = (0.38, 0.5, 0.62)
@@ -117,16 +101,6 @@ VALVES = (
     ),
 )
 
-_LEVELS = {
-    ValveHealth.LEVEL_OK: ("OK", "bold green"),
-    ValveHealth.LEVEL_WARNING: ("WARNING", "bold yellow"),
-    ValveHealth.LEVEL_ALARM: ("ALARM", "bold red"),
-    ValveHealth.LEVEL_STALE: ("STALE", "bold magenta"),
-}
-
-#: s between status lines off a terminal.
-_LINE_INTERVAL = 5.0
-
 
 def run_demo(seconds: float, out: Path) -> int:
     """Run the demonstration for ``seconds`` s into the folder ``out``; return the exit code.
@@ -184,76 +158,6 @@ def run_demo(seconds: float, out: Path) -> int:
     return 0 if lost == 0 and wanted <= raised and wanted <= replayed else 1
 
 
-@dataclass(slots=True)
-class Display:
-    """Display of what arrives; on a terminal a table that is renewed, off it a line now and then."""
-
-    seconds: float
-    names: tuple[str, ...]
-    console: Console = field(default_factory=lambda: Console(highlight=False))
-    language: Language = field(default_factory=language_of)
-    valves: Mapping[str, HeardValve] = field(default_factory=dict)
-    _live: Live | None = None
-    _last: float = 0.0
-
-    def __enter__(self) -> Display:
-        self.say(f"estimates {LEGEND}")
-        if self.console.is_terminal:
-            self._live = Live(self._table(0.0), console=self.console, refresh_per_second=4)
-            self._live.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._live is not None:
-            self._live.stop()
-
-    def refresh(self, elapsed: float) -> None:
-        """Show the state ``elapsed`` s after the start."""
-        if self._live is not None:
-            self._live.update(self._table(elapsed))
-        elif time.monotonic() - self._last >= _LINE_INTERVAL:
-            self._last = time.monotonic()
-            for name in self.names:
-                line = "  ".join(cell.plain for cell in self._cells(name))
-                self.console.print(f"{elapsed:5.1f} s  {name}  {line}", soft_wrap=True)
-
-    def event(self, name: str, elapsed: float, event: HealthEvent) -> None:
-        """Show an event above the status."""
-        raised = event.state == HealthEvent.STATE_RAISED
-        mark = "▲" if raised else "▼"
-        style = "yellow" if raised and event.severity == HealthEvent.SEVERITY_WARNING else "red"
-        line = Text(f"{elapsed:5.1f} s  {mark} {name}  ", style=style if raised else "green")
-        line.append(event_line(event, self.language), style="default")
-        self.console.print(line, soft_wrap=True)
-
-    def say(self, text: str) -> None:
-        """Show a line of what is going on."""
-        self.console.print(text, soft_wrap=True)
-
-    def _table(self, elapsed: float) -> Group:
-        table = Table(box=None, pad_edge=False)
-        columns = ("valve", "shakes at", "natural", "stiffness", "viscous", "Coulomb", "health")
-        for column in columns:
-            table.add_column(column, no_wrap=True)
-        for name in self.names:
-            table.add_row(name, *self._cells(name))
-        left = max(0.0, self.seconds - elapsed)
-        return Group(Text(f"{elapsed:5.1f} s of {self.seconds:g} s, {left:.0f} s left", style="dim"), table)
-
-    def _cells(self, name: str) -> list[Text]:
-        valve = self.valves.get(name)
-        if valve is None or valve.health is None or valve.estimate is None:
-            return [Text("waiting", style="dim")]
-        health = valve.health
-        level, style = _LEVELS.get(health.level, ("?", "dim"))
-        known = health.dominant_frequency.validity == Quantity.VALIDITY_VALID
-        return [
-            Text(f"{health.dominant_frequency.value:5.1f} Hz" if known else "no line "),
-            *map(Text, estimate_cells(valve.estimate, "learning")),
-            Text(level, style=style).append(f" {health.summary}", style="default"),
-        ]
-
-
 def _folder(out: Path) -> Path:
     try:
         out.mkdir(parents=True, exist_ok=True)
@@ -274,55 +178,25 @@ def _baseline(seconds: float) -> float:
 
 def _live(seconds: float, folder: Path, display: Display) -> tuple[list[tuple[str, HealthEvent]], bool]:
     """Run the nodes for ``seconds`` s; return the events as they came, and whether it ran to its end."""
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-    # Taken note of: an exception might be raised, and lost, while something is finalised.
-    asked: list[int] = []
-    before = {
-        number: signal.signal(number, lambda number, _: asked.append(number))
-        for number in (signal.SIGINT, signal.SIGTERM)
-    }
-    node = Node("demonstration")
-    events: list[tuple[str, HealthEvent]] = []
-    started: list[float] = []
-
-    def elapsed() -> float:
-        return time.monotonic() - started[0] if started else 0.0
-
-    def on_event(name: str, message: HealthEvent) -> None:
-        events.append((name, message))
-        display.event(name, elapsed(), message)
-
-    listener = Listener(node, display.names, on_event=on_event)
-    display.valves = listener.valves
-    try:
-        with Nodes(folder / "nodes.log") as nodes, display:
-            _start(nodes, folder, seconds)
-            _wait_for_data(node, nodes, display, asked)
-            started.append(time.monotonic())
-            drifting = False
-            while elapsed() < seconds and not asked:
-                rclpy.spin_once(node, timeout_sec=0.1)
-                listener.fetch()
-                display.refresh(elapsed())
-                _check(nodes)
-                if not drifting and elapsed() >= DRIFT[0] * seconds:
-                    drifting = True
-                    for valve in VALVES:
-                        display.say(f"{elapsed():5.1f} s  · {valve.name}  {valve.story}")
-                        _let_drift(node, valve, DRIFT[1] * seconds)
-            if asked:
-                display.say("interrupted: the nodes are ended in order ...")
-            # Sources first, the recorder last, so that it keeps what the others say to the end.
-            nodes.stop(*(f"simulator {valve.name}" for valve in VALVES))
-            nodes.stop(*(f"{kind} {valve.name}" for valve in VALVES for kind in ("monitor", "estimator")))
-            nodes.stop("recorder", patience=20.0)
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-        listener.close()
-        node.destroy_node()
-        rclpy.try_shutdown()
-    return events, not asked
+    with live_run("demonstration", display, folder / "nodes.log") as run:
+        nodes = run.nodes
+        _start(nodes, folder, seconds)
+        run.wait_for_estimates()
+        drifting = False
+        while run.elapsed() < seconds and not run.asked:
+            run.turn()
+            if not drifting and run.elapsed() >= DRIFT[0] * seconds:
+                drifting = True
+                for valve in VALVES:
+                    display.say(f"{run.elapsed():5.1f} s  · {valve.name}  {valve.story}")
+                    _let_drift(run.node, valve, DRIFT[1] * seconds)
+        if run.asked:
+            display.say("interrupted: the nodes are ended in order ...")
+        # Sources first, the recorder last, so that it keeps what the others say to the end.
+        nodes.stop(*(f"simulator {valve.name}" for valve in VALVES))
+        nodes.stop(*(f"{kind} {valve.name}" for valve in VALVES for kind in ("monitor", "estimator")))
+        nodes.stop("recorder", patience=20.0)
+    return run.events, not run.asked
 
 
 def _start(nodes: Nodes, folder: Path, seconds: float) -> None:
@@ -345,21 +219,6 @@ def _start(nodes: Nodes, folder: Path, seconds: float) -> None:
             *rule("coulomb_force", valve.coulomb_force),
         ]
         nodes.start(f"simulator {valve.name}", "spool_sim", "simulator", [*space, *file, *settings])
-
-
-def _wait_for_data(node: Node, nodes: Nodes, display: Display, asked: list[int]) -> None:
-    deadline = time.monotonic() + START_UP
-    while any(valve.estimate is None for valve in display.valves.values()) and not asked:
-        rclpy.spin_once(node, timeout_sec=0.1)
-        _check(nodes)
-        if time.monotonic() > deadline:
-            raise InputError(f"no estimates after {START_UP:g} s: see {nodes.log}, or try ./spool doctor")
-
-
-def _check(nodes: Nodes) -> None:
-    dead = nodes.dead()
-    if dead:
-        raise InputError(f"node {dead[0]} ended unexpectedly: see {nodes.log}")
 
 
 def _let_drift(node: Node, valve: DemoValve, duration: float) -> None:
