@@ -14,7 +14,7 @@ from spool_monitor.listener import DRIFT, HeardValve
 from spool_monitor.shown import shown as shown_valve
 from spool_msgs.msg import ValveHealth
 from spool_tools.cli import main
-from spool_tools.operations.valve_rows import SHOWN, valve_row
+from spool_tools.operations.valve_rows import SHOWN, picture, valve_row
 
 if TYPE_CHECKING:
     from .conftest import System
@@ -66,18 +66,18 @@ def test_the_table_shows_a_valve_that_falls_silent_and_its_alarm(
     simulator = system.start("simulator", excitation="multisine", wait_for_subscribers=2)
     system.until(lambda: health.heard and health.last.level == ValveHealth.LEVEL_OK, "data are judged")
     monkeypatch.setenv("ROS_DOMAIN_ID", str(system.domain_id))
-    from spool_tools.operations.watch import WatchNode, picture  # noqa: PLC0415 - slow to load
+    from spool_tools.operations.live_run import Display, live_run  # noqa: PLC0415 - slow to load
 
-    listener = WatchNode()
-    try:
-        system.until(lambda: "valve_1" in shown(picture(listener, ENGLISH)), "the valve is found by itself")
+    with live_run("watch", Display(None)) as run:
+
+        def now() -> str:
+            run.turn()
+            return shown(picture(run.display.valves, ENGLISH))
+
+        system.until(lambda: "valve_1" in now(), "the valve is found by itself")
         simulator.kill()
-        system.until(
-            lambda: "801 stale/acceleration" in shown(picture(listener, ENGLISH)), "its alarm is shown"
-        )
-        assert "No acceleration: silence" in shown(picture(listener, ENGLISH))
-    finally:
-        listener.close()
+        system.until(lambda: "801 stale/acceleration" in now(), "its alarm is shown")
+        assert "No acceleration: silence" in now()
 
 
 def test_who_operates_is_asked_by_the_alarm_command(capsys: pytest.CaptureFixture[str]) -> None:

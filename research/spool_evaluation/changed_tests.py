@@ -58,7 +58,7 @@ ABOUT: Mapping[str, tuple[str, ...]] = {
         "spool_estimator.stream_estimator",
     ),
     "test_supervision": ("spool_bringup.host.*", "spool_*.*_node"),
-    "test_watch": ("spool_monitor.listener", "spool_tools.operations.watch"),
+    "test_watch": ("spool_monitor.listener", "spool_tools.operations.live_run"),
     "test_wrong_valve_file": ("spool_estimator.estimator_node", "spool_estimator.plausibility"),
 }
 #: A module and a name that it defines at its top level.

@@ -37,9 +37,7 @@ def watch(
         bool, typer.Option("--metrics", help="Serve /metrics for Prometheus on the page's port.")
     ] = False,
     who: Annotated[str, typer.Option(hidden=True)] = "",
-    seconds: Annotated[
-        float | None, typer.Option(help="Without a terminal: end after this many seconds.", min=0.0)
-    ] = None,
+    seconds: Annotated[float | None, typer.Option(help="End after this many seconds.", min=0.0)] = None,
     language: LanguageOption = "",
 ) -> None:
     """Watch running valves: a table, worst first, and their alarms. Operate them with ./spool alarm.
@@ -66,7 +64,7 @@ def watch(
         raise InputError("--operator: is of the page: add --web; on the terminal use ./spool alarm")
     if metrics:
         raise InputError("--metrics: the page serves them: add --web")
-    from spool_tools.operations.watch import watch as run  # noqa: PLC0415 - slow to load
+    from spool_tools.operations.live_run import watch as run  # noqa: PLC0415 - slow to load
 
     run(tuple(valves or ()), seconds, language)
 

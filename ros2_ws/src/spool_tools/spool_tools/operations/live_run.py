@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import time
 from collections.abc import Iterator, Mapping
@@ -12,40 +13,34 @@ from pathlib import Path
 import rclpy
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
-from rich.console import Console, Group
+from rich.console import Console
 from rich.live import Live
-from rich.table import Table
 from rich.text import Text
 from spool_core.errors import InputError
 from spool_core.events.language import Language
 from spool_core.events.sentences import language_of
 from spool_core.uncertainty import LEGEND
 from spool_monitor.listener import HeardValve, Listener
-from spool_msgs.msg import HealthEvent, Quantity, ValveHealth
+from spool_msgs.msg import HealthEvent
 
+from spool_tools.operations import valve_rows
 from spool_tools.operations.node_processes import Nodes
-from spool_tools.operations.valve_rows import estimate_cells, event_line
 
 #: s, within which every node must be up and the first estimates be there.
 START_UP = 60.0
 
-_LEVELS = {
-    ValveHealth.LEVEL_OK: ("OK", "bold green"),
-    ValveHealth.LEVEL_WARNING: ("WARNING", "bold yellow"),
-    ValveHealth.LEVEL_ALARM: ("ALARM", "bold red"),
-    ValveHealth.LEVEL_STALE: ("STALE", "bold magenta"),
-}
-
 #: s between status lines off a terminal.
 _LINE_INTERVAL = 5.0
+#: s between looks for valves that joined.
+_LOOK_INTERVAL = 1.0
 
 
 @dataclass(slots=True)
 class Display:
     """Display of what arrives; on a terminal a table that is renewed, off it a line now and then."""
 
-    seconds: float
-    names: tuple[str, ...]
+    seconds: float | None
+    names: tuple[str, ...] = ()
     console: Console = field(default_factory=lambda: Console(highlight=False))
     language: Language = field(default_factory=language_of)
     valves: Mapping[str, HeardValve] = field(default_factory=dict)
@@ -55,7 +50,7 @@ class Display:
     def __enter__(self) -> Display:
         self.say(f"estimates {LEGEND}")
         if self.console.is_terminal:
-            self._live = Live(self._table(0.0), console=self.console, refresh_per_second=4)
+            self._live = Live(console=self.console, refresh_per_second=4)
             self._live.start()
         return self
 
@@ -66,12 +61,13 @@ class Display:
     def refresh(self, elapsed: float) -> None:
         """Show the state ``elapsed`` s after the start."""
         if self._live is not None:
-            self._live.update(self._table(elapsed))
+            left = max(0.0, (self.seconds or 0.0) - elapsed)
+            above = [f"{elapsed:5.1f} s of {self.seconds:g} s, {left:.0f} s left"] if self.seconds else []
+            self._live.update(valve_rows.picture(self.valves, self.language, *above))
         elif time.monotonic() - self._last >= _LINE_INTERVAL:
             self._last = time.monotonic()
-            for name in self.names:
-                line = "  ".join(cell.plain for cell in self._cells(name))
-                self.console.print(f"{elapsed:5.1f} s  {name}  {line}", soft_wrap=True)
+            for line in valve_rows.lines_of(self.valves):
+                self.console.print(f"{elapsed:5.1f} s  {line}", soft_wrap=True)
 
     def event(self, name: str, elapsed: float, event: HealthEvent) -> None:
         """Show an event above the status."""
@@ -79,40 +75,17 @@ class Display:
         mark = "▲" if raised else "▼"
         style = "yellow" if raised and event.severity == HealthEvent.SEVERITY_WARNING else "red"
         line = Text(f"{elapsed:5.1f} s  {mark} {name}  ", style=style if raised else "green")
-        line.append(event_line(event, self.language), style="default")
+        line.append(valve_rows.event_line(event, self.language), style="default")
         self.console.print(line, soft_wrap=True)
 
     def say(self, text: str) -> None:
         """Show a line of what is going on."""
         self.console.print(text, soft_wrap=True)
 
-    def _table(self, elapsed: float) -> Group:
-        table = Table(box=None, pad_edge=False)
-        columns = ("valve", "shakes at", "natural", "stiffness", "viscous", "Coulomb", "health")
-        for column in columns:
-            table.add_column(column, no_wrap=True)
-        for name in self.names:
-            table.add_row(name, *self._cells(name))
-        left = max(0.0, self.seconds - elapsed)
-        return Group(Text(f"{elapsed:5.1f} s of {self.seconds:g} s, {left:.0f} s left", style="dim"), table)
-
-    def _cells(self, name: str) -> list[Text]:
-        valve = self.valves.get(name)
-        if valve is None or valve.health is None or valve.estimate is None:
-            return [Text("waiting", style="dim")]
-        health = valve.health
-        level, style = _LEVELS.get(health.level, ("?", "dim"))
-        known = health.dominant_frequency.validity == Quantity.VALIDITY_VALID
-        return [
-            Text(f"{health.dominant_frequency.value:5.1f} Hz" if known else "no line "),
-            *map(Text, estimate_cells(valve.estimate, "learning")),
-            Text(level, style=style).append(f" {health.summary}", style="default"),
-        ]
-
 
 @dataclass(slots=True)
 class LiveRun:
-    """Run of node processes with a node of its own that listens to their valves.
+    """Run of node processes with a separate node that listens to their valves.
 
     Attributes:
         node: of this process.
@@ -130,6 +103,7 @@ class LiveRun:
     asked: list[int]
     events: list[tuple[str, HealthEvent]]
     started: float | None = None
+    _looked: float = 0.0
 
     def elapsed(self) -> float:
         """Return the time (s) since the first estimates; 0 before."""
@@ -142,6 +116,9 @@ class LiveRun:
             InputError: a node ended.
         """
         rclpy.spin_once(self.node, timeout_sec=wait)
+        if time.monotonic() - self._looked > _LOOK_INTERVAL:
+            self._looked = time.monotonic()
+            self.listener.look()
         self.listener.fetch()
         self.display.refresh(self.elapsed())
         self.check()
@@ -174,7 +151,7 @@ class LiveRun:
 
 
 @contextmanager
-def live_run(name: str, display: Display, log: Path) -> Iterator[LiveRun]:
+def live_run(name: str, display: Display, log: Path = Path(os.devnull)) -> Iterator[LiveRun]:
     """Give a run whose node is called ``name``; its processes end with it and write to ``log``."""
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     # Taken note of: an exception might be raised, and lost, while something is finalised.
@@ -202,3 +179,20 @@ def live_run(name: str, display: Display, log: Path) -> Iterator[LiveRun]:
         listener.close()
         node.destroy_node()
         rclpy.try_shutdown()
+
+
+def watch(names: tuple[str, ...], seconds: float | None = None, language: str = "") -> None:
+    """Show running valves until somebody asks for the end.
+
+    Args:
+        names: of valves; empty for all that are heard.
+        seconds: after which it ends by itself; ``None``: never.
+        language: of sentences; see :func:`spool_core.events.sentences.language_of`.
+
+    Raises:
+        InputError: there is no such language.
+    """
+    with live_run("spool_watch", Display(seconds, names, language=language_of(language))) as run:
+        run.started = time.monotonic()
+        while not run.asked and (seconds is None or run.elapsed() < seconds):
+            run.turn()

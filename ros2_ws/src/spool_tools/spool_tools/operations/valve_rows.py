@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import time
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from datetime import datetime
 
+from rich.console import Group
+from rich.table import Table
 from rich.text import Text
 from spool_core.events.language import Language
 from spool_core.events.sentences import details, headline
 from spool_core.node.messages import from_event_message
-from spool_core.uncertainty import with_interval
+from spool_core.uncertainty import LEGEND, with_interval
 from spool_monitor import listener
-from spool_monitor.shown import PUT_ASIDE, STATES, ShownValve
+from spool_monitor.shown import PUT_ASIDE, STATES, ShownValve, in_order, shown
 from spool_msgs.msg import Alarm, HealthEvent, ModelEstimate, Quantity
 
 SEVERITIES = {HealthEvent.SEVERITY_WARNING: "warning", HealthEvent.SEVERITY_ALARM: "ALARM"}
@@ -107,6 +110,21 @@ def event_line(event: HealthEvent, language: Language) -> str:
     return f"{SEVERITIES.get(event.severity, 'event')}: {said}" if raised else said
 
 
-def line_of(valve: listener.HeardValve, found: ShownValve) -> str:
-    """Return the row of ``valve`` as a line, for where there is no terminal."""
-    return "  ".join(cell.plain for cell in valve_row(valve, found))
+def lines_of(valves: Mapping[str, listener.HeardValve]) -> list[str]:
+    """Return the row of each valve as a line, for where there is no terminal."""
+    now, unix_time = time.monotonic(), time.time()
+    rows = (valve_row(valves[name], shown(valves[name], now, unix_time)) for name in sorted(valves))
+    return ["  ".join(cell.plain for cell in row) for row in rows]
+
+
+def picture(valves: Mapping[str, listener.HeardValve], language: Language, *above: str) -> Group:
+    """Return lines ``above``, the valves, worst first, and below them their alarms in the same order."""
+    now, unix_time = time.monotonic(), time.time()
+    found = in_order(shown(one, now, unix_time) for one in valves.values())
+    table, alarms = Table(*VALVE_COLUMNS), Table("valve", *ALARM_COLUMNS)
+    for valve in found:
+        table.add_row(*valve_row(valves[valve.name], valve))
+        for alarm in valve.alarms:
+            alarms.add_row(valve.name, *alarm_row(alarm, language))
+    nobody = "no valve is heard yet: is a monitor running, with the same ROS_DOMAIN_ID?"
+    return Group(*above, table, alarms, LEGEND if found else nobody)
