@@ -300,13 +300,13 @@ class SetUpsFit(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """Return what ``fit --setups --json`` writes."""
-        from spool_report.setups_tables import to_dictionary  # noqa: PLC0415
+        from spool_report.setups import to_dictionary  # noqa: PLC0415
 
         found: dict[str, Any] = as_json(to_dictionary(self._found))
         return found
 
     def _print(self, console: Console) -> None:
-        from spool_report.setups_tables import print_setups  # noqa: PLC0415
+        from spool_report.setups import print_setups  # noqa: PLC0415
 
         print_setups(self._found, console)
 

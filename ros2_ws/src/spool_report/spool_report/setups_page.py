@@ -12,7 +12,7 @@ from spool_estimator.identification.fit_result import STOPPED_EARLY
 
 from spool_report import fit_page as pictures
 from spool_report import page as html
-from spool_report import setups_tables as tables
+from spool_report import setups as tables
 from spool_report.evidence.exhibit import DARK, STYLES, WIDTH
 from spool_report.outputs import sources
 from spool_report.setups import FittedSetUps

@@ -10,7 +10,7 @@ from typing import Any
 from rich.console import Console
 from spool_core.errors import InputError
 from spool_estimator.identification.setups import SetUp, fit_setups
-from spool_report import setups_tables as tables
+from spool_report import setups as tables
 from spool_report.fit_tables import LONGEST_NAME, save_model
 from spool_report.outputs import ResultFiles, check_output, write_file, write_json
 from spool_report.ranking import validated
