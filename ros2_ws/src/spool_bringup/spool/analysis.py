@@ -73,13 +73,14 @@ def fit(
     part = part_of(every, Part(name, start, stop, since, until, around))
     paths, held_out = [path_of(one) for one in every], _held_out(holdout)
     with valve_files([valve]) as (file,):
-        from spool_report.runs.fit_run import FitRequest, fit_records  # noqa: PLC0415 - slow to load, as below
+        from spool_report.requests import FitRequest  # noqa: PLC0415 - slow to load, as below
+        from spool_report.runs.fit_run import fit_records  # noqa: PLC0415
 
         request = FitRequest(
-            paths, file, str(model), part.selection(), held_out, _listed(free), _listed(fix),
-            sensor_gain, sensor_delay, force_free,
+            records=paths, valve=file, model=str(model), free=_listed(free), fix=_listed(fix),
+            holdout=held_out, force_free=force_free, sensor_gain=sensor_gain, sensor_delay=sensor_delay,
         )  # fmt: skip
-        validated = fit_records(request)
+        validated = fit_records(request, part.selection())
     for doubt in (*validated.data.doubts, *validated.fit.warnings):
         warnings.warn(in_python(doubt), stacklevel=3)
     return Fit(validated)
@@ -122,6 +123,7 @@ def fit_setups(
         InputError: set-ups, records, valve, model or parameters cannot be used.
     """
     from spool_report.records.record_loading import Selection  # noqa: PLC0415 - slow to load, as below
+    from spool_report.requests import FitRequest  # noqa: PLC0415
     from spool_report.runs.setups_run import SetUpsRequest, fit_setups_of, setups_file  # noqa: PLC0415
 
     if isinstance(setups, Mapping):
@@ -130,11 +132,11 @@ def fit_setups(
         file = expanded(setups)
         content, where, folder = setups_file(file), str(file), file.parent
     with valve_files([valve]) as (described,):
-        request = SetUpsRequest(
-            content, where, folder, described, str(model), Selection(), _listed(free), _listed(fix),
-            sensor_gain=sensor_gain, sensor_delay=sensor_delay, force_free=force_free,
+        request = FitRequest(
+            valve=described, model=str(model), free=_listed(free), fix=_listed(fix), force_free=force_free,
+            sensor_gain=sensor_gain, sensor_delay=sensor_delay,
         )  # fmt: skip
-        found = fit_setups_of(request)
+        found = fit_setups_of(SetUpsRequest(content, where, folder, request), Selection())
     for one in found.data:
         for doubt in one.doubts:
             warnings.warn(in_python(f"{one.name}: {doubt}"), stacklevel=3)
@@ -180,13 +182,14 @@ def compare(
     if valve is not None:
         given = list(valve) if isinstance(valve, (list, tuple)) else [cast("AnyValve", valve)]
     with valve_files(given) as files:
-        from spool_report.runs.fit_run import CompareRequest, compare_records  # noqa: PLC0415
+        from spool_report.requests import CompareRequest  # noqa: PLC0415
+        from spool_report.runs.fit_run import compare_records  # noqa: PLC0415
 
         request = CompareRequest(
-            paths, [str(file) for file in files], _listed(models), part.selection(), held_out, together,
-            sensor_gain, sensor_delay,
+            records=paths, valve=[str(file) for file in files], models=_listed(models), together=together,
+            holdout=held_out, sensor_gain=sensor_gain, sensor_delay=sensor_delay,
         )  # fmt: skip
-        found = compare_records(request)
+        found = compare_records(request, part.selection())
     return Comparison(*found)
 
 
@@ -232,26 +235,23 @@ def gap(
     """
     if kind not in KINDS:
         raise InputError(f"spool.gap: kind={kind!r} is none of {', '.join(KINDS)}{did_you_mean(kind, KINDS)}")
-    within = (("gain_tolerance", gain_tolerance, 0.4), ("delay_tolerance", delay_tolerance, 4e-3))
-    for key, value, most in (*within, ("least_share", least_share, 0.5)):
-        if not 0.0 <= value <= most:
-            raise InputError(f"spool.gap: {key}={value:g} is out of range: use 0 to {most:g}")
     every = listed(records)
     part = part_of(every, Part(name, start, stop, since, until, around))
     paths, held_out = [path_of(one) for one in every], _held_out(holdout)
     with keeping_backend(), valve_files([valve]) as (file,), tempfile.TemporaryDirectory() as folder:
-        from spool_gap.result import GapSettings  # noqa: PLC0415
         from spool_report.outputs import ResultFiles  # noqa: PLC0415
-        from spool_report.runs.gap_run import GapRequest, run_gap  # noqa: PLC0415
+        from spool_report.requests import GapRequest  # noqa: PLC0415
+        from spool_report.runs.gap_run import run_gap  # noqa: PLC0415
 
         found, page, model = (Path(folder) / name for name in ("gap.json", "gap.html", "gap.yaml"))
-        settings = GapSettings(
-            gain_tolerance, delay_tolerance, least_share=least_share, thorough=thorough, profiles=profiles
-        )
-        request = GapRequest(paths, file, str(base), kind, part.selection(), settings, held_out, mass)
+        request = GapRequest(
+            records=paths, valve=file, base=str(base), holdout=held_out, kind=cast("Any", kind), mass=mass,
+            gain_tolerance=gain_tolerance, delay_tolerance=delay_tolerance, least_share=least_share,
+            thorough=thorough, profiles=profiles,
+        )  # fmt: skip
         shown = text_console()
         with contextlib.redirect_stdout(io.StringIO()):
-            run_gap(request, ResultFiles(found, page, model), shown)
+            run_gap(request, part.selection(), ResultFiles(found, page, model), shown)
         return Gap(
             json.loads(found.read_text(encoding="utf-8")),
             text_of(shown),
@@ -355,7 +355,7 @@ def what_if(
         InputError: valve, model, change or excitation cannot be used.
     """
     with valve_files([valve]) as (file,), tempfile.TemporaryDirectory() as folder:
-        from spool_report.runs.what_if import WhatIfRequest  # noqa: PLC0415
+        from spool_report.requests import WhatIfRequest  # noqa: PLC0415
         from spool_report.runs.what_if import what_if as predict  # noqa: PLC0415
 
         given: object = model
@@ -363,12 +363,14 @@ def what_if(
             given = Path(folder) / "model.yaml"
             model.save_model(given)
         request = WhatIfRequest(
-            str(file), None if given is None else str(given), spring_stiffness,
-            [f"{name}={value!r}" for name, value in (changed or {}).items()], oil, oil_temperature,
-            mount_frequency, mount_damping, None if excitation is None else str(excitation), amplitude,
-            None if frequency_range is None else ":".join(map(str, frequency_range)),
-            None if speed_range is None else ":".join(map(str, speed_range)),
-            ",".join(map(str, orders)) or None,
+            valve=str(file), model=None if given is None else str(given), spring_stiffness=spring_stiffness,
+            changed=[f"{name}={value!r}" for name, value in (changed or {}).items()],
+            oil=oil, oil_temperature=oil_temperature,
+            mount_frequency=mount_frequency, mount_damping=mount_damping,
+            excitation=None if excitation is None else str(excitation), amplitude=amplitude,
+            frequency_range=None if frequency_range is None else ":".join(map(str, frequency_range)),
+            speed_range=None if speed_range is None else ":".join(map(str, speed_range)),
+            orders=",".join(map(str, orders)) or None,
         )  # fmt: skip
         return WhatIf(predict(request))
 

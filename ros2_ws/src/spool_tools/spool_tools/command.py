@@ -6,19 +6,20 @@ import errno
 import math
 import os
 import pkgutil
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import MISSING, dataclass, field, fields, is_dataclass
 from functools import cache, wraps
 from importlib import import_module
 from importlib.util import find_spec
 from inspect import Parameter, signature
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, get_args, get_origin, get_type_hints
 
 import typer
 from spool_bag import no_such_bag
 from spool_core.errors import InputError
 from spool_report.outputs import STANDARD_OUTPUT, check_output, replace_existing, text_to_stderr
+from spool_report.requests import EXPERT, excitation_names, valve_names
 from typer import Typer
 from typer.core import TyperGroup
 from typer.main import get_group
@@ -34,7 +35,8 @@ RESEARCH = "spool_evaluation"
 IN_A_CHECKOUT = ("bench", "paper", "study")
 #: Panels of the list of commands, and of a command's options.
 PANELS = ("Start", "Records", "Running valves", "Simulation and planning", "Add-ons", "Development")
-OUTPUT, PART, EXPERT = "Output", "Part of the record", "Expert"
+OUTPUT, PART = "Output", "Part of the record"
+OPTION_PANELS = (None, OUTPUT, PART, EXPERT)
 
 
 def _json_target(path: Path | None) -> Path | None:
@@ -103,13 +105,6 @@ Force = Annotated[
 ]
 
 
-def valve_names(incomplete: str) -> list[str]:
-    """Return the shipped valves that begin so."""
-    from spool_sim.valve import shipped_valves  # noqa: PLC0415 - slow to load, as below
-
-    return [name for name in shipped_valves() if name.startswith(incomplete)]
-
-
 ValveFile = Annotated[
     str,
     typer.Option(
@@ -124,25 +119,6 @@ ParamsFile = Annotated[
         metavar="YAML",
     ),
 ]
-
-
-def model_names(incomplete: str) -> list[str]:
-    """Return the models that begin so."""
-    from spool_sim.model import MODELS  # noqa: PLC0415
-
-    return [name for name in MODELS if name.startswith(incomplete)]
-
-
-ModelName = Annotated[
-    str, typer.Option("--model", help="Model: its name or a YAML file.", autocompletion=model_names)
-]
-
-
-def excitation_names(incomplete: str) -> list[str]:
-    """Return the excitations that begin so."""
-    from spool_sim.excitation import PRESETS  # noqa: PLC0415
-
-    return [name for name in PRESETS if name.startswith(incomplete)]
 
 
 ExcitationName = Annotated[
@@ -190,20 +166,10 @@ RecordArgument = Annotated[
     Path, typer.Argument(help="rosbag2 directory, .mcap, or a logger's file.", metavar="RECORD")
 ]
 NewBag = Annotated[Path, typer.Option("--out", help="Bag to be made.", metavar="BAG")]
-RecordsArgument = Annotated[
-    list[Path], typer.Argument(help="Bags or logger files of one valve.", metavar="RECORD...")
-]
 OutFolder = Annotated[
     Path | None,
     typer.Option("--out", rich_help_panel=OUTPUT, help="Folder for all of these files.", metavar="DIR"),
 ]
-FittedValve = Annotated[
-    str | None,
-    typer.Option(
-        "--valve", help="YAML file of the valve, or name of a shipped valve; default: valve in the bag.",
-        autocompletion=valve_names,
-    ),
-]  # fmt: skip
 RunningValve = Annotated[str, typer.Argument(metavar="VALVE", help="Namespace of the valve, e.g. valve_1.")]
 WhoOption = Annotated[str, typer.Option("--who", help="Name of the operator; default: your user name.")]
 StateFolder = Annotated[
@@ -251,25 +217,6 @@ AroundOption = Annotated[
         "resonance:2: second newest; alarm: any kind (bags only).",
     ),
 ]
-HoldoutOption = Annotated[
-    list[Path] | None,
-    typer.Option(
-        help="Held-out record for validation; default: a quarter of each record is held out.",
-        metavar="RECORD",
-    ),
-]
-SensorGain = Annotated[
-    bool,
-    typer.Option(
-        "--sensor-gain", rich_help_panel=EXPERT, help="Fit the gain error of the spool's sensor as well."
-    ),
-]
-SensorDelay = Annotated[
-    bool,
-    typer.Option(
-        "--sensor-delay", rich_help_panel=EXPERT, help="Fit the delay of the spool's sensor as well."
-    ),
-]
 
 
 @dataclass(frozen=True, slots=True)
@@ -299,23 +246,52 @@ class Part:
 
 
 def flat(run: Callable[..., None]) -> Callable[..., None]:
-    """Return ``run`` with the options of :class:`Part` in place of its argument ``part``, if it has one."""
+    """Return ``run`` with options in place of each argument that is a dataclass: one for each of its fields.
+
+    The panels of its help are in the order of ``OPTION_PANELS``.
+    """
     arguments = signature(run, eval_str=True)
-    if "part" not in arguments.parameters:
-        return run
-    kinds = get_type_hints(Part, include_extras=True)
-    own = [
-        Parameter(one.name, Parameter.KEYWORD_ONLY, default=one.default, annotation=kinds[one.name])
-        for one in fields(Part)
-    ]
+    requests: dict[str, Any] = {
+        name: one.annotation for name, one in arguments.parameters.items() if is_dataclass(one.annotation)
+    }
+    options = {name: _options(request) for name, request in requests.items()}
 
     @wraps(run)
     def flattened(**given: Any) -> None:
-        run(part=Part(**{one.name: given.pop(one.name) for one in own}), **given)
+        made = {
+            name: requests[name](**{one.name: given.pop(one.name) for one in own})
+            for name, own in options.items()
+        }
+        run(**made, **given)
 
-    others = [one for name, one in arguments.parameters.items() if name != "part"]
-    flattened.__signature__ = arguments.replace(parameters=[*others, *own])  # type: ignore[attr-defined]
+    def place(option: Parameter) -> int:
+        panel = next((getattr(one, "rich_help_panel", None) for one in get_args(option.annotation)[1:]), None)
+        return OPTION_PANELS.index(panel) if panel in OPTION_PANELS else len(OPTION_PANELS)
+
+    shown = [one for own in options.values() for one in own]
+    shown += [
+        one.replace(kind=Parameter.KEYWORD_ONLY)
+        for name, one in arguments.parameters.items()
+        if name not in options
+    ]
+    shown.sort(key=place)
+    flattened.__signature__ = arguments.replace(parameters=shown)  # type: ignore[attr-defined]
     return flattened
+
+
+def _options(request: type) -> list[Parameter]:
+    """Return an argument for each field of ``request``; sequences are lists, which typer knows."""
+    kinds = get_type_hints(request, include_extras=True)
+    found = []
+    for one in fields(request):
+        kind, option = get_args(kinds[one.name])
+        if get_origin(kind) is Sequence:
+            kind = list[get_args(kind)]  # type: ignore[misc]
+        default = Parameter.empty if one.default is MISSING else one.default
+        found.append(
+            Parameter(one.name, Parameter.KEYWORD_ONLY, default=default, annotation=Annotated[kind, option])
+        )
+    return found
 
 
 def refuse_missing(*records: Path) -> None:

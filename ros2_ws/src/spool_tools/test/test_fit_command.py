@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from pydantic import BaseModel, ConfigDict
 from spool_core.errors import InputError
+from spool_report.requests import FitRequest
 from spool_report.runs.fit_run import fit_settings
 from spool_sim.model import load_model
 from spool_sim.valve import find_valve
@@ -241,7 +242,8 @@ def test_a_parameter_that_is_held_is_not_fitted(tmp_path: Path) -> None:
 
 def test_what_to_hold_and_to_free_is_checked() -> None:
     model, valve = load_model("mixed"), find_valve("4weh10_soft")
-    settings = fit_settings(model, valve, ["normal_load=2"], ["mixed_velocity", "mixed_root_coefficient=0"])
+    asked = FitRequest(free=["normal_load=2"], fix=["mixed_velocity", "mixed_root_coefficient=0"])
+    settings = fit_settings(model, valve, asked)
     assert settings.held == {"mixed_velocity": 0.01, "mixed_root_coefficient": 0.0}
     assert settings.free == ("normal_load",)
     assert settings.start == {"normal_load": 2.0}
@@ -252,7 +254,7 @@ def test_what_to_hold_and_to_free_is_checked() -> None:
         ([], ["mass=-1"], "--fix: mass: -1 kg is out of range"),
     ):
         with pytest.raises(InputError, match=re.escape(said)):
-            fit_settings(model, valve, free, fixed)
+            fit_settings(model, valve, FitRequest(free=free, fix=fixed))
 
 
 # Wrong input: one line, exit code 2.

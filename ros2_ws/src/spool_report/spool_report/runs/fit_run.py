@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 from rich.console import Console
@@ -14,6 +14,7 @@ from spool_report import fit_tables as tables
 from spool_report.outputs import ResultFiles, write_file, write_json
 from spool_report.ranking import FittedSeries, Ranking, ValidatedFit, fit_and_validate, no_worse, rank
 from spool_report.records.record_loading import FitData, Selection, load_data
+from spool_report.requests import CompareRequest, FitRequest
 from spool_report.terminal import progress, warn
 from spool_sim.model import Model, load_model
 from spool_sim.valve import Valve
@@ -22,51 +23,7 @@ from spool_sim.valve import Valve
 DEFAULT_MODELS = ("fluid", "coulomb", "stribeck", "microwedge", "mixed", "coulomb_hydrodynamic")
 
 
-@dataclass(frozen=True, slots=True)
-class FitRequest:
-    """Request to fit one model to records.
-
-    Attributes:
-        records, valve, selection, held_out: as in ``load_data``.
-        model: name or YAML file.
-        free, fixed: parameters, as in ``fit_settings``.
-        sensor_gain, sensor_delay: fit the gain or the delay of the spool's sensor as well.
-        force_free: hold nothing that the records do not determine.
-    """
-
-    records: Sequence[Path]
-    valve: str | None
-    model: str
-    selection: Selection
-    held_out: Sequence[Path] = ()
-    free: Sequence[str] = ()
-    fixed: Sequence[str] = ()
-    sensor_gain: bool = False
-    sensor_delay: bool = False
-    force_free: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class CompareRequest:
-    """Request to fit several models to records and to rank them.
-
-    Attributes:
-        records, valves, selection, held_out, together: as in ``load_series``.
-        models: as in ``chosen_models``.
-        sensor_gain, sensor_delay: as in ``FitRequest``.
-    """
-
-    records: Sequence[Path]
-    valves: Sequence[str]
-    models: Sequence[str]
-    selection: Selection
-    held_out: Sequence[Path] = ()
-    together: bool = False
-    sensor_gain: bool = False
-    sensor_delay: bool = False
-
-
-def run_fit(request: FitRequest, outputs: ResultFiles) -> int:
+def run_fit(request: FitRequest, selection: Selection, outputs: ResultFiles) -> int:
     """Fit a model and report the result; return 1 if there is none.
 
     Raises:
@@ -74,7 +31,7 @@ def run_fit(request: FitRequest, outputs: ResultFiles) -> int:
     """
     load_model(request.model)  # refused before the files are made
     wanted = outputs.within("fit", model=True)
-    validated = fit_records(request)
+    validated = fit_records(request, selection)
     for doubt in validated.data.doubts:
         warn(doubt)
     if wanted.json is not None:
@@ -96,18 +53,15 @@ def run_fit(request: FitRequest, outputs: ResultFiles) -> int:
     return 0
 
 
-def fit_records(request: FitRequest) -> ValidatedFit:
+def fit_records(request: FitRequest, selection: Selection) -> ValidatedFit:
     """Return a model fitted to records, with its errors on held-out data.
 
     Raises:
         InputError: records, valve, model or parameters cannot be used.
     """
     model = load_model(request.model)
-    data = load_data(request.records, request.valve, request.selection, request.held_out)
-    settings = fit_settings(
-        model, data.valve, request.free, request.fixed, gain=request.sensor_gain, delay=request.sensor_delay
-    )
-    settings = replace(settings, check=True, force_free=request.force_free)
+    data = load_data(request.records, request.valve, selection, request.holdout)
+    settings = replace(fit_settings(model, data.valve, request), check=True)
     with progress(f"fitting {model.name}", settings.allowed, at_most=True) as tell:
         return fit_and_validate(data, model, settings, tell)
 
@@ -121,22 +75,14 @@ def save_fit(path: Path, validated: ValidatedFit) -> None:
     tables.save_model(path, found.model, name, found.values, found.parameters, comment, correlated)
 
 
-def fit_settings(
-    model: Model,
-    valve: Valve,
-    free: Sequence[str],
-    fixed: Sequence[str],
-    *,
-    gain: bool = False,
-    delay: bool = False,
-) -> FitSettings:
-    """Return the settings that ``--free`` and ``--fix`` ask for, each ``PARAMETER`` or ``PARAMETER=VALUE``.
+def fit_settings(model: Model, valve: Valve, request: FitRequest) -> FitSettings:
+    """Return the settings of ``request``.
 
     Raises:
         InputError: no such parameter, not a number, out of range, or both free and fixed.
     """
-    released = _named(free, model, "--free")
-    held = _named(fixed, model, "--fix")
+    released = _named(request.free, model, "--free")
+    held = _named(request.fix, model, "--fix")
     both = sorted(set(released) & set(held))
     if both:
         raise InputError(f"{both[0]}: given to --free and to --fix: use one of them")
@@ -145,12 +91,13 @@ def fit_settings(
         held={name: described[name] if value is None else value for name, value in held.items()},
         free=tuple(released),
         start={name: value for name, value in released.items() if value is not None},
-        fit_gain=gain,
-        fit_delay=delay,
+        fit_gain=request.sensor_gain,
+        fit_delay=request.sensor_delay,
+        force_free=request.force_free,
     )
 
 
-def run_compare(request: CompareRequest, outputs: ResultFiles) -> int:
+def run_compare(request: CompareRequest, selection: Selection, outputs: ResultFiles) -> int:
     """Fit every model to every record, and rank them; return 1 where none has a result.
 
     Raises:
@@ -158,7 +105,7 @@ def run_compare(request: CompareRequest, outputs: ResultFiles) -> int:
     """
     chosen_models(request.models)  # refused before the files are made
     wanted = outputs.within("compare")
-    series, ranking = compare_records(request)
+    series, ranking = compare_records(request, selection)
     for one in series:
         for doubt in one.data.doubts:
             warn(f"{one.data.name}: {doubt}")
@@ -174,17 +121,14 @@ def run_compare(request: CompareRequest, outputs: ResultFiles) -> int:
     return 0 if ranking.preferred is not None else 1
 
 
-def compare_records(request: CompareRequest) -> tuple[list[FittedSeries], Ranking]:
+def compare_records(request: CompareRequest, selection: Selection) -> tuple[list[FittedSeries], Ranking]:
     """Return every model fitted to every record, and their ranking.
 
     Raises:
         InputError: records, valves or models cannot be used.
     """
     settings = FitSettings(fit_gain=request.sensor_gain, fit_delay=request.sensor_delay)
-    loaded = load_series(
-        request.records, request.valves, request.selection, request.held_out, together=request.together
-    )
-    series = fit_all(loaded, chosen_models(request.models), settings)
+    series = fit_all(load_series(request, selection), chosen_models(request.models), settings)
     return series, rank(series)
 
 
@@ -202,27 +146,21 @@ def chosen_models(models: Sequence[str]) -> list[Model]:
     return chosen
 
 
-def load_series(
-    records: Sequence[Path],
-    valves: Sequence[str],
-    selection: Selection,
-    held_out: Sequence[Path] = (),
-    *,
-    together: bool = False,
-) -> list[FitData]:
+def load_series(request: CompareRequest, selection: Selection) -> list[FitData]:
     """Return each record as a separate series, or all as one set of data.
 
     Raises:
         InputError: records cannot be used, or the number of valves fits neither one nor each.
     """
+    records, valves, together = request.records, request.valve, request.together
     if len(valves) > 1 and (together or len(valves) != len(records)):
         raise InputError(
             f"--valve was given {len(valves)} times for {len(records)} records: give it once for all"
             + ("" if together else " or once for each")
         )
     if together or len(records) == 1:
-        return [load_data(records, valves[0] if valves else None, selection, held_out)]
-    if held_out:
+        return [load_data(records, valves[0] if valves else None, selection, request.holdout)]
+    if request.holdout:
         raise InputError("--holdout: several records are separate series: pass --together, or one record")
     given: Sequence[str | None] = valves if len(valves) == len(records) else [*valves[:1]] or [None]
     given = given if len(given) == len(records) else [given[0]] * len(records)

@@ -28,6 +28,7 @@ from spool_report.fit_tables import LONGEST_NAME, save_model
 from spool_report.outputs import ResultFiles, sources, write_file, write_json
 from spool_report.records import record_loading
 from spool_report.records.record_sources import is_table, record_of_table
+from spool_report.requests import GapRequest
 from spool_report.terminal import progress, warn, wide_console
 from spool_sim.model import Model, load_model
 from spool_sim.valve import Valve, find_valve
@@ -45,31 +46,12 @@ UNEVEN = 0.01
 DOUBTED_CONFIDENCE = 0.5
 
 
-@dataclass(frozen=True, slots=True)
-class GapRequest:
-    """Request to find what a model lacks in records.
-
-    Attributes:
-        records, holdout: one set of data, and records to judge by; default: every other stretch.
-        valve: file or name; default: the bag's own description.
-        base: model that something may be missing from: name or YAML file.
-        kind: ``accelerations``, ``driven`` or ``imposed``.
-        selection: part of each record.
-        settings: of the search.
-        mass: that the force of a driven record moves, kg; default: fitted, or the valve's.
-    """
-
-    records: Sequence[Path]
-    valve: str | None
-    base: str
-    kind: str
-    selection: record_loading.Selection
-    settings: GapSettings
-    holdout: Sequence[Path] = ()
-    mass: float | None = None
-
-
-def run_gap(request: GapRequest, outputs: ResultFiles, console: Console | None = None) -> int:
+def run_gap(
+    request: GapRequest,
+    selection: record_loading.Selection,
+    outputs: ResultFiles,
+    console: Console | None = None,
+) -> int:
     """Find what the base lacks in the records and show it; return 0, whatever the verdict.
 
     ``console`` gets text and warnings; default: standard output and standard error.
@@ -84,7 +66,7 @@ def run_gap(request: GapRequest, outputs: ResultFiles, console: Console | None =
         tell = Shares(advance).tell
         if kind == "accelerations":
             measured: Measured
-            result, described, measured = _of_accelerations(request, model, tell, console)
+            result, described, measured = _of_accelerations(request, selection, model, tell, console)
         else:
             # Who imposes a motion measures the force on whatever is moved: no mass is known.
             described = find_valve(valve) if valve is not None and kind == "driven" else None
@@ -92,11 +74,11 @@ def run_gap(request: GapRequest, outputs: ResultFiles, console: Console | None =
             mass = mass if described is None or mass is not None else described.moving_mass
             notes: list[str] = []
             forces, held = (
-                _force_records(paths, kind, request.selection, notes)
-                for paths in (request.records, request.holdout)
+                _force_records(paths, kind, selection, notes) for paths in (request.records, request.holdout)
             )
+            settings = _settings(request)
             result = analyse_forces(
-                forces, model, kind, holdout=held, mass=mass, settings=request.settings, progress=tell
+                forces, model, kind, holdout=held, mass=mass, settings=settings, progress=tell
             )
             result = replace(result, warnings=(*dict.fromkeys(notes), *result.warnings))
             measured = [*forces, *held]
@@ -127,10 +109,14 @@ class Shares:
 
 
 def _of_accelerations(
-    request: GapRequest, model: Model, tell: Callable[[str, float], None], console: Console | None
+    request: GapRequest,
+    selection: record_loading.Selection,
+    model: Model,
+    tell: Callable[[str, float], None],
+    console: Console | None,
 ) -> tuple[GapResult, Valve, list[Record]]:
     """Return what ``model`` lacks in records of two accelerometers, their valve, and all of them."""
-    bounded = replace(request.selection, longest=LARGEST)
+    bounded = replace(selection, longest=LARGEST)
     recordings, described = record_loading.load_recordings(request.records, request.valve, bounded)
     held = (
         record_loading.load_recordings(request.holdout, request.valve, bounded)[0] if request.holdout else []
@@ -141,9 +127,16 @@ def _of_accelerations(
     doubts = record_loading.channel_doubts([*recordings, *held])
     determined = determined_before(fitted, model, described)
     _print_determined(determined, console)
-    result = analyse(fitted, described, model, holdout=others, settings=request.settings, progress=tell)
+    result = analyse(fitted, described, model, holdout=others, settings=_settings(request), progress=tell)
     result = replace(result, warnings=(*doubts, *result.warnings), determinations=determined)
     return doubted(result, check_records(described, fitted)), described, [*fitted, *others]
+
+
+def _settings(request: GapRequest) -> GapSettings:
+    return GapSettings(
+        request.gain_tolerance, request.delay_tolerance, least_share=request.least_share,
+        thorough=request.thorough, profiles=request.profiles,
+    )  # fmt: skip
 
 
 def _print_determined(found: Sequence[Determination], console: Console | None) -> None:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ from spool_report.fit_tables import LONGEST_NAME, save_model
 from spool_report.outputs import ResultFiles, check_output, write_file, write_json
 from spool_report.ranking import validated
 from spool_report.records.record_loading import FitData, Selection, load_data
+from spool_report.requests import FitRequest
 from spool_report.runs.fit_run import fit_settings
 from spool_report.setups import DescribedSetUp, FittedSetUps, read_setups
 from spool_report.terminal import progress, warn
@@ -30,32 +31,24 @@ class SetUpsRequest:
         content: what the file of the set-ups holds.
         where: name of the file, for messages.
         folder: that the paths of records start from.
-        valve: file or name of the valve that all set-ups are of.
-        model, selection, free, fixed, sensor_gain, sensor_delay, force_free: as of ``FitRequest``.
+        fit: model, the valve that all set-ups are of, and parameters; without records.
     """
 
     content: Mapping[str, Any]
     where: str
     folder: Path
-    valve: str | None
-    model: str
-    selection: Selection
-    free: Sequence[str] = ()
-    fixed: Sequence[str] = ()
-    sensor_gain: bool = False
-    sensor_delay: bool = False
-    force_free: bool = False
+    fit: FitRequest
 
 
-def run_setups(request: SetUpsRequest, outputs: ResultFiles) -> int:
+def run_setups(request: SetUpsRequest, selection: Selection, outputs: ResultFiles) -> int:
     """Fit a model to set-ups and report the result; return 1 if there is none.
 
     Raises:
         InputError: the file of the set-ups, records, valve, model or parameters cannot be used.
     """
-    load_model(request.model)  # refused before the files are made
+    load_model(request.fit.model)  # refused before the files are made
     wanted = outputs.within("fit", model=True)
-    found = fit_setups_of(request)
+    found = fit_setups_of(request, selection)
     for one in found.data:
         for doubt in one.doubts:
             warn(f"{one.name}: {doubt}")
@@ -86,22 +79,19 @@ def setups_file(path: Path) -> dict[str, Any]:
     return read_mapping(path, "set-ups")
 
 
-def fit_setups_of(request: SetUpsRequest) -> FittedSetUps:
+def fit_setups_of(request: SetUpsRequest, selection: Selection) -> FittedSetUps:
     """Return a model fitted to set-ups, with its errors on held-out data.
 
     Raises:
         InputError: the file of the set-ups, records, valve, model or parameters cannot be used.
     """
-    if request.valve is None:
+    if request.fit.valve is None:
         raise InputError(
             "--setups: pass the valve of all set-ups with --valve; the file states the differences"
         )
-    valve, model = find_valve(request.valve), load_model(request.model)
+    valve, model = find_valve(request.fit.valve), load_model(request.fit.model)
     setups, shared = read_setups(request.content, request.where, request.folder, valve, model)
-    settings = fit_settings(
-        model, valve, request.free, request.fixed, gain=request.sensor_gain, delay=request.sensor_delay
-    )
-    settings = replace(settings, force_free=request.force_free)
+    settings = fit_settings(model, valve, request.fit)
     both = sorted(set(settings.held) & set(shared))
     if both:
         raise InputError(f"{request.where}: shared: {both[0]}: --fix holds it: remove one of them")
@@ -110,7 +100,7 @@ def fit_setups_of(request: SetUpsRequest) -> FittedSetUps:
         names = ", ".join(f"set-up '{name}': {path}" for name, path in missing)
         raise InputError(f"{request.where}: no such record: {names}: correct the names of the files")
     data = tuple(
-        load_data(one.records, one.valve, request.selection, springs=one.known.spring_stiffness is not None)
+        load_data(one.records, one.valve, selection, springs=one.known.spring_stiffness is not None)
         for one in setups
     )
     what = f"fitting {model.name} to {len(setups)} set-ups"

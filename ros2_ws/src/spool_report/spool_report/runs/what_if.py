@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import ClassVar
 
@@ -14,6 +14,7 @@ from spool_core.errors import InputError
 from spool_core.numbers import Array
 from spool_core.uncertainty import exact, named, number, percent, unit_text
 from spool_report.records.simulation import find_excitation
+from spool_report.requests import WhatIfRequest
 from spool_report.runs import frequency_response as sines
 from spool_report.runs.frequency_response import Condition, Drive, Response, curve_of
 from spool_report.terminal import progress
@@ -33,41 +34,6 @@ DRAWS = 200
 MULTIPLES = (0.25, 0.5, 1.0, 2.0, 4.0)
 #: Attribute of a valve that follows from the oil's viscosity.
 DRAG = "likely_viscous_coefficient"
-
-
-@dataclass(frozen=True, slots=True)
-class WhatIfRequest:
-    """Change and excitation to predict the response for.
-
-    Attributes:
-        valve: name or YAML file.
-        model: name or YAML file; default: ``DEFAULT_MODEL``.
-        spring_stiffness: N/m.
-        changed: further parameters, each ``PARAMETER=VALUE``.
-        oil: name of another oil.
-        oil_temperature: deg C.
-        mount_frequency, mount_damping: natural frequency (Hz) and damping ratio of a mount between machine
-            and valve body; both or neither.
-        excitation: preset or file of sines; in place of what follows.
-        amplitude: peak acceleration of the machine, m/s^2.
-        frequency_range: Hz, ``LOW:HIGH``.
-        speed_range: rev/min, ``LOW:HIGH``.
-        orders: of the shaft.
-    """
-
-    valve: str
-    model: str | None = None
-    spring_stiffness: float | None = None
-    changed: Sequence[str] = ()
-    oil: str | None = None
-    oil_temperature: float | None = None
-    mount_frequency: float | None = None
-    mount_damping: float | None = None
-    excitation: str | None = None
-    amplitude: float | None = None
-    frequency_range: str | None = None
-    speed_range: str | None = None
-    orders: str | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,18 +9,11 @@ import typer
 from spool_core.errors import InputError
 from spool_core.text import printable
 from spool_report.outputs import making_room
+from spool_report.requests import model_names
 from spool_report.terminal import progress, warn
 
-from spool_tools.command import (
-    AroundOption,
-    Command,
-    FmuFile,
-    Force,
-    SinceOption,
-    UntilOption,
-    model_names,
-    refuse_missing,
-)
+from spool_tools import command as cli
+from spool_tools.command import Command
 
 
 def export(
@@ -39,10 +32,10 @@ def export(
         list[str] | None,
         typer.Option("--name", "--valve", help="Namespace of a valve in the bag; default: all."),
     ] = None,
-    since: SinceOption = None,
-    until: UntilOption = None,
-    around: AroundOption = None,
-    fmu: FmuFile = None,
+    since: cli.SinceOption = None,
+    until: cli.UntilOption = None,
+    around: cli.AroundOption = None,
+    fmu: cli.FmuFile = None,
     model: Annotated[
         str | None,
         typer.Option(
@@ -52,7 +45,7 @@ def export(
         ),
     ] = None,
     fmi: Annotated[int | None, typer.Option(help="Version of FMI, 2 or 3 (default).")] = None,
-    _force: Force = False,
+    _force: cli.Force = False,
 ) -> None:
     """Write a bag's samples as a table, or a valve as an FMU for other simulators.
 
@@ -77,7 +70,7 @@ def export(
     if model is not None or fmi is not None:
         raise InputError("--model, --fmi: these go with --fmu FILE.fmu: add it, or leave them out")
     bag = Path(source)
-    refuse_missing(bag)
+    cli.refuse_missing(bag)
     from spool_bag.export import export_bag  # noqa: PLC0415 - slow to load
     from spool_report.records.record_sources import span_of  # noqa: PLC0415
 

@@ -11,16 +11,8 @@ from spool_core.text import plural
 from spool_report.outputs import making_room
 from spool_report.terminal import warn
 
-from spool_tools.command import (
-    Command,
-    ExcludeOption,
-    Force,
-    JsonFile,
-    RateOption,
-    ReportFile,
-    ScaleOption,
-    UnitOption,
-)
+from spool_tools import command as cli
+from spool_tools.command import Command
 
 
 def import_(
@@ -36,10 +28,10 @@ def import_(
         list[str] | None,
         typer.Option(help="Columns by name or by number from 0, e.g. time=t,body=ch1,spool=#5"),
     ] = None,
-    exclude: ExcludeOption = None,
-    unit: UnitOption = None,
-    scale: ScaleOption = None,
-    rate: RateOption = None,
+    exclude: cli.ExcludeOption = None,
+    unit: cli.UnitOption = None,
+    scale: cli.ScaleOption = None,
+    rate: cli.RateOption = None,
     dates: Annotated[
         str, typer.Option(help="Order of dates like 05/04/2026 or 26/05/04: dmy, mdy or ymd.")
     ] = "",
@@ -72,9 +64,9 @@ def import_(
             help="Time of the record's 0 s, ISO 8601, UTC; default: time in the file, else 2025-01-01."
         ),
     ] = None,
-    json: JsonFile = None,
-    report: ReportFile = None,
-    _force: Force = False,
+    json: cli.JsonFile = None,
+    report: cli.ReportFile = None,
+    _force: cli.Force = False,
 ) -> None:
     """Convert a logger's file, or a bag of other topics, to a bag of this suite.
 

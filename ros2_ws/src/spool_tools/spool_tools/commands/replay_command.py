@@ -8,10 +8,11 @@ from typing import Annotated
 import typer
 from rich.console import Console
 from spool_report.outputs import write_json
+from spool_report.requests import model_names, valve_names
 from spool_report.terminal import warn
 
 from spool_tools import command as cli
-from spool_tools.command import Command, model_names, valve_names
+from spool_tools.command import Command
 
 
 def replay(

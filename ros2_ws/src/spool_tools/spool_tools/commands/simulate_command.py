@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from spool_report.requests import ModelName
 
 from spool_tools import command as cli
 from spool_tools.command import Command
@@ -14,7 +15,7 @@ from spool_tools.command import Command
 def simulate(
     out: cli.NewBag,
     valve: cli.ValveFile = "4weh10_soft",
-    model: cli.ModelName = "coulomb",
+    model: ModelName = "coulomb",
     excitation: cli.ExcitationName = "sweep",
     seconds: Annotated[
         float | None, typer.Option(help="Length, s; default: the recorded excitation's, else 40.")

@@ -1,0 +1,240 @@
+"""Requests of analyses; their fields are also the options of the commands, with help."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+from spool_core.errors import InputError
+
+#: Panel of options that few need.
+EXPERT = "Expert"
+
+
+def valve_names(incomplete: str) -> list[str]:
+    """Return the shipped valves that begin so."""
+    from spool_sim.valve import shipped_valves  # noqa: PLC0415 - slow to load, as below
+
+    return [name for name in shipped_valves() if name.startswith(incomplete)]
+
+
+def model_names(incomplete: str) -> list[str]:
+    """Return the models that begin so."""
+    from spool_sim.model import MODELS  # noqa: PLC0415
+
+    return [name for name in MODELS if name.startswith(incomplete)]
+
+
+def excitation_names(incomplete: str) -> list[str]:
+    """Return the excitations that begin so."""
+    from spool_sim.excitation import PRESETS  # noqa: PLC0415
+
+    return [name for name in PRESETS if name.startswith(incomplete)]
+
+
+ModelName = Annotated[
+    str, typer.Option("--model", help="Model: its name or a YAML file.", autocompletion=model_names)
+]
+_RECORDS = typer.Argument(help="Bags or logger files of one valve.", metavar="RECORD...")
+_Valve = Annotated[
+    str | None,
+    typer.Option(
+        help="YAML file of the valve, or name of a shipped valve; default: valve in the bag.",
+        autocompletion=valve_names,
+    ),
+]
+_Holdout = Annotated[
+    Sequence[Path],
+    typer.Option(
+        help="Held-out record for validation; default: a quarter of each record is held out.",
+        metavar="RECORD",
+    ),
+]
+_SensorGain = Annotated[
+    bool,
+    typer.Option(
+        "--sensor-gain", rich_help_panel=EXPERT, help="Fit the gain error of the spool's sensor as well."
+    ),
+]
+_SensorDelay = Annotated[
+    bool,
+    typer.Option(
+        "--sensor-delay", rich_help_panel=EXPERT, help="Fit the delay of the spool's sensor as well."
+    ),
+]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FitRequest:
+    """Request to fit one model to records."""
+
+    records: Annotated[Sequence[Path], _RECORDS] = ()
+    valve: _Valve = None
+    model: ModelName = "coulomb"
+    free: Annotated[
+        Sequence[str],
+        typer.Option(help="Parameter to fit although the valve file states it; =VALUE is its start value."),
+    ] = ()
+    fix: Annotated[
+        Sequence[str],
+        typer.Option(help="Parameter to hold, at VALUE (PARAMETER=VALUE) or at the valve file's value."),
+    ] = ()
+    holdout: _Holdout = ()
+    force_free: Annotated[
+        bool,
+        typer.Option(
+            "--force-free",
+            rich_help_panel=EXPERT,
+            help="Do not hold parameters that the records do not determine.",
+        ),
+    ] = False
+    sensor_gain: _SensorGain = False
+    sensor_delay: _SensorDelay = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CompareRequest:
+    """Request to fit several models to records and to rank them."""
+
+    records: Annotated[Sequence[Path], _RECORDS]
+    valve: Annotated[
+        Sequence[str],
+        typer.Option(
+            help="Valve file, as for fit; one for all records, or one per record.", autocompletion=valve_names
+        ),
+    ] = ()
+    models: Annotated[
+        Sequence[str],
+        typer.Option(
+            help="Names or YAML files, separated by commas; default: the paper's models, coulomb, stribeck.",
+            callback=lambda given: [name for text in given for name in text.split(",")],
+        ),
+    ] = ()
+    together: Annotated[bool, typer.Option("--together", help="Treat all records as one set of data.")] = (
+        False
+    )
+    holdout: _Holdout = ()
+    sensor_gain: _SensorGain = False
+    sensor_delay: _SensorDelay = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GapRequest:
+    """Request to find what a model lacks in records."""
+
+    records: Annotated[Sequence[Path], _RECORDS]
+    valve: _Valve = None
+    base: Annotated[
+        str,
+        typer.Option(
+            help="Base model that the command extends: name or YAML file.", autocompletion=model_names
+        ),
+    ] = "fluid"
+    holdout: Annotated[
+        Sequence[Path],
+        typer.Option(
+            help="Held-out record for validation; default: every other section is held out.", metavar="RECORD"
+        ),
+    ] = ()
+    kind: Annotated[
+        Literal["accelerations", "driven", "imposed"],
+        typer.Option(
+            help="accelerations, driven (a force moves the mass) or imposed (the force is the reaction)."
+        ),
+    ] = "accelerations"
+    mass: Annotated[
+        float | None,
+        typer.Option(help="Moving mass of a driven record, kg; default: mass of the valve, else fitted."),
+    ] = None
+    gain_tolerance: Annotated[
+        float,
+        typer.Option(
+            rich_help_panel=EXPERT, help="Relative gain tolerance of the spool's sensor, from its data sheet."
+        ),
+    ] = 0.05
+    delay_tolerance: Annotated[
+        float, typer.Option(rich_help_panel=EXPERT, help="Permitted delay between the channels, s.")
+    ] = 0.5e-3
+    least_share: Annotated[
+        float,
+        typer.Option(
+            rich_help_panel=EXPERT,
+            help="Smallest effect to name, as a share of the spool's rms acceleration.",
+        ),
+    ] = 0.0025
+    thorough: Annotated[
+        bool,
+        typer.Option(rich_help_panel=EXPERT, help="Complete the search; default: stop after about a minute."),
+    ] = False
+    profiles: Annotated[
+        bool,
+        typer.Option(
+            "--profiles",
+            rich_help_panel=EXPERT,
+            help="Report for each named parameter whether the record determines it.",
+        ),
+    ] = False
+
+    def __post_init__(self) -> None:
+        """Raises InputError where a number is out of range."""
+        for option, value, most in (
+            ("--gain-tolerance", self.gain_tolerance, 0.4),
+            ("--delay-tolerance", self.delay_tolerance, 4e-3),
+            ("--least-share", self.least_share, 0.5),
+        ):
+            if not 0.0 <= value <= most:
+                raise InputError(f"{option} {value:g}: out of range: use 0 to {most:g}")
+        if self.mass is not None and not (self.kind == "driven" and 0.0 < self.mass < math.inf):
+            raise InputError(f"--mass {self.mass:g}: a mass > 0 kg, with --kind driven")
+
+
+@dataclass(frozen=True, slots=True)
+class WhatIfRequest:
+    """Change and excitation to predict the response for."""
+
+    valve: Annotated[
+        str,
+        typer.Option(help="YAML file of the valve, or name of a shipped valve.", autocompletion=valve_names),
+    ]
+    model: Annotated[
+        str | None,
+        typer.Option(
+            help="Model: its name or a YAML file; a file of fit or gap gives intervals. Default: fluid.",
+            autocompletion=model_names,
+        ),
+    ] = None
+    spring_stiffness: Annotated[float | None, typer.Option(help="Other springs, N/m, both together.")] = None
+    changed: Annotated[
+        Sequence[str],
+        typer.Option("--set", help="Other value of a parameter, SI units: mass=0.2; repeatable."),
+    ] = ()
+    oil: Annotated[str | None, typer.Option(help="Other oil by its name, e.g. HL68 or 'ISO VG 46'.")] = None
+    oil_temperature: Annotated[float | None, typer.Option(help="Other oil temperature, deg C.")] = None
+    mount_frequency: Annotated[
+        float | None, typer.Option(help="Natural frequency of an isolating mount of the valve, Hz.")
+    ] = None
+    mount_damping: Annotated[float | None, typer.Option(help="Damping ratio of that mount.")] = None
+    excitation: Annotated[
+        str | None,
+        typer.Option(
+            help="Preset or YAML file of sines or machine orders, in place of the options below.",
+            autocompletion=excitation_names,
+        ),
+    ] = None
+    amplitude: Annotated[
+        float | None, typer.Option(help="Peak acceleration of the machine, m/s^2; default: 10.")
+    ] = None
+    frequency_range: Annotated[
+        str | None,
+        typer.Option(help="Frequencies to show, Hz; default: around the resonances.", metavar="LOW:HIGH"),
+    ] = None
+    speed_range: Annotated[
+        str | None, typer.Option(help="Speeds of engine or pump, rev/min.", metavar="LOW:HIGH")
+    ] = None
+    orders: Annotated[
+        str | None, typer.Option("--order", help="Orders of engine or pump, e.g. 1,2,9.", metavar="N,...")
+    ] = None
