@@ -8,6 +8,7 @@ import json
 import re
 import subprocess
 import sys
+from dataclasses import fields
 from functools import partial
 from pathlib import Path
 
@@ -16,6 +17,7 @@ import pandas as pd
 import pytest
 import spool
 from spool.errors import in_python
+from spool_report import requests
 from spool_tools.cli import main
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -178,6 +180,16 @@ def test_wrong_input_is_one_type_of_error_with_one_line(wrong) -> None:
         wrong()
     assert "\n" not in str(caught.value)
     assert "--" not in str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["fit", "compare", "gap", "what_if"])
+def test_a_call_takes_the_options_of_its_command_with_their_defaults(name: str) -> None:
+    request = getattr(requests, f"{name.title().replace('_', '')}Request")
+    taken = inspect.signature(getattr(spool, name)).parameters
+    for option in fields(request):
+        default = taken[option.name].default
+        if isinstance(option.default, bool | float | str):
+            assert default == option.default
 
 
 def test_every_option_that_a_message_names_becomes_an_argument() -> None:

@@ -17,7 +17,7 @@ from spool_core.uncertainty import PLUS_MINUS, Z_95
 from spool_report import page as html
 from spool_report.outputs import write_json
 from spool_report.records.valve_sheet import SPEED, friction_coefficient
-from spool_report.terminal import progress
+from spool_report.terminal import Table, progress
 from spool_sim.sensors import PAPER_CHAIN
 
 from spool_evaluation.paper.experiment import (
@@ -138,15 +138,14 @@ def sections(out: Path, results: Reproduction, tables: Mapping[str, list[TableRo
             "combined rms roughness; fluid friction from 3 on, mixed from 1 on. (31): largest error of the "
             f"measuring chain, {100.0 * PAPER_CHAIN.relative_uncertainty:.3g} % of the reading."
         ),
-        html.table(list(tables["derived"][0]), tables["derived"]),
+        html.table(Table.of(tables["derived"])),
         html.heading("Amplitude over frequency: figures 6 to 11"),
         drawn("figures_6_to_9", amplitude_figure(results.data), "amplitudes of body and spool"),
         drawn("figures_10_and_11", comparison_figure(results.data), "all series together"),
         html.heading("Fitted parameters: tables 3 to 6"),
     ]  # fmt: skip
     for model in MODELS:
-        rows = tables[f"table_{model.table}"]
-        found += [html.paragraph(_about(model)), html.table(list(rows[0]), rows)]
+        found += [html.paragraph(_about(model)), html.table(Table.of(tables[f"table_{model.table}"]))]
     found += [
         html.paragraph(
             "Intervals (± 95 %) come from the curvature of the objective: they say how sharp its least "
@@ -154,7 +153,7 @@ def sections(out: Path, results: Reproduction, tables: Mapping[str, list[TableRo
         ),
         html.heading("The objective: figure 12 and table 7"),
         drawn("figure_12", objective_figure(results.fits), "objective by model and series"),
-        html.table(list(tables["table_7"][0]), tables["table_7"]),
+        html.table(Table.of(tables["table_7"])),
         html.heading("Waveform at 60 Hz: figure 13"),
         drawn("figure_13", waveform_figure(results.data[4], series_4, results.fits), "waveforms"),
         html.heading("Amplitude ratios: figures 14 to 17"),
@@ -166,13 +165,13 @@ def sections(out: Path, results: Reproduction, tables: Mapping[str, list[TableRo
             f"{1e3 * STROKE:g} mm. For that regime the body is shaken, at each step up to 60 Hz, as much as "
             "fluid friction alone needs for that stroke. Forces at the step nearest to 60 Hz, in the truth:"
         ),
-        html.table(list(tables["forces_in_both_regimes"][0]), tables["forces_in_both_regimes"]),
+        html.table(Table.of(tables["forces_in_both_regimes"])),
         html.paragraph(
             "All four models fitted in both regimes, h held at 15 µm but in model 4; means over the four "
             f"series. {verdict(tables['models_in_both_regimes'])} Gains of 5 % are in both, so that at full "
             "stroke, where dry friction is a small part of all forces, they count for more than it does."
         ),
-        html.table(list(tables["models_in_both_regimes"][0]), tables["models_in_both_regimes"]),
+        html.table(Table.of(tables["models_in_both_regimes"])),
         html.heading("Models that contain model 4"),
         html.paragraph(
             "Model 3 contains model 4 for any h: mu_0 = 0 and K_V = 1 - (15 µm)/h. A converged fit of it "
@@ -182,9 +181,7 @@ def sections(out: Path, results: Reproduction, tables: Mapping[str, list[TableRo
             "from what they contain, so none ends above it. "
             f"{_convergence(results)} Objectives with h held at 15 µm and with h fitted:"
         ),
-        html.table(
-            list(tables["objective_with_h_fitted"][0]), tables["objective_with_h_fitted"]
-        ),
+        html.table(Table.of(tables["objective_with_h_fitted"])),
     ]  # fmt: skip
     return found
 

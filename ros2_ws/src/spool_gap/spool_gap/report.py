@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from spool_core.numbers import Array
@@ -15,6 +15,7 @@ from spool_core.uncertainty import (
     Quantity,
     as_json,
     by_name,
+    interval,
     number,
     percent,
     unit_text,
@@ -34,6 +35,8 @@ CHECK_COLOURED = (
 )
 #: Share of the difference's power from which a candidate without a verdict is worth naming with it: half.
 SHOWN = 0.5
+#: Hypotheses shown at most.
+RANKED = 12
 #: What a remainder may be that is predictable from each of these.
 LOOKS_LIKE = {
     "position": "a spring, a magnet or a stop that the catalogue does not describe",
@@ -146,6 +149,73 @@ def rounded(one: Quantity) -> str:
     if 0.0 <= Z_95 * one.standard_deviation < digit:
         return f"{number(one.value)}{unit_text(one.unit)}"
     return with_interval(one.value, one.standard_deviation, one.unit)
+
+
+#: Columns and rows of a table.
+Listed: TypeAlias = tuple[tuple[str, ...], list[tuple[object, ...]]]
+
+
+def explanations(result: GapResult) -> Listed:
+    """Return the explanations that the record does not distinguish."""
+    columns = ("explanation", "group", "probability", "numbers", "distinguished by")
+    return columns, [
+        (
+            " and ".join(one.effects).replace("_", " ") or "nothing is missing", one.group,
+            f"{one.probability:.2f}", _sizes(one.parameters), one.told_apart_by,
+        )
+        for one in (result.explanations if result.alternatives else ())
+    ]  # fmt: skip
+
+
+def effects(result: GapResult) -> Listed:
+    """Return the effects that are missing."""
+    columns = ("effect", "numbers", "what it means", "what to check")
+    return columns, [
+        (one.id.replace("_", " "), _sizes(one.parameters), one.meaning, one.check) for one in result.effects
+    ]
+
+
+def nuisances(result: GapResult) -> Listed:
+    """Return the effects of the measuring chain."""
+    return ("finding", "channel", "size", "what to check"), [
+        (
+            f"{one.id.replace('_', ' ')}{', left out' if one.corrected else ''}", one.channel,
+            f"{number(one.size, 2)} {one.unit}".removesuffix(" 1"), one.check,
+        )
+        for one in result.nuisances
+    ]  # fmt: skip
+
+
+def hypotheses(result: GapResult) -> Listed:
+    """Return the first hypotheses."""
+    return ("hypothesis", "jointly with", "error, %", "evidence", "verdict"), [
+        (
+            one.id.replace("_", " "),
+            ", ".join((*one.jointly_with, *one.measuring_chain)).replace("_", " ") or "the base",
+            100.0 * one.nrmse_after, f"{one.evidence:.0f}", result.verdict_of(one),
+        )
+        for one in result.ranking[:RANKED]
+    ]  # fmt: skip
+
+
+def parameters(result: GapResult) -> Listed:
+    """Return the parameters of the base model and with what was found."""
+    base, final = ({one.name: one for one in own} for own in (result.base, result.parameters))
+    return ("parameter", "base model", "with what was found", "unit"), [
+        (
+            name.replace("_", " "),
+            *(
+                str(interval(own[name].value, own[name].standard_deviation)) if name in own else ""
+                for own in (base, final)
+            ),
+            (final.get(name) or base[name]).unit,
+        )
+        for name in dict.fromkeys([*final, *base])
+    ]
+
+
+def _sizes(parameters: Sequence[Quantity]) -> str:
+    return "; ".join(f"{one.name.replace('_', ' ')} {rounded(one)}" for one in parameters)
 
 
 def nothing_missing(base: str, after: float, floor: float, of_what: str) -> str:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from itertools import cycle, islice
 
 import matplotlib.pyplot as plt
@@ -50,7 +51,6 @@ def fit_page(validated: ValidatedFit) -> str:
     """Return the page of a fit that has a result."""
     found = validated.fit
     title = f"{found.model.name.replace('_', ' ')} fitted to {validated.data.name}"
-    rows = tables.parameter_rows(found)
     doubts = [f"Warning: {doubt}" for doubt in validated.data.doubts]
     waveform, *others = pictures([validated])
     error = validated.held_out_error
@@ -67,13 +67,13 @@ def fit_page(validated: ValidatedFit) -> str:
         waveform,
         html.heading("Parameters"),
         html.listing(sentences(found.determinations)),
-        html.table(list(rows[0]), rows),
+        html.table(tables.parameter_table(found)),
         html.paragraph(
             f"{LEGEND}; the true value lies within it in 95 of 100 such records, if the model is right."
         ),
         *(html.listing(lines) for lines in (tables.correlations(found), found.warnings, doubts) if lines),
         html.heading("Quality of the fit"),
-        html.table(["what", "value"], tables.quality_rows(validated)),
+        html.table(tables.quality_table(validated)),
     ]
     exhibits = html.evidence(fit_exhibits(found, validated.data.valve, validated.data.fitted))
     sections += [
@@ -129,7 +129,6 @@ def summary(validated: ValidatedFit) -> str:
 
 def compare_page(series: Sequence[FittedSeries], ranking: Ranking) -> str:
     """Return the page of a comparison in which at least one model has a result."""
-    rows = tables.ranking_rows(ranking)
     shown = [entry for entry in ranking.ranks if math.isfinite(entry.error)]
     best = ranking.preferred
     errors = [entry.held_out_error for entry in shown if entry.model == best]
@@ -151,7 +150,7 @@ def compare_page(series: Sequence[FittedSeries], ranking: Ranking) -> str:
             "Models, best first: error above the least, and error on held-out data.",
             f"From best to worst: {', '.join(entry.model.replace('_', ' ') for entry in shown)}.",
         ),
-        html.table(list(rows[0]), rows),
+        html.table(tables.ranking_table(ranking)),
         html.listing(tables.COLUMNS),
     ]
     sections += [part for parts in (first[1:], *rest) for part in parts]
@@ -347,16 +346,17 @@ def _series(one: FittedSeries, ranking: Ranking) -> list[Markup]:
         (entry for entry in one.validated if entry.fit.reason is None),
         key=lambda entry: order.index(entry.name),
     )
+    table = tables.series_table(one)
     rows = [
-        {**row, "parameters": "; ".join(tables.parameter_lines(validated))}
-        for row, validated in zip(tables.series_rows(one), one.validated, strict=True)
+        (*row, "; ".join(tables.parameter_lines(validated)))
+        for row, validated in zip(table.rows, one.validated, strict=True)
     ]
     waveform, *others = pictures(validated) if validated else [html.paragraph("No model has a result.")]
     title = f"{one.data.name} ({one.data.valve.id})"
     return [
         waveform,
         html.heading(title),
-        html.table(list(rows[0]), rows),
+        html.table(replace(table, columns=(*table.columns, "parameters"), rows=rows)),
         html.paragraph(f"{LEGEND}. 'Not told': only combinations of them act."),
         html.listing(tables.determined_lines(one)),
         *([html.section(f"Amplitude, friction and spectrum of {title}", others)] if others else []),

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 from rich.console import Console
-from rich.table import Table
 from spool_core.numbers import Array
 from spool_core.uncertainty import (
     LEGEND,
@@ -32,6 +31,7 @@ from spool_sim.model import Model
 
 from spool_report.outputs import write_file
 from spool_report.ranking import WORTH, FittedSeries, Ranking, ValidatedFit, damping_ratio, natural_frequency
+from spool_report.terminal import Table
 
 #: What the columns of the ranking mean.
 COLUMNS = (
@@ -105,8 +105,8 @@ def to_dictionary(validated: ValidatedFit) -> dict[str, Any]:
     }
 
 
-def parameter_rows(found: Fit) -> list[dict[str, str]]:
-    """Return a row of text for each parameter: what was fitted, what acts together, what was held."""
+def parameter_table(found: Fit) -> Table:
+    """Return a row for each parameter: what was fitted, what acts together, what was held."""
     rows = []
     bounds = {one.name: one.bound for one in found.determinations if one.verdict == ONE_SIDED}
     for quantity in (*found.parameters, *found.combinations):
@@ -114,50 +114,31 @@ def parameter_rows(found: Fit) -> list[dict[str, str]]:
         if not math.isfinite(quantity.value):
             note = bounds.get(quantity.name, "the record does not determine it")
         shown = interval(quantity.value, quantity.standard_deviation)
-        rows.append(
-            {
-                "parameter": quantity.name.replace("_", " "),
-                "value": shown.value,
-                PLUS_MINUS: shown.half_width,
-                "unit": quantity.unit,
-                "": note,
-            }
-        )
+        rows.append((quantity.name.replace("_", " "), shown.value, shown.half_width, quantity.unit, note))
     for name, value in found.held.items():
-        unit = found.model.parameter(name).unit
-        rows.append(
-            {
-                "parameter": name.replace("_", " "),
-                "value": exact(value),
-                PLUS_MINUS: "",
-                "unit": unit,
-                "": "fixed",
-            }
-        )
-    return rows
+        rows.append((name.replace("_", " "), exact(value), "", found.model.parameter(name).unit, "fixed"))
+    return Table(("parameter", "value", PLUS_MINUS, "unit", ""), rows, ("value", PLUS_MINUS))
 
 
-def quality_rows(validated: ValidatedFit) -> list[dict[str, str]]:
-    """Return a row of text for each number that says how good the fit is."""
+def quality_table(validated: ValidatedFit) -> Table:
+    """Return a row for each number that says how good the fit is."""
     found = validated.fit
     fitted = found.agreement
-    if fitted is None:
-        return []
-    rows = {
-        "objective, weighted squared error": f"{fitted.objective:.5g}",
-        "mean amplitude ratio, model/measured, 10 to 100 Hz": number(fitted.amplitude_ratio),
-        "error on the fitted data, nrmse": number(validated.training_error),
-        "error on held-out data, nrmse": number(validated.held_out_error),
-        "undamped natural frequency": _with_unit(natural_frequency(found), "Hz"),
-        "damping ratio": _with_unit(damping_ratio(found), ""),
-        "data": f"{fitted.seconds:.1f} s fitted, "
-        f"{0.0 if validated.held_out is None else validated.held_out.seconds:.1f} s held out",
-        "filter of the logger": "not visible: no force jumps"
-        if found.observation == USUAL
-        else found.observation.sentence(1.0 / validated.data.fitted[0].sample_period),
-        "optimisation": "converged" if found.converged else "NOT converged: do not use the numbers",
-    }
-    return [{"what": what, "value": value} for what, value in rows.items()]
+    rows = [] if fitted is None else [
+        ("objective, weighted squared error", f"{fitted.objective:.5g}"),
+        ("mean amplitude ratio, model/measured, 10 to 100 Hz", number(fitted.amplitude_ratio)),
+        ("error on the fitted data, nrmse", number(validated.training_error)),
+        ("error on held-out data, nrmse", number(validated.held_out_error)),
+        ("undamped natural frequency", _with_unit(natural_frequency(found), "Hz")),
+        ("damping ratio", _with_unit(damping_ratio(found), "")),
+        ("data", f"{fitted.seconds:.1f} s fitted, "
+         f"{0.0 if validated.held_out is None else validated.held_out.seconds:.1f} s held out"),
+        ("filter of the logger", "not visible: no force jumps"
+         if found.observation == USUAL
+         else found.observation.sentence(1.0 / validated.data.fitted[0].sample_period)),
+        ("optimisation", "converged" if found.converged else "NOT converged: do not use the numbers"),
+    ]  # fmt: skip
+    return Table(("what", "value"), rows)
 
 
 def correlations(found: Fit) -> list[str]:
@@ -175,16 +156,8 @@ def print_fit(validated: ValidatedFit, console: Console) -> None:
     console.print(f"{found.model.name} fitted to {validated.data.name} ({found.valve})", highlight=False)
     for line in sentences(found.determinations):
         console.print(line, highlight=False, soft_wrap=True)
-    table = Table("parameter", box=None, pad_edge=False)
-    for column, justify in (("value", "right"), (PLUS_MINUS, "right"), ("unit", "left"), ("", "left")):
-        table.add_column(column, justify="right" if justify == "right" else "left")
-    for row in parameter_rows(found):
-        table.add_row(*row.values())
-    console.print(table)
-    quality = Table("", "", box=None, pad_edge=False, show_header=False)
-    for row in quality_rows(validated):
-        quality.add_row(row["what"], row["value"])
-    console.print(quality)
+    parameter_table(found).show(console)
+    quality_table(validated).show(console, header=False)
     for line in correlations(found):
         console.print(line, highlight=False, soft_wrap=True)
     for warning in found.warnings:
@@ -225,19 +198,21 @@ def comparison_dictionary(series: Sequence[FittedSeries], ranking: Ranking) -> d
     }
 
 
-def series_rows(one: FittedSeries) -> list[dict[str, str]]:
-    """Return a row of text for each model: how well it holds, as in the paper's tables 3 to 6."""
-    return [
-        {
-            "model": validated.name.replace("_", " "),
-            "objective": _number(math.nan if agreement is None else agreement.objective, ".4g"),
-            "amplitude ratio": _number(math.nan if agreement is None else agreement.amplitude_ratio, ".4f"),
-            "nrmse": _number(validated.training_error, ".4f"),
-            "held out": _number(validated.held_out_error, ".4f"),
-        }
+def series_table(one: FittedSeries) -> Table:
+    """Return a row for each model: how well it holds, as in the paper's tables 3 to 6."""
+    rows = [
+        (
+            validated.name.replace("_", " "),
+            _number(math.nan if agreement is None else agreement.objective, ".4g"),
+            _number(math.nan if agreement is None else agreement.amplitude_ratio, ".4f"),
+            _number(validated.training_error, ".4f"),
+            _number(validated.held_out_error, ".4f"),
+        )
         for validated in one.validated
         for agreement in (validated.fit.agreement,)
     ]
+    columns = ("model", "objective", "amplitude ratio", "nrmse", "held out")
+    return Table(columns, rows, columns[1:])
 
 
 def parameter_lines(validated: ValidatedFit) -> list[str]:
@@ -260,25 +235,27 @@ def parameter_lines(validated: ValidatedFit) -> list[str]:
     return lines
 
 
-def ranking_rows(ranking: Ranking) -> list[dict[str, str]]:
-    """Return a row of text for each model, best first; means over the series, as the paper's table 7."""
-    return [
-        {
-            "model": entry.model.replace("_", " "),
-            "parameters": str(entry.parameters or ""),
-            "error": _number(entry.error, ".4g"),
-            "excess": ""
+def ranking_table(ranking: Ranking) -> Table:
+    """Return a row for each model, best first; means over the series, as the paper's table 7."""
+    rows = [
+        (
+            entry.model.replace("_", " "),
+            str(entry.parameters or ""),
+            _number(entry.error, ".4g"),
+            ""
             if math.isnan(entry.excess)
             else f"{100.0 * entry.excess:+.1f} %"
             if entry.excess < 1.0
             else f"x {1.0 + entry.excess:.3g}",
-            "BIC": _number(entry.criterion - ranking.least_criterion, "+.0f"),
-            "objective": _number(entry.objective, ".3g"),
-            "ratio": _number(entry.amplitude_ratio, ".3f"),
-            "held out": _number(entry.held_out_error, ".4f"),
-        }
+            _number(entry.criterion - ranking.least_criterion, "+.0f"),
+            _number(entry.objective, ".3g"),
+            _number(entry.amplitude_ratio, ".3f"),
+            _number(entry.held_out_error, ".4f"),
+        )
         for entry in ranking.ranks
     ]
+    columns = ("model", "parameters", "error", "excess", "BIC", "objective", "ratio", "held out")
+    return Table(columns, rows, columns[1:])
 
 
 def determined_lines(one: FittedSeries) -> list[str]:
@@ -299,10 +276,10 @@ def print_comparison(series: Sequence[FittedSeries], ranking: Ranking, console: 
             console.print(text, markup=False, highlight=False, soft_wrap=True)
         for line in determined_lines(one):
             console.print(f"  {line}", markup=False, highlight=False, soft_wrap=True)
-        _print(series_rows(one), console)
+        series_table(one).show(console)
     console.print(LEGEND, markup=False, highlight=False, soft_wrap=True)
     console.print("[bold]Ranking[/bold]", highlight=False)
-    _print(ranking_rows(ranking), console)
+    ranking_table(ranking).show(console)
     console.print(RANKING_LEGEND, markup=False, highlight=False, soft_wrap=True)
     for sentence in ranking.sentences:
         console.print(sentence, markup=False, highlight=False, soft_wrap=True)
@@ -366,16 +343,6 @@ def save_model(
 
 def _with_unit(value: float, unit: str) -> str:
     return f"{number(value)}{unit_text(unit)}" if math.isfinite(value) else UNKNOWN
-
-
-def _print(rows: Sequence[dict[str, str]], console: Console) -> None:
-    table = Table(box=None, pad_edge=False)
-    for column in rows[0]:
-        left = column == "model"
-        table.add_column(column, justify="left" if left else "right", no_wrap=not left)
-    for row in rows:
-        table.add_row(*row.values())
-    console.print(table)
 
 
 def _number(value: float, digits: str) -> str:

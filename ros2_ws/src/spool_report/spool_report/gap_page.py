@@ -9,15 +9,16 @@ import matplotlib.pyplot as plt
 import numpy as np
 from markupsafe import Markup
 from matplotlib.figure import Figure
-from spool_core.uncertainty import LEGEND, interval, number
+from spool_core.uncertainty import LEGEND
 from spool_estimator.identification.determination import RISE_95, ProfileLikelihood, sentences
+from spool_gap import report
 from spool_gap.catalogue import EFFECTS
-from spool_gap.report import anomaly_sentence, lead, rounded
 from spool_gap.result import Curves, GapResult, Surface, Where
 
 from spool_report import page as html
 from spool_report.evidence.exhibit import AFTER, BEFORE, FLOOR, MEASURED, WIDTH, Exhibit, LeftOut
 from spool_report.evidence.exhibit import plain as _plain
+from spool_report.terminal import Table
 
 WHERE = (
     "Where the missing force sits, as shares of its energy before anything was added; after is drawn in the "
@@ -47,8 +48,6 @@ EVIDENCE = (
 )
 SPECTRUM = "Residual by frequency, before and after, with the measured signal and the noise."
 
-#: Hypotheses shown at most.
-SHOWN = 12
 UNIT = {"m": (1e3, "mm"), "rad": (180.0 / np.pi, "°")}
 
 
@@ -68,28 +67,22 @@ def gap_page(
     }.get(result.verdict, f"{result.record}: {_said(result.verdict).replace('+', ' and ')}")
     before, after = result.before, result.after
     what = "spool acceleration" if result.kind == "accelerations" else "force"
-    rows: list[dict[str, object]] = [
-        {
-            "": f"held-out error, % of the rms of the {what}",
-            "before": 100.0 * before.nrmse,
-            "after": 100.0 * after.nrmse,
-            "noise alone": 100.0 * result.known_floor if math.isfinite(result.known_floor) else "not known",
-        }
-    ]
-    if math.isfinite(before.amplitude_ratio):
-        ratios = {"before": before.amplitude_ratio, "after": after.amplitude_ratio, "noise alone": 1.0}
-        rows.append({"": "amplitude, model over measured", **ratios})
     errors = (before.nrmse, after.nrmse, result.known_floor)
+    shown = [100.0 * error if math.isfinite(error) else "not known" for error in errors]
+    rows = [(f"held-out error, % of the rms of the {what}", *shown)]
+    if math.isfinite(before.amplitude_ratio):
+        ratios = (before.amplitude_ratio, after.amplitude_ratio, 1.0)
+        rows.append(("amplitude, model over measured", *ratios))
     first, last, noise = (f"{100.0 * error:.2g} %" for error in errors)
     alone = f", noise alone {noise}" if math.isfinite(result.known_floor) else ""
     seen = f"Held-out error {first} before, {last} after{alone}."
     sections = [
-        html.answers(lead(result)),
+        html.answers(report.lead(result)),
         html.drawing(waveform_figure(result.curves), WAVEFORM, seen),
         *([html.listing([f"Warning: {line}" for line in result.warnings])] if result.warnings else []),
-        html.table(["", "before", "after", "noise alone"], rows),
+        html.table(Table(("", "before", "after", "noise alone"), rows)),
         *([html.listing(known)] if (known := sentences(result.determinations)) else []),
-        *([html.paragraph(anomaly_sentence(anomaly))] if (anomaly := result.linear_anomaly) else []),
+        *([html.paragraph(report.anomaly_sentence(anomaly))] if (anomaly := result.linear_anomaly) else []),
         *_what_was_found(result),
         html.section("Where the gap sits", _where_it_sits(result)),
         *_hypotheses(result),
@@ -105,30 +98,10 @@ def gap_page(
 
 def _what_was_found(result: GapResult) -> list[Markup]:
     """Return the effects that are missing, what bounds their numbers, and what else was noticed."""
-    sections = []
-    if result.effects:
-        effects = [
-            {
-                "effect": _said(effect.id),
-                "numbers": "; ".join(f"{_said(one.name)} {rounded(one)}" for one in effect.parameters),
-                "what it means": effect.meaning,
-                "what to check": effect.check,
-            }
-            for effect in result.effects
-        ]
-        sections += [html.heading("What is missing"), html.table(list(effects[0]), effects)]
-    if result.alternatives:
-        rows: list[dict[str, object]] = [
-            {
-                "explanation": " and ".join(_said(name) for name in one.effects) or "nothing is missing",
-                "group": one.group,
-                "probability": f"{one.probability:.2f}",
-                "numbers": "; ".join(f"{_said(own.name)} {rounded(own)}" for own in one.parameters),
-                "distinguished by": one.told_apart_by,
-            }
-            for one in result.explanations
-        ]
-        sections += [html.heading("Explanations not distinguished"), html.table(list(rows[0]), rows)]
+    sections = [
+        html.table(Table(*report.effects(result), title="What is missing")),
+        html.table(Table(*report.explanations(result), title="Explanations not distinguished")),
+    ]
     if result.profiles:
         profiles = [f"{profile.sentence}." for profile in result.profiles]
         sections += [
@@ -136,17 +109,7 @@ def _what_was_found(result: GapResult) -> list[Markup]:
             html.drawing(profile_figure(result.profiles), PROFILES, " ".join(profiles)),
             html.listing(profiles),
         ]
-    if result.nuisances:
-        nuisances = [
-            {
-                "finding": f"{_said(entry.id)}{', left out' if entry.corrected else ''}",
-                "channel": entry.channel,
-                "size": f"{number(entry.size, 2)} {entry.unit}".removesuffix(" 1"),
-                "what to check": entry.check,
-            }
-            for entry in result.nuisances
-        ]
-        sections += [html.heading("Measuring-chain effects"), html.table(list(nuisances[0]), nuisances)]
+    sections.append(html.table(Table(*report.nuisances(result), title="Measuring-chain effects")))
     if result.candidates:
         known = {name: EFFECTS[name] for name in result.candidates if name in EFFECTS}
         checks = {name: f": {one.on_the_machine}; check {one.to_check}" for name, one in known.items()}
@@ -186,19 +149,9 @@ def _hypotheses(result: GapResult) -> list[Markup]:
     if not result.ranking:
         return []
     first = ", ".join(f"{_said(row.id)} {100.0 * row.nrmse_after:.2g} %" for row in result.ranking[:3])
-    rows = [
-        {
-            "hypothesis": _said(row.id),
-            "jointly with": ", ".join(map(_said, (*row.jointly_with, *row.measuring_chain))) or "the base",
-            "error, %": 100.0 * row.nrmse_after,
-            "evidence": f"{row.evidence:.0f}",
-            "verdict": result.verdict_of(row),
-        }
-        for row in result.ranking[:SHOWN]
-    ]
     parts = [
         html.drawing(ranking_figure(result), RANKING, f"Held-out error with the first ones: {first}."),
-        html.table(list(rows[0]), rows),
+        html.table(Table(*report.hypotheses(result))),
         html.paragraph(EVIDENCE_OF["accelerations" if result.kind == "accelerations" else "force"]),
     ]
     return [html.section("Hypotheses", parts)]
@@ -206,22 +159,10 @@ def _hypotheses(result: GapResult) -> list[Markup]:
 
 def _numbers(result: GapResult, seen: str, known: bool) -> list[Markup]:
     """Return the spectrum of both models and their numbers; ``known``: whether the noise alone is."""
-    base, final = ({one.name: one for one in own} for own in (result.base, result.parameters))
-    rows = [
-        {
-            "parameter": _said(name),
-            **{
-                label: str(interval(own[name].value, own[name].standard_deviation)) if name in own else ""
-                for label, own in (("base model", base), ("with what was found", final))
-            },
-            "unit": (final.get(name) or base[name]).unit,
-        }
-        for name in dict.fromkeys([*final, *base])
-    ]
     noise = "noise alone" if known else "noise at most"
     return [
         html.drawing(spectrum_figure(result.curves, noise), SPECTRUM, seen),
-        html.table(["parameter", "base model", "with what was found", "unit"], rows),
+        html.table(Table(*report.parameters(result))),
         html.paragraph(
             f"{LEGEND}. "
             f"Model: {', '.join(term.name for term in result.model.terms)}; "
@@ -317,7 +258,7 @@ def profile_figure(profiles: Sequence[ProfileLikelihood]) -> Figure:
 
 def ranking_figure(result: GapResult) -> Figure:
     """Return the error that each hypothesis leaves, by what it was tried jointly with."""
-    rows = [row for row in result.ranking if np.isfinite(row.nrmse_after)][:SHOWN][::-1]
+    rows = [row for row in result.ranking if np.isfinite(row.nrmse_after)][: report.RANKED][::-1]
     top = 1.3 * max(result.before.nrmse, 1e-6)
     figure: Figure
     figure, axis = plt.subplots(figsize=(WIDTH, 1.4 + 0.3 * len(rows)), layout="constrained")

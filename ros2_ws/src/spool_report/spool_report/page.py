@@ -6,7 +6,7 @@ import base64
 import io
 import json
 import math
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import matplotlib.pyplot as plt
@@ -17,6 +17,7 @@ from spool_core.uncertainty import number
 
 from spool_report.evidence.exhibit import Exhibit, LeftOut
 from spool_report.outputs import provenance
+from spool_report.terminal import Table
 
 #: What marks a figure that can be zoomed into.
 _ZOOM = '<figure class="zoom">'
@@ -111,17 +112,12 @@ def folded(summary: str, entries: Sequence[str]) -> Markup:
     return Markup(_PARTS.folded(summary, entries))
 
 
-def table(
-    columns: Sequence[str], rows: Sequence[Mapping[str, object]], numbers: Collection[str] = ()
-) -> Markup:
-    """Return a table; numbers are rounded to four digits.
-
-    Args:
-        columns: names of the columns, in their order.
-        rows: cells by the name of their column.
-        numbers: columns whose texts are numbers.
-    """
-    return Markup(_PARTS.table(columns, rows, numbers))
+def table(shown: Table) -> Markup:
+    """Return a table below its title, if it has one; numbers are rounded to four digits."""
+    if not shown.rows:
+        return Markup()
+    title = heading(shown.title) if shown.title else Markup()
+    return title + Markup(_PARTS.table(shown.columns, shown.rows, shown.numbers))
 
 
 def picture(figure: Figure, description: str, dpi: int = 130) -> tuple[Markup, bytes]:

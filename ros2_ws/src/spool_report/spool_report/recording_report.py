@@ -8,6 +8,7 @@ from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
+from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from spool_bag.reader import BagReader
@@ -15,11 +16,12 @@ from spool_core.block_gate import malformed
 from spool_core.events.sentences import title
 from spool_core.numbers import Array
 from spool_core.text import plural
-from spool_core.uncertainty import LEGEND, PLUS_MINUS, Z_95, interval, with_interval
+from spool_core.uncertainty import LEGEND, PLUS_MINUS, Z_95, interval
 
 from spool_report import page as html
 from spool_report.evidence.exhibit import Exhibit, LeftOut
 from spool_report.outputs import sources
+from spool_report.terminal import Table
 
 #: Okabe and Ito's colours: apart for the colour-blind and in print.
 BODY, SPOOL, ESTIMATE, EVENT = "#0072B2", "#D55E00", "#009E73", "#E69F00"
@@ -39,7 +41,6 @@ def write_report(folder: Path, reader: BagReader, analysis: dict[str, Any]) -> P
     sections: list[str] = []
     peaks = {name: _peaks(reader, name) for name in analysis["valves"]}
     start = min((float(table[0, 0]) for table in peaks.values() if table.size), default=0.0)
-    columns = ("parameter", "at the end", PLUS_MINUS, "unit")
     for name, valve in analysis["valves"].items():
         figure = draw_valve(reader, name, peaks[name], start, valve["events"])
         raised = [event for event in valve["events"] if event["state"] == "raised"]
@@ -52,26 +53,7 @@ def write_report(folder: Path, reader: BagReader, analysis: dict[str, Any]) -> P
             dpi=150,
         )
         (folder / f"{name.replace('/', '_')}.png").write_bytes(content)
-        parameters = []
-        for key, one in valve["estimate"]["parameters"].items():
-            shown = interval(one["value"], one["std"])
-            values = (key.replace("_", " "), shown.value, shown.half_width, one["unit"])
-            parameters.append(dict(zip(columns, values, strict=True)))
-        listed = [
-            {
-                "time": f"{event['t_s']:.1f} s",
-                "event": f"{event['severity']} {event['state']}",
-                "headline": event["message"],
-                "details": html.folded("show", event["details"]),
-            }
-            for event in valve["events"]
-        ]
-        sections += [
-            html.heading(name),
-            image,
-            html.table(columns, parameters, ("at the end", PLUS_MINUS)),
-            html.table(["time", "event", "headline", "details"], listed, ("time",)),
-        ]
+        sections += [html.heading(name), image, _parameters(valve), _events(valve)]
     lost = sum(valve["lost_blocks"] for valve in analysis["valves"].values())
     summary = (
         f"{plural(len(analysis['valves']), 'valve')}, {analysis['duration_s'] or 0.0:.0f} s, "
@@ -157,13 +139,6 @@ def replay_page(
         raised = [event for event in valve["events"] if event["state"] == "raised"]
         count = f"{len(raised)} event{'' if len(raised) == 1 else 's'}"
         lost = f"; {plural(valve['lost_blocks'], 'block')} lost" if valve["lost_blocks"] else ""
-        rows: list[dict[str, object]] = [
-            {
-                "parameter": name.replace("_", " "),
-                "value at the end": with_interval(one["value"], one["std"], one["unit"]),
-            }
-            for name, one in valve["estimate"]["parameters"].items()
-        ]
         sections += [
             html.heading(name),
             html.verdict(f"{name} at the end: {valve['health']['summary']}; {count} in the record{lost}."),
@@ -174,8 +149,8 @@ def replay_page(
                 if valve["warnings"]
                 else []
             ),
-            *_events(valve),
-            *([html.table(list(rows[0]), rows), html.paragraph(f"{LEGEND}.")] if rows else []),
+            _events(valve),
+            *([_parameters(valve), html.paragraph(f"{LEGEND}.")] if valve["estimate"]["parameters"] else []),
             html.heading(f"Evidence of {name}"),
             html.paragraph(ABOUT),
             *html.evidence(evidence.get(name, ())),
@@ -227,16 +202,23 @@ def _spans(events: list[dict[str, Any]], end: float) -> list[tuple[str, float, f
     return spans + [(key, since, end) for key, since in begun.items()]
 
 
-def _events(valve: Mapping[str, Any]) -> list[str]:
-    if not valve["events"]:
-        return [html.paragraph("No event.")]
-    rows: list[dict[str, object]] = [
-        {
-            "time, s": f"{event['t_s']:.1f}",
-            "event": f"{event['severity']} {event['state']}",
-            "headline": event["message"],
-            "details": html.folded("show", event["details"]),
-        }
-        for event in valve["events"]
+def _parameters(valve: Mapping[str, Any]) -> Markup:
+    rows = [
+        (name.replace("_", " "), shown.value, shown.half_width, one["unit"])
+        for name, one in valve["estimate"]["parameters"].items()
+        for shown in (interval(one["value"], one["std"]),)
     ]
-    return [html.table(list(rows[0]), rows, {"time, s"})]
+    columns = ("parameter", "at the end", PLUS_MINUS, "unit")
+    return html.table(Table(columns, rows, columns[1:3]))
+
+
+def _events(valve: Mapping[str, Any]) -> Markup:
+    rows = [
+        (
+            f"{event['t_s']:.1f}", f"{event['severity']} {event['state']}", event["message"],
+            html.folded("show", event["details"]),
+        )
+        for event in valve["events"]
+    ]  # fmt: skip
+    table = Table(("time, s", "event", "headline", "details"), rows, ("time, s",))
+    return html.table(table) if rows else html.paragraph("No event.")

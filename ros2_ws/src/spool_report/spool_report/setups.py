@@ -9,7 +9,6 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from rich.console import Console
-from rich.table import Table
 from spool_core.errors import InputError
 from spool_core.text import did_you_mean
 from spool_core.uncertainty import LEGEND, PLUS_MINUS, by_name, interval, number
@@ -22,6 +21,7 @@ from spool_sim.valve import Number, Valve, one_line, valve_from_mapping
 from spool_report import fit_tables
 from spool_report.ranking import ValidatedFit, natural_frequency
 from spool_report.records.record_loading import FitData
+from spool_report.terminal import Table
 
 #: Fewer set-ups are what `fit` without `--setups` takes.
 LEAST = 2
@@ -232,41 +232,38 @@ def alone_of(found: FittedSetUps, name: str, setup: str) -> Determination | None
     return next((one for one in found.joint.alone.get(setup, ()) if one.name == parameter), None)
 
 
-def rows(found: FittedSetUps) -> list[dict[str, str]]:
-    """Return a row of text for each unknown: its value from all set-ups, and what each determines alone."""
-    made = []
-    for quantity in (*found.joint.parameters, *found.joint.combinations):
-        shown = interval(quantity.value, quantity.standard_deviation)
-        made.append(
-            {
-                "parameter": shown_name(quantity.name),
-                "value": shown.value,
-                PLUS_MINUS: shown.half_width,
-                "unit": quantity.unit,
-                **{
-                    f"{setup.name} alone": alone_text(alone_of(found, quantity.name, setup.name))
-                    for setup in found.setups
-                },
-            }
+def parameter_table(found: FittedSetUps) -> Table:
+    """Return a row for each unknown: its value from all set-ups, and what each determines alone."""
+    setups = [setup.name for setup in found.setups]
+    columns = ("parameter", "value", PLUS_MINUS, "unit", *(f"{name} alone" for name in setups))
+    rows = [
+        (
+            shown_name(quantity.name), shown.value, shown.half_width, quantity.unit,
+            *(alone_text(alone_of(found, quantity.name, name)) for name in setups),
         )
-    return made
+        for quantity in (*found.joint.parameters, *found.joint.combinations)
+        for shown in (interval(quantity.value, quantity.standard_deviation),)
+    ]  # fmt: skip
+    return Table(columns, rows, {*columns} - {"parameter", "unit"})
 
 
-def quality_rows(found: FittedSetUps) -> list[dict[str, str]]:
-    """Return a row of text for each set-up: what is known in it, and how well the model holds."""
-    return [
-        {
-            "set-up": setup.name,
-            "known": ", ".join(
+def quality_table(found: FittedSetUps) -> Table:
+    """Return a row for each set-up: what is known in it, and how well the model holds."""
+    rows = [
+        (
+            setup.name,
+            ", ".join(
                 f"{name.replace('_', ' ')} {value if isinstance(value, str) else number(value)}"
                 for name, value in setup.known.model_dump(exclude_none=True).items()
             ),
-            "natural frequency, Hz": number(natural_frequency(one.fit)),
-            "nrmse": number(one.training_error),
-            "held out": number(one.held_out_error),
-        }
+            number(natural_frequency(one.fit)),
+            number(one.training_error),
+            number(one.held_out_error),
+        )
         for setup, one in zip(found.setups, found.validated, strict=False)
     ]
+    columns = ("set-up", "known", "natural frequency, Hz", "nrmse", "held out")
+    return Table(columns, rows, columns[2:], "Set-ups")
 
 
 def headline(found: FittedSetUps) -> str:
@@ -284,20 +281,11 @@ def print_setups(found: FittedSetUps, console: Console) -> None:
     console.print(headline(found), markup=False, highlight=False, soft_wrap=True)
     for line in sentences(joint.determinations):
         console.print(line, markup=False, highlight=False, soft_wrap=True)
-    values = rows(found)
-    own = [f"{setup.name} alone" for setup in found.setups]
-    for lines in (
-        [{name: text for name, text in row.items() if name not in own} for row in values],
-        [{name: row[name] for name in ("parameter", *own)} for row in values],
-        quality_rows(found),
-    ):
-        table = Table(box=None, pad_edge=False)
-        for column in lines[0]:
-            left = column in ("parameter", "unit", "set-up", "known")
-            table.add_column(column, justify="left" if left else "right", no_wrap=not left)
-        for row in lines:
-            table.add_row(*row.values())
-        console.print(table)
+    whole = parameter_table(found)
+    Table(whole.columns[:4], [row[:4] for row in whole.rows], whole.numbers).show(console)
+    alone = [(row[0], *row[4:]) for row in whole.rows]
+    Table(("parameter", *whole.columns[4:]), alone, whole.numbers).show(console)
+    quality_table(found).show(console)
     console.print(f"{LEGEND}. {ALONE}", markup=False, highlight=False, soft_wrap=True)
     if not joint.converged:
         console.print("NOT converged: do not use the numbers", markup=False)

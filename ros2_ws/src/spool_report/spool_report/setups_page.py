@@ -26,7 +26,6 @@ CAPTION = (
 def setups_page(found: FittedSetUps) -> str:
     """Return the page of a joint fit that has a result."""
     joint = found.joint
-    rows, quality = tables.rows(found), tables.quality_rows(found)
     doubts = [f"{one.name}: {doubt}" for one in found.data for doubt in one.doubts]
     state = "" if joint.converged else " The descent did not converge: distrust the numbers."
     early = [f"Warning: {STOPPED_EARLY}."] if joint.stopped_early else []
@@ -49,10 +48,9 @@ def setups_page(found: FittedSetUps) -> str:
         html.drawing(interval_figure(found), CAPTION, " ".join(sentences(joint.determinations))),
         html.heading("Parameters"),
         html.listing(sentences(joint.determinations)),
-        html.table(list(rows[0]), rows),
+        html.table(tables.parameter_table(found)),
         html.paragraph(f"{LEGEND}. {tables.ALONE}"),
-        html.heading("Set-ups"),
-        html.table(list(quality[0]), quality),
+        html.table(tables.quality_table(found)),
         *(
             html.section(
                 f"Set-up {setup.name}: waveform, amplitude, friction, spectrum", pictures.pictures([one])

@@ -3,23 +3,18 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
+from dataclasses import dataclass
 
+from rich import progress as bars
+from rich import table as rich_table
 from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    Progress,
-    ProgressColumn,
-    Task,
-    TaskProgressColumn,
-    TextColumn,
-    TimeElapsedColumn,
-)
 from rich.text import Text
 from spool_core.kernels.kernel_files import COMPILING, KernelCache
 from spool_core.text import printable
+from spool_core.uncertainty import number
 
 #: Share of the work from which the time left is shown.
 LEAST_DONE = 0.1
@@ -30,6 +25,41 @@ _silent: ContextVar[bool] = ContextVar("silent", default=False)
 def cell(text: object, style: str = "") -> Text:
     """Return ``text`` for a table or a line: as it is, without markup, escapes shown instead of followed."""
     return Text(printable(text), style=style)
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """Table of a result: the terminal and the page show the same.
+
+    Attributes:
+        columns: names.
+        rows: cells in the order of the columns; the last ones may be missing.
+        numbers: columns of numbers, which stand to the right and are not broken.
+        title: heading on a page.
+    """
+
+    columns: Sequence[str]
+    rows: Sequence[Sequence[object]]
+    numbers: Collection[str] = ()
+    title: str = ""
+
+    @classmethod
+    def of(cls, rows: Sequence[Mapping[str, object]]) -> Table:
+        """Return the table of ``rows`` that name their cells alike."""
+        return cls(list(rows[0]), [list(row.values()) for row in rows])
+
+    def show(self, console: Console, *, header: bool = True) -> None:
+        """Show the table, nothing without rows. What is too wide goes on in the next line."""
+        shown = rich_table.Table(box=None, pad_edge=False, show_header=header)
+        for name in self.columns:
+            if name in self.numbers:
+                shown.add_column(name, justify="right", no_wrap=True)
+            else:
+                shown.add_column(name, overflow="fold")
+        for row in self.rows:
+            shown.add_row(*(cell(number(one) if isinstance(one, float) else one) for one in row))
+        if self.rows:
+            console.print(shown)
 
 
 def wide_console(width: int, *, markup: bool = True) -> Console:
@@ -73,9 +103,9 @@ def progress(
     if _silent.get() or not sys.stderr.isatty():
         yield lambda _done: None
         return
-    left = [TimeLeft(at_most=at_most)] if total is not None and steady else [TimeElapsedColumn()]
-    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), *left)
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+    left = [TimeLeft(at_most=at_most)] if total is not None and steady else [bars.TimeElapsedColumn()]
+    columns = (bars.TextColumn("{task.description}"), bars.BarColumn(), bars.TaskProgressColumn(), *left)
+    with bars.Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(what, total=total)
         compiling = 0
 
@@ -93,7 +123,7 @@ def progress(
             KernelCache.watch = before
 
 
-class TimeLeft(ProgressColumn):
+class TimeLeft(bars.ProgressColumn):
     """Time left, from the rate so far; empty while too little is done to know it."""
 
     def __init__(self, *, at_most: bool = False) -> None:
@@ -101,7 +131,7 @@ class TimeLeft(ProgressColumn):
         super().__init__()
         self._about = "at most" if at_most else "about"
 
-    def render(self, task: Task) -> Text:
+    def render(self, task: bars.Task) -> Text:
         """Return the time, e.g. ``about 40 s left``."""
         done = task.completed - task.fields.get("begun", 0.0)
         if not task.total or task.elapsed is None or done < LEAST_DONE * task.total:

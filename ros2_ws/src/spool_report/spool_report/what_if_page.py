@@ -49,16 +49,7 @@ def what_if_page(found: work.WhatIf) -> str:
             html.drawing(campbell_figure(found), CAMPBELL, _seen(found)),
             html.drawing(orders_figure(found.after), ORDERS, _seen(found)),
         ]
-    titles = ("What was changed", "What changes", "Resonances and margins", "Over the machine's amplitude")
-    tables = (
-        work.changed_rows(found),
-        work.change_rows(found),
-        work.resonance_rows(found),
-        work.amplitude_rows(found),
-    )
-    for title, rows in zip(titles, tables, strict=True):
-        if rows:
-            parts += [html.heading(title), html.table(list(rows[0]), rows)]
+    parts += [html.table(table) for table in work.tables(found)]
     if found.depends_on_amplitude:
         parts.append(html.drawing(amplitude_figure(found), AMPLITUDES))
     if found.notes:
@@ -163,8 +154,7 @@ def amplitude_figure(found: work.WhatIf) -> Figure:
 def _seen(found: work.WhatIf) -> str:
     """Return the resonances and orders in words."""
     parts = [
-        f"order {row['order']} at {row['at speed']} ({row['resonance']})"
-        for row in work.resonance_rows(found)
-        if "order" in row
+        f"order {order} at {speed} ({name})"
+        for name, _, _, _, order, speed, _ in (row for row in work.resonances(found)[1] if row[4:])
     ]
     return f"Resonances are met by {', '.join(parts)}." if parts else "No order meets a resonance."

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from spool_tools import command as command_group
 from spool_tools.cli import app, main
-from spool_tools.command import command_modules, declaration
+from spool_tools.command import OPTION_PANELS, command_modules, declaration
 from typer.main import get_command
 
 
@@ -30,6 +30,14 @@ def test_help_shows_examples_that_are_parsed(name: str, group: Any) -> None:
         words = example.removeprefix("Example: ./spool ").split()
         assert words[0] == name
         group.commands[name].make_context(name, words[1:])
+
+
+@pytest.mark.parametrize("name", command_modules())
+def test_panels_of_help_are_in_one_order(name: str, group: Any) -> None:
+    """Each option of a command stands in a panel that other commands have."""
+    options = [one for one in group.commands[name].params if one.param_type_name == "option"]
+    places = [OPTION_PANELS.index(one.rich_help_panel) for one in options]
+    assert places == sorted(places)
 
 
 @pytest.mark.parametrize("name", command_modules())

@@ -164,7 +164,7 @@ def test_numbers_out_of_range_and_unknown_choices_are_refused_by_the_option_s_na
     assert main(words.split()) == 2
     said = capsys.readouterr().err
     option = next(word for word in reversed(words.split()) if word.startswith("--") and word != "--out")
-    assert f"'{option}'" in said
+    assert option in said
     assert said.count("\n") == 1
 
 

@@ -69,7 +69,7 @@ def test_people_read_the_displacement_in_mm_and_programs_in_m(
 ) -> None:
     file, drawn = tmp_path / "trend.json", tmp_path / "trend.html"
     _, out, _ = run(capsys, "press/left", "--state-folder", kept, "--json", file, "--out", drawn)
-    assert re.search(r"relative displacement +mm +1\.2500 +1\.2500 +1\.2500", out)
+    assert re.search(r"relative displacement +mm +1\.250 +1\.250 +1\.250", out)
     assert "relative displacement from 1.250 to 1.250 mm" in drawn.read_text(encoding="utf-8")
     displacement = json.loads(file.read_text("utf-8"))["parameters"]["relative_displacement"]
     assert displacement["unit"] == "m"

@@ -11,25 +11,24 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from rich.console import Console
-from rich.table import Table
 from spool_bag import DISPLACEMENT, FORCE
 from spool_core.errors import InputError
-from spool_core.uncertainty import LEGEND, PLUS_MINUS, interval, number, percent, with_interval
+from spool_core.uncertainty import LEGEND, percent, with_interval
 from spool_estimator.identification.determination import Determination, sentences
 from spool_estimator.identification.fit import determined_before
 from spool_estimator.identification.record import LARGEST, Record
 from spool_estimator.plausibility import check_records
+from spool_gap import report
 from spool_gap.evidence.analyse import analyse
 from spool_gap.force.analyse import analyse_forces
 from spool_gap.force.balance import ForceRecord
-from spool_gap.report import anomaly_sentence, lead, result_to_dict, rounded
 from spool_gap.result import GapResult, GapSettings
 from spool_report.fit_tables import LONGEST_NAME, save_model
 from spool_report.outputs import ResultFiles, sources, write_file, write_json
 from spool_report.records import record_loading
 from spool_report.records.record_sources import is_table, record_of_table
 from spool_report.requests import GapRequest
-from spool_report.terminal import progress, warn, wide_console
+from spool_report.terminal import Table, progress, warn, wide_console
 from spool_sim.model import Model, load_model
 from spool_sim.valve import Valve, find_valve
 
@@ -165,7 +164,7 @@ def _write(
     """Write the files that are wanted; return a line about each that people look for."""
     written = []
     if outputs.json is not None:
-        write_json(outputs.json, result_to_dict(result))
+        write_json(outputs.json, report.result_to_dict(result))
     if outputs.report is not None:
         from spool_report.gap_page import gap_page  # noqa: PLC0415 - matplotlib is needed here only
 
@@ -226,38 +225,19 @@ def _force_records(
 def show(result: GapResult, console: Console) -> None:
     """Print the verdict, what was found and how the hypotheses rank."""
     console.print(f"{result.verdict}  (confidence {result.confidence:.2f})", style="bold")
-    lines = [f"{heading}: {sentence}" for heading, sentence in lead(result)]
+    lines = [f"{heading}: {sentence}" for heading, sentence in report.lead(result)]
     lines += [f"\n{result.sentence}"] if result.effects else []
-    lines += [anomaly_sentence(anomaly)] if (anomaly := result.linear_anomaly) is not None else []
+    lines += [report.anomaly_sentence(anomaly)] if (anomaly := result.linear_anomaly) is not None else []
     lines.append(f"Gap location: {result.where.sentence}.")
     lines += [f"Suggested next measurement: {result.advice}."] if result.advice else []
     for line in lines:
         console.print(line, markup=False, soft_wrap=True)
-    if result.alternatives:
-        answers = Table("explanation", "group", "probability", box=None, pad_edge=False)
-        for column in ("numbers", "distinguished by"):
-            answers.add_column(column, overflow="fold")
-        for one in result.explanations:
-            name = " + ".join(one.effects) or "none"
-            numbers = ", ".join(f"{own.name} {rounded(own)}" for own in one.parameters)
-            answers.add_row(name, one.group, f"{one.probability:.2f}", numbers, one.told_apart_by)
-        console.print(answers)
-    table = Table("parameter", "value", PLUS_MINUS, "unit", box=None, pad_edge=False)
-    for quantity in result.parameters:
-        shown = interval(quantity.value, quantity.standard_deviation)
-        table.add_row(quantity.name, shown.value, shown.half_width, quantity.unit)
-    console.print(table)
+    Table(*report.explanations(result)).show(console)
+    Table(*report.parameters(result)).show(console)
     console.print(LEGEND, markup=False, soft_wrap=True)
     for profile in result.profiles:
         console.print(profile.sentence, markup=False, soft_wrap=True)
-    if result.nuisances:
-        chain = Table("measuring chain", "channel", "size", "unit", "", box=None, pad_edge=False)
-        for entry in result.nuisances:
-            left = "left out; " if entry.corrected else ""
-            chain.add_row(
-                entry.id, entry.channel, number(entry.size, 2), entry.unit, f"{left}check {entry.check}"
-            )
-        console.print(chain)
+    Table(*report.nuisances(result)).show(console)
     for small in result.small_effects:
         values = ", ".join(
             f"{q.name} {with_interval(q.value, q.standard_deviation, q.unit)}" for q in small.parameters
@@ -267,19 +247,4 @@ def show(result: GapResult, console: Console) -> None:
             f"{percent(small.share)}: too little to matter.",
             markup=False, soft_wrap=True,
         )  # fmt: skip
-    table = Table(box=None, pad_edge=False)
-    for column in ("hypothesis", "jointly with", "error after", "evidence"):
-        table.add_column(column, no_wrap=True)
-    table.add_column("", overflow="fold")
-    for row in result.ranking[:10]:
-        note = result.verdict_of(row)
-        after = f"{100.0 * row.nrmse_after:.2f} %"
-        table.add_row(
-            row.id,
-            " + ".join((*row.jointly_with, *row.measuring_chain)) or "the base",
-            after,
-            f"{row.evidence:.0f}",
-            note,
-        )
-    if result.ranking:
-        console.print(table)
+    Table(*report.hypotheses(result)).show(console)

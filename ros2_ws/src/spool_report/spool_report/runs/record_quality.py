@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 from rich.console import Console
-from rich.table import Table
 from spool_bag.importing.choices import Choices
 from spool_bag.importing.formats.format import format_of, open_table
 from spool_bag.importing.logger_record import read_record
@@ -30,7 +29,7 @@ from spool_monitor.orders import OrderLine, OrderSpectrum, order_spectrum
 from spool_report import page as html
 from spool_report.outputs import write_file, write_json
 from spool_report.records import record_loading
-from spool_report.terminal import cell
+from spool_report.terminal import Table, cell
 
 #: s of the pieces that spectra are averaged over: lines 0.5 Hz apart.
 PIECE = 2.0
@@ -53,16 +52,17 @@ def look(files: Sequence[Path], how: Choices, json: Path | None, report: Path | 
         console.print(f"{cell(str(table.path))}: {format_of(table.path).name}", soft_wrap=True, markup=False)
         for note in table.notes:
             console.print(f"  {cell(note)}", soft_wrap=True, markup=False)
-        listed = Table(box=None, pad_edge=False)
-        for column in ("  #", "channel", "unit", "quantity"):
-            listed.add_column(column)
-        for group in table.groups:
-            for one in group.channels:
-                name = f"{group.name}/{one.name}" if group.name else one.name
-                unit = "time of day" if one.unit == STAMP else one.unit or "not named"
-                what = "time" if one.time or one.unit == STAMP else quantity_of(one.unit) or "not known"
-                listed.add_row(f"  {one.number}", cell(name), cell(unit), what)
-        console.print(listed)
+        listed = [
+            (
+                f"  {one.number}",
+                f"{group.name}/{one.name}" if group.name else one.name,
+                "time of day" if one.unit == STAMP else one.unit or "not named",
+                "time" if one.time or one.unit == STAMP else quantity_of(one.unit) or "not known",
+            )
+            for group in table.groups
+            for one in group.channels
+        ]
+        Table(("  #", "channel", "unit", "quantity"), listed).show(console)
     try:
         record = read_record(files, how=how)
     except InputError as error:
@@ -156,8 +156,7 @@ def quality_page(quality: RecordQuality, notes: Sequence[str]) -> str:
             axis.axvline(quality.resonance.frequency, color=_LINE, ls=":", lw=1.0)
     sections = [
         html.verdict(doubts[0] if len(doubts) == 1 else f"{len(doubts)} doubts, the first: {doubts[0]}"),
-        html.table(["what", "value"], facts(quality)),
-        html.table(list(channel_rows(quality)[0]), channel_rows(quality)),
+        *(html.table(table) for table in tables(quality)),
         html.heading("Reasons against an estimate from this record"),
         html.listing(doubts),
         html.heading("Signals"),
@@ -182,43 +181,47 @@ def quality_page(quality: RecordQuality, notes: Sequence[str]) -> str:
     return html.page(f"Quality of {quality.record}", sections, [("record", quality.record)])
 
 
-def facts(quality: RecordQuality) -> list[dict[str, object]]:
-    """Return what is known of the whole record."""
+def tables(quality: RecordQuality) -> tuple[Table, Table]:
+    """Return what is known of the whole record, and of each channel."""
     peak, band = quality.resonance, quality.excitation
     size = f"{number(peak.frequency)} Hz, amplification {number(peak.amplification)}"
     seen = size if math.isfinite(peak.frequency) else "none"
-    return [
-        {"what": "duration", "value": f"{quality.duration_s:.1f} s"},
-        {"what": "sampling rate", "value": f"{quality.rate:.6g} Hz"},
-        {
-            "what": "gaps",
-            "value": f"{quality.gaps}, {number(quality.missing_s)} s missing" if quality.gaps else "none",
-        },
-        {"what": "excitation", "value": f"{number(band.low)} to {number(band.high)} Hz"},
-        {"what": "coherence of the channels", "value": f"{quality.coherence:.2f}"},
-        {"what": "resonance", "value": seen},
+    facts = [
+        ("duration", f"{quality.duration_s:.1f} s"),
+        ("sampling rate", f"{quality.rate:.6g} Hz"),
+        ("gaps", f"{quality.gaps}, {number(quality.missing_s)} s missing" if quality.gaps else "none"),
+        ("excitation", f"{number(band.low)} to {number(band.high)} Hz"),
+        ("coherence of the channels", f"{quality.coherence:.2f}"),
+        ("resonance", seen),
         *_order_facts(quality.orders),
     ]
+    channels = [
+        (
+            one.name, *map(number, (one.mean, one.rms, one.peak)),
+            number(one.noise_rms) if math.isfinite(one.noise_rms) else COVERED,
+            f"{100.0 * one.clipped:.2g} %",
+        )
+        for one in quality.channels
+    ]  # fmt: skip
+    measured = (f"{name} (m/s²)" for name in ("mean", "rms", "peak", "noise, rms"))
+    return Table(("what", "value"), facts), Table(("channel", *measured, "clipped"), channels)
 
 
-def _order_facts(found: OrderSpectrum | None) -> list[dict[str, object]]:
+def _order_facts(found: OrderSpectrum | None) -> list[tuple[str, str]]:
     """Return speed and orders as rows; a record without a speed has none."""
     if found is None:
         return []
     fault = f"; in part not used: {ENGLISH.word(found.fault)}" if found.fault else ""
     speed = f"{number(found.slowest)} to {number(found.fastest)} rev/min{fault}"
-    lines: list[dict[str, object]] = [
-        {
-            "what": f"order {one.order:.3g}" + (f", {one.component}" if one.component else ""),
-            "value": f"body {one.body:.3g}, spool {one.spool:.3g} m/s², most at "
-            f"{one.loudest_rpm:.0f} rev/min",
-        }
+    lines = [
+        (
+            f"order {one.order:.3g}" + (f", {one.component}" if one.component else ""),
+            f"body {one.body:.3g}, spool {one.spool:.3g} m/s², most at {one.loudest_rpm:.0f} rev/min",
+        )
         for one in found.lines
     ]
-    return [
-        {"what": "speed", "value": speed if found.order.size else ENGLISH.word(found.fault)},
-        *(lines or [{"what": "orders", "value": "none above the noise"}]),
-    ]
+    shown = speed if found.order.size else ENGLISH.word(found.fault)
+    return [("speed", shown), *(lines or [("orders", "none above the noise")])]
 
 
 def orders_figure(found: OrderSpectrum) -> Figure:
@@ -235,21 +238,6 @@ def orders_figure(found: OrderSpectrum) -> Figure:
     axis.grid(alpha=0.3)
     axis.legend(loc="upper right")
     return figure
-
-
-def channel_rows(quality: RecordQuality) -> list[dict[str, object]]:
-    """Return what is known of each channel, in m/s^2."""
-    return [
-        {
-            "channel": one.name,
-            "mean (m/s²)": number(one.mean),
-            "rms (m/s²)": number(one.rms),
-            "peak (m/s²)": number(one.peak),
-            "noise, rms (m/s²)": number(one.noise_rms) if math.isfinite(one.noise_rms) else COVERED,
-            "clipped": f"{100.0 * one.clipped:.2g} %",
-        }
-        for one in quality.channels
-    ]
 
 
 def _channels(table: Channels) -> dict[str, Any]:
@@ -273,17 +261,9 @@ def print_quality(found: RecordQuality, notes: Sequence[str], console: Console) 
     """Show the quality of a record; ``notes`` say how the record was understood."""
     for note in notes:
         console.print(cell(note), soft_wrap=True, markup=False)
-    summary = Table(box=None, pad_edge=False, show_header=False)
-    for fact in facts(found):
-        summary.add_row(str(fact["what"]), str(fact["value"]))
-    console.print(summary)
-    rows = channel_rows(found)
-    table = Table(box=None, pad_edge=False)
-    for column in rows[0]:
-        table.add_column(column)
-    for row in rows:
-        table.add_row(*(str(value) for value in row.values()))
-    console.print(table)
+    facts, channels = tables(found)
+    facts.show(console, header=False)
+    channels.show(console)
     for doubt in found.doubts:
         console.print(f"! {cell(doubt)}", soft_wrap=True, markup=False)
     if not found.doubts:

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
 from rich.console import Console
-from rich.table import Table
 from spool_core.errors import InputError
 from spool_core.numbers import Array
 from spool_core.uncertainty import exact, named, number, percent, unit_text
@@ -17,7 +16,7 @@ from spool_report.records.simulation import find_excitation
 from spool_report.requests import WhatIfRequest
 from spool_report.runs import frequency_response as sines
 from spool_report.runs.frequency_response import Condition, Drive, Response, curve_of
-from spool_report.terminal import progress
+from spool_report.terminal import Table, progress
 from spool_sim.excitation import MachineOrders, SteadySine, SteppedSine, SweptSine
 from spool_sim.integration.composed_motion import ComposedMotion
 from spool_sim.model import Model, load_model
@@ -174,74 +173,60 @@ def _second_motion(motion: ComposedMotion, condition: Condition, response: Respo
 def print_what_if(found: WhatIf, console: Console) -> None:
     """Show what changes, the resonances with their margins, and the speeds to avoid."""
     console.print(found.sentence, markup=False, highlight=False, soft_wrap=True)
-    for rows in (changed_rows(found), change_rows(found), resonance_rows(found), amplitude_rows(found)):
-        if rows:
-            table = Table(box=None, pad_edge=False)
-            for place, column in enumerate(rows[0]):
-                table.add_column(column, justify="left" if place == 0 else "right", no_wrap=True)
-            for row in rows:
-                table.add_row(*row.values())
-            console.print(table)
+    for table in tables(found):
+        table.show(console)
 
 
-def changed_rows(found: WhatIf) -> list[dict[str, str]]:
-    """Return a row of text for everything that was changed."""
-    return [
-        {
-            "changed": name.replace("_", " "),
-            "today": _given(one.before, one.unit),
-            "after": _given(one.after, one.unit),
-        }
-        for name, one in found.changed.items()
-    ]
+def tables(found: WhatIf) -> list[Table]:
+    """Return what was changed, what changes, the resonances, and what the amplitude changes."""
+    sizes = found.by_amplitude if found.depends_on_amplitude else ()
+    every: dict[str, tuple[Sequence[str], Sequence[Sequence[str]]]] = {
+        "What was changed": (
+            ("changed", "today", "after"),
+            [
+                (name.replace("_", " "), _given(one.before, one.unit), _given(one.after, one.unit))
+                for name, one in found.changed.items()
+            ],
+        ),
+        "What changes": (
+            ("quantity", "today", "after", "after / today", "95 % interval"),
+            [
+                (
+                    one.quantity, number(one.before) + unit, number(one.after) + unit, number(one.factor),
+                    _interval(one.low, one.high),
+                )
+                for one in found.changes
+                for unit in (unit_text(one.unit),)
+            ],
+        ),
+        "Resonances and margins": resonances(found),
+        "Over the machine's amplitude": (
+            ("machine amplitude", "largest ratio", "at", "largest stroke"),
+            [
+                (
+                    f"{number(one.amplitude, 3)} m/s²", number(one.amplitude_ratio, 3),
+                    f"{number(one.frequency, 3)} Hz", f"{number(1e3 * one.stroke, 3)} mm",
+                )
+                for one in sizes
+            ],
+        ),
+    }  # fmt: skip
+    return [Table(columns, rows, columns[1:], title) for title, (columns, rows) in every.items()]
 
 
-def change_rows(found: WhatIf) -> list[dict[str, str]]:
-    """Return a row of text for each quantity that is compared."""
-    return [
-        {
-            "quantity": one.quantity,
-            "today": f"{number(one.before)}{unit_text(one.unit)}",
-            "after": f"{number(one.after)}{unit_text(one.unit)}",
-            "after / today": number(one.factor),
-            "95 % interval": _interval(one.low, one.high),
-        }
-        for one in found.changes
-    ]
-
-
-def resonance_rows(found: WhatIf) -> list[dict[str, str]]:
-    """Return a row of text for each resonance and each order that meets it."""
+def resonances(found: WhatIf) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Return columns, and a row for each resonance and each order that meets it."""
+    columns = ("resonance", "frequency", "95 % interval", "ratio", "order", "at speed", "margin")
     rows = []
     for name, response in (("today", found.before), ("after", found.after)):
         for one in response.resonances:
-            row = {
-                "resonance": name,
-                "frequency": f"{number(one.frequency)} Hz",
-                "95 % interval": _interval(one.low, one.high),
-                "ratio": number(one.ratio, 3),
-            }
+            met: tuple[str, ...] = ()
             if one.order is not None and one.speed is not None and one.margin is not None:
-                row["order"] = exact(one.order)
-                row["at speed"] = f"{number(one.speed)} rev/min"
-                row["margin"] = "in the range" if one.margin == 0.0 else percent(one.margin)
-            rows.append(row)
-    return rows
-
-
-def amplitude_rows(found: WhatIf) -> list[dict[str, str]]:
-    """Return a row of text for each amplitude, empty where that does not matter."""
-    if not found.depends_on_amplitude:
-        return []
-    return [
-        {
-            "machine amplitude": f"{number(one.amplitude, 3)} m/s²",
-            "largest ratio": number(one.amplitude_ratio, 3),
-            "at": f"{number(one.frequency, 3)} Hz",
-            "largest stroke": f"{number(1e3 * one.stroke, 3)} mm",
-        }
-        for one in found.by_amplitude
-    ]
+                margin = "in the range" if one.margin == 0.0 else percent(one.margin)
+                met = (exact(one.order), f"{number(one.speed)} rev/min", margin)
+            size = (f"{number(one.frequency)} Hz", _interval(one.low, one.high), number(one.ratio, 3))
+            rows.append((name, *size, *met))
+    return columns[: max(map(len, rows), default=0)], rows
 
 
 def _interval(low: float, high: float) -> str:

@@ -9,17 +9,8 @@ import typer
 from spool_core.errors import InputError
 from spool_core.text import seconds_of
 
-from spool_tools.command import (
-    Command,
-    CommentOption,
-    Force,
-    JsonFile,
-    LanguageOption,
-    RunningValve,
-    StateFolder,
-    WhoOption,
-    in_range,
-)
+from spool_tools import command as cli
+from spool_tools.command import Command
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -44,10 +35,10 @@ Back = Annotated[bool, typer.Option("--back", help="Undo the shelving or suppres
 
 @app.command("list")
 def list_(
-    valve: RunningValve,
+    valve: cli.RunningValve,
     every: Annotated[bool, typer.Option("--all", help="Include alarms in the normal state.")] = False,
     details: Annotated[bool, typer.Option("--details", help="Show everything known of each alarm.")] = False,
-    language: LanguageOption = "",
+    language: cli.LanguageOption = "",
 ) -> None:
     """List the alarms of a running valve; exit 1 if an alarm waits for an operator.
 
@@ -62,7 +53,7 @@ def list_(
 
 @app.command()
 def acknowledge(
-    valve: RunningValve, alarm: Name = "", who: WhoOption = "", comment: CommentOption = ""
+    valve: cli.RunningValve, alarm: Name = "", who: cli.WhoOption = "", comment: cli.CommentOption = ""
 ) -> None:
     """Acknowledge an alarm.
 
@@ -73,17 +64,18 @@ def acknowledge(
 
 @app.command()
 def shelve(
-    valve: RunningValve,
+    valve: cli.RunningValve,
     alarm: Name = "",
     minutes: Annotated[
         float,
         typer.Option(
-            help="How long, a week at most; 0: until the condition is over.", callback=in_range(0.0, 10080.0)
+            help="How long, a week at most; 0: until the condition is over.",
+            callback=cli.in_range(0.0, 10080.0),
         ),
     ] = 30.0,
     back: Back = False,
-    who: WhoOption = "",
-    comment: CommentOption = "",
+    who: cli.WhoOption = "",
+    comment: cli.CommentOption = "",
 ) -> None:
     """Shelve an alarm for a limited time.
 
@@ -95,15 +87,15 @@ def shelve(
 
 @app.command()
 def suppress(
-    valve: RunningValve,
+    valve: cli.RunningValve,
     alarm: Name = "",
     maintenance: Annotated[bool, typer.Option("--maintenance", help="Set the alarm out of service.")] = False,
     for_: Annotated[
         str | None, typer.Option("--for", help="Take the alarm out of service for this time, e.g. 2h.")
     ] = None,
     back: Back = False,
-    who: WhoOption = "",
-    comment: CommentOption = "",
+    who: cli.WhoOption = "",
+    comment: cli.CommentOption = "",
 ) -> None:
     """Suppress an alarm by design (plant state), or take it out of service (maintenance).
 
@@ -123,7 +115,9 @@ def suppress(
 
 
 @app.command()
-def reset(valve: RunningValve, alarm: Name = "", who: WhoOption = "", comment: CommentOption = "") -> None:
+def reset(
+    valve: cli.RunningValve, alarm: Name = "", who: cli.WhoOption = "", comment: cli.CommentOption = ""
+) -> None:
     """Reset latched alarms that have cleared and are acknowledged.
 
     Example: ./spool alarm reset valve_1 stuck_spool
@@ -139,9 +133,9 @@ def history(
         str, typer.Option(help="Words that an entry must hold: text, number, person, alarm.")
     ] = "",
     csv: Annotated[Path | None, typer.Option(help="Write CSV; - for standard output.")] = None,
-    state_folder: StateFolder = None,
-    language: LanguageOption = "",
-    _force: Force = False,
+    state_folder: cli.StateFolder = None,
+    language: cli.LanguageOption = "",
+    _force: cli.Force = False,
 ) -> None:
     """Show the journal of alarm events and operator actions.
 
@@ -160,9 +154,9 @@ def statistics(
         list[str] | None,
         typer.Option(help="Limit of the site, e.g. per_day=300; repeatable; default: ISA-18.2."),
     ] = None,
-    state_folder: StateFolder = None,
-    json: JsonFile = None,
-    _force: Force = False,
+    state_folder: cli.StateFolder = None,
+    json: cli.JsonFile = None,
+    _force: cli.Force = False,
 ) -> None:
     """Show the ISA-18.2 alarm statistics; exit 1 if a figure exceeds its limit.
 

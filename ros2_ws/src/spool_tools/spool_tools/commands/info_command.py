@@ -6,9 +6,8 @@ from typing import TYPE_CHECKING
 
 import typer
 from rich.console import Console
-from rich.table import Table
 from spool_report.outputs import damaged_places, fail, lost_messages, write_json
-from spool_report.terminal import cell, progress, warn
+from spool_report.terminal import Table, cell, progress, warn
 
 from spool_tools import command as cli
 from spool_tools.command import Command
@@ -61,22 +60,19 @@ def _show(found: BagInformation) -> None:
     state = "closed properly" if found.closed else "not closed properly: see ./spool recover"
     text = f"{found.bag}: {duration}, {found.size_bytes / 1e6:.1f} MB, {state}"
     console.print(cell(text), soft_wrap=True)
-    topics = Table(box=None, pad_edge=False)
-    for column in ("topic", "type", "messages", "per second"):
-        # A name is never cut: where the terminal is too narrow it goes on in the next line.
-        topics.add_column(column, overflow="fold")
-    for topic in found.topics:
-        rate = "" if topic.rate_per_s is None else f"{topic.rate_per_s:.1f}"
-        topics.add_row(cell(topic.name), cell(topic.type), str(topic.messages), rate)
-    if found.topics:
-        console.print(topics)
-    valves = Table("valve", "blocks", "samples", "Hz", "lost", "refused", box=None, pad_edge=False)
-    for valve in found.valves:
-        rate = "?" if valve.sample_rate is None else f"{valve.sample_rate:g}"
-        cells = (valve.blocks, valve.samples, rate, valve.lost_blocks, valve.refused_blocks)
-        valves.add_row(cell(valve.name), *map(str, cells))
-    if found.valves:
-        console.print(valves)
+    topics = [
+        (one.name, one.type, one.messages, "" if one.rate_per_s is None else f"{one.rate_per_s:.1f}")
+        for one in found.topics
+    ]
+    Table(("topic", "type", "messages", "per second"), topics).show(console)
+    valves = [
+        (
+            one.name, one.blocks, one.samples, "?" if one.sample_rate is None else f"{one.sample_rate:g}",
+            one.lost_blocks, one.refused_blocks,
+        )
+        for one in found.valves
+    ]  # fmt: skip
+    Table(("valve", "blocks", "samples", "Hz", "lost", "refused"), valves).show(console)
     if found.damages:
         lost = lost_messages(found.lost_messages, estimated=found.lost_messages_estimated)
         text = f"{damaged_places(found.damages)}, {lost} messages lost: see ./spool recover"

@@ -9,14 +9,13 @@ from dataclasses import asdict
 from datetime import datetime, timezone
 from pathlib import Path
 
-from rich.table import Table
 from spool_core.errors import InputError
 from spool_core.events.sentences import language_of
 from spool_core.text import plural
 from spool_monitor import alarm_statistics
 from spool_monitor.journal import COLUMNS, cells, entries_in, iso
 from spool_report.outputs import STANDARD_OUTPUT, check_output, write_file, write_json
-from spool_report.terminal import wide_console
+from spool_report.terminal import Table, wide_console
 
 from spool_tools.operations.valve_trend import kept_files, moment
 
@@ -69,15 +68,15 @@ def show_history(
     if not rows:
         print("no entry" + (f" with {search!r}" if search else "") + (f" since {since}" if since else ""))
         return
-    table = Table("time (UTC)", "valve", "action", "alarm", "who", "text", box=None, pad_edge=False)
+    shown = []
     for row in rows:
-        cell = dict(zip(COLUMNS, row, strict=True))
-        text = " ".join(filter(None, (str(cell["text"]), f"({cell['comment']})" if cell["comment"] else "")))
-        table.add_row(
-            str(cell["time"]).replace("T", " ").removesuffix("Z"), str(cell["valve"]), str(cell["action"]),
-            " ".join(filter(None, (str(cell["code"] or ""), str(cell["alarm"])))), str(cell["who"]), text,
-        )  # fmt: skip
-    wide_console(160, markup=False).print(table)
+        one = dict(zip(COLUMNS, row, strict=True))
+        time = str(one["time"]).replace("T", " ").removesuffix("Z")
+        text = f"{one['text']} ({one['comment']})".strip() if one["comment"] else one["text"]
+        alarm = f"{one['code'] or ''} {one['alarm']}".strip()
+        shown.append((time, one["valve"], one["action"], alarm, one["who"], text))
+    columns = ("time (UTC)", "valve", "action", "alarm", "who", "text")
+    Table(columns, shown).show(wide_console(160))
 
 
 def show_statistics(
@@ -123,16 +122,22 @@ def show_statistics(
     return 1 if beyond else 0
 
 
+def figure_table(found: alarm_statistics.AlarmStatistics, limits: alarm_statistics.AlarmLimits) -> Table:
+    """Return a row for each figure of the alarm system, with the site's limit."""
+    rows = [
+        (title, value + unit, limit + unit, "" if kept else "beyond the limit")
+        for name, value, limit, kept in alarm_statistics.figures(found, limits)
+        for title, unit in (FIGURES[name],)
+    ]
+    return Table(("figure (ISA-18.2)", "value", "limit", ""), rows, ("value", "limit"), "Alarm system")
+
+
 def _show(found: alarm_statistics.AlarmStatistics, limits: alarm_statistics.AlarmLimits, valves: int) -> None:
     console = wide_console(120, markup=False)
     begin, end = (f"{iso(stamp)[:16].replace('T', ' ')}" for stamp in (found.since, found.until))
     of = f"{plural(found.count, 'alarm')} of {plural(valves, 'valve')}"
     console.print(f"{of} from {begin} to {end} UTC", soft_wrap=True)
-    table = Table("figure (ISA-18.2)", "value", "limit", "", box=None, pad_edge=False)
-    for name, value, limit, kept in alarm_statistics.figures(found, limits):
-        title, unit = FIGURES[name]
-        table.add_row(title, value + unit, limit + unit, "" if kept else "beyond the limit")
-    console.print(table)
+    figure_table(found, limits).show(console)
     console.print(
         f"An alarm flood begins at {alarm_statistics.FLOOD_BEGINS} alarms in 10 min "
         f"and ends below {alarm_statistics.FLOOD_ENDS}. "
@@ -140,10 +145,10 @@ def _show(found: alarm_statistics.AlarmStatistics, limits: alarm_statistics.Alar
         soft_wrap=True,
     )
     if found.frequent:
-        table = Table("most frequent", "valve", "number", "count", "share", box=None, pad_edge=False)
-        for one in found.frequent:
-            table.add_row(one.alarm, one.valve, str(one.code), str(one.count), f"{100 * one.share:.0f} %")
-        console.print(table)
+        rows = [
+            (one.alarm, one.valve, one.code, one.count, f"{100 * one.share:.0f} %") for one in found.frequent
+        ]
+        Table(("most frequent", "valve", "number", "count", "share"), rows).show(console)
     for title, pairs in (("chattering", found.chattering), ("active for a day or longer", found.stale)):
         if pairs:
             console.print(

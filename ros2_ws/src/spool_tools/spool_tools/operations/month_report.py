@@ -14,13 +14,13 @@ from spool_core.events.language import ENGLISH
 from spool_core.events.sentences import title
 from spool_core.text import plural
 from spool_core.uncertainty import number
-from spool_monitor.alarm_statistics import ACTIVE, AlarmLimits, figures, statistics
+from spool_monitor.alarm_statistics import ACTIVE, AlarmLimits, statistics
 from spool_monitor.journal import JournalEntry, entries_in
 from spool_monitor.trend import DAY, HOUR, Span, TrendStore
 from spool_report import page as html
 from spool_report.outputs import check_output, write_file
 
-from spool_tools.operations.alarm_journal import FIGURES
+from spool_tools.operations.alarm_journal import figure_table
 from spool_tools.operations.valve_trend import kept_files
 
 #: Parameters of a valve's line: name, title, unit.
@@ -115,11 +115,6 @@ def write_month(month: str, machine: str | None, state_folder: Path | None, out:
         for one in machines
     ]
     counted = statistics(chosen, begin * _SECOND, until * _SECOND)
-    rows = [
-        {"figure (ISA-18.2)": FIGURES[name][0], "value": value + FIGURES[name][1],
-         "limit": limit + FIGURES[name][1], "": "" if kept else "beyond the limit"}
-        for name, value, limit, kept in figures(counted, AlarmLimits())
-    ]  # fmt: skip
     label = datetime.fromtimestamp(begin, timezone.utc).strftime("%B %Y")
     sections = [
         html.paragraph(
@@ -130,8 +125,7 @@ def write_month(month: str, machine: str | None, state_folder: Path | None, out:
         html.rendered(
             "month.html", machines=pages, parameters=[(name, unit) for _, name, unit in PARAMETERS]
         ),
-        html.heading("Alarm system"),
-        html.table(list(rows[0]), rows, ("value", "limit")),
+        html.table(figure_table(counted, AlarmLimits())),
     ]
     write_file(out, html.page(f"Spool valves: {label}", sections), "--out")
     print(f"{out}: {plural(len(chosen), 'valve')}, {plural(counted.count, 'alarm')}")

@@ -17,7 +17,6 @@ from rcl_interfaces.msg import Parameter, ParameterDescriptor, ParameterType, Pa
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParametersAtomically
 from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
-from rich.table import Table
 from spool_bag import check_valve
 from spool_core.errors import InputError, operator_missing
 from spool_core.events.sentences import language_of
@@ -33,7 +32,7 @@ from spool_monitor.shown import listed
 from spool_msgs import srv
 from spool_msgs.msg import AlarmList, GapAnalysis, ValveHealth
 from spool_report.outputs import write_file
-from spool_report.terminal import wide_console
+from spool_report.terminal import Table, wide_console
 from std_srvs.srv import Trigger
 
 from spool_tools.operations.valve_rows import alarm_details, alarm_headline
@@ -148,15 +147,16 @@ def list_parameters(valve: str, name: str, only: str | None = None) -> None:
             _check(server, only, names)
             names = [only]
         values, descriptors = _values(node, server, names)
-    table = Table("parameter", "value", "range", "meaning", box=None, pad_edge=False)
-    for value, descriptor in zip(values, descriptors, strict=True):
-        bounds = (*descriptor.floating_point_range, *descriptor.integer_range)
-        table.add_row(
-            descriptor.name, _text(value),
+    rows = [
+        (
+            one.name, _text(value),
             f"{bounds[0].from_value:g} to {bounds[0].to_value:g}" if bounds else "",
-            "; ".join(filter(None, (descriptor.description, descriptor.additional_constraints))),
-        )  # fmt: skip
-    wide_console(200, markup=False).print(table)
+            "; ".join(filter(None, (one.description, one.additional_constraints))),
+        )
+        for value, one in zip(values, descriptors, strict=True)
+        for bounds in ((*one.floating_point_range, *one.integer_range),)
+    ]  # fmt: skip
+    Table(("parameter", "value", "range", "meaning"), rows).show(wide_console(200))
 
 
 def set_parameters(valve: str, name: str, changes: Sequence[str]) -> None:
@@ -219,11 +219,12 @@ def manage_baseline(valve: str, action: str, *, version: int = 0, who: str = "",
     console.print(", ".join(words), soft_wrap=True)
     if not answer.values:
         return
-    table = Table("parameter", "value", PLUS_MINUS, "unit", "estimates", box=None, pad_edge=False)
-    for quantity, count in zip(answer.values, answer.counts, strict=True):
-        shown = interval(quantity.value, quantity.standard_deviation)
-        table.add_row(quantity.name, shown.value, shown.half_width, quantity.unit, str(count))
-    console.print(table)
+    rows = [
+        (one.name, shown.value, shown.half_width, one.unit, count)
+        for one, count in zip(answer.values, answer.counts, strict=True)
+        for shown in (interval(one.value, one.standard_deviation),)
+    ]
+    Table(("parameter", "value", PLUS_MINUS, "unit", "estimates"), rows).show(console)
     console.print(f"{LEGEND}, of a single estimate", soft_wrap=True)
 
 

@@ -11,7 +11,6 @@ from typing import Any
 from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from matplotlib.figure import Figure
 from rich.console import Console
-from rich.table import Table
 from spool_bag import check_valve
 from spool_core.errors import InputError
 from spool_core.system import expanded
@@ -23,6 +22,7 @@ from spool_monitor.trend import KEPT, TrendStore, finest
 from spool_report import page as html
 from spool_report.outputs import check_output, write_file, write_json
 from spool_report.records.record_sources import iso_time
+from spool_report.terminal import Table
 
 _LINE, _BAND = "#0072B2", "#56B4E9"
 
@@ -89,8 +89,9 @@ def trend_page(result: dict[str, Any]) -> tuple[str, bytes]:
         if spans
     ]
     image, content = html.picture(draw(result), f"History of {result['valve']}: {'; '.join(parts)}.")
-    rows = trend_rows(result)
-    return html.page(f"History of {result['valve']}", [image, html.table(list(rows[0]), rows)]), content
+    return html.page(
+        f"History of {result['valve']}", [image, html.table(Table.of(trend_rows(result)))]
+    ), content
 
 
 def for_people(result: dict[str, Any]) -> dict[str, Any]:
@@ -228,12 +229,6 @@ def _print(result: dict[str, Any], out: Path | None) -> None:
     console.print(
         f"{result['valve']}: one value per {length}" + (f", see {out}" if out else ""), highlight=False
     )
-    rows = trend_rows(result)
-    shown = Table(*rows[0], box=None, pad_edge=False)
-    for row in rows:
-        shown.add_row(
-            *(number(value, 5) if isinstance(value, float) else str(value) for value in row.values())
-        )
-    console.print(shown)
+    Table.of(trend_rows(result)).show(console)
     for name, (value, unit) in result["counters"].items():
         console.print(f"{name} in all: {exact(value)}{unit_text(unit)}", highlight=False)
