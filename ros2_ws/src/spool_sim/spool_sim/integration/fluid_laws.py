@@ -44,7 +44,8 @@ def sliding(z: float, speed: float, s: float, q: tuple[float, ...]) -> float:
 @inner
 def rest(z: float, q: tuple[float, ...]) -> tuple[float, float]:
     """Return what dry friction can take up at rest, N."""
-    return 0.0, 0.0
+    low, high = 0.0, 0.0
+    return low, high
 
 
 @inner
