@@ -41,6 +41,11 @@ class Block:
     dropped: int = 0
 
     @property
+    def size(self) -> int:
+        """Samples of each channel; 0 where they differ or have none."""
+        return self.body.size if self.body.size == self.spool.size else 0
+
+    @property
     def end(self) -> int:
         """Time at which the first sample of the next block is due, ns."""
         return self.stamp + round(self.body.size * self.sample_period * 1e9)
@@ -49,21 +54,6 @@ class Block:
     def duration(self) -> float:
         """Time from the first sample to the one after the last, s."""
         return self.body.size * self.sample_period
-
-
-def joined(blocks: Sequence[Block]) -> Block:
-    """Return blocks that follow each other without a gap as one; ``sequence`` is that of the last one."""
-    if len(blocks) == 1:
-        return blocks[0]
-    return Block(
-        blocks[0].stamp,
-        blocks[-1].sequence,
-        blocks[0].sample_period,
-        np.concatenate([block.body for block in blocks]),
-        np.concatenate([block.spool for block in blocks]),
-        blocks[0].source,
-        sum(block.blocks for block in blocks),
-    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,18 +125,41 @@ class BlockRun:
         )  # fmt: skip
 
 
-def joined_runs(runs: Sequence[BlockRun]) -> Block:
-    """Return runs that follow each other without a gap as one block; ``sequence`` is that of the last one."""
-    first, last = runs[0], runs[-1]
-    one = len(runs) == 1
+def last_of(item: Block | BlockRun) -> Block:
+    """Return the last block of ``item``."""
+    return item.last if isinstance(item, BlockRun) else item
+
+
+def cut(
+    items: Sequence[Block | BlockRun], count: int
+) -> tuple[list[Block | BlockRun], list[Block | BlockRun]]:
+    """Return the first ``count`` blocks of ``items``, and those behind them."""
+    for place, item in enumerate(items):
+        size = len(item) if isinstance(item, BlockRun) else 1
+        if count < size:
+            ahead, behind = list(items[:place]), list(items[place:])
+            if count > 0 and isinstance(item, BlockRun):
+                ahead.append(item.part(0, count))
+                behind[0] = item.part(count, size)
+            return ahead, behind
+        count -= size
+    return list(items), []
+
+
+def joined(items: Sequence[Block | BlockRun]) -> Block:
+    """Return blocks that follow each other without a gap as one; ``sequence`` is that of the last one."""
+    first = items[0]
+    one = len(items) == 1
+    if one and isinstance(first, Block):
+        return first
     return Block(
         first.stamp,
-        last.sequence + len(last) - 1,
+        last_of(items[-1]).sequence,
         first.sample_period,
-        first.body if one else np.concatenate([run.body for run in runs]),
-        first.spool if one else np.concatenate([run.spool for run in runs]),
+        first.body if one else np.concatenate([item.body for item in items]),
+        first.spool if one else np.concatenate([item.spool for item in items]),
         first.source,
-        sum(map(len, runs)),
+        sum(len(item) if isinstance(item, BlockRun) else item.blocks for item in items),
     )
 
 

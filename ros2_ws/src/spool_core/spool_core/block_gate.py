@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import enum
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from spool_core.block import RECENT, Block, BlockRun, RecentCounts, joined, joined_runs
+from spool_core.block import RECENT, Block, BlockRun, RecentCounts, cut, joined, last_of
 from spool_core.one_source import OneSource, Place, Standing
 from spool_core.rate_check import RateCheck, RateState
 from spool_core.record_limits import LIMITS
@@ -132,12 +132,6 @@ class BlockGate:
         return self.rate.state is RateState.CONFIRMED
 
     @property
-    def steady(self) -> bool:
-        """Whether a block that is due to the nanosecond continues the stream and changes nothing else."""
-        settled = self._held_back is None and not self._resumes and not self._sources.open
-        return settled and self.rate.steady
-
-    @property
     def judged_lately(self) -> tuple[int, int]:
         """How many blocks of the last minute of data were accepted, and how many the source sent in it."""
         missing = self.recent.lost + self.recent.refused
@@ -244,97 +238,97 @@ class BlockGate:
         self.fault = self.certain = fault
         self.faults[fault] = self.faults.get(fault, 0) + 1
 
-    def admitted(self, blocks: Sequence[Block], room: Callable[[], int]) -> Iterator[tuple[Block, Verdict]]:
-        """Yield ``blocks`` in order with their verdicts; every consumer takes one before the next is judged.
+    def admitted(
+        self, items: Iterable[Block | BlockRun], room: Callable[[], int]
+    ) -> Iterator[tuple[Block, Verdict]]:
+        """Yield the blocks of ``items`` in order with their verdicts; take one before the next is judged.
 
         Those that continue the stream are joined as long as ``room`` samples are not full: a consumer that
         has none takes each by itself. The last one's stamp is kept: what falls due does so at the end.
         """
-        at = 0
-        while at < len(blocks):
-            going_on = self._going_on(blocks, at, room())
-            whole = _as_one(going_on) if going_on else None
+        left = list(items)
+        while left:
+            ahead, behind = cut(left, self._going_on(left, room()))
+            whole = _as_one(ahead) if ahead else None
             if whole is None or malformed(whole) is not None:
-                yield blocks[at], self.judge(blocks[at])
-                at += 1
+                (first,), left = cut(left, 1)
+                block = last_of(first)
+                yield block, self.judge(block)
                 continue
-            taken = self._follow(going_on)
-            at += taken
-            if taken:
-                passed = going_on[:taken]
-                together = whole if whole is not None and taken == len(going_on) else _as_one(passed)
-                verdict = self._accept_together(together, passed[-1], passed[-2] if taken > 1 else None)
-                yield together, verdict
-            if taken < len(going_on) and self.rate.state is RateState.WRONG:
+            count = self._follow(ahead)
+            if count < whole.blocks:
+                ahead, behind = cut(left, count)
+            left = behind
+            if ahead:
+                whole = whole if count == whole.blocks else _as_one(ahead)
+                yield whole, self._accept_together(whole, ahead)
+            if self.rate.state is RateState.WRONG:
                 self.before, self.fault, self.certain = self.last, None, None
-                yield blocks[at], self._hold_back(blocks[at])
-                at += 1
+                (first,), left = cut(left, 1)
+                block = last_of(first)
+                yield block, self._hold_back(block)
 
-    def _going_on(self, blocks: Sequence[Block], at: int, room: int) -> list[Block]:
-        """Return the blocks from ``at`` on that go on with the stream as they should, up to ``room`` samples.
+    def _going_on(self, items: Sequence[Block | BlockRun], room: int) -> int:
+        """Return how many blocks go on with the stream as they should, up to ``room`` samples.
 
         Their samples are not looked at.
         """
         unsettled = self._sources.rivals or self._held_back is not None or self._resumes
         if self.last is None or not self.confirmed or unsettled:
-            return []
+            return 0
         stamp, end, sequence, period, _ = self.last
-        size = blocks[at].body.size
-        step = 1e9 * period * size
+        size = items[0].size
+        most, step = -(-room // max(size, 1)), 1e9 * period * size
         jitter = _jitter(period, step)
-        found: list[Block] = []
-        for block in blocks[at : at + -(-room // max(size, 1))]:
+        found = 0
+        for item in items:
             if (
-                block.sequence != sequence + 1
-                or block.stamp <= stamp
-                or abs(block.stamp - end) > jitter
-                or block.sample_period != period
-                or block.source != self.source
-                or not size == block.body.size == block.spool.size
+                found >= most
+                or item.sequence != sequence + 1
+                or item.stamp <= stamp
+                or abs(item.stamp - end) > jitter
+                or item.sample_period != period
+                or item.source != self.source
+                or not item.size == size > 0
             ):
                 break
-            found.append(block)
-            stamp, sequence = block.stamp, block.sequence
+            stamp, sequence = item.stamp, item.sequence
+            count = 1
+            if isinstance(item, BlockRun):
+                count = min(len(item), most - found)
+                stamp, sequence = stamp + (count - 1) * item.step, sequence + count - 1
+            found += count
             end = stamp + round(step)
         return found
 
-    def _follow(self, blocks: Sequence[Block]) -> int:
-        """Take the stamps of blocks that go on; return how many there are until the rate is not confirmed."""
-        for count, block in enumerate(blocks):
-            self.rate.take(block)
-            if self.rate.state is RateState.WRONG:
-                return count
-            if self.rate.state is not RateState.CONFIRMED:
-                return count + 1
-        return len(blocks)
+    def _follow(self, items: Sequence[Block | BlockRun]) -> int:
+        """Take the stamps of blocks that go on; return how many there are until the rate is doubted."""
+        count = 0
+        for item in items:
+            if isinstance(item, BlockRun) and self.rate.take_steadily(item):
+                count += len(item)
+                continue
+            for block in item.blocks() if isinstance(item, BlockRun) else (item,):
+                self.rate.take(block)
+                if self.rate.state is RateState.WRONG:
+                    return count
+                count += 1
+                if not self.confirmed:
+                    return count
+        return count
 
-    def _accept_together(self, whole: Block, last: Block, ahead: Block | None) -> Verdict:
-        """Accept ``whole``, the ``last`` one of its blocks and the one ahead of that, where there is one."""
-        self.fault = self.certain = None
-        self.before = self.last if ahead is None else place_of(ahead)
+    def _accept_together(self, whole: Block, items: Sequence[Block | BlockRun]) -> Verdict:
+        """Accept ``whole``, which is joined of ``items``."""
+        newest, self.fault, self.certain, self.before = items[-1], None, None, self.last
+        last = last_of(newest)
+        if isinstance(newest, BlockRun) and len(newest) > 1:
+            self.before = place_of(newest.block(len(newest) - 2))
+        elif len(items) > 1:
+            self.before = place_of(last_of(items[-2]))
         verdict = self._accept(last, Verdict.CONTINUES)
         self.recent.advance((whole.body.size - last.body.size) * last.sample_period)
         self.accepted += whole.blocks - 1
         return verdict
-
-    def admit_run(self, runs: Sequence[BlockRun]) -> Block | None:
-        """Accept the blocks of ``runs`` together and return them as one block that continues the stream.
-
-        They follow the last one and each other to the nanosecond, and the stream was ``steady``. Where one of
-        them is malformed or another valve's, nothing is accepted and ``None`` returned: judge each by itself.
-        """
-        whole = joined_runs(runs)
-        if malformed(whole) is not None or any(run.source and run.source != self.source for run in runs):
-            return None
-        ahead = None
-        if len(runs[-1]) > 1:
-            ahead = runs[-1].block(len(runs[-1]) - 2)
-        elif len(runs) > 1:
-            ahead = runs[-2].last
-        for run in runs:
-            self.rate.take_run(run)
-        self._accept_together(whole, runs[-1].last, ahead)
-        return whole
 
 
 def place_of(block: Block) -> Place:
@@ -342,9 +336,9 @@ def place_of(block: Block) -> Place:
     return Place(block.stamp, block.end, block.sequence, block.sample_period)
 
 
-def _as_one(blocks: Sequence[Block]) -> Block:
+def _as_one(items: Sequence[Block | BlockRun]) -> Block:
     """Return blocks that go on as one, with the last one's stamp, so that what falls due does so by that."""
-    whole, last = joined(blocks), blocks[-1]
+    whole, last = joined(items), last_of(items[-1])
     if last is whole:
         return whole
     ahead = (whole.body.size - last.body.size) * whole.sample_period

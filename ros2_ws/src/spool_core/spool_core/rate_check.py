@@ -123,13 +123,7 @@ class RateCheck:
         self._add(block.stamp - self._base, block.stamp - self._base - self._samples * period * 1e9)
         return True
 
-    def take_run(self, run: BlockRun) -> None:
-        """Take the blocks of ``run``, as ``take`` does one by one."""
-        if not self._take_steadily(run):
-            for block in run.blocks():
-                self.take(block)
-
-    def _take_steadily(self, run: BlockRun) -> bool:
+    def take_steadily(self, run: BlockRun) -> bool:
         """Take a run of a stream that is steady and due to the nanosecond; return whether it was."""
         previous = self._previous
         if previous is None or not self.steady:

@@ -9,8 +9,8 @@ from itertools import pairwise
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from spool_core.block import Block, BlockRun, joined, joined_runs
-from spool_core.block_gate import BlockGate
+from spool_core.block import Block, BlockRun, joined
+from spool_core.block_gate import BlockGate, Verdict
 from spool_core.rate_check import RateCheck
 
 START = 1_700_000_000_000_000_000
@@ -33,13 +33,13 @@ def test_its_blocks_follow_each_other_and_its_parts_are_their_runs(count: int, s
     blocks = list(whole.blocks())
     assert len(blocks) == len(whole) == count
     assert all(later.stamp == earlier.end for earlier, later in pairwise(blocks))
-    assert same(joined_runs([whole]), joined(blocks))
+    assert same(joined([whole]), joined(blocks))
     assert same(whole.last, blocks[-1])
     if 0 < cut < count:
         parts = [whole.part(0, cut), whole.part(cut, count)]
         found = [block for part in parts for block in part.blocks()]
         assert all(map(same, found, blocks))
-        assert same(joined_runs(parts), joined(blocks))
+        assert same(joined(parts), joined(blocks))
 
 
 @given(
@@ -54,7 +54,9 @@ def test_the_sample_rate_is_judged_as_block_by_block(counts: list[int], size: in
     for count, late in zip(counts, shift, strict=False):
         stamp += late
         part = run(count, size, sequence, stamp)
-        together.take_run(part)
+        if not together.take_steadily(part):
+            for block in part.blocks():
+                together.take(block)
         for block in part.blocks():
             apart.take(block)
         assert together == apart
@@ -67,16 +69,14 @@ def test_a_gate_that_admits_runs_stands_where_it_would_stand_behind_their_blocks
     gate = BlockGate()
     for block in run(200, 40).blocks():
         gate.judge(block)
-    assert gate.steady
     alone = copy.deepcopy(gate)
     runs, sequence = [], 200
     for count in counts:
         runs.append(run(count, 40, sequence, START + sequence * 20_000_000))
         sequence += count
-    whole = gate.admit_run(runs)
+    ((whole, _),) = gate.admitted(runs, lambda: 10**6)
     for block in (block for one in runs for block in one.blocks()):
         alone.judge(block)
-    assert whole is not None
     assert whole.body.size == 40 * sum(counts)
     assert (gate.last, gate.before, gate.accepted, gate.rate) == (
         alone.last,
@@ -86,12 +86,12 @@ def test_a_gate_that_admits_runs_stands_where_it_would_stand_behind_their_blocks
     )
 
 
-def test_a_gate_admits_no_run_with_a_broken_sample() -> None:
+def test_of_a_run_with_a_broken_sample_a_gate_refuses_its_block_alone() -> None:
     gate = BlockGate()
     for block in run(200, 40).blocks():
         gate.judge(block)
     broken = run(10, 40, 200, START + 200 * 20_000_000)
     broken.body[77] = np.nan
-    before = gate.accepted
-    assert gate.admit_run([broken]) is None
-    assert gate.accepted == before
+    found = list(gate.admitted([broken], lambda: 10**6))
+    refused = [block.sequence for block, verdict in found if verdict is Verdict.REFUSED]
+    assert (refused, sum(block.blocks for block, _ in found)) == ([201], 10)

@@ -68,7 +68,7 @@ def test_a_period_that_becomes_wrong_later_is_refused_within_3_s(off: float) -> 
     assert gate.rate.state is RateState.WRONG
     assert late[-1] is Verdict.REFUSED
     back = [gate.judge(block) for block in blocks[650:]]
-    assert gate.steady
+    assert gate.rate.steady
     assert back[-1] is Verdict.CONTINUES
 
 
@@ -146,6 +146,6 @@ def test_a_rate_is_steady_only_where_stamps_do_not_jitter() -> None:
     for block, moved in zip(stream(5.0), stream(5.0, jitter=4e-3), strict=True):
         exact.judge(block)
         jittering.judge(moved)
-    assert exact.steady
+    assert exact.rate.steady
     assert jittering.confirmed
-    assert not jittering.steady
+    assert not jittering.rate.steady

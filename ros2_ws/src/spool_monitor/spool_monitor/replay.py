@@ -25,8 +25,8 @@ class Replay:
 
     The estimator's gate judges each block for all; one that has judged blocks before begins after a pause.
 
-    Blocks that follow each other to the nanosecond are taken together, up to the next estimate; that changes
-    nothing. What was taken shows after ``flush``.
+    Blocks wait for each other up to the next estimate, and the gate joins those that go on with the stream;
+    that changes nothing. What was taken shows after ``flush``.
 
     Attributes:
         estimates: every estimate, where ``keep`` asked for them; the last one is ``estimator.latest``.
@@ -54,10 +54,8 @@ class Replay:
     last_stamp: int | None = field(default=None, init=False)
     samples: int = field(default=0, init=False)
     _gate: BlockGate = field(init=False)
-    _waiting: list[BlockRun] = field(default_factory=list, init=False)
+    _waiting: list[Block | BlockRun] = field(default_factory=list, init=False)
     _lacking: int = field(default=0, init=False)
-    _due: tuple[int, int, float] = field(default=(0, 0, 0.0), init=False)
-    _nanoseconds: int = field(default=0, init=False)
 
     def __post_init__(self) -> None:
         self._gate = self.monitor.gate = self.estimator.gate
@@ -83,66 +81,24 @@ class Replay:
         for strokes in (self.estimator.strokes, self.monitor.strokes):
             strokes.take_command(stamp, value)
 
-    def update(self, block: Block) -> None:
-        """Take one block through estimator and monitor, in the order of the data."""
-        run = BlockRun.of(block)
-        if run is None:
+    def update(self, item: Block | BlockRun) -> None:
+        """Take one block, or the blocks of a run, through estimator and monitor in the order of the data."""
+        self._waiting.append(item)
+        self._lacking -= item.body.size
+        if self._lacking <= 0:
             self.flush()
-            self._alone(block)
-        else:
-            self.update_run(run)
-
-    def update_run(self, run: BlockRun) -> None:
-        """Take the blocks of ``run``, as ``update`` does one by one."""
-        at, count = 0, len(run)
-        while at < count:
-            ahead = run.part(at, count)
-            due = self._waiting or self._begin()
-            if due and (ahead.stamp, ahead.sequence, ahead.sample_period) == self._due:
-                taken = min(len(ahead), -(-self._lacking // run.size))
-                self._waiting.append(ahead.part(0, taken))
-                stamp, sequence, period = self._due
-                self._due = stamp + taken * run.size * self._nanoseconds, sequence + taken, period
-                self._lacking -= taken * run.size
-                if self._lacking <= 0:
-                    self.flush()
-            else:
-                self.flush()
-                self._alone(run.block(at))
-                taken = 1
-            at += taken
 
     def flush(self) -> None:
         """Pass on the blocks that wait for others."""
-        if not self._waiting:
-            return
-        runs, self._waiting = self._waiting, []
-        whole = self._gate.admit_run(runs)
-        if whole is not None:
-            self._through(whole, Verdict.CONTINUES)
-            return
-        for run in runs:
-            for block in run.blocks():
-                self._alone(block)
+        waiting, self._waiting = self._waiting, []
+        for block, verdict in self._gate.admitted(waiting, self._room):
+            self._through(block, verdict)
+        self._lacking = self._room()
 
-    def _begin(self) -> bool:
-        """Say which block is due; return whether blocks may wait now.
-
-        They are due to the nanosecond: stamps must not change by rounding, nor faults by waiting.
-        """
+    def _room(self) -> int:
+        """Return the samples that may be taken together."""
         last = self._gate.last
-        if last is None or not self._gate.steady:
-            return False
-        self._lacking = min(self.estimator.lacking, self.monitor.room(last.period))
-        if self._lacking <= 0:
-            return False
-        self._due = last.end, last.sequence + 1, last.period
-        nanoseconds = last.period * 1e9
-        self._nanoseconds = round(nanoseconds)
-        return nanoseconds.is_integer()
-
-    def _alone(self, block: Block) -> None:
-        self._through(block, self._gate.judge(block))
+        return min(self.estimator.lacking, self.monitor.room(last.period if last is not None else 0.0))
 
     def _through(self, block: Block, verdict: Verdict) -> None:
         estimates = self.estimator.update(block, verdict)

@@ -146,10 +146,7 @@ def test_a_replay_equals_the_live_nodes_and_runs_of_blocks_equal_their_blocks(
         first = item.block(0) if isinstance(item, BlockRun) else item
         if place in warmer:
             together.update_temperature(first.stamp, 40.0 + 0.01 * place)
-        if isinstance(item, BlockRun):
-            together.update_run(item)
-        else:
-            together.update(item)
+        together.update(item)
         place += len(item) if isinstance(item, BlockRun) else 1
     assert place == len(blocks)
     assert judged(together) == expected

@@ -319,7 +319,7 @@ def replay_valve(
                 if parts is not None:
                     for block in item.blocks():
                         parts.take(block)
-                one.update_run(item)
+                one.update(item)
                 advance(len(item))
                 continue
             if timeline is not None:
