@@ -231,10 +231,9 @@ def _regress(
 ) -> Need:
     """Judge the chunk and step by its prediction errors; return what it needs."""
     now = tracker.progress[0]
-    score = run.product - run.noise_score
     count = run.sums[COUNT] if run.sums[COUNT] > 1.0 else 1.0
     take_chunk(
-        window, run.gram, score, run.sums[RESIDUAL], count,
+        window, run.gram, run.product - run.noise_score, run.sums[RESIDUAL], count,
         regression.parameters / tracker.scale, _LENGTHS, tracker.verdicts,
     )  # fmt: skip
     now["check"] -= 1
@@ -246,6 +245,16 @@ def _regress(
     for which in range(_LENGTHS.size):
         learn_gain(which, tracker, window)
     now["least"] = least_left(tracker)
+    need = step(valve, tracker, run, regression)
+    if need == Need.NOTHING:
+        end_chunk(tracker, run)
+    return need
+
+
+@compiled
+def step(valve: Valve, tracker: TrackerArrays, run: PredictionArrays, regression: RegressionArrays) -> Need:
+    """Step by the prediction errors of the chunk; return what it needs."""
+    score = run.product - run.noise_score
     weight = _NOISE_SQUARE / (tracker.verdicts[-1, 1] + _SMALLEST_SQUARE)
     change = np.empty(score.size)
     advance(
@@ -254,11 +263,14 @@ def _regress(
     change *= tracker.scale
     regression.parameters[:] += change
     shift(run.state, change)
-    judge_sampling(tracker)
-    if not is_valve(regression.parameters):
-        return Need.REGRESSION
-    end_chunk(tracker, run)
-    return Need.NOTHING
+    now = tracker.progress[0]
+    by_points, band_limited = now["by_points"], now["band_limited"]
+    now["pointwise"] = sampled_pointwise(by_points, band_limited, now["pointwise"])
+    # Whether that is certain.
+    if sampled_pointwise(by_points, band_limited, True) == sampled_pointwise(by_points, band_limited, False):
+        now["distinguished"] = True
+    holds_spring = np.isfinite(regression.parameters).all() and regression.parameters[0] > 0.0
+    return Need.NOTHING if holds_spring else Need.REGRESSION
 
 
 @compiled
@@ -301,22 +313,6 @@ def fits_poorly(tracker: TrackerArrays) -> bool:
     poor = own > _POOR_SQUARE * target or own > WORSE * least_left(tracker) * target
     waited: bool = now["since_restart"] * CHUNK >= NEEDED and now["pause"] <= 0
     return poor and waited
-
-
-@compiled
-def judge_sampling(tracker: TrackerArrays) -> None:
-    """Decide by the errors near jumps whether samples are point values, and whether that is certain."""
-    now = tracker.progress[0]
-    by_points, band_limited = now["by_points"], now["band_limited"]
-    now["pointwise"] = sampled_pointwise(by_points, band_limited, now["pointwise"])
-    if sampled_pointwise(by_points, band_limited, True) == sampled_pointwise(by_points, band_limited, False):
-        now["distinguished"] = True
-
-
-@compiled
-def is_valve(parameters: Array) -> bool:
-    """Whether ``parameters``, shape (3,), are finite and hold a spring."""
-    return bool(np.isfinite(parameters).all() and parameters[0] > 0.0)
 
 
 @compiled

@@ -148,10 +148,6 @@ class Prediction:
         """
         predict(body, spool, self.sample_period, self.mass, parameters, pointwise, self.arrays)
 
-    def shift(self, change: Array) -> None:
-        """Move the motion to where it would be with parameters changed by ``change``, to first order."""
-        shift(self.state, change)
-
 
 @compiled
 def forget_derivatives(state: Array) -> None:

@@ -91,22 +91,6 @@ class RecursiveLeastSquares:
         other._recent, other.leaks = self._recent.copy(), self.leaks.copy()
         return other
 
-    def advance(self, gram: Array, score: Array, mean_score: Array, weight: float = 1.0) -> Array:
-        """Take a chunk by its sums over scaled rows: row row^T, and row times the present error.
-
-        ``mean_score`` is the part of ``score`` that a known cause makes on average: it goes into ``bias``.
-        Each sample counts ``weight``.
-
-        Returns:
-            The change of the parameters, shape (p,).
-
-        """
-        change = np.empty(score.size)
-        advance(self.arrays, gram, score, mean_score, weight, self.forgetting, ENOUGH / self.noise, change)
-        moved = change * self.scale
-        self.parameters = self.parameters + moved
-        return moved
-
     def begin(self, parameters: Array, grams: Array, scores: Array, mean_score: Array) -> None:
         """Begin again with ``parameters`` that fit n chunks.
 
@@ -148,7 +132,12 @@ def advance(
     enough: float,
     change: Array,
 ) -> None:
-    """Forget, add the chunk, fill ``change`` of the parameters, which stay; all else moves on in place."""
+    """Forget, add the chunk, fill ``change`` of the parameters, which stay; all else moves on in place.
+
+    ``gram`` and ``score`` are sums over scaled rows: row row^T, and row times the present error; each sample
+    counts ``weight``. ``mean_score`` is the part of ``score`` that a known cause makes on average; it goes
+    into ``bias``.
+    """
     _, information, covariance, recent, bias, leaks = regression
     size = score.size
     gram = weight * gram

@@ -248,13 +248,7 @@ class Tracker:
         if need == Need.START:
             self._start(math.inf)
         elif need == Need.REFIT and not self._replaced():
-            prediction, noise_score = self.prediction, self.prediction.noise_score
-            score, doubt = prediction.product - noise_score, chunks.DOUBT * noise_score
-            weight = NOISE**2 / (float(self._verdicts[-1, 1]) + SMALLEST_NOISE**2)
-            prediction.shift(self.regression.advance(prediction.gram, score, doubt, weight))
-            chunks.judge_sampling(self._arrays)
-            if not chunks.is_valve(self.regression.parameters):
-                need = Need.REGRESSION
+            need = chunks.step(self._valve, self._arrays, self.prediction.arrays, self.regression.arrays)
         if need == Need.REGRESSION:
             self._progress["started"] = False
             self.regression = self._fresh()

@@ -11,7 +11,6 @@ from spool_sim.valve import find_valve
 
 from spool_estimator.estimator import Estimator, settings_for
 from spool_estimator.prediction import Prediction
-from spool_estimator.recursive import RecursiveLeastSquares
 from spool_estimator.sliding_window import ChunkWindow
 
 #: Samples after which an estimator has started and stepped on, s between them (few are quick), and the
@@ -33,8 +32,6 @@ def warm_up_estimator() -> None:
     # Blocks of messages are read-only views of their bytes: numba compiles those apart.
     for view in (samples, np.frombuffer(samples.tobytes(), dtype=np.float32)):
         prediction.take(view, view, np.array([1632.0, 4.0, 0.1]))
-    prediction.shift(prediction.mean_squares[:3])
-    RecursiveLeastSquares(scale, 0.1, 1.0).advance(np.eye(3), scale, scale)
     window = ChunkWindow(scale)
     window.add_sums(np.eye(3), scale, 1.0, 1.0, scale)
     window.best()

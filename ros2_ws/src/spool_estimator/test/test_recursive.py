@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from spool_core.numbers import Array
-from spool_estimator.recursive import RecursiveLeastSquares, times
+from spool_estimator.recursive import ENOUGH, RecursiveLeastSquares, advance, times
 
 SCALE = np.array([3000.0, 5.0, 0.5])
 TRUTH = np.array([1632.0, 4.0, 0.3])
@@ -27,8 +27,13 @@ def regression(pairs: list[tuple[Array, Array]], forgetting: float) -> Recursive
 
 
 def take(fit: RecursiveLeastSquares, rows: Array, target: Array) -> None:
-    scaled = rows * SCALE
-    fit.advance(scaled.T @ scaled, scaled.T @ (target - rows @ fit.parameters), np.zeros(3))
+    scaled, change = rows * fit.scale, np.zeros(fit.scale.size)
+    score = scaled.T @ (target - rows @ fit.parameters)
+    advance(
+        fit.arrays, scaled.T @ scaled, score, np.zeros(score.size), 1.0,
+        fit.forgetting, ENOUGH / fit.noise, change,
+    )  # fmt: skip
+    fit.parameters += change * fit.scale
 
 
 def chunks(count: int, length: int = 100, seed: int = 0) -> list[tuple[Array, Array]]:
@@ -150,7 +155,7 @@ def test_what_a_moving_parameter_does_to_the_others_is_known() -> None:
         if number == 20:
             fit.begin(np.array([4.0, 0.3]), (rows.T @ rows)[np.newaxis] * 20, np.zeros((2, 2)), np.zeros(2))
         elif number > 20:
-            fit.advance(rows.T @ rows, rows.T @ (target - rows @ fit.parameters), np.zeros(2))
+            take(fit, rows, target)
             errors.append(abs(fit.parameters[1] - 0.3))
             stated.append(abs(fit.leaks[1, 0]))
     assert stated[19] == 0.0  # nothing moved yet
