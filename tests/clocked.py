@@ -19,7 +19,7 @@ from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 from spool_core.node import qos
-from spool_core.node.managed_node import ManagedNode
+from spool_core.node.managed_node import HostContext, ManagedNode
 from spool_core.node.messages import to_time
 
 Domains: TypeAlias = Callable[[], AbstractContextManager[int]]
@@ -41,6 +41,7 @@ class Clocked:
         self.observer = rclpy.create_node("observer", namespace=valve, context=context)
         self.executor.add_node(self.observer)
         self.nodes: list[Any] = []
+        self.host = HostContext()
         self.heard: dict[str, list[Any]] = defaultdict(list)
         self.offered: list[str] = []
         self.now = START
@@ -52,8 +53,7 @@ class Clocked:
         values = {"use_sim_time": True} | parameters
         given = [Parameter(name, value=value) for name, value in values.items()]
         namespace = self.observer.get_namespace()
-        node = kind(namespace=namespace, context=self.context, parameter_overrides=given)
-        node.alone = False
+        node = kind(namespace=namespace, host=self.host, context=self.context, parameter_overrides=given)
         self.nodes.append(node)
         self.executor.add_node(node)
         self.turn()

@@ -12,7 +12,7 @@ from spool_core.block_gate import BlockGate, Verdict
 from spool_core.events.language import Language
 from spool_core.events.sentences import language_of
 from spool_core.node import messages, qos
-from spool_core.node.block_hub import HUB, Silence, Throttle
+from spool_core.node.block_hub import Silence, Throttle
 from spool_core.node.diagnostics import DiagnosticPublisher, Level, Status, block_faults, block_values, key
 from spool_core.node.managed_node import ManagedNode
 from spool_core.node.parameters import LANGUAGE, NodeParameter
@@ -252,7 +252,7 @@ class EstimatorNode(ManagedNode):
         self._gap.collect()
         latest = self._core.latest
         self._silence.look()
-        if HUB.waits(self, "acceleration"):
+        if self.host.hub.waits(self, "acceleration"):
             self._silence.end()
         if self._silent and latest is not None and latest.state is not State.STALE:
             stale = self._core.stale()

@@ -17,7 +17,7 @@ from spool_core.errors import InputError
 from spool_core.events.language import Language
 from spool_core.events.sentences import headline, language_of
 from spool_core.node import qos
-from spool_core.node.block_hub import HUB, Silence, waiting_for_disk
+from spool_core.node.block_hub import Silence, waiting_for_disk
 from spool_core.node.diagnostics import DiagnosticPublisher, Level, Status, block_faults, block_values, key
 from spool_core.node.managed_node import ManagedNode
 from spool_core.node.messages import nanoseconds, to_event_message, to_quantity, to_time
@@ -280,7 +280,7 @@ class MonitorNode(ManagedNode):
     def _watch(self) -> None:
         self._no_blocks.look()
         self._no_estimates.look()
-        if HUB.waits(self, "acceleration"):
+        if self.host.hub.waits(self, "acceleration"):
             self._no_blocks.end()
         nobody = ""
         if self._core.gate.accepted == 0 and self.count_publishers("acceleration") == 0:

@@ -29,8 +29,8 @@ from spool_core.events.language import LANGUAGES
 from spool_core.events.sentences import headline
 from spool_core.kernels.strokes import Stroke
 from spool_core.node import qos
-from spool_core.node.block_hub import HUB
 from spool_core.node.diagnostics import key
+from spool_core.node.managed_node import HostContext
 from spool_core.node.messages import from_event_message, nanoseconds
 from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.estimate import Estimate
@@ -53,6 +53,7 @@ SECOND = 1_000_000_000
 #: What the node's clock is ahead of the stamps of its data, ns.
 AHEAD = 1_000 * SECOND
 BLOCKS = "/valve_1/acceleration"
+HOST = HostContext()
 #: What is estimated of the valve.
 TRUE = {
     "viscous_coefficient": VALVE.viscous_coefficient, "coulomb_force": 0.1,
@@ -89,8 +90,6 @@ def healthy() -> tuple[Step, ...]:
 class DrivenMonitor(MonitorNode):
     """Monitor of `valve_1`, active. ``sent`` has its messages by topic, ``now`` (ns) is its clock."""
 
-    alone = False
-
     def __init__(self, context: Context, **parameters: Any) -> None:
         self.sent: dict[str, list[Any]] = defaultdict(list)
         self._inputs: dict[str, Callable[[Any], None]] = {}
@@ -98,7 +97,9 @@ class DrivenMonitor(MonitorNode):
         self._answers: dict[str, tuple[Any, Callable[[Any, Any], Any]]] = {}
         values = {"use_sim_time": True, "state_folder": "none", "baseline_time": 4.0, **parameters}
         overrides = [Parameter(name, value=value) for name, value in values.items()]
-        super().__init__("valve_1", context=context, parameter_overrides=overrides, enable_rosout=False)
+        super().__init__(
+            "valve_1", host=HOST, context=context, parameter_overrides=overrides, enable_rosout=False
+        )
         self.now = START + AHEAD
         assert self.trigger_configure() == self.trigger_activate() == TransitionCallbackReturn.SUCCESS
 
@@ -145,7 +146,7 @@ class DrivenMonitor(MonitorNode):
     def take(self, steps: Iterable[Step]) -> None:
         """Take blocks and estimates, and report."""
         for block, estimates in steps:
-            HUB.hand_over(BLOCKS, block)
+            HOST.hub.hand_over(BLOCKS, block)
             for one in estimates:
                 self.hear("estimate", to_message(one, VALVE.id))
         self.look()
@@ -172,9 +173,9 @@ class DrivenMonitor(MonitorNode):
 def _context() -> Iterator[Context]:
     made = Context()
     rclpy.init(context=made)
-    HUB.offer(BLOCKS)
+    HOST.hub.offer(BLOCKS)
     yield made
-    HUB.withdraw(BLOCKS)
+    HOST.hub.withdraw(BLOCKS)
     rclpy.shutdown(context=made)
 
 

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 from sensor_msgs.msg import Temperature
 from spool_core.errors import InputError
 from spool_core.node import qos
-from spool_core.node.block_hub import HUB, BlockPublisher, Throttle
+from spool_core.node.block_hub import BlockPublisher, Throttle
 from spool_core.node.diagnostics import DiagnosticPublisher, Level, Status, key
 from spool_core.node.managed_node import ManagedNode
 from spool_core.node.messages import from_block, to_time
@@ -132,7 +132,7 @@ class SimulatorNode(ManagedNode):
         self.compile(self._compile_motion)
         self._simulators = self._build(start_stamp=1)
         rate, count = self.value("block_rate"), self.value("valves")
-        if count and HUB.worker is not None:
+        if count and self.host.hub.worker is not None:
             raise InputError("valves: the simulators of a host send one valve each; set it to 0")
         self._single = None if count else BlockPublisher(self, "acceleration", rate)
         if count:

@@ -20,9 +20,9 @@ from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.signals import SignalHandlerOptions
 from spool_core.errors import InputError
-from spool_core.node.block_hub import HUB, Throttle, TopicTimes, Worker
+from spool_core.node.block_hub import BlockHub, Throttle, TopicTimes, Worker
 from spool_core.node.diagnostics import DiagnosticPublisher, Level, Status
-from spool_core.node.managed_node import ManagedNode, Ticker
+from spool_core.node.managed_node import HostContext, ManagedNode, Ticker
 from spool_core.node.parameters import NodeParameter, refuse_other_files, refuse_other_nodes, rule
 from spool_core.node.running import REFUSED, ensure_log_folder, new_executor, one_line
 from spool_core.node.stop import STOP, Phase, StopRequested
@@ -185,6 +185,7 @@ class HostProcess:
     heartbeat: Heartbeat | None = None
     first_list: FirstList | None = None
     hosted: list[Hosted] = field(default_factory=list)
+    _context: HostContext = field(default_factory=HostContext)
     _node: HostNode = field(init=False)
     _executor: Any = field(init=False)
     _diagnostics: DiagnosticPublisher = field(init=False)
@@ -198,7 +199,6 @@ class HostProcess:
 
     def run(self) -> int:
         """Start the nodes, spin until a signal, end them; return the exit code."""
-        ManagedNode.alone = False
         STOP.install()
         code = 0
         try:
@@ -224,8 +224,8 @@ class HostProcess:
             print(one_line(error), file=sys.stderr, flush=True)
             code = code or 2
         STOP.phase = Phase.ENDING
-        if HUB.worker is not None:
-            HUB.worker.close()
+        if self._hub.worker is not None:
+            self._hub.worker.close()
         for one in self.hosted:
             with contextlib.suppress(Exception):
                 one.node.trigger_shutdown()
@@ -248,22 +248,23 @@ class HostProcess:
     def _begin(self) -> None:
         # A section for nodes of every name holds parameters of some of them. What none of them has is refused
         # by the hosted nodes, when it is known which there are.
-        shared = ManagedNode.of_others = names_for_all(self.arguments)
-        self._node = HostNode(node_name(self.number))
+        context, hub = self._context, self._hub
+        shared = context.of_others = names_for_all(self.arguments)
+        self._node = HostNode(node_name(self.number), host=context)
         self._executor = new_executor()
         self._executor.add_node(self._node)
         file = self._node.value("valves_file")
         valves = read_valves(file) if self.first_list is None else self.first_list.read(file)
-        HUB.worker = Worker()
-        ManagedNode.beat = self._beat
-        HUB.share(self._node, "accelerations")
-        HUB.together, HUB.starting = self._node.value("together"), True
+        hub.worker = Worker()
+        context.beat = self._beat
+        hub.share(self._node, "accelerations")
+        hub.together, hub.starting = self._node.value("together"), True
         BUDGET.share = REFITS
-        ticker = ManagedNode.ticker = Ticker()
+        ticker = context.ticker = Ticker()
         steady = Clock(clock_type=ClockType.STEADY_TIME)
 
         def tick() -> None:
-            HUB.collect()
+            hub.collect()
             ticker.run()
 
         self._timer = self._node.create_timer(Ticker.STEP, tick, clock=steady)
@@ -275,7 +276,7 @@ class HostProcess:
         kinds = (EstimatorNode, MonitorNode, *((source,) if source is not None else ()))
         mine = share(valves, self.number, self._node.value("processes"))
         tables = (parameter for kind in (HostNode, *kinds) for parameter in kind.PARAMETERS)
-        ManagedNode.of_others = shared & {parameter.name for parameter in tables}
+        context.of_others = shared & {parameter.name for parameter in tables}
         autostart = self._node.value("autostart")
         if autostart:
             self._node.trigger_configure()
@@ -302,6 +303,10 @@ class HostProcess:
         notify("READY=1")
         self._node.get_logger().info(f"{plural(len(self.hosted), 'node')} of {plural(len(mine), 'valve')}")
 
+    @property
+    def _hub(self) -> BlockHub:
+        return self._context.hub
+
     def _check_names(self, valves: Sequence[ListedValve]) -> None:
         """Check that what was given is for nodes of the host, in whichever process.
 
@@ -327,7 +332,12 @@ class HostProcess:
             if name in self._node.given:
                 arguments += rule(name, self._node.value(name))
         # The host's own arguments, its name among them, are not those of its nodes.
-        node = kind(namespace=f"/{valve.namespace}", cli_args=arguments, use_global_arguments=False)
+        node = kind(
+            namespace=f"/{valve.namespace}",
+            host=self._context,
+            cli_args=arguments,
+            use_global_arguments=False,
+        )
         one = Hosted(node, valve.namespace)
         self.hosted.append(one)
         self._executor.add_node(node)
@@ -342,13 +352,14 @@ class HostProcess:
     def _turns(self) -> None:
         """Work off what waits in executor and worker, so that a start delays no node that runs already."""
         self._beat()
-        assert HUB.worker is not None
+        hub = self._hub
+        assert hub.worker is not None
         begun = time.monotonic()
         while not STOP.requested and (now := time.monotonic()) < begun + LONGEST_TURNS:
             self._guarded(self._executor.spin_once, IDLE)
             self._guarded(self._look, now)
-            HUB.collect()
-            if now - begun >= TURNS and not HUB.worker.waiting:
+            hub.collect()
+            if now - begun >= TURNS and not hub.worker.waiting:
                 return
 
     def _guarded(self, action: Callable[[float], object], argument: float) -> None:
@@ -371,9 +382,9 @@ class HostProcess:
             return
         self._looked = now
         self._beat()
-        worker = HUB.worker
+        worker = self._hub.worker
         assert worker is not None
-        HUB.flush(2.0 * HUB.together)
+        self._hub.flush(2.0 * self._hub.together)
         self._judge_workload(now)
         # A callback of this thread that took long, or a pause of the whole process, holds up the others.
         worker.look(2.0 * LOOK)
@@ -385,7 +396,7 @@ class HostProcess:
                 if one.valve != valve or not isinstance(one.node, EstimatorNode | MonitorNode):
                     continue
                 one.node.give_up()
-                HUB.give_up(one.node)
+                self._hub.give_up(one.node)
                 one.failed, one.due = f"a callback did not return within {LONGEST_CALL:g} s", now + AGAIN
                 self._node.get_logger().error(
                     f"{one.node.get_fully_qualified_name()}: {one.failed}; it is stopped, all others go on"
@@ -399,11 +410,12 @@ class HostProcess:
 
     def _judge_workload(self, now: float) -> None:
         """Judge whether it keeps up, and save work where it does not; a change for the worse is reported."""
-        if HUB.starting:  # what piles up meanwhile is no overload
-            HUB.starting = not self._started or (HUB.behind >= WARNS and now - self._started <= STARTS)
+        hub = self._hub
+        if hub.starting:  # what piles up meanwhile is no overload
+            hub.starting = not self._started or (hub.behind >= WARNS and now - self._started <= STARTS)
             return
-        busy = HUB.worker.busy if HUB.worker is not None else 0.0
-        level, worse = self._workload.level, self._workload.take(now, HUB.times, HUB.behind, busy)
+        busy = hub.worker.busy if hub.worker is not None else 0.0
+        level, worse = self._workload.level, self._workload.take(now, hub.times, hub.behind, busy)
         BUDGET.behind = busy >= RESTLESS or self._workload.wait >= WARNS
         if worse and (count := self._throttle.take("workload")):
             self._node.get_logger().warning(f"{worse} ({plural(count, 'time')})" if count > 1 else worse)
@@ -425,7 +437,7 @@ class HostProcess:
 
     def _report(self, now: float) -> None:
         """Publish what the host does, and what each valve costs and waits."""
-        worker = HUB.worker
+        worker, times = self._hub.worker, self._hub.times
         assert worker is not None
         cpu = time.process_time()
         elapsed = max(now - self._reported, 1e-3)
@@ -436,9 +448,9 @@ class HostProcess:
         if failed:
             level = Level.ERROR
             text = "; ".join(f"{one.node.get_fully_qualified_name()}: {one.failed}" for one in failed[:5])
-        wait = max((one.longest_wait for one in HUB.times.values()), default=0.0)
+        wait = max((one.longest_wait for one in times.values()), default=0.0)
         resident = resident_memory()
-        valves = valve_timings(HUB.times, elapsed, resident)
+        valves = valve_timings(times, elapsed, resident)
         values: dict[str, object] = {
             "nodes": len(self.hosted),
             "nodes_failed": len(failed),
@@ -447,7 +459,7 @@ class HostProcess:
             "resident_B": resident,
             "jobs_waiting": worker.waiting,
             "longest_wait_s": wait,
-            "blocks_dropped": sum(one.dropped for one in HUB.times.values()),
+            "blocks_dropped": sum(one.dropped for one in times.values()),
         }
         self._diagnostics.publish(Status("host", level, text, values), *valves)
 

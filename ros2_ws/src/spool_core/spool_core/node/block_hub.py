@@ -568,9 +568,6 @@ class _Topic:
         return max(0, len(self.heard) - self.together) * self.period
 
 
-#: Hub of this process.
-HUB = BlockHub()
-
 #: s that a job may wait for the disk, as state files on a slow one take seconds.
 LONGEST_DISK = 30.0
 
@@ -597,25 +594,26 @@ class BlockPublisher:
 
     def __init__(self, node: Any, topic: str, blocks_per_second: float) -> None:
         self._node = node
+        self._hub: BlockHub = node.host.hub
         self._publisher = node.create_lifecycle_publisher(
             AccelerationBlock, topic, qos.samples_offered(blocks_per_second)
         )
         self._topic = node.resolve_topic_name(topic)
         self._there = True
-        HUB.offer(self._topic)
+        self._hub.offer(self._topic)
 
     @property
     def listeners(self) -> int:
         """Number of nodes of this process and of subscriptions of others that listen."""
-        return int(self._publisher.get_subscription_count()) + HUB.takers(self._topic)
+        return int(self._publisher.get_subscription_count()) + self._hub.takers(self._topic)
 
     def publish(self, block: Block, valve_id: str) -> None:
         """Send ``block`` as one of the valve ``valve_id``."""
         if not self._publisher.is_activated:
             return
-        if HUB.takers(self._topic):
+        if self._hub.takers(self._topic):
             body, spool = (np.ascontiguousarray(one, dtype=np.float32) for one in (block.body, block.spool))
-            HUB.hand_over(self._topic, replace(block, body=body, spool=spool, source=valve_id))
+            self._hub.hand_over(self._topic, replace(block, body=body, spool=spool, source=valve_id))
         if self._publisher.get_subscription_count():
             self._publisher.publish(from_block(block, valve_id))
 
@@ -624,5 +622,5 @@ class BlockPublisher:
         if not self._there:
             return
         self._there = False
-        HUB.withdraw(self._topic)
+        self._hub.withdraw(self._topic)
         self._node.destroy_publisher(self._publisher)

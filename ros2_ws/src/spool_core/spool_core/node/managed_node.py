@@ -12,7 +12,7 @@ import time
 import traceback
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, ClassVar, ParamSpec, TypeVar
 
@@ -28,7 +28,7 @@ from spool_core.block import Block
 from spool_core.errors import InputError
 from spool_core.kernels.compiled import alone as one_at_a_time
 from spool_core.kernels.kernel_files import COMPILING
-from spool_core.node.block_hub import HUB
+from spool_core.node.block_hub import BlockHub
 from spool_core.node.parameters import NodeParameter, Value, declare
 from spool_core.node.stop import STOP, Phase
 
@@ -65,8 +65,18 @@ class ManagedNode(LifecycleNode):  # type: ignore[misc]  # rclpy carries no type
 
     PARAMETERS: ClassVar[tuple[NodeParameter, ...]] = ()
 
-    def __init__(self, name: str = "node", namespace: str | None = None, **options: Any) -> None:
+    def __init__(
+        self,
+        name: str = "node",
+        namespace: str | None = None,
+        *,
+        host: HostContext | None = None,
+        **options: Any,
+    ) -> None:
         super().__init__(name, namespace=namespace, **options)
+        #: Whether it is the only node of its process.
+        self.alone = host is None
+        self.host = host if host is not None else HostContext()
         self._lock = threading.RLock()
         self._left: deque[Callable[[], None]] = deque()
         self._while_active: list[Callable[[], object]] = []
@@ -75,7 +85,7 @@ class ManagedNode(LifecycleNode):  # type: ignore[misc]  # rclpy carries no type
         self._table = {parameter.name: parameter for parameter in (AUTOSTART, *self.PARAMETERS)}
         self._configured = False
         overrides = self._parameter_overrides
-        of_others = self.of_others - set(self._table)
+        of_others = self.host.of_others - set(self._table)
         declare(self, tuple(self._table.values()), {k: v for k, v in overrides.items() if k not in of_others})
         self._present: dict[str, Value] = {name: self.value(name) for name in self._table}
         self.add_on_set_parameters_callback(self._judge_change)
@@ -85,13 +95,6 @@ class ManagedNode(LifecycleNode):  # type: ignore[misc]  # rclpy carries no type
     given_up = False
     #: Whether a thread compiles, which can't be stopped: the process has to end without waiting for it.
     compiling = False
-    #: Whether it is the only node of its process, and the ticker of one that hosts many.
-    alone = True
-    ticker: ClassVar[Ticker | None] = None
-    #: Parameters that the hosted nodes may be given although they are those of other nodes.
-    of_others: ClassVar[set[str]] = set()
-    #: Called now and then where something takes long, so that nobody takes it for hanging.
-    beat: ClassVar[Callable[[], None] | None] = None
 
     # What a subclass overrides.
 
@@ -187,12 +190,12 @@ class ManagedNode(LifecycleNode):  # type: ignore[misc]  # rclpy carries no type
 
         Until ``room()`` samples have come they may wait for each other in a process that hosts many nodes.
         """
-        self._while_active.append(HUB.subscribe(self, topic, self._guarded(take), room))
+        self._while_active.append(self.host.hub.subscribe(self, topic, self._guarded(take), room))
 
     def every(self, period: float, callback: Callable[[], None], *, steady: bool = False) -> Any:
         """Call back every ``period`` s while active, on the node's clock or on a steady one."""
-        if steady and self.ticker is not None:
-            self._while_active.append(self.ticker.every(period, self._guarded(callback)))
+        if steady and self.host.ticker is not None:
+            self._while_active.append(self.host.ticker.every(period, self._guarded(callback)))
             return None
         clock = _steady_clock() if steady else None
         timer = self.create_timer(period, self._guarded(callback), clock=clock)
@@ -260,8 +263,7 @@ class ManagedNode(LifecycleNode):  # type: ignore[misc]  # rclpy carries no type
         thread.start()
         while thread.is_alive():
             thread.join(0.1)
-            if ManagedNode.beat is not None:
-                ManagedNode.beat()
+            self.host.beat()
             if not told and time.monotonic() - begin > COMPILES:
                 self.get_logger().info(f"{COMPILING}: it may take a minute")
                 told = True
@@ -520,6 +522,23 @@ class Ticker:
             callback()
             later = due + period if due + period > now else now + period
             heapq.heappush(self._due, (later, number, period, callback))
+
+
+@dataclass(slots=True)
+class HostContext:
+    """Context of the nodes of a process, which its host hands to each; a node by itself has its own.
+
+    Attributes:
+        hub: who gets the blocks of which topic.
+        ticker: calls on a steady clock; ``None``: by timers of the node.
+        of_others: parameters that nodes may be given although they are those of other nodes.
+        beat: called now and then where something takes long, so that nobody takes it for hanging.
+    """
+
+    hub: BlockHub = field(default_factory=BlockHub)
+    ticker: Ticker | None = None
+    of_others: set[str] = field(default_factory=set)
+    beat: Callable[[], None] = lambda: None
 
 
 @functools.cache
