@@ -251,12 +251,19 @@ def gap(
         )  # fmt: skip
         shown = text_console()
         with contextlib.redirect_stdout(io.StringIO()):
-            run_gap(request, part.selection(), ResultFiles(found, page, model), shown)
+            refused = ""
+            try:
+                run_gap(request, part.selection(), ResultFiles(found, page, model), shown)
+            except InputError as error:
+                if not page.exists():
+                    raise
+                refused = str(error).partition(": ")[2]
         return Gap(
             json.loads(found.read_text(encoding="utf-8")),
             text_of(shown),
             page.read_text(encoding="utf-8"),
-            model.read_text(encoding="utf-8"),
+            "" if refused else model.read_text(encoding="utf-8"),
+            refused,
         )
 
 

@@ -371,8 +371,9 @@ class Comparison(Result):
 class Gap(Result):
     """What a model lacks: the effects that were found, and the error before and after."""
 
-    def __init__(self, found: Mapping[str, Any], text: str, page: str, model: str) -> None:
+    def __init__(self, found: Mapping[str, Any], text: str, page: str, model: str, refused: str = "") -> None:
         self._found, self._text, self._html, self._model = found, text, page, model
+        self._refused = refused
 
     @property
     def verdict(self) -> str:
@@ -398,10 +399,12 @@ class Gap(Result):
         """Write the model with what was found as a YAML file, for ``model=`` of other functions.
 
         Raises:
-            InputError: the file exists or cannot be written.
+            InputError: the file exists or cannot be written, or no model file may state what was found.
         """
         from spool_report.outputs import write_file  # noqa: PLC0415
 
+        if self._refused:
+            raise InputError(f"save_model {path}: {self._refused}")
         write_file(Path(path), self._model, "save_model")
 
     def _print(self, console: Console) -> None:

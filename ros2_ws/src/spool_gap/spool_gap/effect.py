@@ -116,6 +116,8 @@ class Effect:
         freed: what a fit finds; takes the default (``unknowns``), numbers of the structure and ``seconds``.
         refused: why fitted numbers make no sense on a machine, or empty; takes them and ``deviations``.
         kinds: of records that can show it.
+        changes: number of the base (a column of :class:`ForceBalance`) that its signature is multiplied by
+            where forces are balanced; it has no coefficient then.
         replaces: effects that it contains; none of them is added jointly with it.
         sized: its numbers that are 0 where it is absent, where it has more than one.
         positive: coefficients of its signature below 0 make no sense.
@@ -140,6 +142,7 @@ class Effect:
     freed: Callable[..., list[Unknown]] | None = None
     refused: Callable[..., str] | None = None
     kinds: tuple[str, ...] = ("accelerations", "driven", "imposed")
+    changes: str = ""
     replaces: tuple[str, ...] = ()
     sized: tuple[str, ...] = ()
     positive: bool = False

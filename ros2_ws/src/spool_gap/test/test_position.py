@@ -95,7 +95,7 @@ def test_the_zero_that_friction_by_direction_takes_for_itself_is_not_taken_off_t
     """Both directions of friction and the zero are two numbers: errors stay shares of one force."""
     monkeypatch.setattr(workflow, "EFFECTS", {"asymmetric_friction": EFFECTS["asymmetric_friction"]})
     hidden = Model("hidden", (*AXIS.terms, term("coulomb_friction")), {**AXIS.values, "coulomb_force": 20.0})
-    records = [driven(hidden, -4.0, 2.0)]
+    records = [driven(hidden, -14.0, 2.0)]
     balance = ForceBalance(records, records, ["damping", "zero"], driven=True, mass=MASS)
     base, friction = searched(balance, "driven", 1, lambda _what, _share: None)
     assert friction.error < 0.5 * base.error

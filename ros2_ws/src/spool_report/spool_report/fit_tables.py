@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 from rich.console import Console
+from spool_core.errors import InputError
+from spool_core.files import load_yaml
 from spool_core.numbers import Array
 from spool_core.uncertainty import (
     LEGEND,
@@ -27,9 +29,9 @@ from spool_core.uncertainty import (
 from spool_estimator.identification.determination import ONE_SIDED, sentences
 from spool_estimator.identification.fit_result import Fit
 from spool_estimator.identification.free_run import USUAL
-from spool_sim.model import Model
+from spool_sim.model import Model, model_from_mapping
 
-from spool_report.outputs import write_file
+from spool_report.outputs import check_output, write_file
 from spool_report.ranking import WORTH, FittedSeries, Ranking, ValidatedFit, damping_ratio, natural_frequency
 from spool_report.terminal import Table
 
@@ -54,6 +56,8 @@ RANKING_LEGEND = (
     "error: rms on held-out data, not at jumps of dry friction, m/s^2; excess, BIC: over the least. "
     "Less is better, except for ratio: the model's amplitude over the measured one, best at 1."
 )
+#: Relative difference up to which a file states the number that was reported.
+AGREEMENT = 1e-6
 #: Correlation from which two parameters are hardly distinguished.
 ALIKE = 0.9
 
@@ -307,11 +311,15 @@ def save_model(
             uncertainty that a program could use.
 
     Raises:
-        InputError: the file cannot be written, or is there already.
+        InputError: the file cannot be written or is there already, a reader would refuse it, or it would
+            state another value than ``fitted``.
     """
     known = {quantity.name: quantity for quantity in fitted}
+    stated = {parameter.name for parameter in model.parameters if parameter.name in values}
+    apart = ", ".join(quantity.name for quantity in fitted if quantity.name not in stated)
     lines = [
         f"# {' '.join(comment.split())}",
+        *([f"# of the record, not of this model: {apart}"] if apart else []),
         f"name: {name}",
         f"terms: [{', '.join(term.name for term in model.terms)}]",
         "parameters:",
@@ -338,7 +346,16 @@ def save_model(
             "  correlation:",
             *(f"    - {matrix[place, kept].tolist()}" for place in kept),
         ]
-    write_file(path, "\n".join(lines) + "\n", "--save-model")
+    text = "\n".join(lines) + "\n"
+    check_output(path, "--save-model")
+    where = f"--save-model {path}: not written"
+    written = model_from_mapping(load_yaml(text), where)
+    for one in fitted:
+        if one.name in stated and math.isfinite(one.value):
+            value = written.values[one.name]
+            if abs(value - one.value) > AGREEMENT * abs(one.value):
+                raise InputError(f"{where}: {one.name}: {one.value:g} {one.unit} was found, not {value:g}")
+    write_file(path, text, "--save-model")
 
 
 def _with_unit(value: float, unit: str) -> str:

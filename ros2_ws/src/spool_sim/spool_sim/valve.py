@@ -246,9 +246,9 @@ class Valve(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     id: str = Field(pattern=r"^[A-Za-z0-9_.\-]+$", max_length=100)
-    moving_mass: Annotated[Positive, Field(ge=1e-4, le=1e3)]
-    spool_mass: Annotated[Positive, Field(ge=1e-4, le=1e3)] = Field(default=_LEFT_OUT)
-    spring_stiffness: Annotated[Positive, Field(ge=1.0, le=1e8)]
+    moving_mass: Annotated[Positive, Field(ge=1e-4, le=1e5)]
+    spool_mass: Annotated[Positive, Field(ge=1e-4, le=1e5)] = Field(default=_LEFT_OUT)
+    spring_stiffness: Annotated[Positive, Field(ge=1.0, le=1e10)]
     land_diameter: Annotated[Positive, Field(ge=1e-4, le=1.0)] = Field(default=_LEFT_OUT)
     land_length: Annotated[Positive, Field(ge=1e-4, le=1.0)] = Field(default=_LEFT_OUT)
     radial_clearance: Annotated[Positive, Field(ge=1e-7, le=1e-3)] = Field(default=_LEFT_OUT)

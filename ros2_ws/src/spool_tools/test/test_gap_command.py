@@ -171,6 +171,28 @@ def test_a_driven_record_that_cannot_be_is_refused_in_one_line(
     assert len(told.splitlines()) == 1
 
 
+def test_a_model_out_of_its_limits_is_not_saved_and_all_else_is_shown(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A spring that pushes outward, in kN of a press: no model file may state it."""
+    time = np.arange(0.0, 12.0, 5e-3)
+    place = 0.02 * np.sin(2.0 * np.pi * 0.4 * time) + 0.01 * np.sin(2.0 * np.pi * 1.1 * time)
+    speed = np.gradient(place, 5e-3)
+    noise = np.random.default_rng(4).standard_normal(time.size)
+    record = write(
+        tmp_path / "rig.csv", time, place, 3e4 * speed - 4e5 * place + 5e4 * np.sign(speed) + noise
+    )
+    model, found = tmp_path / "found.yaml", tmp_path / "found.json"
+    words = ["gap", str(record), "--kind", "imposed", "--save-model", str(model), "--json", str(found)]
+    assert main(words) == 2
+    shown = capsys.readouterr()
+    assert re.search(r"spring_stiffness: -4\d*e?\+?\d* N/m is out of range, use 1 to", shown.err)
+    assert "coulomb friction" in shown.out
+    assert not model.exists()
+    force = json.loads(found.read_text())["parameters"]["coulomb_force"]
+    assert force["value"] == pytest.approx(5e4, rel=0.02)
+
+
 @pytest.mark.parametrize("name", [name for name, effect in EFFECTS.items() if effect.terms])
 def test_a_saved_model_is_read_back_as_it_was(name: str, tmp_path: Path) -> None:
     """Small numbers too: YAML reads 1e-05 as text."""
@@ -180,7 +202,7 @@ def test_a_saved_model_is_read_back_as_it_was(name: str, tmp_path: Path) -> None
         for parameter in Model("fluid", terms).parameters
     }
     file = tmp_path / "found.yaml"
-    fitted = [Quantity("spring_stiffness", "N/m", 1.0, 0.5, Validity.VALID)]
+    fitted = [Quantity("spring_stiffness", "N/m", values["spring_stiffness"], 0.5, Validity.VALID)]
     save_model(file, Model("fluid", terms, values), "fluid_gap", values, fitted, "two\nlines")
     read = load_model(file)
     assert dict(read.values) == values

@@ -44,8 +44,8 @@ def drift(time: Array, velocity: Array, damping_drift_time: float) -> Array:
     return -damping_drift_time * np.expm1(-time / damping_drift_time) * velocity
 
 
-def rate_of(coefficients: list[float], damping: float) -> dict[str, float]:
-    return {"damping_drift_rate": coefficients[0] / max(damping, 1e-9)}
+def rate_of(coefficients: list[float], damping: float) -> dict[str, float] | None:
+    return {"damping_drift_rate": coefficients[0] / damping} if damping != 0.0 else None
 
 
 def _courses(seconds: float) -> list[float]:

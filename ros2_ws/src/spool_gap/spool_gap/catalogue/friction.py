@@ -51,9 +51,8 @@ def jumps_of_both(sign: Array) -> list[Array]:
 
 def both_sides(coefficients: list[float]) -> dict[str, float] | None:
     mean, half = coefficients
-    if mean <= 0.0:
+    if abs(half) > mean:
         return None
-    half = float(np.clip(half, -0.9 * mean, 0.9 * mean))
     return {"forward_force": mean + half, "backward_force": mean - half}
 
 
@@ -86,9 +85,8 @@ def stribeck(sign: Array, velocity: Array, stribeck_velocity: float, stribeck_ex
 
 def at_rest_and_at_speed(coefficients: list[float]) -> dict[str, float] | None:
     coulomb, excess = coefficients
-    if excess <= 0.0 or coulomb + excess <= 0.0:
+    if excess <= 0.0 or coulomb < 0.0:
         return None
-    coulomb = max(coulomb, 0.02 * excess)
     return {"coulomb_force": coulomb, "static_force": coulomb + excess}
 
 
@@ -126,17 +124,20 @@ STRIBECK_FRICTION = Effect(
 )
 
 
-def mixed(sign: Array, velocity: Array, mixed_velocity: float) -> list[Array]:
+def mixed(
+    sign: Array, velocity: Array, mixed_velocity: float, mixed_root_coefficient: float = 1.0
+) -> list[Array]:
     speed = np.abs(velocity)
-    return [sign * np.sqrt(speed), sign / (speed + mixed_velocity)]
+    film = [sign * np.sqrt(speed)] if mixed_root_coefficient > 0.0 else []
+    return [*film, sign / (speed + mixed_velocity)]
 
 
 def contacts(coefficients: list[float]) -> dict[str, float] | None:
-    root, inverse = coefficients
-    if inverse <= 0.0 or root < -0.5 * inverse / 0.01:
+    *root, inverse = coefficients
+    if inverse <= 0.0 or min(root, default=0.0) < 0.0:
         return None
     load = NORMAL_LOAD.start
-    return {"mixed_root_coefficient": max(root, 0.0) / load, "mixed_inverse_coefficient": inverse / load}
+    return {"mixed_root_coefficient": sum(root) / load, "mixed_inverse_coefficient": inverse / load}
 
 
 #: The paper's model 2: contacts that fall at some speed, with and without a film's part.
@@ -149,7 +150,12 @@ MIXED_FRICTION = Effect(
     distinguished_by="a wide range of speeds: several amplitudes, from sticking to fast slip",
     acts=mixed,
     solved=contacts,
-    tried=lambda: [{"mixed_velocity": velocity} for velocity in VELOCITIES],
+    tried=lambda: [
+        {"mixed_velocity": velocity, **film}
+        for velocity in VELOCITIES
+        for film in ({}, {"mixed_root_coefficient": 0.0})
+    ],
+    scanned=("mixed_root_coefficient",),
     begun=lambda force, speed: [
         {
             "mixed_root_coefficient": film * share * force / NORMAL_LOAD.start / math.sqrt(speed),

@@ -38,17 +38,16 @@ CUBIC_STIFFNESS = Effect(
 
 
 def missing_spring(displacement: Array, backlash: float) -> Array:
-    return np.clip(displacement, -backlash, backlash)
+    return -np.clip(displacement, -backlash, backlash)
 
 
-def play_of(coefficients: list[float], backlash: float, stiffness: float) -> dict[str, float] | None:
-    # The force within the play must be the spring's, with the opposite sign.
-    share = -coefficients[0] / stiffness
-    return {"backlash": backlash * min(share, 1.5)} if share > 0.1 else None
+def play_of(backlash: float, stiffness: float) -> dict[str, float] | None:
+    return {"backlash": backlash} if stiffness > 0.0 else None
 
 
 SPRING_BACKLASH = Effect(
     id="spring_backlash",
+    changes="stiffness",
     group="spring and play",
     picture="displacement",
     local_minima=True,
@@ -96,7 +95,7 @@ def depth(displacement: Array, stop_gap: float) -> Array:
 def contact(coefficients: list[float]) -> dict[str, float] | None:
     if coefficients[0] <= 0.0:
         return None
-    return {"stop_stiffness": coefficients[0], "stop_dissipation": 0.3, "stop_damping": 1.0}
+    return {"stop_stiffness": coefficients[0], "stop_dissipation": 0.0, "stop_damping": 0.0}
 
 
 def stop_unknowns(unknowns: list[Unknown], spring_stiffness: float = 0.0) -> list[Unknown]:

@@ -204,7 +204,11 @@ class ForceBalance:
         found = [rows[name] for name in self.base]
         for effect, shape in chosen:
             signature = list(effect.signature(motion, shape))
-            found += [record.low_passed(row) for row in signature] if self.driven else signature
+            signature = [record.low_passed(row) for row in signature] if self.driven else signature
+            if effect.changes in self.base:
+                place = self.base.index(effect.changes)
+                found[place] = found[place] + signature.pop()
+            found += signature
         return np.array(found).T * self.known[id(record)][:, np.newaxis] if self.driven else np.array(found).T
 
     def target(self, record: ForceRecord) -> Array:
@@ -232,16 +236,28 @@ class ForceBalance:
         squares = float(sum(np.sum(row**2) for row in train))
         independent = max(8.0, sum(independent_samples(row) for row in train))
         covariance = np.linalg.pinv((matrix / scale).T @ (matrix / scale)) * squares / independent
-        first = self.motions[id(self.train[0])]
-        names = (
-            *self.base,
-            *(f"{e.id}.{n}" for e, shape in chosen for n in range(e.signature(first, shape).shape[0])),
-        )
+        names = (*self.base, *(f"{e.id}.{n}" for e, shape in chosen for n in range(self._own(e, shape))))
         return ForceFit(
             tuple(e.id for e, _ in chosen), tuple(s for _, s in chosen), names, coefficients,
             np.sqrt(np.maximum(np.diag(covariance), 0.0)) / scale, train, held, squares,
             correlation_of(covariance),
         )  # fmt: skip
+
+    def shape_deviation(
+        self, chosen: Sequence[tuple[Effect, dict[str, float]]], fit: ForceFit, place: int, name: str
+    ) -> float:
+        """Return the standard deviation of the number ``name`` that shapes the effect at ``place``."""
+        entry, shape = chosen[place]
+        step = 1e-3 * shape[name]
+        moved = [*chosen[:place], (entry, {**shape, name: shape[name] + step}), *chosen[place + 1 :]]
+        near, beside = (
+            np.concatenate([self.columns(record, own) for record in self.train]) for own in (chosen, moved)
+        )
+        matrix = np.column_stack([near, (beside - near) @ fit.coefficients / step])
+        scale = np.maximum(np.linalg.norm(matrix, axis=0), 1e-30)
+        independent = max(8.0, sum(independent_samples(row) for row in fit.train))
+        covariance = np.linalg.pinv((matrix / scale).T @ (matrix / scale)) * fit.squares / independent
+        return float(np.sqrt(max(covariance[-1, -1], 0.0)) / scale[-1])
 
     def measured(self, fit: ForceFit, chosen: Sequence[tuple[Effect, dict[str, float]]]) -> ForceFit:
         """Return ``fit`` with what its coefficients leave of the force."""
@@ -281,6 +297,11 @@ class ForceBalance:
         fit = self.fit([*chosen, (effect, shape)])
         return self.values(effect, shape, fit) is not None
 
+    def _own(self, effect: Effect, shape: dict[str, float]) -> int:
+        """Return how many columns ``effect`` has besides those of the base."""
+        rows = effect.signature(self.motions[id(self.train[0])], shape).shape[0]
+        return int(rows - (effect.changes in self.base))
+
     def values(self, effect: Effect, shape: dict[str, float], fit: ForceFit) -> dict[str, float] | None:
         """Return the effect's parameters."""
         own = [n for n, name in enumerate(fit.names) if name.startswith(f"{effect.id}.")]
@@ -288,8 +309,8 @@ class ForceBalance:
         first = next(iter(self.motions.values()))
         motion = Motion(
             first.displacement, first.velocity, first.acceleration, first.time, first.period,
-            first.velocity_noise, base.get("mass", self.mass or 0.0), abs(base.get("stiffness", 0.0)) or 1.0,
-            abs(base.get("damping", 0.0)) or 1.0,
+            first.velocity_noise, base.get("mass", self.mass or 0.0), base.get("stiffness", 0.0),
+            base.get("damping", 0.0),
         )  # fmt: skip
         return effect.values(fit.coefficients[own], shape, motion)
 

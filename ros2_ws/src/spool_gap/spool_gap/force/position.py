@@ -22,6 +22,7 @@ from spool_sim.integration.composed_motion import ComposedMotion, MotionState, s
 from spool_sim.model import Model
 from spool_sim.terms import term
 
+from spool_gap.catalogue import EFFECTS
 from spool_gap.effect import Effect
 from spool_gap.force.balance import (
     BASE_NAMES,
@@ -181,14 +182,10 @@ def model_of(base: Model, balance: ForceBalance, chosen: Chosen, fit: ForceFit) 
     for entry, shape in chosen:
         own = [] if entry.id != CONSTANT else parameters_of(balance, fit, entry, shape)
         values |= {q.name: q.value for q in own} or balance.values(entry, shape, fit) or {}
-    known = {p.name: p for entry_ in terms for p in entry_.parameters}
     if balance.mass is not None:
         values["mass"] = balance.mass
-    kept = {
-        name: float(np.clip(value, known[name].low, known[name].high))
-        for name, value in values.items()
-        if name in known
-    }
+    known = {p.name for own in terms for p in own.parameters}
+    kept = {name: value for name, value in values.items() if name in known}
     return Model("_".join([base.name, *(e.id for e, _ in chosen)]), tuple(terms), kept)
 
 
@@ -202,10 +199,16 @@ def parameters_of(
         return [Quantity("push", "N", push, spread, Validity.VALID)]
     values = balance.values(entry, shape, fit) or {}
     own = [n for n, name in enumerate(fit.names) if name.startswith(f"{entry.id}.")]
-    relative = float(np.min(fit.deviations[own] / np.maximum(np.abs(fit.coefficients[own]), 1e-30)))
+    relative = fit.deviations[own] / np.maximum(np.abs(fit.coefficients[own]), 1e-30)
+    if not own:
+        chosen = [(EFFECTS[name], held) for name, held in zip(fit.effects, fit.shapes, strict=True)]
+        place = fit.effects.index(entry.id)
+        relative = np.array(
+            [balance.shape_deviation(chosen, fit, place, name) / shape[name] for name in shape]
+        )
     units = {p.name: p.unit for name in entry.terms for p in term(name).parameters}
     return [
-        Quantity(name, units[name], values[name], abs(values[name]) * relative, Validity.VALID)
+        Quantity(name, units[name], values[name], abs(values[name]) * float(relative.min()), Validity.VALID)
         for name in entry.fitted
         if name in values
     ]

@@ -56,7 +56,7 @@ def run_gap(
     ``console`` gets text and warnings; default: standard output and standard error.
 
     Raises:
-        InputError: records, valve or model cannot be used.
+        InputError: records, valve or model cannot be used, or, after all else, the model cannot be saved.
     """
     kind, valve = request.kind, request.valve
     model = load_model(request.base)
@@ -84,6 +84,11 @@ def run_gap(
     # Files first: who reads only the first lines of what is shown (`| head`) has them all the same.
     made_from = sources([*request.records, *request.holdout], described) if outputs.report else []
     written = _write(result, outputs, made_from, partial(_evidence, result, model, described, measured))
+    refused: InputError | None = None
+    try:
+        written += _write_model(result, outputs.model)
+    except InputError as error:
+        refused = error
     if kind != "accelerations":
         _print_determined(result.determinations, console)
     for warning in result.warnings:
@@ -91,6 +96,8 @@ def run_gap(
     show(result, console or wide_console(140))
     for line in written:
         print(line)
+    if refused is not None:
+        raise refused
     return 0
 
 
@@ -170,17 +177,22 @@ def _write(
 
         write_file(outputs.report, gap_page(result, made_from, evidence()), "--report")
         written.append(f"{outputs.report}: the report")
-    if outputs.model is not None:
-        found = (
-            f"{result.base_model} with the findings of the gap analysis of {result.record}: {result.verdict}"
-        )
-        name = f"{result.model.name[:LONGEST_NAME]}_gap"
-        correlated = (result.correlated, result.correlation)
-        save_model(
-            outputs.model, result.model, name, result.model.values, result.parameters, found, correlated
-        )
-        written.append(f"{outputs.model}: model with the named effects")
     return written
+
+
+def _write_model(result: GapResult, path: Path | None) -> list[str]:
+    """Write the model of ``result`` if wanted; return a line about it.
+
+    Raises:
+        InputError: the file cannot be written, or a reader would refuse it.
+    """
+    if path is None:
+        return []
+    found = f"{result.base_model} with the findings of the gap analysis of {result.record}: {result.verdict}"
+    name = f"{result.model.name[:LONGEST_NAME]}_gap"
+    correlated = (result.correlated, result.correlation)
+    save_model(path, result.model, name, result.model.values, result.parameters, found, correlated)
+    return [f"{path}: model with the named effects"]
 
 
 def doubted(result: GapResult, doubts: Sequence[str]) -> GapResult:

@@ -9,7 +9,7 @@ from spool_core.kernels.compiled import compiled
 from spool_sim.terms.base import Parameter, Term
 
 VISCOUS_COEFFICIENT = Parameter(
-    "viscous_coefficient", "N s/m", 0.0, 1e5, 8.2, "pi d l mu / h", "likely_viscous_coefficient"
+    "viscous_coefficient", "N s/m", 0.0, 1e6, 8.2, "pi d l mu / h", "likely_viscous_coefficient"
 )
 #: s, time constant beyond which the course of any record is a straight line.
 LINE = 1e7
@@ -41,7 +41,7 @@ QUADRATIC_DAMPING = Term(
     name="quadratic_damping",
     parameters=(
         Parameter(
-            "quadratic_coefficient", "N s^2/m^2", 0.0, 1e6, 5.0, "force over the square of the velocity"
+            "quadratic_coefficient", "N s^2/m^2", 0.0, 1e8, 5.0, "force over the square of the velocity"
         ),
     ),
     law="F = d z' abs(z')",
@@ -87,7 +87,7 @@ def constant(push: float) -> float:
 
 CONSTANT_FORCE = Term(
     name="constant_force",
-    parameters=(Parameter("push", "N", -1e5, 1e5, 1.0, "force in the direction of positive z"),),
+    parameters=(Parameter("push", "N", -1e6, 1e6, 1.0, "force in the direction of positive z"),),
     law="F = -F_0",
     source="a force on the spool, hence the minus sign in the balance",
     meaning="gravity on an upright spool, flow force, residual magnetism, pressure on one side",
@@ -108,7 +108,7 @@ PERIODIC_FORCE = Term(
     name="periodic_force",
     parameters=(
         Parameter("force_frequency", "Hz", 0.0, 1e5, 50.0, "frequency"),
-        Parameter("force_amplitude", "N", 0.0, 1e5, 1.0, "peak"),
+        Parameter("force_amplitude", "N", 0.0, 1e6, 1.0, "peak"),
         Parameter("force_phase", "rad", -100.0, 100.0, 0.0, "phase at t = 0"),
     ),
     law="F = -A sin(2 pi f t + phi)",

@@ -18,7 +18,7 @@ COULOMB_FRICTION = Term(
     name="coulomb_friction",
     parameters=(
         Parameter(
-            "coulomb_force", "N", 0.0, 1e4, 0.5, "friction force while slipping, largest force at rest"
+            "coulomb_force", "N", 0.0, 1e6, 0.5, "friction force while slipping, largest force at rest"
         ),
     ),
     law="F = F_c Sgn(z'), Sgn(0) = [-1, 1]",
@@ -39,8 +39,8 @@ def asymmetric(direction: float, forward_force: float, backward_force: float) ->
 ASYMMETRIC_FRICTION = Term(
     name="asymmetric_friction",
     parameters=(
-        Parameter("forward_force", "N", 0.0, 1e4, 0.6, "friction force while z' > 0"),
-        Parameter("backward_force", "N", 0.0, 1e4, 0.4, "friction force while z' < 0"),
+        Parameter("forward_force", "N", 0.0, 1e6, 0.6, "friction force while z' > 0"),
+        Parameter("backward_force", "N", 0.0, 1e6, 0.4, "friction force while z' < 0"),
     ),
     law="F = F_forward for z' > 0, -F_backward for z' < 0, between them at rest",
     source="Coulomb's law with a force per direction",
@@ -73,8 +73,8 @@ def stribeck(
 STRIBECK_FRICTION = Term(
     name="stribeck_friction",
     parameters=(
-        Parameter("coulomb_force", "N", 0.0, 1e4, 0.4, "friction force at high speed"),
-        Parameter("static_force", "N", 0.0, 1e4, 0.6, "largest friction force at rest"),
+        Parameter("coulomb_force", "N", 0.0, 1e6, 0.4, "friction force at high speed"),
+        Parameter("static_force", "N", 0.0, 1e6, 0.6, "largest friction force at rest"),
         Parameter("stribeck_velocity", "m/s", 1e-5, 10.0, 0.02, "speed at which 1/e of the excess is left"),
         Parameter("stribeck_exponent", "1", 0.5, 4.0, 2.0, "p: steepness of the fall", held=True),
     ),
@@ -100,8 +100,8 @@ def dahl(force: float, slip: float, direction: float, dahl_force: float, dahl_st
 PRESLIDING_FRICTION = Term(
     name="presliding_friction",
     parameters=(
-        Parameter("dahl_force", "N", 1e-6, 1e4, 0.5, "F_c: friction force after some travel"),
-        Parameter("dahl_stiffness", "N/m", 1.0, 1e9, 5e4, "sigma_0: stiffness at the start of a slip"),
+        Parameter("dahl_force", "N", 1e-6, 1e6, 0.5, "F_c: friction force after some travel"),
+        Parameter("dahl_stiffness", "N/m", 1.0, 1e10, 5e4, "sigma_0: stiffness at the start of a slip"),
     ),
     law="dF/dz = sigma_0 (1 - F/F_c sgn(z'))",
     source="Dahl's law with exponent 1, solved in closed form between reversals",

@@ -13,7 +13,7 @@ NORMAL_LOAD = Parameter(
     "normal_load",
     "N",
     0.0,
-    1e5,
+    1e6,
     1.687,
     "N: the spool's weight unless known better",
     "likely_spool_mass",
@@ -34,9 +34,9 @@ def adhesion(speed: float, adhesion_dry_force: float, adhesion_force: float, adh
 ADHESION_FRICTION = Term(
     name="adhesion_friction",
     parameters=(
-        Parameter("adhesion_drag", "N s/m", 0.0, 1e5, 2.0, "b: fluid friction F_Tp over velocity"),
-        Parameter("adhesion_dry_force", "N", 0.0, 1e4, 0.4, "F_Ts: dry friction"),
-        Parameter("adhesion_force", "N", 0.0, 1e4, 0.2, "F_pmax: largest adhesion force"),
+        Parameter("adhesion_drag", "N s/m", 0.0, 1e6, 2.0, "b: fluid friction F_Tp over velocity"),
+        Parameter("adhesion_dry_force", "N", 0.0, 1e6, 0.4, "F_Ts: dry friction"),
+        Parameter("adhesion_force", "N", 0.0, 1e6, 0.2, "F_pmax: largest adhesion force"),
         Parameter("adhesion_decay", "s/m", 0.0, 1e5, 50.0, "sigma: decay of the adhesion"),
     ),
     law="F = b z' + [F_Ts + F_pmax exp(-sigma abs(z'))] Sgn(z')",
@@ -68,7 +68,7 @@ COULOMB_HYDRODYNAMIC_FRICTION = Term(
             "K_V: geometry of the contact; > 0 lowers friction with speed",
         ),
         Parameter(
-            "film_drag", "N s/m", 0.0, 1e5, 8.2, "mu A_t / h: drag of the film", "likely_viscous_coefficient"
+            "film_drag", "N s/m", 0.0, 1e6, 8.2, "mu A_t / h: drag of the film", "likely_viscous_coefficient"
         ),
         NORMAL_LOAD,
     ),
@@ -106,10 +106,10 @@ def detachment(
 DETACHMENT_FRICTION = Term(
     name="detachment_friction",
     parameters=(
-        Parameter("detachment_force", "N", 0.0, 1e4, 0.2, "F_od: force to detach, at speed 0"),
+        Parameter("detachment_force", "N", 0.0, 1e6, 0.2, "F_od: force to detach, at speed 0"),
         Parameter("detachment_velocity", "m/s", 1e-5, 10.0, 0.05, "v_p: start of semi-fluid friction"),
-        Parameter("detachment_drag", "N s/m", 0.0, 1e5, 2.0, "b: viscous part"),
-        Parameter("detachment_dry_force", "N", 0.0, 1e4, 0.4, "F_Ts: dry friction"),
+        Parameter("detachment_drag", "N s/m", 0.0, 1e6, 2.0, "b: viscous part"),
+        Parameter("detachment_dry_force", "N", 0.0, 1e6, 0.4, "F_Ts: dry friction"),
     ),
     law="F = b z' + [F_od max(0, 1 - abs(z')/v_p)^4 + F_Ts] Sgn(z')",
     source="equation (9); printed with b abs(v) and F_od without sign, which would push for v < 0, and "
@@ -138,11 +138,11 @@ def hess_soom(
 HESS_SOOM_FRICTION = Term(
     name="hess_soom_friction",
     parameters=(
-        Parameter("hess_soom_drag", "N s/m", 0.0, 1e5, 2.0, "viscous part b"),
+        Parameter("hess_soom_drag", "N s/m", 0.0, 1e6, 2.0, "viscous part b"),
         Parameter(
-            "hess_soom_minimum", "N", 0.0, 1e4, 0.4, "F_min,k: friction at the minimum of the Stribeck curve"
+            "hess_soom_minimum", "N", 0.0, 1e6, 0.4, "F_min,k: friction at the minimum of the Stribeck curve"
         ),
-        Parameter("hess_soom_static", "N", 0.0, 1e4, 0.6, "F_s: static friction"),
+        Parameter("hess_soom_static", "N", 0.0, 1e6, 0.6, "F_s: static friction"),
         Parameter(
             "hess_soom_velocity", "m/s", 1e-5, 10.0, 0.02, "v_s: speed at which half of the excess is left"
         ),
@@ -174,7 +174,7 @@ MICROWEDGE_FRICTION = Term(
     name="microwedge_friction",
     parameters=(
         Parameter(
-            "contact_proportionality", "N/m", 0.0, 1e6, 100.0,
+            "contact_proportionality", "N/m", 0.0, 1e8, 100.0,
             "k_t = C_k mu_s: static friction over contact strain",
         ),
         Parameter("microwedge_length", "m", 0.0, 1.0, 0.0057, "d_k0, a dimension of the microwedge"),
@@ -244,11 +244,11 @@ def pavelescu(
 PAVELESCU_FRICTION = Term(
     name="pavelescu_friction",
     parameters=(
-        Parameter("pavelescu_drag", "N s/m", 0.0, 1e5, 2.0, "viscous part b"),
+        Parameter("pavelescu_drag", "N s/m", 0.0, 1e6, 2.0, "viscous part b"),
         Parameter(
-            "pavelescu_minimum", "N", 0.0, 1e4, 0.4, "F_min,k: friction at the minimum of the Stribeck curve"
+            "pavelescu_minimum", "N", 0.0, 1e6, 0.4, "F_min,k: friction at the minimum of the Stribeck curve"
         ),
-        Parameter("pavelescu_static", "N", 0.0, 1e4, 0.6, "F_sp: static friction"),
+        Parameter("pavelescu_static", "N", 0.0, 1e6, 0.6, "F_sp: static friction"),
         Parameter(
             "pavelescu_velocity", "m/s", 1e-5, 10.0, 0.02, "v_s: speed at which 1/e of the excess is left"
         ),
@@ -323,9 +323,9 @@ def tustin(speed: float, tustin_kinetic: float, tustin_excess: float, tustin_vel
 TUSTIN_FRICTION = Term(
     name="tustin_friction",
     parameters=(
-        Parameter("tustin_drag", "N s/m", 0.0, 1e5, 2.0, "viscous part b"),
-        Parameter("tustin_kinetic", "N", 0.0, 1e4, 0.4, "F_min,k: kinetic friction"),
-        Parameter("tustin_excess", "N", 0.0, 1e4, 0.2, "F_sk: static minus kinetic friction"),
+        Parameter("tustin_drag", "N s/m", 0.0, 1e6, 2.0, "viscous part b"),
+        Parameter("tustin_kinetic", "N", 0.0, 1e6, 0.4, "F_min,k: kinetic friction"),
+        Parameter("tustin_excess", "N", 0.0, 1e6, 0.2, "F_sk: static minus kinetic friction"),
         Parameter("tustin_velocity", "m/s", 1e-5, 10.0, 0.02, "v_k: transition to kinetic friction"),
     ),
     law="F = b z' + [F_min,k + F_sk exp(-abs(z')/v_k)] Sgn(z')",

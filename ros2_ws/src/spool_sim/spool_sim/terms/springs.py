@@ -9,7 +9,7 @@ from spool_core.kernels.compiled import compiled
 from spool_sim.terms.base import Parameter, Term
 
 STIFFNESS = Parameter(
-    "spring_stiffness", "N/m", 1.0, 1e8, 1632.0, "equivalent of both centring springs", "spring_stiffness"
+    "spring_stiffness", "N/m", 1.0, 1e10, 1632.0, "equivalent of both centring springs", "spring_stiffness"
 )
 
 
@@ -19,7 +19,7 @@ def inertia(acceleration: float, mass: float) -> float:
 
 INERTIA = Term(
     name="inertia",
-    parameters=(Parameter("mass", "kg", 1e-4, 1e3, 0.18, "spool + oil + 1/3 of the springs", "moving_mass"),),
+    parameters=(Parameter("mass", "kg", 1e-4, 1e5, 0.18, "spool + oil + 1/3 of the springs", "moving_mass"),),
     law="F = m (z'' + w'')",
     source="equations (10) and (29), first term",
     meaning="the spool with the oil and the part of the springs that move with it",
@@ -78,7 +78,7 @@ def backlash_levels(backlash: float) -> tuple[float, float]:
 
 SPRING_BACKLASH = Term(
     name="spring_backlash",
-    parameters=(STIFFNESS, Parameter("backlash", "m", 0.0, 0.1, 1e-4, "half the width of the dead zone")),
+    parameters=(STIFFNESS, Parameter("backlash", "m", 0.0, 1.0, 1e-4, "half the width of the dead zone")),
     law="F = -k min(b, max(-b, z)): with the spring term 0 within +-b, k (abs(z) - b) outside",
     source="dead zone; shares the stiffness of the spring term",
     meaning="play between spool, spring plates and springs",
@@ -102,14 +102,9 @@ def preload_levels(preload_travel: float) -> tuple[float, float]:
 SPRING_PRELOAD = Term(
     name="spring_preload",
     parameters=(
-        Parameter("preload_force", "N", 0.0, 1e5, 2.0, "force to leave the centre"),
+        Parameter("preload_force", "N", 0.0, 1e6, 2.0, "force to leave the centre"),
         Parameter(
-            "preload_travel",
-            "m",
-            1e-6,
-            1e-2,
-            2e-5,
-            "travel over which it builds up: give of plates and seats",
+            "preload_travel", "m", 1e-6, 0.1, 2e-5, "travel over which it builds up: give of plates and seats"
         ),
     ),
     law="F = F_0 min(1, max(-1, z/w)), nearly F_0 sgn(z)",
@@ -143,13 +138,13 @@ def stop_levels(stop_gap: float) -> tuple[float, float]:
 END_STOP = Term(
     name="end_stop",
     parameters=(
-        Parameter("stop_gap", "m", 0.0, 0.1, 0.004, "travel from the centre to either stop"),
-        Parameter("stop_stiffness", "N/m", 0.0, 1e9, 1e6, "contact stiffness"),
+        Parameter("stop_gap", "m", 0.0, 1.0, 0.004, "travel from the centre to either stop"),
+        Parameter("stop_stiffness", "N/m", 0.0, 1e10, 1e6, "contact stiffness"),
         Parameter(
             "stop_dissipation", "s/m", 0.0, 100.0, 0.5,
             "loss of the contact: share of the force per m/s of approach",
         ),
-        Parameter("stop_damping", "N s/m", 0.0, 1e4, 0.0, "drag of the contact, whatever the depth"),
+        Parameter("stop_damping", "N s/m", 0.0, 1e6, 0.0, "drag of the contact, whatever the depth"),
     ),
     law="F = sgn(z) max(0, K d (1 + chi d') + c d'), d = abs(z) - gap > 0",
     source="Hunt and Crossley's contact law (c = 0) or Kelvin and Voigt's (chi = 0), neither of which pulls",
