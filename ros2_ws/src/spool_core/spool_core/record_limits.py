@@ -84,6 +84,12 @@ class Limits:
     wrong_unit_everywhere: float = decided(
         0.85, "1", "the same share if the factor reduces the distance for every spring", CASES
     )
+    carried: float = decided(
+        0.95,
+        "1",
+        "coherence below which friction may carry a spool that is driven above its resonance",
+        "a relay of noise has 2/pi; 0.80 to 0.87 in simulations with 0.2 to 1 N, 1 without friction",
+    )
     opposite: float = decided(
         -0.7, "1", "cosine to the expected transfer below which a sign is wrong", "more than 135 degrees"
     )

@@ -384,7 +384,7 @@ def misread(ratio: Complex, coherent: float, frequency: Array, valve: Valve) -> 
     apart = unrelated(coherent)
     if apart:
         return "", apart
-    wrong = unit_or_exchange(ratio, frequency, valve)
+    wrong = unit_or_exchange(ratio, frequency, valve, coherent)
     if wrong or frequency.size < 4 or not like_no_valve(ratio, frequency, valve):
         return wrong, ""
     return "", (
@@ -446,10 +446,12 @@ def resonance_of(both: CrossSpectrum, noise: ChannelNoise) -> tuple[float, float
     return float(frequency[best]), float(height[best])
 
 
-def unit_or_exchange(ratio: Complex, frequency: Array, valve: Valve) -> str:
+def unit_or_exchange(ratio: Complex, frequency: Array, valve: Valve, coherent: float = 1.0) -> str:
     """Return what is wrong with units or channels, or an empty string.
 
-    Judged by the transfer that the valve's description gives: spool over body, with its sign.
+    Judged by the transfer that the valve's description gives: spool over body, with its sign. Far above the
+    resonance, where springs hardly move a spool, dry friction carries it many times farther, incoherently,
+    yet never farther than the body.
     """
     if frequency.size < 4:
         return ""
@@ -460,7 +462,8 @@ def unit_or_exchange(ratio: Complex, frequency: Array, valve: Valve) -> str:
 
     direct = distance(expected)
     factor = wrong_unit(ratio, frequency, valve)
-    if factor > 1.0:
+    carried = coherent < LIMITS.carried and float(np.median(np.abs(ratio))) < 1.0
+    if factor > 1.0 and not (carried and float(frequency.min()) > 2.0 * valve.natural_frequency):
         return "spool reads 9.81 times too much: is body in g instead of m/s^2?"
     if factor < 1.0:
         return "spool reads 9.81 times too little: is spool in g instead of m/s^2?"

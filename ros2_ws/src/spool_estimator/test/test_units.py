@@ -8,7 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from spool_core.numbers import GRAVITY
-from spool_estimator.record_judgement import expected_transfer, like_no_valve, unit_or_exchange
+from spool_estimator.identification.record import Record
+from spool_estimator.identification.spectra import noise_of
+from spool_estimator.record_judgement import expected_transfer, like_no_valve, transfer, unit_or_exchange
+from spool_sim.integration.composed_motion import ComposedMotion, MotionState
+from spool_sim.model import MODELS
 from spool_sim.valve import Valve, find_valve
 
 VALVE = find_valve("4weh10_soft")
@@ -85,3 +89,29 @@ def test_exchanged_channels_are_refused(drag: float) -> None:
 
 def test_what_is_no_valve_at_all_is_said_to_be_none() -> None:
     assert like_no_valve(np.full(FREQUENCY.size, 30.0 + 0.0j), FREQUENCY, VALVE)
+
+
+@pytest.mark.parametrize(
+    ("friction", "rms", "unit"), [(0.5, 6.0, 1.0), (0.5, 3.0, 1.0), (1.0, 6.0, 1.0), (0.5, 6.0, GRAVITY)]
+)
+def test_friction_that_carries_the_spool_above_its_resonance_is_no_wrong_unit(
+    friction: float, rms: float, unit: float
+) -> None:
+    """From 100 to 300 Hz the springs hardly act; a body that is in g all the same is found."""
+    rate, count, substeps = 2000.0, 20_000, 8
+    size = 2 * count * substeps
+    generator = np.random.default_rng(3)
+    frequency = np.fft.rfftfreq(size, 1.0 / (2.0 * substeps * rate))
+    lines = np.where((frequency >= 100.0) & (frequency <= 300.0), 1.0, 0.0)
+    drive = np.fft.irfft(lines * np.exp(2j * np.pi * generator.uniform(size=frequency.size)), size)
+    drive = np.append(drive, drive[0]) * rms / float(np.std(drive))
+    values = {"mass": 0.18, "spring_stiffness": 1632.0, "viscous_coefficient": 4.0, "coulomb_force": friction}
+    kernel = ComposedMotion(MODELS["coulomb"].terms)
+    run, _ = kernel.advance(
+        MotionState(), drive, kernel.table(values, count), sample_period=1.0 / rate, substeps=substeps
+    )
+    noise = 0.02 * generator.standard_normal((2, count))
+    body, spool = drive[: -1 : 2 * substeps] + noise[0], run.acceleration + noise[1]
+    record = Record("run", 0.0, 1.0 / rate, body / unit, spool)
+    ratio, coherent, driven = transfer(record, noise_of(record.body, record.spool, rate))
+    assert ("is body in g" in unit_or_exchange(ratio, driven, VALVE, coherent)) == (unit > 1.0)
