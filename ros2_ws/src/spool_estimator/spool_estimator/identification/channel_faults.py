@@ -38,6 +38,9 @@ STEPS = 8.0
 REPEATS = 0.15
 #: Changes that are needed to judge repeats, and equal samples: 5 deviations of a share of REPEATS.
 FEWEST = 200
+#: Bend over the mean one up to which a line counts as straight, samples between two readings at most, and
+#: share of the intervals that must be alike.
+STRAIGHT, LONGEST, REGULAR = 1e-3, 32.0, 0.9
 #: Jumps over the span, from which on a jump may be a wrap-around, and how many are needed.
 WRAPS, FEWEST_WRAPS = 0.7, 3
 #: Share of the span that a wrap has at least, as what is beyond the range comes in at its other end, and that
@@ -153,7 +156,8 @@ def faults_of_rows(body: Array, spool: Array, period: float) -> list[ChannelFaul
     # The newest part by itself: before integers began to wrap around, the span was another one.
     tried = (wrap_around(row, name) or wrap_around(row[-(row.size // 4) :], name) for name, row in rows)
     wraps = [wrap for wrap in tried if wrap is not None]
-    return wraps or [one for name, row in rows if (one := repeats(row, name)) is not None]
+    slower = (repeats(row, name) or interpolated(row, name, period) for name, row in rows)
+    return wraps or [one for one in slower if one is not None]
 
 
 def without_outliers(row: Array, period: float) -> tuple[Array, int]:
@@ -267,6 +271,33 @@ def repeats(row: Array, name: str) -> ChannelFault | None:
         "repeats", name, "equal_samples", mean, 1.0 + REPEATS, "1",
         f"{name} repeats its samples, each {mean:.3g} times on average",
         "poll the sensor at its own rate, or record with the rate at which it samples",
+    )  # fmt: skip
+
+
+def interpolated(row: Array, name: str, period: float) -> ChannelFault | None:
+    """Return that samples lie on straight lines between slower ones, which come at equal intervals.
+
+    Bends of fewer than ``STEPS`` steps of the converter say nothing, nor do those of a motion that rests at
+    times: they come as they like.
+    """
+    bends = np.abs(np.diff(row, 2))
+    step = _step(np.diff(row))
+    bent = bends > max(STRAIGHT * float(bends.mean()), 2.5 * step)
+    if not FEWEST < np.count_nonzero(bent) < bent.size / 2.0 + 1.0:
+        return None
+    # A reading between two samples bends the line at both.
+    starts = np.flatnonzero(bent & ~np.concatenate([[False], bent[:-1]]))
+    apart = np.diff(starts)
+    ratio = float(np.median(apart)) if apart.size >= FEWEST // 2 else math.inf
+    alike = np.abs(apart - ratio) <= (1.0 if ratio > 2.0 else 0.0)
+    if ratio > LONGEST or np.mean(alike) < REGULAR or float(np.median(bends[bent])) < STEPS * step:
+        return None
+    mean = float(apart[alike].mean())
+    return ChannelFault(
+        "repeats", name, "equal_samples", mean, 1.0 + REPEATS, "1",
+        f"{name} is interpolated: its readings come at {1.0 / (period * mean):.4g} Hz, "
+        f"one in {mean:.3g} samples",
+        "export each channel at its own rate, or record with the rate at which the sensor samples",
     )  # fmt: skip
 
 

@@ -13,6 +13,7 @@ from scipy import signal
 from spool_core.numbers import Array
 from spool_estimator.identification.channel_faults import (
     faults_of,
+    interpolated,
     look_at_pair,
     repeats,
     without_outliers,
@@ -150,6 +151,42 @@ def test_a_machine_that_stops_leaves_noise_behind_a_converter_and_repeats_no_sam
     assert repeats(np.round(vibration + 3.1 * noise), "spool") is None
     assert not any(wrap_around(row, "spool") for row in noise.reshape(-1, 800))
     assert repeats(np.round(held(vibration + 5.0 * noise, 1.4)), "spool") is not None
+
+
+def shaken(seconds: float = 8.0, rate: float = 2000.0, seed: int = 3) -> Array:
+    """Return an acceleration of 5 m/s^2 rms below 60 Hz with the noise of a sensor."""
+    generator = np.random.default_rng(seed)
+    row = signal.sosfiltfilt(
+        signal.butter(4, 60.0, fs=rate, output="sos"), generator.standard_normal(round(seconds * rate))
+    )
+    return np.asarray(5.0 * row / np.std(row) + 0.02 * generator.standard_normal(row.size))
+
+
+@pytest.mark.parametrize("digits", [3, 6, 15])
+@pytest.mark.parametrize("slower", [200.0, 250.0, 500.0, 300.0, 430.0])
+def test_samples_on_lines_between_slower_readings_are_told_with_their_rate(
+    slower: float, digits: int
+) -> None:
+    time = np.arange(16_000) / 2000.0
+    readings = np.arange(0.0, 8.1, 1.0 / slower)
+    row = np.round(np.interp(time, readings, np.interp(readings, time, shaken())), digits)
+    assert repeats(row, "spool") is None
+    found = interpolated(row, "spool", 1.0 / 2000.0)
+    assert found is not None
+    assert found.cause == "repeats"
+    assert 2000.0 / found.value == pytest.approx(slower, rel=0.02)
+
+
+@pytest.mark.parametrize("step", [0.0, 1e-6, 1e-3, 0.05, 0.5, 3.0])
+def test_sound_rows_are_not_interpolated(step: float) -> None:
+    """Also behind a coarse converter, at rest between blows, and as a sine of a whole number of samples."""
+    time = np.arange(16_000) / 2000.0
+    blows = np.exp(-(time % 0.05) / 2e-3) * np.sin(2.0 * np.pi * 300.0 * time)
+    rows = [shaken(seed=seed) for seed in range(3)]
+    rows += [blows, 40.0 * blows, 5.0 * np.sin(2.0 * np.pi * 50.0 * time), shaken(rate=100_000.0)[:16_000]]
+    rows += [np.sign(np.sin(2.0 * np.pi * 25.0 * time)), 5.0 * np.clip(3.0 * blows, -0.2, 0.2)]
+    for row in rows:
+        assert interpolated(np.round(row / step) * step if step else row, "body", 5e-4) is None
 
 
 @pytest.mark.parametrize("factor", [0.1, 0.5, 2.0, 5.0, 7.0, 10.0])
