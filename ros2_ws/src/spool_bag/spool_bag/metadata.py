@@ -197,9 +197,9 @@ def storage_files(folder: Path, *, foreign: bool = False) -> Storage:
             f"`./spool import {folder} --out {folder.name}_mcap` to convert its accelerations, or convert "
             "all of it with `ros2 bag convert`"
         )
-    names = [
-        name if (folder / name).is_file() else name.removesuffix(COMPRESSED) for name in names
-    ]  # files that were decompressed since
+    # In the encoding of file names, which may not be that of the list; some were decompressed since.
+    names = [os.fsdecode(name.encode("utf-8", "surrogateescape")) for name in names]
+    names = [name if (folder / name).is_file() else name.removesuffix(COMPRESSED) for name in names]
     unlisted = in_order(_parts_of(folder, names) - set(names))
     warnings.extend(
         f"{folder}: {printable(name, 200)} is not in {FILE_NAME}, and is read as well" for name in unlisted

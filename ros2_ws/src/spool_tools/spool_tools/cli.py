@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import traceback
 from pathlib import Path
@@ -26,6 +27,8 @@ app = typer.Typer(
 
 #: Exit code of a fault of the suite: EX_SOFTWARE of sysexits.h.
 FAULT = 70
+#: Columns below which text is unreadable: the width of a console that knows none is taken.
+NARROWEST = 20
 
 
 def _version(wanted: bool) -> None:
@@ -38,7 +41,7 @@ def _version(wanted: bool) -> None:
 
 @app.callback()
 def everywhere(
-    version: Annotated[
+    version: Annotated[  # noqa: ARG001 - its callback acts
         bool, typer.Option("--version", help="Show the version and exit.", is_eager=True, callback=_version)
     ] = False,
 ) -> None:
@@ -46,6 +49,8 @@ def everywhere(
 
     Example: [bold]./spool demo --seconds 60 --out demo_output[/bold]
     """
+    if os.environ.get("COLUMNS", "").isdigit() and int(os.environ["COLUMNS"]) < NARROWEST:
+        del os.environ["COLUMNS"]
 
 
 def main(arguments: list[str] | None = None) -> int:

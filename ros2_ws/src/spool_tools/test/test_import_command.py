@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -206,3 +209,54 @@ def test_a_column_can_be_left_out(
     assert main(["import", str(path), "--exclude", "body 2", "--out", str(tmp_path / "bag")]) == 0
     assert main(["import", str(path), "--exclude", "body 7", "--out", str(tmp_path / "bag_2")]) == 2
     assert "--exclude" in capsys.readouterr().err
+
+
+def plain(folder: Path) -> Path:
+    time = np.arange(4000) / 2000.0
+    body = 5.0 * np.sin(2.0 * np.pi * 20.0 * time)
+    rows = np.column_stack([time, body, 0.8 * body + 0.1 * np.cos(300.0 * time)])
+    file = folder / "plain.csv"
+    np.savetxt(file, rows, delimiter=",", header="time [s],body [m/s^2],spool [m/s^2]", comments="")
+    return file
+
+
+@pytest.mark.parametrize("columns", ["0", "1", "19"])
+def test_a_console_without_a_width_shows_the_table(
+    columns: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", columns)
+    assert main(["import", str(plain(tmp_path)), "--look"]) == 0
+    assert "2000 Hz" in capsys.readouterr().out
+
+
+def test_a_pipe_is_refused_with_what_to_do(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    assert main(["import", str(pipe), "--look"]) == 2
+    assert "a pipe, which can be read only once: write it to a file first" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("start", ["1960-01-01", "2300-01-01"])
+def test_a_start_that_no_stamp_can_hold_is_named(
+    start: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["--out", str(tmp_path / "bag"), "--start", start]
+    assert main(["import", str(plain(tmp_path)), *words]) == 2
+    assert "--start" in capsys.readouterr().err
+
+
+def test_an_empty_name_of_the_bag_is_none(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["import", str(plain(tmp_path)), "--out", ""]) == 2
+    assert "--out: name the bag to write" in capsys.readouterr().err
+
+
+def test_a_bag_with_umlauts_is_whole_in_any_locale(tmp_path: Path) -> None:
+    bag = tmp_path / "Prüfstand"
+    assert main(["import", str(plain(tmp_path)), "--out", str(bag)]) == 0
+    told = subprocess.run(
+        [sys.executable, "-c", "import sys; from spool_tools.cli import main; sys.exit(main(sys.argv[1:]))",
+         "info", str(bag)],
+        env={**os.environ, "LC_ALL": "C", "PYTHONUTF8": "0"}, capture_output=True, check=False,
+    )  # fmt: skip
+    assert told.returncode == 0, told.stderr
+    assert b"is missing" not in told.stderr + told.stdout

@@ -159,6 +159,7 @@ def checked_start(record: LoggerRecord, start: int | None) -> int:
         InputError: it cannot.
     """
     first, last = float(record.time[0]), float(record.time[-1])
+    given = "" if start is None else " from --start on"
     if start is None:
         start = start_of(record)
     elif first > LONGEST_RECORD:
@@ -167,7 +168,7 @@ def checked_start(record: LoggerRecord, start: int | None) -> int:
         )
     if start + first * 1e9 <= 0 or start + last * 1e9 >= LATEST_STAMP:
         raise InputError(
-            f"{record.path}: stamps would be outside 1970 to 2038 (its time runs from {first:g} to "
+            f"{record.path}: stamps would be outside 1970 to 2038{given} (its time runs from {first:g} to "
             f"{last:g} s)"
         )
     return start

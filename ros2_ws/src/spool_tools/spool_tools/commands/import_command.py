@@ -96,7 +96,7 @@ def import_(
         with progress("reading"):
             fine = looked(files, how, json, report)
         raise typer.Exit(0 if fine else 1)
-    if out is None:
+    if out is None or out == Path():
         raise InputError("--out: name the bag to write, or pass --look to see the detected channels")
     if json is not None or report is not None:
         raise InputError("--json and --report contain the result of --look: add --look")

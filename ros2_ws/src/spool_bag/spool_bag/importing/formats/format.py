@@ -134,12 +134,14 @@ def format_of(path: Path) -> Format:
         InputError: no such file, or unknown format.
     """
     head = b""
+    if path.is_fifo():
+        raise InputError(f"{path}: a pipe, which can be read only once: write it to a file first")
     if not path.is_dir():
         try:
             with path.open("rb") as file:
                 head = file.read(512)
         except OSError as error:
-            raise InputError(f"{path}: cannot be read: {error.strerror}") from error
+            raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
         if not head:
             raise InputError(f"{path}: the file is empty")
     for form in formats():
