@@ -21,6 +21,7 @@ FORCE, REST = "#0072B2", "#D55E00"
 #: How far (m, s) laws are drawn that do not depend on the velocity; others with a potential as below.
 OVER_DISPLACEMENT = {
     "end_stop": 0.0045, "spring_backlash": 0.0004, "spring_preload": 0.0001, "presliding_friction": 0.00004,
+    "play_friction": 0.0003,
 }  # fmt: skip
 OVER_TIME = {"periodic_force": 0.1, "damping_drift": 60.0}
 LARGEST_DISPLACEMENT, LARGEST_SPEED = 0.006, 0.2
@@ -49,7 +50,7 @@ def draw(entry: Term, valve: Valve) -> Figure:
         acceleration = np.array([-20.0, 20.0])
         axis.plot(acceleration, values["mass"] * acceleration, color=FORCE)
         axis.set_xlabel("acceleration of the spool, m/s²")
-    elif entry.name == "presliding_friction":
+    elif "memory_law" in entry.laws:
         _draw_loop(axis, entry, values)
     elif entry.name in OVER_DISPLACEMENT or entry.conserves:
         reach = OVER_DISPLACEMENT.get(entry.name, LARGEST_DISPLACEMENT)

@@ -29,7 +29,7 @@ FUNCTIONS: dict[str, Callable[..., float]] = {
 }  # fmt: skip
 _TOKEN = re.compile(r"\d+(?:\.\d+)?(?:e-?\d+)?|[A-Za-z]\w*(?:,k)?'?|[-+*/^()\[\],<>]")
 #: Laws without an equation of z, z' and t: of the acceleration, and by its derivative (below).
-OTHERS = {"inertia", "presliding_friction"}
+OTHERS = {"inertia", "play_friction", "presliding_friction"}
 
 
 def python_of(text: str) -> tuple[str, set[str]]:

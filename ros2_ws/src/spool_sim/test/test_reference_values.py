@@ -275,7 +275,7 @@ LAWS = (
     Law("viscous_friction", {"viscous_coefficient": 7.5}, ((7e-4, 0.04, 0.8, 0.3), (7e-4, -0.2, 0.8, -1.5))),
 )  # fmt: skip
 #: Laws of other arguments than displacement, velocity and time; their values have separate tests below.
-ELSEWHERE = {"inertia", "presliding_friction"}
+ELSEWHERE = {"inertia", "play_friction", "presliding_friction"}
 
 
 def force(entry: Term, values: Mapping[str, float], z: float, v: float, t: float) -> float:
@@ -358,6 +358,24 @@ def test_dahl_s_force_after_a_slip_is_the_one_worked_out_by_hand() -> None:
     found = entry.force(z, np.full(3, 0.02), np.full(3, 5.0), values)
     assert found == pytest.approx([0.0, 0.2255942, -0.2814552], rel=EXACT)
     assert entry.at_rest(0.0, values) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("start", "slip", "by_hand"),
+    [
+        # From 0 N in the middle of the play: 0.5 of 5e-7 N; to its end, then 2e4 N/m over 5 um; sliding.
+        (0.0, 5e-5, 2.5e-7), (0.0, 1.05e-4, 0.1), (0.0, 1e-3, 0.5),
+        # From -0.2 N, 10 um of give off, through the play of 200 um, 20 um of give on.
+        (-0.2, 2.3e-4, 0.4), (-0.2, 1.1e-4, 0.0), (0.2, -1e-3, -0.5),
+    ],
+)  # fmt: skip
+def test_the_force_after_play_is_the_one_worked_out_by_hand(
+    start: float, slip: float, by_hand: float
+) -> None:
+    law = TERMS["play_friction"].uncompiled("memory_law")
+    assert law is not None
+    found = law(start, slip, math.copysign(1.0, slip), 0.5, 1e-4, 2e4)
+    assert found == pytest.approx(by_hand, rel=EXACT, abs=1e-6)
 
 
 def valve_of(**changes: Any) -> Valve:

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 from spool_core.kernels.compiled import compiled
 from spool_core.numbers import Array
+from spool_sim.terms.friction import play
 from spool_sim.terms.paper_friction import NORMAL_LOAD
 
 from spool_gap.effect import SHARES, Effect, scan
@@ -206,7 +207,7 @@ PRESLIDING_FRICTION = Effect(
     acts=dahl,
     solved=bristles,
     tried=lambda largest_displacement: [
-        {"travel": travel} for travel in scan(2e-3 * largest_displacement, 0.5 * largest_displacement, 9)
+        {"travel": travel} for travel in scan(2e-3 * largest_displacement, 2.0 * largest_displacement, 12)
     ],
     begun=lambda force, travel: [
         {"dahl_force": share * force, "dahl_stiffness": share * force / (part * travel)}
@@ -218,4 +219,58 @@ PRESLIDING_FRICTION = Effect(
         if dahl_force < SHORTEST * dahl_stiffness
         else ""
     ),
+)
+
+
+@compiled
+def slider_state(displacement: Array, slider_play: float, give: float) -> Array:
+    """Return the force along ``displacement`` (m) over that of the slider.
+
+    Args:
+        displacement: m.
+        slider_play: half the play before it, m.
+        give: between contact and sliding, m.
+    """
+    state = np.zeros(displacement.size)
+    for index in range(1, displacement.size):
+        moved = displacement[index] - displacement[index - 1]
+        state[index] = play(state[index - 1], moved, 1.0, slider_play, 1.0 / give)
+    return state
+
+
+def after_play(displacement: Array, slider_play: float, give: float) -> Array:
+    return slider_state(displacement, slider_play, give)
+
+
+def slider(coefficients: list[float], give: float) -> dict[str, float] | None:
+    (force,) = coefficients
+    return {"slider_force": force, "slider_stiffness": force / give} if force > 0.0 else None
+
+
+#: After a reversal nothing acts until the play is crossed.
+PLAY_FRICTION = Effect(
+    id="play_friction",
+    group="dry friction",
+    kinds=("driven", "imposed"),
+    replaces=("coulomb_friction",),
+    sized=("slider_force",),
+    picture="displacement",
+    confusable_with=("presliding_friction", "coulomb_friction", "spring_backlash"),
+    distinguished_by="motion with amplitudes from below the play to several times the play",
+    acts=after_play,
+    solved=slider,
+    tried=lambda largest_displacement: [
+        {"slider_play": half, "give": give}
+        for half in scan(0.02 * largest_displacement, largest_displacement, 8)
+        for give in scan(0.01 * largest_displacement, largest_displacement, 5)
+    ],
+    begun=lambda force, travel: [
+        {
+            "slider_force": share * force,
+            "slider_play": part * travel,
+            "slider_stiffness": 10.0 * force / travel,
+        }
+        for share in SHARES
+        for part in TRAVELS
+    ],
 )

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy import signal
 from scipy.ndimage import binary_dilation, binary_opening, gaussian_filter1d
-from scipy.optimize import minimize_scalar
+from scipy.optimize import minimize, minimize_scalar
 from spool_core.errors import InputError
 from spool_core.numbers import Array
 from spool_core.uncertainty import percent
@@ -30,6 +30,9 @@ DEGREE = 3
 TRUNCATED = 6.0
 #: Deviations of its noise below which a velocity counts as none.
 STILL = 4.0
+#: Powers of 2 that a number which shapes a law is moved by, and to what: around what was scanned, then finer
+#: than its interval.
+COARSE, FINE = (1.2, 0.02), (0.06, 2e-4)
 #: A signal must exceed its noise by this factor, rms.
 EXCITED = 1.5
 #: m that parts of a valve or a rig hardly move, and m that none moves; m/s and m/s^2, rms, that none reaches.
@@ -278,16 +281,33 @@ class ForceBalance:
             return None
         sums = [self.fit([*chosen, (effect, shape)]).squares for shape in shapes]
         best = shapes[int(np.argmin(sums))]
-        for name in best:
-            if name in effect.scanned:
-                continue
+        free = [name for name in best if name not in effect.scanned]
 
-            def left(power: float, name: str = name, best: dict[str, float] = best) -> float:
-                return self.fit([*chosen, (effect, {**best, name: best[name] * 2.0**power})]).squares
+        def moved(powers: Sequence[float]) -> dict[str, float]:
+            return {
+                **best,
+                **{name: best[name] * 2.0**power for name, power in zip(free, powers, strict=True)},
+            }
 
-            found = minimize_scalar(left, bounds=(-1.2, 1.2), method="bounded", options={"xatol": 0.02})
-            if found.fun < left(0.0):
-                best = {**best, name: best[name] * 2.0 ** float(found.x)}
+        def left(powers: Sequence[float]) -> float:
+            return self.fit([*chosen, (effect, moved(powers))]).squares
+
+        for reach, tolerance in (COARSE, FINE):
+            for place in range(len(free)):
+                others = [0.0] * place, [0.0] * (len(free) - place - 1)
+                found = minimize_scalar(
+                    lambda power, others=others: left([*others[0], power, *others[1]]),
+                    bounds=(-reach, reach), method="bounded", options={"xatol": tolerance},
+                )  # fmt: skip
+                if found.fun < left([0.0] * len(free)):
+                    best = moved([*others[0], float(found.x), *others[1]])
+        if len(free) > 1:
+            # Numbers that compensate for each other, as play and give, are found together.
+            found = minimize(
+                left, np.zeros(len(free)), method="Nelder-Mead",
+                bounds=[(-COARSE[0], COARSE[0])] * len(free), options={"xatol": FINE[1], "fatol": 0.0},
+            )  # fmt: skip
+            best = moved(found.x.tolist())
         return best if self.plausible(effect, chosen, best) else None
 
     def plausible(

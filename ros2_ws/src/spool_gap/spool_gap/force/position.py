@@ -200,15 +200,24 @@ def parameters_of(
     values = balance.values(entry, shape, fit) or {}
     own = [n for n, name in enumerate(fit.names) if name.startswith(f"{entry.id}.")]
     relative = fit.deviations[own] / np.maximum(np.abs(fit.coefficients[own]), 1e-30)
-    if not own:
-        chosen = [(EFFECTS[name], held) for name, held in zip(fit.effects, fit.shapes, strict=True)]
-        place = fit.effects.index(entry.id)
-        relative = np.array(
-            [balance.shape_deviation(chosen, fit, place, name) / shape[name] for name in shape]
-        )
     units = {p.name: p.unit for name in entry.terms for p in term(name).parameters}
+    place = fit.effects.index(entry.id)
+    together = [(EFFECTS[name], held) for name, held in zip(fit.effects, fit.shapes, strict=True)]
+
+    def deviation(name: str) -> float:
+        if shape.get(name, 0.0) != 0.0 and name not in entry.scanned:
+            return balance.shape_deviation(together, fit, place, name)
+        found = abs(values[name]) * float(relative.min())
+        for inner in shape.keys() - {*entry.fitted, *entry.scanned}:
+            # A number of the law alone, as the travel of Dahl's: what it adds to those that depend on it.
+            moved = balance.values(entry, {**shape, inner: 1.001 * shape[inner]}, fit) or values
+            slope = (moved[name] - values[name]) / (1e-3 * shape[inner])
+            if slope != 0.0:
+                found = math.hypot(found, slope * balance.shape_deviation(together, fit, place, inner))
+        return found
+
     return [
-        Quantity(name, units[name], values[name], abs(values[name]) * float(relative.min()), Validity.VALID)
+        Quantity(name, units[name], values[name], deviation(name), Validity.VALID)
         for name in entry.fitted
         if name in values
     ]

@@ -548,5 +548,8 @@ def _slopes(entry: Term, given: tuple[float, ...], largest_displacement: float) 
                 change = sliding(0.0, 2.0 * speed, side, *given) - sliding(0.0, speed, side, *given)
                 damping = max(damping, abs(change) / speed)
     if memory is not None:
-        stiffness = max(stiffness, abs(memory(0.0, 1e-9, 1.0, *given)) / 1e-9)
+        # Play has no slope at rest, but at half the force.
+        forces = (0.0, 0.5 * memory(0.0, 1e3, 1.0, *given))
+        steepest = max(abs(memory(force, 1e-9, 1.0, *given) - force) for force in forces)
+        stiffness = max(stiffness, steepest / 1e-9)
     return stiffness, damping

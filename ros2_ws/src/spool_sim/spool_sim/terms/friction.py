@@ -8,6 +8,9 @@ from spool_core.kernels.compiled import compiled
 
 from spool_sim.terms.base import Parameter, Term, without
 
+#: Share of the force that acts within play: the force alone tells then where in it the part is.
+FAINT = 1e-6
+
 
 @compiled
 def coulomb(coulomb_force: float) -> float:
@@ -108,4 +111,33 @@ PRESLIDING_FRICTION = Term(
     meaning="contacts and deposits that give a little before they slide",
     check="varnish on the lands, seals, time at rest",
     memory_law=dahl,
+)
+
+
+@compiled
+def play(
+    force: float, slip: float, slider_force: float, slider_play: float, slider_stiffness: float
+) -> float:
+    faint = FAINT * slider_force
+    size = abs(force)
+    beyond = max(0.0, size - faint) / slider_stiffness
+    place = min(size / faint, 1.0) * slider_play + beyond
+    place = math.copysign(place, force) + slip
+    within = min(abs(place), slider_play)
+    beyond = slider_stiffness * (abs(place) - within)
+    return math.copysign(min(slider_force, faint * within / slider_play + beyond), place)
+
+
+PLAY_FRICTION = Term(
+    name="play_friction",
+    parameters=(
+        Parameter("slider_force", "N", 1e-6, 1e6, 0.5, "F_c: friction force of the part behind the play"),
+        Parameter("slider_play", "m", 1e-9, 1.0, 1e-4, "b: half the play between the drive and that part"),
+        Parameter("slider_stiffness", "N/m", 1.0, 1e10, 5e4, "k: stiffness between contact and sliding"),
+    ),
+    law="dF/dz = 0 while abs(e) < b, k beyond, 0 where abs(F) = F_c; e = z - the place of the slider",
+    source="backlash, spring and Coulomb slider in series; within the play F is up to 1e-6 F_c: it tells e",
+    meaning="play between drive and the part that rubs: after a reversal the drive moves, that part not yet",
+    check="pins, keys, bands and couplings between the drive and the part that rubs",
+    memory_law=play,
 )
