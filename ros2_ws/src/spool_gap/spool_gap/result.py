@@ -277,7 +277,7 @@ class GapResult:
         correlation: of the numbers ``correlated``, shape (p, p); empty where it is not known.
         correlated: names of its rows.
         alternatives: to the effects, that the record does not tell from them; ``probability`` is their
-            share of those that are not distinguished.
+            share of those that are not distinguished, of force records of all.
         excited_to: highest frequency (Hz) at which the body stands out of its noise; NaN: not known.
     """
 
@@ -327,7 +327,17 @@ class GapResult:
         share = 1.0 - sum(one.probability for one in self.alternatives)
         told = "; ".join(dict.fromkeys(EFFECTS[name].distinguished_by for name in names))
         first = Explanation(names, share, numbers, self.nuisances, told if self.alternatives else "")
-        if self.alternatives or UNEXPLAINED not in self.verdict.split("+"):
+        left = UNEXPLAINED in self.verdict.split("+")
+        if self.kind != "accelerations":
+            # What these leave has been compared with the noise: it is there, whatever the names.
+            rest = (UNEXPLAINED,) if left and names else ()
+            found = [replace(first, probability=self.confidence), *self.alternatives]
+            found = [replace(one, effects=(*one.effects, *rest)) for one in found]
+            unknown = 1.0 - sum(one.probability for one in found)
+            if left and not names:
+                found[0] = replace(found[0], effects=(UNEXPLAINED,))
+            found.append(Explanation(self.candidates if left and not names else (UNEXPLAINED,), unknown))
+        elif self.alternatives or not left:
             found = [
                 replace(one, probability=self.confidence * one.probability)
                 for one in (first, *self.alternatives)

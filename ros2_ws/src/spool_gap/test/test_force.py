@@ -5,11 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter1d
 from spool_core.errors import InputError
 from spool_core.numbers import Array
 from spool_estimator.identification.determination import sentences
-from spool_gap.catalogue.friction import dahl_state
-from spool_gap.force.analyse import TriedForces, analyse_forces, decide, probability_of
+from spool_gap.catalogue.friction import dahl_state, slider_state
+from spool_gap.force.analyse import TriedForces, analyse_forces, decide, probabilities
 from spool_gap.force.balance import ForceBalance, ForceFit, ForceRecord
 from spool_gap.force.determined import check_one_mass, determined
 from spool_gap.report import result_to_dict
@@ -114,7 +115,7 @@ def test_one_frequency_shows_stiffness_and_mass_only_together(frequency: float, 
     for mass in (40.0, 60.0):
         given = ForceBalance([record], [record], ("damping", "stiffness", "zero"), driven=True, mass=mass)
         assert not check_one_mass(given, MODELS["fluid"], "rig")
-        assert sentences(determined(given, MODELS["fluid"])) == [
+        assert sentences(determined(given, MODELS["fluid"], given.fit([]))) == [
             "The record determines: viscous coefficient, spring stiffness."
         ]
 
@@ -128,6 +129,49 @@ def test_two_frequencies_determine_stiffness_and_mass() -> None:
     assert values["spring_stiffness"] == pytest.approx(900.0, rel=0.02)
 
 
+@pytest.mark.parametrize("half", [1e-3, 4e-3])
+def test_a_slider_behind_play_is_named_with_its_play(half: float) -> None:
+    """Plays from a tenth of the stroke to half of it; the drive moves 1 cm to either side."""
+    records = [forced(seed, 60.0 * slider_state(rig(seed)[1], half, 2e-4)) for seed in (1, 2)]
+    result = analyse_forces(records[:1], MODELS["fluid"], "imposed", holdout=records[1:])
+    assert result.verdict == "play_friction"
+    (found,) = result.effects
+    values = {one.name: one for one in found.parameters}
+    assert values["slider_force"].value == pytest.approx(60.0, rel=1e-3)
+    assert values["slider_play"].value == pytest.approx(half, rel=1e-3)
+    assert values["slider_stiffness"].value == pytest.approx(3e5, rel=0.01)
+    for name, true in {"slider_play": half, "slider_stiffness": 3e5}.items():
+        assert abs(values[name].value - true) < 3.0 * values[name].standard_deviation
+
+
+def test_a_name_that_closes_little_beside_an_unknown_force_is_none() -> None:
+    """A force of another machine beside a hardening spring."""
+    rows = []
+    for seed in (3, 4):
+        noise = gaussian_filter1d(np.random.default_rng(seed).standard_normal(rig(seed)[1].size), 12.0)
+        rows.append(forced(seed, 1.2e8 * rig(seed)[1] ** 3 + 15.0 * noise / float(np.std(noise))))
+    result = analyse_forces(rows[:1], MODELS["fluid"], "imposed", holdout=rows[1:])
+    assert result.verdict == "unexplained"
+    assert result.candidates == ("cubic_stiffness",)
+    assert result.after.nrmse == result.before.nrmse
+    first, other = result.explanations
+    assert first.effects == ("unexplained",)
+    assert other.effects == ("cubic_stiffness",)
+    assert first.probability >= other.probability
+
+
+def test_a_spring_that_pushes_outward_is_remarked_and_judged_beside_the_friction() -> None:
+    """A negative stiffness: the record determines what the reported model has, and a warning names it."""
+    time, place, speed = rig(1)
+    force = 900.0 * speed - 800.0 * place + 60.0 * np.sign(speed)
+    force += 0.4 * np.random.default_rng(9).standard_normal(time.size)
+    record = ForceRecord("rig", 0.0, PERIOD, place, force)
+    result = analyse_forces([record], MODELS["fluid"], "imposed")
+    assert [line for line in result.warnings if "spring stiffness" in line and "on no machine" in line]
+    (stiffness,) = [one for one in result.determinations if one.name == "spring_stiffness"]
+    assert stiffness.low < -800.0 < stiffness.high < 0.0
+
+
 @pytest.mark.slow
 def test_a_driven_mass_with_mixed_friction_ends_in_a_result() -> None:
     time, place, speed = rig(7)
@@ -137,6 +181,13 @@ def test_a_driven_mass_with_mixed_friction_ends_in_a_result() -> None:
     force = force + 0.1 * np.random.default_rng(7).standard_normal(time.size)
     result = analyse_forces([ForceRecord("rig", 0.0, PERIOD, place, force)], MODELS["fluid"], "driven")
     assert result.after.nrmse < 0.5 * result.before.nrmse
+
+
+def probability_of(tried: list[TriedForces], effects: frozenset[str]) -> float:
+    shares = probabilities(tried, effects)
+    assert sum(shares.values()) == pytest.approx(0.9)
+    assert max(shares.values()) == shares[effects]
+    return shares[effects]
 
 
 def tried(before: TriedForces | None, error: float, *names: str) -> TriedForces:

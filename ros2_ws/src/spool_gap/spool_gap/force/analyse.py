@@ -26,10 +26,17 @@ from spool_gap.force.balance import (
     independent_samples,
 )
 from spool_gap.force.determined import check_one_mass, determined
-from spool_gap.force.position import CONSTANT, Chosen, cross_validated, fitted_by_position, free_run_error
-from spool_gap.force.result import quantities_of, result_of
+from spool_gap.force.position import (
+    CONSTANT,
+    Chosen,
+    cross_validated,
+    fitted_by_position,
+    free_run_error,
+    parameters_of,
+)
+from spool_gap.force.result import closing, quantities_of, result_of
 from spool_gap.likelihood.structure_fit import DECISIVE
-from spool_gap.result import GapResult, GapSettings, NamedEffect, Progress, RankedHypothesis
+from spool_gap.result import Explanation, GapResult, GapSettings, NamedEffect, Progress, RankedHypothesis
 
 #: s of the stretches that are fitted and held out by turns.
 STRETCH = 4.0
@@ -48,6 +55,9 @@ BEAM = 2
 #: Why a hypothesis of the ranking is not part of the verdict.
 GROWS = "the error on held-out data rises with it"
 INSIGNIFICANT = "it does not close the gap significantly"
+LITTLE = "it closes less than a third of the gap, and the rest is unexplained"
+#: Probability from which another set of effects is listed.
+PROBABLE = 0.05
 #: Standard deviations of a linear number, and factors on one that shapes a law, at which they are held.
 DEVIATIONS = (-4.0, -3.0, -2.0, -1.0, 0.0, 1.0, 2.0, 3.0, 4.0)
 FACTORS = (0.1, 0.3, 0.6, 0.8, 0.9, 0.95, 1.0, 1.05, 1.1, 1.25, 1.6, 3.0, 10.0)
@@ -93,7 +103,6 @@ def analyse_forces(
         check_motion(balance, train[0].name)
         if check_one_mass(balance, base, train[0].name):
             check_mass(balance, balance.fit([]), train[0].name, mass)
-    known = determined(balance, base)
     if kind == "driven" and "stiffness" in columns and not _has_spring(train, balance, base):
         columns.remove("stiffness")
         warnings.append(
@@ -112,10 +121,20 @@ def analyse_forces(
         steps = _by_position(train, balance, steps, base)
         steps += _with_constant_force(balance, steps[-1], ranking, base)
     steps, refused = without_growth(balance, steps, ranking)
-    sure = probability_of(tried, frozenset(entry.id for entry, _ in steps[-1][0]) - {CONSTANT})
-    told = [*warnings, *refused, *(_differing(balance, steps[-1][0]) if holdout else [])]
-    result = result_of(records, base, kind, balance, steps, ranking, told, alike, sure, begun)
+    found = steps[-1][0]
+    steps, weak = closing(base, balance, steps)
+    ranking = [
+        replace(row, accepted=False, reason=LITTLE) if row.accepted and row.id in weak else row
+        for row in ranking
+    ]
+    shares = probabilities(tried, frozenset(entry.id for entry, _ in steps[-1][0]) - {CONSTANT})
+    sure = next(iter(shares.values()))
+    told = [*warnings, *refused, *(_differing(balance, found) if holdout else [])]
+    result = result_of(records, base, kind, balance, steps, ranking, told, alike, weak, sure, begun)
+    known = determined(balance, base, steps[-1][1])
     result = replace(result, sentence=" ".join([result.sentence, *refused]), determinations=known)
+    if result.effects:
+        result = replace(result, alternatives=_alternatives(balance, tried, shares))
     if chosen_settings.profiles and result.effects:
         result = replace(result, profiles=force_profiles(balance, *steps[-1], result.effects))
     return result
@@ -420,21 +439,51 @@ def decide(tried: Sequence[TriedForces]) -> TriedForces:
     return _plain(min(near, key=lambda one: (one.numbers, -evidence[one])), tried)
 
 
-def probability_of(tried: Sequence[TriedForces], effects: frozenset[str]) -> float:
-    """Return how probable the set of ``effects`` is among those that are not out of the question.
+def probabilities(tried: Sequence[TriedForces], effects: frozenset[str]) -> dict[frozenset[str], float]:
+    """Return how probable each set is that is not out of the question, that of ``effects`` first.
 
-    A plain law counts as much as one that contains it where both leave the same, and half at ``PLAIN``.
+    A plain law counts as much as one that contains it where both leave the same, and half at ``PLAIN``: what
+    it loses the richer one gets, up to as much as the plain one keeps.
     """
     evidence = _evidences(tried, tried[0])
     named: dict[str, float] = {}
+    sets = {"+".join(sorted(one.effects)): one.effects for one in evidence}
     for one, value in evidence.items():
         name = "+".join(sorted(one.effects))
         named[name] = max(value, named.get(name, -math.inf))
     own = "+".join(sorted(effects))
-    sure = (1.0 - OUTSIDE) * probabilities_of(named, own)[own]
+    shares = probabilities_of(named, own)
+    found = {sets.get(name, effects): (1.0 - OUTSIDE) * shares[name] for name in {*sets, own}}
     alike = [one for one in evidence if one.effects == effects]
-    ratios = [plain.error / one.error for one in evidence for plain in alike if _richer(one, plain)]
-    return sure * (1.0 - 0.5 * min(1.0, (max([1.0, *ratios]) - 1.0) / (PLAIN - 1.0)))
+    ratios = {
+        other.effects: plain.error / other.error
+        for other in evidence
+        for plain in alike
+        if _richer(other, plain)
+    }
+    richer = max(ratios, key=lambda name: ratios[name], default=effects)
+    if richer != effects and ratios[richer] > 1.0:
+        lost = 0.5 * found[effects] * min(1.0, (ratios[richer] - 1.0) / (PLAIN - 1.0))
+        lost = min(lost, 0.5 * (found[effects] - found[richer]))
+        found |= {effects: found[effects] - lost, richer: found[richer] + lost}
+    return {effects: found[effects], **found}
+
+
+def _alternatives(
+    balance: ForceBalance, tried: Sequence[TriedForces], shares: dict[frozenset[str], float]
+) -> tuple[Explanation, ...]:
+    """Return the sets besides the first of ``shares`` that are probable, or more so than an unknown cause."""
+    (sure, *_), found = shares.values(), []
+    left = 1.0 - sure
+    for effects, share in sorted(list(shares.items())[1:], key=lambda row: -row[1]):
+        if share < PROBABLE and left <= sure:
+            break
+        best = min((one for one in tried if one.effects == effects), key=lambda one: one.error)
+        numbers = [q for entry, shape in best.chosen for q in parameters_of(balance, best.fit, entry, shape)]
+        told = "; ".join(entry.distinguished_by for entry, _ in best.chosen)
+        found.append(Explanation(tuple(sorted(effects)), share, tuple(numbers), (), told))
+        left -= share
+    return tuple(found)
 
 
 def _ranked(

@@ -1,4 +1,4 @@
-"""Judgement of what force records determine of the base, before the search for what it lacks."""
+"""Judgement of what force records determine of the base, beside the effects of a model."""
 
 from __future__ import annotations
 
@@ -11,18 +11,26 @@ from spool_estimator.identification.determination import Determination, by_infor
 from spool_estimator.identification.least_squares import Unknown, sizes_of, unseen_directions
 from spool_sim.model import Model
 
-from spool_gap.force.balance import BASE_NAMES, ForceBalance, ForceRecord, independent_samples, white_power
+from spool_gap.catalogue import EFFECTS
+from spool_gap.force.balance import (
+    BASE_NAMES,
+    ForceBalance,
+    ForceFit,
+    ForceRecord,
+    independent_samples,
+    white_power,
+)
 
 #: Standard deviations of the power of noise in the columns up to which it may be all that they show.
 BY_CHANCE = 4.0
 
 
-def determined(balance: ForceBalance, base: Model) -> tuple[Determination, ...]:
-    """Return what the training records of ``balance`` determine of the parameters of ``base``.
+def determined(balance: ForceBalance, base: Model, fit: ForceFit) -> tuple[Determination, ...]:
+    """Return what the training records of ``balance`` determine of the parameters of ``base`` in ``fit``.
 
     The balance keeps no sign: limits of parameters hold as sizes on both sides. Derivatives of a measured
     displacement hold its noise, which is no information: what it adds to the columns of a driven mass is
-    taken off. The load cell's zero is free.
+    taken off. The load cell's zero and the effects of ``fit`` are free.
     """
     names = [name for name in balance.base if name != "zero"]
     unknowns: list[Unknown] = []
@@ -31,12 +39,11 @@ def determined(balance: ForceBalance, base: Model) -> tuple[Determination, ...]:
     for name in names:
         limit = base.parameter(BASE_NAMES[name][0])
         unknowns.append(Unknown(limit.name, limit.unit, -limit.high, limit.high, limit.start))
-    fit = balance.fit([])
-    found = dict(zip(balance.base, fit.coefficients.tolist(), strict=True))
+    found = dict(zip(balance.base, fit.coefficients.tolist(), strict=False))
     point = np.array([found[name] for name in names])
     independent = max(8.0, sum(independent_samples(row) for row in fit.train))
     variance = max(fit.squares, np.finfo(float).tiny) / independent
-    slopes = _seen(balance, names) / math.sqrt(variance)
+    slopes = _seen(balance, names, fit) / math.sqrt(variance)
     hidden = hidden_by_name(
         unseen_directions(slopes, sizes_of(unknowns, point)), [one.name for one in unknowns]
     )
@@ -52,7 +59,7 @@ def check_one_mass(balance: ForceBalance, base: Model, name: str) -> bool:
     free = balance
     if balance.mass is not None:
         free = ForceBalance(balance.train, balance.held, [*balance.base, "mass"], driven=True)
-    mass = next(one for one in determined(free, base) if one.name == "mass")
+    mass = next(one for one in determined(free, base, free.fit([])) if one.name == "mass")
     if balance.mass is None and mass.together_with:
         raise InputError(
             f"{name}: {mass.sentence}; state the mass with --mass or --valve, or drive at frequencies "
@@ -61,13 +68,15 @@ def check_one_mass(balance: ForceBalance, base: Model, name: str) -> bool:
     return not mass.together_with
 
 
-def _seen(balance: ForceBalance, names: list[str]) -> Array:
+def _seen(balance: ForceBalance, names: list[str], fit: ForceFit) -> Array:
     """Return a square root of the information of the columns ``names``, without noise, shape (u, u)."""
+    chosen = [(EFFECTS[name], shape) for name, shape in zip(fit.effects, fit.shapes, strict=True)]
     noise = np.zeros((len(names), len(names)))
-    matrix = np.concatenate([balance.columns(record, []) for record in balance.train])
-    zero = matrix[:, [balance.base.index("zero")]]
-    rows = matrix[:, [balance.base.index(name) for name in names]]
-    rows = rows - zero @ np.linalg.lstsq(zero, rows, rcond=None)[0]
+    matrix = np.concatenate([balance.columns(record, chosen) for record in balance.train])
+    own = [balance.base.index(name) for name in names]
+    rows, free = matrix[:, own], np.delete(matrix, own, axis=1)
+    free = free / np.maximum(np.linalg.norm(free, axis=0), 1e-30)
+    rows = rows - free @ np.linalg.lstsq(free, rows, rcond=None)[0]
     information = rows.T @ rows
     for record in balance.train if balance.driven else ():
         noise += _noise(balance, record, names)

@@ -7,14 +7,14 @@ import time
 from collections.abc import Sequence
 
 import numpy as np
-from spool_core.uncertainty import Quantity, Validity
+from spool_core.uncertainty import Z_95, Quantity, Validity, with_interval
 from spool_estimator.identification.spectra import density_of
 from spool_sim.model import Model
 
 from spool_gap import report
 from spool_gap.catalogue import FRICTIONS
 from spool_gap.force.balance import BASE_NAMES, ForceBalance, ForceFit, ForceRecord
-from spool_gap.force.position import Chosen, free_run_error, model_of, parameters_of
+from spool_gap.force.position import CONSTANT, Chosen, free_run_error, model_of, parameters_of
 from spool_gap.result import (
     UNEXPLAINED,
     Curves,
@@ -32,8 +32,8 @@ LEFT = 0.03
 MUCH, LITTLE = 0.4, 0.01
 #: Error of a free run of position over the travel, rms, up to which it follows the motion.
 FOLLOWED = 0.01
-#: Share of the gap's power that names must explain to stay where something else is left.
-EXPLAINS = 0.1
+#: Share of the gap, rms, that each name must close to stay where something else is left.
+CLOSES = 1.0 / 3.0
 #: Confidence at most, and why: no verdicts on force records of known truth were counted, and of those on
 #: records of accelerometers three in four were right at first.
 MOST_SURE, NOT_CALIBRATED = 0.75, "not calibrated for force records"
@@ -49,18 +49,20 @@ def result_of(
     ranking: list[RankedHypothesis],
     warnings: list[str],
     alike: tuple[str, ...],
+    weak: tuple[str, ...],
     sure: float,
     begun: float,
 ) -> GapResult:
-    """Return the outcome of ``steps``, base first; ``sure``: probability; ``alike``: not distinguished."""
+    """Return the outcome of ``steps``, base first.
+
+    ``alike``: what is not distinguished; ``weak``: what closes too little; ``sure``: the probability.
+    """
     chosen, final = steps[-1]
-    _, first = steps[0]
-    before, after = balance.nrmse(first), balance.nrmse(final)
-    zero = float(final.coefficients[balance.base.index("zero")]) * balance.sign
-    size = math.sqrt(float(np.mean(np.concatenate([balance.seen(r) - zero for r in balance.held]) ** 2)))
-    floor = math.sqrt(float(np.mean([balance.noise_power(record) for record in balance.held]))) / size
+    first = steps[0][1]
+    size, floor = _size_and_floor(balance, final)
+    before, after = balance.nrmse(steps[0][1]), balance.nrmse(final)
     names = tuple(entry.id for entry, _ in chosen)
-    candidates: tuple[str, ...] = ()
+    candidates: tuple[str, ...] = weak
     advice = ""
     if alike:
         warnings = [
@@ -77,16 +79,14 @@ def result_of(
         verdict, confidence, candidates = UNEXPLAINED, 0.5, names
     elif not names and before > 3.0 * floor and before > LEFT:
         verdict, confidence = UNEXPLAINED, 0.6
-    runs = [free_run_error(base, balance, *steps[0]), free_run_error(base, balance, chosen, final)]
-    travel = float(np.std(np.concatenate([record.displacement for record in balance.held])))
-    # A motion that is followed shows all forces, however well its second derivative is known.
-    followed = runs[1] < FOLLOWED * travel
-    # A step of friction is smeared at reversals; a force that is missing acts between them, too.
-    smeared = bool(FRICTIONS & set(names)) and balance.sliding_error(final) <= LEFT
-    left = None if followed or smeared else _remainder(before, after, floor)
-    if names and not alike and left is not None and 1.0 - left.share >= EXPLAINS:
+    elif not names:
+        # What may be there all the same is less than derivatives err by.
+        confidence = max(sure, 0.5)
+    left = _left(base, balance, steps, floor)
+    if names and not alike and left is not None:
         verdict, confidence, candidates = "+".join((*names, UNEXPLAINED)), sure, ()
-    left = left if UNEXPLAINED in verdict else None
+    if UNEXPLAINED not in verdict:
+        left = None
     effects = [] if verdict in ("none", UNEXPLAINED) else _named(balance, steps, chosen, final)
     runner = max(
         (h for h in ranking if not h.accepted and not h.jointly_with), key=lambda h: h.evidence, default=None
@@ -99,6 +99,9 @@ def result_of(
             "Viscous and Coulomb friction cannot be distinguished in this record: the speed hardly varies. "
             f"{text}"
         )
+    runs = [free_run_error(base, balance, *steps[0]), free_run_error(base, balance, chosen, final)]
+    parameters = quantities_of(balance, final, chosen)
+    warnings = [*warnings, *_below_zero(parameters)]
     where = report.locate(_residual(balance, first, floor * size))
     return GapResult(
         record=", ".join(dict.fromkeys(record.name for record in records)),
@@ -106,7 +109,7 @@ def result_of(
         confidence_note=NOT_CALIBRATED, sentence=text, effects=tuple(effects),
         runner_up=runner, candidates=candidates,
         ranking=tuple(sorted(ranking, key=lambda h: (h.id != "none", len(h.jointly_with), -h.evidence))),
-        base=quantities_of(balance, first, ()), parameters=quantities_of(balance, final, chosen),
+        base=quantities_of(balance, first, ()), parameters=parameters,
         where=where, where_after=report.locate(_residual(balance, final, floor * size)),
         surface=report.surface(_residual(balance, first, floor * size)),
         surface_after=report.surface(_residual(balance, final, floor * size)),
@@ -118,6 +121,66 @@ def result_of(
         elapsed=time.monotonic() - begun, advice=advice,
         correlation=final.correlation, correlated=_correlated(balance, final, chosen),
     )  # fmt: skip
+
+
+def _left(
+    base: Model, balance: ForceBalance, steps: list[tuple[Chosen, ForceFit]], floor: float
+) -> Remainder | None:
+    """Return the remainder after the last of ``steps``; ``None`` where the motion shows none."""
+    chosen, final = steps[-1]
+    travel = float(np.std(np.concatenate([record.displacement for record in balance.held])))
+    # A motion that is followed shows all forces, however well its second derivative is known.
+    followed = free_run_error(base, balance, chosen, final) < FOLLOWED * travel
+    # A step of friction is smeared at reversals; a force that is missing acts between them, too.
+    smeared = any(entry.is_friction for entry, _ in chosen) and balance.sliding_error(final) <= LEFT
+    if followed or smeared:
+        return None
+    return _remainder(balance.nrmse(steps[0][1]), balance.nrmse(final), floor)
+
+
+def closing(
+    base: Model, balance: ForceBalance, steps: list[tuple[Chosen, ForceFit]]
+) -> tuple[list[tuple[Chosen, ForceFit]], tuple[str, ...]]:
+    """Return ``steps`` without effects that close less than ``CLOSES`` while something is left, and those.
+
+    The zero of a driven force has been judged against a fit without it.
+    """
+    gone: tuple[str, ...] = ()
+    floor = _size_and_floor(balance, steps[-1][1])[1]
+    while len(steps) > 1 and _left(base, balance, steps, floor) is not None:
+        errors = np.array([balance.nrmse(fit) for _, fit in steps])
+        closed = -np.diff(errors) / max(errors[0] - floor, 1e-30)
+        weak = [
+            n for n, share in enumerate(closed, 1) if share < CLOSES and steps[n][0][-1][0].id != CONSTANT
+        ]
+        if not weak:
+            break
+        place = weak[-1]
+        gone = (*gone, steps[place][0][-1][0].id)
+        kept = [tuple(one for one in chosen if one[0].id not in gone) for chosen, _ in steps[place + 1 :]]
+        fits = [balance.fit([one for one in chosen if one[0].id != CONSTANT]) for chosen in kept]
+        steps = [*steps[:place], *zip(kept, fits, strict=True)]
+    return steps, gone
+
+
+def _size_and_floor(balance: ForceBalance, fit: ForceFit) -> tuple[float, float]:
+    """Return the rms of the held-out force less its zero, N, and that of its noise over it."""
+    zero = float(fit.coefficients[balance.base.index("zero")]) * balance.sign
+    size = math.sqrt(float(np.mean(np.concatenate([balance.seen(r) - zero for r in balance.held]) ** 2)))
+    noise = math.sqrt(float(np.mean([balance.noise_power(record) for record in balance.held])))
+    return size, noise / size
+
+
+def _below_zero(parameters: Sequence[Quantity]) -> list[str]:
+    """Return a remark about a spring or a drag below zero."""
+    found = []
+    for one in parameters:
+        if one.name in ("spring_stiffness", "viscous_coefficient") and one.value < 0.0:
+            shown = with_interval(one.value, one.standard_deviation, one.unit)
+            may_be = abs(one.value) < Z_95 * one.standard_deviation
+            why = "zero fits as well" if may_be else "an effect is missing, or the force has the other sign"
+            found.append(f"{one.name.replace('_', ' ')} {shown}: below zero, as on no machine; {why}")
+    return found
 
 
 def _remainder(before: float, after: float, floor: float) -> Remainder | None:
