@@ -162,6 +162,15 @@ RateOption = Annotated[
     ),
 ]
 BagArgument = Annotated[Path, typer.Argument(help="rosbag2 directory or .mcap file.", metavar="BAG")]
+ValveFiles = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--valve",
+        help="YAML file of the valve, or name of a shipped valve; NAME=FILE for each of several valves. "
+        "Default: description in the bag.",
+        autocompletion=valve_names,
+    ),
+]
 RecordArgument = Annotated[
     Path, typer.Argument(help="rosbag2 directory, .mcap, or a logger's file.", metavar="RECORD")
 ]

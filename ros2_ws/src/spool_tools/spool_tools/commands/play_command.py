@@ -8,20 +8,12 @@ from typing import Annotated
 import typer
 
 from spool_tools import command as cli
-from spool_tools.command import Command, valve_names
+from spool_tools.command import Command
 
 
 def play(
     record: cli.RecordArgument,
-    valve: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--valve",
-            help="YAML file of the valve, or name of a shipped valve; NAME=FILE for each of several valves. "
-            "Default: description in the bag.",
-            autocompletion=valve_names,
-        ),
-    ] = None,
+    valve: cli.ValveFiles = None,
     speed: Annotated[
         float, typer.Option(help="Seconds of the record in a second.", callback=cli.in_range(1.0, 20.0))
     ] = 1.0,

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 from spool_report.outputs import write_json
-from spool_report.requests import model_names, valve_names
+from spool_report.requests import model_names
 from spool_report.terminal import warn
 
 from spool_tools import command as cli
@@ -17,15 +17,7 @@ from spool_tools.command import Command
 
 def replay(
     record: cli.RecordArgument,
-    valve: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--valve",
-            help="YAML file of the valve, or name of a shipped valve; NAME=FILE for each of several valves. "
-            "Default: description in the bag.",
-            autocompletion=valve_names,
-        ),
-    ] = None,
+    valve: cli.ValveFiles = None,
     columns: cli.ColumnsOption = None,
     json: cli.JsonFile = None,
     report: cli.ReportFile = None,
