@@ -17,7 +17,7 @@ def play(
     speed: Annotated[
         float, typer.Option(help="Seconds of the record in a second.", callback=cli.in_range(1.0, 20.0))
     ] = 1.0,
-    web: Annotated[bool, typer.Option(help="Serve the page on this host, until Ctrl-C.")] = True,
+    no_web: Annotated[bool, typer.Option("--no-web", help="Serve no page; end with the record.")] = False,
     port: Annotated[int, typer.Option(help="Port of the page; 0: any free one.", min=0, max=65535)] = 8765,
     columns: cli.ColumnsOption = None,
     state: Annotated[
@@ -40,7 +40,9 @@ def play(
     cli.refuse_missing(record)
     from spool_tools.operations.play import PlayOptions, run_play  # noqa: PLC0415 - rclpy is needed here only
 
-    options = PlayOptions(speed, port if web else None, columns, (since, until, around), state, params_file)
+    options = PlayOptions(
+        speed, None if no_web else port, columns, (since, until, around), state, params_file
+    )
     raise typer.Exit(run_play(record, valve or [], options))
 
 

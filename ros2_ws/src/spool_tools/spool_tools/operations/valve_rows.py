@@ -62,14 +62,14 @@ def valve_row(valve: listener.HeardValve, found: ShownValve) -> tuple[Text, ...]
     return (Text(valve.name), state, *(Text(cell) for cell in cells))
 
 
-def estimate_cells(estimate: ModelEstimate | None, unknown: str = "not known") -> Iterator[str]:
+def estimate_cells(estimate: ModelEstimate | None) -> Iterator[str]:
     """Yield natural frequency, stiffness, viscous coefficient and Coulomb force with their intervals."""
     values = {} if estimate is None else {one.name: one for one in estimate.parameters}
     names = ("spring_stiffness", "viscous_coefficient", "coulomb_force")
     natural = None if estimate is None else estimate.natural_frequency
     for one in (natural, *map(values.get, names)):
         if one is None or one.validity == Quantity.VALIDITY_UNKNOWN:
-            yield unknown
+            yield "not known"
             continue
         held = " held" if one.validity == Quantity.VALIDITY_HELD else ""
         unit = one.unit.replace(" s", "\u00b7s")
