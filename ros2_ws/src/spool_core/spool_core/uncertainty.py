@@ -107,7 +107,7 @@ def number(value: float, digits: int = _DIGITS) -> str:
 
 def percent(share: float, digits: int = 2) -> str:
     """Return a share (1: all) in per cent with its sign, e.g. ``4.0 %``."""
-    return f"{number(100.0 * share, digits)} %"
+    return f"{number(100.0 * share, digits)} %" if math.isfinite(share) else UNKNOWN
 
 
 def exact(value: float) -> str:

@@ -335,7 +335,7 @@ def ranking_figure(
     _label(axes[0], "error above the least, % of it", "")
     finite = [value for value in errors if np.isfinite(value)]
     axes[1].set_xlim(0.0, 1.3 * max(finite) if finite else 1.0)
-    _label(axes[1], "error on held-out data, every sample, nrmse", "")
+    _label(axes[1], "error on held-out data, share of the spool's rms", "")
     return figure
 
 

@@ -22,6 +22,7 @@ from spool_core.uncertainty import (
     exact,
     interval,
     number,
+    percent,
     unit_text,
     width,
     with_interval,
@@ -38,14 +39,14 @@ from spool_report.terminal import Table
 #: What the columns of the ranking mean.
 COLUMNS = (
     "parameters: number of fitted parameters.",
-    "error: rms residual of the free run, m/s², on held-out data if there are any. A few samples "
+    "off jumps: rms residual of the free run, m/s², on held-out data if there are any. A few samples "
     "around every jump of dry friction are left out, the same for all models.",
-    f"excess: error above the least. Within {100.0 * WORTH:g} % models do equally well, and the one with the "
+    f"excess: of that above the least. Within {100.0 * WORTH:g} % models do equally well, and that with the "
     "fewest parameters comes first.",
     "BIC: Bayesian information criterion on the fitted data (Whittle's likelihood, every sample), behind the "
     "best.",
     "objective: squared error, weighted by the accuracy of the reading. ratio: mean amplitude of the model "
-    "over that measured, 1 at best. held out: the nrmse on held-out data, every sample counted. Means over "
+    "over that measured, 1 at best. error: on held-out data, every sample, of the spool's rms. Means over "
     "the series.",
 )
 
@@ -53,8 +54,9 @@ COLUMNS = (
 LONGEST_NAME = 93
 #: What the columns of a ranking are.
 RANKING_LEGEND = (
-    "error: rms on held-out data, not at jumps of dry friction, m/s^2; excess, BIC: over the least. "
-    "Less is better, except for ratio: the model's amplitude over the measured one, best at 1."
+    "off jumps: rms residual on held-out data, not at jumps of dry friction, m/s^2; excess, BIC: over the "
+    "least; error: on held-out data, of the spool's rms, as of fit and gap. Less is better, except for "
+    "ratio: the model's amplitude over the measured one, best at 1."
 )
 #: Relative difference up to which a file states the number that was reported.
 AGREEMENT = 1e-6
@@ -131,8 +133,8 @@ def quality_table(validated: ValidatedFit) -> Table:
     rows = [] if fitted is None else [
         ("objective, weighted squared error", f"{fitted.objective:.5g}"),
         ("mean amplitude ratio, model/measured, 10 to 100 Hz", number(fitted.amplitude_ratio)),
-        ("error on the fitted data, nrmse", number(validated.training_error)),
-        ("error on held-out data, nrmse", number(validated.held_out_error)),
+        ("error on the fitted data, of the spool's rms", percent(validated.training_error, 3)),
+        ("error on held-out data, of the spool's rms", percent(validated.held_out_error, 3)),
         ("undamped natural frequency", _with_unit(natural_frequency(found), "Hz")),
         ("damping ratio", _with_unit(damping_ratio(found), "")),
         ("data", f"{fitted.seconds:.1f} s fitted, "
@@ -209,13 +211,13 @@ def series_table(one: FittedSeries) -> Table:
             validated.name.replace("_", " "),
             _number(math.nan if agreement is None else agreement.objective, ".4g"),
             _number(math.nan if agreement is None else agreement.amplitude_ratio, ".4f"),
-            _number(validated.training_error, ".4f"),
-            _number(validated.held_out_error, ".4f"),
+            percent(validated.training_error, 3),
+            percent(validated.held_out_error, 3),
         )
         for validated in one.validated
         for agreement in (validated.fit.agreement,)
     ]
-    columns = ("model", "objective", "amplitude ratio", "nrmse", "held out")
+    columns = ("model", "objective", "amplitude ratio", "error fitted", "error held out")
     return Table(columns, rows, columns[1:])
 
 
@@ -254,11 +256,11 @@ def ranking_table(ranking: Ranking) -> Table:
             _number(entry.criterion - ranking.least_criterion, "+.0f"),
             _number(entry.objective, ".3g"),
             _number(entry.amplitude_ratio, ".3f"),
-            _number(entry.held_out_error, ".4f"),
+            percent(entry.held_out_error, 3),
         )
         for entry in ranking.ranks
     ]
-    columns = ("model", "parameters", "error", "excess", "BIC", "objective", "ratio", "held out")
+    columns = ("model", "parameters", "off jumps", "excess", "BIC", "objective", "ratio", "error")
     return Table(columns, rows, columns[1:])
 
 

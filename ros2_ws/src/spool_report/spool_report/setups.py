@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from rich.console import Console
 from spool_core.errors import InputError
 from spool_core.text import did_you_mean
-from spool_core.uncertainty import LEGEND, PLUS_MINUS, by_name, interval, number
+from spool_core.uncertainty import LEGEND, PLUS_MINUS, by_name, interval, number, percent
 from spool_estimator.identification.determination import IDENTIFIABLE, ONE_SIDED, Determination, sentences
 from spool_estimator.identification.fit_result import SPOOL_DELAY, SPOOL_GAIN
 from spool_estimator.identification.setups import JointFit
@@ -257,12 +257,12 @@ def quality_table(found: FittedSetUps) -> Table:
                 for name, value in setup.known.model_dump(exclude_none=True).items()
             ),
             number(natural_frequency(one.fit)),
-            number(one.training_error),
-            number(one.held_out_error),
+            percent(one.training_error, 3),
+            percent(one.held_out_error, 3),
         )
         for setup, one in zip(found.setups, found.validated, strict=False)
     ]
-    columns = ("set-up", "known", "natural frequency, Hz", "nrmse", "held out")
+    columns = ("set-up", "known", "natural frequency, Hz", "error fitted", "error held out")
     return Table(columns, rows, columns[2:], "Set-ups")
 
 

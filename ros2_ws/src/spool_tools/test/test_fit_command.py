@@ -226,7 +226,7 @@ def test_the_terminal_shows_value_deviation_and_unit(capfd: pytest.CaptureFixtur
     shown = capfd.readouterr()
     assert re.search(r"spring stiffness +16\d\d\.\d+ +\d\.\d+ +N/m", shown.out)
     assert re.search(r"mass +0\.18 +kg +fixed", shown.out)
-    assert "error on held-out data, nrmse" in shown.out
+    assert "error on held-out data, of the spool's rms" in shown.out
     assert shown.err == ""
 
 
