@@ -107,15 +107,13 @@ _MOVING_SQUARE = MOVING**2
 class Valve(NamedTuple):
     """Valve and settings of a tracker: numbers that do not change with the samples.
 
-    ``period`` in s, ``mass`` in kg, ``forgetting`` and ``enough`` of the regression, ``least_body`` the mean
-    square (m/s^2)^2 that excites, ``runaway`` the error over the body's squares (N^2 over (m/s^2)^2) that no
-    valve makes.
+    ``period`` in s, ``mass`` in kg, ``forgetting`` of the regression, ``least_body`` the mean square
+    (m/s^2)^2 that excites, ``runaway`` the error over the body's squares (N^2 over (m/s^2)^2) of no valve.
     """
 
     period: float
     mass: float
     forgetting: float
-    enough: float
     least_body: float
     runaway: float
 
@@ -257,9 +255,7 @@ def step(valve: Valve, tracker: TrackerArrays, run: PredictionArrays, regression
     score = run.product - run.noise_score
     weight = _NOISE_SQUARE / (tracker.verdicts[-1, 1] + _SMALLEST_SQUARE)
     change = np.empty(score.size)
-    advance(
-        regression, run.gram, score, DOUBT * run.noise_score, weight, valve.forgetting, valve.enough, change
-    )
+    advance(regression, run.gram, score, DOUBT * run.noise_score, weight, valve.forgetting, NOISE, change)
     change *= tracker.scale
     regression.parameters[:] += change
     shift(run.state, change)

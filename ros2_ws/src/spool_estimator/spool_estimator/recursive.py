@@ -28,6 +28,8 @@ LAGS = 4
 #: Certainty (in units of the scale) beyond which a direction may be forgotten faster than the chunk replaces
 #: it, up to AHEAD times: what a strong excitation once said must not outweigh minutes of a weak one.
 ENOUGH, AHEAD = 0.003, 300.0
+#: Squares of deviations, as a resonance colours the errors, over those for white errors.
+COLOURED = 40.0
 
 
 class RegressionArrays(NamedTuple):
@@ -129,7 +131,7 @@ def advance(
     mean_score: Array,
     weight: float,
     forgetting: float,
-    enough: float,
+    noise: float,
     change: Array,
 ) -> None:
     """Forget, add the chunk, fill ``change`` of the parameters, which stay; all else moves on in place.
@@ -147,14 +149,16 @@ def advance(
     basis = times(factor, directions)
     dual = times(inverse.T, directions)
     kept = np.zeros((size, size))
+    leaked = times(basis.T, leaks * (1.0 - np.eye(size)))
+    chance = times(times(basis.T, covariance), basis)
     for i in range(size):
         brought = max(shares[i], 0.0)
-        square = 0.0
-        for j in range(size):
-            square += dual[j, i] * dual[j, i]
         # A displacement along ``dual`` has its length times the noise as nominal deviation.
-        excess = 1.0 - square / enough**2
+        excess = 1.0 - (dual[:, i] ** 2).sum() * (noise / ENOUGH) ** 2
         forgotten = min(forgetting, max(brought, min(AHEAD * brought, excess)))
+        # What leaks make more wrong than chance does must not weigh as if it were wrong by chance alone.
+        believed = max(chance[i, i], COLOURED * noise**2)
+        forgotten = max(forgotten, 1.0 - believed / max(believed, (leaked[i] ** 2).sum()))
         for j in range(size):
             for k in range(size):
                 kept[j, k] += (1.0 - forgotten) * basis[j, i] * basis[k, i]

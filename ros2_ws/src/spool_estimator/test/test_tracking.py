@@ -234,8 +234,8 @@ def test_a_start_that_is_refused_changes_nothing(monkeypatch: pytest.MonkeyPatch
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
-def test_drag_that_falls_at_the_resonance_widens_what_is_stated_of_dry_friction(seed: int) -> None:
-    """At one frequency less drag at a growing amplitude looks like more dry friction."""
+def test_drag_that_falls_at_the_resonance_does_not_look_like_dry_friction(seed: int) -> None:
+    """It does where samples from before the amplitude grew are believed for the whole memory."""
     shaking = MachineOrders(
         speed_profile=((0.0, 3000.0), (18.0, 3000.0), (30.0, 1700.0), (44.0, 1700.0), (55.0, 3000.0)),
         orders=((1.0, 3.5), (2.0, 1.6)),
@@ -250,7 +250,7 @@ def test_drag_that_falls_at_the_resonance_widens_what_is_stated_of_dry_friction(
     found = follow(source, 60.0, estimator)
     off = np.abs(values(found, "coulomb_force") - 0.2)
     stated = np.array([one.parameter("coulomb_force").standard_deviation for one in found])
-    assert max(off) > 0.05
+    assert max(off) < 0.03
     assert np.all(off < 3.0 * stated)
 
 
