@@ -282,6 +282,8 @@ GAIN_SMOOTHED, GAIN_LASTS = 5.0, 20.0
 #: Change of the gain, beyond what a valve makes, that is a sensor's if it lasts: three standard deviations
 #: between accelerometers of one make.
 SLOW = 3.0 * GAIN_ERROR
+#: Share of the healthy gain that may be bent at most: accelerometers are calibrated better than that.
+BENDS = 0.3
 
 
 @dataclass(slots=True)
@@ -289,8 +291,8 @@ class GainChange:
     """Relative change of the spool's gain over the body's, against its start value.
 
     Dry friction and all else that no linear response explains bend the gain, by a share of the response's
-    ``bend``: the change of that is let pass. So is the change of w0^2, as above resonance only the product of
-    gain and w0^2 shows. A sensor that ages scales all, and changes no more than the gain.
+    ``bend`` that stays: what some share makes of both gains is let pass. So is the change of w0^2, as above
+    resonance only the product of gain and w0^2 shows. A sensor that ages scales gain and ``bend`` alike.
 
     Attributes:
         change: smoothed; NaN while the record does not show it.
@@ -315,22 +317,20 @@ class GainChange:
         return self.beyond >= SLOW
 
     def update(self, stamp: int, response: ValveResponse | None, *start: float) -> None:
-        """Take the response at ``stamp`` (ns), ``None`` where it shows no gain.
-
-        ``start``: values of gain, bend and natural frequency (Hz), NaN while they are learned.
-        """
+        """Take the response at ``stamp`` (ns), ``None`` for no gain; ``start``: as learned, NaN before."""
+        gain, bend, natural_frequency = start
         if response is None or math.isnan(sum(start)):
             self.change, self.beyond = math.nan, 0.0
             return
-        gain, bend, natural_frequency = start
-        change, passes = response.gain / gain - 1.0, abs(response.bend - bend) / abs(gain)
+        change, most = response.gain / gain - 1.0, BENDS * gain / max(BENDS * gain, bend)
+        low, high = ((response.gain - s * response.bend) / (gain - s * bend) - 1.0 for s in (-most, most))
+        passes = abs(change) - (min(abs(low), abs(high)) if low * high > 0.0 else 0.0)
         passes += 2.0 * abs(math.log(response.natural_frequency / natural_frequency))
         if math.isnan(self.change) or stamp < self._last:
             self.change, self._passes, self._last = change, passes, stamp
-        share = 1.0 - math.exp((self._last - stamp) * 1e-9 / GAIN_SMOOTHED)
+        share, self._last = 1.0 - math.exp((self._last - stamp) * 1e-9 / GAIN_SMOOTHED), stamp
         self.change += share * (change - self.change)
         self._passes += share * (passes - self._passes)
-        self._last = stamp
         self.beyond = max(0.0, abs(self.change) - self._passes)
 
 

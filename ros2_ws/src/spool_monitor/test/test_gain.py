@@ -64,7 +64,7 @@ def aged(channel: str, loss: float) -> list[Block]:
 
 
 @pytest.mark.parametrize(
-    ("channel", "loss"), [("spool", 0.08), ("spool", 0.15), ("body", 0.08), ("body", 0.15)]
+    ("channel", "loss"), [("spool", 0.06), ("spool", 0.15), ("body", 0.06), ("body", 0.15)]
 )
 def test_a_slow_loss_of_sensitivity_is_the_sensors_and_no_spring(channel: str, loss: float) -> None:
     found = raised(monitored(aged(channel, loss)).events)
@@ -112,6 +112,8 @@ def test_a_gain_that_changes_with_anything_else_is_no_sensors(change: dict[str, 
     response = ValveResponse(15.0, 30.0, 1.0, 0.02, 0.1, 0.1)
     made = GainChange()
     for second in range(1, 30):
-        made.update(second * 10**9, replace(response, gain=0.9, **change), 1.0, 0.1, 15.0)
+        # A sensor that ages scales what the fit leaves as it does the gain.
+        made.update(second * 10**9, replace(response, **{"gain": 0.9, "bend": 0.09} | change), 1.0, 0.1, 15.0)
     assert made.change == pytest.approx(-0.1)
     assert made.breaks is sensor
+    assert not sensor or made.beyond == pytest.approx(0.1)
