@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from spool_core.numbers import Array
-from spool_estimator.recursive import ENOUGH, RecursiveLeastSquares, advance, times
+from spool_estimator.recursive import RecursiveLeastSquares, advance, times
 
 SCALE = np.array([3000.0, 5.0, 0.5])
 TRUTH = np.array([1632.0, 4.0, 0.3])
@@ -31,7 +31,7 @@ def take(fit: RecursiveLeastSquares, rows: Array, target: Array) -> None:
     score = scaled.T @ (target - rows @ fit.parameters)
     advance(
         fit.arrays, scaled.T @ scaled, score, np.zeros(score.size), 1.0,
-        fit.forgetting, ENOUGH / fit.noise, change,
+        fit.forgetting, fit.noise, change,
     )  # fmt: skip
     fit.parameters += change * fit.scale
 
