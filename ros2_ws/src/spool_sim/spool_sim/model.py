@@ -128,6 +128,13 @@ class Model:
             return None
         return {one.name: min(max(found[one.name], one.low), one.high) for one in self.parameters}
 
+    def narrower(self) -> Model | None:
+        """Return the model with a term in place of one that contains it, ``None`` if none does."""
+        for place, one in enumerate(self.terms):
+            for name in filter(None, one.becomes):
+                return Model(name, (*self.terms[:place], term(name), *self.terms[place + 1 :]))
+        return None
+
     def true_values_for(self, valve: Valve, overrides: Mapping[str, float] | None = None) -> dict[str, float]:
         """Return the values as :meth:`values_for`, for a valve that acts instead of one that is fitted.
 

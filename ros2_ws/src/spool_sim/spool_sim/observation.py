@@ -46,11 +46,17 @@ class Observation:
         order: of the low-pass, whose gain is 1 / (1 + (f / corner)^(2 order)), its root for ``causal``: there
             a whole number.
         corner: over the sample rate.
+        body_corner: of the body's channel, if it has another one than the spool's.
     """
 
     kind: str = INSTANTS
     order: float = 0.0
     corner: float = math.inf
+    body_corner: float | None = None
+
+    def of_body(self) -> Observation:
+        """Return how the body's channel is read."""
+        return self if self.body_corner is None else Observation(self.kind, self.order, self.body_corner)
 
     @classmethod
     def of(cls, text: str) -> Observation:
@@ -80,6 +86,8 @@ class Observation:
     def sentence(self, rate: float) -> str:
         """Describe the reading at sample ``rate``, Hz, in words."""
         corner = f", corner {self.corner * rate:.4g} Hz"
+        if self.body_corner is not None:
+            corner += f" (body: acts like {self.body_corner * rate:.4g} Hz)"
         return {
             INSTANTS: "none: samples at instants",
             MEAN: "mean over each sample",

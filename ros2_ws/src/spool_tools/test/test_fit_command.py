@@ -65,6 +65,7 @@ class Reading(Strict):
     kind: str
     order: float
     corner_Hz: float | None  # noqa: N815
+    body_corner_Hz: float | None  # noqa: N815
 
 
 class FitResult(Strict):

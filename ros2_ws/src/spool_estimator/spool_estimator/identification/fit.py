@@ -65,11 +65,14 @@ FIRST_ROUNDS, ROUNDS, ENOUGH, GLANCE = 30, 20, 1e-6, 8
 #: How often the weights are taken again after the first descents, at most, and the relative fall of the cost
 #: below which they have settled.
 REWEIGHED, SETTLED = 5, 0.01
-#: Ways of reading that are tried first, and further orders of a causal low-pass.
-OBSERVATIONS = (Observation(MEAN), Observation(LINEAR, 4.0, 0.42), Observation(CAUSAL, 4.0, 0.36))
-CAUSAL_ORDERS = ((3.0, 2.0), (6.0, 8.0))
+#: Ways of reading that are tried, and further orders of a causal low-pass, away from the one tried first.
+LOW_PASSES = (Observation(LINEAR, 4.0, 0.42), Observation(CAUSAL, 4.0, 0.36, 0.36))
+CAUSAL_ORDERS = ((3.0, 2.0), (5.0, 6.0, 7.0, 8.0))
 #: Corner of a low-pass, over the sample rate, beyond which it keeps no alias out: samples at instants.
 NO_FILTER = 0.5
+#: Of two ends of first descents: distance over the size of their numbers from which they differ, and relative
+#: difference of their costs up to which both are followed.
+SAME, CLOSE = 0.02, 0.1
 #: Rounds of these descents, and jumps from which they are made.
 OBSERVED, FEWEST_JUMPS = 8, 20
 #: Sizes of what friction at rest may be, relative to its start value, that are tried.
@@ -105,9 +108,9 @@ def unknowns_of(model: Model, valve: Valve, settings: FitSettings) -> tuple[leas
         scale = start if start > 0.0 else min(1.0, high - low)
         found.append(least_squares.Unknown(parameter.name, parameter.unit, low, high, scale))
     if settings.fit_gain:
-        found.append(least_squares.Unknown(SPOOL_GAIN, "1", -0.5, 1.0, 0.05))
+        found.append(least_squares.Unknown(SPOOL_GAIN, "1", -0.5, 1.0, 0.05, absolute=True))
     if settings.fit_delay:
-        found.append(least_squares.Unknown(SPOOL_DELAY, "s", -5e-3, 5e-3, 1e-4))
+        found.append(least_squares.Unknown(SPOOL_DELAY, "s", -5e-3, 5e-3, 1e-4, absolute=True))
     return tuple(found)
 
 
@@ -233,14 +236,12 @@ def agreement(run: FreeRun, responses: Sequence[Response]) -> Agreement:
     return Agreement(
         nrmse=float(np.sqrt(squares / power)) if power > 0.0 else float("nan"),
         objective=squares / sigma**2 if sigma > 0.0 else float("nan"),
-        frequencies=centres,
-        amplitude_ratios=ratios,
+        frequencies=centres, amplitude_ratios=ratios,
         amplitude_ratio=float(ratios[inside].mean()) if inside.any() else float("nan"),
-        residual_frequencies=frequency,
-        residual_spectrum=density,
+        residual_frequencies=frequency, residual_spectrum=density,
         seconds=float(sum(row.size * period for row, period in zip(measured, periods, strict=True))),
         samples=samples,
-    )
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -275,15 +276,9 @@ def follow(
         InputError: the records are too short, or the spool's acceleration is 0.
     """
     run = FreeRun(
-        records,
-        model,
-        valve,
-        window=settings.window,
-        run_in=settings.run_in,
-        low_cut=settings.low_cut,
-        longest=settings.longest,
-        work=work,
-    )
+        records, model, valve, window=settings.window, run_in=settings.run_in, low_cut=settings.low_cut,
+        longest=settings.longest, work=work,
+    )  # fmt: skip
     if not any(np.any(window.measured) for window in run.windows):
         raise InputError(f"{records[0].name}: the spool's acceleration is 0 throughout; check the sensor")
     given = inside(np.array([values.get(unknown.name, 0.0) for unknown in unknowns]), unknowns)
@@ -307,38 +302,99 @@ def follow(
     if settings.check:
         start = np.array([first.get(unknown.name, values.get(unknown.name, 0.0)) for unknown in unknowns])
         before = fit_check.before_fit(some.run, unknowns, start, values, settings)
-    seen = observed(some, points[0])
-    trial, best = _first_end(some, points, seen, settings.starts)
+    narrow = None if settings.start or settings.starts < 2 else model.narrower()
+    if narrow is None:
+        seen = observed(some, points[0])
+    else:
+        wider, seen = _widened(some, narrow, valve, settings.low_cut)
+        points = [*wider, points[0]]
+    trial, ends = _first_ends(some, points, seen, settings.starts)
     if seen is None or len(points) > 1:  # the start may have been too far off to show it
-        again = observed(some, best.point[: len(free)])
-        if again is not None and (seen is None or (again.kind, again.order) != (seen.kind, seen.order)):
-            seen = again
-            points = [best.point[: len(free)], *points]
-            ends = (trial, best), _first_end(some, points, again, settings.starts)
-            trial, best = min(ends, key=lambda end: end[1].cost)
-    residuals = Residuals(run, trial.unknowns, values, band)
-    residuals.observation = with_numbers(trial.observation, trial.unknowns, best.point.tolist())
-    if seen is not None and NO_FILTER < residuals.observation.corner < math.inf:
-        residuals.unknowns, residuals.observation = free, Observation(INSTANTS)
-        best = replace(best, point=best.point[: len(free)])
-    if not np.isfinite(residuals.at(best.point)).all():  # numbers that the first seconds hardly show
-        trial, best = _first_end(Residuals(run, free, values, band), points, seen, settings.starts)
-        residuals.unknowns, residuals.observation = trial.unknowns, trial.observation
-    best = refine(residuals, best, REWEIGHED)
-    residuals.observation = with_numbers(residuals.observation, residuals.unknowns, best.point.tolist())
-    return Ended(residuals, best, law, before)
+        again = observed(some, ends[0].point[: len(free)])
+        kinds = [one and (one.kind, one.order if one.kind == CAUSAL else 0.0) for one in (again, seen)]
+        if again is not None and kinds[0] != kinds[1]:
+            seen, points = again, [one.point[: len(free)] for one in ends]
+            trial, ends = _first_ends(some, points, seen, settings.starts)
+    whole = Residuals(run, trial.unknowns, values, band)
+    whole.observation = trial.observation
+    if not np.isfinite(whole.at(ends[0].point)).all():  # numbers that the first seconds hardly show
+        _, ends = _first_ends(Residuals(run, free, values, band), points, seen, settings.starts)
+    refined = []
+    for end in ends:
+        residuals = copy.copy(whole)
+        residuals.spectrum = list(whole.spectrum)
+        best = refine(residuals, end, REWEIGHED)
+        residuals.observation = with_numbers(residuals.observation, residuals.unknowns, best.point.tolist())
+        refined.append(Ended(residuals, best, law, before))
+    if len(refined) == 1:
+        return refined[0]
+    return min(refined, key=lambda one: information_criterion(one.residuals, one.best.point, len(free))[0])
 
 
-def _first_end(
+def _widened(
+    some: Residuals, narrow: Model, valve: Valve, low_cut: float
+) -> tuple[list[Array], Observation | None]:
+    """Return points where the law of ``some`` begins as ``narrow``, fitted, and how that one reads.
+
+    What the narrower law does not have, such as a velocity, is held at several values meanwhile: the forces
+    are linear in the rest.
+    """
+    unknowns, run = some.unknowns, some.run.of(narrow)
+    own = tuple(one for one in unknowns if one.name in run.names or one.name not in some.values)
+    values = {**narrow.values_for(valve), **{n: v for n, v in some.values.items() if n in run.names}}
+    fewer = Residuals(run, own, values, some.band)
+    point = inside(EquationError(run, own, run.sets(values), low_cut).starts()[0], own)
+    seen = observed(fewer, point)
+    trial, (best, *_) = _first_ends(fewer, [point], seen, 1)
+    found = {one.name: float(value) for one, value in zip(trial.unknowns, best.point, strict=True)}
+    narrowed, read = {name: found.get(name, value) for name, value in values.items()}, trial.observation
+    start = {**found, **(some.run.model.values_as(narrow, narrowed, valve) or {})}
+    point = inside(np.array([start[one.name] for one in unknowns]), unknowns)
+    left = [one.name not in found and start[one.name] == some.values[one.name] for one in unknowns]
+    ends = []
+    for factor in BLIND_FACTORS if any(left) else ():
+        first = inside(np.where(left, factor * point, point), unknowns).tolist()
+        fixed = tuple(
+            replace(one, low=place, high=place) if is_left else one
+            for one, place, is_left in zip(unknowns, first, left, strict=True)
+        )
+        held = read_as(Residuals(some.run, fixed, some.values, some.band), read)
+        end = held.descend(np.array([[*first, *filter_numbers(read)]]), GLANCE, ENOUGH)
+        ends.append((end.cost, end.point[: len(first)]))
+    ends.sort(key=lambda one: one[0])
+    return [point for _, point in ends[:2]], seen
+
+
+def _first_ends(
     some: Residuals, points: Sequence[Array], seen: Observation | None, starts: int
-) -> tuple[Residuals, least_squares.Descent]:
-    """Return where the best descent from ``points`` ends, with the numbers of the filter that was seen."""
+) -> tuple[Residuals, list[least_squares.Descent]]:
+    """Return where the best descents from ``points`` end, with the numbers of the filter that was seen.
+
+    Those that the weights to come may put in another order; the best first.
+    """
     trial, numbers = (some, []) if seen is None else (read_as(some, seen), filter_numbers(seen))
     chosen = [np.append(point, numbers) for point in points]
+    if trial.observation.kind == INSTANTS:  # means move more smoothly with the numbers
+        means = read_as(some, Observation(MEAN))
+        chosen += [means.descend(point[np.newaxis], GLANCE, ENOUGH).point for point in chosen]
+
+    def descended(point: Array, rounds: int) -> least_squares.Descent:
+        own = copy.copy(trial)
+        own.leave_out(point)
+        return own.descend(point[np.newaxis], rounds, ENOUGH)
+
     if len(chosen) > max(1, starts):
-        glances = [trial.descend(point[np.newaxis], GLANCE, ENOUGH) for point in chosen]
+        glances = [descended(point, GLANCE) for point in chosen]
         chosen = [one.point for one in sorted(glances, key=lambda one: one.cost)[: max(1, starts)]]
-    return trial, trial.descend(np.array(chosen), FIRST_ROUNDS, ENOUGH, len(chosen))
+    ends = [descended(point, FIRST_ROUNDS) for point in chosen]
+    ends.sort(key=lambda one: one.cost)
+    size = SAME * least_squares.sizes_of(trial.unknowns, ends[0].point)[: len(some.unknowns)]
+    rivals = [
+        end for end in ends[1:]
+        if end.cost < (1.0 + CLOSE) * ends[0].cost
+        and (np.abs(end.point - ends[0].point)[: size.size] > size).any()
+    ]  # fmt: skip
+    return trial, [ends[0], *rivals[:1]]
 
 
 def observed(some: Residuals, point: Array) -> Observation | None:
@@ -359,17 +415,26 @@ def observed(some: Residuals, point: Array) -> Observation | None:
         found = trial.descend(start[np.newaxis], OBSERVED, ENOUGH)
         return found.cost, with_numbers(one, trial.unknowns, found.point.tolist()), found.point
 
-    rows = [tried(one, point) for one in OBSERVATIONS]
+    # Each begins with the forces of the best one before: from far off, corner and order make up for them.
+    rows = [tried(Observation(MEAN), point)]
+    rows += [tried(one, rows[0][2]) for one in LOW_PASSES]
     for orders in CAUSAL_ORDERS:
-        before = rows[2]
-        for order in orders:
-            row = tried(replace(before[1], order=order), before[2])
-            rows.append(row)
-            if row[0] > before[0]:
+        before = min(rows[2:], key=lambda row: row[0])
+        for order in orders if before is rows[2] else ():
+            rows.append(tried(replace(before[1], order=order), before[2]))
+            if rows[-1][0] > before[0]:
                 break
-            before = row
-    _, found, _ = min(rows, key=lambda row: row[0])
-    return found
+            before = rows[-1]
+    best = min(rows, key=lambda row: row[0])
+    if best[1].kind != LINEAR:
+        rows.append(tried(LOW_PASSES[0], best[2]))
+    elif (causal := min(rows[2:], key=lambda row: row[0])[1]).kind == CAUSAL:
+        rows.append(tried(causal, best[2]))
+    best = min(rows, key=lambda row: row[0])
+    if best[1].kind != MEAN and best[1].corner > NO_FILTER:
+        mean = tried(Observation(MEAN), best[2])
+        return mean[1] if mean[0] < best[0] else Observation()
+    return best[1]
 
 
 def _held_back(
@@ -558,6 +623,9 @@ def _result(
     )
     places = [names.index(unknown.name) for unknown in free if unknown.name not in FILTER]
     criterion, samples = information_criterion(residuals, best.point, int(shown.sum()))
+    read, apart = residuals.observation, deviations.get(FILTER[2], math.inf)
+    if read.body_corner is not None and not abs(read.body_corner - read.corner) > Z_95 * apart:
+        read = replace(read, body_corner=None)
     return Fit(
         model=run.model,
         valve=valve.id,
@@ -581,7 +649,7 @@ def _result(
             observation=residuals.observation,
             run_in=settings.run_in, low_cut=settings.low_cut,
         ),
-        observation=residuals.observation,
+        observation=read,
         information_criterion=criterion,
         effective_samples=samples,
         determinations=tuple(determinations),

@@ -304,7 +304,7 @@ class FreeRun:
         entry = self.records[window.record]
         substeps = self.substeps[window.record]
         state = MotionState(*window.state, float(np.sign(window.state[1])))
-        causes = [(one.observation, one.of("body")) for one in readings]
+        causes = [(one.observation.of_body(), one.of("body")) for one in readings]
         distinct = list(dict.fromkeys(causes))
         tables = sets[:, np.newaxis, :]
         if window.viscosity is not None and "viscous_coefficient" in self.names:

@@ -41,16 +41,19 @@ SHOWS = 1e-2
 
 CORNER = Unknown(FILTER[0], "1", 0.15, 0.6, 0.1, absolute=True)
 ORDER = Unknown(FILTER[1], "1", 1.5, 24.0, 2.0)
+BODY_CORNER = Unknown(FILTER[2], "1", 0.1, 1.0, 0.1, absolute=True)
 
 
 def filter_unknowns(observation: Observation) -> tuple[Unknown, ...]:
     """Return which numbers of ``observation`` a fit finds."""
-    return {LINEAR: (CORNER, ORDER), CAUSAL: (CORNER,)}.get(observation.kind, ())
+    found = {LINEAR: (CORNER, ORDER), CAUSAL: (CORNER,)}.get(observation.kind, ())
+    return found if observation.body_corner is None else (*found, BODY_CORNER)
 
 
 def filter_numbers(observation: Observation) -> list[float]:
     """Return the values of its ``filter_unknowns``."""
-    return [observation.corner, observation.order][: len(filter_unknowns(observation))]
+    known = dict(zip(FILTER, (observation.corner, observation.order, observation.body_corner), strict=True))
+    return [known[one.name] or 0.0 for one in filter_unknowns(observation)]
 
 
 def with_numbers(
@@ -60,7 +63,8 @@ def with_numbers(
     named = {unknown.name: value for unknown, value in zip(unknowns, point, strict=True)}
     corner = named.get(CORNER.name, observation.corner)
     order = named.get(ORDER.name, observation.order)
-    return Observation(observation.kind, order, corner)
+    body_corner = named.get(BODY_CORNER.name, observation.body_corner)
+    return Observation(observation.kind, order, corner, body_corner)
 
 
 class Weighted(least_squares.LeastSquares):

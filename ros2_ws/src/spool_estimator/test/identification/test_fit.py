@@ -209,6 +209,18 @@ def test_friction_at_rest_is_not_told_by_a_spool_that_never_rests(valve: Valve) 
     assert not result.combinations
 
 
+@pytest.mark.parametrize("velocity", [0.02, 0.05])
+def test_friction_that_falls_with_speed_is_found_from_the_usual_start(velocity: float, valve: Valve) -> None:
+    truth = {"coulomb_force": 0.1, "static_force": 0.16, "stribeck_velocity": velocity}
+    drive = Multisine(low_frequency=6.0, high_frequency=100.0, rms=6.0)
+    result = fit(
+        [record(valve, "stribeck", truth, drive=drive, noise=0.03)], MODELS["stribeck"], valve, EXACT
+    )
+    for name, true in truth.items():
+        one = result.parameter(name)
+        assert abs(one.value - true) < 3.0 * one.standard_deviation < true, one
+
+
 def test_the_information_criterion_prefers_the_law_that_is_there(valve: Valve) -> None:
     data = record(
         valve,
