@@ -12,7 +12,8 @@ from pathlib import Path
 
 import pytest
 from spool_fleet.operations import add_to_store, run_over_store
-from spool_report.records.simulation import SimulationSettings, simulate
+from spool_report.records.simulation import simulate
+from spool_report.requests import SimulationSettings
 from spool_tools.operations.node_processes import find_executable
 
 #: s; what is waited for comes much sooner on an idle machine.

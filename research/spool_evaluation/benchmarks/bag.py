@@ -11,7 +11,8 @@ import numpy as np
 from rosbags.highlevel import AnyReader
 from spool_bag.reader import BagReader
 from spool_report.records.record_loading import DEFAULT_VALVE
-from spool_report.records.simulation import SimulationSettings, simulate
+from spool_report.records.simulation import simulate
+from spool_report.requests import SimulationSettings
 from spool_report.runs.record_replay import replay_valve
 from spool_sim.valve import find_valve
 

@@ -21,7 +21,8 @@ from spool_core.numbers import Array
 from spool_estimator.estimator import Estimator, settings_for
 from spool_estimator.refit import RefitSettings, WindowRefits, WindowTask, refit
 from spool_report.records.record_loading import DEFAULT_VALVE
-from spool_report.records.simulation import SimulationSettings, simulate
+from spool_report.records.simulation import simulate
+from spool_report.requests import SimulationSettings
 from spool_report.runs.record_replay import RefitRequest, replay_valve
 from spool_sim.model import MODELS
 from spool_sim.valve import find_valve

@@ -22,7 +22,8 @@ from spool_fleet.judgement import CHANGED, MACHINE, confirmed, judged_alone
 from spool_fleet.manifest import Service
 from spool_fleet.observations import COULOMB, PARAMETERS, STIFFNESS, UNCERTAIN, VISCOUS, ObservedValve, Series
 from spool_fleet.operations import add_to_store, answer, run_over_store
-from spool_report.records.simulation import SimulationSettings, simulate
+from spool_report.records.simulation import simulate
+from spool_report.requests import SimulationSettings
 from spool_sim.excitation import Excitation, MachineOrders, Multisine
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator

@@ -6,7 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from spool_report.records.simulation import SimulationSettings, simulate
+from spool_report.records.simulation import simulate
+from spool_report.requests import SimulationSettings
 
 
 @pytest.fixture

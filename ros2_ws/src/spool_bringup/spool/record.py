@@ -402,11 +402,12 @@ def simulate(
         InputError: no such valve, model or excitation, or a number is out of range.
     """
     from spool_report.records import simulation  # noqa: PLC0415 - slow to load
+    from spool_report.requests import SimulationSettings  # noqa: PLC0415
 
     folder, bag = _place("simulated")
     oil = None if oil_temperature is None else str(oil_temperature)
     with valve_files([valve]) as (file,), contextlib.redirect_stdout(io.StringIO()):
-        settings = simulation.SimulationSettings(
+        settings = SimulationSettings(
             str(file), str(model), str(path_of(excitation)), seconds, sample_rate,
             coulomb_force=coulomb_force, noise=noise, filter=filter, seed=seed, oil_temperature=oil,
         )  # fmt: skip

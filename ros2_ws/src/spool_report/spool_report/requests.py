@@ -36,6 +36,16 @@ def excitation_names(incomplete: str) -> list[str]:
     return [name for name in PRESETS if name.startswith(incomplete)]
 
 
+ShippedValve = Annotated[
+    str, typer.Option(help="YAML file of the valve, or name of a shipped valve.", autocompletion=valve_names)
+]
+ExcitationName = Annotated[
+    str,
+    typer.Option(
+        help="Body acceleration: a preset, a YAML file, or a record (bag or file).",
+        autocompletion=excitation_names,
+    ),
+]
 ModelName = Annotated[
     str, typer.Option("--model", help="Model: its name or a YAML file.", autocompletion=model_names)
 ]
@@ -196,10 +206,7 @@ class GapRequest:
 class WhatIfRequest:
     """Change and excitation to predict the response for."""
 
-    valve: Annotated[
-        str,
-        typer.Option(help="YAML file of the valve, or name of a shipped valve.", autocompletion=valve_names),
-    ]
+    valve: ShippedValve
     model: Annotated[
         str | None,
         typer.Option(
@@ -238,3 +245,42 @@ class WhatIfRequest:
     orders: Annotated[
         str | None, typer.Option("--order", help="Orders of engine or pump, e.g. 1,2,9.", metavar="N,...")
     ] = None
+
+
+@dataclass(frozen=True, slots=True)
+class SimulationSettings:
+    """Record to simulate."""
+
+    valve: ShippedValve = "4weh10_soft"
+    model: ModelName = "coulomb"
+    excitation: ExcitationName = "sweep"
+    seconds: Annotated[
+        float | None, typer.Option(help="Length, s; default: the recorded excitation's, else 40.")
+    ] = None
+    sample_rate: Annotated[float, typer.Option(help="Hz")] = 2000.0
+    block_rate: Annotated[float, typer.Option(help="Blocks a second.")] = 50.0
+    coulomb_force: Annotated[float | None, typer.Option(help="N; default: the model's.")] = None
+    noise: Annotated[float, typer.Option(help="Sensor noise, rms, m/s^2.")] = 0.05
+    filter: Annotated[
+        str,
+        typer.Option(
+            help="Low-pass of both channels: instants, mean, linear, causal, or like linear,6,0.42 with "
+            "order and corner over the sample rate."
+        ),
+    ] = "instants"
+    sensors: Annotated[
+        Path | None, typer.Option(help="YAML file of the sensors, replaces --noise and --filter.")
+    ] = None
+    oil_temperature: Annotated[
+        str | None,
+        typer.Option(
+            help="deg C, or 20:60 for oil that warms; default: the valve file's. Sets the viscosity."
+        ),
+    ] = None
+    seed: Annotated[int, typer.Option(help="Seed of the noise.", min=0)] = 0
+    name: Annotated[str, typer.Option(help="Namespace of the valve in the bag.")] = "valve_1"
+
+    def __post_init__(self) -> None:
+        """Raises InputError where the noise is out of range."""
+        if not 0.0 <= self.noise < math.inf:
+            raise InputError(f"--noise {self.noise:g}: out of range: use at least 0")

@@ -19,7 +19,7 @@ import typer
 from spool_bag import no_such_bag
 from spool_core.errors import InputError
 from spool_report.outputs import STANDARD_OUTPUT, check_output, replace_existing, text_to_stderr
-from spool_report.requests import EXPERT, excitation_names, valve_names
+from spool_report.requests import EXPERT
 from typer import Typer
 from typer.core import TyperGroup
 from typer.main import get_group
@@ -105,12 +105,6 @@ Force = Annotated[
 ]
 
 
-ValveFile = Annotated[
-    str,
-    typer.Option(
-        "--valve", help="YAML file of the valve, or name of a shipped valve.", autocompletion=valve_names
-    ),
-]
 ParamsFile = Annotated[
     Path | None,
     typer.Option(
@@ -120,15 +114,6 @@ ParamsFile = Annotated[
     ),
 ]
 
-
-ExcitationName = Annotated[
-    str,
-    typer.Option(
-        "--excitation",
-        help="Body acceleration: a preset, a YAML file, or a record (bag or file).",
-        autocompletion=excitation_names,
-    ),
-]
 ColumnsOption = Annotated[
     str | None,
     typer.Option(
@@ -277,11 +262,10 @@ def flat(run: Callable[..., None]) -> Callable[..., None]:
         panel = next((getattr(one, "rich_help_panel", None) for one in get_args(option.annotation)[1:]), None)
         return OPTION_PANELS.index(panel) if panel in OPTION_PANELS else len(OPTION_PANELS)
 
-    shown = [one for own in options.values() for one in own]
-    shown += [
-        one.replace(kind=Parameter.KEYWORD_ONLY)
+    shown = [
+        option
         for name, one in arguments.parameters.items()
-        if name not in options
+        for option in options.get(name, [one.replace(kind=Parameter.KEYWORD_ONLY)])
     ]
     shown.sort(key=place)
     flattened.__signature__ = arguments.replace(parameters=shown)  # type: ignore[attr-defined]

@@ -26,7 +26,8 @@ from spool_monitor.state_database import FILE
 from spool_monitor.state_file import valve_folder
 from spool_msgs.msg import AlarmList, ValveHealth
 from spool_report.records.record_sources import VALVE_DESCRIPTION, encode_valve, recorded_valve
-from spool_report.records.simulation import SIMULATION_START, SimulationSettings, simulate
+from spool_report.records.simulation import SIMULATION_START, simulate
+from spool_report.requests import SimulationSettings
 from spool_sim.excitation import PRESETS
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator

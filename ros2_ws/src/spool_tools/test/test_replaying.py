@@ -12,7 +12,8 @@ from spool_bag.writer import BagWriter
 from spool_core.errors import InputError
 from spool_report.outputs import write_json
 from spool_report.recording_report import replay_page
-from spool_report.records.simulation import SimulationSettings, simulate
+from spool_report.records.simulation import simulate
+from spool_report.requests import SimulationSettings
 from spool_report.runs.record_replay import SHIPPED, ReplayOptions, replay_bag, replay_valve, settings_from
 from spool_sim.valve import find_valve
 from spool_tools.cli import main

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -22,6 +21,7 @@ from spool_core.numbers import Array
 from spool_core.text import plural
 from spool_report.outputs import making_room
 from spool_report.records.record_sources import VALVE_DESCRIPTION, encode_valve, is_table, record_of_table
+from spool_report.requests import SimulationSettings
 from spool_report.terminal import progress
 from spool_sim.excitation import PRESETS, Excitation, Recorded, load_excitation
 from spool_sim.valve import find_valve, one_line, read_mapping
@@ -29,39 +29,6 @@ from spool_sim.valve import find_valve, one_line, read_mapping
 #: 2025-01-01 UTC: a simulated record has no real time.
 SIMULATION_START = 1_735_689_600_000_000_000
 SIMULATION_SECONDS = 40.0
-
-
-@dataclass(frozen=True, slots=True)
-class SimulationSettings:
-    """Settings of a simulated record.
-
-    Attributes:
-        valve, model: name or YAML file.
-        excitation: preset, YAML file, bag or a logger's file.
-        seconds: length; default: that of a recorded excitation, else ``SIMULATION_SECONDS``.
-        sample_rate, block_rate: Hz.
-        coulomb_force: N; default: the model's.
-        noise: of both sensors, rms, m/s^2.
-        filter: of both channels, as ``Observation.of`` takes it.
-        seed: of the noise.
-        name: namespace of the valve in the bag.
-        sensors: YAML file that replaces ``noise`` and ``filter``.
-        oil_temperature: deg C, recorded if it is given; ``"20:60"`` warms the oil; default: the valve file's.
-    """
-
-    valve: str
-    model: str
-    excitation: str
-    seconds: float | None = None
-    sample_rate: float = 2000.0
-    block_rate: float = 50.0
-    coulomb_force: float | None = None
-    noise: float = 0.05
-    filter: str = "instants"
-    seed: int = 0
-    name: str = "valve_1"
-    sensors: Path | None = None
-    oil_temperature: str | None = None
 
 
 def simulate(out: Path, settings: SimulationSettings) -> None:

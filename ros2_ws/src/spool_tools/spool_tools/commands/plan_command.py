@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 from spool_core.errors import InputError
+from spool_report.requests import ExcitationName, ShippedValve
 
 from spool_tools import command as cli
 from spool_tools.command import Command
@@ -19,8 +20,8 @@ def plan(
             "spring_stiffness, end_stop or which_effect."
         ),
     ] = None,
-    valve: cli.ValveFile = "4weh10_soft",
-    excitation: cli.ExcitationName = "sweep",
+    valve: ShippedValve = "4weh10_soft",
+    excitation: ExcitationName = "sweep",
     seconds: Annotated[float, typer.Option(help="Length of the record, s.")] = 40.0,
     sample_rate: Annotated[float, typer.Option(help="Sample rate in Hz.")] = 2000.0,
     noise: Annotated[
