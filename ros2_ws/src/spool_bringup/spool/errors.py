@@ -33,7 +33,7 @@ _SWITCHES = (
 )
 _PAIRS = ("columns", "unit", "scale", "topic")
 _OTHER_NAMES = {"force": "replace"}
-_VALUE = r"""'[^']*'|[^\s'"=]+=[^\s;]*[^\s;,.:]|(?<=--id )\w+|\d[\d.]*(?=[\s,;:]|$)"""
+_VALUE = r"""'[^']*'|[^\s'"=]+=[^\s;]*[^\s;,.:]|(?<=--id )\w+|-?\d[\d.]*(?=[\s,;:]|$)"""
 _OPTION = re.compile(rf"--([a-z][a-z0-9-]*)(?:[ =]({_VALUE}))?")
 
 

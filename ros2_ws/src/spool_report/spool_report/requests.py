@@ -199,7 +199,7 @@ class GapRequest:
             if not 0.0 <= value <= most:
                 raise InputError(f"{option} {value:g}: out of range: use 0 to {most:g}")
         if self.mass is not None and not (self.kind == "driven" and 0.0 < self.mass < math.inf):
-            raise InputError(f"--mass {self.mass:g}: a mass > 0 kg, with --kind driven")
+            raise InputError(f"--mass {self.mass:g}: a mass > 0 kg, with --kind 'driven'")
 
 
 @dataclass(frozen=True, slots=True)
