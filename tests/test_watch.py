@@ -13,7 +13,6 @@ from spool_core.events.language import ENGLISH
 from spool_monitor.listener import DRIFT, HeardValve
 from spool_monitor.shown import shown as shown_valve
 from spool_msgs.msg import ValveHealth
-from spool_tools.cli import main
 from spool_tools.operations.valve_rows import SHOWN, picture, valve_row
 
 if TYPE_CHECKING:
@@ -78,11 +77,6 @@ def test_the_table_shows_a_valve_that_falls_silent_and_its_alarm(
         simulator.kill()
         system.until(lambda: "801 stale/acceleration" in now(), "its alarm is shown")
         assert "No acceleration: silence" in now()
-
-
-def test_who_operates_is_asked_by_the_alarm_command(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["watch", "--who", "Eva"]) == 2
-    assert "./spool alarm acknowledge VALVE --who NAME" in capsys.readouterr().err
 
 
 @pytest.mark.slow

@@ -159,15 +159,9 @@ class McapFile:
             yield from batch.messages()
 
     def batches(
-        self,
-        wanted: Callable[[Topic], bool],
-        damaged: Callable[[Damage], None] | None = None,
-        last: int | None = None,
+        self, wanted: Callable[[Topic], bool], damaged: Callable[[Damage], None] | None = None
     ) -> Iterator[MessageBatch]:
         """Yield what ``records`` yields, many messages at once.
-
-        ``last``: B at the end of the file that are read at most, ``None`` for all; what begins before them
-        is damage, and in a file without a summary topics that are described before them only are not found.
 
         Raises:
             InputError: as ``records``.
@@ -176,8 +170,7 @@ class McapFile:
         quiet_tail = damaged is None and not self.closed
         accepted: dict[int, bool] = {}
         with self.path.open("rb") as stream:
-            start = self._start if last is None else max(self._start, self._size - last)
-            walk = Walk(stream, self._size, start, report, quiet_tail=quiet_tail)
+            walk = Walk(stream, self._size, self._start, report, quiet_tail=quiet_tail)
             for run in walk:
                 try:
                     yield from self._batches(run, walk, wanted, accepted)

@@ -19,7 +19,7 @@ import typer
 from spool_bag import no_such_bag
 from spool_core.errors import InputError
 from spool_report.outputs import STANDARD_OUTPUT, check_output, replace_existing, text_to_stderr
-from spool_report.requests import EXPERT
+from spool_report.requests import EXPERT, valve_names
 from typer import Typer
 from typer.core import TyperGroup
 from typer.main import get_group

@@ -10,12 +10,11 @@ import re
 import socket
 import threading
 import time
-from collections import OrderedDict, deque
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections import Counter, OrderedDict, deque
+from collections.abc import AsyncIterator, Awaitable, Callable
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 from urllib.parse import urlsplit
 
 import uvicorn
@@ -25,7 +24,7 @@ from starlette.applications import Starlette
 from starlette.datastructures import Headers
 from starlette.middleware import Middleware
 from starlette.requests import Request
-from starlette.responses import PlainTextResponse, RedirectResponse, Response
+from starlette.responses import PlainTextResponse, RedirectResponse, Response, StreamingResponse
 from starlette.routing import Route
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from uvicorn.protocols.http.h11_impl import H11Protocol
@@ -70,22 +69,18 @@ BEAT = 2.0
 #: Valves whose waterfalls are held while no page shows them, and streams that may be open.
 MOST_FALLS, MOST_STREAMS = 16, 64
 
-_STREAM_HEADERS = [
-    (b"content-type", b"text/event-stream; charset=utf-8"),
-    (b"cache-control", b"no-store"),
-    (b"x-accel-buffering", b"no"),
-]
+_STREAM = "text/event-stream; charset=utf-8"
+_STREAM_HEADERS = {"cache-control": "no-store", "x-accel-buffering": "no"}
 
-#: s that the head of a request may take.
-HEAD = 10.0
+#: s that the head of a request may take, of a kept connection twice that, and s that a client may not read.
+HEAD, STALLED = 10.0, 20.0
 #: B that the system may hold for a reader that does not read.
 SEND_BUFFER = 131_072
 
-_OPEN: dict[tuple[str, int], asyncio.Transport] = {}
+_OPEN: dict[Any, PageProtocol] = {}
 
 
-@dataclass(frozen=True, slots=True)
-class Application:
+class Application(NamedTuple):
     """What uvicorn runs, and its streams."""
 
     asgi: Starlette
@@ -94,16 +89,11 @@ class Application:
 
 def application(desk: Desk) -> Application:
     """Return the application that shows what lies on ``desk``."""
-    pages, streams, operating, records = (
-        Pages(desk),
-        Streams(desk),
-        Operating(desk),
-        Records(desk, language_for),
-    )
+    pages, streams, operating = Pages(desk), Streams(desk), Operating(desk)
+    records = Records(desk, language_for)
     routes = [
-        Route("/", pages.machine),
-        Route("/alarms", pages.alarms),
-        Route("/history", pages.history),
+        Route("/", pages.page("machine")),
+        *(Route(f"/{view}", pages.page(view)) for view in ("alarms", "history")),
         Route("/valve/{name:path}", pages.valve),
         Route("/static/{name:path}", pages.file),
         Route("/language/{code}", pages.language),
@@ -198,17 +188,13 @@ class Pages:
         self._operable = desk.operable
         self._personal = desk.token is not None and desk.token.personal
 
-    async def machine(self, request: Request) -> Response:
-        """Answer with the machine's page."""
-        return self._page(request, "machine")
+    def page(self, view: str) -> Callable[[Request], Awaitable[Response]]:
+        """Return what answers with the page ``view`` of all valves."""
 
-    async def alarms(self, request: Request) -> Response:
-        """Answer with the page of all alarms."""
-        return self._page(request, "alarms")
+        async def answer(request: Request) -> Response:
+            return self._page(request, view)
 
-    async def history(self, request: Request) -> Response:
-        """Answer with the page of the journals."""
-        return self._page(request, "history")
+        return answer
 
     async def valve(self, request: Request) -> Response:
         """Answer with a valve's page."""
@@ -391,50 +377,79 @@ class Streams:
     ) -> Response:
         if self._closed or len(self._readers) >= MOST_STREAMS:
             return PlainTextResponse("too many pages are open", 503)
-        client = request.scope.get("client")
-        reader = Reader(lambda: abort(client))
-        self._readers.add(reader)
+        reader = Reader(lambda: abort(request.client))
 
-        def left() -> None:
-            self._readers.discard(reader)
-            leave(reader)
+        async def events() -> AsyncIterator[bytes]:
+            self._readers.add(reader)
+            try:
+                yield b"retry: 2000\n\n"
+                join(reader)
+                while (found := await reader.next()) is not None:
+                    yield found
+            finally:
+                self._readers.discard(reader)
+                leave(reader)
 
-        return _EventStream(reader, lambda: join(reader), left)
+        return StreamingResponse(events(), headers=_STREAM_HEADERS, media_type=_STREAM)
 
 
 class PageProtocol(H11Protocol):
-    """Protocol of a connection of the page."""
+    """Connection of the page; a client that sends half a request or stops reading costs this one only."""
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Take up a connection."""
+        """Take it up; of too many, the oldest without a request of the host that has most such ends."""
         super().connection_made(transport)
         own = transport.get_extra_info("socket")
         if own is not None:
             own.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)
             # Else each answer on a kept connection waits 40 ms for an acknowledgement of its head.
             own.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        transport.set_write_buffer_limits(0)
+        idle = [client for client, one in _OPEN.items() if one.idle]
+        if len(_OPEN) >= MOST_CONNECTIONS - 1 and idle:
+            (most, _), *_ = Counter(host for host, _ in idle).most_common(1)
+            abort(next(client for client in idle if client[0] == most))
         if self.client is not None:
-            _OPEN[self.client[0], self.client[1]] = transport
-        self._late = asyncio.get_running_loop().call_later(HEAD, self._end_if_silent)
+            _OPEN[self.client] = self
+        self._last: object = None
+        self._late = self._stuck = self.loop.call_later(HEAD, self._end_if_silent)
+
+    @property
+    def idle(self) -> bool:
+        """Whether no request is under way."""
+        cycle: Any = self.cycle  # None before the first request, whatever its type says
+        return cycle is None or bool(cycle.response_complete)
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Take note that it ended."""
         self._late.cancel()
-        if self.client is not None:
-            _OPEN.pop((self.client[0], self.client[1]), None)
+        self._stuck.cancel()
+        _OPEN.pop(self.client, None)
         super().connection_lost(exc)
 
+    def pause_writing(self) -> None:
+        """Give the client time to read."""
+        super().pause_writing()
+        self._stuck = self.loop.call_later(STALLED, self.transport.abort)
+
+    def resume_writing(self) -> None:
+        """Take note that the client reads."""
+        super().resume_writing()
+        self._stuck.cancel()
+
     def _end_if_silent(self) -> None:
-        cycle: object = self.cycle  # None before the first request, whatever its type says
-        if cycle is None:
+        """End it where the request after the last one did not come."""
+        if self.idle and self.cycle is self._last:
             self.transport.abort()
+        self._last = self.cycle if self.idle else self
+        self._late = self.loop.call_later(HEAD, self._end_if_silent)
 
 
 def abort(client: Any) -> None:
     """End the connection of ``client`` (address and port) at once, whatever it has not read."""
-    transport = _OPEN.get(tuple(client)) if client else None
-    if transport is not None:
-        transport.abort()
+    connection = _OPEN.pop(tuple(client), None) if client else None
+    if connection is not None:
+        connection.transport.abort()
 
 
 def _files(folder: Path) -> dict[str, tuple[bytes, str, str]]:
@@ -447,31 +462,3 @@ def _files(folder: Path) -> dict[str, tuple[bytes, str, str]]:
             tag = f'"{hashlib.sha256(content).hexdigest()[:32]}"'
             found[path.relative_to(folder).as_posix()] = (content, kind, tag)
     return found
-
-
-class _EventStream(Response):
-    """Response that sends what a reader is offered until one side ends it."""
-
-    def __init__(self, reader: Reader, join: Callable[[], None], left: Callable[[], None]) -> None:
-        super().__init__()
-        self._reader, self._join, self._left = reader, join, left
-
-    async def __call__(self, _scope: Scope, receive: Receive, send: Send) -> None:
-        """Send the stream (ASGI)."""
-        gone = asyncio.ensure_future(self._watch(receive))
-        try:
-            await send({"type": "http.response.start", "status": 200, "headers": _STREAM_HEADERS})
-            await send({"type": "http.response.body", "body": b"retry: 2000\n\n", "more_body": True})
-            self._join()
-            while (events := await self._reader.next()) is not None:
-                await send({"type": "http.response.body", "body": events, "more_body": True})
-            await send({"type": "http.response.body", "body": b"", "more_body": False})
-        finally:
-            gone.cancel()
-            self._left()
-
-    async def _watch(self, receive: Receive) -> None:
-        """End the stream once the browser is gone."""
-        while (await receive())["type"] != "http.disconnect":
-            pass
-        self._reader.end()

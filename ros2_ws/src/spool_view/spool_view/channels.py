@@ -28,12 +28,24 @@ MOST_BEHIND, MOST_BYTES = 8, 2_000_000
 Fall = deque[tuple[float, list[float]]]
 
 
-class MachineChannel:
-    """Machine's channel: rows and alarms that changed since the last step."""
+class Channel:
+    """Channel with its readers."""
 
     def __init__(self, desk: Desk) -> None:
         self._desk = desk
         self.readers: set[Reader] = set()
+
+    def _send(self, *events: bytes) -> None:
+        for event in events:
+            for reader in tuple(self.readers):
+                reader.offer(event)
+
+
+class MachineChannel(Channel):
+    """Machine's channel: rows and alarms that changed since the last step."""
+
+    def __init__(self, desk: Desk) -> None:
+        super().__init__(desk)
         self._rows: dict[str, dict[str, Any]] = {}
         self._alarms: dict[str, list[dict[str, Any]]] = {}
         self._heard: dict[str, object] = {}  # messages that the alarms were made of
@@ -72,17 +84,15 @@ class MachineChannel:
                 if self._alarms.get(name, []) != listed:
                     self._alarms[name] = alarms[name] = listed
         if (rows or alarms) and self.readers:
-            event = encode("machine", {"whole": False, "rows": rows, "alarms": alarms})
-            for reader in tuple(self.readers):
-                reader.offer(event)
+            self._send(encode("machine", {"whole": False, "rows": rows, "alarms": alarms}))
 
 
-class ValveChannel:
+class ValveChannel(Channel):
     """Valve's channel: its view where it changed, and its spectrum."""
 
     def __init__(self, desk: Desk, name: str, fall: Fall) -> None:
-        self._desk, self._name, self._fall = desk, name, fall
-        self.readers: set[Reader] = set()
+        super().__init__(desk)
+        self._name, self._fall = name, fall
         self._detail: dict[str, Any] = {}
         self._seen: tuple[int, str] | None = None
         self._event = b""
@@ -123,9 +133,7 @@ class ValveChannel:
                 if is_whole(found):
                     self._fall.append((time.time(), found["spool"]))
                 events.append(encode("spectrum", found))
-        for event in events:
-            for reader in tuple(self.readers):
-                reader.offer(event)
+        self._send(*events)
 
 
 def waterfall_of(fall: Fall, now: float) -> dict[str, Any]:
@@ -159,7 +167,6 @@ class Reader:
     def __init__(self, drop: Callable[[], object]) -> None:
         self._drop = drop
         self._waiting: deque[bytes] = deque()
-        self._bytes = 0
         self._news = asyncio.Event()
         self.ended = False
 
@@ -168,8 +175,8 @@ class Reader:
         if self.ended:
             return
         self._waiting.append(event)
-        self._bytes += len(event)
-        if len(self._waiting) > MOST_BEHIND or (self._bytes > MOST_BYTES and len(self._waiting) > 1):
+        size = sum(map(len, self._waiting))
+        if len(self._waiting) > MOST_BEHIND or (size > MOST_BYTES and len(self._waiting) > 1):
             self.end()
             self._drop()
         self._news.set()
@@ -178,7 +185,6 @@ class Reader:
         """End the stream after what is being sent."""
         self.ended = True
         self._waiting.clear()
-        self._bytes = 0
         self._news.set()
 
     async def next(self) -> bytes | None:
@@ -188,7 +194,6 @@ class Reader:
             await self._news.wait()
         if self.ended:
             return None
-        events = b"".join(self._waiting) if len(self._waiting) > 1 else self._waiting[0]
+        events = b"".join(self._waiting)
         self._waiting.clear()
-        self._bytes = 0
         return events

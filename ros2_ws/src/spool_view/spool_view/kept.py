@@ -5,11 +5,11 @@ from __future__ import annotations
 import asyncio
 import csv
 import io
-import math
 import re
 import time
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from contextlib import closing
+from dataclasses import asdict, dataclass, field
 from datetime import datetime, timezone
 from functools import partial
 from pathlib import Path
@@ -21,7 +21,7 @@ from spool_core.events.language import LANGUAGES
 from spool_monitor.alarm import Input
 from spool_monitor.alarm_statistics import AlarmLimits, figures, statistics
 from spool_monitor.journal import COLUMNS, JournalEntry, cells, entries_in
-from spool_monitor.listener import ENDS, HeardValve
+from spool_monitor.listener import HeardValve
 from spool_monitor.state_database import FILE, own_file
 from spool_monitor.state_file import valve_folder
 from spool_monitor.trend import MINUTE, TrendStore
@@ -30,7 +30,7 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, PlainTextResponse, Response
 
 from spool_view.operator import Desk
-from spool_view.view import RANGES, rounded, trend_of
+from spool_view.view import RANGES, limits_of, rounded, trend_of
 
 #: Parameters whose last hour a tile shows.
 SPARKS = ("natural_frequency", "viscous_coefficient", "coulomb_force")
@@ -52,10 +52,6 @@ Failed: TypeAlias = Callable[[str, InputError | OSError], object]
 PERIODS = {"day": 86400, "week": 7 * 86400, "month": 30 * 86400, "all": 0}
 
 
-def _ignored(_valve: str, _error: InputError | OSError) -> None:
-    pass
-
-
 @dataclass(slots=True)
 class Sparks:
     """Sparklines of all valves, read again after :data:`HELD` s.
@@ -66,7 +62,7 @@ class Sparks:
     """
 
     base: Path
-    failed: Failed = _ignored
+    failed: Failed = lambda *_: None
     _read: float = field(default=-HELD, init=False)
     _held: dict[str, list[dict[str, Any]]] = field(default_factory=dict, init=False)
 
@@ -85,45 +81,28 @@ class Sparks:
 
     def _courses(self, name: str, valve: HeardValve) -> list[dict[str, Any]]:
         now = int(time.time())
-        courses = []
+        path = own_file(valve_folder(self.base, name) / FILE, PATIENCE)
         try:
-            store = TrendStore(own_file(valve_folder(self.base, name) / FILE, PATIENCE), read_only=True)
+            with closing(TrendStore(path, read_only=True)) as store:
+                spans = {one: store.spans(one, MINUTE, now - HOUR) for one in SPARKS}
         except (InputError, OSError) as error:
             self.failed(name, error)
             return []
-        try:
-            for parameter in SPARKS:
-                spans = store.spans(parameter, MINUTE, now - HOUR)
-                courses.append(
-                    {
-                        "name": parameter,
-                        "until": now - now % MINUTE,
-                        "start": [span.start for span in spans],
-                        "mean": [rounded(span.mean, 4) for span in spans],
-                        **limits_of(valve, parameter),
-                    }
-                )
-        except (InputError, OSError) as error:
-            self.failed(name, error)
-            return []
-        finally:
-            store.close()
-        return courses
-
-
-def limits_of(valve: HeardValve, parameter: str) -> dict[str, float | None]:
-    """Return ``baseline``, ``low`` and ``high`` of a parameter of ``valve``; ``None``: not known."""
-    values = [] if valve.baseline is None else valve.baseline.values
-    found = {"baseline": next((rounded(one.value) for one in values if one.name == parameter), None)}
-    for end in ENDS:
-        bound = valve.bound(parameter, end)
-        found[end] = rounded(math.nan if bound is None else bound)
-    return found
+        return [
+            {
+                "name": parameter,
+                "until": now - now % MINUTE,
+                "start": [span.start for span in found],
+                "mean": [rounded(span.mean, 4) for span in found],
+                **limits_of(valve, parameter),
+            }
+            for parameter, found in spans.items()
+        ]
 
 
 def history(
     base: Path, valves: Iterable[str], search: str, span: tuple[int, int], language: str,
-    failed: Failed = _ignored,
+    failed: Failed = lambda *_: None,
 ) -> dict[str, Any]:  # fmt: skip
     """Return the newest entries of the journals of ``valves`` that hold ``search``, and the alarms' figures.
 
@@ -141,11 +120,7 @@ def history(
         {
             "time": one.stamp // 1_000_000_000,
             "valve": valve,
-            "action": one.action,
-            "alarm": one.alarm,
-            "code": one.code,
-            "who": one.who,
-            "comment": one.comment,
+            **{name: getattr(one, name) for name in ("action", "alarm", "code", "who", "comment")},
             "text": one.headline(LANGUAGES[language]),
             **(_of_raised(valve, one, language) if one.action == Input.RAISE.value else {}),
         }
@@ -160,16 +135,7 @@ def history(
             {"name": name, "value": value, "limit": limit, "kept": kept}
             for name, value, limit, kept in figures(counted, AlarmLimits())
         ],
-        "frequent": [
-            {
-                "valve": one.valve,
-                "alarm": one.alarm,
-                "code": one.code,
-                "count": one.count,
-                "share": f"{100.0 * one.share:.0f}",
-            }
-            for one in counted.frequent
-        ],
+        "frequent": [{**asdict(one), "share": f"{100.0 * one.share:.0f}"} for one in counted.frequent],
     }
 
 
@@ -185,7 +151,7 @@ def _of_raised(valve: str, one: JournalEntry, language: str) -> dict[str, str]:
 
 def history_table(
     base: Path, valves: Iterable[str], search: str, span: tuple[int, int], language: str,
-    failed: Failed = _ignored,
+    failed: Failed = lambda *_: None,
 ) -> str:  # fmt: skip
     """Return what :func:`history` finds as CSV, all of it, oldest first; times in UTC."""
     text = io.StringIO()
@@ -194,11 +160,6 @@ def history_table(
     for valve, one in _found(_journals(base, valves, failed), search, span, language):
         table.writerow(cells(valve, one, LANGUAGES[language]))
     return text.getvalue()
-
-
-def today() -> str:
-    """Return the day (UTC) for the name of a file."""
-    return datetime.now(timezone.utc).strftime("%Y%m%d")
 
 
 class Records:
@@ -234,18 +195,16 @@ class Records:
     async def history(self, request: Request) -> Response:
         """Answer with the journals' entries that are searched for, and the figures of the alarm system."""
         found = await self._searched(request, history)
-        return (
-            found
-            if isinstance(found, Response)
-            else JSONResponse(found, headers={"cache-control": "no-store"})
-        )
+        if isinstance(found, Response):
+            return found
+        return JSONResponse(found, headers={"cache-control": "no-store"})
 
     async def history_table(self, request: Request) -> Response:
         """Answer with the same as CSV."""
         found = await self._searched(request, history_table)
         if isinstance(found, Response):
             return found
-        name = f"alarms_{today()}.csv"
+        name = f"alarms_{datetime.now(timezone.utc):%Y%m%d}.csv"
         headers = {"cache-control": "no-store", "content-disposition": f'attachment; filename="{name}"'}
         return Response(found, media_type="text/csv; charset=utf-8", headers=headers)
 

@@ -162,14 +162,11 @@ class PageNode(ManagedNode):
         """End every stream, then the rest."""
         if self._server is not None:
             self._server.stop()
-        if self._listener is not None:
-            self._listener.close()
-        if self._calls is not None:
-            self._calls.close()
+        for one in (self._listener, self._calls, self._log):
+            if one is not None:
+                one.close()
         if self._token is not None:
             self._token.remove()
-        if self._log is not None:
-            self._log.close()
         self._server = self._listener = self._calls = self._token = self._log = None
         self._asked.clear()
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,8 @@ from spool_core.events.language import LANGUAGES
 from spool_core.events.sentences import details, headline, title
 from spool_core.node.messages import from_event_message
 from spool_core.uncertainty import Z_95, interval, number
+from spool_monitor.alarm import AlarmState
+from spool_monitor.event import Namur
 from spool_monitor.listener import ENDS, NO_WORD, HeardValve
 from spool_monitor.shown import listed
 from spool_monitor.shown import shown as shown_valve
@@ -23,7 +26,7 @@ from spool_monitor.state_database import FILE, own_file
 from spool_monitor.state_file import valve_folder
 from spool_monitor.trend import KEPT, TrendStore, finest
 from spool_monitor.trend_outlook import outlook
-from spool_msgs.msg import Alarm, AlarmList, GapAnalysis, HealthEvent, ModelEstimate, Quantity, ValveHealth
+from spool_msgs.msg import AlarmList, GapAnalysis, HealthEvent, ModelEstimate, Quantity
 
 #: What the monitor says where the strongest line is too weak to be one of the machine's.
 AT_REST = "resonance: not enough excitation"
@@ -36,21 +39,9 @@ _OTHERS = (
     "relative_displacement",
 )  # fmt: skip
 
-STATES = {
-    getattr(Alarm, name): name.removeprefix("STATE_").lower()
-    for name in (
-        "STATE_NORMAL", "STATE_UNACKNOWLEDGED", "STATE_ACKNOWLEDGED", "STATE_RETURNED_UNACKNOWLEDGED",
-        "STATE_LATCHED_UNACKNOWLEDGED", "STATE_LATCHED_ACKNOWLEDGED", "STATE_SHELVED", "STATE_SUPPRESSED",
-        "STATE_OUT_OF_SERVICE",
-    )
-}  # fmt: skip
+STATES = {one.value: one.name.lower() for one in AlarmState}
 #: Letters of NAMUR NE 107 by the numbers of ``ValveHealth``.
-LETTERS = {
-    ValveHealth.NAMUR_FAILURE: "F",
-    ValveHealth.NAMUR_FUNCTION_CHECK: "C",
-    ValveHealth.NAMUR_OUT_OF_SPECIFICATION: "S",
-    ValveHealth.NAMUR_MAINTENANCE_REQUIRED: "M",
-}
+LETTERS = {one.value: one.letter for one in Namur}
 #: Alarms that one cause outside of the valves raises at many of them: sender, clock, cable, temperature.
 COMMON_KINDS, COMMON_CAUSES = ("data_fault", "stale", "sensor_fault"), ("oil_viscosity",)
 _SEVERITIES = {HealthEvent.SEVERITY_WARNING: "warning", HealthEvent.SEVERITY_ALARM: "alarm"}
@@ -101,12 +92,8 @@ def row_of(valve: HeardValve, now: float) -> dict[str, Any]:
         "reason": None if reason is None else reason.name[:_LONGEST],
         "since": round(found.since) or None,
         "waiting": found.waiting,
-        "margin": None,
-        "band": None,
         "letter": "",
-        "shakes": None,
-        "natural": None,
-        "summary": None,
+        **dict.fromkeys(("margin", "band", "shakes", "natural", "summary")),
     }
     if health is None or found.state == NO_WORD:
         return row
@@ -171,10 +158,8 @@ def alarms_of(message: AlarmList | None) -> list[dict[str, Any]]:
     """Return the alarms that are shown, as browsers get them."""
     return [
         {
-            "name": one.name[:_LONGEST],
+            **{key: getattr(one, key)[:_LONGEST] for key in ("name", "kind", "cause")},
             "code": int(one.code),
-            "kind": one.kind[:_LONGEST],
-            "cause": one.cause[:_LONGEST],
             "state": STATES.get(one.state, "unknown"),
             "underlying": STATES.get(one.underlying, "unknown"),
             "severity": _SEVERITIES.get(one.severity, "unknown"),
@@ -254,8 +239,7 @@ def trend_of(
         OSError: it can't be read.
     """
     path = own_file(valve_folder(base, valve) / FILE, PATIENCE)
-    store = TrendStore(path, read_only=True, patience=PATIENCE)
-    try:
+    with closing(TrendStore(path, read_only=True, patience=PATIENCE)) as store:
         units = store.units()
         name = parameter or (FIRST if FIRST in units else next(iter(units), ""))
         if name not in units:
@@ -268,8 +252,6 @@ def trend_of(
         spans = store.spans(name, seconds, since - since % seconds)[-MOST_POINTS:]
         own = limits(name)
         near, reaches = outlook(store, name, own.get("baseline"), [own.get("low"), own.get("high")], now)
-    finally:
-        store.close()
     return {
         "parameters": list(units),
         "parameter": name,
@@ -284,6 +266,16 @@ def trend_of(
         "near_days": near,
         "reaches": None if reaches is None else [rounded(reaches.early), rounded(reaches.late)],
     }
+
+
+def limits_of(valve: HeardValve, parameter: str) -> dict[str, float | None]:
+    """Return ``baseline``, ``low`` and ``high`` of a parameter of ``valve``; ``None``: not known."""
+    values = [] if valve.baseline is None else valve.baseline.values
+    found = {"baseline": next((rounded(one.value) for one in values if one.name == parameter), None)}
+    for end in ENDS:
+        bound = valve.bound(parameter, end)
+        found[end] = rounded(math.nan if bound is None else bound)
+    return found
 
 
 def known(quantity: Any) -> bool:
@@ -338,10 +330,8 @@ def _parameter(valve: HeardValve, estimate: ModelEstimate, quantity: Quantity) -
     if baseline is None or not math.isfinite(baseline.value):
         return found
     found["baseline"] = shown(baseline)
-    for end in ENDS:
-        told = (value for name, value in valve.bounds.items() if name.startswith(f"{quantity.name}_{end}"))
-        bound = next(told, math.nan)
-        found[end] = rounded(bound) if math.isfinite(bound) else None
+    limits = limits_of(valve, quantity.name)
+    found |= {end: limits[end] for end in ENDS}
     if known(compared) and baseline.value:
         found["change"] = rounded(100.0 * (compared.value / baseline.value - 1.0), 3)
     return found

@@ -36,7 +36,6 @@ def watch(
     metrics: Annotated[
         bool, typer.Option("--metrics", help="Serve /metrics for Prometheus on the page's port.")
     ] = False,
-    who: Annotated[str, typer.Option(hidden=True)] = "",
     seconds: Annotated[float | None, typer.Option(help="End after this many seconds.", min=0.0)] = None,
     language: LanguageOption = "",
 ) -> None:
@@ -48,8 +47,6 @@ def watch(
 
     Example: ./spool watch --web --port 8765 --operator
     """
-    if who:
-        raise InputError("--who: the table has no keys any more: ./spool alarm acknowledge VALVE --who NAME")
     if web:
         page = next(iter(entry_points(group=PAGES)), None)
         if page is None:

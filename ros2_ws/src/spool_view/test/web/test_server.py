@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import socket
 import threading
 import time
@@ -14,8 +15,9 @@ import pytest
 from spool_monitor.listener import HeardValve
 from spool_monitor.state_database import StateDatabase
 from spool_view import application, channels
-from spool_view.application import MOST_STREAMS, ServerThread
+from spool_view.application import MOST_CONNECTIONS, MOST_STREAMS, ServerThread
 from spool_view.channels import MOST_BEHIND, Reader
+from spool_view.metrics import Metrics
 from starlette.testclient import TestClient
 
 from .conftest import OWN, PATIENCE, Station, good_health, until
@@ -143,6 +145,47 @@ def test_a_connection_that_never_asks_is_ended(served: Served, monkeypatch: pyte
         assert one.recv(100) == b""
         one.close()
     assert served.answers()
+
+
+def test_half_open_requests_leave_metrics_answering(station: Station) -> None:
+    desk = replace(station.desk, metrics=Metrics(station.desk.valves, {}))
+    served = Served(replace(station, application=application.application(desk)))
+    stream = served.connect("/stream/machine")
+    read_until(stream, b'"whole":true')
+    half = [socket.create_connection(("127.0.0.1", served.port), timeout=PATIENCE) for _ in range(400)]
+    for one in half:
+        with contextlib.suppress(ConnectionError):
+            one.sendall(b"GET / HTTP/1.1\r\nHost: ")
+    for _ in range(20):
+        with served.connect("/metrics") as scrape:
+            assert b"spool_valves 1" in read_until(scrape, b"spool_valves ")[:2000]
+    read_until(stream, b"event: beat")  # who has asked stays
+    assert len(application._OPEN) < MOST_CONNECTIONS
+    for one in (stream, *half):
+        one.close()
+    served.thread.stop()
+
+
+def test_half_of_a_second_request_ends_its_connection(
+    served: Served, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(application, "HEAD", 0.5)
+    with served.connect("/language/none") as one:
+        read_until(one, b"no such language")
+        one.sendall(b"GET / HTTP/1.1\r\nHost: ")
+        assert one.recv(100) == b""
+
+
+def test_who_does_not_read_an_answer_loses_the_connection(
+    served: Served, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(application, "STALLED", 0.5)
+    monkeypatch.setattr(application, "SEND_BUFFER", 4096)
+    deaf = [served.connect("/static/uplot/uPlot.iife.min.js", buffer=2048) for _ in range(100)]
+    until(lambda: not application._OPEN, "all are ended")
+    assert served.answers()
+    for one in deaf:
+        one.close()
 
 
 def test_nonsense_ends_a_connection_and_not_the_server(served: Served) -> None:

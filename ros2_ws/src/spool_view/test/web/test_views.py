@@ -35,8 +35,8 @@ from spool_msgs.srv import ManageBaseline
 from spool_view.acts import RateLimit
 from spool_view.application import LANGUAGES, SITE, language_of
 from spool_view.channels import BROKEN, waterfall_of
-from spool_view.kept import history, limits_of
-from spool_view.view import AT_REST, alarms_of, detail_of, row_of, shown, spectrum_of, trend_of
+from spool_view.kept import history
+from spool_view.view import AT_REST, alarms_of, detail_of, limits_of, row_of, shown, spectrum_of, trend_of
 
 from .conftest import alarm, good_health, quantity, tracking
 
