@@ -142,6 +142,7 @@ class Listener:
             immediately, and estimates are kept only of valves that are followed.
         metrics: whether to keep what metrics need besides, also with ``light``: an estimate of each valve
             every ``ESTIMATES_EVERY`` s, and every ``BOUNDS_EVERY`` s what its host tells.
+        expected: valves that show as not heard until they are.
         on_event: takes the name of a valve and its event.
 
     Attributes:
@@ -155,6 +156,7 @@ class Listener:
         *,
         light: bool = False,
         metrics: bool = False,
+        expected: Iterable[str] = (),
         on_event: Callable[[str, HealthEvent], None] | None = None,
     ) -> None:
         self.valves: dict[str, HeardValve] = {}
@@ -176,7 +178,7 @@ class Listener:
         self._followed: dict[str, list[Any]] = {}
         self._bounds: Any = None
         self._bounds_at = -BOUNDS_EVERY
-        for name in names:
+        for name in (*names, *expected):
             self._join(name)
         self.look()
 

@@ -34,7 +34,7 @@ _LIST = ", ".join(f"{number} {name.replace('_', ' ')}" for name, number in NUMBE
 
 #: Type and help of each metric; those of estimates (:func:`estimates_name`) join them.
 METRICS = {
-    "spool_valves": ("gauge", "Valves with a running monitor."),
+    "spool_valves": ("gauge", "Valves whose monitors were heard since the page started."),
     "spool_valve_condition": ("gauge", f"Condition: {_LIST}."),
     "spool_valve_namur_status": (
         "gauge", "Status by NAMUR NE 107: 0 unknown, 1 normal, 2 maintenance required, 3 out of "
@@ -116,7 +116,7 @@ def exposition(
         unix_time: s since 1970, at the same moment.
     """
     found = _Samples()
-    found.add("spool_valves", len(valves))
+    found.add("spool_valves", sum(one.health is not None for one in valves.values()))
     for name, valve in list(valves.items()):
         _add_valve(found, name, valve, now, unix_time)
     own = Cost(time.process_time(), resident_memory(), now)

@@ -20,6 +20,7 @@ from spool_core.node.service_calls import ServiceCalls
 from spool_core.opcua_folder import KeptPassword, operators
 from spool_core.system import expanded
 from spool_monitor.listener import HeardValve, Listener
+from spool_monitor.state_database import valves_in
 from spool_monitor.state_file import default_folder
 from spool_msgs.srv import ManageBaseline
 
@@ -118,7 +119,10 @@ class PageNode(ManagedNode):
                 ) from error
         names = tuple(name.strip("/") for name in self.value("valves") if name.strip("/"))
         self._calls = ServiceCalls(self)
-        self._listener = Listener(self, names, light=True, metrics=self.value("metrics"))
+        metrics = self.value("metrics")
+        # A valve that has not spoken since a restart has its series, so that the alert rules fire.
+        expected = valves_in(folder) if metrics and not names else ()
+        self._listener = Listener(self, names, light=True, metrics=metrics, expected=expected)
         self._open = []
         desk = Desk(
             valves=self._listener.valves,
@@ -130,7 +134,7 @@ class PageNode(ManagedNode):
             token=self._token,
             log=self._log,
             warn=self.get_logger().warning,
-            metrics=Metrics(self._listener.valves, self._listener.hosts) if self.value("metrics") else None,
+            metrics=Metrics(self._listener.valves, self._listener.hosts) if metrics else None,
         )
         self._server = ServerThread(application(desk), self._socket)
         self._server.start()
@@ -138,7 +142,7 @@ class PageNode(ManagedNode):
         self.every(2.0, self._listener.look, steady=True)
         host = f"[{address}]" if ":" in address else address
         self.get_logger().info(f"the page is at http://{host}:{port}/")
-        if self.value("metrics"):
+        if metrics:
             self.get_logger().info(f"metrics for Prometheus are at http://{host}:{port}/metrics")
         if self._token is not None and self._token.personal:
             self.get_logger().info("operators sign in by name and password")

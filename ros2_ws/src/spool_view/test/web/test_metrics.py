@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import json
+import math
 import re
+import shutil
+import subprocess
 import time
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
@@ -184,3 +189,99 @@ def test_rules_and_dashboard_use_metrics_that_are_served() -> None:
     used = [names_in(target["expr"]) for panel in panels for target in panel.get("targets", [])]
     assert all(used)
     assert set().union(*used) <= served_names()
+
+
+UP, CONDITION, WAITS = (
+    'up{job="spool"}',
+    'spool_valve_condition{valve="v"}',
+    'spool_alarms_waiting{valve="v"}',
+)
+MARGIN, BAND_RATIO = (f'spool_resonance_{name}_ratio{{valve="v"}}' for name in ("margin", "band"))
+LOST, REFUSED = (f'spool_blocks_{name}_total{{valve="v"}}' for name in ("lost", "refused"))
+#: Alert, series by minute, the minute that is looked at, and whether it fires then.
+HISTORIES: tuple[tuple[str, dict[str, list[float | None]], int, bool], ...] = (
+    ("SpoolPageDown", {UP: [1, 0, 0, 0, 0]}, 4, True),
+    ("SpoolPageDown", {UP: [1, 1, 1, 1, 1]}, 4, False),
+    ("SpoolPageDown", {"spool_valves": [1, 1, 1, 1, 1]}, 4, True),
+    ("SpoolValveSilent", {CONDITION: [0, 6, 6, 6, 6]}, 4, True),
+    ("SpoolValveSilent", {CONDITION: [0, 0, 5, 5, 5]}, 4, True),
+    ("SpoolValveSilent", {CONDITION: [0, 6, 0, 6, 0]}, 4, False),
+    ("SpoolValveSilent", {CONDITION: [0, 8, 8, 8, 8]}, 4, False),
+    ("SpoolValveAlarm", {CONDITION: [0, 7, 7, 7, 7]}, 4, True),
+    ("SpoolValveAlarm", {CONDITION: [4, 4, 4, 4, 4]}, 4, False),
+    ("SpoolAlarmWaits", {WAITS: 40 * [1.0]}, 35, True),
+    ("SpoolAlarmWaits", {WAITS: 20 * [1.0] + 20 * [0.0]}, 35, False),
+    ("SpoolNearResonance", {MARGIN: 5 * [-0.05], BAND_RATIO: 5 * [0.1]}, 4, True),
+    ("SpoolNearResonance", {MARGIN: 5 * [-0.2], BAND_RATIO: 5 * [0.1]}, 4, False),
+    ("SpoolBlocksLost", {LOST: [4.0 * n for n in range(12)], REFUSED: 12 * [0.0]}, 11, True),
+    ("SpoolBlocksLost", {LOST: 12 * [7.0], REFUSED: 12 * [0.0]}, 11, False),
+)
+
+
+def rules() -> dict[str, Any]:
+    (group,) = yaml.safe_load((PAGES / "rules.yaml").read_text("utf-8"))["groups"]
+    return {rule["alert"]: rule for rule in group["rules"]}
+
+
+def holds(expression: str, series: Mapping[str, list[float | None]], minute: int) -> bool:
+    """Return whether an expression of the rules holds, by own reading of what they use of PromQL."""
+    named = {name.partition("{")[0]: values for name, values in series.items()}
+
+    def value(name: str, ago: int = 0) -> float:
+        values = named.get(name, [])
+        found = values[max(0, minute - ago)] if minute < len(values) else None
+        return math.nan if found is None else float(found)
+
+    text = re.sub(r"\{[^}]*\}", "", expression)
+    text = re.sub(r"increase\((\w+)\[(\d+)m\]\)", r"(value('\1') - value('\1', \2))", text)
+    text = re.sub(r"absent\((\w+)\)", r"math.isnan(value('\1'))", text)
+    text = re.sub(r"(?<!')\b(spool_\w+|up)\b(?!')", r"value('\1')", text)
+    return bool(eval(text, {"value": value, "math": math, "abs": abs}))
+
+
+def test_a_valve_that_has_never_spoken_has_the_series_that_a_rule_fires_on() -> None:
+    found = read(exposition({"press/left": HeardValve("press/left")}, {}, NOW, 1e9))
+    assert found["spool_valve_condition{valve=press/left}"] == 6.0
+    assert found["spool_valves{}"] == 0.0
+    silent = {"spool_valve_condition": [found["spool_valve_condition{valve=press/left}"]]}
+    assert holds(rules()["SpoolValveSilent"]["expr"], silent, 0)
+
+
+@pytest.mark.parametrize(("alert", "series", "minute", "fires"), HISTORIES)
+def test_rules_fire_on_what_they_are_for(
+    alert: str, series: dict[str, list[float | None]], minute: int, *, fires: bool
+) -> None:
+    rule = rules()[alert]
+    lasting = math.ceil(float(rule.get("for", "0m").rstrip("ms")) / (60 if "s" in rule.get("for", "") else 1))
+    assert all(holds(rule["expr"], series, minute - n) for n in range(lasting + 1)) is fires
+
+
+@pytest.mark.skipif(shutil.which("promtool") is None, reason="promtool is not installed")
+def test_promtool_agrees_on_when_rules_fire(tmp_path: Path) -> None:
+    """Prometheus' own evaluation of the same histories; the one above reads the expressions by itself."""
+    tests = []
+    for alert, series, minute, fires in HISTORIES:
+        tests.append(
+            {
+                "interval": "1m",
+                "input_series": [
+                    {"series": name, "values": " ".join("_" if one is None else f"{one:g}" for one in values)}
+                    for name, values in series.items()
+                ],
+                "promql_expr_test": [
+                    {
+                        "expr": f'count(ALERTS{{alertname="{alert}",alertstate="firing"}})',
+                        "eval_time": f"{minute}m",
+                        "exp_samples": [{"labels": "{}", "value": 1}] if fires else [],
+                    }
+                ],
+            }
+        )
+    (tmp_path / "rules.yaml").write_text((PAGES / "rules.yaml").read_text("utf-8"), "utf-8")
+    (tmp_path / "test.yaml").write_text(
+        yaml.safe_dump({"rule_files": ["rules.yaml"], "evaluation_interval": "15s", "tests": tests}), "utf-8"
+    )
+    done = subprocess.run(
+        ["promtool", "test", "rules", "test.yaml"], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
