@@ -22,6 +22,7 @@ from .opcua import OPERATOR, free_port, identity, listens, secured, subscribed, 
 SILENCE = "stale/acceleration"
 DI = "http://opcfoundation.org/UA/DI/"
 MACHINERY = "http://opcfoundation.org/UA/Machinery/"
+NAMESPACE = "urn:spool-suite:valves"
 
 
 @dataclass
@@ -91,13 +92,13 @@ def test_a_client_that_knows_the_standard_finds_conditions_and_gets_them_late(pl
                 return await valve.get_referenced_nodes(ua.ObjectIds.HasCondition, forward)
 
             kinds = [await one.read_type_definition() for one in await until(conditions, "conditions")]
-            index = await client.get_namespace_index(DI)
+            index, own = [await client.get_namespace_index(uri) for uri in (DI, NAMESPACE)]
             names = [await client.get_node(one).read_browse_name() for one in kinds]
             assert {(one.Name, one.NamespaceIndex) for one in names} <= {
                 (f"{name}AlarmType", index)
                 for name in ("Failure", "CheckFunction", "OffSpec", "MaintenanceRequired")
             }
-            folder = await client.nodes.objects.get_child("0:Valves")  # for those that knew it before
+            folder = await client.nodes.objects.get_child(f"{own}:Valves")  # for those that knew it before
             for node in (client.nodes.server, folder, valve):
                 subscription, heard = await subscribed(client, node)
                 event = await heard.first(SILENCE)

@@ -1,8 +1,7 @@
 """Alarms of valves as OPC UA conditions (OPC 10000-9), of the alarm types of OPC 10000-100 (DI).
 
-A condition is a node without components, since a complete one costs asyncua 0.6 s or more; its events hold
-its state. Clients call the methods of the types on it (OPC 10000-9, 5.5.4). asyncua hands no event to the
-notifiers above, and its filters know no subtypes, so both is done here.
+A condition has the mandatory parts of its type; all of its state is in its events. asyncua hands no event to
+the notifiers above, so that is done here.
 """
 
 from __future__ import annotations
@@ -28,8 +27,8 @@ from spool_monitor.listener import NO_WORD, HeardValve
 from spool_msgs.msg import Alarm, AlarmList
 
 from spool_view.acts import ACKNOWLEDGE, RESET, SHELVE, UNSHELVE, Act, ActRefusedError, Outcome, act_of
-from spool_view.opcua_machine import Machine
-from spool_view.opcua_security import PlantSession
+from spool_view.opcua_machine import Machine, below
+from spool_view.opcua_security import PlantSession, Watch
 
 #: Numbers of DI's alarm types (OPC 10000-100, 4.12): what they are derived from, then one for each status.
 DEVICE_HEALTH = 15143
@@ -45,6 +44,8 @@ SEVERITIES: Mapping[int, int] = {Severity.ALARM: 834, Severity.WARNING: 500}
 MOST = 64
 #: Earlier events of a condition that a client may still acknowledge.
 MOST_EVENTS = 16
+#: Time of what has not happened.
+NEVER = datetime.fromtimestamp(0, timezone.utc)
 
 _IDS, _CODES = ua.ObjectIds, ua.StatusCodes
 _ACTIVE = (AlarmState.UNACKNOWLEDGED, AlarmState.ACKNOWLEDGED)
@@ -52,7 +53,6 @@ _LATCHED = (AlarmState.LATCHED_UNACKNOWLEDGED, AlarmState.LATCHED_ACKNOWLEDGED)
 _WAITING = (
     AlarmState.UNACKNOWLEDGED, AlarmState.RETURNED_UNACKNOWLEDGED, AlarmState.LATCHED_UNACKNOWLEDGED
 )  # fmt: skip
-_NOTHING = ua.Variant(None)
 
 
 class _Method(NamedTuple):
@@ -87,43 +87,22 @@ REFRESH_ONE = ua.NodeId(_IDS.ConditionType_ConditionRefresh2)
 RESET_FIGURES = ua.NodeId(_IDS.AlarmMetricsType_Reset)
 
 
-class Notification:
-    """Event as asyncua's subscriptions take it: fields by browse path.
+class Part(NamedTuple):
+    """Variable or method that each condition has, by its path below it."""
 
-    ``kinds`` are the event's type and those above it; a filter by one of the latter sees ``seen_as``.
-    """
-
-    def __init__(self, fields: Mapping[str, ua.Variant], kinds: Sequence[ua.NodeId]) -> None:
-        self.fields, self.kinds, self.seen_as = fields, kinds, kinds[0]
-
-    def __getattr__(self, name: str) -> Any:
-        if name == "EventType":
-            return self.seen_as
-        return self.fields.get(name, _NOTHING).Value
-
-    def to_event_fields(self, clauses: Iterable[Any]) -> list[ua.Variant]:
-        """Return the fields that a client selected; null where there is no such field."""
-        return [self.fields.get(_path(clause), _NOTHING) for clause in clauses]
-
-    def show_to(self, item: Any) -> None:
-        """Prepare for the filter of the monitored ``item``."""
-        self.seen_as = self.kinds[0]
-        for element in item.filter.WhereClause.Elements or ():
-            if element.FilterOperator == ua.FilterOperator.OfType:
-                wanted = getattr(element.FilterOperands[0], "Value", _NOTHING).Value
-                self.seen_as = wanted if wanted in self.kinds else self.seen_as
-
-
-def _path(clause: Any) -> str:
-    """Return the name of a selected field; ``NodeId`` is the condition's."""
-    if clause.BrowsePath:
-        return "/".join(str(one.Name) for one in clause.BrowsePath)
-    return "NodeId" if clause.AttributeId == ua.AttributeIds.NodeId else ""
+    path: tuple[ua.QualifiedName, ...]
+    declaration: Any
+    reference: int
+    kind: ua.NodeId | None
+    data_type: ua.NodeId | None
 
 
 @dataclass(slots=True)
 class Condition:
-    """Condition of a valve's alarm for one NE 107 status; ``events`` are occurrences by EventId."""
+    """Condition of a valve's alarm for one NE 107 status, as it is since ``at``.
+
+    ``events`` are occurrences by EventId; ``shown`` is the last key while its monitor was heard.
+    """
 
     node: ua.NodeId
     valve: str
@@ -131,6 +110,8 @@ class Condition:
     alarm: Alarm
     lost: bool = False
     over: bool = False
+    at: datetime = NEVER
+    shown: tuple[object, ...] = ()
     events: dict[bytes, int] = field(default_factory=dict)
     last_severity: int = 0
 
@@ -157,9 +138,21 @@ class Condition:
             *(alarm.cause, alarm.comment, stamp.sec, stamp.nanosec, alarm.shelved_until.sec),
         )
 
+    def change(self) -> None:
+        """Take note of when it became what it is: by the monitor, else by the clock of this host.
+
+        The monitor's time also makes an EventId that is the same after a restart.
+        """
+        key = self.key()
+        said = _moment(self.alarm.header.stamp) or _moment(self.alarm.raised_at)
+        noticed = said is None or self.over or self.lost or key == self.shown
+        self.at = datetime.now(timezone.utc) if noticed or said is None else said
+        self.shown = self.shown if self.lost else key
+
     def event_id(self) -> bytes:
-        """Return the EventId of the present state, the same one in a refresh."""
-        return hashlib.blake2b(f"{self.node.Identifier}{self.key()}".encode(), digest_size=16).digest()
+        """Return the EventId of the last change, the same one in a refresh."""
+        words = f"{self.node.Identifier}{self.key()}{self.at.isoformat()}"
+        return hashlib.blake2b(words.encode(), digest_size=16).digest()
 
 
 class Conditions:
@@ -186,6 +179,7 @@ class Conditions:
         self._server, self._index, self._language = server, index, language
         self._machine, self._folder, self._do = machine, folder, do
         self._kinds: dict[Namur, tuple[ua.NodeId, ...]] = {}
+        self._parts: list[Part] = []
         self._valves: Any = None
         self._sources: dict[str, Any] = {}
         self._seen: dict[str, tuple[AlarmList, bool]] = {}
@@ -204,9 +198,28 @@ class Conditions:
         ]
         for namur, number in TYPES.items():
             self._kinds[namur] = (ua.NodeId(number, self._machine.di), health, *parents)
+        for kind in self._kinds[Namur.FAILURE]:  # the four types add nothing
+            await self._declare((), kind)
         await self._notifier(self._server.nodes.server, self._server.get_node(self._machine.node))
         self._valves = await self._folder(())
         await self._valves.set_event_notifier([ua.EventNotifier.SubscribeToEvents])
+
+    async def _declare(self, path: tuple[ua.QualifiedName, ...], node: ua.NodeId) -> None:
+        """Take note of all mandatory parts that ``node`` declares (OPC 10000-3, 6.4.4)."""
+        for one in await self._server.get_node(node).get_references(
+            _IDS.Aggregates, ua.BrowseDirection.Forward
+        ):
+            declaration, place = self._server.get_node(one.NodeId), (*path, one.BrowseName)
+            rules = await declaration.get_references(_IDS.HasModellingRule, ua.BrowseDirection.Forward)
+            mandatory = any(rule.NodeId == ua.NodeId(_IDS.ModellingRule_Mandatory) for rule in rules)
+            if not mandatory or any(part.path == place for part in self._parts):
+                continue
+            part = Part(place, one.NodeId, one.ReferenceTypeId.Identifier, None, None)
+            if one.NodeClass == ua.NodeClass.Variable:
+                part = part._replace(kind=one.TypeDefinition, data_type=await declaration.read_data_type())
+            self._parts.append(part)
+            if part.kind is not None:
+                await self._declare(place, one.NodeId)
 
     async def _notifier(self, above: Any, node: Any) -> None:
         await node.set_event_notifier([ua.EventNotifier.SubscribeToEvents])
@@ -273,37 +286,55 @@ class Conditions:
         name = ua.QualifiedName(f"{alarm.name} {namur.letter}", self._index)
         await self._machine.add(source.nodeid, name, self._kinds[namur][0], identity=node)
         await source.add_reference(node, _IDS.HasCondition)
-        self._known[node] = Condition(node, valve, namur, alarm)
-        return self._known[node]
+        condition = self._known[node] = Condition(node, valve, namur, alarm)
+        condition.change()
+        condition.shown = ()  # no client was notified
+        fields = self._fields(condition, self._language)
+        for part in self._parts:
+            *above, own = part.path
+            parent = below(node, *(one.Name for one in above))
+            if part.kind is None:  # a method is the type's
+                await self._server.get_node(parent).add_reference(part.declaration, part.reference)
+            else:
+                value = fields["/".join(one.Name for one in part.path)]
+                await self._machine.add(
+                    parent, own, part.kind, part.reference, value=value, data_type=part.data_type
+                )
+        return condition
+
+    def _fields(self, condition: Condition, language: Language) -> dict[str, ua.Variant]:
+        source = self._sources[condition.valve].nodeid
+        return fields_of(condition, source, self._kinds[condition.namur][0], language)
 
     async def _notify(self, condition: Condition) -> None:
+        condition.change()
         condition.events[condition.event_id()] = condition.alarm.occurrence
         while len(condition.events) > MOST_EVENTS:
             del condition.events[next(iter(condition.events))]
-        for subscription in list(self._server.iserver.subscription_service.subscriptions.values()):
-            await self._hand(condition, subscription)
+        fields = self._fields(condition, self._language)
+        for part in self._parts:
+            names = [one.Name for one in part.path]
+            if part.kind is not None:
+                node = below(condition.node, *names)
+                await self._machine.write(node, fields["/".join(names)], at=condition.at)
+        for subscription, session, watches in self._server.iserver.watches():
+            await self._hand(condition, subscription, session, watches)
 
-    async def _hand(self, condition: Condition, subscription: Any, only: int | None = None) -> None:
-        """Hand an event to the items of ``subscription`` that look at the valve or above, or to ``only``."""
-        language = self._server.iserver.language_of(subscription.session_id) or self._language
+    async def _hand(
+        self, condition: Condition, subscription: Any, session: PlantSession, watches: Mapping[int, Watch]
+    ) -> None:
+        """Hand an event to those of ``watches`` that look at the valve or above."""
         notifiers = (
             *(self._sources[condition.valve].nodeid, self._valves.nodeid),
             *(self._machine.node, ua.NodeId(_IDS.Server)),
         )
-        event: Notification | None = None
-        service = subscription.monitored_item_srv
-        for notifier in notifiers:
-            for item in list(service._monitored_events.get(notifier, ())):
-                if only not in (None, item) or item not in service._monitored_items:
-                    continue
-                if event is None:
-                    source = self._sources[condition.valve].nodeid
-                    event = Notification(
-                        fields_of(condition, source, self._kinds[condition.namur][0], language),
-                        self._kinds[condition.namur],
-                    )
-                event.show_to(service._monitored_items[item])
-                await service._trigger_event(event, item)
+        looking = {item: watch for item, watch in watches.items() if watch.notifier in notifiers}
+        if not looking:
+            return
+        fields = self._fields(condition, session.language or self._language)
+        for item, watch in looking.items():
+            if watch.passes(fields, self._kinds[condition.namur]):
+                await subscription.enqueue_event(item, watch.selected(fields), watch.queue)
 
     async def answer(self, session: PlantSession, request: Any) -> int:
         """Do what a method call asks for, acts for operators only; return the status code."""
@@ -314,11 +345,8 @@ class Conditions:
                 return int(_CODES.BadInvalidArgument)
             return await self._refresh(session, *arguments)
         method = METHODS.get(request.MethodId)
-        if (
-            not (method or request.MethodId == RESET_FIGURES)
-            or session.user is None
-            or session.user.name is None
-        ):
+        who = getattr(session.user, "name", None)
+        if who is None or not (method or request.MethodId == RESET_FIGURES):
             return int(_CODES.BadUserAccessDenied)
         if method is None:
             if request.ObjectId != self._machine.figures_node:
@@ -328,38 +356,33 @@ class Conditions:
         condition = self._known.get(request.ObjectId)
         if condition is None:
             return int(_CODES.BadNodeIdUnknown)
-        return await self._act(method, condition, arguments, session.user.name)
+        return await self._act(method, condition, arguments, who)
 
     async def _refresh(self, session: PlantSession, number: int, only: int | None = None) -> int:
-        service = self._server.iserver.subscription_service
-        subscription = service.subscriptions.get(number)
+        server = self._server.iserver
+        subscription = server.subscription_service.subscriptions.get(number)
         if subscription is None or subscription.session_id != session.session_id:
             return int(_CODES.BadSubscriptionIdInvalid)
-        items = subscription.monitored_item_srv
-        if only is not None and only not in items._monitored_items:
-            return int(_CODES.BadMonitoredItemIdInvalid)
-        await self._frame(items, _IDS.RefreshStartEventType, only)
+        watches = dict(server.watched.get(number, (session, {}))[1])
+        if only is not None:
+            if only not in watches:
+                return int(_CODES.BadMonitoredItemIdInvalid)
+            watches = {only: watches[only]}
+        await self._frame(subscription, watches, _IDS.RefreshStartEventType)
         for condition in list(self._current.values()):
             if condition.retained:
-                await self._hand(condition, subscription, only)
-        await self._frame(items, _IDS.RefreshEndEventType, only)
+                await self._hand(condition, subscription, session, watches)
+        await self._frame(subscription, watches, _IDS.RefreshEndEventType)
         return int(_CODES.Good)
 
-    async def _frame(self, items: Any, number: int, only: int | None) -> None:
+    async def _frame(self, subscription: Any, watches: Mapping[int, Watch], number: int) -> None:
         """Hand the beginning or end of a refresh to all items: no filter by the client holds it back."""
         now, kind = datetime.now(timezone.utc), ua.NodeId(number)
         words = ua.LocalizedText("refresh", ENGLISH.code)
         fields = _base(kind, ua.NodeId(_IDS.Server), "Server", now, words, 1)
         fields["EventId"] = ua.Variant(hashlib.blake2b(str(time.time_ns()).encode(), digest_size=16).digest())
-        event = Notification(fields, (kind, ua.NodeId(_IDS.SystemEventType), ua.NodeId(_IDS.BaseEventType)))
-        listed = {item for found in items._monitored_events.values() for item in found}
-        for item in sorted(listed):
-            if only in (None, item) and item in items._monitored_items:
-                kept = items._monitored_items[item]
-                found = ua.EventFieldList(
-                    kept.client_handle, event.to_event_fields(kept.filter.SelectClauses)
-                )
-                await items.isub.enqueue_event(item, found, kept.queue_size)
+        for item, watch in watches.items():
+            await subscription.enqueue_event(item, watch.selected(fields), watch.queue)
 
     async def _act(self, method: _Method, condition: Condition, arguments: Sequence[Any], who: str) -> int:
         alarm = condition.alarm
@@ -407,7 +430,7 @@ def fields_of(
         language: of the message.
     """
     alarm, underlying = condition.alarm, condition.underlying
-    at = _moment(alarm.header.stamp) or _moment(alarm.raised_at) or datetime.now(timezone.utc)
+    at = condition.at
     said = headline(from_event_message(alarm.event), language) if alarm.message else alarm.name
     fields = _base(
         kind, source, condition.valve, at, ua.LocalizedText(said, language.code), condition.severity

@@ -26,8 +26,7 @@ class Seen(NamedTuple):
     """What is known of an alarm: announcements, and since when it is active and unacknowledged, s."""
 
     occurrence: int
-    active: float | None
-    waiting: float | None
+    since: tuple[float | None, ...]
 
 
 @dataclass(slots=True)
@@ -37,33 +36,27 @@ class AlarmFigures:
     Announcements are counted as in :mod:`spool_monitor.alarm_statistics`: of alarms that are not put aside.
     """
 
-    start: float
-    _began: float
+    start: float = field(default_factory=time.time)
+    _began: float = field(default_factory=time.monotonic)
     _count: int = 0
     _peak: int = 0
-    _longest: float = 0.0
-    _longest_waiting: float = 0.0
+    _longest: tuple[float, ...] = (0.0, 0.0)
     _stamps: deque[float] = field(default_factory=deque)
     _seen: dict[tuple[str, str], Seen] = field(default_factory=dict)
 
-    @classmethod
-    def begun(cls) -> AlarmFigures:
-        """Return figures that begin now."""
-        return cls(time.time(), time.monotonic())
-
     def renewed(self) -> AlarmFigures:
         """Return figures that begin now; alarms that are active are so from now on."""
-        new = self.begun()
-        for key, (occurrence, *since) in self._seen.items():
-            active, waiting = (None if moment is None else new._began for moment in since)
-            new._seen[key] = Seen(occurrence, active, waiting)
+        new = AlarmFigures(_began=time.monotonic())
+        for key, (occurrence, since) in self._seen.items():
+            now = tuple(None if moment is None else new._began for moment in since)
+            new._seen[key] = Seen(occurrence, now)
         return new
 
     def hear(
         self,
         key: tuple[str, str],
         occurrence: int,
-        raised_at: float,
+        raised: float,
         *,
         shown: bool,
         active: bool,
@@ -74,7 +67,7 @@ class AlarmFigures:
         Args:
             key: valve and name.
             occurrence: how often it was announced.
-            raised_at: time of the last announcement, s since 1970.
+            raised: time of the last announcement, s since 1970.
             shown: whether it is active and not put aside.
             active: whether its cause is there.
             waiting: whether nobody acknowledged it.
@@ -82,7 +75,7 @@ class AlarmFigures:
         now = time.monotonic()
         before = self._seen.get(key)
         if before is None:
-            new = int(raised_at >= self.start)
+            new = int(raised >= self.start)
         else:
             new = occurrence - before.occurrence if occurrence >= before.occurrence else 1
         if shown and new:
@@ -90,28 +83,35 @@ class AlarmFigures:
             self._stamps.extend([now] * new)
             self._forget(now)
             self._peak = max(self._peak, len(self._stamps))
-        began, unseen = (None, None) if before is None else before[1:]
-        self._longest = max(self._longest, now - (now if began is None else began))
-        self._longest_waiting = max(self._longest_waiting, now - (now if unseen is None else unseen))
-        again = bool(new and before)
-        self._seen[key] = Seen(
-            occurrence,
-            _since(began, now, holds=active, again=again),
-            _since(unseen, now, holds=waiting, again=again),
+        self._longest = self._lasted(now, before)
+        began = (None, None) if before is None or new else before.since
+        since = (
+            (now if moment is None else moment) if holds else None
+            for moment, holds in zip(began, (active, waiting), strict=True)
+        )
+        self._seen[key] = Seen(occurrence, tuple(since))
+
+    def _lasted(self, now: float, *alarms: Seen | None) -> tuple[float, ...]:
+        """Return the longest times so far, s; those of ``alarms`` last until ``now``."""
+        return tuple(
+            max((longest, *(now - since for since in some if since is not None)))
+            for longest, some in zip(
+                self._longest,
+                zip((None, None), *(one.since for one in alarms if one), strict=True),
+                strict=True,
+            )
         )
 
     def values(self) -> dict[str, Figure]:
         """Return the figures by their names in the standard; durations in ms."""
         now = time.monotonic()
         self._forget(now)
-        minutes = round(PEAK_SPAN / 60.0)
-        active = (now - one.active for one in self._seen.values() if one.active is not None)
-        waiting = (now - one.waiting for one in self._seen.values() if one.waiting is not None)
+        active, waiting = self._lasted(now, *self._seen.values())
         # As long as nobody waited for a whole span, its rate is what came so far.
         average = self._count * PEAK_SPAN / max(PEAK_SPAN, now - self._began)
 
         def rate(value: float) -> Figure:
-            return Figure(ua.Variant(round(value, 3), _KIND.Double), _IDS.Double, minutes)
+            return Figure(ua.Variant(round(value, 3), _KIND.Double), _IDS.Double, round(PEAK_SPAN / 60.0))
 
         def duration(seconds: float) -> Figure:
             return Figure(ua.Variant(1e3 * float(round(seconds)), _KIND.Double), _IDS.Duration)
@@ -119,23 +119,14 @@ class AlarmFigures:
         return {
             "AlarmCount": Figure(ua.Variant(self._count, _KIND.UInt32), _IDS.UInt32),
             "StartTime": Figure(ua.Variant(datetime.fromtimestamp(self.start, timezone.utc)), _IDS.UtcTime),
-            "MaximumActiveState": duration(max((self._longest, *active))),
-            "MaximumUnAck": duration(max((self._longest_waiting, *waiting))),
+            "MaximumActiveState": duration(active),
+            "MaximumUnAck": duration(waiting),
             "CurrentAlarmRate": rate(len(self._stamps)),
             "MaximumAlarmRate": rate(self._peak),
-            "MaximumReAlarmCount": Figure(
-                ua.Variant(0, _KIND.UInt32), _IDS.UInt32
-            ),  # none is announced again
+            "MaximumReAlarmCount": Figure(ua.Variant(0, _KIND.UInt32), _IDS.UInt32),
             "AverageAlarmRate": rate(average),
         }
 
     def _forget(self, now: float) -> None:
         while self._stamps and now - self._stamps[0] >= PEAK_SPAN:
             self._stamps.popleft()
-
-
-def _since(before: float | None, now: float, *, holds: bool, again: bool) -> float | None:
-    """Return since when something holds; from now on where the alarm came again meanwhile."""
-    if not holds:
-        return None
-    return now if before is None or again else before

@@ -94,7 +94,7 @@ class Machine:
         self._server, self._index, self._nameplate = server, index, nameplate
         self.node = ua.NodeId(":machine", index)  # a valve's name has no colon
         self.figures_node = ua.NodeId(":machine.AlarmMetrics", index)
-        self.figures = AlarmFigures.begun()
+        self.figures = AlarmFigures()
         self.di = self.machinery = 0
         self._written: dict[ua.NodeId, object] = {}
         self._alike: dict[tuple[int, object], Any] = {}
@@ -112,8 +112,8 @@ class Machine:
         self.machinery = await self._server.get_namespace_index(MACHINERY)
         plate = self._nameplate
         await self.add(
-            ua.NodeId(_MACHINES, self.machinery), self._own(plate.name), _IDS.BaseObjectType,
-            _IDS.Organizes, identity=self.node,
+            ua.NodeId(_MACHINES, self.machinery), ua.QualifiedName(plate.name, self._index),
+            _IDS.BaseObjectType, _IDS.Organizes, identity=self.node,
         )  # fmt: skip
         names = {"ProductInstanceUri": plate.product_uri, "ComponentName": plate.name}
         parts = [
@@ -125,16 +125,16 @@ class Machine:
         blocks = await self.add(self.node, self._of("MachineryBuildingBlocks"), _IDS.FolderType)
         for part in parts:
             await self._refer(blocks, part, _IDS.HasAddIn)
-        status = await self.add(self._below(self.node, "Monitoring"), self._of("Status"), _IDS.FolderType)
-        await self._refer(status, self._below(self.node, "MachineryItemState"), _IDS.HasComponent)
+        status = await self.add(below(self.node, "Monitoring"), self._of("Status"), _IDS.FolderType)
+        await self._refer(status, below(self.node, "MachineryItemState"), _IDS.HasComponent)
         words = ua.Variant(ua.LocalizedText("NotAvailable", ENGLISH.code))
         state = await self.add(
-            self._below(self.node, "MachineryItemState"), ua.QualifiedName("CurrentState"),
+            below(self.node, "MachineryItemState"), ua.QualifiedName("CurrentState"),
             _IDS.FiniteStateVariableType, value=words,
         )  # fmt: skip
         initial = ua.Variant(ua.NodeId(_NOT_AVAILABLE, self.machinery))
-        await self.add(state, ua.QualifiedName("Id"), _IDS.PropertyType, _IDS.HasProperty, value=initial)
-        await self.add(self.node, self._own("AlarmMetrics"), _IDS.AlarmMetricsType)
+        await self._property(state, ua.QualifiedName("Id"), initial)
+        await self.add(self.node, ua.QualifiedName("AlarmMetrics", self._index), _IDS.AlarmMetricsType)
         await self._refer(self.figures_node, ua.NodeId(_IDS.AlarmMetricsType_Reset), _IDS.HasComponent)
         for name, figure in self.figures.values().items():
             made = await self.add(
@@ -144,18 +144,16 @@ class Machine:
             )  # fmt: skip
             if figure.minutes:
                 minutes = ua.Variant(figure.minutes, _KIND.UInt16)
-                await self.add(
-                    made, ua.QualifiedName("Rate"), _IDS.PropertyType, _IDS.HasProperty, value=minutes
-                )
+                await self._property(made, ua.QualifiedName("Rate"), minutes)
 
     async def join(self, name: str, valve: Any) -> None:
         """Make the folder ``valve`` a component of the machine."""
         node = valve.nodeid
-        await self._refer(self._below(self.node, "Components"), node, _IDS.HasComponent)
+        await self._refer(below(self.node, "Components"), node, _IDS.HasComponent)
         plate = Nameplate(name)
         await self._identification(node, _COMPONENT_IDENTIFICATION, plate, {"ComponentName": name})
         await self._monitoring(node)
-        await self.add(self._below(node, "Monitoring"), self._of("Process"), _IDS.FolderType)
+        await self.add(below(node, "Monitoring"), self._of("Process"), _IDS.FolderType)
 
     async def measure(self, valve: str, variable: ua.NodeId, unit: str) -> None:
         """Add the ``variable`` of a valve to its process values, with its unit."""
@@ -166,23 +164,18 @@ class Machine:
             ua.LocalizedText(shown, ENGLISH.code),
             ua.LocalizedText(meaning, ENGLISH.code),
         )
-        await self.add(
-            variable, ua.QualifiedName("EngineeringUnits"), _IDS.PropertyType, _IDS.HasProperty,
-            value=ua.Variant(known), data_type=ua.NodeId(_IDS.EUInformation),
-        )  # fmt: skip
-        process = self._below(ua.NodeId(valve, self._index), "Monitoring", "Process")
+        named = ua.QualifiedName("EngineeringUnits")
+        await self._property(variable, named, ua.Variant(known), ua.NodeId(_IDS.EUInformation))
+        process = below(ua.NodeId(valve, self._index), "Monitoring", "Process")
         await self._refer(process, variable, _IDS.HasComponent)
 
     async def limit(self, variable: ua.NodeId, low: float, high: float) -> None:
         """State the range of normal operation of ``variable``: the monitor warns beyond it."""
-        node = self._below(variable, "EURange")
+        node = below(variable, "EURange")
         value = ua.Variant(ua.Range(low, high))
         if node not in self._written:
-            await self.add(
-                variable, ua.QualifiedName("EURange"), _IDS.PropertyType, _IDS.HasProperty,
-                value=value, data_type=ua.NodeId(_IDS.Range),
-            )  # fmt: skip
-        await self._write(node, value)
+            await self._property(variable, ua.QualifiedName("EURange"), value, ua.NodeId(_IDS.Range))
+        await self.write(node, value)
 
     async def update(self, valves: Iterable[HeardValve], now: float) -> None:
         """Bring health, state and figures up to date at ``now`` (s, monotonic)."""
@@ -200,7 +193,7 @@ class Machine:
         await self._health(self.node, worst, lost=gone and worst is Namur.UNKNOWN, partly=gone)
         await self._state(states)
         for name, figure in self.figures.values().items():
-            await self._write(self._below(self.figures_node, name), figure.value)
+            await self.write(below(self.figures_node, name), figure.value)
 
     async def add(
         self,
@@ -214,7 +207,7 @@ class Machine:
         data_type: ua.NodeId | None = None,
     ) -> ua.NodeId:
         """Add an object, or with ``value`` a variable that clients may read, and return its id."""
-        identity = identity or self._below(parent, name.Name)
+        identity = identity or below(parent, name.Name)
         shown = ua.LocalizedText(name.Name, ENGLISH.code)
         attributes: Any = ua.ObjectAttributes(
             DisplayName=shown, SpecifiedAttributes=_MASK.DisplayName | _MASK.EventNotifier
@@ -241,14 +234,13 @@ class Machine:
                 own[number] = self._alike.setdefault((number, known), own[number])
         return identity
 
-    def _own(self, name: str) -> ua.QualifiedName:
-        return ua.QualifiedName(name, self._index)
+    async def _property(
+        self, node: ua.NodeId, name: ua.QualifiedName, value: ua.Variant, data_type: ua.NodeId | None = None
+    ) -> None:
+        await self.add(node, name, _IDS.PropertyType, _IDS.HasProperty, value=value, data_type=data_type)
 
     def _of(self, name: str) -> ua.QualifiedName:
         return ua.QualifiedName(name, self.machinery)
-
-    def _below(self, node: ua.NodeId, *names: str) -> ua.NodeId:
-        return ua.NodeId(".".join((node.Identifier, *names)), self._index)
 
     async def _refer(self, node: ua.NodeId, other: ua.NodeId, reference: int) -> None:
         await self._server.get_node(node).add_reference(other, reference)
@@ -265,8 +257,7 @@ class Machine:
         for key, words in names.items():
             text = key in ("Manufacturer", "ComponentName")
             value = ua.Variant(ua.LocalizedText(words, ENGLISH.code) if text else words)
-            of = ua.QualifiedName(key, self.di)
-            await self.add(made, of, _IDS.PropertyType, _IDS.HasProperty, value=value)
+            await self._property(made, ua.QualifiedName(key, self.di), value)
         return made
 
     async def _monitoring(self, node: ua.NodeId) -> ua.NodeId:
@@ -283,8 +274,8 @@ class Machine:
         code = _CODES.UncertainSubNormal if partly else _CODES.Good
         code = _CODES.BadWaitingForInitialData if known is Namur.UNKNOWN else code
         value = ua.Variant(HEALTH.get(known, 0), _KIND.Int32)
-        place = self._below(node, "Monitoring", "Health", "DeviceHealth")
-        await self._write(place, value, _CODES.BadNoCommunication if lost else code)
+        place = below(node, "Monitoring", "Health", "DeviceHealth")
+        await self.write(place, value, _CODES.BadNoCommunication if lost else code)
 
     async def _state(self, states: set[bool | None]) -> None:
         """Show what the machine does: it executes where a valve moves, by what of each is known."""
@@ -295,20 +286,24 @@ class Machine:
             name, number, code = "NotExecuting", _NOT_EXECUTING, _CODES.Good
         elif not states:
             code = _CODES.BadNoCommunication
-        place = self._below(self.node, "MachineryItemState", "CurrentState")
-        await self._write(place, ua.Variant(ua.LocalizedText(name, ENGLISH.code)), code)
-        await self._write(
-            self._below(place, "Id"), ua.Variant(ua.NodeId(number, self.machinery)), code
-        )  # fmt: skip
+        place = below(self.node, "MachineryItemState", "CurrentState")
+        await self.write(place, ua.Variant(ua.LocalizedText(name, ENGLISH.code)), code)
+        await self.write(below(place, "Id"), ua.Variant(ua.NodeId(number, self.machinery)), code)
 
-    async def _write(self, node: ua.NodeId, value: ua.Variant, code: int = _CODES.Good) -> None:
-        """Write where something changed."""
-        if self._written.get(node) == (value, code):
+    async def write(
+        self, node: ua.NodeId, value: ua.Variant, code: int = _CODES.Good, at: datetime | None = None
+    ) -> None:
+        """Write where something changed; ``at`` is the source's time, else it is now."""
+        if self._written.get(node) == (value, code, at):
             return
-        self._written[node] = value, code
-        now = datetime.now(timezone.utc)
-        full = ua.DataValue(value, ua.StatusCode(code), SourceTimestamp=now, ServerTimestamp=now)
+        self._written[node], now = (value, code, at), datetime.now(timezone.utc)
+        full = ua.DataValue(value, ua.StatusCode(code), at or now, ServerTimestamp=now)
         await self._server.write_attribute_value(node, full)
+
+
+def below(node: ua.NodeId, *names: str) -> ua.NodeId:
+    """Return the id of what is below ``node`` by that path."""
+    return ua.NodeId(".".join((node.Identifier, *names)), node.NamespaceIndex)
 
 
 def ends_of(valve: HeardValve, parameter: str) -> tuple[float, float] | None:

@@ -19,6 +19,7 @@ from collections.abc import Callable, Coroutine, Iterable, Iterator
 from concurrent.futures import Future
 from dataclasses import dataclass
 from datetime import datetime, timezone
+from functools import partial
 from typing import Any, ClassVar
 
 from asyncua import Server, ua
@@ -31,8 +32,9 @@ from spool_core.node.parameters import LANGUAGE, NodeParameter, Value
 from spool_core.node.service_calls import ServiceCalls
 from spool_core.system import expanded
 from spool_monitor.alarm import AlarmState
+from spool_monitor.event import Namur
 from spool_monitor.listener import NO_WORD, HeardValve, Listener
-from spool_msgs.msg import Alarm, Quantity, ValveHealth
+from spool_msgs.msg import Alarm, Quantity
 
 from spool_view.acts import Act, Outcome, do
 from spool_view.opcua_alarms import MOST, Conditions
@@ -49,14 +51,7 @@ LOOPBACK = "127.0.0.1"
 NAMESPACE = "urn:spool-suite:valves"
 #: Characters of a line of asyncua's log: part of it is what a client sent.
 MOST_LINE = 300
-_NAMUR = {
-    ValveHealth.NAMUR_UNKNOWN: "unknown",
-    ValveHealth.NAMUR_NORMAL: "normal",
-    ValveHealth.NAMUR_MAINTENANCE_REQUIRED: "maintenance required",
-    ValveHealth.NAMUR_OUT_OF_SPECIFICATION: "out of specification",
-    ValveHealth.NAMUR_FUNCTION_CHECK: "function check",
-    ValveHealth.NAMUR_FAILURE: "failure",
-}
+_NAMUR = {one.value: one.name.lower().replace("_", " ") for one in Namur}
 #: Numbers of an event that are variables of its alarm.
 _FACTS = ("value", "low", "high", "baseline", "change", "limit", "false_alarm_interval", "time_to_limit")
 _QUALITY = {
@@ -167,7 +162,6 @@ class OpcUaNode(ManagedNode):
         await server.init()
         host = f"[{address}]" if ":" in address else address
         server.set_endpoint(f"opc.tcp://{host}:{port}")
-        server.set_server_name("spool valves")
         index = await server.register_namespace(NAMESPACE)
         names = ("machine", "manufacturer", "serial_number", "product_uri")
         machine = Machine(server, index, Nameplate(*map(self.value, names)))
@@ -187,15 +181,17 @@ class OpcUaNode(ManagedNode):
         self.every(LOOK, self._listener.look, steady=True)
         self.every(FETCH, self._listener.fetch, steady=True)
         self.every(LOOK, self._listener.sample_bounds, steady=True)
-        self.every(PERIOD, self._push, steady=True)
-        self.every(FETCH, self._announce, steady=True)
+        assert self._space is not None
+        assert self._conditions is not None
+        self.every(PERIOD, partial(self._work, "variables", self._space.update), steady=True)
+        # Apart: a pass over all variables takes much longer.
+        self.every(FETCH, partial(self._work, "conditions", self._conditions.update), steady=True)
 
     def deactivate(self) -> None:
         """Listen to no valve any more."""
-        if self._listener is not None:
-            self._listener.close()
-        if self._calls is not None:
-            self._calls.close()
+        for one in (self._listener, self._calls):
+            if one is not None:
+                one.close()
         self._listener = self._calls = None
 
     def cleanup(self) -> None:
@@ -215,18 +211,8 @@ class OpcUaNode(ManagedNode):
             _ASYNCUA.removeHandler(self._log)
         self._log = None
 
-    def _push(self) -> None:
-        """Hand the received messages to the variables."""
-        assert self._space is not None
-        self._work("variables", self._space.update)
-
-    def _announce(self) -> None:
-        """Hand the received messages to the conditions: a pass over all variables takes much longer."""
-        assert self._conditions is not None
-        self._work("conditions", self._conditions.update)
-
     def _work(self, what: str, update: Callable[[list[HeardValve], float], Coroutine[Any, Any, int]]) -> None:
-        """Start ``update`` on the server's thread, unless it still works on the last."""
+        """Hand what is heard to ``update`` on the server's thread, unless it still works on the last."""
         assert self._listener is not None
         last = self._updates.get(what)
         if last is not None and not last.done():
@@ -280,27 +266,18 @@ class AddressSpace:
             for item in items_of(valve, now, self._language):
                 if self._written.get(item.path) == item:
                     continue
-                value = ua.DataValue(
-                    ua.Variant(item.value),
-                    ua.StatusCode(item.quality),
-                    SourceTimestamp=item.time,
-                    ServerTimestamp=datetime.now(timezone.utc),
-                )
-                known = item.path in self._written
-                self._written[item.path] = item
-                identity = ua.NodeId(".".join(item.path), self._index)
-                if not known:
+                value, identity = ua.Variant(item.value), ua.NodeId(".".join(item.path), self._index)
+                if item.path not in self._written:
                     folder = await self.folder(item.path[:-1])
                     kind = ua.ObjectIds.AnalogUnitType if item.unit else ua.ObjectIds.BaseDataVariableType
-                    named = ua.QualifiedName(item.path[-1])
-                    await self._machine.add(
-                        folder.nodeid, named, kind, identity=identity, value=ua.Variant(item.value)
-                    )
+                    named = ua.QualifiedName(item.path[-1], self._index)
+                    await self._machine.add(folder.nodeid, named, kind, identity=identity, value=value)
                     if item.unit:
                         await self._machine.measure(valve.name, identity, item.unit)
                 if item.unit and (ends := ends_of(valve, item.parameter)):
                     await self._machine.limit(identity, *ends)
-                await self._server.write_attribute_value(identity, value)
+                await self._machine.write(identity, value, item.quality, item.time)
+                self._written[item.path] = item
                 written += 1
             await asyncio.sleep(0)  # alarms and clients do not wait for all valves
         await self._machine.update(heard, now)
@@ -309,12 +286,10 @@ class AddressSpace:
     async def folder(self, path: tuple[str, ...]) -> Any:
         """Return the folder ``path`` below Objects/Valves, which is made where it is missing."""
         if path not in self._folders:
-            if path:
-                parent = await self.folder(path[:-1])
-                name, identity = path[-1], ".".join(path)
-            else:
-                parent, name, identity = self._server.get_objects_node(), "Valves", "Valves"
-            self._folders[path] = await parent.add_folder(ua.NodeId(identity, self._index), name)
+            parent = await self.folder(path[:-1]) if path else self._server.get_objects_node()
+            *_, name = path or ("Valves",)
+            identity = ua.NodeId(".".join(path) or name, self._index)
+            self._folders[path] = await parent.add_folder(identity, ua.QualifiedName(name, self._index))
             if len(path) == 1:
                 await self._machine.join(name, self._folders[path])
         return self._folders[path]

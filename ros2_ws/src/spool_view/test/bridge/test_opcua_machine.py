@@ -96,7 +96,7 @@ def test_the_machine_is_as_ill_as_its_worst_valve_and_moves_when_one_moves(serve
 def test_figures_follow_announcements_and_begin_again(monkeypatch: pytest.MonkeyPatch) -> None:
     now = 1000.0
     monkeypatch.setattr(opcua_figures.time, "monotonic", lambda: now)
-    figures = AlarmFigures.begun()
+    figures = AlarmFigures(_began=now)
 
     def hear(occurrence: int, *, active: bool, shown: bool | None = None) -> None:
         shown = active if shown is None else shown
