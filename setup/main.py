@@ -147,6 +147,10 @@ def _hand_over(layout: Layout, environment: dict[str, str], arguments: list[str]
     run.setdefault("OPENBLAS_NUM_THREADS", "1")
     if arguments[0] in LOCAL_BY_DEFAULT:
         run.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        # The range alone answers a participant elsewhere that names this host.
+        local = run["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST" and not run.get("ROS_STATIC_PEERS")
+        for name in ("FASTRTPS", "FASTDDS") if local else ():
+            run.setdefault(f"{name}_DEFAULT_PROFILES_FILE", str(layout.root / "setup" / "this_host.xml"))
     research = layout.root / "research"
     if research.is_dir():  # studies, benchmarks, the paper: in a checkout only
         run["PYTHONPATH"] = os.pathsep.join(filter(None, (run.get("PYTHONPATH", ""), str(research))))
