@@ -22,6 +22,7 @@ from spool_core.node.messages import to_event_message, to_time
 from spool_core.opcua_folder import keep_operator
 from spool_core.uncertainty import Quantity as Measured
 from spool_core.uncertainty import Validity
+from spool_monitor.state_database import FILE
 from spool_msgs.msg import Alarm, AlarmList, ModelEstimate, Quantity, ValveHealth
 from spool_msgs.srv import AcknowledgeAlarm, ResetAlarms, ShelveAlarm
 from spool_tools.operations.opcua_certificate import make_server, trust
@@ -477,3 +478,20 @@ def test_each_parameter_of_the_page_changes_what_browsers_get(claim_domain: Doma
         headers = {"origin": url, "content-type": "application/json"}
         assert json.loads(get("/operator", given, **headers))["token"]
         assert [one.name for one in (tmp_path / "own" / "web_page").iterdir()] == ["operator_log.jsonl"]
+
+
+def test_a_valve_that_has_not_spoken_since_the_page_started_has_its_condition(
+    claim_domain: Domains, tmp_path: Path
+) -> None:
+    """It has a file in the monitors' state folder, and no monitor runs."""
+    kept = tmp_path / "press" / "left" / "monitor" / FILE
+    kept.parent.mkdir(parents=True)
+    kept.touch()
+    port = free_port()
+    with clocked(claim_domain, "pages") as nodes:
+        nodes.start(PageNode, use_sim_time=False, port=port, metrics=True, state_folder=str(tmp_path))
+        nodes.until(lambda: listens(port), "the page is served")
+        with urllib.request.urlopen(f"http://127.0.0.1:{port}/metrics") as answer:
+            lines = answer.read().decode().splitlines()
+    assert 'spool_valve_condition{valve="press/left"} 6' in lines
+    assert "spool_valves 0" in lines
