@@ -98,7 +98,7 @@ class BlockGate:
         certain: the fault that is certain with the newest block. What a single block that departs from the
             stream is, wrong or the first one of a restarted source, the next ones tell.
         last: the last accepted block's stamp, end (ns), sequence and period (s), ``None`` before the first.
-        before: what ``last`` was when the newest block came.
+        before: what ``last`` was when the newest block came, or those that were joined with it.
         source: the valve's id, that of the first block that names one where none is given.
         rate: whether ``sample_period`` agrees with the stamps.
         recent: lost and refused blocks of the last minute of data.
@@ -319,12 +319,7 @@ class BlockGate:
 
     def _accept_together(self, whole: Block, items: Sequence[Block | BlockRun]) -> Verdict:
         """Accept ``whole``, which is joined of ``items``."""
-        newest, self.fault, self.certain, self.before = items[-1], None, None, self.last
-        last = last_of(newest)
-        if isinstance(newest, BlockRun) and len(newest) > 1:
-            self.before = place_of(newest.block(len(newest) - 2))
-        elif len(items) > 1:
-            self.before = place_of(last_of(items[-2]))
+        last, self.fault, self.certain, self.before = last_of(items[-1]), None, None, self.last
         verdict = self._accept(last, Verdict.CONTINUES)
         self.recent.advance((whole.body.size - last.body.size) * last.sample_period)
         self.accepted += whole.blocks - 1

@@ -383,8 +383,8 @@ def test_blocks_that_come_together_are_judged_as_one_by_one(
                 taken.append(one)
             accepted = shared.accepted
         stream = stream[pieces_left:]
-    counts = (shared.accepted, shared.refused, shared.lost, shared.faults, shared.last, shared.before)
-    assert counts == (own.accepted, own.refused, own.lost, own.faults, own.last, own.before)
+    counts = (shared.accepted, shared.refused, shared.lost, shared.faults, shared.last)
+    assert counts == (own.accepted, own.refused, own.lost, own.faults, own.last)
     assert (shared.rate.state, shared.recent) == (own.rate.state, own.recent)
     for side in ("body", "spool"):
         whole, parts = ([getattr(one, side) for one in blocks] for blocks in (taken, used))

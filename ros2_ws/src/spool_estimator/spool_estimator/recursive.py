@@ -137,8 +137,7 @@ def advance(
     """Forget, add the chunk, fill ``change`` of the parameters, which stay; all else moves on in place.
 
     ``gram`` and ``score`` are sums over scaled rows: row row^T, and row times the present error; each sample
-    counts ``weight``. ``mean_score`` is the part of ``score`` that a known cause makes on average; it goes
-    into ``bias``.
+    counts ``weight``. ``mean_score`` is the part of ``score`` that a known cause makes, for ``bias``.
     """
     _, information, covariance, recent, bias, leaks = regression
     size = score.size

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
 from spool_core.block import Block, BlockRun
-from spool_core.block_gate import BlockGate, Verdict
+from spool_core.block_gate import Verdict
 from spool_estimator.estimate import Estimate
 from spool_estimator.gap_watch import GapWatch
 from spool_estimator.plausibility import ValveCheck
@@ -53,13 +53,12 @@ class Replay:
     first_stamp: int | None = field(default=None, init=False)
     last_stamp: int | None = field(default=None, init=False)
     samples: int = field(default=0, init=False)
-    _gate: BlockGate = field(init=False)
     _waiting: list[Block | BlockRun] = field(default_factory=list, init=False)
     _lacking: int = field(default=0, init=False)
 
     def __post_init__(self) -> None:
-        self._gate = self.monitor.gate = self.estimator.gate
-        self._gate.resume()
+        self.monitor.gate = self.estimator.gate
+        self.estimator.gate.resume()
 
     def run(self, blocks: Iterable[Block], progress: Callable[[Block], None] | None = None) -> None:
         """Drive both cores with ``blocks``; ``progress`` is called after each."""
@@ -91,13 +90,13 @@ class Replay:
     def flush(self) -> None:
         """Pass on the blocks that wait for others."""
         waiting, self._waiting = self._waiting, []
-        for block, verdict in self._gate.admitted(waiting, self._room):
+        for block, verdict in self.estimator.gate.admitted(waiting, self._room):
             self._through(block, verdict)
         self._lacking = self._room()
 
     def _room(self) -> int:
         """Return the samples that may be taken together."""
-        last = self._gate.last
+        last = self.estimator.gate.last
         return min(self.estimator.lacking, self.monitor.room(last.period if last is not None else 0.0))
 
     def _through(self, block: Block, verdict: Verdict) -> None:

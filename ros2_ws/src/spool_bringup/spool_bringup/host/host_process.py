@@ -185,7 +185,9 @@ class HostProcess:
     heartbeat: Heartbeat | None = None
     first_list: FirstList | None = None
     hosted: list[Hosted] = field(default_factory=list)
-    _context: HostContext = field(default_factory=HostContext)
+    _hub: BlockHub = field(default_factory=BlockHub)
+    _context: HostContext = field(init=False)
+    _worker: Worker = field(init=False)
     _node: HostNode = field(init=False)
     _executor: Any = field(init=False)
     _diagnostics: DiagnosticPublisher = field(init=False)
@@ -248,19 +250,17 @@ class HostProcess:
     def _begin(self) -> None:
         # A section for nodes of every name holds parameters of some of them. What none of them has is refused
         # by the hosted nodes, when it is known which there are.
-        context, hub = self._context, self._hub
-        shared = context.of_others = names_for_all(self.arguments)
-        self._node = HostNode(node_name(self.number), host=context)
+        shared, hub, ticker = names_for_all(self.arguments), self._hub, Ticker()
+        self._context = HostContext(hub, ticker, shared, self._beat)
+        self._node = HostNode(node_name(self.number), host=self._context)
         self._executor = new_executor()
         self._executor.add_node(self._node)
         file = self._node.value("valves_file")
         valves = read_valves(file) if self.first_list is None else self.first_list.read(file)
-        hub.worker = Worker()
-        context.beat = self._beat
+        self._worker = hub.worker = Worker()
         hub.share(self._node, "accelerations")
         hub.together, hub.starting = self._node.value("together"), True
         BUDGET.share = REFITS
-        ticker = context.ticker = Ticker()
         steady = Clock(clock_type=ClockType.STEADY_TIME)
 
         def tick() -> None:
@@ -276,7 +276,7 @@ class HostProcess:
         kinds = (EstimatorNode, MonitorNode, *((source,) if source is not None else ()))
         mine = share(valves, self.number, self._node.value("processes"))
         tables = (parameter for kind in (HostNode, *kinds) for parameter in kind.PARAMETERS)
-        context.of_others = shared & {parameter.name for parameter in tables}
+        self._context.of_others = shared & {parameter.name for parameter in tables}
         autostart = self._node.value("autostart")
         if autostart:
             self._node.trigger_configure()
@@ -303,10 +303,6 @@ class HostProcess:
         notify("READY=1")
         self._node.get_logger().info(f"{plural(len(self.hosted), 'node')} of {plural(len(mine), 'valve')}")
 
-    @property
-    def _hub(self) -> BlockHub:
-        return self._context.hub
-
     def _check_names(self, valves: Sequence[ListedValve]) -> None:
         """Check that what was given is for nodes of the host, in whichever process.
 
@@ -322,21 +318,18 @@ class HostProcess:
             self._node.get_logger().warning(doubt)
 
     def _add(self, kind: type[ManagedNode], valve: ListedValve) -> None:
-        arguments = ["--ros-args", *arguments_of_nodes(self.arguments)]
+        given = ["--ros-args", *arguments_of_nodes(self.arguments)]
         taken = {parameter.name for parameter in kind.PARAMETERS}
         own = {"valve_file": valve.valve_file, "state_folder": self._node.value("state_folder")}
         for name, value in own.items():
             if value and name in taken:
-                arguments += rule(name, value)
+                given += rule(name, value)
         for name in ("autostart", "use_sim_time"):
             if name in self._node.given:
-                arguments += rule(name, self._node.value(name))
+                given += rule(name, self._node.value(name))
         # The host's own arguments, its name among them, are not those of its nodes.
         node = kind(
-            namespace=f"/{valve.namespace}",
-            host=self._context,
-            cli_args=arguments,
-            use_global_arguments=False,
+            namespace=f"/{valve.namespace}", host=self._context, cli_args=given, use_global_arguments=False
         )
         one = Hosted(node, valve.namespace)
         self.hosted.append(one)
@@ -352,14 +345,12 @@ class HostProcess:
     def _turns(self) -> None:
         """Work off what waits in executor and worker, so that a start delays no node that runs already."""
         self._beat()
-        hub = self._hub
-        assert hub.worker is not None
         begun = time.monotonic()
         while not STOP.requested and (now := time.monotonic()) < begun + LONGEST_TURNS:
             self._guarded(self._executor.spin_once, IDLE)
             self._guarded(self._look, now)
-            hub.collect()
-            if now - begun >= TURNS and not hub.worker.waiting:
+            self._hub.collect()
+            if now - begun >= TURNS and not self._worker.waiting:
                 return
 
     def _guarded(self, action: Callable[[float], object], argument: float) -> None:
@@ -382,14 +373,12 @@ class HostProcess:
             return
         self._looked = now
         self._beat()
-        worker = self._hub.worker
-        assert worker is not None
         self._hub.flush(2.0 * self._hub.together)
         self._judge_workload(now)
         # A callback of this thread that took long, or a pause of the whole process, holds up the others.
-        worker.look(2.0 * LOOK)
-        owner = worker.hanging(LONGEST_CALL)
-        if owner is not None and worker.give_up(owner):
+        self._worker.look(2.0 * LOOK)
+        owner = self._worker.hanging(LONGEST_CALL)
+        if owner is not None and self._worker.give_up(owner):
             valve = next((one.valve for one in self.hosted if one.node is owner), None)
             for one in self.hosted:
                 # Those that take the blocks of its valve stop together: they share them.
@@ -404,7 +393,7 @@ class HostProcess:
         for one in self.hosted:
             if one.failed and now >= one.due and not one.node.busy and one.tried(now) < TRIES:
                 one.tries.append(now)
-                worker.admit(one.node)
+                self._worker.admit(one.node)
                 one.node.admit()
                 self._begin_again(one)
 
@@ -414,7 +403,7 @@ class HostProcess:
         if hub.starting:  # what piles up meanwhile is no overload
             hub.starting = not self._started or (hub.behind >= WARNS and now - self._started <= STARTS)
             return
-        busy = hub.worker.busy if hub.worker is not None else 0.0
+        busy = self._worker.busy
         level, worse = self._workload.level, self._workload.take(now, hub.times, hub.behind, busy)
         BUDGET.behind = busy >= RESTLESS or self._workload.wait >= WARNS
         if worse and (count := self._throttle.take("workload")):
@@ -437,9 +426,7 @@ class HostProcess:
 
     def _report(self, now: float) -> None:
         """Publish what the host does, and what each valve costs and waits."""
-        worker, times = self._hub.worker, self._hub.times
-        assert worker is not None
-        cpu = time.process_time()
+        times, cpu = self._hub.times, time.process_time()
         elapsed = max(now - self._reported, 1e-3)
         share_of_core = (cpu - self._cpu) / elapsed
         self._cpu, self._reported = cpu, now
@@ -457,7 +444,7 @@ class HostProcess:
             "cpu_share": share_of_core,
             "cpu_time_s": f"{cpu:.3f}",
             "resident_B": resident,
-            "jobs_waiting": worker.waiting,
+            "jobs_waiting": self._worker.waiting,
             "longest_wait_s": wait,
             "blocks_dropped": sum(one.dropped for one in times.values()),
         }

@@ -439,12 +439,10 @@ class Worker:
             self._refused.add(id(owner))
             left, self._current = self._thread, None
             self._thread = self._begun()
-            if (
-                left.ident is not None
-            ):  # in Python it ends at its next step; a kernel that never returns stays
-                ctypes.pythonapi.PyThreadState_SetAsyncExc(
-                    ctypes.c_ulong(left.ident), ctypes.py_object(HangError)
-                )
+            if left.ident is not None:
+                # In Python it ends at its next step; a kernel that never returns stays.
+                number, end = ctypes.c_ulong(left.ident), ctypes.py_object(HangError)
+                ctypes.pythonapi.PyThreadState_SetAsyncExc(number, end)
             return True
 
     def admit(self, owner: object) -> None:
@@ -464,7 +462,7 @@ class Worker:
 
     def _run(self) -> None:
         me, _THREAD.worker = threading.current_thread(), self
-        try:
+        with contextlib.suppress(HangError):
             while True:
                 if self._jobs.empty():
                     self._busy_since = math.inf
@@ -485,8 +483,6 @@ class Worker:
                         return
                     self._current = None
                     self.done += 1
-        except HangError:
-            return
 
 
 @dataclass(slots=True)

@@ -66,14 +66,9 @@ class ManagedNode(LifecycleNode):  # type: ignore[misc]  # rclpy carries no type
     PARAMETERS: ClassVar[tuple[NodeParameter, ...]] = ()
 
     def __init__(
-        self,
-        name: str = "node",
-        namespace: str | None = None,
-        *,
-        host: HostContext | None = None,
-        **options: Any,
+        self, name: str = "node", namespace: str | None = None, host: HostContext | None = None, **more: Any
     ) -> None:
-        super().__init__(name, namespace=namespace, **options)
+        super().__init__(name, namespace=namespace, **more)
         #: Whether it is the only node of its process.
         self.alone = host is None
         self.host = host if host is not None else HostContext()
