@@ -30,7 +30,7 @@ from spool_gap.evidence.intervals import Numbers, numbers_of
 from spool_gap.evidence.look import Look, look_at
 from spool_gap.likelihood.kernel import motions_for
 from spool_gap.likelihood.prediction import Prediction, Predictions
-from spool_gap.likelihood.remainder import BODY, Pattern
+from spool_gap.likelihood.remainder import BODY
 from spool_gap.likelihood.rest import Rest
 from spool_gap.likelihood.search import Search
 from spool_gap.likelihood.structure import DELAY, GAIN, structure_of
@@ -164,7 +164,7 @@ def test_a_pattern_is_unexplained_where_chance_is_ruled_out_and_noise_does_not_c
 
     monkeypatch.setattr(HeldOut, "judged", leaving)
     monkeypatch.setattr(decision_module, "rest_of", lambda *_: Rest(0.0, 0.0, "nothing"))
-    monkeypatch.setattr(decision_module, "patterns_of", lambda *_: [Pattern(gain, share, BODY)])
+    monkeypatch.setattr(decision_module, "patterns_of", lambda *_: [Rest(gain, share, BODY)])
     found = chain().decided()
     assert (found.unexplained, found.rest.follows == BODY) == (unexplained, unexplained)
 

@@ -337,7 +337,7 @@ def _left(
         noise = math.sqrt(max(0.0, judged.agreement.nrmse**2 - one.share**2))
         loud = one.share >= max(known, least[1], min(judged.floor, noise))
         if loud and one.gain > DECISIVE:
-            return Rest(one.gain, one.share, one.follows, beside=one.follows != MOTION), True
+            return replace(one, beside=one.follows != MOTION), True
     return rest, matters
 
 

@@ -30,7 +30,7 @@ from spool_sim.observation import Spectrum
 
 from spool_gap.catalogue import EFFECTS
 from spool_gap.likelihood.prediction import Prediction, Predictions
-from spool_gap.likelihood.rest import settled
+from spool_gap.likelihood.rest import Rest, settled
 from spool_gap.likelihood.structure import Structure
 from spool_gap.likelihood.structure_fit import StructureFit
 
@@ -54,23 +54,7 @@ AROUND = 21
 TINY = 1e-300
 
 
-@dataclass(frozen=True, slots=True)
-class Pattern:
-    """What a remainder follows.
-
-    Attributes:
-        gain: minus the logarithm of the probability that noise does so, or rise of the log likelihood of
-            windows that are predicted by the others; 0 at least.
-        share: of the spool's acceleration, rms, that follows it.
-        follows: in words.
-    """
-
-    gain: float
-    share: float
-    follows: str
-
-
-def patterns_of(predictions: Predictions, fit: StructureFit) -> list[Pattern]:
+def patterns_of(predictions: Predictions, fit: StructureFit) -> list[Rest]:
     """Return what may be a pattern in the remainder of ``fit``, the largest share first."""
     with settled(predictions, fit) as enough:
         if not enough:
@@ -87,7 +71,7 @@ def patterns_of(predictions: Predictions, fit: StructureFit) -> list[Pattern]:
 
 
 def phase_kept(predictions: Predictions, fit: StructureFit) -> float:
-    """Return how surely the periodic force of ``fit`` is a line that keeps its phase, as ``Pattern.gain``.
+    """Return how surely the periodic force of ``fit`` is a line that keeps its phase, as ``Rest.gain``.
 
     Noise in a narrow band, as of a mount that resonates, has a line in each window, with another phase.
     """
@@ -96,7 +80,7 @@ def phase_kept(predictions: Predictions, fit: StructureFit) -> float:
     return max((one.kept(fit.structure.values[FREQUENCY])[0] for one in looks), default=0.0)
 
 
-def _patterns(predictions: Predictions, own: Structure) -> list[Pattern]:
+def _patterns(predictions: Predictions, own: Structure) -> list[Rest]:
     looks = [_Remainder(part, own) for part in predictions.parts if part.inside.any()]
     looks = [one for one in looks if one.finite]
     reading = sum(one.reading for one in looks)
@@ -131,7 +115,7 @@ class _Tile:
         return math.log(self.before / self.left)
 
 
-def _by_chance(tiles: Iterable[_Tile], reading: float) -> Pattern:
+def _by_chance(tiles: Iterable[_Tile], reading: float) -> Rest:
     """Return the pattern by regressions whose coefficients were fitted in each tile."""
     rise = variance = explained = 0.0
     for one in tiles:
@@ -142,16 +126,16 @@ def _by_chance(tiles: Iterable[_Tile], reading: float) -> Pattern:
         explained += one.before - one.left * one.lines / free
     score = rise / math.sqrt(variance) if variance > 0.0 else 0.0
     gain = -float(special.log_ndtr(-score))
-    return Pattern(gain, math.sqrt(max(explained, 0.0) / reading), BODY)
+    return Rest(gain, math.sqrt(max(explained, 0.0) / reading), BODY)
 
 
-def _predicted(tiles: Iterable[_Tile], reading: float) -> Pattern:
+def _predicted(tiles: Iterable[_Tile], reading: float) -> Rest:
     """Return the pattern by predictions with coefficients from elsewhere."""
     gain = explained = 0.0
     for one in tiles:
         gain += one.lines * one.rise
         explained += one.before - one.left
-    return Pattern(max(gain, 0.0), math.sqrt(max(explained, 0.0) / reading), MOTION)
+    return Rest(max(gain, 0.0), math.sqrt(max(explained, 0.0) / reading), MOTION)
 
 
 class _Remainder:
@@ -234,7 +218,7 @@ class _Remainder:
                 sums = [float(np.sum((one * level)[cut])) + TINY for one in (before, left)]
                 yield _Tile(sums[0], sums[1], cut.stop - cut.start, 0)
 
-    def lines(self, reading: float) -> Iterator[Pattern]:
+    def lines(self, reading: float) -> Iterator[Rest]:
         """Yield what stands out of the spectrum most, with how surely its phase stays."""
         part, count = self._part, self._windows.size
         if count < FEWEST:
@@ -256,7 +240,7 @@ class _Remainder:
             share = math.sqrt(_power(part.counted_lines(wave)[self._windows]) / reading)
             if gain < (steady := self._steady(line, reading)).gain:
                 gain, share = steady.gain, steady.share
-            yield Pattern(gain, share, f"{LINE} of {line:.4g} Hz")
+            yield Rest(gain, share, f"{LINE} of {line:.4g} Hz")
             power[np.abs(frequency - line) < 2.0] = 0.0
 
     def kept(self, line: float) -> tuple[float, complex]:
@@ -272,7 +256,7 @@ class _Remainder:
         tries = count * part.lines.size
         return max(0.0, (count - 1) * math.log1p(ratio) - math.log(tries)), mean
 
-    def _steady(self, line: float, reading: float) -> Pattern:
+    def _steady(self, line: float, reading: float) -> Rest:
         """Return how surely a line near ``line`` (Hz), whose frequency may wander, keeps its size.
 
         The power of noise in a band as narrow as a line has an exponential distribution over the windows.
@@ -287,13 +271,13 @@ class _Remainder:
             beside.append(float(row[max(0, peak - 4 * WANDERS) : peak + 4 * WANDERS + 1].sum()) + TINY)
         share = math.sqrt(sum(power) / reading)
         if min(one / other for one, other in zip(power, beside, strict=True)) < NARROW:
-            return Pattern(0.0, share, LINE)
+            return Rest(0.0, share, LINE)
         count = len(power)
         spread = 2.0 * count * (math.log(sum(power) / count) - sum(map(math.log, power)) / count)
         degrees = 0.5 * (count - 1)
         chance = special.gammainc(degrees, max(0.5 * spread / (1.0 + (count + 1) / (6.0 * count)), 1e-12))
         tries = math.log(self._part.lines.size)
-        return Pattern(max(0.0, -math.log(max(chance, TINY)) - tries), share, LINE)
+        return Rest(max(0.0, -math.log(max(chance, TINY)) - tries), share, LINE)
 
     @property
     def _time(self) -> Array:

@@ -61,12 +61,13 @@ SCATTERS = 3.0
 
 @dataclass(frozen=True, slots=True)
 class Rest:
-    """What a smooth force explains of what a fit leaves.
+    """What explains some of what a fit leaves: a smooth force, or a pattern.
 
     Attributes:
-        gain: of the evidence (log), 0 at least.
+        gain: of the evidence (log), 0 at least; of a pattern minus the logarithm of the probability that
+            noise makes it, or the rise of the log likelihood of windows that are predicted by the others.
         share: of the spool's acceleration, rms, that it makes.
-        follows: what most of it is a function of.
+        follows: what most of it is a function of, or follows, in words.
         beside: it is no force of the motion.
     """
 

@@ -24,7 +24,7 @@ from spool_gap.catalogue import EFFECTS
 from spool_gap.effect import Scale
 from spool_gap.likelihood.prediction import Prediction, Predictions
 from spool_gap.likelihood.remainder import patterns_of
-from spool_gap.likelihood.rest import rest_of
+from spool_gap.likelihood.rest import Rest, rest_of
 from spool_gap.likelihood.structure import Limits, Structure
 from spool_gap.likelihood.structure_fit import DECISIVE, ENOUGH, StructureFit, fit_structure
 
@@ -207,10 +207,12 @@ class Search:
         if blows or fit.left > LIMITS.explains_nothing:
             return True
         patterns = patterns_of(self._predictions, fit)
-        rest = rest_of(self._predictions, fit)
-        found = [(rest.gain, rest.share), *((one.gain, one.share) for one in patterns)]
+
+        def told(one: Rest) -> bool:
+            return one.gain > DECISIVE and one.share >= self._least_share
+
         # Without any the body's motion is known in too few windows to look for one.
-        return not patterns or any(gain > DECISIVE and share >= self._least_share for gain, share in found)
+        return not patterns or any(map(told, patterns)) or told(rest_of(self._predictions, fit))
 
     def _one_more(self, own: Structure) -> None:
         """Each effect and each part of the measuring chain beside ``own``."""
