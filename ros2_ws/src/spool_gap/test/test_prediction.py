@@ -17,11 +17,11 @@ from spool_gap.catalogue import EFFECTS
 from spool_gap.likelihood.kernel import motions_for
 from spool_gap.likelihood.prediction import Prediction, Predictions
 from spool_gap.likelihood.readings import bridged, readings_of
-from spool_gap.likelihood.structure import Limits, Structure, structure_of
+from spool_gap.likelihood.structure import DELAY, GAIN, Limits, Structure, structure_of
 from spool_gap.likelihood.structure_fit import StructureFit, fit_structure
 from spool_sim.excitation import SweptSine
 from spool_sim.model import MODELS, Model, model_from_mapping
-from spool_sim.observation import INSTANTS, Observation
+from spool_sim.observation import INSTANTS, MEAN, Observation
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
 from spool_sim.terms import term
@@ -89,6 +89,17 @@ def test_a_fit_ends_early_only_where_it_cannot_come_to_its_goal(ahead: float, *,
     whole = fit_structure(of, start)
     again = fit_structure(of, start, goal=whole.log_likelihood + ahead)
     assert (again.log_likelihood < whole.log_likelihood - 1.0) == ends_early
+
+
+def test_structures_whose_motion_is_one_simulation_leave_the_same_as_each_alone() -> None:
+    one = prediction(record("coulomb_friction", coulomb_force=0.5))
+    own = structure_of(BASE, VALVE, ("coulomb_friction",), (), {"coulomb_force": 0.4})
+    softer = own.moved({"spring_stiffness": 0.9 * own.values["spring_stiffness"]})
+    several = [
+        own, softer, own.moved({GAIN: 0.1}), softer.moved({DELAY: 1e-4}), own.read_by(Observation(MEAN)),
+    ]  # fmt: skip
+    alone = [one.errors([each])[0] for each in several]
+    np.testing.assert_array_equal(one.errors(several), alone)
 
 
 def test_predictions_take_the_kernels_that_the_warm_up_compiles() -> None:

@@ -310,15 +310,19 @@ class FreeRun:
         if window.viscosity is not None and "viscous_coefficient" in self.names:
             tables = np.repeat(tables, window.viscosity.size, axis=1)
             tables[:, :, self.names.index("viscous_coefficient")] *= window.viscosity
-        runs = self.motion.read_batch(
+        # Gain, delay and parts of the spool's channel leave the motion as it is.
+        whole = [(distinct.index(one), row.tobytes()) for one, row in zip(causes, sets, strict=True)]
+        motions = list(dict.fromkeys(whole))
+        found = self.motion.read_batch(
             state,
             np.array([self._drive(window, substeps, *one) for one in distinct]),
-            tables,
-            rows=np.array([distinct.index(one) for one in causes]),
+            tables[[whole.index(one) for one in motions]],
+            rows=np.array([row for row, _ in motions]),
             sample_period=entry.sample_period,
             substeps=substeps,
             first_sample=entry.first_sample + window.first,
         )
+        runs = [found[motions.index(one)] for one in whole]
         lead, count = window.start - window.first, window.stop - window.start
         part = slice(lead, lead + count)
         period = entry.sample_period
