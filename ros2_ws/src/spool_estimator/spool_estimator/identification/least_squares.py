@@ -121,10 +121,11 @@ class LeastSquares(ABC):
     Attributes:
         unknowns: what is fitted, the order of every point.
         anchored: residuals of one call belong together, as they depend on its first point.
+        bent: slopes say little of what lies far from where they were taken.
     """
 
     unknowns: Sequence[Unknown]
-    anchored = False
+    anchored, bent = False, False
 
     @abstractmethod
     def residuals(self, points: Array) -> Any:
@@ -303,14 +304,6 @@ def in_parallel(work: Callable[[Item], Found], items: Iterable[Item]) -> list[Fo
         return list(pool.map(work, every))
 
 
-def hopeless(cost: float, falls: Sequence[float], left: int, goal: float) -> bool:
-    """Return whether ``cost`` stays above ``goal`` in ``left`` steps like the largest of its ``falls``.
-
-    The first fall does not tell: that step is damped most.
-    """
-    return len(falls) > 1 and cost - left * max(falls) > goal
-
-
 def _follow(
     problem: LeastSquares,
     x: Array,
@@ -322,12 +315,11 @@ def _follow(
     goal: float,
 ) -> Descent:
     low, high = bounds_of(problem.unknowns)
-    cost = float(problem.costs(residual[np.newaxis])[0])
+    cost, falls = float(problem.costs(residual[np.newaxis])[0]), list[float]()
     converged, known, exact = not x.size, False, False
     sizes: Array = sizes_of(problem.unknowns, x)
     slopes: Any = np.empty((0, 0))
     before: tuple[Array, Any, float] | None = None
-    falls: list[float] = []
     for left in reversed(range(rounds if x.size else 0)):
         least = enough * cost if relative else enough
         if not known:
@@ -336,8 +328,8 @@ def _follow(
                 # Beside motions that cannot be followed: nearer to where the slopes were known.
                 if before is None or damping > MOST_DAMPING:
                     break
-                x, residual, cost = before
-                damping, known, exact = damping * BACK_OFF, slopes.size > 0, False
+                (x, residual, cost), known, exact = before, slopes.size > 0, False
+                damping *= BACK_OFF
                 continue
             # In units of the unknowns' sizes: stiffnesses and delays differ by ten powers of ten.
             sizes = sizes_of(problem.unknowns, x)
@@ -356,6 +348,9 @@ def _follow(
         trial = np.clip(x + np.clip(sizes * move, -room, room), low, high)
         move = np.asarray((trial - x) / sizes)
         promised = _promised(move, gradient, information)
+        # Slopes tell without a step, unless the residuals bend.
+        if exact and not problem.bent and cost - (left + 1) * max([promised, *falls]) > goal:
+            break
         outcome = problem.residuals(trial[np.newaxis])[0]
         fall = cost - float(problem.costs(outcome[np.newaxis])[0])
         if fall > 0.0:
@@ -363,10 +358,10 @@ def _follow(
             slopes = slopes + np.outer(move / (move @ move), outcome - residual - move @ slopes)
             known = fall > TRUSTED * promised and fall > least
             damping = max(damping * EASED, LEAST_DAMPING)
-            before = x, residual, cost
-            x, residual, cost, exact = trial, outcome, cost - fall, False
             falls.append(fall)
-            if hopeless(cost, falls, left, goal):
+            before, x, residual, cost, exact = (x, residual, cost), trial, outcome, cost - fall, False
+            # The first fall does not tell: that step is damped most.
+            if len(falls) > 1 and cost - left * max(falls) > goal:
                 break
         elif exact:
             damping = max(damping, FIRST_DAMPING / BACK_OFF**2) * BACK_OFF

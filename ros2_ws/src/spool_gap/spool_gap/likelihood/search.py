@@ -16,7 +16,7 @@ import numpy as np
 from spool_core.numbers import Array
 from spool_core.record_limits import LIMITS
 from spool_estimator.identification.chain import CHAIN_PARTS
-from spool_estimator.identification.least_squares import hopeless, in_parallel
+from spool_estimator.identification.least_squares import in_parallel
 from spool_estimator.identification.spectra import ZeroPhase
 from spool_sim.observation import CAUSAL, INSTANTS, LINEAR, MEAN, Observation
 
@@ -194,7 +194,7 @@ class Search:
                 self.fits[key] = fit_structure(self._predictions, fit.structure, steps=QUICK, enough=ROUGH)
         # Those that come near the best one are fitted to their end.
         most, least = self.best.evidence, NEAR * min(one.left for one in self.fits.values())
-        near = [fit for fit in self.fits.values() if fit.left <= least or fit.evidence >= most - HOPELESS]
+        near = [one for one in self._sensible() if one.left <= least or one.evidence >= most - HOPELESS]
         ended = partial(fit_structure, self._predictions, steps=STEPS, enough=ENOUGH)
         for fit in in_parallel(lambda one: ended(one.structure), near):
             self.fits[fit.structure.key] = fit
@@ -252,9 +252,10 @@ class Search:
             trials = [self._trial(bare, other, scale) for other in others if not self.late]
             rows = self._compared(trials, known.log_likelihood - HOPELESS)
             rows.sort(key=lambda one: -one.evidence)
-            if rows and rows[0].evidence > known.evidence - HOPELESS:
+            least = known.evidence - HOPELESS
+            if rows and rows[0].evidence > least:
                 rows[0] = self._settled(self._roughly(rows[0].structure, STEPS))
-            self._finish_best(rows)
+            self._finish_best(rows, least)
 
     def _one_less(self) -> None:
         """The best structure without each of its components."""
@@ -332,7 +333,8 @@ class Search:
             trials = [each for each in trials if not _senseless(each)]
             (value, one), *others = self._likeliest([one, *trials])[: DRAWS // 4]
             rises.append(value - known)
-            if hopeless(-value, rises, left, -goal):
+            # As the draws gather, they rise less.
+            if value + left * max(rises[-3:]) < goal:
                 break
             known = value
             kept = [one, *(each for _, each in others)]
@@ -356,18 +358,20 @@ class Search:
             part.beside = True
         known = self._roughly(own, OBSERVED)
         read = partial(self._roughly, steps=OBSERVED, goal=known.log_likelihood)
-        others = in_parallel(read, [own.read_by(one) for one in self._kinds])
+        # Of a low-pass without phase the order is fitted, so that one start will do.
+        kinds = [one for one in self._kinds if {one.kind, own.observation.kind} != {LINEAR}]
+        others = in_parallel(read, [own.read_by(one) for one in kinds])
         for part in self._brief.parts:
             part.beside = False
-        return max(known, *others, key=lambda one: one.evidence).structure
+        return max([known, *others], key=lambda one: one.evidence).structure
 
-    def _finish_best(self, rows: Sequence[StructureFit]) -> None:
+    def _finish_best(self, rows: Sequence[StructureFit], least: float = -math.inf) -> None:
+        """Fit the best of ``rows`` to the whole record, those with an evidence of ``least`` or more."""
         ranked = sorted(rows, key=lambda one: (bool(senseless(one)), -one.evidence))
-        late = self.late
+        best = [] if self.late else ranked[:FINALISTS]
         # Others are shown, and not worth their last digits.
-        near = 0 if late else sum(one.evidence >= ranked[0].evidence - HOPELESS for one in ranked)
-        jobs = [(one.structure, STEPS * (place < min(near, FINALISTS))) for place, one in enumerate(ranked)]
-        self._keep(in_parallel(lambda job: self._whole(*job), jobs))
+        near = [one for one in best if one.evidence >= max(least, best[0].evidence - HOPELESS)]
+        self._keep(in_parallel(lambda one: self._whole(one.structure, STEPS * (one in near)), ranked))
 
     def _whole(self, one: Structure, steps: int = STEPS) -> StructureFit:
         """Return a fit of ``one`` to the whole record."""
