@@ -36,7 +36,8 @@ SPOOL_DELAY = SensorEffect(
     parameters=(Parameter("spool_delay", "s", -5e-3, 5e-3, 3e-3, "time of the reading after the motion"),),
     equation="reading(t) = acceleration(t - tau)",
     meaning="the spool's channel lags behind the body's",
-    check="filters of both channels, sampling order of the logger, clocks of two loggers",
+    check="filters of both channels, sampling order of the logger, clocks of two loggers; "
+    "oil column and coils of the spring, whose lag reads alike",
     confusable_with=("spool_gain_error",),
     distinguished_by="broadband excitation",
     reads=late,
