@@ -135,18 +135,10 @@ class TrackerArrays(NamedTuple):
 
 @compiled
 def follow(
-    body: Samples,
-    spool: Samples,
-    filled: int,
-    most: int,
-    valve: Valve,
-    tracker: TrackerArrays,
-    standing: StandingArrays,
-    displacement: DisplacementArrays,
-    run: PredictionArrays,
-    window: WindowArrays,
-    regression: RegressionArrays,
-) -> int:
+    body: Samples, spool: Samples, filled: int, most: int, valve: Valve, tracker: TrackerArrays,
+    standing: StandingArrays, displacement: DisplacementArrays, run: PredictionArrays, window: WindowArrays,
+    regression: RegressionArrays
+) -> int:  # fmt: skip
     """Learn from samples, shape (n,), m/s^2, of up to ``most`` chunks; return what the last one needs.
 
     ``filled``: samples that wait already, for the first of them.
@@ -171,14 +163,9 @@ def follow(
 
 @compiled
 def _learn(
-    valve: Valve,
-    tracker: TrackerArrays,
-    standing: StandingArrays,
-    displacement: DisplacementArrays,
-    run: PredictionArrays,
-    window: WindowArrays,
-    regression: RegressionArrays,
-) -> Need:
+    valve: Valve, tracker: TrackerArrays, standing: StandingArrays, displacement: DisplacementArrays,
+    run: PredictionArrays, window: WindowArrays, regression: RegressionArrays
+) -> Need:  # fmt: skip
     """Learn from the chunk that waits; return what it needs."""
     now, waiting = tracker.progress[0], tracker.waiting
     if scan(waiting, standing):
@@ -221,12 +208,9 @@ def _learn(
 
 @compiled
 def _regress(
-    valve: Valve,
-    tracker: TrackerArrays,
-    run: PredictionArrays,
-    window: WindowArrays,
-    regression: RegressionArrays,
-) -> Need:
+    valve: Valve, tracker: TrackerArrays, run: PredictionArrays, window: WindowArrays,
+    regression: RegressionArrays
+) -> Need:  # fmt: skip
     """Judge the chunk and step by its prediction errors; return what it needs."""
     now = tracker.progress[0]
     count = run.sums[COUNT] if run.sums[COUNT] > 1.0 else 1.0

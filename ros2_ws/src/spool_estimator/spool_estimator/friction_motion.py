@@ -53,14 +53,9 @@ def displacement(z: float, v: float, d1: float, d2: float, d3: float, d4: float,
 
 @compiled
 def rates(
-    z: float,
-    v: float,
-    force: float,
-    excitation: tuple[float, float, float],
-    k: float,
-    c: float,
-    per_mass: float,
-) -> tuple[float, float, float, float, float]:
+    z: float, v: float, force: float, excitation: tuple[float, float, float], k: float, c: float,
+    per_mass: float
+) -> tuple[float, float, float, float, float]:  # fmt: skip
     """Return the derivatives of v by time, first to fifth.
 
     ``force`` is the dry friction, N; ``excitation`` what the body's motion gives, m/s^2, and its first two
@@ -114,16 +109,9 @@ def spread_jump(spread: Array, u: float, jump: float, by_k: float, by_c: float, 
 
 @compiled
 def advance_sample(
-    state: Array,
-    a0: float,
-    am: float,
-    a1: float,
-    period: float,
-    pieces: int,
-    mass: float,
-    parameters: Array,
-    spread: Array,
-) -> tuple[float, float]:
+    state: Array, a0: float, am: float, a1: float, period: float, pieces: int, mass: float, parameters: Array,
+    spread: Array
+) -> tuple[float, float]:  # fmt: skip
     """Move ``state`` (shape (9,)) on by one sample, in place.
 
     Args:

@@ -220,12 +220,9 @@ class _Joint(Weighted):
 
 
 def fit_setups(
-    setups: Sequence[SetUp],
-    model: Model,
-    shared: Mapping[str, Sequence[Sequence[str]]],
-    settings: FitSettings | None = None,
-    tell: Callable[[float], None] = lambda _steps: None,
-) -> JointFit:
+    setups: Sequence[SetUp], model: Model, shared: Mapping[str, Sequence[Sequence[str]]],
+    settings: FitSettings | None = None, tell: Callable[[float], None] = lambda _steps: None
+) -> JointFit:  # fmt: skip
     """Return ``model`` fitted to all ``setups`` together; bad data make a result with a reason.
 
     Args:
@@ -332,13 +329,9 @@ def _settings_of(
 
 
 def _part(
-    setup: SetUp,
-    shared: Mapping[str, Sequence[Sequence[str]]],
-    settings: FitSettings,
-    ended: Ended,
-    unknowns: tuple[least_squares.Unknown, ...],
-    count: int,
-) -> _Part:
+    setup: SetUp, shared: Mapping[str, Sequence[Sequence[str]]], settings: FitSettings, ended: Ended,
+    unknowns: tuple[least_squares.Unknown, ...], count: int
+) -> _Part:  # fmt: skip
     names, scales, offsets = [], [], []
     for unknown in unknowns:
         group = _group(unknown.name, setup, shared)
@@ -607,14 +600,9 @@ def _combined(one: least_squares.Combination, covariance: Array, free: Sequence[
 
 
 def _fit_of(
-    joint: _Joint,
-    part: _Part,
-    point: Array,
-    covariance: Array,
-    unclear: Sequence[str],
-    judged: Mapping[str, Determination],
-    converged: bool,
-) -> Fit:
+    joint: _Joint, part: _Part, point: Array, covariance: Array, unclear: Sequence[str],
+    judged: Mapping[str, Determination], converged: bool
+) -> Fit:  # fmt: skip
     """Return what the joint ``point`` (u,) says of one set-up."""
     own = joint.own(part, point[np.newaxis])[0]
     slopes = joint.map(part)
