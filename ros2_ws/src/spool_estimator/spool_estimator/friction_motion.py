@@ -12,8 +12,6 @@ ch. 7); while sticking they are zero.
 The acceleration jumps at a reversal. A sensor whose output is band-limited before it is sampled shows that
 jump at the sub-sample instant; ``spread`` holds what such samples differ by from the point values, on the
 four samples around: a sequence with the same moments up to the third as the jump itself.
-
-The same Taylor step as :func:`advance_sample` takes there, three times as fast; most samples are such.
 """
 
 from __future__ import annotations

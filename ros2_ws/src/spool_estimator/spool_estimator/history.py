@@ -22,6 +22,7 @@ from spool_estimator.identification.spectra import ZeroPhase, relative_motion
 from spool_estimator.prediction import (
     BAND_LIMITED,
     COUNT,
+    DISTINGUISHING,
     POINTWISE,
     RESIDUAL,
     SUMS,
@@ -87,16 +88,9 @@ class ChunkSums(NamedTuple):
 
 @compiled
 def run_chunks(
-    body: Samples,
-    spool: Samples,
-    period: float,
-    mass: float,
-    parameters: Array,
-    pointwise: bool,
-    chunk: int,
-    run: PredictionArrays,
-    found: ChunkSums,
-) -> None:
+    body: Samples, spool: Samples, period: float, mass: float, parameters: Array, pointwise: bool, chunk: int,
+    run: PredictionArrays, found: ChunkSums
+) -> None:  # fmt: skip
     """Run over samples of shape (n,) and fill ``found`` from the last chunks, as many as it has room for.
 
     The parameters act from the first sample on; samples before the chunks only lead the model into its
@@ -111,14 +105,9 @@ def run_chunks(
         clear_sums(run)
         start = before + number * chunk
         predict(
-            body[start : start + chunk],
-            spool[start : start + chunk],
-            period,
-            mass,
-            parameters,
-            pointwise,
+            body[start : start + chunk], spool[start : start + chunk], period, mass, parameters, pointwise,
             run,
-        )
+        )  # fmt: skip
         found.noise_scores[number] = run.noise_score
         found.grams[number] = run.gram
         found.sums[number] = run.sums
@@ -159,26 +148,21 @@ class Fitter:
     """Fits the free run to stretches of samples.
 
     Args:
-        sample_period: s.
-        mass: kg.
-        scale: see :class:`~.prediction.Prediction`.
-        low_cut, high_cut: Hz.
+        like: a run of the valve at this sample rate.
+        high_cut: Hz.
         sliding_velocity: m/s, below it the direction of sliding fades to zero, for the start.
         chunk: samples in a chunk.
 
     """
 
-    sample_period: float
-    mass: float
-    scale: Array
-    low_cut: float
+    like: Prediction
     high_cut: float
     sliding_velocity: float
     chunk: int
 
     def start(self, body: Samples, spool: Samples) -> Array | None:
         """Return what least squares of the force balance gives, shape (3,), or nothing: a start, biased."""
-        conditioning = ZeroPhase(self.sample_period, self.low_cut, self.high_cut)
+        conditioning = ZeroPhase(self.like.sample_period, self.like.low_cut, self.high_cut)
         settling = conditioning.settling
         if body.size <= 2 * (settling + self.chunk):
             return None
@@ -187,17 +171,17 @@ class Fitter:
         direction = conditioning.apply(np.clip(motion.velocity / self.sliding_velocity, -1.0, 1.0))
         rows = np.stack((motion.displacement, motion.velocity, direction, motion.spool), axis=1)
         settled: Array = rows[settling:-settling]
-        regressors = settled[:, :3] * self.scale
+        regressors = settled[:, :3] * self.like.scale
         gram = regressors.T @ regressors
         gram[np.diag_indices(3)] *= 1.0 + 1e-9
         if not np.all(np.diag(gram) > 0.0):
             return None
-        parameters = np.linalg.solve(gram, -self.mass * (regressors.T @ settled[:, 3])) * self.scale
+        parameters = np.linalg.solve(gram, -self.like.mass * (regressors.T @ settled[:, 3])) * self.like.scale
         return np.asarray(parameters) if np.all(np.isfinite(parameters)) else None
 
     def at_rest(self, offset: float) -> Prediction:
         """Return a run that begins at rest, with the body's ``offset`` (m/s^2)."""
-        prediction = Prediction(self.sample_period, self.mass, self.scale, self.low_cut)
+        prediction = self.like.copy()
         prediction.reset(offset)
         return prediction
 
@@ -210,27 +194,32 @@ class Fitter:
         grams, sums = np.empty((last, 3, 3)), np.empty((last, SUMS))
         scores, noise_scores = np.empty((last, 3)), np.empty((last, 3))
         run_chunks(
-            body, spool, self.sample_period, self.mass, parameters, pointwise, self.chunk, prediction.arrays,
-            ChunkSums(grams, scores, sums, noise_scores),
+            body, spool, self.like.sample_period, self.like.mass, parameters, pointwise, self.chunk,
+            prediction.arrays, ChunkSums(grams, scores, sums, noise_scores),
         )  # fmt: skip
         return WindowFit(
             parameters, prediction,
-            sampled_pointwise(
-                float(sums[:, POINTWISE].sum()), float(sums[:, BAND_LIMITED].sum()), pointwise
-            ),
+            sampled_pointwise(float(sums[:, POINTWISE].sum()), float(sums[:, BAND_LIMITED].sum()), pointwise),
             grams, scores, sums[:, RESIDUAL], sums[:, COUNT], noise_scores.sum(axis=0),
         )  # fmt: skip
 
+    def left_by_kinds(
+        self, body: Samples, spool: Samples, parameters: Array, last: int, begin: Prediction
+    ) -> Array:
+        """Return what each kind of filter leaves, one step from ``parameters``, in variances, shape (m,)."""
+        present, left = self.like.sharpening.copy(), []
+        for sharpening in DISTINGUISHING:
+            self.like.sharpening[:] = sharpening
+            run = self.run(body, spool, parameters, last, False, begin)
+            score = run.scores.sum(axis=0)
+            left.append(run.powers.sum() - score @ np.linalg.pinv(run.grams.sum(axis=0)) @ score)
+        self.like.sharpening[:] = present
+        return np.asarray(np.array(left) / min(left) * float(run.counts.sum()))
+
     def descend(
-        self,
-        body: Samples,
-        spool: Samples,
-        guesses: Sequence[Array],
-        last: int,
-        *,
-        begin: Prediction,
-        prior: Array | None = None,
-    ) -> WindowFit | None:
+        self, body: Samples, spool: Samples, guesses: Sequence[Array], last: int, *, begin: Prediction,
+        prior: Array | None = None
+    ) -> WindowFit | None:  # fmt: skip
         """Return the best of the descents from ``guesses`` (Levenberg and Marquardt's), or nothing.
 
         Args:
@@ -247,7 +236,7 @@ class Fitter:
             return None
         if best.pointwise:
             for _ in range(3):  # near the solution: whole steps
-                step = np.linalg.pinv(best.grams.sum(axis=0)) @ best.scores.sum(axis=0) * self.scale
+                step = np.linalg.pinv(best.grams.sum(axis=0)) @ best.scores.sum(axis=0) * self.like.scale
                 trial = self.run(
                     body, spool, best.parameters + self._bounded(step, best.parameters), last, True, begin
                 )
@@ -257,35 +246,29 @@ class Fitter:
         return best
 
     def _descend(
-        self,
-        body: Samples,
-        spool: Samples,
-        guess: Array,
-        centre: Array,
-        last: int,
-        prior: Array | None,
-        begin: Prediction,
-    ) -> WindowFit:
+        self, body: Samples, spool: Samples, guess: Array, centre: Array, last: int, prior: Array | None,
+        begin: Prediction
+    ) -> WindowFit:  # fmt: skip
         pull = np.zeros(3) if prior is None else prior
 
         def cost(end: WindowFit) -> float:
-            away = (end.parameters - centre) / self.scale
+            away = (end.parameters - centre) / self.like.scale
             return float(end.powers.sum() * end.counts.size * self.chunk / end.counts.sum() + pull @ away**2)
 
         present = self.run(body, spool, guess, last, False, begin)
         damping = 1.0e-3
         for _ in range(MOST_RUNS):
             gram = present.grams.sum(axis=0) + np.diag(pull)
-            score = present.scores.sum(axis=0) - pull * (present.parameters - centre) / self.scale
+            score = present.scores.sum(axis=0) - pull * (present.parameters - centre) / self.like.scale
             if not np.all(np.isfinite(gram)):
                 break
             damped = gram + damping * np.diag(np.diag(gram) + 1e-12 * np.trace(gram) + 1e-30)
-            step = self._bounded(np.linalg.solve(damped, score) * self.scale, present.parameters)
+            step = self._bounded(np.linalg.solve(damped, score) * self.like.scale, present.parameters)
             trial = self.run(body, spool, present.parameters + step, last, False, begin)
             if trial.parameters[0] > 0.0 and cost(trial) < cost(present):
                 present = trial
                 damping = max(1e-9, 0.1 * damping)
-                if np.all(np.abs(step) < CONVERGED * (np.abs(present.parameters) + 1e-3 * self.scale)):
+                if np.all(np.abs(step) < CONVERGED * (np.abs(present.parameters) + 1e-3 * self.like.scale)):
                     break
             else:
                 damping *= 10.0
@@ -295,7 +278,7 @@ class Fitter:
 
     def _bounded(self, step: Array, parameters: Array) -> Array:
         """Return ``step``, shortened where it changes a parameter by too much in one step."""
-        room = LARGEST_CHANGE * np.maximum(np.abs(parameters), 0.2 * self.scale)
+        room = LARGEST_CHANGE * np.maximum(np.abs(parameters), 0.2 * self.like.scale)
         return step * min(1.0, float(np.min(room / np.maximum(np.abs(step), 1e-300))))
 
 

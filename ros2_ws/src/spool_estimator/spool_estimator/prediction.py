@@ -19,6 +19,7 @@ import numpy as np
 from spool_core.block import Samples
 from spool_core.kernels.compiled import compiled
 from spool_core.numbers import Array
+from spool_sim.observation import CAUSAL, LINEAR, MEAN, Observation
 
 from spool_estimator.friction_motion import advance_sample, slip, slip_matrix
 
@@ -41,6 +42,38 @@ _SEEN, _LAST_JUMP, _OFFSET, _WINDOW, _TAKEN, _WEIGHT, _WEIGHTED, _POINT, _V, _Z 
 _MEMORY, _STATES = 61, 71
 
 
+#: Kinds of filters of loggers that are distinguished; the first stands for sharp ones without phase.
+KINDS = (
+    Observation(), Observation(MEAN), Observation(LINEAR, 3.0, 0.36),
+    *(Observation(CAUSAL, order, corner) for order in (2.0, 4.0, 8.0) for corner in (0.3, 0.36, 0.44)),
+)  # fmt: skip
+
+
+# Of six samples: for the third of the first five, halfway between third and fourth, for the second.
+_PLACES = (np.arange(-2.0, 3.0), np.arange(-2.5, 3.0), np.arange(-1.0, 5.0))
+
+
+def _sharpening(kind: Observation, flats: tuple[int, ...]) -> Array:
+    """Return weights of samples that take off the filter of ``kind``, shape (17,).
+
+    Least squares over the spectrum of a jump, smoothed as errors are, over ``flats`` powers of the frequency.
+    """
+    frequency, rows = np.arange(1, 512) / 1024.0, []
+    for nodes, flat in zip(_PLACES, flats, strict=True):
+        weight = np.cos(np.pi * frequency) ** 2 / frequency ** (1 + flat)
+        waves = np.exp(2j * np.pi * np.outer(nodes, frequency)) * kind.response(frequency) * weight
+        rows.append(weight @ np.linalg.pinv(np.hstack((waves.real, waves.imag)))[: weight.size])
+    return np.hstack(rows)
+
+
+#: Weights of the body's samples at the ends and in the middle of a step, and of the spool's samples, that
+#: take off the filter of each kind, shape (m, 17): next to jumps, which distinguish kinds, and of motion.
+DISTINGUISHING, SHARPENINGS = (
+    np.array([_sharpening(kind, flats) for kind in KINDS]) for flats in ((2, 2, 0), (2, 2, 1))
+)
+DISTINGUISHING[0] = SHARPENINGS[0] = 0.0
+
+
 class PredictionArrays(NamedTuple):
     """Arrays of a :class:`Prediction`, which kernels move on in place."""
 
@@ -51,6 +84,7 @@ class PredictionArrays(NamedTuple):
     sums: Array
     noise_score: Array
     mean_squares: Array
+    sharpening: Array
 
 
 @dataclass(slots=True)
@@ -62,6 +96,7 @@ class Prediction:
         mass: kg, moving mass.
         scale: what a parameter's derivative is multiplied by, shape (3,): k (N/m), c (N s/m), F_c (N).
         low_cut: Hz, -3 dB point of the high-pass.
+        sharpening: one of SHARPENINGS, by the logger's filter; shared by copies.
 
     Attributes:
         gram, product: sums of derivatives times derivatives and times the error, N^2, scaled.
@@ -79,6 +114,7 @@ class Prediction:
     mass: float
     scale: Array
     low_cut: float = 4.0
+    sharpening: Array = field(default_factory=SHARPENINGS[0].copy)
     gram: Array = field(init=False)
     product: Array = field(init=False)
     noise_score: Array = field(init=False)
@@ -124,7 +160,7 @@ class Prediction:
 
     def at(self, state: Array) -> Prediction:
         """Return a run that goes on from ``state`` by itself, its sums begun again."""
-        other = Prediction(self.sample_period, self.mass, self.scale, self.low_cut)
+        other = Prediction(self.sample_period, self.mass, self.scale, self.low_cut, self.sharpening)
         other.state[:] = state
         return other
 
@@ -137,7 +173,7 @@ class Prediction:
         """What the kernels move on in place."""
         return PredictionArrays(
             self._constants, self.state, self.gram, self.product, self.sums, self.noise_score,
-            self.mean_squares,
+            self.mean_squares, self.sharpening,
         )  # fmt: skip
 
     def take(self, body: Samples, spool: Samples, parameters: Array, *, pointwise: bool = False) -> None:
@@ -204,16 +240,11 @@ def shift(motion: Array, change: Array) -> None:
 
 @compiled
 def predict(
-    body: Samples,
-    spool: Samples,
-    period: float,
-    mass: float,
-    parameters: Array,
-    pointwise: bool,
-    run: PredictionArrays,
-) -> None:
+    body: Samples, spool: Samples, period: float, mass: float, parameters: Array, pointwise: bool,
+    run: PredictionArrays
+) -> None:  # fmt: skip
     """Run over samples as :class:`Prediction` does, whose arrays ``run`` holds."""
-    constants, state, gram, product, sums, noise_score, mean_squares = run
+    constants, state, gram, product, sums, noise_score, mean_squares, sharpening = run
     k, c, f = parameters[0], parameters[1], parameters[2]
     per_mass = 1.0 / mass
     fastest = max(math.sqrt(abs(k) * per_mass), abs(c) * per_mass)
@@ -221,6 +252,7 @@ def predict(
     motion, ring, spread, smooth, means, memory = _parts(state)
     share, leak = constants[0], constants[1]
     to_k, to_c, to_f = -mass * constants[4], -mass * constants[5], -mass * constants[6]
+    sharpened = not pointwise and sharpening[0] != 0.0
     matrix = np.empty((8, 8))
     slip_matrix(period, mass, parameters, matrix)
     for n in range(body.size):
@@ -233,9 +265,17 @@ def predict(
         ring[1, 5] = np.float64(spool[n])
         if memory[_SEEN] < 6.0:
             continue
-        a0, a1 = ring[0, 2], ring[0, 3]
+        a0, a1, spool_then = ring[0, 2], ring[0, 3], ring[1, 1]
         # Halfway between samples by the polynomial of degree 5.
         am = (150.0 * (a0 + a1) - 25.0 * (ring[0, 1] + ring[0, 4]) + 3.0 * (ring[0, 0] + ring[0, 5])) / 256.0
+        if sharpened:
+            a0 = a1 = 0.0
+            am, spool_then = sharpening[10] * ring[0, 5], sharpening[16] * ring[1, 5]
+            for i in range(5):
+                a0 += sharpening[i] * ring[0, i]
+                a1 += sharpening[i] * ring[0, i + 1]
+                am += sharpening[5 + i] * ring[0, i]
+                spool_then += sharpening[11 + i] * ring[1, i]
         predicted, by_k, by_c, by_f = a0, 0.0, 0.0, 0.0
         if motion[2] != 0.0:
             predicted = -(k * motion[0] + c * motion[1] + motion[2] * f) * per_mass
@@ -253,7 +293,7 @@ def predict(
         memory[_LAST_JUMP] = last
         near = near or first < AMBIGUOUS
 
-        error = ring[1, 1] - spread[0, 0]
+        error = spool_then - spread[0, 0]
         point_error = memory[_POINT]
         memory[_POINT] = ring[1, 2] - predicted
         if memory[_SEEN] < 10.0:
@@ -261,7 +301,7 @@ def predict(
             smooth[0, :] = memory[_POINT]
             smooth[4, :] = memory[_POINT]
             means[0, 0] = memory[_POINT]
-            means[6, 0] = ring[1, 2] - a0
+            means[6, 0] = ring[1, 2] - ring[0, 2]
         error = _smoothed(smooth, 0, error)
         row_k = _smoothed(smooth, 1, spread[1, 0])
         row_c = _smoothed(smooth, 2, spread[2, 0])
@@ -276,7 +316,7 @@ def predict(
             sums[POINTWISE] += (point_error - constant) ** 2
             sums[BAND_LIMITED] += (error - constant) ** 2
 
-        memory[_V] = leak * memory[_V] + period * _high_pass(means, 6, share, ring[1, 2] - a0)
+        memory[_V] = leak * memory[_V] + period * _high_pass(means, 6, share, ring[1, 2] - ring[0, 2])
         memory[_Z] = leak * memory[_Z] + period * memory[_V]
         sums[VELOCITY] += memory[_V] * memory[_V]
         sums[DISPLACEMENT] += memory[_Z] * memory[_Z]

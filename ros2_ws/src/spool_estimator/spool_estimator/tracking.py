@@ -16,7 +16,7 @@ from spool_core.system import BUDGET
 from spool_estimator import chunks
 from spool_estimator.chunks import CHUNK, LENGTHS, NOISE, SMALLEST_NOISE, Need
 from spool_estimator.history import Displacement, Fitter, WindowFit, newest
-from spool_estimator.prediction import BODY, MEAN_SQUARES, Prediction
+from spool_estimator.prediction import BODY, KINDS, MEAN_SQUARES, SHARPENINGS, Prediction
 from spool_estimator.recursive import COLOURED, RecursiveLeastSquares
 from spool_estimator.sliding_window import ChunkWindow
 
@@ -54,6 +54,7 @@ class Knowledge:
     powers: Array
     sizes: Array
     typical: Array
+    left: Array
     progress: tuple[bool | float, ...]
 
 
@@ -79,6 +80,7 @@ class Tracker:
         displacement: the spool's in the body, unknown until its start is estimated.
         refits: how often the model was fitted again to the last samples.
         standing: whether the channels change; of a chunk in which they do not nothing is learned.
+        sharpening: what takes off the logger's filter, see :class:`~.prediction.Prediction`.
 
     """
 
@@ -109,6 +111,8 @@ class Tracker:
     _scales: Array = field(init=False)
     _nominal: Array = field(init=False)
     _sizes: Array = field(init=False)
+    sharpening: Array = field(init=False)
+    _left: Array = field(init=False)
     _valve: chunks.Valve = field(init=False)
     _patience: int = field(default=5, init=False)
 
@@ -152,33 +156,23 @@ class Tracker:
         self.chunk = max(8, round(CHUNK / sample_period))
         self._waiting = np.empty((2, self.chunk), np.float32)
         self.standing = StandingWatch(sample_period)
-        self.prediction = Prediction(sample_period, self.mass, self.scale, self.low_cut)
+        self.sharpening, self._left = SHARPENINGS[0].copy(), np.zeros(len(KINDS))
+        self.prediction = Prediction(sample_period, self.mass, self.scale, self.low_cut, self.sharpening)
         self.displacement = Displacement(sample_period, self.low_cut, self.chunk, CHUNK)
         self._progress["pointwise"] = False
         self._ring = np.zeros((2, round(KEPT / CHUNK) * self.chunk), np.float32)
-        self._fitter = Fitter(
-            sample_period,
-            self.mass,
-            self.scale,
-            self.low_cut,
-            self.high_cut,
-            self.sliding_velocity,
-            self.chunk,
-        )
+        self._fitter = Fitter(self.prediction, self.high_cut, self.sliding_velocity, self.chunk)
         self._earlier = np.zeros((max(LENGTHS), self.prediction.state.size))
         self._valve = chunks.Valve(
-            sample_period,
-            self.mass,
-            min(1.0, CHUNK / self.memory),
-            self.minimum_excitation**2,
+            sample_period, self.mass, min(1.0, CHUNK / self.memory), self.minimum_excitation**2,
             chunks.RAN_AWAY * self.mass**2,
-        )
+        )  # fmt: skip
 
     def knowledge(self) -> Knowledge:
         """Return what is known now, for ``restore``."""
         return Knowledge(
             self.regression.copy(), self.prediction.offset, self.powers.copy(), self._sizes.copy(),
-            self._typical.copy(), self._progress[KNOWN][0].item(),
+            self._typical.copy(), self._left.copy(), self._progress[KNOWN][0].item(),
         )  # fmt: skip
 
     def restore(self, known: Knowledge | None) -> None:
@@ -189,6 +183,7 @@ class Tracker:
         self.regression = known.regression.copy()
         self.powers, self._sizes = known.powers.copy(), known.sizes.copy()
         self._typical = known.typical.copy()
+        self._prefer_kind(known.left)
         self._progress[KNOWN] = known.progress
         self.prediction.reset(known.offset)
         self.restart()
@@ -302,6 +297,7 @@ class Tracker:
         """Begin with nothing known: what was learned does not describe anything."""
         self._progress[["started", "excited", "settling", "pointwise"]] = False, False, True, False
         self._progress[["by_points", "band_limited"]] = 0.0
+        self._prefer_kind(np.zeros(len(KINDS)))
         self.regression = self._fresh()
         self.powers = np.full(len(MEAN_SQUARES), math.nan)
         self._sizes = np.zeros(len(MEAN_SQUARES))
@@ -322,10 +318,15 @@ class Tracker:
         found = self._fitter.descend(body, spool, guesses, last, begin=self._fitter.at_rest(offset))
         if found is None or not found.variance < BETTER * present:
             return False
+        kinds = self._left
+        if self._learn_kind((body, spool), found, last, self._fitter.at_rest(offset)):
+            guesses, begin = [found.parameters, *guesses], self._fitter.at_rest(offset)
+            found = self._fitter.descend(body, spool, guesses, last, begin=begin) or found
         former, self.regression = self.regression, self._fresh()
         self._begin(found)
         if self.regression.standard_deviations[0] > STARTED * found.parameters[0]:
             self.regression = former
+            self._prefer_kind(kinds)
             return False
         self._adopt(found)
         self._progress["started"] = True
@@ -355,6 +356,8 @@ class Tracker:
         found = self._fitter.descend(
             body, spool, guesses, last, begin=self.prediction.at(begin), prior=present / width**2
         )
+        if which == len(LENGTHS) - 1 and now["between"] < chunks.LAST_CHECK and found is not None:
+            self._learn_kind((body, spool), found, last, self.prediction.at(begin))
         if found is None or not found.variance < BETTER * present:
             return False
         information = found.grams.sum(axis=0) / (found.variance * max(COLOURED, usual))
@@ -366,18 +369,29 @@ class Tracker:
         self._adopt(found)
         return True
 
+    def _learn_kind(
+        self, samples: tuple[Samples, Samples], found: WindowFit, last: int, at: Prediction
+    ) -> bool:
+        """Learn the kind of the logger's filter where ``found`` was fitted; return whether it changed."""
+        if found.pointwise:
+            return False
+        left = self._fitter.left_by_kinds(*samples, found.parameters, last, at)
+        return self._prefer_kind(self._left + left)
+
+    def _prefer_kind(self, left: Array) -> bool:
+        """Take the kind of filter that left least in all, shape (m,); return whether it changed."""
+        before, self._left = int(np.argmin(self._left)), left.copy()
+        self.sharpening[:] = SHARPENINGS[np.argmin(left)]
+        return before != int(np.argmin(left))
+
     def _newest(self, count: int) -> tuple[Samples, Samples]:
         return newest(self._ring, int(self._progress["since_restart"][0]) * self.chunk, count)
 
     def _begin(self, found: WindowFit) -> None:
         """Let the regression go on from ``found``."""
         weight = NOISE**2 / (found.variance + SMALLEST_NOISE**2)
-        self.regression.begin(
-            found.parameters,
-            found.grams * weight,
-            found.scores * weight,
-            chunks.DOUBT * weight * found.noise_score,
-        )
+        doubt = chunks.DOUBT * weight * found.noise_score
+        self.regression.begin(found.parameters, found.grams * weight, found.scores * weight, doubt)
 
     def _adopt(self, found: WindowFit) -> None:
         """Go on with the motion of ``found``, and judge the chunks from now on by it."""

@@ -12,8 +12,10 @@ from spool_estimator.prediction import (
     BODY,
     COUNT,
     DISPLACEMENT,
+    KINDS,
     NOISE,
     RESIDUAL,
+    SHARPENINGS,
     SUMS,
     TARGET,
     VELOCITY,
@@ -23,6 +25,14 @@ from spool_estimator.prediction import (
 )
 
 SCALE = np.array([1632.0, 5.0, 0.5])
+
+
+def test_a_slow_motion_is_what_it_was_before_the_filter_of_each_kind() -> None:
+    frequency = np.array([0.01, 0.02, 0.03])  # of the sample rate
+    for kind, weights in list(zip(KINDS, SHARPENINGS, strict=True))[1:]:
+        for place, taken in ((2.0, weights[:5]), (2.5, weights[5:11]), (1.0, weights[11:])):
+            waves = np.exp(2j * np.pi * np.outer(frequency, np.arange(taken.size) - place))
+            assert np.abs(kind.response(frequency) * (waves @ taken) - 1.0).max() < 1e-3
 
 
 @given(

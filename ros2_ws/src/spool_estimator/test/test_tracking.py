@@ -14,6 +14,7 @@ from spool_estimator import tracking
 from spool_estimator.estimate import Estimate, State
 from spool_estimator.estimator import Estimator, settings_for
 from spool_sim.excitation import PRESETS, Excitation, MachineOrders, Multisine, Part, Sequence
+from spool_sim.observation import Observation
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
 from spool_sim.valve import find_valve
@@ -32,6 +33,7 @@ def simulator(
     rate: float = 2000.0,
     seed: int = 1,
     viscous_coefficient: float | None = None,
+    read: str = "instants",
 ) -> Simulator:
     given = {} if viscous_coefficient is None else {"viscous_coefficient": viscous_coefficient}
     return Simulator(
@@ -42,8 +44,8 @@ def simulator(
         sample_rate=rate,
         block_size=round(rate / 50),
         seed=seed,
-        body_sensor=Sensor(noise=noise),
-        spool_sensor=Sensor(noise=noise, bias=9.81),
+        body_sensor=Sensor(noise=noise, filter=Observation.of(read)),
+        spool_sensor=Sensor(noise=noise, bias=9.81, filter=Observation.of(read)),
     )
 
 
@@ -152,6 +154,16 @@ def test_the_sample_rate_changes_nothing(rate: float) -> None:
         quantity = last.parameter(name)
         assert quantity.value == pytest.approx(truth, rel=0.01)
         assert abs(quantity.value - truth) < 3.0 * quantity.standard_deviation
+
+
+@pytest.mark.parametrize("read", ["mean", "linear,6,0.42", "causal,4,0.36", "causal,6,0.4"])
+def test_dry_friction_behind_the_filter_of_a_logger_is_within_two_deviations(read: str) -> None:
+    source = simulator("sweep", rate=1000.0, read=read)
+    found = follow(source, 20.0, Estimator(settings_for(source.valve)))[10:]
+    error = values(found, "coulomb_force") - 0.3
+    deviation = np.array([one.parameter("coulomb_force").standard_deviation for one in found])
+    assert np.mean(np.abs(error) < 2.0 * deviation) > 0.8
+    assert abs(np.mean(error)) < 0.006 * 0.3
 
 
 def test_minutes_at_rest_neither_wind_up_nor_freeze_the_covariance() -> None:
