@@ -15,6 +15,7 @@ import fmpy
 import numpy as np
 import pytest
 import spool
+from fmpy.fmi1 import FMICallException
 from fmpy.fmi3 import FMU3Slave
 from fmpy.validation import validate_fmu
 from numpy.typing import NDArray
@@ -158,6 +159,38 @@ def test_fmpy_finds_no_fault_and_runs_it(version: int, tmp_path: Path) -> None:
     assert sticks["friction_force"] == pytest.approx(-0.18 * sticks["spool_acceleration_absolute"])
 
 
+def body_sine(frequency: float, stop: float) -> NDArray[np.void]:
+    time = np.arange(0.0, stop, 1e-4)
+    rows = zip(time, 10.0 * np.sin(2.0 * np.pi * frequency * time), strict=True)
+    return np.array(list(rows), dtype=[("time", "f8"), ("body_acceleration", "f8")])
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_the_defaults_of_fmpy_are_warned_of_and_the_recommended_step_is_right(
+    version: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """FMPy makes steps longer until a run has 1000 points; input held over those is late."""
+    unit = exported(tmp_path, "fluid", version)
+    experiment = fmpy.read_model_description(str(unit.file)).defaultExperiment
+    assert float(experiment.stepSize) == 1e-4
+    words = {"input": body_sine(15.0, 5.1), "stop_time": 5.0, "output": ["spool_position"]}
+    found, said = {}, {}
+    for step in (None, 1e-4, 2e-5):
+        capsys.readouterr()
+        found[step] = fmpy.simulate_fmu(str(unit.file), output_interval=step, **words)
+        said[step] = capsys.readouterr().out
+    finest = found[2e-5]
+    errors = {
+        step: difference(np.interp(found[step]["time"], finest["time"], finest["spool_position"]),
+                         found[step]["spool_position"])
+        for step in (None, 1e-4)
+    }  # fmt: skip
+    assert errors[None] > 0.1
+    assert said[None].count("held over steps of 0.0064 s") == 1
+    assert errors[1e-4] < 0.01
+    assert "held over" not in said[1e-4]
+
+
 def test_friction_spring_and_inertia_balance(tmp_path: Path, driver: Path) -> None:
     found = run(driver, exported(tmp_path, "coulomb", 3), 2000, 10)
     position, acceleration, friction = found[:, 0], found[:, 3], found[:, 4]
@@ -225,8 +258,20 @@ def test_a_state_that_was_kept_is_taken_up_again(tmp_path: Path) -> None:
     moved(0, 50)
     state = slave.getFMUState()
     once = moved(50, 100)
+    with pytest.raises(FMICallException):  # the valve would move twice
+        moved(50, 100)
+    slave.setFMUState(state)
+    kept = bytearray(slave.serializeFMUState(state))
+    assert moved(50, 100) == once
+    slave.freeFMUState(state)
+    state = slave.deserializeFMUState(bytes(kept))
     slave.setFMUState(state)
     assert moved(50, 100) == once
+    for place in (0, len(kept) // 2, len(kept) - 1):
+        damaged = bytearray(kept)
+        damaged[place] ^= 4
+        with pytest.raises(FMICallException):
+            slave.deserializeFMUState(bytes(damaged))
     slave.freeFMUState(state)
     slave.terminate()
     slave.freeInstance()
@@ -235,7 +280,7 @@ def test_a_state_that_was_kept_is_taken_up_again(tmp_path: Path) -> None:
 def test_a_number_out_of_range_is_refused_by_name(tmp_path: Path, driver: Path) -> None:
     for version in (2, 3):
         unit = exported(tmp_path, "coulomb", version)
-        with pytest.raises(AssertionError, match="coulomb_force: -1 is out of range, use 0 to 10000"):
+        with pytest.raises(AssertionError, match="coulomb_force: -1 is out of range, use 0 to 1e"):
             run(driver, unit, 10, 1, **{f"number_{FIRST_PARAMETER + 3}": -1.0})
 
 

@@ -229,8 +229,9 @@ def _description(fmi: int, name: str, identifier: str, token: str, variables: Se
     for unit in sorted({one.unit for one in variables} - {""} | {"s"}):
         _add_unit(units, unit)
     categories = ElementTree.SubElement(root, "LogCategories")
-    ElementTree.SubElement(categories, "Category", name="logStatusError")
-    ElementTree.SubElement(root, "DefaultExperiment", startTime="0", stopTime="10", stepSize="0.0005")
+    for category in ("logStatusError", "logStatusWarning"):
+        ElementTree.SubElement(categories, "Category", name=category)
+    ElementTree.SubElement(root, "DefaultExperiment", startTime="0", stopTime="10", stepSize="0.0001")
     listed = ElementTree.SubElement(root, "ModelVariables")
     if newer:
         time = {

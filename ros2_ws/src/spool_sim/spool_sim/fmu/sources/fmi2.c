@@ -31,11 +31,12 @@ typedef unsigned int reference;
 
 #define CALL(name) EXPORTED fmi2Status FMI(name)
 
-static void report(spool_unit *unit, const char *text)
+static void report(spool_unit *unit, const char *text, bool warning)
 {
     const fmi2CallbackFunctions *given = unit->callbacks[0];
     if (given && given->logger)
-        given->logger(given->componentEnvironment, unit->name, fmi2Error, "logStatusError", "%s", text);
+        given->logger(given->componentEnvironment, unit->name, warning ? fmi2Warning : fmi2Error,
+                      warning ? "logStatusWarning" : "logStatusError", "%s", text);
 }
 
 EXPORTED const char *FMI(GetTypesPlatform)(void) { return "default"; }
@@ -59,7 +60,7 @@ EXPORTED void FMI(FreeInstance)(void *unit) { unit_free(unit); }
 
 CALL(SetDebugLogging)(spool_unit *unit, int on, size_t count, const char *const categories[])
 {
-    (void)unit, (void)on, (void)count, (void)categories; /* errors are always said, nothing else is */
+    (void)unit, (void)on, (void)count, (void)categories; /* errors and warnings are always said, nothing else is */
     return fmi2OK;
 }
 
@@ -67,6 +68,7 @@ CALL(SetupExperiment)(spool_unit *unit, int tolerant, double tolerance, double s
 {
     (void)tolerant, (void)tolerance, (void)stops, (void)stop;
     unit->state.time = start;
+    unit->started = true;
     unit->computed = false;
     return fmi2OK;
 }
@@ -154,24 +156,18 @@ CALL(FreeFMUstate)(spool_unit *unit, void **state)
 CALL(SerializedFMUstateSize)(spool_unit *unit, void *state, size_t *size)
 {
     (void)unit, (void)state;
-    *size = sizeof(spool_state);
+    *size = SERIALIZED;
     return fmi2OK;
 }
 
 CALL(SerializeFMUstate)(spool_unit *unit, void *state, char bytes[], size_t size)
 {
-    if (size < sizeof(spool_state)) return nothing(unit, 1, "SerializeFMUstate: too few bytes");
-    memcpy(bytes, state, sizeof(spool_state));
-    return fmi2OK;
+    return unit_serialize(unit, state, bytes, size) ? fmi2OK : fmi2Error;
 }
 
 CALL(DeSerializeFMUstate)(spool_unit *unit, const char bytes[], size_t size, void **state)
 {
-    if (size != sizeof(spool_state)) return nothing(unit, 1, "DeSerializeFMUstate: bytes of another model");
-    if (!*state) *state = malloc(size);
-    if (!*state) return fmi2Error;
-    memcpy(*state, bytes, size);
-    return fmi2OK;
+    return unit_deserialize(unit, bytes, size, state) ? fmi2OK : fmi2Error;
 }
 
 CALL(GetDirectionalDerivative)(spool_unit *unit, const reference unknown[], size_t unknowns, const reference known[],

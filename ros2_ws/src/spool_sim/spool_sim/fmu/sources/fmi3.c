@@ -28,11 +28,13 @@ typedef uint32_t reference;
 #define LOGGER 0
 #define UPDATE 1
 
-static void report(spool_unit *unit, const char *text)
+static void report(spool_unit *unit, const char *text, bool warning)
 {
     fmi3Logger logger;
     memcpy(&logger, &unit->callbacks[LOGGER], sizeof logger);
-    if (logger) logger(unit->environment, fmi3Error, "logStatusError", text);
+    if (logger)
+        logger(unit->environment, warning ? fmi3Warning : fmi3Error, warning ? "logStatusWarning" : "logStatusError",
+               text);
 }
 
 static void ask(spool_unit *unit, double time)
@@ -86,7 +88,7 @@ EXPORTED void FMI(FreeInstance)(void *unit) { unit_free(unit); }
 
 CALL(SetDebugLogging)(spool_unit *unit, bool on, size_t count, const char *const categories[])
 {
-    (void)unit, (void)on, (void)count, (void)categories; /* errors are always said, nothing else is */
+    (void)unit, (void)on, (void)count, (void)categories; /* errors and warnings are always said, nothing else is */
     return fmi3OK;
 }
 
@@ -94,6 +96,7 @@ CALL(EnterInitializationMode)(spool_unit *unit, bool tolerant, double tolerance,
 {
     (void)tolerant, (void)tolerance, (void)stops, (void)stop;
     unit->state.time = start;
+    unit->started = true;
     unit->computed = false;
     return fmi3OK;
 }
@@ -202,24 +205,18 @@ CALL(FreeFMUState)(spool_unit *unit, void **state)
 CALL(SerializedFMUStateSize)(spool_unit *unit, void *state, size_t *size)
 {
     (void)unit, (void)state;
-    *size = sizeof(spool_state);
+    *size = SERIALIZED;
     return fmi3OK;
 }
 
 CALL(SerializeFMUState)(spool_unit *unit, void *state, uint8_t bytes[], size_t size)
 {
-    if (size < sizeof(spool_state)) return nothing(unit, 1, "SerializeFMUState: too few bytes");
-    memcpy(bytes, state, sizeof(spool_state));
-    return fmi3OK;
+    return unit_serialize(unit, state, bytes, size) ? fmi3OK : fmi3Error;
 }
 
 CALL(DeserializeFMUState)(spool_unit *unit, const uint8_t bytes[], size_t size, void **state)
 {
-    if (size != sizeof(spool_state)) return nothing(unit, 1, "DeserializeFMUState: bytes of another model");
-    if (!*state) *state = malloc(size);
-    if (!*state) return fmi3Error;
-    memcpy(*state, bytes, size);
-    return fmi3OK;
+    return unit_deserialize(unit, bytes, size, state) ? fmi3OK : fmi3Error;
 }
 
 CALL(GetOutputDerivatives)(spool_unit *unit, const reference which[], size_t count, const int32_t orders[],

@@ -19,9 +19,18 @@ enum {
 /* Steps of one communication step beyond which its length is wrong: 1000 s at 10 us. */
 #define MOST_STEPS 1e8
 
+/* Change of a held acceleration from one step to the next, over its rms, that most steps may have: half of it, 1 %, is
+ * the error of a sine that is late by half a step. Its rms is known once it has turned so often. */
+#define MUCH 0.02
+#define TURNS 5.0
+
 /* Plain numbers only: a copy of it is the whole state. */
 typedef struct {
     double time, z, v, s;
+    double last, change; /* m/s^2, acceleration at the start of the step before, and its change then */
+    double power, jumps; /* sums of the squares of held accelerations and of their changes */
+    double held, moved;  /* steps with a held acceleration, below 0 once that was said; those with much change */
+    double turns;        /* how often the acceleration turned round */
     spool_memory x;
     double body[3]; /* acceleration and its derivatives with respect to time at the start of the next step */
     double oil;
@@ -38,24 +47,100 @@ typedef struct spool_unit spool_unit;
 struct spool_unit {
     spool_state state;
     void *environment;
-    void (*report)(spool_unit *unit, const char *text);
+    void (*report)(spool_unit *unit, const char *text, bool warning);
     /* Asks for the body's acceleration at a time within a step; NULL where the polynomial in body[] holds. */
     void (*ask)(spool_unit *unit, double time);
     void *callbacks[2];
     char *name;
     double q[PARAMETER_COUNT]; /* parameters at the temperature of the oil */
     bool computed;             /* outputs are those of the state */
+    bool started;              /* time is where the master is */
     spool_outputs outputs;
 };
 
+static void unit_tell(spool_unit *unit, bool warning, const char *format, va_list given)
+{
+    char text[400];
+    vsnprintf(text, sizeof text, format, given);
+    if (unit->report) unit->report(unit, text, warning);
+}
+
 static void unit_say(spool_unit *unit, const char *format, ...)
 {
-    char text[300];
     va_list given;
     va_start(given, format);
-    vsnprintf(text, sizeof text, format, given);
+    unit_tell(unit, false, format, given);
     va_end(given);
-    if (unit->report) unit->report(unit, text);
+}
+
+static void unit_warn(spool_unit *unit, const char *format, ...)
+{
+    va_list given;
+    va_start(given, format);
+    unit_tell(unit, true, format, given);
+    va_end(given);
+}
+
+/* FNV-1a over the bytes of a state. */
+static uint64_t unit_checksum(const void *state)
+{
+    const unsigned char *bytes = state;
+    uint64_t sum = 14695981039346656037u;
+    for (size_t one = 0; one < sizeof(spool_state); ++one) sum = (sum ^ bytes[one]) * 1099511628211u;
+    return sum;
+}
+
+/* A serialized state: its bytes, then their checksum. */
+#define SERIALIZED (sizeof(spool_state) + sizeof(uint64_t))
+
+static bool unit_serialize(spool_unit *unit, const void *state, void *bytes, size_t size)
+{
+    uint64_t sum = unit_checksum(state);
+    if (size < SERIALIZED) {
+        unit_say(unit, "a serialized state needs %u bytes", (unsigned)SERIALIZED);
+        return false;
+    }
+    memcpy(bytes, state, sizeof(spool_state));
+    memcpy((char *)bytes + sizeof(spool_state), &sum, sizeof sum);
+    return true;
+}
+
+static bool unit_deserialize(spool_unit *unit, const void *bytes, size_t size, void **state)
+{
+    uint64_t sum = 0;
+    if (size == SERIALIZED) memcpy(&sum, (const char *)bytes + sizeof(spool_state), sizeof sum);
+    if (size != SERIALIZED || sum != unit_checksum(bytes)) {
+        unit_say(unit, size == SERIALIZED ? "the serialized state is damaged" : "bytes of another model");
+        return false;
+    }
+    if (!*state) *state = malloc(sizeof(spool_state));
+    if (!*state) return false;
+    memcpy(*state, bytes, sizeof(spool_state));
+    return true;
+}
+
+/* Count how much a held acceleration moves from step to step, and say once that the steps are too long. */
+static void unit_watch(spool_unit *unit, double length)
+{
+    spool_state *m = &unit->state;
+    double a = m->body[0], change = a - m->last, ratio;
+    bool given = unit->ask || m->body[1] != 0.0 || m->body[2] != 0.0;
+    m->last = a;
+    if (given || m->held < 0.0) return;
+    m->held += 1.0;
+    m->power += a * a;
+    if (m->held == 1.0) return;
+    m->jumps += change * change;
+    if (change * m->change < 0.0) m->turns += 1.0;
+    m->change = change;
+    if (change * change * m->held > MUCH * MUCH * m->power) m->moved += 1.0;
+    if (m->turns < TURNS || 2.0 * m->moved < m->held) return;
+    ratio = sqrt(m->jumps / m->power);
+    unit_warn(unit,
+              "body_acceleration is held over steps of %g s and moves by %.0f %% of its rms in each: the motion is wrong "
+              "by about %.0f %%; use steps of %.1g s, or pass its course within a step",
+              length, 100.0 * ratio, 50.0 * ratio, length * spool_min(0.5, MUCH / ratio));
+    m->held = -1.0;
 }
 
 /* Take over what was set; beyond the ends of the oil's table that of the end holds. */
@@ -77,6 +162,7 @@ static void unit_reset(spool_unit *unit)
 {
     spool_state *m = &unit->state;
     memset(m, 0, sizeof *m);
+    unit->started = false;
     m->step = INTERNAL_STEP_START;
     m->oil = OIL_START;
     for (int place = 0; place < PARAMETER_COUNT; ++place) m->values[place] = parameters[place].start;
@@ -222,6 +308,12 @@ static bool unit_step(spool_unit *unit, double time, double length)
         unit_say(unit, "communication step of %g s: use more than 0 and less than %g s", length, m->step * MOST_STEPS);
         return false;
     }
+    if (unit->started && fabs(time - m->time) > 1e-3 * length + 1e-9 * fabs(time)) {
+        unit_say(unit, "step from %g s, but the valve is at %g s: restore a state before a step is repeated", time, m->time);
+        return false;
+    }
+    unit->started = true;
+    unit_watch(unit, length);
     count = spool_max(1.0, ceil(length / m->step - 1e-6));
     h = length / count;
     a0 = m->body[0];
