@@ -20,7 +20,8 @@ from spool_evaluation.results.page import MarkedPage, sentence
 FORCE, REST = "#0072B2", "#D55E00"
 #: How far (m, s) laws are drawn that do not depend on the velocity; others with a potential as below.
 OVER_DISPLACEMENT = {
-    "end_stop": 45e-4, "play_friction": 3e-4, "presliding_friction": 4e-5, "spring_backlash": 4e-4, "spring_preload": 1e-4,
+    "end_stop": 45e-4, "play_friction": 3e-4, "presliding_friction": 4e-5, "spring_backlash": 4e-4,
+    "spring_preload": 1e-4,
 }  # fmt: skip
 OVER_TIME = {"periodic_force": 0.1, "damping_drift": 60.0}
 LARGEST_DISPLACEMENT, LARGEST_SPEED = 0.006, 0.2
