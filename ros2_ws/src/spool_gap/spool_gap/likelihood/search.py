@@ -333,8 +333,7 @@ class Search:
             trials = [each for each in trials if not _senseless(each)]
             (value, one), *others = self._likeliest([one, *trials])[: DRAWS // 4]
             rises.append(value - known)
-            # As the draws gather, they rise less.
-            if value + left * max(rises[-3:]) < goal:
+            if len(rises) > 1 and value + left * max(rises) < goal:
                 break
             known = value
             kept = [one, *(each for _, each in others)]
