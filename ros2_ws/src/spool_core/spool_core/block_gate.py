@@ -261,7 +261,11 @@ class BlockGate:
             left = behind
             if ahead:
                 whole = whole if count == whole.blocks else _as_one(ahead)
-                yield whole, self._accept_together(whole, ahead)
+                last, self.fault, self.certain, self.before = last_of(ahead[-1]), None, None, self.last
+                verdict = self._accept(last, Verdict.CONTINUES)
+                self.recent.advance((whole.body.size - last.body.size) * last.sample_period)
+                self.accepted += whole.blocks - 1
+                yield whole, verdict
             if self.rate.state is RateState.WRONG:
                 self.before, self.fault, self.certain = self.last, None, None
                 (first,), left = cut(left, 1)
@@ -316,14 +320,6 @@ class BlockGate:
                 if not self.confirmed:
                     return count
         return count
-
-    def _accept_together(self, whole: Block, items: Sequence[Block | BlockRun]) -> Verdict:
-        """Accept ``whole``, which is joined of ``items``."""
-        last, self.fault, self.certain, self.before = last_of(items[-1]), None, None, self.last
-        verdict = self._accept(last, Verdict.CONTINUES)
-        self.recent.advance((whole.body.size - last.body.size) * last.sample_period)
-        self.accepted += whole.blocks - 1
-        return verdict
 
 
 def place_of(block: Block) -> Place:

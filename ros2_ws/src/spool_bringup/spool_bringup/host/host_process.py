@@ -16,7 +16,6 @@ from importlib.metadata import entry_points
 from typing import Any, ClassVar
 
 import rclpy
-from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.signals import SignalHandlerOptions
 from spool_core.errors import InputError
@@ -261,7 +260,7 @@ class HostProcess:
         hub.share(self._node, "accelerations")
         hub.together, hub.starting = self._node.value("together"), True
         BUDGET.share = REFITS
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        steady = rclpy.clock.Clock(clock_type=rclpy.clock.ClockType.STEADY_TIME)
 
         def tick() -> None:
             hub.collect()

@@ -13,7 +13,6 @@ import traceback
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from typing import Any, ClassVar, ParamSpec, TypeVar
 
 from rcl_interfaces.msg import SetParametersResult
@@ -166,7 +165,9 @@ class ManagedNode(LifecycleNode):  # type: ignore[misc]  # rclpy carries no type
         executor for each of a thousand messages a second costs more than what they are for.
         """
         boxes = [(self.open_mailbox(kind, topic, profile), take) for kind, topic, take in sources]
-        self._while_active += [partial(self.destroy_subscription, box.subscription) for box, _ in boxes]
+        self._while_active += [
+            functools.partial(self.destroy_subscription, box.subscription) for box, _ in boxes
+        ]
 
         def take_all() -> None:
             came = [(at, data, take) for box, take in boxes for data, at in box.arrivals()]
