@@ -17,7 +17,6 @@ from typing import Any, ClassVar
 
 import rclpy
 from rclpy.lifecycle import TransitionCallbackReturn
-from rclpy.signals import SignalHandlerOptions
 from spool_core.errors import InputError
 from spool_core.node.block_hub import BlockHub, Throttle, TopicTimes, Worker
 from spool_core.node.diagnostics import DiagnosticPublisher, Level, Status
@@ -207,7 +206,7 @@ class HostProcess:
             ensure_log_folder()
             refuse_other_files(self.arguments)
             self.arguments = arguments_of_process(self.arguments, self.number)
-            rclpy.init(args=self.arguments, signal_handler_options=SignalHandlerOptions.NO)
+            rclpy.init(args=self.arguments, signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)
             self._begin()
             code = 1  # from here on nothing that was given is wrong
             STOP.phase = Phase.RUNNING

@@ -1,11 +1,11 @@
 """Compiled kernels on disk: their folder, and files that are sealed so that damage is seen.
 
-numba loads machine code from these files and runs it. A file that a power loss cut off, or in which a bit
-flipped, would raise an arbitrary error or crash the process: one whose checksum differs is compiled again.
+numba loads machine code from these files and runs it. A bit that flipped, or a file that a power loss cut
+off, would crash the process or raise any error: a file whose checksum differs is compiled again.
 
 The files keep numba's names: an index (``.nbi``) for each kernel, a data file (``.nbc``) for each signature.
-This module alone knows private parts of numba (checked with 0.68.1): numba has no public way to check what it
-loads. Until a kernel is compiled it loads only Python's own library: ``./spool doctor`` needs no numba.
+This module alone knows private parts of numba (checked with 0.68.1), which has no public check of its files.
+Until a kernel is compiled it loads only Python's own library: ``./spool doctor`` needs no numba.
 """
 
 from __future__ import annotations
