@@ -168,8 +168,11 @@ class BlockHub:
         if topic.local:
             return
         if self.worker is None:
+            # A clock that is played may run faster than a busy consumer reads for a moment.
+            played = node.get_parameter("use_sim_time").value
+            quality = qos.samples_wanted(HOSTED_DEPTH) if played else qos.samples_wanted()
             topic.subscription = node.create_subscription(
-                AccelerationBlock, topic.name, partial(self._hear, topic), qos.samples_wanted(), raw=True
+                AccelerationBlock, topic.name, partial(self._hear, topic), quality, raw=True
             )
         else:
             topic.mailbox = node.open_mailbox(AccelerationBlock, topic.name, qos.samples_wanted(HOSTED_DEPTH))
