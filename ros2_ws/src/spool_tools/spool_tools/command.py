@@ -58,39 +58,32 @@ JsonFile = Annotated[
 ]
 
 
-def _target(option: str) -> Callable[[Path | None], Path | None]:
-    """Return the callback that checks the file of ``option`` before any work is done."""
-    return lambda path: check_output(path, option)
+def _output(option: str, text: str, kind: str) -> Any:
+    """Return the option of a file to write, which is checked before any work is done."""
+    return typer.Option(
+        option,
+        rich_help_panel=OUTPUT,
+        help=text,
+        metavar=kind,
+        callback=lambda path: check_output(path, option),
+    )
+
+
+def _part(option: str, text: str) -> Any:
+    return typer.Option(option, rich_help_panel=PART, help=text)
 
 
 ReportFile = Annotated[
-    Path | None,
-    typer.Option(
-        "--report",
-        rich_help_panel=OUTPUT,
-        help="Write pictures and tables as one HTML page.",
-        metavar="HTML",
-        callback=_target("--report"),
-    ),
+    Path | None, _output("--report", "Write pictures and tables as one HTML page.", "HTML")
 ]
 ModelFile = Annotated[
     Path | None,
-    typer.Option(
-        "--save-model",
-        rich_help_panel=OUTPUT,
-        help="Write the resulting model as YAML, for simulate and the nodes.",
-        metavar="YAML",
-        callback=_target("--save-model"),
-    ),
+    _output("--save-model", "Write the resulting model as YAML, for simulate and the nodes.", "YAML"),
 ]
 FmuFile = Annotated[
     Path | None,
-    typer.Option(
-        "--fmu",
-        rich_help_panel=OUTPUT,
-        help="Write a valve or a model as an FMU, for Simulink, Modelica tools and others.",
-        metavar="FILE.fmu",
-        callback=_target("--fmu"),
+    _output(
+        "--fmu", "Write a valve or a model as an FMU, for Simulink, Modelica tools and others.", "FILE.fmu"
     ),
 ]
 Force = Annotated[
@@ -115,36 +108,18 @@ ParamsFile = Annotated[
 ]
 
 ColumnsOption = Annotated[
-    str | None,
-    typer.Option(
-        "--columns",
-        rich_help_panel=PART,
-        help="Column names in the file, e.g. time_s=t,body_m_s2=ch1,spool_m_s2=ch2",
-    ),
+    str | None, _part("--columns", "Column names in the file, e.g. time_s=t,body_m_s2=ch1,spool_m_s2=ch2")
 ]
 ExcludeOption = Annotated[
-    list[str] | None,
-    typer.Option("--exclude", rich_help_panel=PART, help="Columns to ignore, by name or number: NAME,#3"),
+    list[str] | None, _part("--exclude", "Columns to ignore, by name or number: NAME,#3")
 ]
-UnitOption = Annotated[
-    list[str] | None,
-    typer.Option("--unit", rich_help_panel=PART, help="Units missing in the file: body=g,force=N,time=ms"),
-]
+UnitOption = Annotated[list[str] | None, _part("--unit", "Units missing in the file: body=g,force=N,time=ms")]
 ScaleOption = Annotated[
     list[str] | None,
-    typer.Option(
-        "--scale",
-        rich_help_panel=PART,
-        help="Sensitivities: body=100mV/g,spool=50g/FS; raw counts: body=1.25e-6g/count",
-    ),
+    _part("--scale", "Sensitivities: body=100mV/g,spool=50g/FS; raw counts: body=1.25e-6g/count"),
 ]
 RateOption = Annotated[
-    float | None,
-    typer.Option(
-        "--rate",
-        rich_help_panel=PART,
-        help="Sample rate in Hz, for files with a missing or poor time column.",
-    ),
+    float | None, _part("--rate", "Sample rate in Hz, for files with a missing or poor time column.")
 ]
 BagArgument = Annotated[Path, typer.Argument(help="rosbag2 directory or .mcap file.", metavar="BAG")]
 ValveFiles = Annotated[
@@ -177,10 +152,7 @@ LanguageOption = Annotated[
         "--language", help="Language of alarms: en, de or pl; default: SPOOL_LANGUAGE, else English."
     ),
 ]
-NameOption = Annotated[
-    str | None,
-    typer.Option("--name", rich_help_panel=PART, help="Valve to use if the bag holds several, e.g. valve_2."),
-]
+NameOption = Annotated[str | None, _part("--name", "Valve to use if the bag holds several, e.g. valve_2.")]
 StartOption = Annotated[
     float, typer.Option(rich_help_panel=PART, help="Start of the part to use, in s from the first sample.")
 ]
@@ -190,24 +162,19 @@ StopOption = Annotated[
 ]
 SinceOption = Annotated[
     str | None,
-    typer.Option(
+    _part(
         "--since",
-        rich_help_panel=PART,
-        help="Start of the time span: 10m, 6h or 7d before the end, or 2025-01-31T12:00:00 (UTC); bags only.",
+        "Start of the time span: 10m, 6h or 7d before the end, or 2025-01-31T12:00:00 (UTC); bags only.",
     ),
 ]
 UntilOption = Annotated[
-    str | None,
-    typer.Option(
-        "--until", rich_help_panel=PART, help="End of the time span (same formats as --since; bags only)."
-    ),
+    str | None, _part("--until", "End of the time span (same formats as --since; bags only).")
 ]
 AroundOption = Annotated[
     str | None,
-    typer.Option(
+    _part(
         "--around",
-        rich_help_panel=PART,
-        help="Use one minute before and after the newest alarm of this kind, e.g. resonance. "
+        "Use one minute before and after the newest alarm of this kind, e.g. resonance. "
         "resonance:2: second newest; alarm: any kind (bags only).",
     ),
 ]
