@@ -222,7 +222,6 @@ def _start(nodes: Nodes, folder: Path, seconds: float) -> None:
 
 
 def _let_drift(node: Node, valve: DemoValve, duration: float) -> None:
-    """Set the simulator's drift parameters through the standard parameter service."""
     wanted = {"drift_target": valve.drift_target, "drift_duration": duration, "drift_quantity": valve.drift}
     request = SetParametersAtomically.Request(
         parameters=[Parameter(name, value=value).to_parameter_msg() for name, value in wanted.items()]

@@ -208,7 +208,6 @@ def _play(
     seconds: float,
     speed: float,
 ) -> None:
-    """Send ``items`` when they are due."""
     first = shift = 0
     turned = run.started = time.monotonic()
     for stamp, name, item in items:

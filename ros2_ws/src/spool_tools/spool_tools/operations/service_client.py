@@ -271,8 +271,7 @@ def analyse_live(valve: str, json_file: Path | None) -> None:
     if found.state != GapAnalysis.STATE_DONE:
         raise InputError(f"{valve}: {found.sentence}")
     if json_file is not None:
-        text = json.dumps(json.loads(found.json), indent=2) + "\n"
-        write_file(json_file, text, "--json")
+        write_file(json_file, json.dumps(json.loads(found.json), indent=2) + "\n", "--json")
     print(f"{found.verdict}  (confidence {found.confidence.value:.2f}, of the last {found.window:.0f} s)")
     print(found.sentence)
 
@@ -346,7 +345,6 @@ def _silent(server: str) -> InputError:
 
 
 def _names(node: Node, server: str) -> list[str]:
-    """Return the names of the node's own parameters."""
     names = call(node, server, "list_parameters", ListParameters.Request(), ListParameters).result.names
     return sorted(one for one in names if one.split(".")[0] not in BUILT_IN)
 
