@@ -27,7 +27,7 @@ from spool_report.evidence.collection import fit_exhibits
 from spool_report.evidence.exhibit import DARK, MEASURED, STYLES, WIDTH
 from spool_report.fit_curves import Excerpt, FrictionCurve, Overlay
 from spool_report.outputs import sources
-from spool_report.ranking import WORTH, FittedSeries, Ranking, ValidatedFit
+from spool_report.ranking import WORTH, FittedSeries, Rank, Ranking, ValidatedFit
 
 WAVEFORM = (
     "Spool acceleration, measured and simulated from the measured body acceleration alone; below, the "
@@ -56,6 +56,7 @@ def fit_page(validated: ValidatedFit) -> str:
     error = validated.held_out_error
     held = f"{100.0 * error:.2g} % of its rms" if math.isfinite(error) else "not known: no data were held out"
     worst = [*found.warnings, *doubts][:2]
+    exhibits = html.evidence(fit_exhibits(found, validated.data.valve, validated.data.fitted))
     sections: list[str] = [
         html.verdict(summary(validated)),
         html.answers(
@@ -74,9 +75,6 @@ def fit_page(validated: ValidatedFit) -> str:
         *(html.listing(lines) for lines in (tables.correlations(found), found.warnings, doubts) if lines),
         html.heading("Quality of the fit"),
         html.table(tables.quality_table(validated)),
-    ]
-    exhibits = html.evidence(fit_exhibits(found, validated.data.valve, validated.data.fitted))
-    sections += [
         html.section("Amplitude, friction and spectrum", others),
         html.section("Evidence", [html.paragraph(EVIDENCE), *exhibits]),
     ]
@@ -140,13 +138,7 @@ def compare_page(series: Sequence[FittedSeries], ranking: Ranking) -> str:
         html.answers([("How sure", f"Error of the best on unseen data: {sure}."), ("What to do", use)]),
         *first[:1],
         html.drawing(
-            ranking_figure(
-                [entry.model for entry in shown],
-                [entry.excess for entry in shown],
-                [entry.held_out_error for entry in shown],
-                [entry.parameters for entry in shown],
-                WORTH,
-            ),
+            ranking_figure(shown),
             "Models, best first: error above the least, and error on held-out data.",
             f"From best to worst: {', '.join(entry.model.replace('_', ' ') for entry in shown)}.",
         ),
@@ -287,35 +279,20 @@ def spectrum_figure(agreements: Mapping[str, Agreement], measured: tuple[Array, 
     return figure
 
 
-def ranking_figure(
-    names: Sequence[str],
-    excesses: Sequence[float],
-    errors: Sequence[float],
-    counts: Sequence[int],
-    worth: float,
-) -> Figure:
-    """Return the ranking as a picture, the best on top.
-
-    Args:
-        names: of the models, best first.
-        excesses: what each leaves over beyond the least, relative.
-        errors: nrmse on held-out data, NaN where there is none.
-        counts: parameters of each that were fitted.
-        worth: excess up to which models do equally well.
-    """
-    looks = styles(list(names))
+def ranking_figure(ranks: Sequence[Rank]) -> Figure:
+    """Return ``ranks``, best first, as a picture, the best on top."""
+    looks = styles([entry.model for entry in ranks])
     figure: Figure
     figure, axes = plt.subplots(
-        1, 2, figsize=(WIDTH, 1.2 + 0.5 * len(names)), layout="constrained", sharey=True
+        1, 2, figsize=(WIDTH, 1.2 + 0.5 * len(ranks)), layout="constrained", sharey=True
     )
-    percent = [100.0 * value for value in excesses]
-    axes[0].set_xscale("symlog", linthresh=100.0 * worth, linscale=0.7)
-    axes[0].axvspan(0.0, 100.0 * worth, color="#e4e4e4", lw=0, zorder=0, label="equally well")
-    for place, name in enumerate(names):
-        colour, _, marker = looks[name]
+    axes[0].set_xscale("symlog", linthresh=100.0 * WORTH, linscale=0.7)
+    axes[0].axvspan(0.0, 100.0 * WORTH, color="#e4e4e4", lw=0, zorder=0, label="equally well")
+    for place, entry in enumerate(ranks):
+        colour, _, marker = looks[entry.model]
         for axis, value, text in (
-            (axes[0], percent[place], f"{percent[place]:+.1f} %"),
-            (axes[1], errors[place], f"{errors[place]:.4f}"),
+            (axes[0], 100.0 * entry.excess, f"{100.0 * entry.excess:+.1f} %"),
+            (axes[1], entry.held_out_error, f"{entry.held_out_error:.4f}"),
         ):
             if np.isfinite(value):
                 axis.hlines(place, 0.0, value, color=colour, lw=2)
@@ -324,16 +301,16 @@ def ranking_figure(
                     text, (value, place), xytext=(9, 0), textcoords="offset points", va="center", fontsize=8
                 )
     axes[0].set_yticks(
-        range(len(names)),
-        [f"{_said(name)}\n{count} parameters" for name, count in zip(names, counts, strict=True)],
+        range(len(ranks)),
+        [f"{_said(entry.model)}\n{entry.parameters} parameters" for entry in ranks],
         fontsize=9,
     )
-    axes[0].set_xlim(0.0, max(1000.0 * worth, 12.0 * max(percent)))
+    axes[0].set_xlim(0.0, max(1000.0 * WORTH, 12.0 * max(100.0 * entry.excess for entry in ranks)))
     axes[0].xaxis.set_major_formatter("{x:g}")
-    axes[0].set_ylim(len(names) - 0.5, -0.5)
+    axes[0].set_ylim(len(ranks) - 0.5, -0.5)
     axes[0].legend(fontsize=8, loc="upper right")
     _label(axes[0], "error above the least, % of it", "")
-    finite = [value for value in errors if np.isfinite(value)]
+    finite = [entry.held_out_error for entry in ranks if np.isfinite(entry.held_out_error)]
     axes[1].set_xlim(0.0, 1.3 * max(finite) if finite else 1.0)
     _label(axes[1], "error on held-out data, share of the spool's rms", "")
     return figure
