@@ -16,8 +16,7 @@ from spool_gap.catalogue import EFFECTS
 from spool_gap.result import Curves, GapResult, Surface, Where
 
 from spool_report import page as html
-from spool_report.evidence.exhibit import AFTER, BEFORE, FLOOR, MEASURED, WIDTH, Exhibit, LeftOut
-from spool_report.evidence.exhibit import plain as _plain
+from spool_report.evidence.exhibit import AFTER, BEFORE, FLOOR, MEASURED, WIDTH, Exhibit, LeftOut, plain
 from spool_report.terminal import Table
 
 WHERE = (
@@ -119,7 +118,6 @@ def _what_was_found(result: GapResult) -> list[Markup]:
 
 
 def _where_it_sits(result: GapResult) -> list[Markup]:
-    """Return where the missing force sits."""
     before, after = result.before.nrmse, result.after.nrmse
     left = (after / before) ** 2 if before > 0.0 else 1.0
     largest = [
@@ -201,11 +199,10 @@ def where_figure(before: Where, after: Where, share_left: float) -> Figure:
         axis.set_xticks(places, labels, rotation=40, ha="right", fontsize=7)
         axis.set_title(name + ("" if unit in ("", "1") else f", {shown}"), fontsize=9)
         axis.tick_params(axis="y", labelsize=7)
-        _plain(axis)
+        plain(axis)
     axes[0, 0].set_ylabel("share of the gap's energy, %", fontsize=8)
     axes[1, 0].set_ylabel("share of the gap's energy, %", fontsize=8)
-    handles, names = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, names, fontsize=8, loc="outside lower center", ncols=3)
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), fontsize=8, loc="outside lower center", ncols=3)
     return figure
 
 
@@ -248,7 +245,7 @@ def profile_figure(profiles: Sequence[ProfileLikelihood]) -> Figure:
         unit = "" if profile.unit == "1" else f", {profile.unit}"
         axis.set_xlabel(f"{profile.name.replace('_', ' ')}{unit}", fontsize=8)
         axis.tick_params(labelsize=7)
-        _plain(axis)
+        plain(axis)
     for axis in axes.ravel()[len(profiles) :]:
         axis.set_visible(False)
     for axis in axes[:, 0]:
@@ -276,9 +273,8 @@ def ranking_figure(result: GapResult) -> Figure:
     axis.axvline(100.0 * result.before.nrmse, color=BEFORE, lw=1.4, label="base model")
     axis.axvline(100.0 * result.known_floor, color=FLOOR, lw=1.2, ls=(0, (4, 2)), label="noise alone")
     axis.set_xlim(0.0, 115.0 * top)
-    axis.set_xlabel("error on held-out data, % of the measured rms", fontsize=9)
     axis.legend(fontsize=8, loc="lower right")
-    _plain(axis)
+    plain(axis, "error on held-out data, % of the measured rms")
     return figure
 
 
@@ -296,12 +292,10 @@ def waveform_figure(curves: Curves) -> Figure:
     ):  # fmt: skip
         upper.plot(time, row, color=colour, ls=dash, lw=1.1, label=name)
         lower.plot(time, row - curves.measured, color=colour, ls=dash, lw=0.9)
-    upper.set_ylabel(f"{what}, {unit}", fontsize=9)
-    lower.set_ylabel(f"model − measured, {unit}", fontsize=9)
-    lower.set_xlabel(f"time from {curves.time[0]:.2f} s, s", fontsize=9)
+    plain(upper, "", f"{what}, {unit}")
+    plain(lower, f"time from {curves.time[0]:.2f} s, s", f"model − measured, {unit}")
     upper.legend(fontsize=8, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, frameon=False)
     for axis in (upper, lower):
-        _plain(axis)
         axis.margins(x=0.0)
     return figure
 
@@ -327,10 +321,8 @@ def spectrum_figure(curves: Curves, noise: str = "noise alone") -> Figure:
     axis.set_ylim(bottom=0.1 * low)
     axis.margins(x=0.0)
     unit = "N" if curves.unit == "N" else "m/s²"
-    axis.set_xlabel("frequency, Hz", fontsize=9)
-    axis.set_ylabel(f"amplitude density, {unit}/√Hz", fontsize=9)
+    plain(axis, "frequency, Hz", f"amplitude density, {unit}/√Hz")
     axis.legend(fontsize=8, ncols=4, loc="lower right", bbox_to_anchor=(1.0, 1.0), frameon=False)
-    _plain(axis)
     return figure
 
 

@@ -298,8 +298,7 @@ def force_loops(loops: Loops) -> Exhibit:
         lower.axhline(0.0, color=MEASURED, lw=0.6)
         plain(upper, "", "force, N" if column == 0 else "")
         plain(lower, label, "missing force, N" if column == 0 else "")
-    handles, names = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, names, fontsize=8, loc="outside lower center", ncols=3)
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), fontsize=8, loc="outside lower center", ncols=3)
     parts = []
     for name, missing in loops.missing.items():
         # What the medians of the missing force look like, empty where they are flat.
