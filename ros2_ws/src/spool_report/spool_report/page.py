@@ -67,7 +67,6 @@ def plain_numbers(row: Iterable[float]) -> list[float | None]:
 
 
 def _asset(name: str) -> str:
-    """Return a file of the templates' folder as it stands."""
     assert _TEMPLATES.loader is not None
     return _TEMPLATES.loader.get_source(_TEMPLATES, name)[0]
 

@@ -164,15 +164,12 @@ def _shared(
                     )
                 if any(setup in other for other in found.get(name, ())) or list(group).count(setup) > 1:
                     raise InputError(f"{where}: {name}: set-up '{setup}' is listed twice: list it once")
-            for one in setups:
-                if (
-                    one.name in group
-                    and name == "spring_stiffness"
-                    and one.known.spring_stiffness is not None
-                ):
-                    raise InputError(
-                        f"{where}: {name}: set-up '{one.name}' has it among what is known: remove one of them"
-                    )
+            known = [one.name for one in setups if one.known.spring_stiffness is not None]
+            twice = [one for one in known if one in group and name == "spring_stiffness"]
+            if twice:
+                raise InputError(
+                    f"{where}: {name}: set-up '{twice[0]}' has it among what is known: remove one of them"
+                )
             found[name] = (*found.get(name, ()), tuple(group))
     return found
 

@@ -152,7 +152,6 @@ def amplitude_figure(found: work.WhatIf) -> Figure:
 
 
 def _seen(found: work.WhatIf) -> str:
-    """Return the resonances and orders in words."""
     parts = [
         f"order {order} at {speed} ({name})"
         for name, _, _, _, order, speed, _ in (row for row in work.resonances(found)[1] if row[4:])

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -28,7 +28,6 @@ from spool_sim.valve import Valve
 #: Times the natural frequency that a spectrum over time shows at least, and of the excitation's limit.
 HARMONICS, BEYOND = 4.0, 1.2
 
-
 #: Names of both sides.
 BASE, FOUND = "base model", "with what was found"
 #: Times the highest frequency with motion that a spectrum over time shows.
@@ -51,16 +50,14 @@ class AccelerationEvidence:
     valve: Valve
     sides: Sequence[motion.Numbers]
     frequencies: Mapping[str, Frequency] | None = None
-    _runs: motion.Runs | None = field(default=None, init=False)
 
     def exhibits(self) -> list[Exhibit | LeftOut]:
         """Return every picture, or why it is left out, in the order in which an expert looks."""
-        wanted: tuple[tuple[str, Callable[[], Exhibit]], ...] = (
-            (CAMPBELL_TITLE, self._campbell),
-            (motion.TRANSMISSIBILITY_TITLE, lambda: motion.transmissibility(self._both())),
-            (motion.LOOPS_TITLE, self._loops),
-        )
-        return [made(title, build) for title, build in wanted]
+        return [
+            made(CAMPBELL_TITLE, self._campbell),
+            made(motion.TRANSMISSIBILITY_TITLE, self._transmissibility),
+            made(motion.LOOPS_TITLE, self._loops),
+        ]
 
     def _campbell(self) -> Exhibit:
         rows = motion.of_one_rate(self.records)
@@ -82,24 +79,18 @@ class AccelerationEvidence:
         if not self.sides:
             raise InputError("no model of this valve is known from the record")
 
-    def _both(self) -> motion.Runs:
+    def _transmissibility(self) -> Exhibit:
         self._need_a_model()
-        if self._runs is None:
-            self._runs = motion.runs_of(self.records, self.valve, self.sides)
-        return self._runs
+        return motion.transmissibility(motion.runs_of(self.records, self.valve, self.sides))
 
 
 def force_exhibits(records: Sequence[ForceRecord], curves: Curves) -> list[Exhibit | LeftOut]:
     """Return every picture that ``records`` of force allow; ``curves`` are those of the analysis."""
-    wanted: tuple[tuple[str, Callable[[], Exhibit]], ...] = (
-        (CAMPBELL_TITLE, lambda: _over_time(records)),
-        (motion.LOOPS_TITLE, lambda: _loops(records, curves)),
-    )
     no_body = LeftOut(
         motion.TRANSMISSIBILITY_TITLE, "a record of force and displacement holds no acceleration of the body"
     )
-    over_time, loops = [made(title, build) for title, build in wanted]
-    return [over_time, no_body, loops]
+    over_time = made(CAMPBELL_TITLE, partial(_over_time, records))
+    return [over_time, no_body, made(motion.LOOPS_TITLE, partial(_loops, records, curves))]
 
 
 def fit_exhibits(found: Fit, valve: Valve, records: Sequence[Record]) -> list[Exhibit | LeftOut]:

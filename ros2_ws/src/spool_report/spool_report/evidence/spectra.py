@@ -263,8 +263,7 @@ def campbell(shown: Spectrogram, natural: Mapping[str, Frequency], unit: str = "
     plain(axis, "time since the start of the record, s", "frequency, Hz")
     if image is not None:
         figure.colorbar(image, ax=axis, label=f"log10 of the power density, {unit}", shrink=0.9)
-    handles, names = axis.get_legend_handles_labels()
-    figure.legend(handles, names, fontsize=8, loc="outside lower center", ncols=3)
+    figure.legend(*axis.get_legend_handles_labels(), fontsize=8, loc="outside lower center", ncols=3)
     return Exhibit(CAMPBELL_TITLE, figure, CAMPBELL_CAPTION, _campbell_seen(shown, natural))
 
 
@@ -279,15 +278,11 @@ def _campbell_seen(shown: Spectrogram, natural: Mapping[str, Frequency]) -> str:
             parts.append(f"the natural frequency ({name}) is not known")
             continue
         low, high = float(known.min()), float(known.max())
-        span = (
-            f"{number(low, 3)} Hz"
-            if high - low < 5e-3 * high
-            else f"{number(low, 3)} to {number(high, 3)} Hz"
-        )
+        end = "" if high - low < 5e-3 * high else f" to {number(high, 3)}"
         middle = float(np.median(known))
         share = float(np.mean(np.abs(shown.line / middle - 1.0) < NEAR))
         parts.append(
-            f"natural frequency ({name}) {span}; the excitation's strongest line is within "
+            f"natural frequency ({name}) {number(low, 3)}{end} Hz; the excitation's strongest line is within "
             f"{100.0 * NEAR:.0f} % of it during {100.0 * share:.0f} % of the time"
         )
     return f"{'; '.join(parts)}."

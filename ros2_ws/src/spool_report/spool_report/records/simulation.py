@@ -88,8 +88,7 @@ def simulate(out: Path, settings: SimulationSettings) -> None:
         channel = writer.add_topic(f"/{name}/acceleration", ACCELERATION_BLOCK)
         writer.write(description, SIMULATION_START, encode_valve(simulator.valve, SIMULATION_START))
         thermal = writer.add_topic(f"/{name}/oil_temperature", TEMPERATURE) if temperatures else 0
-        turning = shaking.speed(0.0) is not None
-        shaft = writer.add_topic(f"/{name}/speed", FLOAT64) if turning else 0
+        shaft = 0 if shaking.speed(0.0) is None else writer.add_topic(f"/{name}/speed", FLOAT64)
         next_speed = SIMULATION_START
         for block in blocks:
             rpm = shaking.speed((block.stamp - SIMULATION_START) * 1e-9)

@@ -162,8 +162,7 @@ def load_series(request: CompareRequest, selection: Selection) -> list[FitData]:
         return [load_data(records, valves[0] if valves else None, selection, request.holdout)]
     if request.holdout:
         raise InputError("--holdout: several records are separate series: pass --together, or one record")
-    given: Sequence[str | None] = valves if len(valves) == len(records) else [*valves[:1]] or [None]
-    given = given if len(given) == len(records) else [given[0]] * len(records)
+    given = valves if len(valves) == len(records) else [*valves[:1], None][:1] * len(records)
     return [load_data([path], valve, selection) for path, valve in zip(records, given, strict=True)]
 
 

@@ -69,8 +69,7 @@ def run_gap(
         else:
             # Who imposes a motion measures the force on whatever is moved: no mass is known.
             described = find_valve(valve) if valve is not None and kind == "driven" else None
-            mass = request.mass
-            mass = mass if described is None or mass is not None else described.moving_mass
+            mass = request.mass if described is None or request.mass is not None else described.moving_mass
             notes: list[str] = []
             forces, held = (
                 _force_records(paths, kind, selection, notes) for paths in (request.records, request.holdout)

@@ -316,18 +316,13 @@ def replay_valve(
             if isinstance(item, BlockRun):
                 if timeline is not None:
                     timeline.take_run(item)
-                if parts is not None:
-                    for block in item.blocks():
-                        parts.take(block)
-                one.update(item)
-                advance(len(item))
-                continue
-            if timeline is not None:
+            elif timeline is not None:
                 timeline.take(item)
             if parts is not None:
-                parts.take(item)
+                for block in item.blocks() if isinstance(item, BlockRun) else (item,):
+                    parts.take(block)
             one.update(item)
-            advance(1)
+            advance(len(item) if isinstance(item, BlockRun) else 1)
     one.flush()
     if kept is not None:
         kept.keep_baseline()

@@ -121,9 +121,7 @@ def what_if(request: WhatIfRequest) -> WhatIf:
     drive = _drive(request)
     if drive.note:
         notes.append(drive.note)
-    frequencies = drive.frequencies
-    if frequencies is None:
-        frequencies = sines.grid(drive, [before, after])
+    frequencies = sines.grid(drive, [before, after]) if drive.frequencies is None else drive.frequencies
     amplitudes = sorted({drive.amplitude, *(size for _, size in drive.orders)}, reverse=True)
     pairs = [(one, size) for one in (before, after) for size in amplitudes]
     if not drive.fixed:
@@ -363,7 +361,6 @@ def _drive(request: WhatIfRequest) -> Drive:
 
 
 def _drive_of(name: str) -> Drive:
-    """Return the sines of an excitation."""
     found = find_excitation(name)
     if isinstance(found, MachineOrders):
         speeds = [speed for _, speed in found.speed_profile if speed > 0.0]
@@ -380,8 +377,7 @@ def _drive_of(name: str) -> Drive:
         elif isinstance(found, SteppedSine):
             frequencies = np.unique(found.steps)
         else:
-            ends = found.start_frequency, found.stop_frequency
-            frequencies = np.unique(sines.spaced(*ends))
+            frequencies = np.unique(sines.spaced(found.start_frequency, found.stop_frequency))
         return Drive(frequencies, not isinstance(found, SweptSine), None, (), found.amplitude)
     raise InputError(
         f"--excitation {name}: what-if answers for one sine at a time: use a steady, stepped or swept sine "
