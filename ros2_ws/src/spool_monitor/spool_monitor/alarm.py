@@ -273,7 +273,8 @@ def reset(alarm: Alarm, operator: Operator) -> Transition:
         raise AlarmRefusedError(f"{alarm.name}: it is not latched, so there is nothing to reset")
     if not alarm.acknowledged:
         raise AlarmRefusedError(f"{alarm.name}: acknowledge it before you reset it")
-    return _operated(alarm, Input.RESET, operator, replace(alarm, latched=False), (Action.RETURN,))
+    after = replace(alarm, latched=False, changed_at=operator.stamp)
+    return Transition(alarm, Input.RESET, after, (Action.RETURN,))
 
 
 def shelve(alarm: Alarm, operator: Operator, seconds: float) -> Transition:
@@ -387,11 +388,5 @@ def _cover_actions(before: Alarm, after: Alarm) -> tuple[Action, ...]:
 
 
 def _covered(before: Alarm, what: Input, operator: Operator, after: Alarm) -> Transition:
-    return _operated(before, what, operator, after, _cover_actions(before, after))
-
-
-def _operated(
-    before: Alarm, what: Input, operator: Operator, after: Alarm, actions: tuple[Action, ...]
-) -> Transition:
     after = replace(after, changed_at=operator.stamp)
-    return Transition(before, what, after, actions)
+    return Transition(before, what, after, _cover_actions(before, after))

@@ -72,7 +72,8 @@ def shown(valve: HeardValve, now: float, unix_time: float) -> ShownValve:
         return ShownValve(valve.name, NO_WORD, None, heard, alarms, waiting)
     reason = next((one for one in alarms if one.state in ACTIVE), None)
     if reason is not None:
-        state = condition if condition in (ALARM, STALE, WARNING) else _state_of(reason)
+        severe = ALARM if reason.severity == HealthEvent.SEVERITY_ALARM else WARNING
+        state = condition if condition in (ALARM, STALE, WARNING) else severe
         return ShownValve(valve.name, state, reason, _seconds(reason.raised_at), alarms, waiting)
     aside = next((one for one in alarms if one.state in HIDDEN), None)
     served = valve.alarms is not None and all(
@@ -105,10 +106,6 @@ def _rank(alarm: Alarm) -> tuple[bool, bool, int, int, bool, int, str]:
         -alarm.raised_at.sec,
         alarm.name,
     )
-
-
-def _state_of(alarm: Alarm) -> str:
-    return ALARM if alarm.severity == HealthEvent.SEVERITY_ALARM else WARNING
 
 
 def _seconds(stamp: object) -> float:

@@ -5,14 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from pathlib import Path
 from types import MappingProxyType
 
 from spool_core.kernels.strokes import Stroke
 from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.estimate import QUANTITIES, Estimate
 
-from spool_monitor.state_database import PATIENCE, StateDatabase, named
+from spool_monitor.state_database import StateDatabase, named
 
 MINUTE, HOUR, DAY = 60, 3600, 86400
 
@@ -129,10 +128,7 @@ class TrendStore(StateDatabase):
 
     SCHEMA = _SCHEMA
     PROBES = ("SELECT count FROM span LIMIT 1", "SELECT value FROM counter LIMIT 1")
-
-    def __init__(self, path: Path, *, read_only: bool = False, patience: float = PATIENCE) -> None:
-        super().__init__(path, read_only=read_only, patience=patience)
-        self._writes = 0
+    _writes = 0
 
     def write(self, sums: Sums, stamp: int = 0, writing: str = "") -> None:
         """Add ``sums`` to what there is, all or nothing; counters show at ``stamp`` (ns).
