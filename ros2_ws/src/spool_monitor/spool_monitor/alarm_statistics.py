@@ -130,22 +130,10 @@ class AlarmStatistics:
 
     def beyond(self, limits: AlarmLimits) -> tuple[str, ...]:
         """Return the names of the figures that are above ``limits``."""
-        values = {
-            "per_day": self.per_day,
-            "per_hour": self.per_hour,
-            "peak": self.peak,
-            "flood_share": self.flood_share,
-            "frequent_share": self.frequent_share,
-            "chattering": len(self.chattering),
-            "stale": len(self.stale),
-        }
         # The ten most frequent are all of them where there are ten different ones or fewer.
         few = sum(one.count for one in self.frequent) == self.count
-        return tuple(
-            name
-            for name, value in values.items()
-            if value > getattr(limits, name) and not (few and name == "frequent_share")
-        )
+        above = [one.name for one in fields(limits) if _plain(self, one.name) > getattr(limits, one.name)]
+        return tuple(name for name in above if not (few and name == "frequent_share"))
 
 
 def statistics(journals: Mapping[str, Sequence[JournalEntry]], since: int, until: int) -> AlarmStatistics:
@@ -252,9 +240,14 @@ def figures(found: AlarmStatistics, limits: AlarmLimits) -> list[tuple[str, str,
     beyond = found.beyond(limits)
     rows = []
     for one in fields(limits):
-        value, limit = getattr(found, one.name), getattr(limits, one.name)
-        plain = float(len(value) if isinstance(value, tuple) else value)
+        plain, limit = _plain(found, one.name), getattr(limits, one.name)
         scale = 100.0 if one.name.endswith("_share") else 1.0
         digits = 0 if one.name in ("peak", "chattering", "stale") else 2
         rows.append((one.name, f"{scale * plain:.{digits}f}", f"{scale * limit:g}", one.name not in beyond))
     return rows
+
+
+def _plain(found: AlarmStatistics, name: str) -> float:
+    """Return the figure ``name`` as a number: of a list, how many it holds."""
+    value = getattr(found, name)
+    return float(len(value) if isinstance(value, tuple) else value)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
@@ -29,7 +29,6 @@ from spool_monitor.detectors import latching_kinds
 from spool_monitor.event import Condition, Event, EventState, Facts, condition_name
 
 _ALARM = TypeAdapter(Alarm)
-_KEPT = tuple(one.name for one in fields(Alarm))
 
 
 @dataclass(slots=True)
@@ -130,15 +129,7 @@ class AlarmStore:
 
     def dump(self) -> list[dict[str, Any]]:
         """Return what :meth:`load` takes, as JSON can hold it."""
-        kept = []
-        for alarm in self.alarms.values():
-            entry = {name: getattr(alarm, name) for name in _KEPT}
-            for name in ("shelved_by", "suppressed_by", "serviced_by"):
-                entry[name] = None if entry[name] is None else asdict(entry[name])
-            if alarm.event is not None:
-                entry["event"] = serialised(asdict(alarm.event))
-            kept.append(entry)
-        return kept
+        return [serialised(asdict(alarm)) for alarm in self.alarms.values()]
 
     def load(self, content: Any) -> None:
         """Take up what :meth:`dump` gave, of whatever version; ``latching`` is as it is set now.

@@ -395,10 +395,7 @@ def data_status(detection: Detection, gate: BlockGate, health: Health) -> Status
 def condition_status(monitor: Monitor, health: Health) -> Status:
     """Return what is wrong with the valve, how it moves and is switched, and where no drift is reported."""
     detection, strokes = monitor.detection, monitor.strokes
-    shown = (
-        health.dominant_frequency, health.amplification, health.natural_frequency, health.viscous_drift,
-        health.coulomb_drift,
-    )  # fmt: skip
+    shown = (getattr(health, name) for name in _QUANTITIES)
     status = _detector_status("condition", detection, health, shown)
     warns = {
         key(f"{name}_{end}", detection.units[name]): value
@@ -456,10 +453,6 @@ class AlarmServices:
             (ManageBaseline, "manage_baseline", self._baseline),
         ):
             node.serve(kind, f"~/{name}", answer)
-
-    def show(self) -> None:
-        """Publish what there is."""
-        self._publish()
 
     def close(self) -> None:
         """Take the publisher away."""
@@ -561,7 +554,7 @@ class AlarmServices:
         for one in ended:
             self._node.get_logger().info(f"{one.after.name}: {one.input.value}, its time is over")
         if self._state.retry(self._now()):
-            self._publish()
+            self.show()
 
     def _settle(self, transitions: Sequence[Transition], operator: Operator | None = None) -> None:
         if not any(transition.changed for transition in transitions):
@@ -569,7 +562,7 @@ class AlarmServices:
         with waiting_for_disk():
             self._state.note(entries_of(transitions, operator))
             self._state.keep_alarms()
-        self._publish()
+        self.show()
         for transition in transitions:
             if Action.ANNOUNCE in transition.actions:
                 alarm = transition.after
@@ -582,7 +575,8 @@ class AlarmServices:
                 else:
                     self._node.get_logger().warning(text)
 
-    def _publish(self) -> None:
+    def show(self) -> None:
+        """Publish what there is."""
         alarms = self._state.alarms
         shown = alarms.shown
         names = {alarm.name for alarm in shown}
@@ -637,20 +631,16 @@ class AlarmServices:
 
     def _baseline(self, request: Any, response: Any) -> Any:
         keeper = self._state.baseline
-        actions: dict[int, Callable[[Operator], object]] = {
-            request.LEARN: lambda _: keeper.learn(),
-            request.FREEZE: keeper.freeze,
-            request.RESTORE: lambda _: keeper.restore(request.version),
+        version = request.version
+        actions: dict[int, tuple[Callable[[Operator], object], str]] = {
+            request.LEARN: (lambda _: keeper.learn(), "learning again"),
+            request.FREEZE: (keeper.freeze, "frozen"),
+            request.RESTORE: (lambda _: keeper.restore(version), f"version {version} restored"),
         }
         if request.action in actions:
-            operator = self._operator(request)
-            actions[request.action](operator)
+            operator, (change, done) = self._operator(request), actions[request.action]
+            change(operator)
             self._state.keep_baseline()
-            done = {
-                request.LEARN: "learning again",
-                request.FREEZE: "frozen",
-                request.RESTORE: f"version {request.version} restored",
-            }[request.action]
             act = JournalEntry(
                 operator.stamp, "baseline", who=operator.who, comment=operator.comment, text=done
             )
