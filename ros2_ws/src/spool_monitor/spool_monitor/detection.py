@@ -11,15 +11,7 @@ from spool_core.kernels.strokes import Stroke
 from spool_core.system import BUDGET
 from spool_estimator.estimate import Estimate
 
-from spool_monitor.channels import (
-    ChannelLook,
-    ChannelWatch,
-    GainChange,
-    ResponseTracker,
-    Signals,
-    ValveResponse,
-    look,
-)
+from spool_monitor.channels import ChannelWatch, GainChange, ResponseTracker, Signals, ValveResponse, look
 from spool_monitor.detectors import CHANNELS, ESTIMATE, LINE, SIGNALS, Detector, Judgement, Moment, detectors
 from spool_monitor.detectors.base import (
     BASELINE_TIME,
@@ -223,7 +215,7 @@ class Detection:
             self._stamp = window.stamp
             seen = self.channels.update(window, self.windows.fresh)
             if seen is not None:
-                moment = self._moment(window.stamp, natural_frequency, channels=seen)
+                moment = self._moment(window.stamp, natural_frequency)._replace(channels=seen)
                 events += self._show(CHANNELS, moment)
             # Levels are looked at in every other window: what they tell takes seconds to be believed.
             if window.number % 2 == 0:
@@ -231,9 +223,8 @@ class Detection:
             self.line = find_line(window)
             self._windowed_at = window.stamp
             self._look_for_judges(window.stamp)
-            events += self._show(
-                LINE, self._moment(window.stamp, natural_frequency, line=self.line, silent=self.line is None)
-            )
+            moment = self._moment(window.stamp, natural_frequency)
+            events += self._show(LINE, moment._replace(line=self.line, silent=self.line is None))
         self._stamp = block.end
         if not 0 <= block.end - self._windowed_at < NO_WINDOW * 1e9:
             # There is nothing to see but the time without windows, for the detector of blindness.
@@ -291,7 +282,8 @@ class Detection:
                 parameter.judged = False
             else:
                 parameter.update(estimate, distrust=distrust)
-        return self._show(ESTIMATE, self._moment(estimate.stamp, natural_frequency, estimate=estimate))
+        moment = self._moment(estimate.stamp, natural_frequency)._replace(estimate=estimate)
+        return self._show(ESTIMATE, moment)
 
     def _show_signals(self, signals: Signals, natural_frequency: float) -> list[Event]:
         shaken = signals.body.rms >= self.settings[MINIMUM_BODY]
@@ -300,8 +292,8 @@ class Detection:
         response = self.response.update(signals, old) if known else None
         if not shaken:
             self.response.restart()
-        moment = self._moment(signals.stamp, natural_frequency, signals=signals, response=response)
-        events = self._show(SIGNALS, moment)
+        moment = self._moment(signals.stamp, natural_frequency)
+        events = self._show(SIGNALS, moment._replace(signals=signals, response=response))
         if response is not None and not self.distrust and 0.7 < response.gain < 1.4:
             # The reference follows what was measured slowly, and never beyond what a valve has.
             ratio = response.natural_frequency / old.natural_frequency
@@ -324,18 +316,7 @@ class Detection:
         thicker = math.exp(VISCOSITY_PER_KELVIN * min(colder, COLDER_MOST))
         return replace(self.reference, damping=thicker * self.reference.damping)
 
-    def _moment(
-        self,
-        stamp: int,
-        natural_frequency: float,
-        *,
-        line: Line | None = None,
-        silent: bool = False,
-        signals: Signals | None = None,
-        response: ValveResponse | None = None,
-        estimate: Estimate | None = None,
-        channels: ChannelLook | None = None,
-    ) -> Moment:
+    def _moment(self, stamp: int, natural_frequency: float) -> Moment:
         # A fault of a sensor or of the data that is raised says why nothing is judged.
         explained = any(
             condition.active is not None
@@ -344,9 +325,7 @@ class Detection:
         )
         return Moment(
             stamp, natural_frequency, self._reference_now(), self.parameters, self.learned,
-            line, silent, signals, response, estimate,
-            unjudged=self._unjudged, explained=explained, channels=channels, orders=self.orders,
-            gain=self.gain,
+            unjudged=self._unjudged, explained=explained, orders=self.orders, gain=self.gain,
         )  # fmt: skip
 
     def _show(self, what: str, moment: Moment) -> list[Event]:

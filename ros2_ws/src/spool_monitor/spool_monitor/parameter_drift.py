@@ -274,12 +274,10 @@ class ParameterDrift:
             return
         if quantity is None:
             return
-        reference = self.baseline.value
-        size = self.matters * (abs(reference) if self.relative and self.baseline.frozen else 1.0)
-        if self.relative and not self.baseline.frozen:
-            size = self.matters * abs(quantity.value)
+        reference = self.baseline.value if self.baseline.frozen else quantity.value
+        size = self.matters * (abs(reference) if self.relative else 1.0)
         # What is far off is certain although it is too uncertain for a change of this size.
-        off = abs(quantity.value - reference) if self.baseline.frozen else 0.0
+        off = abs(quantity.value - reference)
         if not quantity.standard_deviation <= max(UNCERTAIN * size, off / SURELY):
             return
         celsius = estimate.oil_temperature.value

@@ -83,9 +83,8 @@ class TrendWriter:
 
     def flush(self, stamp: int = 0) -> None:
         """Write what was gathered, unless the last writing still runs: it goes with the next one then."""
-        if self._writing is not None and not self._writing.done():
-            return
-        if not self._allowed():
+        runs = self._writing is not None and not self._writing.done()
+        if runs or not self._allowed():
             return
         way, turns = self.travel.travel, self.travel.reversals
         self._sums.count("travel", "m", way - self._counted[0])

@@ -102,8 +102,7 @@ class Resonance(Detector):
         if not released:
             self.dwell = (line.stamp - self._since) * 1e-9
         began = line.stamp - round(self.dwell * 1e9)
-        eased = released or distance > LEAVES * band
-        eased = eased or line.amplification < 2.0 * settings[AMPLIFICATION_OFF]
+        eased = released or line.amplification < 2.0 * settings[AMPLIFICATION_OFF]
         amplification = Quantity("amplification", "1", line.amplification, math.nan, Validity.VALID)
         frequency = Quantity("dominant_frequency", "Hz", line.frequency, math.nan, Validity.VALID)
         compared, limit = amplification, 2.0 * raises if indicated is Severity.ALARM else raises

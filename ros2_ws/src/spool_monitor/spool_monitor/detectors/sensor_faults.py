@@ -506,10 +506,8 @@ class SensorSwapped(Detector):
         if moment.distrust:
             self.judgement, self.suspicious = Judgement.NOT_JUDGED, ""
             return None
-        moving = moment.signals.relative_rms >= self.settings[MINIMUM_BODY]
-        if not moving:
-            self.judgement = Judgement.NOT_EXCITED
-            self.suspicious = ""
+        if not moment.signals.relative_rms >= self.settings[MINIMUM_BODY]:
+            self.judgement, self.suspicious = Judgement.NOT_EXCITED, ""
             return None
         self.judgement = Judgement.JUDGED
         share = moment.signals.dissipation / moment.reference.damping
