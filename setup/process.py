@@ -8,7 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -134,23 +134,22 @@ class Steps:
         self._number += 1
         self._line = f"[{self._number}/{self.total}] {what} ..."
         self._step_began = time.monotonic()
-        sys.stderr.write(self._line)
-        sys.stderr.flush()
+        print(self._line, end="", file=sys.stderr, flush=True)
         try:
             yield
         except BaseException:
             sys.stderr.write("\n")
             raise
-        sys.stderr.write(f"{self._start_of_line()} {time.monotonic() - self._step_began:.0f} s\n")
-        sys.stderr.flush()
+        took = time.monotonic() - self._step_began
+        print(f"{self._start_of_line()} {took:.0f} s", file=sys.stderr, flush=True)
 
     def progress(self, what: str) -> None:
         """Draw what is going on, on a terminal only and not too often."""
         now = time.monotonic()
         if sys.stderr.isatty() and now - self._drawn > TERMINAL_REFRESH_S:
             self._drawn = now
-            sys.stderr.write(f"{self._start_of_line()} {now - self._step_began:.0f} s  {what[:40]}")
-            sys.stderr.flush()
+            line = f"{self._start_of_line()} {now - self._step_began:.0f} s  {what[:40]}"
+            print(line, end="", file=sys.stderr, flush=True)
 
     def elapsed(self) -> float:
         """Seconds since the first step."""
@@ -162,12 +161,9 @@ class Steps:
 
 def _end_group(process: subprocess.Popen[str]) -> None:
     """End a tool together with all that it started."""
-    for signal_number in (signal.SIGINT, signal.SIGKILL):
-        try:
-            os.killpg(process.pid, signal_number)
-            process.wait(GRACE_S)
-            return
-        except ProcessLookupError:
-            return
-        except subprocess.TimeoutExpired:
-            continue
+    with suppress(ProcessLookupError):
+        for signal_number in (signal.SIGINT, signal.SIGKILL):
+            with suppress(subprocess.TimeoutExpired):
+                os.killpg(process.pid, signal_number)
+                process.wait(GRACE_S)
+                return
