@@ -9,6 +9,7 @@ from __future__ import annotations
 import functools
 import struct
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -85,10 +86,7 @@ def block_head(data: bytes) -> tuple[int, int]:
         CdrError: the bytes are too short or not XCDR1.
     """
     order, stamp, _, at = _header(data)
-    try:
-        return order.counts.unpack_from(data, at)[0], stamp
-    except struct.error as error:
-        raise CdrError(f"not an AccelerationBlock: {error}") from error
+    return _unpacked(order.counts, data, at, "not an AccelerationBlock")[0], stamp
 
 
 def decode_block(data: bytes) -> Block:
@@ -168,10 +166,7 @@ def decode_temperature(data: bytes) -> OilTemperature:
         CdrError: the bytes are too short or not XCDR1.
     """
     order, stamp, _, at = _header(data)
-    try:
-        return OilTemperature(stamp, *order.pair.unpack_from(data, at))
-    except struct.error as error:
-        raise CdrError(f"not a Temperature: {error}") from error
+    return OilTemperature(stamp, *_unpacked(order.pair, data, at, "not a Temperature"))
 
 
 def encode_speed(item: Speed) -> bytes:
@@ -194,11 +189,14 @@ def decode_command(data: bytes, stamp: int) -> Command:
 
 
 def _decode_number(data: bytes) -> float:
-    order = _order(data)
+    return float(_unpacked(_order(data).number, data, 4, "not a Float64")[0])
+
+
+def _unpacked(layout: struct.Struct, data: bytes, at: int, fault: str) -> tuple[Any, ...]:
     try:
-        return float(order.number.unpack_from(data, 4)[0])
+        return layout.unpack_from(data, at)
     except struct.error as error:
-        raise CdrError(f"not a Float64: {error}") from error
+        raise CdrError(f"{fault}: {error}") from error
 
 
 def _order(data: bytes) -> _Order:
@@ -230,10 +228,7 @@ def _block(order: _Order, data: bytes, at: int) -> tuple[Block, int]:
 def _header(data: bytes) -> tuple[_Order, int, int, int]:
     """Return byte order, stamp (ns), length of the ``frame_id``, where an 8-byte field behind it starts."""
     order = _order(data)
-    try:
-        seconds, nanoseconds, length = order.head.unpack_from(data, 4)
-    except struct.error as error:
-        raise CdrError(f"message is shorter than a header: {error}") from error
+    seconds, nanoseconds, length = _unpacked(order.head, data, 4, "message is shorter than a header")
     return order, seconds * NANOSECONDS + nanoseconds, length, ((12 + length + 7) & ~7) + 4
 
 

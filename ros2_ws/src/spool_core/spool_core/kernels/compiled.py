@@ -38,11 +38,9 @@ if not COMPILED:  # imported once per process, so said once
 
 def compiled(function: Function) -> Function:
     """Return ``function`` compiled (cached on disk, without the interpreter lock), or as it is."""
-    if _NUMBA is None:
-        return function
-    kernel = _NUMBA.njit(nogil=True)(function)
+    kernel = inner(function)
     keep_on_disk(kernel, lambda: str(Digest(kernel)))
-    return cast("Function", kernel)
+    return kernel
 
 
 def inner(function: Function) -> Function:
