@@ -630,7 +630,7 @@ def placed(time: Array, *, stepped: bool = False) -> Stamps | None:
         return None
     gaps.sort()
     edges = [0, *gaps, time.size]
-    line, fitted, samples = np.empty_like(time), 0.0, 0
+    line, fitted = np.empty_like(time), 0.0
     for begin, end in pairwise(edges):
         count = np.arange(end - begin) - 0.5 * (end - begin - 1)
         slope = (
@@ -640,7 +640,6 @@ def placed(time: Array, *, stepped: bool = False) -> Stamps | None:
         )
         line[begin:end] = float(time[begin:end].mean()) + slope * count
         fitted += slope * (end - begin)
-        samples += end - begin
     # A line through jitter cannot be surer than the jitter: half a period off is another clock.
     deviation = float(np.sqrt(np.mean(np.square(time - line))))
     total = np.concatenate([[0.0], np.cumsum(time - line)])
@@ -649,11 +648,11 @@ def placed(time: Array, *, stepped: bool = False) -> Stamps | None:
         np.quantile(np.abs(time - line), 0.999)
     ) > 5.0 * period or nearby > JITTER * period + 5.0 * deviation / math.sqrt(BESIDE):
         return None
-    mean = fitted / samples
+    mean = fitted / time.size
     longest = max(end - begin for begin, end in pairwise(edges))
     std = 3.0 * max(_farthest(time - line), deviation / math.sqrt(longest)) / (longest * mean)
     slopes = math.sqrt(12.0 * sum(1.0 / (end - begin) for begin, end in pairwise(edges)))
-    std = math.hypot(std, slopes * deviation / (samples * mean))
+    std = math.hypot(std, slopes * deviation / (time.size * mean))
     if std > LEAST_CERTAIN:
         return None
     return Stamps(

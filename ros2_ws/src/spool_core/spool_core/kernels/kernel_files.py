@@ -272,12 +272,8 @@ def usable_kernel_folder(wanted: Path | None) -> Path:
         return wanted
     other = system.private_temporary_folder("kernels")
     if multiprocessing.parent_process() is None:
-        logging.getLogger(__name__).warning(
-            "compiled kernels are not kept in %s: %s; they are kept in %s",
-            wanted or "~/.cache",
-            reason,
-            other,
-        )
+        text = "compiled kernels are not kept in %s: %s; they are kept in %s"
+        _log.warning(text, wanted or "~/.cache", reason, other)
     return other
 
 

@@ -76,23 +76,16 @@ class NodeParameter:
         if self.structural:
             constraints.append("changes only while unconfigured")
         descriptor.additional_constraints = "; ".join(constraints)
-        low, high = self.minimum, self.maximum
-        if low is None and high is None:
+        if self.minimum is None and self.maximum is None:
             return descriptor
-        if isinstance(self.default, int) and not isinstance(self.default, bool):
-            descriptor.integer_range = [
-                IntegerRange(
-                    from_value=int(low if low is not None else -(2**62)),
-                    to_value=int(high if high is not None else 2**62),
-                )
-            ]
+        whole = isinstance(self.default, int) and not isinstance(self.default, bool)
+        most = 2**62 if whole else 1.0e300
+        low = self.minimum if self.minimum is not None else -most
+        high = self.maximum if self.maximum is not None else most
+        if whole:
+            descriptor.integer_range = [IntegerRange(from_value=int(low), to_value=int(high))]
         else:
-            descriptor.floating_point_range = [
-                FloatingPointRange(
-                    from_value=low if low is not None else -1.0e300,
-                    to_value=high if high is not None else 1.0e300,
-                )
-            ]
+            descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
         return descriptor
 
     @property
