@@ -246,8 +246,7 @@ class AdapterNode(ManagedNode):
                 except UnusableError as unusable:
                     self._report.unusable[channel] += 1
                     self._report.reason[channel] = str(unusable)
-                    count = self._throttle.take(channel.value)
-                    if count:
+                    if count := self._throttle.take(channel.value):
                         self.get_logger().warning(
                             f"{channel.value}: {plural(count, 'message')} could not be used: {unusable}"
                         )
@@ -335,9 +334,8 @@ class Reading:
         name = self.axis.lstrip("+-").removeprefix("column")
         factor = UNITS[self.unit] * self.gain * (-1.0 if self.axis.startswith("-") else 1.0)
         if self.kind == ARRAY:
-            kind = TYPES[ARRAY]
             return lambda message, arrival: self._of_array(
-                deserialize_message(message, kind), arrival, int(name), factor
+                deserialize_message(message, TYPES[ARRAY]), arrival, int(name), factor
             )
         axis, (skipped, numbers) = "xyz".find(name), _IN_IMU if self.kind == IMU else (0, 3)
 
@@ -366,10 +364,9 @@ class Reading:
             raise UnusableError(f"no column {highest}: the array has {columns} columns, counted from 0")
         values = [factor * value for value in data[column::columns]]
         if self.time_column >= 0:
-            times = data[self.time_column :: columns]
             return [
                 (round(1e9 * time) if math.isfinite(time) and abs(time) < 1e10 else 0, value)
-                for time, value in zip(times, values, strict=True)
+                for time, value in zip(data[self.time_column :: columns], values, strict=True)
             ]
         if len(values) == 1:
             return [(arrival, values[0])]

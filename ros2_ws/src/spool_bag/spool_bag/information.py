@@ -211,10 +211,9 @@ class Timeline:
     @property
     def steps(self) -> list[ClockStep]:
         """Where the clock was set, or a source started again."""
-        spans = self.spans
         return [
             ClockStep(later.before * 1e-9, (later.first - earlier.end) * 1e-9)
-            for earlier, later in pairwise(spans)
+            for earlier, later in pairwise(self.spans)
         ]
 
     def since(self, stamp: int, earliest: int = 0) -> int:

@@ -418,8 +418,7 @@ class Walk:
         offset = start
         while offset < self._end:
             self._stream.seek(offset)
-            piece = self._stream.read(_PIECE + _LOOK)
-            for place in candidates(piece, chunked=chunked):
+            for place in candidates(self._stream.read(_PIECE + _LOOK), chunked=chunked):
                 if place < _PIECE and self._sound(offset + place, chunked=chunked):
                     return offset + place
             offset += _PIECE

@@ -239,8 +239,7 @@ def _counts(summary: bytes, definitions: Definitions) -> tuple[dict[int, int], t
             definitions.take(opcode, content)
         elif opcode == Opcode.STATISTICS:
             told = Statistics.read(ReadDataStream(BytesIO(content)))
-            times = told.message_start_time, told.message_end_time
-            counts = dict(told.channel_message_counts), times
+            counts = dict(told.channel_message_counts), (told.message_start_time, told.message_end_time)
         at += length
     return counts
 

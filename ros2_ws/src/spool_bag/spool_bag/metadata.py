@@ -321,8 +321,7 @@ def _text(value: object) -> str:
 
 def _content(bag: BagMetadata) -> dict[str, Any]:
     counts = {topic.name: sum(part.messages.get(topic.name, 0) for part in bag.parts) for topic in bag.topics}
-    starts = [part.start for part in bag.parts if part.start is not None]
-    start = min(starts, default=0)
+    start = min((part.start for part in bag.parts if part.start is not None), default=0)
     duration = max((part.end for part in bag.parts if part.start is not None), default=start) - start
     return {
         "version": VERSION,

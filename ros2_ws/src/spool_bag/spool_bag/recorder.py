@@ -304,9 +304,7 @@ class MonitoringWatch:
 
     def saw_data(self, valve: str, now: float) -> None:
         """Take note of acceleration of ``valve``."""
-        heard = self._valves.get(valve)
-        if heard is None:
-            heard = self._valves[valve] = _Heard()
+        heard = self._valves.setdefault(valve, _Heard())
         if heard.data is None or now - heard.data > FLOWS:
             heard.since = now
         heard.data = now

@@ -401,8 +401,7 @@ class RecorderNode(ManagedNode):
             raise InputError(operator_missing())
         if self._snapshots is None or limit == 0:
             raise InputError("snapshot_limit is 0: no snapshots are made")
-        now = self._received()
-        refused = self._snapshots.keeper.ask(f"/{valve}", now)
+        refused = self._snapshots.keeper.ask(f"/{valve}", self._received())
         if refused:
             raise InputError(f"{valve}: {refused}")
         comment = request.comment.strip()

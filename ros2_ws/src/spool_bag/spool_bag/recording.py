@@ -509,8 +509,7 @@ class Thinning:
             if thinned is None:
                 self._log.info(f"{part.name} was never finished: it is not thinned")
             elif writer.replace(thinned[0], staged, thinned[1]):
-                count = thinned[0]
-                self._log.info(f"{part.name} is thinned to {count.size / 1e6:.1f} MB (thin_after)")
+                self._log.info(f"{part.name} is thinned to {thinned[0].size / 1e6:.1f} MB (thin_after)")
         except RecordingError:
             raise
         except (InputError, OSError) as error:

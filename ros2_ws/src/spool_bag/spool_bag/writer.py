@@ -138,8 +138,7 @@ class BagWriter:
         try:
             # The part before may hold nothing but repeated messages, 1 ns ahead of the next message.
             at = 2 + max((self._parts[-1].end if self._parts else 0, *(one.received for one in repeat)))
-            begin = PartBegin(number, at if repeat else 0, *lost, cut_off and finished)
-            self._part = self._begin(begin)
+            self._part = self._begin(PartBegin(number, at if repeat else 0, *lost, cut_off and finished))
             try:
                 self._repeat(repeat, at)
                 self._write_metadata()
@@ -279,8 +278,7 @@ class BagWriter:
     def state_loss(self, count: int, because: str) -> None:
         """State in the bag that ``count`` messages were not recorded: in the file, and in ``custom_data``."""
         told = {"lost_messages": str(count), "lost_because": because, "at_ns": str(time.time_ns())}
-        total = int(self._custom.get("lost_messages", "0")) + count
-        self._custom["lost_messages"] = str(total)
+        self._custom["lost_messages"] = str(int(self._custom.get("lost_messages", "0")) + count)
         with self._guarded():
             self._sync()
             self._part.add_metadata(LOSSES, told)

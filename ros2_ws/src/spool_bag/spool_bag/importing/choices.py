@@ -162,8 +162,7 @@ def role_of(name: str, option: str = "--columns") -> str:
     """
     role = SHORT.get(name, name)
     if role not in QUANTITIES:
-        known = ", ".join(QUANTITIES)
-        raise InputError(f"{option}: {printable(name, 40)!r} is not one of {known}")
+        raise InputError(f"{option}: {printable(name, 40)!r} is not one of {', '.join(QUANTITIES)}")
     return role
 
 
@@ -184,8 +183,7 @@ def columns_of(columns: Given) -> dict[str, str] | None:
     Raises:
         InputError: not written as ``name=own,name=own``.
     """
-    found = pairs("--columns", columns, "time_s=t,body_m_s2=ch1,spool_m_s2=ch2, or body=#1 by number")
-    return found or None
+    return pairs("--columns", columns, "time_s=t,body_m_s2=ch1,spool_m_s2=ch2, or body=#1 by number") or None
 
 
 def pairs(option: str, given: Given, example: str) -> dict[str, str]:

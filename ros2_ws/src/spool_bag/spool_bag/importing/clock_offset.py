@@ -75,8 +75,7 @@ def clock_offset(
             "together: "
             f"record {4.0 * SEGMENT:g} s or more"
         )
-    begin = _coarse(first, second, rate, label)
-    return _fine(first, second, rate, begin, label)
+    return _fine(first, second, rate, _coarse(first, second, rate, label), label)
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,8 +100,7 @@ def remaining_delay(
     valve = Valve(id="any", moving_mass=MASS, spring_stiffness=stiffness)
     times, delays, deviations = [], [], []
     for begin, end in _pieces(time.size, period, gaps):
-        record = Record("aligned", 0, period, body[begin:end], spool[begin:end])
-        found = fit([record], model, valve, settings)
+        found = fit([Record("aligned", 0, period, body[begin:end], spool[begin:end])], model, valve, settings)
         delay = next((one for one in found.parameters if one.name == SPOOL_DELAY), None)
         if (
             delay is None
@@ -338,8 +336,7 @@ def _adjusted(spectra: _Spectra, begin: _Motion, *, alike: bool) -> _Adjusted:
     """Return offset, drift and motion by least squares; damping ``alike`` everywhere, or of each block."""
     frequency, lags = spectra.frequency, spectra.times - spectra.middle
     count = 1 if alike else lags.size
-    delay = begin.delay
-    start = np.array([begin.gain, begin.natural, delay, 0.0, *np.full(count, begin.damping)])
+    start = np.array([begin.gain, begin.natural, begin.delay, 0.0, *np.full(count, begin.damping)])
 
     def model(parameters: Array) -> Complex:
         gain, natural, offset, drift = parameters[:4]
@@ -367,8 +364,7 @@ def _adjusted(spectra: _Spectra, begin: _Motion, *, alike: bool) -> _Adjusted:
     covariance = variance * np.linalg.pinv(jacobian.T @ jacobian) * np.outer(scale, scale)
     found = fitted.x
     motion = _Motion(float(found[0]), float(found[1]), float(np.median(found[4:])))
-    one, other = spectra.body.sum(axis=0), spectra.spool.sum(axis=0)
-    power = np.sqrt(one * other)
+    power = np.sqrt(spectra.body.sum(axis=0) * spectra.spool.sum(axis=0))
     coherence = float(np.sum(_coherence(spectra, model(found)) * power) / max(float(np.sum(power)), 1e-300))
     return _Adjusted(float(found[2]), float(found[3]), np.asarray(covariance[2:4, 2:4]), motion, coherence)
 
@@ -388,10 +384,9 @@ def _pieces(size: int, period: float, gaps: Sequence[int]) -> list[tuple[int, in
     width = min(round(PIECE / period), size // PIECES)
     if width * period < 0.5 * PIECE:
         return []
-    starts = np.linspace(0, size - width, PIECES).astype(np.int64)
     inside = [
         (int(start), int(start) + width)
-        for start in starts
+        for start in np.linspace(0, size - width, PIECES).astype(np.int64)
         if not any(start < gap < start + width for gap in gaps)
     ]
     return list(dict.fromkeys(inside))

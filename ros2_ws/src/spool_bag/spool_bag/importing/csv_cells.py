@@ -241,8 +241,7 @@ def moments(text: pa.ChunkedArray, order: str = "dmy") -> NDArray[np.int64]:
     afternoon = call.match_substring_regex(plain, r"(?i)p\.?m\.?$")
     twelve = call.match_substring_regex(plain, r"(?i)[ap]\.?m\.?$")
     plain = call.replace_substring_regex(plain, r"(?i)\s*[ap]\.?m\.?$", "")
-    zone = r"\s*(Z|[+-]\d{2}:?\d{2})$"
-    zoned = bool(call.any(call.match_substring_regex(plain, zone)).as_py())
+    zoned = bool(call.any(call.match_substring_regex(plain, r"\s*(Z|[+-]\d{2}:?\d{2})$")).as_py())
     plain = call.replace_substring_regex(plain, r"\s+(Z|[+-]\d{2}:?\d{2})$", r"\1")
     kind = pa.timestamp("ns", "UTC") if zoned else pa.timestamp("ns")
     found = np.asarray(plain.cast(kind).cast(pa.int64()).to_numpy(), dtype=np.int64)

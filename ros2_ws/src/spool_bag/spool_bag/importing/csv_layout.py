@@ -129,8 +129,7 @@ def column_kinds(marks: Sequence[Sequence[Kind]], width: int) -> tuple[Kind, ...
     """Return the kind of each column by its cells, ``EMPTY`` where it has none."""
     kinds = []
     for at in range(width):
-        counts = Counter(row[at] for row in marks if at < len(row))
-        counts.pop(Kind.EMPTY, None)
+        counts = Counter(row[at] for row in marks if at < len(row) and row[at] is not Kind.EMPTY)
         kinds.append(counts.most_common(1)[0][0] if counts else Kind.EMPTY)
     return tuple(kinds)
 
@@ -187,8 +186,7 @@ def cells_of(line: str, delimiter: str) -> list[str]:
     """Return the cells of one line, without quotes and blanks around them."""
     if delimiter == BLANKS:
         return line.split()
-    row = next(csv.reader([line], delimiter=delimiter), [])
-    return [cell.strip() for cell in row]
+    return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter), [])]
 
 
 def dialect(path: Path, text: str) -> Dialect:

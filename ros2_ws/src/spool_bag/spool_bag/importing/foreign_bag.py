@@ -132,13 +132,12 @@ class ForeignBag:
         counted: Counter[str] = Counter()
         kinds: dict[str, str] = {}
         for file in self._files:
-            if file.counts is None:  # topics of a file without a summary are known once it is read
+            counts = file.counts
+            if counts is None:  # topics of a file without a summary are known once it is read
                 counts = Counter(one.channel for one in file.records(lambda _: True))
-            else:
-                counts = Counter(file.counts)
             for number, topic in file.topics.items():
                 kinds.setdefault(topic.name, _with_folder(topic.type))
-                counted[topic.name] += counts[number]
+                counted[topic.name] += counts.get(number, 0)
         stated = _stated(path)
         self.topics = {
             name: Held(kind, max(counted[name], stated.get(name, 0))) for name, kind in kinds.items()
@@ -155,8 +154,7 @@ class ForeignBag:
             for record in file.records(lambda one: one.name == topic):
                 decode = self._decoder(file.topics[record.channel])
                 try:
-                    data = zstandard.decompress(record.data) if self._packed else record.data
-                    content = decode(data)
+                    content = decode(zstandard.decompress(record.data) if self._packed else record.data)
                 except Exception:  # rosbags, struct, NumPy, zstd: whatever a bad byte brings
                     content = None
                 yield Message(record.log_time, record.sequence, content)

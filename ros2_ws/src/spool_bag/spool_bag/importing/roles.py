@@ -176,8 +176,7 @@ def chosen(channels: Channels, kind: str, asked: Choices) -> dict[str, Source]:
         raise _missing(channels, missing, found, asked)
     doubled = [role for role, one in found.items() if list(found.values()).count(one) > 1]
     if doubled:
-        free = _candidates(channels, doubled[1:], list(found.values()), asked)
-        ways = channels.proposed(doubled[1], free)
+        ways = channels.proposed(doubled[1], _candidates(channels, doubled[1:], list(found.values()), asked))
         raise InputError(
             f"{channels.tables[0].path}: {found[doubled[0]].label} is named for {' and '.join(doubled)}: "
             f"name a column for each{', e.g. ' if ways else ''}{ways}"

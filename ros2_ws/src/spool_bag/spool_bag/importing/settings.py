@@ -300,8 +300,7 @@ class Settings:
         return next((self._paths[_placed(way)] for way in ways if _placed(way) in self._paths), "")
 
     def _amount(self, channel: str, names: Sequence[str], quantity: str) -> float:
-        near = sorted(self._near(channel), key=lambda one: -one.depth)
-        for one in near:
+        for one in sorted(self._near(channel), key=lambda one: -one.depth):
             base, unit = (one.name, "") if one.name in names else _with_unit(one.name)
             size = self._size(one, unit, quantity) if quantity else 1.0
             number = _number(one.value)

@@ -390,8 +390,7 @@ def _plausible(values: Array) -> list[str]:
     if epochs and not calendar:
         return epochs
     if calendar:
-        fitting = [unit for unit in calendar if step * _SIZES[unit] <= LONGEST_PERIOD]
-        return fitting or calendar
+        return [unit for unit in calendar if step * _SIZES[unit] <= LONGEST_PERIOD] or calendar
     whole = bool(np.all(values[: 1 << 16] == np.rint(values[: 1 << 16])))
     return [
         unit

@@ -100,8 +100,7 @@ def time_base(
         warnings.append(f"{count} rows repeat the one before: left out")
     if time.size < 3:
         raise InputError(f"{label}: {time.size} samples are too few for a record")
-    found = _settled(label, name, time, rows, where, rate)
-    base = _of_stamps(name, time, found, where)
+    base = _of_stamps(name, time, _settled(label, name, time, rows, where, rate), where)
     base.kept = kept
     base.warnings = warnings + base.warnings
     base.repairs = repairs | base.repairs
@@ -219,8 +218,7 @@ def _line_at(time: Array, rate: float) -> Stamps | None:
     line = np.arange(time.size, dtype=np.float64) / rate
     off, steps = time - line, np.abs(np.diff(time))
     longest = max(float(np.max(steps)), 1.0 / rate)
-    long = np.count_nonzero(steps > 0.5 * longest)
-    alone = long < min(BURSTS, np.count_nonzero(steps))
+    alone = np.count_nonzero(steps > 0.5 * longest) < min(BURSTS, np.count_nonzero(steps))
     if float(np.ptp(off)) > OFF_LINE * (1.0 / rate if alone else longest):
         return None
     line += float(off.mean())

@@ -88,11 +88,9 @@ def merged(body: Series, spool: Series, *, shared_clock: bool) -> Merged:
         return _joined(body, spool, (first, second), (shift, 0.0), note, None)
     from spool_bag.importing.clock_offset import clock_offset, remaining_delay  # noqa: PLC0415 - 100 MB of SciPy and fits that one clock does not need
 
-    label = f"{body.label} and {spool.label}"
-    found = clock_offset(first, body.period, second, spool.period, label)
+    found = clock_offset(first, body.period, second, spool.period, f"{body.label} and {spool.label}")
     for _ in range(ROUNDS):
-        line = found.offset, found.drift
-        aligned = _joined(body, spool, (first, second), line, "", None)
+        aligned = _joined(body, spool, (first, second), (found.offset, found.drift), "", None)
         left = remaining_delay(
             aligned.time - float(body.time[0]),
             aligned.body,
@@ -197,13 +195,12 @@ def _joined(
     kept = np.flatnonzero(np.isfinite(values["body"]) & np.isfinite(values["spool"]))
     if kept.size < 3:
         raise InputError(f"{body.label} and {spool.label}: body and spool do not overlap in time")
-    gaps = np.flatnonzero(np.diff(kept) > 1) + 1
     return Merged(
         times[kept] + float(body.time[0]),
         values["body"][kept],
         values["spool"][kept],
         period,
-        gaps.astype(np.int64),
+        (np.flatnonzero(np.diff(kept) > 1) + 1).astype(np.int64),
         body.start,
         f"{note}; grid of {1.0 / period:.6g} Hz, that of the {'spool' if slower else 'body'}",
         clocks,

@@ -131,9 +131,8 @@ def _numbers(column: Any) -> Any:
         return column.cast(pa.int64()).cast(pa.float64()).to_numpy(zero_copy_only=False) * _TICKS[kind.unit]
     if pa.types.is_decimal(kind):
         return column.cast(pa.float64()).to_numpy(zero_copy_only=False)
-    if pa.types.is_timestamp(column.type):
-        whole = column.cast(pa.timestamp("ns", column.type.tz)).cast(pa.int64())
-        return whole.to_numpy(zero_copy_only=False)
+    if pa.types.is_timestamp(kind):
+        return column.cast(pa.timestamp("ns", kind.tz)).cast(pa.int64()).to_numpy(zero_copy_only=False)
     values = column.to_numpy(zero_copy_only=False)
     return values if values.dtype.kind == "f" else values.astype(np.float64)
 

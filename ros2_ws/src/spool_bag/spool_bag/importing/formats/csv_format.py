@@ -134,8 +134,7 @@ class CsvTable(Table):
             if not content.strip():
                 continue
             if self.dialect.delimiter == BLANKS:
-                lines = (b" ".join(row.split()) for row in content.split(b"\n"))
-                content = b"\n".join(lines)
+                content = b"\n".join(b" ".join(row.split()) for row in content.split(b"\n"))
             if held is not None and len(content) < _PROBE:
                 held = TextPiece(held.content + content, held.line)
                 continue

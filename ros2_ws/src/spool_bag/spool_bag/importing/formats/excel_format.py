@@ -155,9 +155,7 @@ def _kind(cell: Any) -> Kind:
         return Kind.EMPTY
     if isinstance(cell, bool):
         return Kind.TEXT
-    if isinstance(cell, (int, float)):
-        return Kind.NUMBER
-    if isinstance(cell, (timedelta, _Formula)):
+    if isinstance(cell, (int, float, timedelta, _Formula)):
         return Kind.NUMBER
     if isinstance(cell, (datetime, date, time)):
         return Kind.MOMENT
@@ -176,14 +174,13 @@ def _with_formulas(path: Path, title: str, rows: list[tuple[Any, ...]]) -> list[
     import openpyxl  # noqa: PLC0415
 
     book = openpyxl.load_workbook(path, read_only=True, keep_links=False)
-    found = []
-    for values, cells in zip(rows, book[title].iter_rows(values_only=True), strict=False):
-        found.append(
-            tuple(
-                _Formula(cell) if value is None and isinstance(cell, str) and cell.startswith("=") else value
-                for value, cell in zip(values, cells, strict=False)
-            )
+    found = [
+        tuple(
+            _Formula(cell) if value is None and isinstance(cell, str) and cell.startswith("=") else value
+            for value, cell in zip(values, cells, strict=False)
         )
+        for values, cells in zip(rows, book[title].iter_rows(values_only=True), strict=False)
+    ]
     book.close()
     return found
 

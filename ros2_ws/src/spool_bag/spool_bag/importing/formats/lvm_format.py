@@ -147,12 +147,10 @@ def _take(path: Path, segment: _Segment, ways: str, decimal: str, signals: dict[
     """Append a segment's samples to the signals of its columns; return warnings."""
     columns = segment.columns[:-1] if segment.columns[-1:] == ["Comment"] else segment.columns
     places = list(range(1, len(columns), 2 if ways == "multi" else 1))
-    counts = _of_channels(segment.header.get("Samples", []), places)
-    units = _of_channels(segment.header.get("Y_Unit_Label", []), places)
-    steps = _of_channels(segment.header.get("Delta_X", []), places)
-    begins = _of_channels(segment.header.get("X0", []), places)
-    dates = _of_channels(segment.header.get("Date", []), places)
-    clocks = _of_channels(segment.header.get("Time", []), places)
+    counts, units, steps, begins, dates, clocks = (
+        _of_channels(segment.header.get(key, []), places)
+        for key in ("Samples", "Y_Unit_Label", "Delta_X", "X0", "Date", "Time")
+    )
     warnings = []
     for at, place in enumerate(places):
         name = columns[place]
@@ -210,8 +208,7 @@ def _table(
     clocks: dict[tuple[float | None, ...], list[tuple[int, str, _Signal]]] = {}
     for (place, signal), name in zip(signals.items(), names, strict=True):
         first, last = (signal.times[0], signal.times[-1]) if signal.times else (math.nan, math.nan)
-        clock = (len(signal.values), first, last, signal.start)
-        clocks.setdefault(clock, []).append((place, name, signal))
+        clocks.setdefault((len(signal.values), first, last, signal.start), []).append((place, name, signal))
     groups: list[Group] = []
     arrays: dict[tuple[str, str], Any] = {}
     for at, held in enumerate(clocks.values()):
@@ -227,12 +224,11 @@ def _table(
         if not regular:
             channels.insert(0, Channel("X_Value", "s", time=True, number=0))
             arrays[group, "X_Value"] = time
-        rate = 1.0 / step if regular else math.nan
         groups.append(
             Group(
                 group,
                 tuple(channels),
-                rate,
+                1.0 / step if regular else math.nan,
                 held[0][2].start,
                 stamped=regular,
                 source="Delta_X" if regular else "",

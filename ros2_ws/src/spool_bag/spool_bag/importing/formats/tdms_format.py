@@ -82,12 +82,11 @@ class TdmsTable(Table):
             names = [one.name for one in channels]
             stated_rate = known.rate(names[0])
             source = stated_rate.source or "wf_increment" if step > 0.0 else ""
-            rate = 1.0 / step if step > 0.0 else math.nan
             groups.append(
                 Group(
                     title,
                     tuple(channels),
-                    rate,
+                    1.0 / step if step > 0.0 else math.nan,
                     begun if begun and begun > 0 else None,
                     stamped=placed and step > 0.0 and len({one[1] is None for one in clocks}) == 1,
                     source=source,
