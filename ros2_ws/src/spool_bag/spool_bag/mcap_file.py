@@ -452,12 +452,18 @@ def unpack(head: ChunkHead, content: bytes) -> bytes:
     if size > LARGEST_CHUNK:
         raise ChunkError(f"a chunk claims {size} bytes, more than the {LARGEST_CHUNK} that are unpacked")
     packed = memoryview(content)[head.start :]
-    if head.compression == "zstd":
-        data = _zstd(packed, size)
-    elif head.compression == "lz4":
-        data = _lz4(packed, size)
-    else:
-        data = bytes(packed)
+    try:
+        if head.compression == "zstd":
+            claimed = zstandard.get_frame_parameters(packed).content_size
+            if claimed not in (size, zstandard.CONTENTSIZE_UNKNOWN):
+                raise ChunkError(f"a chunk unpacks to {claimed} bytes where it claims {size}")
+            data = _THREAD.zstd.decompress(packed, max_output_size=size) if size else b""
+        elif head.compression == "lz4":
+            data = bytes(LZ4FrameDecompressor().decompress(bytes(packed), max_length=size + 1))
+        else:
+            data = bytes(packed)
+    except (zstandard.ZstdError, RuntimeError, EOFError) as error:
+        raise ChunkError(f"a chunk cannot be unpacked ({error})") from error
     if len(data) != size:
         raise ChunkError(f"a chunk holds {len(data)} bytes where it claims {size}")
     if head.uncompressed_crc and zlib.crc32(data) != head.uncompressed_crc:
@@ -476,20 +482,3 @@ def _listed(records: bytes) -> dict[int, tuple[int, range]]:
             times.setdefault(channel, []).append(log_time)
         at += FRAME.size + length
     return {channel: (len(found), range(min(found), max(found) + 1)) for channel, found in times.items()}
-
-
-def _zstd(packed: memoryview, size: int) -> bytes:
-    try:
-        claimed = zstandard.get_frame_parameters(packed).content_size
-        if claimed not in (size, zstandard.CONTENTSIZE_UNKNOWN):
-            raise ChunkError(f"a chunk unpacks to {claimed} bytes where it claims {size}")
-        return _THREAD.zstd.decompress(packed, max_output_size=size) if size else b""
-    except zstandard.ZstdError as error:
-        raise ChunkError(f"a chunk cannot be unpacked ({error})") from error
-
-
-def _lz4(packed: memoryview, size: int) -> bytes:
-    try:
-        return bytes(LZ4FrameDecompressor().decompress(bytes(packed), max_length=size + 1))
-    except (RuntimeError, EOFError) as error:
-        raise ChunkError(f"a chunk cannot be unpacked ({error})") from error

@@ -347,12 +347,13 @@ class BagReader:
 
     def _damage_of(self, file: McapFile) -> Callable[[Damage], None] | None:
         """Return what takes note of damage, ``None`` where that is an error."""
-        return (lambda damage: self._note(file, damage)) if self._skip else None
 
-    def _note(self, file: McapFile, damage: Damage) -> None:
-        if damage not in self._noted.setdefault(file.path, []):
-            self._noted[file.path].append(damage)
-            self.damages.append(damage)
+        def note(damage: Damage) -> None:
+            if damage not in self._noted.setdefault(file.path, []):
+                self._noted[file.path].append(damage)
+                self.damages.append(damage)
+
+        return note if self._skip else None
 
     def lost(self) -> tuple[int, bool]:
         """Return the messages lost at the ``damages`` and whether that is estimated in part.

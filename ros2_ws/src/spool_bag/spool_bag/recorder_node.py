@@ -172,17 +172,9 @@ class RecorderNode(ManagedNode):
         self._recording: Recording | None = None
         self._diagnostics: DiagnosticPublisher | None = None
         self._subscriptions_by_topic: dict[str, _Subscribed] = {}
-        self._offered: dict[str, list[Qos]] = {}
-        self._left_out: set[str] = set()
-        self._losses = recorder.LossCount()
-        self._last_loss = -math.inf
-        self._watch = recorder.MonitoringWatch()
-        self._missed: set[str] = set()
         self._throttle = Throttle()
-        self._dropped = 0
         self._activations = 0
         self._snapshots: SnapshotWriter | None = None
-        self._snapshot_limit = 0
         self._own_clock = self.get_clock()
 
     def configure(self) -> None:
@@ -212,9 +204,9 @@ class RecorderNode(ManagedNode):
         self._activations += 1
         self._losses, self._dropped = recorder.LossCount(), 0
         self._watch, self._last_loss = recorder.MonitoringWatch(), -math.inf
-        self._missed.clear()
-        self._left_out.clear()
-        self._offered.clear()
+        self._missed: set[str] = set()
+        self._left_out: set[str] = set()
+        self._offered: dict[str, list[Qos]] = {}
         self._snapshot_limit = self.value("snapshot_limit")
         self._snapshots = SnapshotWriter(
             SnapshotKeeper(self.value("snapshot_before"), self.value("snapshot_after")),

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import time
 from collections import deque
-from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -84,18 +83,13 @@ class Snapshot:
         while path.exists():
             number += 1
             path = folder / f"{self.name}_{number}"
-        with BagWriter(path, staged=True) as writer:
-            for received, message in self._ordered():
-                channel = writer.add_topic(message.topic, message.kind)
-                writer.write(channel, received, message.data, message.published)
-        return path
-
-    def _ordered(self) -> Iterator[tuple[int, Recorded]]:
         start = self.messages[0].received if self.messages else 0
-        for message in self.latched.values():
-            yield start or message.received, message
-        for message in self.messages:
-            yield message.received, message
+        before = [one._replace(received=start or one.received) for one in self.latched.values()]
+        with BagWriter(path, staged=True) as writer:
+            for message in (*before, *self.messages):
+                channel = writer.add_topic(message.topic, message.kind)
+                writer.write(channel, message.received, message.data, message.published)
+        return path
 
 
 @dataclass(slots=True)

@@ -23,7 +23,8 @@ from spool_bag.importing.csv_cells import (
     may_be_hexadecimal,
 )
 from spool_bag.importing.csv_settings import key_and_text, stated_above
-from spool_bag.importing.table import MOST_CHANNELS, unique
+from spool_bag.importing.settings import Settings
+from spool_bag.importing.table import MOST_CHANNELS, Channel, Group, unique
 from spool_bag.importing.units import NO_UNIT, WORDS, is_unit, quantity_of, split_header
 
 #: Cells that mark a line as a comment.
@@ -79,6 +80,18 @@ class Layout:
     rate_from: str
     rate_doubt: str = ""
     settings: Mapping[str, str] = field(default_factory=dict)
+
+    def group(self, name: str, channels: Sequence[Channel], known: Settings) -> Group:
+        """Return the group of the table's channels, with what ``settings`` state, as they are ``known``."""
+        return Group(
+            name,
+            tuple(channels),
+            self.rate,
+            source=printable(self.rate_from, 80),
+            doubt=printable(self.rate_doubt, 200),
+            count=known.count(""),
+            span=known.span(""),
+        )
 
 
 def layout_of(
@@ -155,11 +168,6 @@ class Dialect:
     whole: frozenset[str] = frozenset()
 
     @property
-    def skipped(self) -> int:
-        """Number of lines above the first row of samples."""
-        return self.layout.first
-
-    @property
     def names(self) -> tuple[str, ...]:
         """Names of the columns."""
         return self.layout.names
@@ -171,7 +179,7 @@ class Dialect:
         said = [f"columns separated by {mark}, decimal {'comma' if self.decimal == ',' else 'point'}"]
         if self.grouped:
             said[0] += ", marks between thousands"
-        above = self.skipped - (not self.layout.numbered)
+        above = self.layout.first - (not self.layout.numbered)
         if above > 0:
             said.append(f"{above} lines above the samples besides the names")
         if self.layout.numbered:

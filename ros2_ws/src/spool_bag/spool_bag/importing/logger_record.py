@@ -218,11 +218,6 @@ def _of_clock(clock: ClockRoles, kind: str, asked: Choices, *, regular: bool, si
     )
 
 
-def _newest_first(values: Array) -> bool:
-    """Return whether times, shape (n,), fall throughout."""
-    return values.size > 2 and values[-1] < values[0] and bool(np.all(values[1:] <= values[:-1]))
-
-
 def _check_jumps(path: Path, timed: time_axis.TimeAxis, where: Callable[[int], str]) -> None:
     """Check that a clock was not set while it was recorded.
 
@@ -255,7 +250,8 @@ def _time_of(
         dated = role.source.channel.dated
         return time_axis.TimeColumn(table.path, table.where, role.use, values[role.name], dated)
 
-    if _newest_first(np.asarray(values[axis.name])):
+    times = np.asarray(values[axis.name])
+    if times.size > 2 and times[-1] < times[0] and bool(np.all(times[1:] <= times[:-1])):
         values |= {name: row[::-1] for name, row in values.items()}
         table.notes = (*table.notes, "the newest row stands first: read from the end")
     others = [*clock.others]

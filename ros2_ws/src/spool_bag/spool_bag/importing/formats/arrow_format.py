@@ -35,7 +35,11 @@ class ArrowTable(Table):
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        schema = self._schema()
+        if _is_parquet(path):
+            schema = pa_parquet.ParquetFile(path).schema_arrow
+        else:
+            with pa.memory_map(str(path)) as source:
+                schema = pa_ipc.open_file(source).schema
         known = self.settings = Settings(_stated(schema))
         channels = tuple(
             Channel(
@@ -86,12 +90,6 @@ class ArrowTable(Table):
     def where(self, row: int) -> str:
         """Return the row of a row."""
         return f"row {row}"
-
-    def _schema(self) -> pa.Schema:
-        if _is_parquet(self.path):
-            return pa_parquet.ParquetFile(self.path).schema_arrow
-        with pa.memory_map(str(self.path)) as source:
-            return pa_ipc.open_file(source).schema
 
     def _batches(self, names: Sequence[str]) -> Iterator[pa.RecordBatch]:
         wanted = list(dict.fromkeys(names))

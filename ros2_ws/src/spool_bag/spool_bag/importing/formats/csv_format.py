@@ -90,21 +90,11 @@ class CsvTable(Table):
             for name, kind in zip(layout.names, self.dialect.kinds, strict=True)
             if kind is Kind.TEXT
         }
-        self.groups = (
-            Group(
-                "",
-                tuple(channels),
-                layout.rate,
-                source=printable(layout.rate_from, 80),
-                doubt=printable(layout.rate_doubt, 200),
-                count=self.settings.count(""),
-                span=self.settings.span(""),
-            ),
-        )
+        self.groups = (layout.group("", channels, self.settings),)
 
     def where(self, row: int) -> str:
         """Return the line of a row."""
-        return f"line {row + self.dialect.skipped + 1}"
+        return f"line {row + self.dialect.layout.first + 1}"
 
     def read(self, _group: Group, names: Sequence[str], single: Sequence[str] = ()) -> dict[str, Values]:
         """Return the values of columns by name."""
@@ -119,7 +109,7 @@ class CsvTable(Table):
 
     def _samples(self) -> Iterator[tuple[TextPiece, bool]]:
         """Yield the text below the header, and whether a piece is the last, with the file's end."""
-        skip = self.dialect.skipped
+        skip = self.dialect.layout.first
         held: TextPiece | None = None
         for piece in pieces(self.path):
             content, line = piece.content, piece.line

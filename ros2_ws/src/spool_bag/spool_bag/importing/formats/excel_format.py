@@ -61,17 +61,7 @@ def opened(path: Path) -> ArrayTable:
     arrays: dict[tuple[str, str], Any] = {}
     for title, channels, columns, layout in found:
         name = "" if single else title
-        groups.append(
-            Group(
-                name,
-                tuple(channels),
-                layout.rate,
-                source=printable(layout.rate_from, 80),
-                doubt=printable(layout.rate_doubt, 200),
-                count=known.count(""),
-                span=known.span(""),
-            )
-        )
+        groups.append(layout.group(name, channels, known))
         arrays |= {(name, channel.name): column for channel, column in zip(channels, columns, strict=True)}
     whole = ArrayTable(path, tuple(groups), arrays, settings=known)
     for column in arrays.values():

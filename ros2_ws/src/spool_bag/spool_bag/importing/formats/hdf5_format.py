@@ -75,11 +75,6 @@ def _text(value: Any) -> str:
     return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
 
 
-def _is_version_73(_path: Path, head: bytes) -> bool:
-    """Return whether a MATLAB file is of version 7.3 by the number in its header, whatever its text says."""
-    return head.startswith(b"MATLAB") and head[124:128] in (b"\x00\x02IM", b"\x02\x00MI")
-
-
 FORMAT = Format(
     "HDF5, MATLAB 7.3",
     (".h5", ".hdf5", ".mat"),
@@ -87,5 +82,6 @@ FORMAT = Format(
     begins=(b"\x89HDF\r\n\x1a\n", b"MATLAB 7.3"),
     library=("h5py", "h5py"),
     place=40,
-    recognises=_is_version_73,
+    # MATLAB 7.3 by the number in its header, whatever its text says.
+    recognises=lambda _, head: head.startswith(b"MATLAB") and head[124:128] in (b"\x00\x02IM", b"\x02\x00MI"),
 )
