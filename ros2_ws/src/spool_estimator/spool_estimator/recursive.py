@@ -28,8 +28,9 @@ LAGS = 4
 #: Certainty (in units of the scale) beyond which a direction may be forgotten faster than the chunk replaces
 #: it, up to AHEAD times: what a strong excitation once said must not outweigh minutes of a weak one.
 ENOUGH, AHEAD = 0.003, 300.0
-#: Squares of deviations, as a resonance colours the errors, over those for white errors.
-COLOURED = 40.0
+#: Squares of deviations, as a resonance colours the errors, over those for white errors; deviations from which
+#: a change is more than chance.
+COLOURED, CERTAIN = 40.0, 3.0
 
 
 class RegressionArrays(NamedTuple):
@@ -156,7 +157,7 @@ def advance(
         excess = 1.0 - (dual[:, i] ** 2).sum() * (noise / ENOUGH) ** 2
         forgotten = min(forgetting, max(brought, min(AHEAD * brought, excess)))
         # What leaks make more wrong than chance does must not weigh as if it were wrong by chance alone.
-        believed = max(chance[i, i], COLOURED * noise**2)
+        believed = CERTAIN**2 * max(chance[i, i], COLOURED * noise**2)
         forgotten = max(forgotten, 1.0 - believed / max(believed, (leaked[i] ** 2).sum()))
         for j in range(size):
             for k in range(size):

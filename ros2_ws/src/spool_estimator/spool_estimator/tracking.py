@@ -17,14 +17,14 @@ from spool_estimator import chunks
 from spool_estimator.chunks import CHUNK, LENGTHS, NOISE, SMALLEST_NOISE, Need
 from spool_estimator.history import Displacement, Fitter, WindowFit, newest
 from spool_estimator.prediction import BODY, KINDS, MEAN_SQUARES, SHARPENINGS, Prediction
-from spool_estimator.recursive import COLOURED, RecursiveLeastSquares
+from spool_estimator.recursive import CERTAIN, COLOURED, RecursiveLeastSquares
 from spool_estimator.sliding_window import ChunkWindow
 
 #: s of samples that are kept for starts.
 KEPT = 3.0
 #: The past is thrown away only for a parameter that changed by its share here, and by so many deviations;
 #: their squares are those for white errors times COLOURED, as a resonance colours them.
-NOTABLE, CERTAIN = (0.01, 0.05, 0.05), 3.0
+NOTABLE = (0.01, 0.05, 0.05)
 #: A refit has to leave less than this share of the residual power to be believed.
 BETTER = 0.85
 #: Relative standard deviation that a change of a parameter is believed to have.
