@@ -30,15 +30,13 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, PlainTextResponse, Response
 
 from spool_view.operator import Desk
-from spool_view.view import RANGES, limits_of, rounded, trend_of
+from spool_view.view import PATIENCE, RANGES, limits_of, rounded, trend_of
 
 #: Parameters whose last hour a tile shows.
 SPARKS = ("natural_frequency", "viscous_coefficient", "coulomb_force")
 HOUR = 3600
 #: s that sparklines are held: the monitor writes a value a minute.
 HELD = 30.0
-#: s that a reading waits for the monitor's own writing.
-PATIENCE = 1.0
 #: Entries of the journal that a browser gets at most, the newest.
 MOST_ENTRIES = 1000
 #: Readings at a time.
@@ -71,12 +69,8 @@ class Sparks:
         now = time.monotonic()
         if now - self._read >= HELD:
             self._read = now
-            found = {}
-            for name, valve in list(valves.items()):
-                courses = self._courses(name, valve)
-                if courses:
-                    found[name] = courses
-            self._held = found
+            found = {name: self._courses(name, valve) for name, valve in list(valves.items())}
+            self._held = {name: courses for name, courses in found.items() if courses}
         return self._held
 
     def _courses(self, name: str, valve: HeardValve) -> list[dict[str, Any]]:
