@@ -12,6 +12,7 @@ import threading
 import time
 from collections import Counter, OrderedDict, deque
 from collections.abc import AsyncIterator, Awaitable, Callable
+from functools import partial
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -144,11 +145,10 @@ class Guard:
         if len(hosts) != 1 or not own_host(hosts[0]):
             return PlainTextResponse("open this page by an IP address or localhost", 421)
         origins = headers.getlist("origin")
-        if len(origins) > 1 or any(not same_origin(origin, hosts[0]) for origin in origins):
-            return PlainTextResponse("requests from other pages are refused", 403)
+        foreign = len(origins) > 1 or any(not same_origin(origin, hosts[0]) for origin in origins)
         site = headers.get("sec-fetch-site", "none")
         opened = scope["method"] == "GET" and headers.get("sec-fetch-mode") == "navigate"
-        if site not in ("same-origin", "none") and not opened:
+        if foreign or (site not in ("same-origin", "none") and not opened):
             return PlainTextResponse("requests from other pages are refused", 403)
         if scope["method"] == "POST" and not origins:
             return PlainTextResponse("the Origin header is missing", 403)
@@ -190,18 +190,14 @@ class Pages:
 
     def page(self, view: str) -> Callable[[Request], Awaitable[Response]]:
         """Return what answers with the page ``view`` of all valves."""
-
-        async def answer(request: Request) -> Response:
-            return self._page(request, view)
-
-        return answer
+        return partial(self._page, view=view)
 
     async def valve(self, request: Request) -> Response:
         """Answer with a valve's page."""
         name = request.path_params["name"]
         if len(name) > 200 or not VALVE.fullmatch(name):
             return PlainTextResponse("no such page", 404)
-        return self._page(request, "valve", name)
+        return await self._page(request, "valve", name)
 
     async def file(self, request: Request) -> Response:
         """Answer with a file of the site."""
@@ -223,7 +219,7 @@ class Pages:
         answer.set_cookie(COOKIE, code, max_age=31_536_000, samesite="strict", httponly=True)
         return answer
 
-    def _page(self, request: Request, view: str, valve: str = "") -> Response:
+    async def _page(self, request: Request, view: str, valve: str = "") -> Response:
         language = language_for(request)
         text = self._template.render(
             texts=self._texts[language],

@@ -143,15 +143,13 @@ def waterfall_of(fall: Fall, now: float) -> dict[str, Any]:
     """
     lines: list[list[float]] = []
     last, until = math.inf, None
-    for seconds, spool in fall:
+    for seconds, spool in (*fall, (now, None)):
         if seconds - last > BROKEN:
             lines.append([])
             until = int(last)
-        lines.append(spool)
+        if spool is not None:
+            lines.append(spool)
         last = seconds
-    if now - last > BROKEN:
-        lines.append([])
-        until = int(last)
     return {"step": 1.0 / WINDOW, "spool": lines, "until": until}
 
 

@@ -138,9 +138,9 @@ class _Samples:
 
     _by_metric: dict[str, dict[str, float]] = field(default_factory=dict)
 
-    def add(self, metric: str, value: float, **labels: str) -> None:
+    def add(self, metric: str, value: float | None, **labels: str) -> None:
         """Add a sample, to the one of the same labels where there is one."""
-        if math.isfinite(value):
+        if value is not None and math.isfinite(value):
             text = ",".join(f'{name}="{label.translate(_ESCAPES)}"' for name, label in labels.items())
             samples, series = self._by_metric.setdefault(metric, {}), f"{{{text}}}" if text else ""
             samples[series] = samples.get(series, 0) + value
@@ -174,11 +174,10 @@ def _add_valve(found: _Samples, name: str, valve: HeardValve, now: float, unix_t
     if health is None or state.state == NO_WORD:  # the last message need not hold any more
         return
     found.add("spool_valve_namur_status", health.namur, valve=name)
-    margin, band = margin_of(health), valve.limits.get(BAND)
-    found.add("spool_resonance_margin_ratio", math.nan if margin is None else margin, valve=name)
-    found.add("spool_resonance_band_ratio", math.nan if band is None else band, valve=name)
+    found.add("spool_resonance_margin_ratio", margin_of(health), valve=name)
+    found.add("spool_resonance_band_ratio", valve.limits.get(BAND), valve=name)
     for metric, said, labels in _STROKES:
-        found.add(metric, valve.bounds.get(said, math.nan), valve=name, **labels)
+        found.add(metric, valve.bounds.get(said), valve=name, **labels)
     if estimate is None:
         return
     listed = (*estimate.parameters[:MOST_ESTIMATES], estimate.natural_frequency)

@@ -429,8 +429,7 @@ def fields_of(
         kind: event type.
         language: of the message.
     """
-    alarm, underlying = condition.alarm, condition.underlying
-    at = condition.at
+    alarm, underlying, at = condition.alarm, condition.underlying, condition.at
     said = headline(from_event_message(alarm.event), language) if alarm.message else alarm.name
     fields = _base(
         kind, source, condition.valve, at, ua.LocalizedText(said, language.code), condition.severity
@@ -440,7 +439,7 @@ def fields_of(
     timed = shelved and end.sec
     left = max(0.0, end.sec + 1e-9 * end.nanosec - time.time()) if timed else math.nan
     acknowledged = _moment(alarm.acknowledged_at)
-    fields |= {
+    return fields | {
         "EventId": ua.Variant(condition.event_id()),
         "NodeId": ua.Variant(condition.node),
         "ConditionClassId": ua.Variant(ua.NodeId(_IDS.MaintenanceConditionClassType)),
@@ -468,7 +467,6 @@ def fields_of(
         **_state("OutOfServiceState", "Out of service", "In service", on=state is AlarmState.OUT_OF_SERVICE),
         **_shelving_state(shelved=shelved, left=left),
     }
-    return fields
 
 
 def _base(

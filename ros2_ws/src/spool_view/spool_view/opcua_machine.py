@@ -115,9 +115,9 @@ class Machine:
             ua.NodeId(_MACHINES, self.machinery), ua.QualifiedName(plate.name, self._index),
             _IDS.BaseObjectType, _IDS.Organizes, identity=self.node,
         )  # fmt: skip
-        names = {"ProductInstanceUri": plate.product_uri, "ComponentName": plate.name}
+        uri = {"ProductInstanceUri": plate.product_uri}
         parts = [
-            await self._identification(self.node, _MACHINE_IDENTIFICATION, plate, names),
+            await self._identification(self.node, _MACHINE_IDENTIFICATION, plate, uri),
             await self._part(self.node, "Components", _COMPONENTS),
             await self._part(self.node, "MachineryItemState", _ITEM_STATE),
             await self._monitoring(self.node),
@@ -132,8 +132,7 @@ class Machine:
             below(self.node, "MachineryItemState"), ua.QualifiedName("CurrentState"),
             _IDS.FiniteStateVariableType, value=words,
         )  # fmt: skip
-        initial = ua.Variant(ua.NodeId(_NOT_AVAILABLE, self.machinery))
-        await self._property(state, ua.QualifiedName("Id"), initial)
+        await self._property(state, "Id", ua.Variant(ua.NodeId(_NOT_AVAILABLE, self.machinery)))
         await self.add(self.node, ua.QualifiedName("AlarmMetrics", self._index), _IDS.AlarmMetricsType)
         await self._refer(self.figures_node, ua.NodeId(_IDS.AlarmMetricsType_Reset), _IDS.HasComponent)
         for name, figure in self.figures.values().items():
@@ -143,15 +142,13 @@ class Machine:
                 value=figure.value, data_type=ua.NodeId(figure.data_type),
             )  # fmt: skip
             if figure.minutes:
-                minutes = ua.Variant(figure.minutes, _KIND.UInt16)
-                await self._property(made, ua.QualifiedName("Rate"), minutes)
+                await self._property(made, "Rate", ua.Variant(figure.minutes, _KIND.UInt16))
 
     async def join(self, name: str, valve: Any) -> None:
         """Make the folder ``valve`` a component of the machine."""
         node = valve.nodeid
         await self._refer(below(self.node, "Components"), node, _IDS.HasComponent)
-        plate = Nameplate(name)
-        await self._identification(node, _COMPONENT_IDENTIFICATION, plate, {"ComponentName": name})
+        await self._identification(node, _COMPONENT_IDENTIFICATION, Nameplate(name), {})
         await self._monitoring(node)
         await self.add(below(node, "Monitoring"), self._of("Process"), _IDS.FolderType)
 
@@ -164,8 +161,7 @@ class Machine:
             ua.LocalizedText(shown, ENGLISH.code),
             ua.LocalizedText(meaning, ENGLISH.code),
         )
-        named = ua.QualifiedName("EngineeringUnits")
-        await self._property(variable, named, ua.Variant(known), ua.NodeId(_IDS.EUInformation))
+        await self._property(variable, "EngineeringUnits", ua.Variant(known), ua.NodeId(_IDS.EUInformation))
         process = below(ua.NodeId(valve, self._index), "Monitoring", "Process")
         await self._refer(process, variable, _IDS.HasComponent)
 
@@ -174,7 +170,7 @@ class Machine:
         node = below(variable, "EURange")
         value = ua.Variant(ua.Range(low, high))
         if node not in self._written:
-            await self._property(variable, ua.QualifiedName("EURange"), value, ua.NodeId(_IDS.Range))
+            await self._property(variable, "EURange", value, ua.NodeId(_IDS.Range))
         await self.write(node, value)
 
     async def update(self, valves: Iterable[HeardValve], now: float) -> None:
@@ -235,9 +231,10 @@ class Machine:
         return identity
 
     async def _property(
-        self, node: ua.NodeId, name: ua.QualifiedName, value: ua.Variant, data_type: ua.NodeId | None = None
+        self, node: ua.NodeId, name: str, value: ua.Variant, kind: ua.NodeId | None = None, index: int = 0
     ) -> None:
-        await self.add(node, name, _IDS.PropertyType, _IDS.HasProperty, value=value, data_type=data_type)
+        named = ua.QualifiedName(name, index)
+        await self.add(node, named, _IDS.PropertyType, _IDS.HasProperty, value=value, data_type=kind)
 
     def _of(self, name: str) -> ua.QualifiedName:
         return ua.QualifiedName(name, self.machinery)
@@ -253,11 +250,11 @@ class Machine:
     ) -> ua.NodeId:
         name = ua.QualifiedName("Identification", self.di)
         made = await self.add(node, name, ua.NodeId(kind, self.machinery), _IDS.HasAddIn)
-        names = {"Manufacturer": plate.manufacturer, "SerialNumber": plate.serial_number, **more}
-        for key, words in names.items():
+        names = {"Manufacturer": plate.manufacturer, "SerialNumber": plate.serial_number}
+        for key, words in {**names, **more, "ComponentName": plate.name}.items():
             text = key in ("Manufacturer", "ComponentName")
             value = ua.Variant(ua.LocalizedText(words, ENGLISH.code) if text else words)
-            await self._property(made, ua.QualifiedName(key, self.di), value)
+            await self._property(made, key, value, index=self.di)
         return made
 
     async def _monitoring(self, node: ua.NodeId) -> ua.NodeId:

@@ -109,7 +109,6 @@ class OpcUaNode(ManagedNode):
         super().__init__("opcua", **options)
         self._listener: Listener | None = None
         self._language = ENGLISH
-        self._loop = asyncio.new_event_loop()
         self._thread: threading.Thread | None = None
         self._server: Server | None = None
         self._space: AddressSpace | None = None
@@ -297,15 +296,13 @@ class AddressSpace:
 
 def items_of(valve: HeardValve, now: float, language: Language = ENGLISH) -> Iterator[Item]:
     """Yield what plant systems see of ``valve`` at ``now`` (s, monotonic)."""
-    name = valve.name
-    condition = valve.condition(now)
+    name, condition = valve.name, valve.condition(now)
     silent = condition == NO_WORD
-    lost = ua.StatusCodes.BadNoCommunication
     yield Item((name, "condition"), condition.replace("_", " "), ua.StatusCodes.Good, None)
     health = valve.health
     if health is not None:
         at = _time(health.header.stamp)
-        good = lost if silent else ua.StatusCodes.Good
+        good = ua.StatusCodes.BadNoCommunication if silent else ua.StatusCodes.Good
         for key, value in (
             ("level", int(health.level)),
             ("ne107", _NAMUR.get(health.namur, "unknown")),
@@ -315,8 +312,7 @@ def items_of(valve: HeardValve, now: float, language: Language = ENGLISH) -> Ite
             yield Item((name, "health", key), value, good, at)
         own = (health.dominant_frequency, health.amplification, health.viscous_drift, health.coulomb_drift)
         yield from _numbers(name, "health", own, at, lost=silent)
-    if valve.estimate is not None:
-        estimate = valve.estimate
+    if (estimate := valve.estimate) is not None:
         at = _time(estimate.header.stamp)
         own = (*estimate.parameters, estimate.natural_frequency, estimate.damping_ratio, estimate.residual)
         yield from _numbers(name, "estimate", own, at, lost=silent)
@@ -338,9 +334,8 @@ def _numbers(
     for one in list(quantities)[:MOST]:
         quality = ua.StatusCodes.BadNoCommunication if lost else _QUALITY.get(one.validity)
         quality = ua.StatusCodes.BadWaitingForInitialData if quality is None else quality
-        key = f"{one.name}" if one.unit in ("", "1") else f"{one.name} [{one.unit}]"
-        unit = one.unit or "1"
-        yield Item((valve, group, key), _finite(one.value), quality, at, unit, one.name)
+        key = one.name if one.unit in ("", "1") else f"{one.name} [{one.unit}]"
+        yield Item((valve, group, key), _finite(one.value), quality, at, one.unit or "1", one.name)
         yield Item((valve, group, f"{key} standard deviation"), _finite(one.standard_deviation), quality, at)
 
 
@@ -382,8 +377,7 @@ def _alarm(place: tuple[str, ...], alarm: Alarm, language: Language, *, lost: bo
     yield Item((*place, "began"), moment, quality, at)
 
 
-def _time(stamp: object) -> datetime | None:
-    seconds = getattr(stamp, "sec", 0)
-    if not seconds:
+def _time(stamp: Any) -> datetime | None:
+    if not stamp.sec:
         return None
-    return datetime.fromtimestamp(seconds + 1e-9 * getattr(stamp, "nanosec", 0), timezone.utc)
+    return datetime.fromtimestamp(stamp.sec + 1e-9 * stamp.nanosec, timezone.utc)

@@ -76,14 +76,10 @@ class OperatorToken:
     def who(self, header: str) -> str | None:
         """Return whose token an ``Authorization`` header bears, empty: anybody's; ``None``: it bears none."""
         given = header.encode("utf-8", "replace")
-        return next(
-            (
-                who
-                for one, who in list(self._names.items())
-                if hmac.compare_digest(given, f"Bearer {one}".encode())
-            ),
-            None,
-        )
+        for one, who in list(self._names.items()):
+            if hmac.compare_digest(given, f"Bearer {one}".encode()):
+                return who
+        return None
 
     def sign_in(self, name: str, password: str) -> str | None:
         """Return a token for the operator ``name``; ``None`` where name and password do not fit.
@@ -163,9 +159,9 @@ class Operating:
         if not self._tries.take():
             return _answer(429, "too many tries: wait a few seconds")
         made = await run_in_threadpool(token.sign_in, name, password)
-        return (
-            self._wrong_answer("name or password is wrong") if made is None else _answer(200, "right", made)
-        )
+        if made is None:
+            return self._wrong_answer("name or password is wrong")
+        return _answer(200, "right", token=made)
 
     async def act(self, request: Request) -> Response:
         """Do an operator's act: it is in the log before it is done, and what came of it after."""
@@ -272,8 +268,7 @@ async def _content(request: Request, most: int) -> Any:
     if request.headers.get("content-type", "").partition(";")[0].strip().lower() != "application/json":
         raise ActRefusedError("the request is no JSON")
     try:
-        body = await asyncio.wait_for(_body(request, most), BODY)
-        return json.loads(body)
+        return json.loads(await asyncio.wait_for(_body(request, most), BODY))
     except (asyncio.TimeoutError, ValueError, RecursionError) as error:
         raise ActRefusedError("the request is no JSON") from error
 
@@ -287,6 +282,5 @@ async def _body(request: Request, most: int) -> bytes:
     return bytes(body)
 
 
-def _answer(status: int, text: str, token: str = "") -> JSONResponse:
-    content = {"text": text, **({"token": token} if token else {})}
-    return JSONResponse(content, status, {"cache-control": "no-store"})
+def _answer(status: int, text: str, **more: str) -> JSONResponse:
+    return JSONResponse({"text": text, **more}, status, {"cache-control": "no-store"})

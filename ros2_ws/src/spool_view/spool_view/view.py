@@ -329,9 +329,7 @@ def _parameter(valve: HeardValve, estimate: ModelEstimate, quantity: Quantity) -
         found["compared"] = shown(compared)
     if baseline is None or not math.isfinite(baseline.value):
         return found
-    found["baseline"] = shown(baseline)
-    limits = limits_of(valve, quantity.name)
-    found |= {end: limits[end] for end in ENDS}
+    found |= {**limits_of(valve, quantity.name), "baseline": shown(baseline)}
     if known(compared) and baseline.value:
         found["change"] = rounded(100.0 * (compared.value / baseline.value - 1.0), 3)
     return found
