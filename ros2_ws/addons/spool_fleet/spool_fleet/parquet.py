@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -25,22 +24,12 @@ TOGETHER = 1000
 #: The analysis that rows of a table come from, where they do not name it.
 _SOURCES = {"events": "monitor", "gaps": "gap"}
 
-_RECORD = [
-    ("bag", pa.string()),
-    ("machine", pa.string()),
-    ("valve", pa.string()),
-    ("start", pa.timestamp("us", "UTC")),
-]
+_RECORD = (("bag", "text"), ("machine", "text"), ("valve", "text"), ("start", "time"))
+_KINDS = {"text": pa.string(), "number": pa.float64(), "count": pa.int64(), "time": pa.timestamp("us", "UTC")}
 
 
-def _schema(*columns: tuple[str, str]) -> pa.Schema:
-    kinds = {
-        "text": pa.string(),
-        "number": pa.float64(),
-        "count": pa.int64(),
-        "time": pa.timestamp("us", "UTC"),
-    }
-    return pa.schema([*_RECORD, *((name, kinds[kind]) for name, kind in columns)])
+def _schema(*columns: tuple[str, str], record: Sequence[tuple[str, str]] = _RECORD) -> pa.Schema:
+    return pa.schema([(name, _KINDS[kind]) for name, kind in (*record, *columns)])
 
 
 #: Tables of one row or more for each record, by name; each month has a file of each.
@@ -64,24 +53,18 @@ RECORD_TABLES = {
 }  # fmt: skip
 
 #: Trends of each valve's parameters over all bags; one file.
-TRENDS = pa.schema(
-    [
-        ("machine", pa.string()), ("valve", pa.string()), ("parameter", pa.string()), ("unit", pa.string()),
-        ("bags", pa.int64()), ("first", pa.timestamp("us", "UTC")), ("latest", pa.timestamp("us", "UTC")),
-        ("baseline", pa.float64()), ("baseline_std", pa.float64()), ("state", pa.string()),
-        ("cause", pa.string()), ("since", pa.timestamp("us", "UTC")), ("noticed", pa.timestamp("us", "UTC")),
-        ("change", pa.float64()), ("change_std", pa.float64()), ("rate_per_month", pa.float64()),
-        ("rate_per_month_std", pa.float64()), ("threshold", pa.float64()),
-        ("months_to_threshold", pa.float64()), ("months_earliest", pa.float64()),
-        ("months_latest", pa.float64()), ("reason", pa.string()),
-    ]
+TRENDS = _schema(
+    ("machine", "text"), ("valve", "text"), ("parameter", "text"), ("unit", "text"), ("bags", "count"),
+    ("first", "time"), ("latest", "time"), ("baseline", "number"), ("baseline_std", "number"),
+    ("state", "text"), ("cause", "text"), ("since", "time"), ("noticed", "time"), ("change", "number"),
+    ("change_std", "number"), ("rate_per_month", "number"), ("rate_per_month_std", "number"),
+    ("threshold", "number"), ("months_to_threshold", "number"), ("months_earliest", "number"),
+    ("months_latest", "number"), ("reason", "text"), record=(),
 )  # fmt: skip
 #: Service events that were told; one file.
-SERVICES = pa.schema(
-    [
-        ("machine", pa.string()), ("valve", pa.string()), ("start", pa.timestamp("us", "UTC")),
-        ("kind", pa.string()), ("comment", pa.string()),
-    ]
+SERVICES = _schema(
+    ("machine", "text"), ("valve", "text"), ("start", "time"), ("kind", "text"), ("comment", "text"),
+    record=(),
 )  # fmt: skip
 SCHEMAS = {**RECORD_TABLES, "trends": TRENDS, "services": SERVICES}
 
@@ -101,15 +84,14 @@ def bring_up_to_date(manifest: Manifest) -> None:
     for month in sorted({*manifest.outdated(), *removed}):
         # Nobody may add to the month between what is written and the note that it is.
         with manifest.transaction():
-            entries = iter(list(manifest.entries(month)))
+            entries = list(manifest.entries(month))
             with ExitStack() as stack:
                 writers = {
                     table: stack.enter_context(_writer(manifest.store, table, month))
                     for table in RECORD_TABLES
                 }
-                empty = True
-                while some := list(islice(entries, TOGETHER)):
-                    empty = False
+                for first in range(0, len(entries), TOGETHER):
+                    some = entries[first : first + TOGETHER]
                     found = [(entry, manifest.results(entry.path, entry.namespace)) for entry in some]
                     for table, writer in writers.items():
                         rows = [row for entry, results in found for row in _rows(table, entry, results)]
@@ -120,7 +102,7 @@ def bring_up_to_date(manifest: Manifest) -> None:
                         ]
                         if rows:
                             writer.write_table(pa.Table.from_arrays(arrays, schema=writer.schema))
-            for table in RECORD_TABLES if empty else ():
+            for table in () if entries else RECORD_TABLES:
                 table_file(manifest.store, table, month).unlink()
             manifest.written(month)
 
