@@ -114,14 +114,12 @@ def add(
             changed.append(bag)
     # In order of path, so that of two bags with one content always the same is the duplicate.
     waiting: dict[Path, Scan] = {}
-    order = iter(changed)
-    expected = next(order, None)
+    order = changed[::-1]
     for scan in scans(changed):
         waiting[scan.path] = scan
-        while expected is not None and expected in waiting:
-            _take(manifest, waiting.pop(expected), naming, added)
+        while order and order[-1] in waiting:
+            _take(manifest, waiting.pop(order.pop()), naming, added)
             advance(1)
-            expected = next(order, None)
     return added
 
 
@@ -328,11 +326,6 @@ def start_of(identity: Identity, stamp: int) -> tuple[int, str]:
     return midnight, f"its stamps give {said}, its path {shown}; the catalogue uses the path's date"
 
 
-def of_table(table: Mapping[Path, Identity], path: Path) -> Identity | None:
-    """Return what ``table`` says of the bag at ``path``."""
-    return table.get(path.absolute())
-
-
 def _renamed(manifest: Manifest, bag: Path, naming: Naming) -> bool:
     """Return whether ``naming`` may call the records of ``bag`` otherwise than the catalogue does."""
     return any(
@@ -342,19 +335,21 @@ def _renamed(manifest: Manifest, bag: Path, naming: Naming) -> bool:
 
 
 def _named(bag: Path, naming: Naming, machine: str) -> Identity:
-    own = of_table(naming.table, bag) or (naming.pattern.match(bag) if naming.pattern is not None else None)
+    own = naming.table.get(bag.absolute()) or (
+        naming.pattern.match(bag) if naming.pattern is not None else None
+    )
     return joined(own, Identity(machine))
 
 
 def _take(manifest: Manifest, scan: Scan, naming: Naming, added: Added) -> None:
     path, stamp = str(scan.path), stamp_of(scan.path)
     named = _named(scan.path, naming, scan.machine)
-    misfit = naming.pattern.misfit(scan.path) if naming.pattern is not None else ""
-    if misfit and of_table(naming.table, scan.path) is None:
-        pattern = naming.pattern.text if naming.pattern is not None else ""
+    pattern = naming.pattern
+    misfit = pattern.misfit(scan.path) if pattern is not None else ""
+    if pattern is not None and misfit and scan.path.absolute() not in naming.table:
         # Valves of machines that cannot be distinguished would become one.
         left = "" if scan.machine else ": left out, since nothing else states its machine"
-        added.told.append(f"{path}: does not fit --pattern {pattern}: {misfit}{left}")
+        added.told.append(f"{path}: does not fit --pattern {pattern.text}: {misfit}{left}")
         if left:
             manifest.put(path, [])
             added.left_out += 1
@@ -380,8 +375,7 @@ def _take(manifest: Manifest, scan: Scan, naming: Naming, added: Added) -> None:
     manifest.put(path, entries)
     added.new += 1
     added.nameless += named.machine == UNKNOWN
-    if status == DAMAGED:
-        added.damaged += 1
+    added.damaged += status == DAMAGED
     added.duplicates += status == DUPLICATE
     if status != OK:
         added.told.append(reason if reason.startswith(path) else f"{path}: {reason}")

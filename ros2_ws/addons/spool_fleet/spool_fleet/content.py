@@ -6,12 +6,11 @@ import hashlib
 import math
 import re
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -320,24 +319,24 @@ def records_of(store: Path) -> dict[Key, Records]:
             row["bags"], row["usable"], newest=row["newest"], pause=row["pause"]
         )
     values: dict[tuple[str, Key], dict[str, tuple[float, float | None, str]]] = {}
-    for row in _rows(store, _PARAMETERS):
+    for row in ask(store, _PARAMETERS).to_pylist():
         whose = (row["bag"], (row["machine"], row["valve"]))
         values.setdefault(whose, {})[row["name"]] = (row["value"], row["std"], row["unit"] or "")
-    for row in _rows(store, _BAGS):
+    for row in ask(store, _BAGS).to_pylist():
         key = (row["machine"], row["valve"])
         own = values.get((row["bag"], key), {})
         if key in found:
             found[key].newest_bags.append(
                 BagRow(row["bag"], row["start"], row["oil_temperature_C"], own, row["raised"])
             )
-    for row in _rows(store, _EVENTS):
+    for row in ask(store, _EVENTS).to_pylist():
         one = found.get((row["machine"], row["valve"]))
         if one is not None:
             one.raised = row["count"]
             one.newest_events.append(
                 EventRow(row["start"], row["kind"], row["severity"] or "", row["message"] or "")
             )
-    for row in _rows(store, _TROUBLES):
+    for row in ask(store, _TROUBLES).to_pylist():
         one = found.get((row["machine"], row["valve"]))
         if one is not None:
             one.troubles = row["count"]
@@ -553,13 +552,9 @@ def _natural(text: str) -> tuple[tuple[int, str], ...]:
     )
 
 
-def _rows(store: Path, query: str) -> Iterable[dict[str, Any]]:
-    return ask(store, query).to_pylist()  # type: ignore[no-any-return]
-
-
 def _counts(content: PageContent, newest: datetime) -> list[str]:
     """Return lines on bags and events of the last month."""
-    begin = datetime(1970, 1, 1, tzinfo=timezone.utc) + timedelta(days=content.month_ago)
+    begin = _EPOCH + timedelta(days=content.month_ago)
     recent = (
         f"start > TIMESTAMPTZ '{begin:%Y-%m-%d %H:%M:%S}+00' AND start <= TIMESTAMPTZ '{newest.isoformat()}'"
     )
