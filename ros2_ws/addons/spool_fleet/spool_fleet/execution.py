@@ -278,8 +278,7 @@ def _run(task: Task, namespace: str, name: str) -> Outcome:
     except InputError as error:
         return Outcome(namespace, name, FAILED, printable(error, LONGEST), {})
     except (OSError, MemoryError) as error:
-        text = f"{type(error).__name__}: {error}"
-        return Outcome(namespace, name, FAILED, printable(text, LONGEST), {})
+        return Outcome(namespace, name, FAILED, printable(f"{type(error).__name__}: {error}", LONGEST), {})
     except Exception as error:  # one bag must not end a run over thousands; the reason is kept
         return Outcome(namespace, name, FAILED, printable(unexpected(error), LONGEST), {})
     return Outcome(namespace, name, DONE, "", as_json(rows))

@@ -81,14 +81,14 @@ def fleet_page(content: PageContent, reports: Mapping[str, str]) -> str:
     """Return the whole page; ``reports``: files of bags' reports, relative to it, by the bag's path."""
     (plot_style, plot_program), own = plotter(), _source("fleet.js")
     style = plot_style + _source("fleet.css")
-    counts = Counter(one.light for one in content.valves)
+    counts, worst = Counter(one.light for one in content.valves), worst_of(content)
     text = _TEMPLATES.get_template("fleet.html").render(
         content=content,
         charts=Charts(content),
         counts=[(light, counts[light]) for light in LIGHTS],
         news=news_of(content),
-        worst=worst_of(content)[:MOST_WORST],
-        changes=len(worst_of(content)),
+        worst=worst[:MOST_WORST],
+        changes=len(worst),
         parameters=PARAMETERS,
         reports=reports,
         command=replay_command,

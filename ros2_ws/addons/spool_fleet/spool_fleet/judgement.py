@@ -163,8 +163,7 @@ def judged_alone(valves: Sequence[ObservedValve], services: Sequence[Service], u
 
 def write_trends(store: Path, services: Sequence[Service]) -> list[Trend]:
     """Judge every valve of ``store``, write the tables ``trends`` and ``services``, return the trends."""
-    rows = [{**asdict(one), "start": _time(one.day)} for one in services]
-    write_whole(store, "services", rows)
+    write_whole(store, "services", [{**asdict(one), "start": _time(one.day)} for one in services])
     valves = observed_valves(store)
     trends = judge(valves, services)
     changed = {one.key: one.since for one in trends if one.state in (CHANGED, MACHINE)}

@@ -169,7 +169,7 @@ class Manifest:
         """Put the records of a bag in place of those it had; changed ones lose their results."""
         new = {entry.namespace: entry for entry in entries}
         with self.transaction():
-            old = {entry.namespace: entry for entry in self._entries("WHERE path = ?", (path,))}
+            old = {entry.namespace: entry for entry in self.of(path)}
             if old == new:
                 return
             self._outdate(path)
@@ -184,11 +184,8 @@ class Manifest:
 
     def entries(self, month: str | None = None) -> Iterator[Entry]:
         """Yield all records, or those of ``month``, by machine, valve and start."""
-        order = "ORDER BY machine, valve, start, path, namespace"
-        if month is None:
-            yield from self._entries(order)
-        else:
-            yield from self._entries(f"WHERE {_MONTH} = ? {order}", (month,))
+        where, values = ("", ()) if month is None else (f"WHERE {_MONTH} = ? ", (month,))
+        yield from self._entries(f"{where}ORDER BY machine, valve, start, path, namespace", values)
 
     def months(self) -> list[str]:
         """Return the months in which records began."""

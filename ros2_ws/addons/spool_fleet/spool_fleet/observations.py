@@ -146,11 +146,8 @@ def weekly(series: Series, services: Sequence[float] = (), slope: float = 0.0) -
     for day in services:
         stale |= (number == week_of(day)) & (series.days < day)
     warm = np.where(np.isfinite(series.temperature), series.temperature - REFERENCE, 0.0)
-    row, number, celsius = (
-        (series.logarithm - slope * warm)[~stale],
-        number[~stale],
-        series.temperature[~stale],
-    )
+    row, number = (series.logarithm - slope * warm)[~stale], number[~stale]
+    celsius = series.temperature[~stale]
     weeks = np.unique(number)
     value, count, temperature = (np.empty(weeks.size) for _ in range(3))
     around: list[Array] = []
@@ -188,11 +185,9 @@ def week_of(day: float) -> int:
 
 def spread(values: Array) -> float:
     """Return the robust standard deviation of ``values`` around their median; NaN for fewer than two."""
-    return (
-        float(MEDIAN_TO_DEVIATION * np.median(np.abs(values - np.median(values))))
-        if values.size > 1
-        else float("nan")
-    )
+    if values.size < 2:
+        return math.nan
+    return float(MEDIAN_TO_DEVIATION * np.median(np.abs(values - np.median(values))))
 
 
 def mean_square(values: Array) -> float:

@@ -84,9 +84,8 @@ def run_over_store(
     if "monitor" in keys:
         # Refused before the work, whatever the namespaces of the bags are.
         lines = [f"monitor: {settings_from(params_file, 'valve').source}"]
-        keys["monitor"] += (
-            "" if params_file is None else f" {hashlib.sha256(params_file.read_bytes()).hexdigest()}"
-        )
+        if params_file is not None:
+            keys["monitor"] += f" {hashlib.sha256(params_file.read_bytes()).hexdigest()}"
     with closing(Manifest(store)) as manifest:
         tasks = execution.tasks_due(manifest, keys, lambda name: settings_from(params_file, name))
         chosen_pool = execution.ProcessPool(count) if dask is None else execution.DaskCluster(dask, count)

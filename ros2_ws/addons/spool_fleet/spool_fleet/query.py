@@ -148,9 +148,9 @@ def sql_of(name: str, machine: str, valve: str, parameter: str) -> str:
         listed = "; ".join(f"{key}: {question.line}" for key, question in QUESTIONS.items())
         near = did_you_mean(name, list(QUESTIONS))
         raise InputError(f"--question {name}: known are {listed}{near}")
-    values = {"machine": machine, "valve": valve, "parameter": parameter}
-    quoted = {key: "'" + text.replace("'", "''") + "'" for key, text in values.items()}
-    return QUESTIONS[name].sql.format(**quoted)
+    return QUESTIONS[name].sql.format(
+        machine=_quoted(machine), valve=_quoted(valve), parameter=_quoted(parameter)
+    )
 
 
 def _without_bits(found: duckdb.DuckDBPyRelation) -> duckdb.DuckDBPyRelation:

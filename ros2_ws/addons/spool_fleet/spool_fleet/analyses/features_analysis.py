@@ -31,7 +31,7 @@ def run(subject: Subject) -> Rows:
     short = shortness(Work.ESTIMATE, [longest.duration])
     if short:
         raise InputError(short)
-    rows = []
+    found = []
     for channel in ("body", "spool"):
         row = np.concatenate([getattr(stretch, channel) for stretch in recording.stretches])
         around = row - row.mean()
@@ -40,19 +40,18 @@ def run(subject: Subject) -> Rows:
         crest = float(np.abs(around).max()) / rms if rms > 0.0 else float("nan")
         kurtosis = float(np.mean(around**4)) / power**2 if power > 0.0 else float("nan")
         shape = (("rms", rms, "m/s^2"), ("crest_factor", crest, "1"), ("kurtosis", kurtosis, "1"))
-        for name, value, unit in shape:
-            rows.append(parameter("features", "", f"{channel}_{name}", {"value": value, "unit": unit}))
+        found += [(f"{channel}_{name}", value, unit) for name, value, unit in shape]
     length = min(longest.body.size, round(SEGMENT * longest.sample_rate))
     both = cross_spectrum(longest.body, longest.spool, longest.sample_rate, length)
     noise = noise_of(longest.body, longest.spool, longest.sample_rate)
     frequency, height = resonance_of(both, noise)
     # A single segment is coherent throughout.
     if longest.body.size >= 2 * length and math.isfinite(frequency):
-        for name, value, unit in (
+        found += [
             ("transmissibility_peak_frequency", frequency, "Hz"),
             ("transmissibility_peak", height, "1"),
-        ):
-            rows.append(parameter("features", "", name, {"value": value, "unit": unit}))
+        ]
+    rows = [parameter("features", "", name, {"value": value, "unit": unit}) for name, value, unit in found]
     return {"parameters": rows}
 
 
