@@ -488,10 +488,7 @@ class Part(BaseModel):
     excitation: SingleExcitation
 
 
-AnyExcitation = Annotated[
-    Standstill | SteadySine | SteppedSine | SweptSine | Multisine | MachineOrders | Sequence,
-    Field(discriminator="kind"),
-]
+AnyExcitation = Annotated[SingleExcitation | Sequence, Field(discriminator="kind")]
 _ADAPTER: TypeAdapter[Excitation] = TypeAdapter(AnyExcitation)
 KINDS: tuple[str, ...] = (
     "standstill", "steady_sine", "stepped_sine", "swept_sine", "multisine", "machine_orders", "sequence",
