@@ -249,9 +249,7 @@ class Simulator:
 
     def next_block(self) -> Block:
         """Return the next block."""
-        first = self._sample
-        body, spool = self._read(self.block_size)
-        return self._block(first, body, spool)
+        return self._block(self._sample, *self._read(self.block_size))
 
     def records(self, seconds: float) -> Iterator[Block]:
         """Yield the blocks of the next ``seconds`` (whole blocks, rounded up) as fast as possible.
@@ -298,10 +296,8 @@ class Simulator:
         index = np.arange(self._moved, self._moved + samples)
         values: dict[str, float | NDArray[np.float64]] = dict(self._values)
         for name, ramp in self._ramps.items():
-            if ramp.start != ramp.target or ramp.first > self._moved:
-                values[name] = ramp.at(index)
-            else:
-                values[name] = ramp.target
+            moves = ramp.start != ramp.target or ramp.first > self._moved
+            values[name] = ramp.at(index) if moves else ramp.target
         if self._warms:
             values["viscous_coefficient"] *= self._oil.ratio(self._ramps["oil_temperature"].at(index))
         if self.strokes is not None:

@@ -204,11 +204,9 @@ class SimulatorNode(ManagedNode):
         period, hold = self.value("stroke_period"), self.value("stroke_hold")
         if 0.0 < period <= hold:
             raise InputError("stroke_hold: longer than stroke_period; lower it or raise stroke_period")
-        strokes = (
-            Strokes(period=period, first=period, hold=hold, force=self.value("stroke_force"))
-            if period
-            else None
-        )
+        strokes = None
+        if period:
+            strokes = Strokes(period=period, first=period, hold=hold, force=self.value("stroke_force"))
         valve, excitation = find_valve(self.value("valve_file")), load_excitation(self.value("excitation"))
         alike = {"filter": Observation.of(self.value("filter")), "noise": self.value("noise")}
         body, spool = (
@@ -236,8 +234,7 @@ class SimulatorNode(ManagedNode):
 
     def _heard(self) -> bool:
         """Return whether as many listen as are waited for, and have for a while."""
-        wanted = self.value("wait_for_subscribers")
-        single = self._single
+        wanted, single = self.value("wait_for_subscribers"), self._single
         listeners = single.listeners if single is not None else self._shared.get_subscription_count()
         if listeners < wanted:
             self._complete = None
@@ -291,20 +288,14 @@ class SimulatorNode(ManagedNode):
             message = f"{plural(dropped, 'block')} dropped in the last second: the machine is too slow"
         level = Level.WARNING if waiting or dropped else Level.OK
         truth = self._simulators[0].truth
-        self._diagnostics.publish(
-            Status(
-                "simulation",
-                level,
-                message,
-                {
-                    "blocks_sent": self._sent - self._skipped,
-                    "blocks_dropped": self._skipped,
-                    key("viscous_coefficient", "N s/m"): truth.viscous_coefficient,
-                    key("coulomb_force", "N"): truth.coulomb_force,
-                    key("spring_stiffness", "N/m"): truth.spring_stiffness,
-                },
-            )
-        )
+        values = {
+            "blocks_sent": self._sent - self._skipped,
+            "blocks_dropped": self._skipped,
+            key("viscous_coefficient", "N s/m"): truth.viscous_coefficient,
+            key("coulomb_force", "N"): truth.coulomb_force,
+            key("spring_stiffness", "N/m"): truth.spring_stiffness,
+        }
+        self._diagnostics.publish(Status("simulation", level, message, values))
 
 
 def main() -> int:

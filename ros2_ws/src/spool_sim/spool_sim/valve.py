@@ -72,19 +72,16 @@ class Oil:
                 f"oil temperature: {temperature:g} deg C is out of range for {self.name}, "
                 f"use {LOWEST_TEMPERATURE:g} to {HIGHEST_TEMPERATURE:g} deg C"
             )
-        viscosity: float = 10.0 ** (10.0 ** self._double_logarithm(temperature)) - _OFFSET
+        at_40, at_100 = _double_logarithm(self.viscosity_40), _double_logarithm(self.viscosity_100)
+        low, high = math.log10(40.0 + CELSIUS_ZERO), math.log10(100.0 + CELSIUS_ZERO)
+        share = (math.log10(temperature + CELSIUS_ZERO) - low) / (high - low)
+        viscosity: float = 10.0 ** (10.0 ** (at_40 * (1.0 - share) + at_100 * share)) - _OFFSET
         if viscosity < LOWEST_VISCOSITY:
             raise InputError(
                 f"oil temperature: at {temperature:g} deg C {self.name} has {viscosity:.2g} mm^2/s, "
                 f"less than the {LOWEST_VISCOSITY:g} mm^2/s down to which ASTM D341 holds; use a lower one"
             )
         return viscosity
-
-    def _double_logarithm(self, temperature: float) -> float:
-        at_40, at_100 = _double_logarithm(self.viscosity_40), _double_logarithm(self.viscosity_100)
-        low, high = math.log10(40.0 + CELSIUS_ZERO), math.log10(100.0 + CELSIUS_ZERO)
-        share = (math.log10(temperature + CELSIUS_ZERO) - low) / (high - low)
-        return at_40 * (1.0 - share) + at_100 * share
 
 
 def _double_logarithm(viscosity: float) -> float:

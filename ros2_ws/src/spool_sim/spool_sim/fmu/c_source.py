@@ -175,7 +175,7 @@ class _Function:
         node = self._source.node
         arguments = []
         for argument in node.args.args:
-            kind = _annotated(argument.annotation, f"{self._where(node)}", memory=argument.arg == "x")
+            kind = _annotated(argument.annotation, self._where(node), memory=argument.arg == "x")
             self._types[argument.arg] = kind
             arguments.append(f"{kind} {self._c_name(argument.arg)}".replace("* ", "*"))
         given = set(self._types)
@@ -341,10 +341,8 @@ class _Function:
             ]
             return f"({' && '.join(pairs)})", _INT
         if isinstance(node, ast.IfExp):
-            test, (yes, kind), (no, other) = (
-                self._value(node.test)[0],
-                *map(self._value, (node.body, node.orelse)),
-            )
+            test = self._value(node.test)[0]
+            (yes, kind), (no, other) = self._value(node.body), self._value(node.orelse)
             return f"({test} ? {yes} : {no})", kind if kind == other else _DOUBLE
         if isinstance(node, ast.Subscript):
             text, kind = self._value(node.value)

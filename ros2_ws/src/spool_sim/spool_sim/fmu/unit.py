@@ -260,17 +260,13 @@ def _description(fmi: int, name: str, identifier: str, token: str, variables: Se
 
 def _add_variable(listed: ElementTree.Element, one: Variable, *, newer: bool) -> None:
     truth = one.name == "sticking"
-    variability = {
-        "parameter": "tunable",
-        "output": "discrete" if truth else "continuous",
-        "input": "continuous",
-    }
+    variability = "tunable" if one.causality == "parameter" else "discrete" if truth else "continuous"
     shared = {
         "name": one.name,
         "valueReference": str(one.reference),
         "description": one.description,
         "causality": one.causality,
-        "variability": variability[one.causality],
+        "variability": variability,
     }
     if one.causality == "output":
         shared["initial"] = "calculated"

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import lru_cache
 from itertools import pairwise
 from typing import Any
@@ -166,14 +166,7 @@ class ComposedMotion:
             substeps=substeps,
             first_sample=first_sample,
         )
-        first = Trajectory(
-            trajectories.displacement[0],
-            trajectories.velocity[0],
-            trajectories.acceleration[0],
-            trajectories.stuck[0],
-            trajectories.memory[0],
-        )
-        return first, states[0]
+        return Trajectory(*(getattr(trajectories, one.name)[0] for one in fields(Trajectory))), states[0]
 
     def advance_batch(
         self,
@@ -212,13 +205,9 @@ class ComposedMotion:
         body_rows = _body_rows(count, body_acceleration.shape[0], tables.shape[0], stands_on)
         begins = np.broadcast_to(np.asarray(first_sample, dtype=np.int64), count).copy()
         packed = self._pack(states)
-        result = Trajectory(
-            np.empty((count, samples)),
-            np.empty((count, samples)),
-            np.empty((count, samples)),
-            np.empty((count, samples), dtype=np.bool_),
-            np.empty((count, samples, self._memories)),
-        )
+        z, v, a = (np.empty((count, samples)) for _ in range(3))
+        stuck, memory = np.empty((count, samples), dtype=np.bool_), np.empty((count, samples, self._memories))
+        result = Trajectory(z, v, a, stuck, memory)
         bodies = np.ascontiguousarray(body_acceleration, dtype=np.float64)
         parameters = self._packed(np.ascontiguousarray(tables, dtype=np.float64))
 

@@ -255,6 +255,5 @@ class Term:
             return float(low), float(high)
         if sliding is None:
             return 0.0, 0.0
-        return -float(sliding(displacement, 0.0, -1.0, *given)), float(
-            sliding(displacement, 0.0, 1.0, *given)
-        )
+        low, high = (float(sliding(displacement, 0.0, side, *given)) for side in (-1.0, 1.0))
+        return -low, high
