@@ -28,8 +28,7 @@ LAGS = 4
 #: Certainty (in units of the scale) beyond which a direction may be forgotten faster than the chunk replaces
 #: it, up to AHEAD times: what a strong excitation once said must not outweigh minutes of a weak one.
 ENOUGH, AHEAD = 0.003, 300.0
-#: Squares of deviations, as a resonance colours the errors, over those for white errors; deviations from which
-#: a change is more than chance.
+#: Squares of deviations of errors that a resonance colours, over white ones; deviations that are not chance.
 COLOURED, CERTAIN = 40.0, 3.0
 
 
