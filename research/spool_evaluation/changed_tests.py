@@ -32,12 +32,7 @@ REGISTRIES = (
 )
 #: Tests of the whole system start programs: the modules that each file is about, as patterns.
 ABOUT: Mapping[str, tuple[str, ...]] = {
-    "test_adapter": (
-        "spool_bag.adapter*",
-        "spool_core.sensor_*",
-        "spool_core.aligner",
-        "spool_core.rate_check",
-    ),
+    "test_adapter": ("spool_bag.adapter*", "spool_core.sensor_*", "spool_core.aligner", "spool_core.rate_*"),
     "test_alarms": ("spool_monitor.alarm*", "spool_monitor.monitor_node", "spool_monitor.valve_*"),
     "test_command_line": ("spool_tools.cli", "spool_tools.command", "spool_bringup.program", "setup.*"),
     "test_conditions": ("spool_view.opcua_*", "spool_monitor.listener", "spool_core.opcua_folder"),

@@ -12,7 +12,7 @@ from spool_estimator.identification.determination import sentences
 from spool_gap.catalogue.friction import dahl_state, slider_state
 from spool_gap.force.analyse import TriedForces, analyse_forces, decide, probabilities
 from spool_gap.force.balance import ForceBalance, ForceFit, ForceRecord
-from spool_gap.force.determined import check_one_mass, determined
+from spool_gap.force.result import check_one_mass, determined
 from spool_gap.report import result_to_dict
 from spool_sim.model import MODELS
 

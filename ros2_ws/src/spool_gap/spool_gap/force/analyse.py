@@ -25,7 +25,6 @@ from spool_gap.force.balance import (
     conditions_of,
     independent_samples,
 )
-from spool_gap.force.determined import check_one_mass, determined
 from spool_gap.force.position import (
     CONSTANT,
     Chosen,
@@ -34,7 +33,7 @@ from spool_gap.force.position import (
     free_run_error,
     parameters_of,
 )
-from spool_gap.force.result import closing, quantities_of, result_of
+from spool_gap.force.result import check_one_mass, closing, determined, quantities_of, result_of
 from spool_gap.likelihood.structure_fit import DECISIVE
 from spool_gap.result import Explanation, GapResult, GapSettings, NamedEffect, Progress, RankedHypothesis
 

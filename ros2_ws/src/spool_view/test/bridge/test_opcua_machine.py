@@ -14,9 +14,8 @@ from spool_core.node.network import claimed_domain
 from spool_monitor.alarm_statistics import PEAK_SPAN
 from spool_monitor.listener import HeardValve
 from spool_msgs.msg import ModelEstimate, Quantity, ValveHealth
-from spool_view import opcua_figures
-from spool_view.opcua_figures import AlarmFigures
-from spool_view.opcua_machine import HEALTH, TYPES, UNITS
+from spool_view import opcua_machine
+from spool_view.opcua_machine import HEALTH, TYPES, UNITS, AlarmFigures
 
 ONE = ("valve_1", "friction_drift/coulomb_force")
 
@@ -95,7 +94,7 @@ def test_the_machine_is_as_ill_as_its_worst_valve_and_moves_when_one_moves(serve
 
 def test_figures_follow_announcements_and_begin_again(monkeypatch: pytest.MonkeyPatch) -> None:
     now = 1000.0
-    monkeypatch.setattr(opcua_figures.time, "monotonic", lambda: now)
+    monkeypatch.setattr(opcua_machine.time, "monotonic", lambda: now)
     figures = AlarmFigures(_began=now)
 
     def hear(occurrence: int, *, active: bool, shown: bool | None = None) -> None:
