@@ -31,7 +31,8 @@ SEAM = "spool_core.system"
 
 @cache
 def tree(module: str) -> ast.Module:
-    path = SOURCE / module.partition(".")[0] / Path(*module.split("."))
+    folder = next(one for one in SOURCE.parent.glob(f"*/{module.partition('.')[0]}"))
+    path = folder / Path(*module.split("."))
     file = path.with_suffix(".py") if path.with_suffix(".py").is_file() else path / "__init__.py"
     return ast.parse(file.read_text(encoding="utf-8"))
 

@@ -77,7 +77,7 @@ class PageLife:
             "valve_1", ValveHealth(), time.monotonic(), alarms=AlarmList(alarms=[alarm])
         )
         headers = {
-            "origin": address, "authorization": f"Bearer {node._token._token}",
+            "origin": address, "authorization": f"Bearer {node._token.path.read_text().strip()}",
             "content-type": "application/json",
         }  # fmt: skip
         got: list[object] = []

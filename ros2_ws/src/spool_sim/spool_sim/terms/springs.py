@@ -144,7 +144,7 @@ END_STOP = Term(
             "stop_dissipation", "s/m", 0.0, 100.0, 0.5,
             "loss of the contact: share of the force per m/s of approach",
         ),
-        Parameter("stop_damping", "N s/m", 0.0, 1e6, 0.0, "drag of the contact, whatever the depth"),
+        Parameter("stop_damping", "N s/m", 0.0, 1e4, 0.0, "drag of the contact, whatever the depth"),
     ),
     law="F = sgn(z) max(0, K d (1 + chi d') + c d'), d = abs(z) - gap > 0",
     source="Hunt and Crossley's contact law (c = 0) or Kelvin and Voigt's (chi = 0), neither of which pulls",
