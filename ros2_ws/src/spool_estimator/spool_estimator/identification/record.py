@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from spool_core.block import Block
+from spool_core.block import Block, joined
 from spool_core.block_gate import BlockGate, Verdict
 from spool_core.errors import InputError
 from spool_core.kernels.strokes import StrokeWatch
@@ -157,21 +157,11 @@ def records_from_blocks(
         stretches[-1].append(block)
     known = _known(temperatures)
     records = []
-    for stretch in stretches:
-        first = stretch[0]
-        body = np.concatenate([block.body for block in stretch]).astype(np.float64)
-        oil = _oil_at(known, first.stamp, first.sample_period, body.size)
-        records.append(
-            Record(
-                name,
-                first.stamp,
-                first.sample_period,
-                body,
-                np.concatenate([block.spool for block in stretch]).astype(np.float64),
-                oil,
-                stretches[0][0].stamp,
-            )
-        )
+    for whole in map(joined, stretches):
+        start, period = whole.stamp, whole.sample_period
+        body, spool = (row.astype(np.float64) for row in (whole.body, whole.spool))
+        oil = _oil_at(known, start, period, body.size)
+        records.append(Record(name, start, period, body, spool, oil, stretches[0][0].stamp))
     return records
 
 

@@ -400,13 +400,7 @@ def quiet(samples: Array, density: float | Callable[[Array], Array], rate: float
     gains = np.empty((count, length // 2 + 1))
     for number in range(count):
         power = np.abs(np.fft.rfft(padded[number * hop : number * hop + length] * window)) ** 2 / expected
-        total = np.concatenate([[0.0], np.cumsum(power)])
-        place = np.arange(power.size)
-        low, high = (
-            np.maximum(0, place - DENOISED_EXCITATION_NEIGHBOURS),
-            np.minimum(power.size, place + DENOISED_EXCITATION_NEIGHBOURS + 1),
-        )
-        mean = (total[high] - total[low]) / (high - low)
+        mean = smoothed(power, DENOISED_EXCITATION_NEIGHBOURS, 0.0)
         gains[number] = np.clip((mean - NOISE_ONLY) / (DRIVE_ONLY - NOISE_ONLY), 0.0, 1.0)
     return Quiet(gains, length, samples.size)
 
