@@ -155,12 +155,10 @@ class _Joint(Weighted):
 
     @property
     def work(self) -> least_squares.Work:
-        """Work of the fit so far, which all set-ups share, and its limit."""
         return self.parts[0].residuals.work
 
     @property
     def steps(self) -> float:
-        """Simulated steps of all set-ups at one point."""
         return sum(part.residuals.steps for part in self.parts)
 
     def own(self, part: _Part, points: Array) -> Array:
@@ -182,7 +180,6 @@ class _Joint(Weighted):
         return slopes
 
     def residuals(self, points: Array) -> Array:
-        """Return the weighted residuals at ``points`` (s, u), shape (s, all samples)."""
         rows = [part.residuals.residuals(self.own(part, points)) for part in self.parts]
         return np.concatenate(rows, axis=1)
 
@@ -195,23 +192,19 @@ class _Joint(Weighted):
         return np.concatenate(rows)
 
     def late(self, point: Array, samples: float) -> Array:
-        """Return the weighted residual at ``point`` with every spool's sensor later by ``samples``."""
         rows = [part.residuals.late(self.own(part, point[np.newaxis])[0], samples) for part in self.parts]
         return np.concatenate(rows)
 
     def delay_by(self, samples: float) -> None:
-        """Let every spool's sensor be later by ``samples`` from now on."""
         for part in self.parts:
             part.residuals.delay_by(samples)
 
     def reweigh(self, point: Array) -> None:
-        """Take the weights of each set-up from its residual at ``point`` (u,)."""
         for part in self.parts:
             part.residuals.reweigh(self.own(part, point[np.newaxis])[0])
 
     @property
     def blocks(self) -> list[slice]:
-        """Pieces of all samples that hardly depend on each other."""
         found: list[slice] = []
         for part in self.parts:
             offset = found[-1].stop if found else 0
