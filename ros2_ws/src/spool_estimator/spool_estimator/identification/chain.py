@@ -114,12 +114,7 @@ def _mode(channel: str) -> ChainPart:
 CHAIN_PARTS: dict[str, ChainPart] = {
     part.key: part
     for part in (
-        _coupling("body"),
-        _coupling("spool"),
-        _filter("body"),
-        _filter("spool"),
-        _mode("body"),
-        _mode("spool"),
+        *(kind(channel) for kind in (_coupling, _filter, _mode) for channel in ("body", "spool")),
         ChainPart(
             "gain_drift",
             "spool",

@@ -74,9 +74,7 @@ class Determination:
     def sentence(self) -> str:
         """The judgement in words."""
         own = self.name.replace("_", " ")
-        held = ""
-        if self.held_at is not None:
-            held = f"; held at {number(self.held_at)}{unit_text(self.unit)}"
+        held = "" if self.held_at is None else f"; held at {number(self.held_at)}{unit_text(self.unit)}"
         if self.verdict == IDENTIFIABLE:
             return f"{own}: determined{held}"
         if self.verdict == ONE_SIDED:

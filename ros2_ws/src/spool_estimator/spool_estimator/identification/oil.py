@@ -99,16 +99,13 @@ class OilReference:
     law: OilLaw | None
     memory: float
     refused: int = field(default=0, init=False)
-    _waiting: deque[tuple[int, float, float]] = field(init=False)
+    _waiting: deque[tuple[int, float, float]] = field(default_factory=lambda: deque(maxlen=256), init=False)
     _present: tuple[int, float, float] | None = field(default=None, init=False)
     _ratio: float = field(default=math.nan, init=False)
     _behind: float = field(default=0.0, init=False)
     _before: float = field(default=math.nan, init=False)
     _doubted: float = field(default=0.0, init=False)
     _known: bool = field(default=False, init=False)
-
-    def __post_init__(self) -> None:
-        self._waiting = deque(maxlen=256)
 
     def take(self, stamp: int, celsius: float, deviation: float = math.nan) -> None:
         """Take a measurement at ``stamp`` (ns), deg C; what no oil has is counted and never used."""

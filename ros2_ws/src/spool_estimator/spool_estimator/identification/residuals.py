@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -206,9 +207,7 @@ class Residuals(Weighted):
             length = max(8, round(BLOCK / self.run.records[window.record].sample_period))
             count = max(1, window.measured.size // length)
             edges = offset + size * np.arange(count + 1) // count
-            blocks += [
-                slice(low, high) for low, high in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True)
-            ]
+            blocks += [slice(low, high) for low, high in pairwise(edges.tolist())]
             offset += size
         return blocks
 
