@@ -25,10 +25,6 @@ def quadratic(velocity: Array) -> Array:
     return np.asarray(velocity * np.abs(velocity))
 
 
-def quadratic_size(force: float, speed: float) -> float:
-    return force / speed**2
-
-
 QUADRATIC_DAMPING = Effect(
     id="quadratic_damping",
     group="drag and oil",
@@ -36,16 +32,12 @@ QUADRATIC_DAMPING = Effect(
     confusable_with=("coulomb_friction", "damping_drift"),
     distinguished_by="several amplitudes, in a wide band",
     acts=quadratic,
-    size=quadratic_size,
+    size=lambda force, speed: force / speed**2,
 )
 
 
 def drift(time: Array, velocity: Array, damping_drift_time: float) -> Array:
     return -damping_drift_time * np.expm1(-time / damping_drift_time) * velocity
-
-
-def rate_of(coefficients: list[float], damping: float) -> dict[str, float] | None:
-    return {"damping_drift_rate": coefficients[0] / damping} if damping != 0.0 else None
 
 
 def _courses(seconds: float) -> list[float]:
@@ -76,7 +68,9 @@ DAMPING_DRIFT = Effect(
     confusable_with=("quadratic_damping",),
     distinguished_by="the same excitation at the beginning and at the end of the record",
     acts=drift,
-    solved=rate_of,
+    solved=lambda coefficients, damping: (
+        {"damping_drift_rate": coefficients[0] / damping} if damping != 0.0 else None
+    ),
     tried=lambda time: [{"damping_drift_time": one} for one in _courses(float(time.max() - time.min()))],
     begun=lambda seconds: [
         {"damping_drift_rate": change / (seconds if one == LINE else one), "damping_drift_time": one}

@@ -22,10 +22,6 @@ def cube(displacement: Array) -> Array:
     return displacement**3
 
 
-def cubic_size(force: float, travel: float) -> float:
-    return force / travel**3
-
-
 CUBIC_STIFFNESS = Effect(
     id="cubic_stiffness",
     group="spring and play",
@@ -33,16 +29,12 @@ CUBIC_STIFFNESS = Effect(
     confusable_with=("end_stop", "spring_backlash", "spring_preload"),
     distinguished_by="amplitudes from small to the whole stroke",
     acts=cube,
-    size=cubic_size,
+    size=lambda force, travel: force / travel**3,
 )
 
 
 def missing_spring(displacement: Array, backlash: float) -> Array:
     return -np.clip(displacement, -backlash, backlash)
-
-
-def play_of(backlash: float, stiffness: float) -> dict[str, float] | None:
-    return {"backlash": backlash} if stiffness > 0.0 else None
 
 
 SPRING_BACKLASH = Effect(
@@ -54,7 +46,7 @@ SPRING_BACKLASH = Effect(
     confusable_with=("cubic_stiffness", "spring_preload", "presliding_friction"),
     distinguished_by="amplitudes from below the dead zone to the stroke",
     acts=missing_spring,
-    solved=play_of,
+    solved=lambda backlash, stiffness: {"backlash": backlash} if stiffness > 0.0 else None,
     tried=lambda largest_displacement: [
         {"backlash": play} for play in scan(3e-3 * largest_displacement, 0.7 * largest_displacement, 12)
     ],
