@@ -119,7 +119,7 @@ class Prediction:
     def count(self, counted: Array) -> None:
         """Count the samples with 1 in ``counted`` (n,), and no others, from now on."""
         self.counted = counted
-        rows = counted[: self.windows * self._window].reshape(self.windows, self._window)
+        rows = self.windows_of(counted)
         self._kept = rows.mean(axis=1)
         self._broken = np.flatnonzero((self._kept < 1.0) & (self._kept > 0.0))
         line = np.linspace(-1.0, 1.0, self._window)
@@ -204,7 +204,7 @@ class Prediction:
         From windows in which samples do not count the trend of those that do is taken away: a bias would
         leak to every line from where it is cut out.
         """
-        cut = self._cut(rows * self.counted)
+        cut = self.windows_of(rows * self.counted)
         if self._broken.size:
             own = cut[..., self._broken, :]
             shares = np.matmul(own[..., np.newaxis, :], self._trends)
@@ -213,10 +213,7 @@ class Prediction:
 
     def lines_of(self, rows: Array) -> Spectrum:
         """Return the spectra of the windows of ``rows`` (..., n), shape (..., windows, lines)."""
-        return self._spectra(self._cut(rows))
-
-    def _cut(self, rows: Array) -> Array:
-        return rows[..., : self.windows * self._window].reshape(*rows.shape[:-1], self.windows, self._window)
+        return self._spectra(self.windows_of(rows))
 
     def _spectra(self, cut: Array) -> Spectrum:
         lines: Spectrum = fft.rfft(cut * self._taper, axis=-1)[..., self._places]
@@ -229,9 +226,9 @@ class Prediction:
         """Places among ``lines`` where bands begin, and their number."""
         return [int(edge) for edge in self._edges]
 
-    def windows_of(self, row: Array) -> Array:
-        """Return ``row`` (n,) cut into windows, shape (windows, samples)."""
-        return row[: self.windows * self._window].reshape(self.windows, self._window)
+    def windows_of(self, rows: Array) -> Array:
+        """Return ``rows`` (..., n) cut into windows, shape (..., windows, samples)."""
+        return rows[..., : self.windows * self._window].reshape(*rows.shape[:-1], self.windows, self._window)
 
     def samples_of(self, windows: Mask) -> Mask:
         """Return which samples are in ``windows`` and count, shape (n,)."""
