@@ -185,18 +185,15 @@ class HeldOut:
         count = part.windows_of(part.spool).shape[1]
         cut = slice(place * count, (place + 1) * count)
         time = part.time + np.arange(cut.start, cut.stop, dtype=np.float64) * part.period
-        shown = (
-            before.rows[number][0],
-            before.rows[number][0] - before.rows[number][1],
-            after.rows[number][0] - after.rows[number][1],
-        )
+        own, final = before.rows[number], after.rows[number]
+        shown = own[0], own[0] - own[1], final[0] - final[1]
         windows = self.windows[number]
         spectra = [part.density_of(_power(part.lines_of(row)[windows])) for row in shown]
         return Curves(
             time=time,
-            measured=before.rows[number][0][cut],
-            before=before.rows[number][1][cut],
-            after=after.rows[number][1][cut],
+            measured=own[0][cut],
+            before=own[1][cut],
+            after=final[1][cut],
             frequency=part.lines,
             measured_density=spectra[0],
             before_density=spectra[1],

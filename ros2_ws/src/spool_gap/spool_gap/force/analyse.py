@@ -170,13 +170,11 @@ def _split(
 
 def _cannot_tell(balance: ForceBalance) -> tuple[str, ...]:
     """Return names of forces that these records cannot distinguish."""
-    speed = np.abs(np.concatenate([balance.motions[id(record)].velocity for record in balance.train]))
+    motions = [balance.motions[id(record)] for record in balance.train]
+    speed = np.abs(np.concatenate([one.velocity for one in motions]))
     moving = speed[speed > 0.05 * float(np.quantile(speed, 0.95))]
     spread = float(np.quantile(moving, 0.95) / max(float(np.quantile(moving, 0.05)), 1e-12))
-    rows = []
-    for record in balance.train:
-        motion = balance.motions[id(record)]
-        rows.append(np.array([motion.velocity, motion.sign, np.ones(motion.time.size)]))
+    rows = [np.array([one.velocity, one.sign, np.ones(one.time.size)]) for one in motions]
     velocity, sign, one = np.concatenate(rows, axis=1)
     velocity, sign = velocity - velocity.mean() * one, sign - sign.mean() * one
     alike = abs(float(velocity @ sign)) / max(float(np.linalg.norm(velocity) * np.linalg.norm(sign)), 1e-30)

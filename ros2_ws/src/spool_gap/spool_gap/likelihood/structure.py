@@ -117,13 +117,9 @@ class Structure:
 
     def unknowns(self, seconds: float) -> list[Unknown]:
         """Return what a fit of a record of ``seconds`` finds."""
-        found = list(self.base_unknowns)
-        for effect in self.effects:
-            found += [
-                _resolved(one, self.values, self.limits)
-                for one in EFFECTS[effect].unknowns(self.values, seconds)
-            ]
-        found += READ_UNKNOWNS
+        own = (one for effect in self.effects for one in EFFECTS[effect].unknowns(self.values, seconds))
+        resolved = (_resolved(one, self.values, self.limits) for one in own)
+        found = [*self.base_unknowns, *resolved, *READ_UNKNOWNS]
         for key in self.parts:
             found += [
                 Unknown(p.name, p.unit, p.low, p.high, p.start, absolute=True)
@@ -156,13 +152,11 @@ class Structure:
         """Return this with other ``effects`` and ``parts``; numbers that are not known start as declared."""
         structure = replace(self, effects=tuple(effects), parts=tuple(parts))
         known = {**structure.values, **(values or {})}
-        for effect in structure.effects:
-            for name in EFFECTS[effect].terms:
-                for parameter in term(name).parameters:
-                    known.setdefault(parameter.name, parameter.start)
-        for key in structure.parts:
-            for parameter in CHAIN_PARTS[key].parameters:
-                known.setdefault(parameter.name, parameter.start)
+        terms = [term(name) for effect in structure.effects for name in EFFECTS[effect].terms]
+        declared = [p for entry in terms for p in entry.parameters]
+        declared += [p for key in structure.parts for p in CHAIN_PARTS[key].parameters]
+        for parameter in declared:
+            known.setdefault(parameter.name, parameter.start)
         return replace(structure, values=known)
 
     def without(self, name: str) -> Structure:
