@@ -216,11 +216,9 @@ class EstimatorNode(ManagedNode):
         assert self._worker is not None
         found = self._worker.collect()
         if found is not None:
-            self._refit_publisher.publish(
-                to_refit_message(
-                    found, self._valve_id, refits=self._worker.done, skipped=self._worker.skipped
-                )
-            )
+            done, skipped = self._worker.done, self._worker.skipped
+            message = to_refit_message(found, self._valve_id, refits=done, skipped=skipped)
+            self._refit_publisher.publish(message)
 
     def _take_command(self, message: Float64) -> None:
         """Take the solenoid's command, which has no stamp: it holds at the end of the newest block."""
@@ -270,11 +268,8 @@ class EstimatorNode(ManagedNode):
     def _level(self) -> Level:
         assert self._core is not None
         gate = self._core.gate
-        return (
-            Level.OK
-            if not self._silent and gate.accepted and not block_faults(gate) and not self._doubts
-            else Level.WARNING
-        )
+        well = not self._silent and gate.accepted and not block_faults(gate) and not self._doubts
+        return Level.OK if well else Level.WARNING
 
     def _report(self) -> None:
         assert self._core is not None
@@ -343,13 +338,10 @@ class GapService:
         """Begin an analysis of what is kept; its result comes on ``gap``."""
         records = self._recent.records(self._valve.id)
         task = GapTask(records, self._valve, self._base, self._recent.stamp)
-        if not records:
-            response.success, response.message = False, "no samples have arrived yet"
-        elif self._worker.offer(task):
-            said = f"analysing {task.seconds:.1f} s; the result comes on gap"
-            response.success, response.message = True, said
-        else:
-            response.success, response.message = False, "an analysis is under way"
+        response.success = bool(records) and self._worker.offer(task)
+        begun = f"analysing {task.seconds:.1f} s; the result comes on gap"
+        refused = "an analysis is under way" if records else "no samples have arrived yet"
+        response.message = begun if response.success else refused
         return response
 
     def collect(self) -> None:

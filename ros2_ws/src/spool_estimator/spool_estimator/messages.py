@@ -52,17 +52,12 @@ def from_message(message: ModelEstimate) -> Estimate:
 def to_refit_message(refit: Refit, valve_id: str, *, refits: int, skipped: int) -> WindowRefit:
     """Return ``refit`` of the valve ``valve_id`` as a message, with what was done and skipped by then."""
     message = WindowRefit(
-        model=refit.model,
         state=int(refit.state),
-        reason=refit.reason,
-        last_sequence=refit.last_sequence,
-        window=refit.window,
         parameters=[to_quantity(quantity) for quantity in refit.parameters],
         fitted=list(refit.fitted),
         correlations=list(refit.correlations),
-        objective=to_quantity(refit.objective),
-        amplitude_ratio=to_quantity(refit.amplitude_ratio),
-        nrmse=to_quantity(refit.nrmse),
+        **{name: getattr(refit, name) for name in ("model", "reason", "last_sequence", "window")},
+        **{name: to_quantity(getattr(refit, name)) for name in ("objective", "amplitude_ratio", "nrmse")},
         refits=refits,
         skipped=skipped,
     )
