@@ -29,13 +29,13 @@ SOURCE = ROOT / "ros2_ws" / "src"
 RESEARCH = {path.parent.name for path in (ROOT / "research").glob("*/__init__.py")}
 #: What was measured. A limit is only lowered: a feature is paid by a removal in the same change.
 RATCHETS = {
-    "lines": 84_880,
-    "lines of code": 54_458,
+    "lines": 84_860,
+    "lines of code": 54_261,
     "files": 378,
-    "lines of research": 13_088,
+    "lines of research": 13_085,
     "lines up to the last import, %": 8.15,
-    "private functions with one caller, %": 15.97,
-    "modules with one importer, %": 13.56,
+    "private functions with one caller, %": 15.84,
+    "modules with one importer, %": 13.28,
 }
 
 

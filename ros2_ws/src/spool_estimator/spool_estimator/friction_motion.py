@@ -6,8 +6,7 @@ m z'' = -m w'' - k z - c v - F_c Sgn(v)
 
 Between reversals the motion is linear: one Taylor step of order five. Reversal, sticking and release are
 located within the step. There the derivatives of v jump by the ratio of the accelerations after and before
-(the saltation matrix: Leine and Nijmeijer, Dynamics and Bifurcations of Non-Smooth Mechanical Systems, 2004,
-ch. 7); while sticking they are zero.
+(saltation: Leine and Nijmeijer, Bifurcations of Non-Smooth Systems, 2004, ch. 7); they are zero in sticking.
 
 The acceleration jumps at a reversal. A sensor whose output is band-limited before it is sampled shows that
 jump at the sub-sample instant; ``spread`` holds what such samples differ by from the point values, on the

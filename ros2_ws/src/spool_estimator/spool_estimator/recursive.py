@@ -7,8 +7,7 @@ and Schwartz, Automatica 36 (2000) 1725, extended from a sample to a chunk).
 
 The covariance is the sandwich form for dependent residuals, carried through the same recursion
 (Liang and Zeger, Biometrika 73 (1986) 13, a chunk being a cluster; neighbours within LAGS chunks may depend
-on each other, with Bartlett's weights: Newey and West, Econometrica 55 (1987) 703). The recursion begins with
-a fit to some chunks: before there is one, a residual is the signal itself and tells nothing of uncertainty.
+on each other, with Bartlett's weights: Newey and West, Econometrica 55 (1987) 703).
 """
 
 from __future__ import annotations

@@ -2,9 +2,8 @@
 
 Page, Biometrika 41 (1954); run length as in Basseville and Nikiforov, Detection of Abrupt Changes, 1993, 5.2.
 
-ISA-18.2 (IEC 62682) wants an alarm's priority from what happens and how much time there is. A straight line
-through the change since its beginning tells the time where the second half of it rises as the first one does;
-a step, and what has come to rest, tell none.
+A straight line through the change since its beginning tells the time to a limit where the second half of it
+rises as the first one does; a step, and what has come to rest, tell none.
 
 An estimate has a mean error at one operating point, which no averaging removes. Two sources remain where the
 estimator's model holds (`./spool study operation-fit`): a bias of about the reported standard deviation, and

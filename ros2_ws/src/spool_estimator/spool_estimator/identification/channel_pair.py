@@ -8,9 +8,6 @@ there without a description of the valve. They are fitted together with the equa
 to the band from ``LOW`` to ``HIGH``. The reading of the spool is corrected before: divided by its gain, taken
 earlier by its delay, and freed of a high-pass of first order; a negative corner is the body's. Dry friction
 enters by its own term, so it bends none of the three. What no such valve explains is not judged.
-
-Both readings, integrated up to three times, are all that an account of the pair needs: :meth:`ChannelPair.
-glance` bounds by their products, in one pass, what any of them can explain; the searches come after that.
 """
 
 from __future__ import annotations

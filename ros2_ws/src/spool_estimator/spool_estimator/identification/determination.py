@@ -9,8 +9,7 @@ the number. The weak ones are decided by the profile likelihood: the number is h
 others are fitted again. A number is weak where its interval so found leaves the bounds, or where the
 likelihood at twice that interval is still as at its ends: the slopes mislead.
 
-Sources: Wilks, Ann. Math. Stat. 9, 1938 (rise of a profile); Raue and others, Bioinformatics 25, 2009 (what
-a profile shows).
+Sources: Wilks, Ann. Math. Stat. 9, 1938 (rise of a profile); Raue and others, Bioinformatics 25, 2009.
 """
 
 from __future__ import annotations

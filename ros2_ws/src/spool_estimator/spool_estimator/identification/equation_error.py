@@ -6,9 +6,8 @@ balance has several minima.
 
 Noise in the excitation shakes dry friction loose and multiplies with itself in the normal equations: both
 bend the parameters by a little that does not average out. It is found by simulation: the model at the point
-makes a record, the excitation gets more of the same noise, once added and once taken away, so that what is
-odd in the noise cancels, and one step of the descent shows where the point goes (as SIMEX does, Cook and
-Stefanski 1994, J. Am. Stat. Assoc. 89).
+makes a record, the excitation gets the same noise once added and once taken away, and one step of the descent
+shows where the point goes (as SIMEX does, Cook and Stefanski 1994, J. Am. Stat. Assoc. 89).
 """
 
 from __future__ import annotations

@@ -7,9 +7,8 @@ each step corrects them in its direction (Broyden, 1965).
 
 The slopes of the forces along the measured motion, and of what friction takes up at rest, have full rank
 where every unknown shows in its own way. A direction in which they vanish is a change of several unknowns
-that nothing sees: products such as a friction coefficient times a load, differences of two lengths. Such
-unknowns have no value; what has one is a combination whose gradient is at a right angle to every
-such direction.
+that nothing sees, as of a friction coefficient times a load. Such unknowns have no value; what has one is a
+combination whose gradient is at a right angle to every such direction.
 """
 
 from __future__ import annotations

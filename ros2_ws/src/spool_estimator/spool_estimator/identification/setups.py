@@ -1,9 +1,8 @@
 """Joint fit of several set-ups of one valve.
 
 Set-ups differ in what is known: springs, oil, an added mass. A parameter that set-ups share is one unknown,
-each other one is a set-up's own. Accelerations show forces over the moving mass only: one record determines
-mass, stiffness and drag only together. A mass that is added in one of two set-ups with the same springs
-separates them.
+each other one is a set-up's own. One record determines mass, stiffness and drag only together; a mass that is
+added in one of two set-ups with the same springs separates them.
 
 Each set-up is first fitted by itself (:func:`.fit.follow`), which gives its weights and its start. The
 weighted residuals of all set-ups then are one least-squares problem. A change of a set-up's own point, as by

@@ -6,9 +6,8 @@ is compared with the record.
 
 The rest is cut into windows of a second and bands of frequency. In each of these tiles it is noise of an
 unknown level: its power, or the median of its band where that is more. Neither coloured noise nor noise that
-comes and goes needs a model, a window that happens to be quiet is not trusted more than others, and one in
-which the motion took another branch, as with play or stops, does not decide. All structures are compared on
-the same samples.
+comes and goes needs a model, and a window in which the motion took another branch, as with play, does not
+decide. All structures are compared on the same samples.
 
 Source: Whittle, 1953 (likelihood by spectra).
 """

@@ -5,8 +5,7 @@ velocity, their product, the way since the last reversal, and time, with coeffic
 evidence is the marginal likelihood over these coefficients, whose one variance is the most likely one, so
 that it pays for what it could have explained and did not.
 
-Friction that differs by direction is a constant push to a moving spool, which shifts the middle of the motion
-but changes no acceleration. From rest the spool has to travel to that middle first, and rings there.
+Friction that differs by direction is a constant push to a moving spool, which shifts the motion's middle.
 
 Source: MacKay, Bayesian interpolation, 1992 (evidence of a linear model with a Gaussian prior).
 """
