@@ -60,6 +60,8 @@ def test_a_record_arrives_whole_and_now_and_the_page_stays(system: System, tmp_p
         assert np.array_equal(played, np.concatenate([getattr(block, name) for block in wanted]))
     last = blocks.last.header.stamp
     assert abs(last.sec - time.time()) < 4.0 * PATIENCE
-    found = {quantity.name: quantity for quantity in estimates.last.parameters}
+    # At the end of its sweep the record shakes too fast to determine the stiffness all the time.
+    tracked = [one for one in estimates.messages if one.state == ModelEstimate.STATE_TRACKING]
+    found = {quantity.name: quantity for quantity in tracked[-1].parameters}
     for name, truth in (("spring_stiffness", STIFFNESS), ("coulomb_force", FRICTION)):
         assert abs(found[name].value - truth) < 4.0 * found[name].standard_deviation

@@ -33,6 +33,9 @@ class Node:
         self.hear: Callable[[bytes], None] | None = None
         self.mailbox: list[bytes] = []
 
+    def get_parameter(self, _name: str) -> SimpleNamespace:
+        return SimpleNamespace(value=False)
+
     def resolve_topic_name(self, name: str) -> str:
         return f"/valve_1/{name}"
 
