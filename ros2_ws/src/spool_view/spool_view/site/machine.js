@@ -34,7 +34,7 @@ function tileOf(row, where) {
     const [machine, own] = [row.name.split("/").slice(0, -1).join("/"), row.name.split("/").at(-1)];
     found = { light: make("span"), meters: make("span", { class: "meters" }), course: make("span", { class: "course_place" }), news: make("span", { class: "news" }), margin: make("span", { class: "margin_text" }) };
     // A long name is cut in its middle: its end tells valves of one machine apart.
-    const name = make("span", { class: "name" }, machine ? make("span", { class: "machine_name" }, machine + "/") : null, make("b", {}, make("span", { class: "begin" }, own.slice(0, -10)), make("span", { class: "end" }, own.slice(-10))));
+    const name = make("span", { class: "name" }, machine ? make("span", { class: "machine_name" }, machine + "/\u200e") : null, make("b", {}, make("span", { class: "begin" }, own.slice(0, -10)), make("span", { class: "end" }, own.slice(-10))));
     found.tile = make("a", { class: "tile", href: `/valve/${row.name}`, "data-valve": row.name }, make("span", { class: "head" }, name, found.light), found.news, found.meters, found.course, found.margin);
     shown.set(key, found);
   }
