@@ -60,8 +60,8 @@ LIMITS = (
 LOGGED = (
     "[Records with dry friction](../../research/spool_blind/README.md#field-cases) of a second simulator, "
     "25 s at 1 to 4 kHz, sampled behind filters of loggers. The fit is given the law, not the filter; the "
-    "table counts by the filter. In a quarter of the filtered records the filters of both channels differ, "
-    "which the fit takes as one."
+    "table counts by the filter. In a quarter of the filtered records the filters of both channels differ "
+    "(`differ`): of Butterworth filters the body's has its own corner in the fit."
 )
 
 
