@@ -58,7 +58,7 @@ class Layout:
         # Tells the launcher that this environment's interpreter is complete.
         self.ready_file = self.venv / "spool-ready"
         self.workspace = root / "ros2_ws"
-        self.packages = sorted(path.parent for path in self.workspace.glob("*/*/package.xml"))
+        self.packages = sorted(path.parent for path in self.workspace.glob("[as]*/*/package.xml"))
         self.output = self.workspace if wheels else self.notes
         self.install = self.output / "install"
         self.requirements = root / "requirements" / ("wheels.lock" if wheels else "sourced.lock")

@@ -41,7 +41,7 @@ RATCHETS = {
 
 def source_files() -> list[Path]:
     """Return every file of what users run: packages, launch files and set-up, without tests."""
-    folders = (*SOURCE.parent.glob("*/spool_*"), ROOT / "setup")
+    folders = (*SOURCE.glob("spool_*"), *SOURCE.parent.glob("addons/spool_*"), ROOT / "setup")
     return [path for folder in folders for path in folder.rglob("*.py") if "test" not in path.parts]
 
 
