@@ -335,7 +335,8 @@ def resting_noise(body: Array, spool: Array, white: float, rate: float) -> Array
     """Return frequencies (Hz) and the density of the body's noise there, (m/s^2)^2/Hz, shape (2, bands).
 
     It is that of the quietest pieces of a band that is excited at other times, if the spool does not follow
-    the body there: that is vibration across the sensor's axis. Elsewhere it is ``white``.
+    the body there at any line, with a separate transfer (it turns at the resonance): that is vibration across
+    the sensor's axis. Elsewhere it is ``white``.
     """
     piece = min(body.size, round(rate))
     one, other = (_pieces(row, rate, piece) for row in (body, spool))
@@ -345,8 +346,9 @@ def resting_noise(body: Array, spool: Array, white: float, rate: float) -> Array
         density = np.mean(np.abs(one[:, cut]) ** 2, axis=1)
         calm = density <= np.quantile(density, QUANTILE)
         level, first, second = float(density[calm].mean()) / _calmest(), one[calm, cut], other[calm, cut]
-        together = abs(np.vdot(first, second)) ** 2 / max(float(np.sum(np.abs(second) ** 2)), 1e-300)
-        resting = float(density.max()) > LOUDER * level and together < LIMITS.coherent * float(
+        together = np.abs(np.sum(first.conj() * second, axis=0)) ** 2
+        followed = float(np.sum(together / np.maximum(np.sum(np.abs(second) ** 2, axis=0), 1e-300)))
+        resting = float(density.max()) > LOUDER * level and followed < LIMITS.coherent * float(
             np.sum(np.abs(first) ** 2)
         )
         found.append((float(lines[cut].mean()), max(white, level) if resting else white))

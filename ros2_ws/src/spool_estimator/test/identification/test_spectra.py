@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 from scipy import fft, signal
 from spool_core.numbers import Array
-from spool_estimator.identification.spectra import cross_spectrum, delayed, density_of, fast_length, floor_of
+from spool_estimator.identification.spectra import (
+    cross_spectrum,
+    delayed,
+    density_of,
+    fast_length,
+    floor_of,
+    resting_noise,
+)
 
 RATE = 500.0
 
@@ -69,3 +76,29 @@ def test_a_fast_length_is_the_next_product_of_2_3_and_5() -> None:
     counts = [*range(1, 3000), 999_983, 7_000_001]
     due = [fft.next_fast_len(count, real=True) for count in counts]
     assert [fast_length(count) for count in counts] == due
+
+
+@pytest.mark.parametrize(("calm", "across"), [(1.0, 0.0), (0.05, 0.3)])
+def test_noise_of_the_body_is_what_its_spool_does_not_follow_in_calm_seconds(
+    calm: float, across: float
+) -> None:
+    """At the spool's resonance the transfer turns within a band; two loud seconds follow two calm ones."""
+    rate, count, noise = 1000.0, 40_000, 0.01
+    generator = np.random.default_rng(5)
+    frequency = np.fft.rfftfreq(count, 1.0 / rate)
+
+    def passed(row: Array, gain: Array) -> Array:
+        return np.asarray(np.fft.irfft(np.fft.rfft(row) * gain, count))
+
+    body = passed(generator.standard_normal(count), ((frequency > 8.0) & (frequency < 80.0)).astype(float))
+    body *= np.where(np.arange(count) // 2000 % 2 == 0, calm, 6.0)
+    ratio, damping = frequency / 30.0, 0.05j * frequency / 30.0
+    spool = passed(body, np.asarray((1.0 + damping) / (1.0 - ratio**2 + damping)))
+    aside = passed(generator.standard_normal(count), across * (abs(frequency - 30.0) < 12.0))
+    white = noise**2 * 2.0 / rate
+    places, density = resting_noise(
+        body + aside + noise * generator.standard_normal(count),
+        spool + noise * generator.standard_normal(count), white, rate,
+    )  # fmt: skip
+    expected = max(white, across**2 * 2.0 / rate)
+    assert float(np.interp(28.5, places, density)) == pytest.approx(expected, rel=0.5)
