@@ -120,11 +120,10 @@ class LeastSquares(ABC):
     Attributes:
         unknowns: what is fitted, the order of every point.
         anchored: residuals of one call belong together, as they depend on its first point.
-        bent: slopes say little of what lies far from where they were taken.
     """
 
     unknowns: Sequence[Unknown]
-    anchored, bent = False, False
+    anchored = False
 
     @abstractmethod
     def residuals(self, points: Array) -> Any:
@@ -347,9 +346,6 @@ def _follow(
         trial = np.clip(x + np.clip(sizes * move, -room, room), low, high)
         move = np.asarray((trial - x) / sizes)
         promised = _promised(move, gradient, information)
-        # Slopes tell without a step, unless the residuals bend.
-        if exact and not problem.bent and cost - (left + 1) * max([promised, *falls]) > goal:
-            break
         outcome = problem.residuals(trial[np.newaxis])[0]
         fall = cost - float(problem.costs(outcome[np.newaxis])[0])
         if fall > 0.0:

@@ -82,7 +82,6 @@ class _Likelihood(LeastSquares):
     ) -> None:
         self.unknowns = tuple(unknowns)
         self.anchored = structure.observation.kind == INSTANTS  # the first decides which samples count
-        self.bent = structure.sharp
         self._predictions, self._structure, self._priors = predictions, structure, priors
         self._shapes = [(part.windows, part.lines.size) for part in predictions.parts]
         self._ends = np.cumsum([windows * lines for windows, lines in self._shapes]).tolist()
