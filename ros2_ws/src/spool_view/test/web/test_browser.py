@@ -57,7 +57,7 @@ def test_resonance_and_drift_are_shown_on_both_pages_without_a_reload(
     for page in (machine, valve):
         becomes(page, "alarm")
         page.wait_for_selector("[data-alarm=resonance] [data-state=unacknowledged]")
-        assert "2 % below" in page.inner_text("main")
+        page.wait_for_selector("main :text('2 % below')")
     monitor.estimate = tracking()
     monitor.estimate.parameters[2] = quantity("coulomb_force", "N", 0.35, 0.005)
     monitor.say()
