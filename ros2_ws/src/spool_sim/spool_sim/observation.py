@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import contextlib
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -32,6 +32,8 @@ REACH, FINE, SPAN = 32, 32, 256
 #: Corner (over the rate of the steps) and order of the low-pass that keeps points free of aliases: flat below
 #: the corners of loggers, and a hundredth at half the rate.
 SHARP, SHARP_ORDER = 0.44, 36
+#: Shapes of causal low-passes: Bessel's, and Chebyshev's of order 8 with 0.5 dB of ripple.
+SHAPES = (-1.0, 1.5)
 #: Samples beyond both ends that the low-pass sees.
 EDGE = 64
 
@@ -41,26 +43,28 @@ class Observation:
     """How a channel is read.
 
     Attributes:
-        kind: ``instants``; ``mean`` over a sample; ``linear``: low-pass without phase; ``causal``:
-            Butterworth's low-pass, whose delay of slow motion is taken off.
+        kind: ``instants``; ``mean`` over a sample; ``linear``: low-pass without phase; ``causal``: one of
+            which poles stand for, whose delay of slow motion is taken off.
         order: of the low-pass, whose gain is 1 / (1 + (f / corner)^(2 order)), its root for ``causal``: there
             a whole number.
         corner: over the sample rate.
         body_corner: of the body's channel, if it has another one than the spool's.
+        shape: of ``causal``: -1 is Bessel's, 0 Butterworth's, above 0 Chebyshev's (first kind), steeper.
     """
 
     kind: str = INSTANTS
     order: float = 0.0
     corner: float = math.inf
     body_corner: float | None = None
+    shape: float = 0.0
 
     def of_body(self) -> Observation:
         """Return how the body's channel is read."""
-        return self if self.body_corner is None else Observation(self.kind, self.order, self.body_corner)
+        return self if self.body_corner is None else replace(self, corner=self.body_corner, body_corner=None)
 
     @classmethod
     def of(cls, text: str) -> Observation:
-        """Return the reading that ``text`` names: a kind, or ``KIND,ORDER,CORNER``.
+        """Return the reading of ``text``: a kind, ``KIND,ORDER,CORNER``, for ``causal`` also ``,SHAPE``.
 
         Raises:
             InputError: unknown kind, or numbers that no filter has.
@@ -70,29 +74,35 @@ class Observation:
             usual = next(one for one in USUAL_ONES if one.kind == kind)
             if not rest:
                 return usual
-            order, corner = (float(part) for part in rest)
+            order, corner, shape = (
+                float(part) for part in (rest if kind == CAUSAL and rest[2:] else [*rest, 0])
+            )
             whole = kind != CAUSAL or order % 1.0 == 0.0
-            if usual.order and 1.0 <= order <= 24.0 and 0.05 <= corner <= 0.5 and whole:
-                return cls(kind, order, corner)
+            real = 1.0 <= order <= 24.0 and 0.05 <= corner <= 0.5 and SHAPES[0] <= shape <= SHAPES[1]
+            if usual.order and real and whole:
+                return cls(kind, order, corner, shape=shape)
         raise InputError(
             f"filter: {text!r}: use {INSTANTS}, {MEAN}, {LINEAR} or {CAUSAL}; the last two may have order (1 "
-            f"to 24, whole for {CAUSAL}) and corner (0.05 to 0.5 of the sample rate), like {LINEAR},6,0.42"
+            f"to 24, whole for {CAUSAL}) and corner (0.05 to 0.5 of the sample rate), like {LINEAR},6,0.42; "
+            f"{CAUSAL} also a shape ({SHAPES[0]:g}: Bessel, 0: Butterworth, up to {SHAPES[1]:g}: Chebyshev)"
         )
 
     def __str__(self) -> str:
         """Return the text that ``of`` takes."""
-        return f"{self.kind},{self.order:g},{self.corner:g}" if self.order else self.kind
+        numbers = (self.order, self.corner, self.shape)[: 3 if self.shape else 2 if self.order else 0]
+        return ",".join([self.kind, *(f"{one:g}" for one in numbers)])
 
     def sentence(self, rate: float) -> str:
         """Describe the reading at sample ``rate``, Hz, in words."""
         corner = f", corner {self.corner * rate:.4g} Hz"
         if self.body_corner is not None:
             corner += f" (body: acts like {self.body_corner * rate:.4g} Hz)"
+        family = "Butterworth" if abs(self.shape) < 0.5 else "Bessel" if self.shape < 0.0 else "Chebyshev"
         return {
             INSTANTS: "none: samples at instants",
             MEAN: "mean over each sample",
             LINEAR: f"low-pass without phase, order {self.order:.2g}{corner}",
-            CAUSAL: f"Butterworth low-pass, order {self.order:.2g}{corner}",
+            CAUSAL: f"{family} low-pass, order {self.order:.2g}{corner}",
         }[self.kind]
 
     def response(self, frequency: Array) -> Spectrum:
@@ -104,8 +114,7 @@ class Observation:
         ratio = frequency / self.corner
         if self.kind == LINEAR:
             return (1.0 / (1.0 + ratio ** (2 * self.order))).astype(np.complex128)
-        count = int(self.order)
-        poles = np.exp(0.5j * np.pi * (2 * np.arange(count) + count + 1) / count)
+        poles = poles_of(int(self.order), self.shape)
         found: Spectrum = np.exp(1j * ratio * float(np.sum((-1.0 / poles).real)))
         for pole in poles:
             found /= 1.0 - 1j * ratio / pole
@@ -200,6 +209,30 @@ class Stream:
         self._points = self._points[points.size :]
         self._events = self._events[self._events[:, 0] >= points.size] - np.array([points.size, 0.0, 0.0])
         return found[self.lead :]
+
+
+@lru_cache(maxsize=512)
+def poles_of(order: int, shape: float) -> Spectrum:
+    """Return the poles of a causal low-pass with half the power at 1, shape (order,).
+
+    From Butterworth's, on a circle, they go to an ellipse as Chebyshev's (first kind) for a ``shape`` above
+    0, and towards Bessel's below it (Peless and Murakami, Analysis and synthesis of transitional
+    Butterworth-Thomson filters, 1957).
+    """
+    poles = np.exp(0.5j * np.pi * (2 * np.arange(order) + order + 1) / order)
+    if shape > 0.0:
+        poles = math.exp(-shape) * poles.real + 1j * poles.imag
+    elif shape < 0.0:
+        row = [math.factorial(2 * order - n) / (2.0**-n * math.factorial(n) * math.factorial(order - n))
+               for n in range(order, -1, -1)]  # fmt: skip
+        bessel = np.roots(row)
+        bessel = bessel[np.argsort(-bessel.imag)]
+        poles = poles * (bessel / poles) ** -shape
+    frequency = np.linspace(0.2, 4.0, 2000) * np.abs(poles).max()
+    power = np.abs(np.prod(1.0 - 1j * frequency / poles[:, np.newaxis], axis=0)) ** 2
+    above = int(np.argmax(power > 2.0))
+    near = slice(above - 1, above + 1)
+    return np.asarray(poles / np.interp(2.0, power[near], frequency[near]))
 
 
 @lru_cache(maxsize=64)

@@ -143,7 +143,7 @@ def test_sensor_file_gives_both_sensors(tmp_path: Path) -> None:
     ["sharp", "linear,6", "linear,six,0.4", "causal,2.5,0.3", "linear,6,0.7", "mean,1,0.4", "linear,6,nan"],
 )
 def test_a_filter_that_none_has_is_refused_with_an_example(text: str) -> None:
-    with pytest.raises(InputError, match=r"^filter: .* like linear,6,0\.42$"):
+    with pytest.raises(InputError, match=r"^filter: .* like linear,6,0\.42; causal also a shape"):
         Observation.of(text)
 
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:  # slow to load
 #: Nuisance parameters of the spool's measuring chain, by name.
 SPOOL_GAIN, SPOOL_DELAY = "spool_gain", "spool_delay"
 #: Numbers of the low-pass: corner over the sample rate, order, and the body's corner if that differs.
-FILTER = ("filter_corner", "filter_order", "filter_corner_of_body")
+FILTER = ("filter_corner", "filter_order", "filter_corner_of_body", "filter_shape")
 #: The parameter that scales all forces.
 MASS = "mass"
 #: Simulated steps of a fit: about a minute of computing. Fits of records that determine their parameters take

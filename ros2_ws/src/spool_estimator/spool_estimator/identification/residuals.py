@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -20,7 +21,7 @@ from numpy.typing import NDArray
 from scipy import fft
 from spool_core.numbers import Array
 from spool_core.uncertainty import rate_power
-from spool_sim.observation import CAUSAL, INSTANTS, LINEAR, Observation
+from spool_sim.observation import CAUSAL, INSTANTS, LINEAR, SHAPES, Observation
 
 from spool_estimator.identification import least_squares
 from spool_estimator.identification.fit_result import FILTER, SPOOL_DELAY, SPOOL_GAIN, FitSettings
@@ -43,17 +44,19 @@ SHOWS = 1e-2
 CORNER = Unknown(FILTER[0], "1", 0.15, 0.6, 0.1, absolute=True)
 ORDER = Unknown(FILTER[1], "1", 1.5, 24.0, 2.0)
 BODY_CORNER = Unknown(FILTER[2], "1", 0.1, 1.0, 0.1, absolute=True)
+SHAPE = Unknown(FILTER[3], "1", *SHAPES, 0.5, absolute=True)
 
 
 def filter_unknowns(observation: Observation) -> tuple[Unknown, ...]:
     """Return which numbers of ``observation`` a fit finds."""
-    found = {LINEAR: (CORNER, ORDER), CAUSAL: (CORNER,)}.get(observation.kind, ())
+    found = {LINEAR: (CORNER, ORDER), CAUSAL: (CORNER, SHAPE)}.get(observation.kind, ())
     return found if observation.body_corner is None else (*found, BODY_CORNER)
 
 
 def filter_numbers(observation: Observation) -> list[float]:
     """Return the values of its ``filter_unknowns``."""
-    known = dict(zip(FILTER, (observation.corner, observation.order, observation.body_corner), strict=True))
+    one = observation
+    known = dict(zip(FILTER, (one.corner, one.order, one.body_corner, one.shape), strict=True))
     return [known[one.name] or 0.0 for one in filter_unknowns(observation)]
 
 
@@ -62,10 +65,8 @@ def with_numbers(
 ) -> Observation:
     """Return ``observation`` with those of the ``unknowns`` that are its numbers at ``point``, length u."""
     named = {unknown.name: value for unknown, value in zip(unknowns, point, strict=True)}
-    corner = named.get(CORNER.name, observation.corner)
-    order = named.get(ORDER.name, observation.order)
-    body_corner = named.get(BODY_CORNER.name, observation.body_corner)
-    return Observation(observation.kind, order, corner, body_corner)
+    fields = zip(FILTER, ("corner", "order", "body_corner", "shape"), strict=True)
+    return replace(observation, **{field: named[name] for name, field in fields if name in named})
 
 
 class Weighted(least_squares.LeastSquares):
