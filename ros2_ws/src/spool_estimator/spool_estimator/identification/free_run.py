@@ -19,7 +19,7 @@ from scipy import fft
 from spool_core.errors import InputError
 from spool_core.numbers import Array
 from spool_core.system import processors
-from spool_sim.integration.composed_motion import ComposedMotion, MotionState, substeps_for
+from spool_sim.integration.composed_motion import ComposedMotion, MotionState, substeps_to_compare
 from spool_sim.model import Model
 from spool_sim.observation import LINEAR, REACH, Observation, Spectrum, lines_of
 from spool_sim.valve import Valve
@@ -43,6 +43,8 @@ AFTER = REACH
 SMALLEST, DRIVES = 0.1, 4
 #: m/s^2 from which a change of the acceleration is a jump.
 LEAST_JUMP = 1e-6
+#: Quantile of the spool's acceleration relative to the body that it has at reversals of a strong motion.
+REVERSING = 0.95
 #: How a good chain reads: sharp, without phase, below half the rate.
 USUAL = Observation(LINEAR, 6, 0.42)
 #: Gain of the excitation falls from 1 to 0 from its highest frequency to this many times it.
@@ -169,6 +171,9 @@ class FreeRun:
         self.motion: ComposedMotion = ComposedMotion(model.terms)
         self.names = self.motion.names
         self.highest_frequency = [excitation_limit(entry) for entry in self.records]
+        self.accelerations = [
+            float(np.nanquantile(np.abs(entry.spool - entry.body), REVERSING)) for entry in self.records
+        ]
         self.substeps = [1] * len(self.records)
         self._drives: dict[tuple[object, ...], Array] = {}
         windows: list[Window] = []
@@ -260,15 +265,10 @@ class FreeRun:
     def choose_substeps(self, values: Mapping[str, float]) -> bool:
         """Take as many steps per sample as the model needs with ``values``; return whether that changed."""
         before = list(self.substeps)
-        # However steep a law of sliding is near rest, the reversal itself is located within the step.
-        stepped = [
-            entry
-            for entry in self.model.terms
-            if "sliding_law" not in entry.laws or "force_law" in entry.laws
-        ]
+        entries = zip(self.records, self.highest_frequency, self.accelerations, strict=True)
         self.substeps = [
-            min(MOST_STEPS, substeps_for(stepped, values, entry.sample_period, highest))
-            for entry, highest in zip(self.records, self.highest_frequency, strict=True)
+            min(MOST_STEPS, substeps_to_compare(self.model.terms, values, entry.sample_period, *rates))
+            for entry, *rates in entries
         ]
         return before != self.substeps
 

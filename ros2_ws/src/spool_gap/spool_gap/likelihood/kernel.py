@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from spool_core.errors import InputError
 from spool_core.numbers import Array
-from spool_sim.integration.composed_motion import ComposedMotion, MotionState, substeps_for
+from spool_sim.integration.composed_motion import ComposedMotion, MotionState, substeps_to_compare
 from spool_sim.integration.composition import Switches, kernel_source, load_kernel
 from spool_sim.model import Model
 from spool_sim.terms import TERMS, term
@@ -48,16 +48,19 @@ class Point:
     values: Mapping[str, float]
 
 
-def steps_a_sample(point: Point, period: float, highest_frequency: float) -> int:
-    """Return how many steps a sample (``period`` s) needs for the terms of ``point``."""
-    # However steep a law of sliding is near rest, the reversal itself is located within the step.
+def steps_a_sample(point: Point, period: float, highest_frequency: float, acceleration: float = 0.0) -> int:
+    """Return how many steps a sample (``period`` s) needs for the terms of ``point``.
+
+    ``highest_frequency`` (Hz) and ``acceleration`` (m/s^2) as ``substeps_to_compare`` takes them.
+    """
     terms = [term(name) for name in dict.fromkeys((*ALWAYS, *point.terms))]
-    terms = [entry for entry in terms if "sliding_law" not in entry.laws or "force_law" in entry.laws]
     values = {p.name: p.start for entry in terms for p in entry.parameters} | dict(point.values)
-    if not any("levels_law" in entry.laws for entry in terms):
-        period, highest_frequency = period / COARSER, highest_frequency / SMOOTHER
+    coarser, smoother = (
+        (1.0, 1.0) if any("levels_law" in entry.laws for entry in terms) else (COARSER, SMOOTHER)
+    )
+    rates = (period / coarser, highest_frequency / smoother, acceleration * coarser)
     try:
-        return min(substeps_for(terms, values, period, highest_frequency), MOST_SUBSTEPS)
+        return min(substeps_to_compare(terms, values, *rates), MOST_SUBSTEPS)
     except InputError:
         return MOST_SUBSTEPS
 

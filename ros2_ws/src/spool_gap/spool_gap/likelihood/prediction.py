@@ -183,8 +183,9 @@ class Prediction:
         rounded = {name: float(f"{one.values[name]:.2g}") for name in sorted(one.values)}
         key = (one.terms, tuple(rounded.items()))
         if key not in self._steps:
+            highest = min(self.readings.noise.high, 0.4 / self.period)
             self._steps[key] = steps_a_sample(
-                Point(one.terms, rounded), self.period, min(self.readings.noise.high, 0.4 / self.period)
+                Point(one.terms, rounded), self.period, highest, self.run.accelerations[0]
             )
         return motion, self._steps[key]
 

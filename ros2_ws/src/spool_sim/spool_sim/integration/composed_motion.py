@@ -31,6 +31,8 @@ SMALLEST_SHARE = 16
 LARGEST_STEP_ANGLE = 0.25
 #: Steps per sample beyond which parameters are wrong rather than stiff: at 2 kHz time constants below 1 us.
 MOST_SUBSTEPS = 2000
+#: Steps for laws of sliding at most: what falls within a sample hardly acts.
+MOST_TO_SLIDE = 4
 #: Range of motion (m, m/s) in which rates are looked for: the stroke of a valve this size, and its speed.
 LARGEST_DISPLACEMENT = 5e-3
 SPEEDS = tuple(1e-4 * 2.0**power for power in range(14))
@@ -420,6 +422,37 @@ def substeps_for(
         spring_stiffness=sum(stiffness for stiffness, _ in steepest),
         highest_frequency=max(highest_frequency, values.get("force_frequency", 0.0)),
     )
+
+
+def substeps_to_compare(
+    terms: Sequence[Term],
+    values: Mapping[str, float],
+    sample_period: float,
+    highest_frequency: float,
+    acceleration: float,
+) -> int:
+    """Return how many steps a sample needs of a motion that is compared with a noisy record.
+
+    However steep a law of sliding is near rest, the reversal itself is located within its step. After it the
+    law falls, and the points must resolve that: a step passes a quarter of the speed over which it falls.
+
+    Args:
+        terms, values, sample_period, highest_frequency: as :func:`substeps_for` takes them.
+        acceleration: of the spool relative to the body at reversals, m/s^2.
+
+    Raises:
+        InputError: as :func:`substeps_for`.
+    """
+    stepped = [entry for entry in terms if "sliding_law" not in entry.laws or "force_law" in entry.laws]
+    falls = [
+        values[p.name]
+        for entry in terms
+        for p in entry.parameters
+        if "sliding_law" in entry.laws and p.name.endswith("_velocity")
+    ]
+    passed = 4.0 * acceleration * sample_period / min(falls, default=math.inf)
+    steps = substeps_for(stepped, values, sample_period, highest_frequency)
+    return max(steps, math.ceil(min(passed, MOST_TO_SLIDE)))
 
 
 def half_step_times(first_sample: int, samples: int, sample_rate: float, substeps: int) -> Array:
