@@ -22,6 +22,8 @@ VELOCITIES = (0.003, 0.006, 0.012, 0.025, 0.05)
 #: Stribeck velocities over the motion's speed, m/s at which contacts fall, and travels before sliding over
 #: the motion's that are tried.
 SLOW, CONTACTS, TRAVELS = (0.05, 0.2, 0.6), (0.01, 0.05, 0.2), (0.01, 0.06, 0.25)
+#: Film's part of mixed friction at speed over that of the contacts at rest: none, or either may lead.
+FILMS = (0.0, 0.5, 2.0)
 #: m of travel before sliding below which no record of an accelerometer shows any.
 SHORTEST = 1e-7
 
@@ -165,7 +167,7 @@ MIXED_FRICTION = Effect(
         }
         for share in SHARES
         for slow in CONTACTS
-        for film in (0.0, 0.5)
+        for film in FILMS
     ],
     refused=lambda mixed_velocity: (
         "the contact part hardly falls with speed: that is Coulomb friction"
