@@ -167,7 +167,8 @@ def test_a_first_look_at_an_effect_takes_excerpts_of_the_record_alone(name: str)
     of = predictions(record())
     search = Search(of, structure_of(BASE, VALVE), [name])
     before = of.work
-    (found,) = search._compared([search._trial(search.base.structure, name)])
+    own = search.base.structure
+    (found,) = search._compared(own, [search._trial(own, name)])
     assert found.structure.effects == (name,)
     assert of.work == before
 

@@ -23,7 +23,6 @@ from threading import Lock, local
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 from spool_core.numbers import Array
 from spool_core.system import processors
 
@@ -312,7 +311,6 @@ def _follow(
     damping: float,
     goal: float,
 ) -> Descent:
-    low, high = bounds_of(problem.unknowns)
     cost, falls = float(problem.costs(residual[np.newaxis])[0]), list[float]()
     converged, known, exact = not x.size, False, False
     sizes: Array = sizes_of(problem.unknowns, x)
@@ -332,20 +330,14 @@ def _follow(
             # In units of the unknowns' sizes: stiffnesses and delays differ by ten powers of ten.
             sizes = sizes_of(problem.unknowns, x)
             slopes, known, exact = changes * sizes[:, np.newaxis], True, True
-        rows, rest = problem.weighed(slopes, residual), problem.weighed(residual, residual)
-        information, gradient = rows @ rows.T, rows @ rest
-        held = ((x <= low) & (gradient > 0.0)) | ((x >= high) & (gradient < 0.0))
-        move = _step(information, gradient, held, damping)
-        if _promised(move, gradient, information) < least:
+        trial, hoped, promised = proposed(problem, x, sizes, slopes, residual, damping)
+        if hoped < least:
             if exact:
                 converged = True
                 break
             known = False
             continue
-        room = np.array([unknown.room(size) for unknown, size in zip(problem.unknowns, sizes, strict=True)])
-        trial = np.clip(x + np.clip(sizes * move, -room, room), low, high)
         move = np.asarray((trial - x) / sizes)
-        promised = _promised(move, gradient, information)
         outcome = problem.residuals(trial[np.newaxis])[0]
         fall = cost - float(problem.costs(outcome[np.newaxis])[0])
         if fall > 0.0:
@@ -368,18 +360,39 @@ def _follow(
     return Descent(x, cost, converged, residual)
 
 
-def _step(information: Array, gradient: Array, held: NDArray[np.bool_], damping: float) -> Array:
-    """Return the damped step, shape (u,): what would leave its bounds is ``held``, the others without it."""
+def proposed(
+    problem: LeastSquares, x: Array, sizes: Array, slopes: Any, residual: Any, damping: float
+) -> tuple[Array, float, float]:
+    """Return where a damped step from ``x`` (u,) ends, and the falls of the cost that it promises.
+
+    Args:
+        problem: what is made small.
+        x: point within the bounds, shape (u,).
+        sizes: of the numbers there, shape (u,).
+        slopes: of the residual, times these, shape (u, m).
+        residual: at ``x``, shape (m,).
+        damping: of the step.
+
+    Returns:
+        The point within bounds and the room of each number, shape (u,); the fall of the whole step, and that
+        of what the room leaves of it. What would leave its bounds is held, the others move without it.
+    """
+    low, high = bounds_of(problem.unknowns)
+    rows, rest = problem.weighed(slopes, residual), problem.weighed(residual, residual)
+    information, gradient = rows @ rows.T, rows @ rest
+    held = ((x <= low) & (gradient > 0.0)) | ((x >= high) & (gradient < 0.0))
     move, own = np.zeros(held.size), np.flatnonzero(~held)
     if own.size:
         scales = np.sqrt(np.maximum(np.diag(information)[own], 1e-12 * np.trace(information) + 1e-300))
         matrix = information[np.ix_(own, own)] / np.outer(scales, scales) + damping * np.eye(own.size)
         move[own] = -np.linalg.lstsq(matrix, gradient[own] / scales, rcond=1e-12)[0] / scales
-    return move
 
+    def fall(move: Array) -> float:
+        return -float(2.0 * gradient @ move + move @ information @ move)
 
-def _promised(move: Array, gradient: Array, information: Array) -> float:
-    return -float(2.0 * gradient @ move + move @ information @ move)
+    room = np.array([unknown.room(size) for unknown, size in zip(problem.unknowns, sizes, strict=True)])
+    trial = np.clip(x + np.clip(sizes * move, -room, room), low, high)
+    return trial, fall(move), fall((trial - x) / sizes)
 
 
 def _candidates(

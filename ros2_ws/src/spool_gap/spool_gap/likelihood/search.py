@@ -26,12 +26,12 @@ from spool_gap.likelihood.prediction import Prediction, Predictions
 from spool_gap.likelihood.remainder import patterns_of
 from spool_gap.likelihood.rest import Rest, rest_of
 from spool_gap.likelihood.structure import Limits, Structure
-from spool_gap.likelihood.structure_fit import DECISIVE, ENOUGH, StructureFit, fit_structure
+from spool_gap.likelihood.structure_fit import DECISIVE, ENOUGH, Beside, StructureFit, fit_structure
 
 Key = tuple[frozenset[str], frozenset[str]]
 
 #: Guesses from which a brief fit begins, steps of such a fit, and of a finished one at most.
-STARTS, QUICK, STEPS = 2, 8, 20
+STARTS, QUICK, STEPS = 3, 8, 20
 #: Draws around a guess where the likelihood has many maxima, groups of them, and the relative spreads of the
 #: first one: of the effect's numbers, and of the base's.
 DRAWS, GROUPS, SPREADS = 40, 10, (0.2, 0.03)
@@ -76,10 +76,38 @@ PEAKS, STANDS_OUT = 3, 30.0
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """Guesses of one structure, which differ in numbers; ``zoom``: its likelihood has many maxima."""
+    """Guesses of one structure, which differ in numbers.
+
+    Attributes:
+        guesses: where fits may begin.
+        zoom: its likelihood has many maxima.
+        shape: names of numbers that say where the force acts, not how much: each value may have a maximum.
+    """
 
     guesses: Sequence[Structure]
     zoom: bool = False
+    shape: tuple[str, ...] = ()
+
+    def firsts(self, ranked: Iterable[Guess]) -> list[Guess]:
+        """Return the first of ``ranked`` guesses of each shape, of a first effect as it stands and moved.
+
+        Numbers of a base without the effect may be far off, and their slopes lead astray.
+        """
+        found: dict[tuple[float, ...], Guess] = {}
+        for one in ranked:
+            bare = len(one.structure.effects) < 2 and not one.structure.parts
+            shape = (one.structure.values[name] for name in self.shape)
+            found.setdefault((bare and one.moved, *shape), one)
+        return list(found.values())
+
+
+@dataclass(frozen=True, slots=True)
+class Guess:
+    """A structure with its log likelihood in the excerpts; ``moved``: not as it was guessed."""
+
+    likely: float
+    structure: Structure
+    moved: bool = False
 
 
 class Search:
@@ -186,7 +214,9 @@ class Search:
         self._one_less()
         best = self.simplest.structure
         if best.sharp:
-            self.finish(self._observed(best))
+            settled = self.finish(self._observed(best)).structure
+            if settled.observation != best.observation:
+                self._alike(settled)
         if self._predictions.clipped:
             # What the base bridged is far off where much is clipped.
             self._predictions.bridge(self.simplest.structure)
@@ -220,7 +250,7 @@ class Search:
         late = self.late
         names = () if late and own.effects else self._names
         parts = () if late or len(own.parts) >= MOST_PARTS else CHAIN_PARTS
-        rows = self._compared([
+        rows = self._compared(own, [
             *(self._trial(own, name) for name in names if self._may_add(own, name)),
             *(
                 Trial([own.having(own.effects, (*own.parts, key), one) for one in guesses_of_part(key)])
@@ -250,7 +280,7 @@ class Search:
             others = [other for other in self._names if other != name and EFFECTS[other].is_friction]
             known = self._roughly(own)
             trials = [self._trial(bare, other, scale) for other in others if not self.late]
-            rows = self._compared(trials, known.log_likelihood - HOPELESS)
+            rows = self._compared(own, trials, known.log_likelihood - HOPELESS)
             rows.sort(key=lambda one: -one.evidence)
             least = known.evidence - HOPELESS
             if rows and rows[0].evidence > least:
@@ -270,57 +300,76 @@ class Search:
 
     def _trial(self, own: Structure, name: str, scale: Scale | None = None) -> Trial:
         """Return guesses of ``own`` with the effect ``name``."""
-        guesses = EFFECTS[name].guesses(scale or self._scale)
+        scale = scale or self._scale
+        guesses = EFFECTS[name].guesses(scale)
+        stronger = EFFECTS[name].guesses(replace(scale, force=2.0 * scale.force))
+        fitted = [key for key in EFFECTS[name].fitted if key not in EFFECTS[name].amplitudes]
+        shape = [
+            key for key in fitted
+            if all(a.get(key) == b.get(key) for a, b in zip(guesses, stronger, strict=True))
+        ]  # fmt: skip
         wider = own.having((*own.effects, name), own.parts, guesses[0] if guesses else None)
         # Numbers of a base without a stop or friction may be far off: those of the description, too.
         besides = ({}, self._described) if not own.effects else ({},)
         starts = [wider.moved({**beside, **one}) for beside in besides for one in guesses]
-        return Trial(starts or [wider], EFFECTS[name].localised or EFFECTS[name].local_minima)
+        zoom = EFFECTS[name].localised or EFFECTS[name].local_minima
+        return Trial(starts or [wider], zoom, () if zoom else tuple(shape))
 
-    def _compared(self, trials: Sequence[Trial], goal: float = -math.inf) -> list[StructureFit]:
+    def _compared(
+        self, own: Structure, trials: Sequence[Trial], goal: float = -math.inf
+    ) -> list[StructureFit]:
         """Return the best brief fit of each of ``trials``; those that stay far below ``goal`` end early.
+
+        Each guess is taken as it stands, and with the numbers of ``own`` that meet the record beside it.
 
         The one with the likeliest guess goes first, and those that cost most last: each group shows what the
         next one has to come near.
         """
-        ranked = in_parallel(lambda one: self._likeliest(one.guesses), trials)
-        order = sorted(range(len(trials)), key=lambda place: -ranked[place][0][0])
+        beside = Beside(self._brief, own)
+        ranked = in_parallel(lambda one: self._likeliest(one.guesses, beside), trials)
+        order = sorted(range(len(trials)), key=lambda place: -ranked[place][0].likely)
         plain = [place for place in order if not trials[place].zoom]
         zoomed = [place for place in order if trials[place].zoom]
         found: dict[int, StructureFit] = {}
         for group in (plain[:1], plain[1:], zoomed):
             work = partial(self._best_of, goal=goal)
-            rows = in_parallel(work, [(ranked[place], trials[place].zoom) for place in group])
+            rows = in_parallel(work, [(trials[place], ranked[place]) for place in group])
             found |= dict(zip(group, rows, strict=True))
             goal = max([goal, *(one.log_likelihood - HOPELESS for one in rows)])
         return [found[place] for place in range(len(trials))]
 
-    def _best_of(self, ranked: tuple[Sequence[tuple[float, Structure]], bool], goal: float) -> StructureFit:
-        """Return the best brief fit from the likeliest guesses, or from that of draws around the best."""
-        guesses, zoom = ranked
-        first = guesses[0][1]
-        if zoom:
-            return self._roughly(self._zoomed(*guesses[0], goal), goal=goal)
-        several = any(len(EFFECTS[name].fitted) > 1 for name in first.effects) and not first.parts
-        best = self._roughly(first, goal=goal)
-        for _, other in guesses[1 : STARTS if several else 1]:
-            again = self._roughly(other, goal=max(goal, best.log_likelihood))
-            best = max(best, again, key=lambda one: one.evidence)
-        return best
+    def _best_of(self, trial_and_ranked: tuple[Trial, Sequence[Guess]], goal: float) -> StructureFit:
+        """Return the best brief fit from the likeliest guess of each shape, or from draws around the best."""
+        trial, ranked = trial_and_ranked
+        found: list[StructureFit] = []
+        for start in trial.firsts(ranked)[:STARTS]:
+            one = self._zoomed(start, goal) if trial.zoom else start.structure
+            found.append(self._roughly(one, goal=goal))
+            goal = max(goal, found[-1].log_likelihood)
+        return max(found, key=lambda one: one.evidence)
 
-    def _likeliest(self, trials: Sequence[Structure]) -> list[tuple[float, Structure]]:
-        """Return ``trials`` by their log likelihood in the excerpts, as they stand, the likeliest first."""
+    def _likeliest(self, trials: Sequence[Structure], beside: Beside | None = None) -> list[Guess]:
+        """Return ``trials`` by their log likelihood in the excerpts, as they stand, the likeliest first.
+
+        ``beside``: what also moves the numbers that are known.
+        """
         bounded = [one.bounded(self._predictions.seconds) for one in trials]
         bounded = [one for one in bounded if not _senseless(one)] or bounded
-        likely = [self._brief.log_likelihood(lines) for lines in self._brief.errors(bounded)]
-        return [(likely[place], bounded[place]) for place in np.argsort(likely)[::-1].tolist()]
+        errors, as_they_stand = self._brief.errors(bounded), len(bounded)
+        if beside is not None:
+            met = [beside.met(*each) for each in zip(bounded, errors, strict=True)]
+            bounded, errors = bounded + met, errors + self._brief.errors(met)
+        likely = [self._brief.log_likelihood(lines) for lines in errors]
+        moved = [place >= as_they_stand for place in range(len(bounded))]
+        rows = map(Guess, likely, bounded, moved)
+        return sorted(rows, key=lambda one: -one.likely)
 
-    def _zoomed(self, known: float, one: Structure, goal: float) -> Structure:
-        """Return the likeliest of draws around ``one``, each group around the best of the one before.
+    def _zoomed(self, start: Guess, goal: float) -> Structure:
+        """Return the likeliest of draws around ``start``, each group around the best of the one before.
 
-        The likelihood, ``known`` at ``one``, has many maxima there. Source: Rubinstein, The cross-entropy
-        method, 1999.
+        The likelihood has many maxima there. Source: Rubinstein, The cross-entropy method, 1999.
         """
+        known, one = start.likely, start.structure
         generator = np.random.default_rng(0)
         rises: list[float] = []
         own = [number for name in one.effects for number in EFFECTS[name].fitted]
@@ -331,12 +380,13 @@ class Search:
             draws = centre * np.exp(spread * generator.standard_normal((DRAWS, len(names))))
             trials = [one.moved(dict(zip(names, row, strict=True))) for row in draws.tolist()]
             trials = [each for each in trials if not _senseless(each)]
-            (value, one), *others = self._likeliest([one, *trials])[: DRAWS // 4]
+            first, *others = self._likeliest([one, *trials])[: DRAWS // 4]
+            value, one = first.likely, first.structure
             rises.append(value - known)
             if len(rises) > 1 and value + left * max(rises) < goal:
                 break
             known = value
-            kept = [one, *(each for _, each in others)]
+            kept = [one, *(each.structure for each in others)]
             best = np.array([[abs(each.values[name]) + 1e-12 for name in names] for each in kept])
             centre = best.mean(axis=0)
             spread = np.log(best).std(axis=0) + 1e-4

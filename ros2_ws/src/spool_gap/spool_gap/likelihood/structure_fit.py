@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from spool_core.numbers import Array
-from spool_estimator.identification.least_squares import LeastSquares, Unknown, descend
+from spool_estimator.identification.least_squares import LeastSquares, Unknown, descend, proposed, sizes_of
 from spool_sim.observation import INSTANTS, Spectrum
 
 from spool_gap.likelihood.prediction import Predictions
@@ -80,9 +80,9 @@ class _Likelihood(LeastSquares):
     def __init__(
         self, predictions: Predictions, structure: Structure, unknowns: Sequence[Unknown], priors: Array
     ) -> None:
-        self.unknowns = tuple(unknowns)
+        self.unknowns, self.priors = tuple(unknowns), priors
         self.anchored = structure.observation.kind == INSTANTS  # the first decides which samples count
-        self._predictions, self._structure, self._priors = predictions, structure, priors
+        self._predictions, self._structure = predictions, structure
         self._shapes = [(part.windows, part.lines.size) for part in predictions.parts]
         self._ends = np.cumsum([windows * lines for windows, lines in self._shapes]).tolist()
 
@@ -95,7 +95,7 @@ class _Likelihood(LeastSquares):
         """Return the errors at ``points`` (s, u) and the numbers over their priors, shape (s, m)."""
         structures = [self.at(point) for point in points]
         rows = [part.errors(structures).reshape(len(points), -1) for part in self._predictions.parts]
-        return np.concatenate([*rows, (points * self._priors).astype(np.complex128)], axis=1)
+        return np.concatenate([*rows, (points * self.priors).astype(np.complex128)], axis=1)
 
     def lines(self, rows: Spectrum) -> list[Spectrum]:
         """Return the errors of each part in ``rows`` (..., m), shape (..., windows, lines)."""
@@ -115,6 +115,44 @@ class _Likelihood(LeastSquares):
         weights = self._predictions.weights(self.lines(residual))
         errors = self._predictions.weighed(self.lines(rows), weights)
         return np.concatenate([errors, rows[..., self._ends[-1] :].real], axis=-1)
+
+
+def _posed(
+    predictions: Predictions, structure: Structure, unknowns: Sequence[Unknown]
+) -> tuple[_Likelihood, Array]:
+    priors = np.array([1.0 / PRIORS[one.name] if one.name in PRIORS else 0.0 for one in unknowns])
+    point = np.array([structure.values[one.name] for one in unknowns])
+    return _Likelihood(predictions, structure, unknowns, priors), point
+
+
+class Beside:
+    """Numbers that structures share with one that is known, as they meet the record beside others.
+
+    What joins takes over part of what these stood for, as drag that falls does of the mean drag. They follow
+    to the first order, from the slopes at the known structure.
+    """
+
+    def __init__(self, predictions: Predictions, own: Structure) -> None:
+        """Take the slopes at ``own``, one run for each of its numbers."""
+        own = own.bounded(predictions.seconds)
+        self._predictions, self._unknowns = predictions, own.unknowns(predictions.seconds)
+        problem, point = _posed(predictions, own, self._unknowns)
+        self._slopes = problem.slopes(point, problem.residuals(point[np.newaxis])[0])
+
+    def met(self, one: Structure, errors: Sequence[Spectrum]) -> Structure:
+        """Return ``one``, which leaves ``errors`` of each part, with the numbers that leave least."""
+        names = {each.name for each in one.unknowns(self._predictions.seconds)}
+        kept = [place for place, each in enumerate(self._unknowns) if each.name in names]
+        unknowns = [self._unknowns[place] for place in kept]
+        problem, point = _posed(self._predictions, one, unknowns)
+        residual = np.concatenate([*(each.ravel() for each in errors), point * problem.priors])
+        slopes = np.concatenate(
+            [self._slopes[kept][:, : residual.size - point.size], np.diag(problem.priors)], axis=1
+        )
+        sizes = sizes_of(unknowns, point)
+        return problem.at(
+            proposed(problem, point, sizes, slopes * sizes[:, np.newaxis], residual, DAMPING)[0]
+        )
 
 
 def fit_structure(
@@ -139,16 +177,14 @@ def fit_structure(
     structure = structure.bounded(predictions.seconds)
     every = structure.unknowns(predictions.seconds)
     unknowns = [one for one in every if one.name not in held]
-    priors = np.array([1.0 / PRIORS[one.name] if one.name in PRIORS else 0.0 for one in unknowns])
-    problem = _Likelihood(predictions, structure, unknowns, priors)
-    point = np.array([structure.values[one.name] for one in unknowns])
+    problem, point = _posed(predictions, structure, unknowns)
     end = descend(
         problem, point[np.newaxis], steps, 2.0 * enough, relative=False, damping=DAMPING, goal=-2.0 * goal
     )
     lines = problem.lines(end.residual)
     return StructureFit(
-        problem.at(end.point), -0.5 * end.cost, unknowns, len(every), lines, predictions.numbers, priors,
-        predictions.left(lines),
+        problem.at(end.point), -0.5 * end.cost, unknowns, len(every), lines, predictions.numbers,
+        problem.priors, predictions.left(lines),
     )  # fmt: skip
 
 
