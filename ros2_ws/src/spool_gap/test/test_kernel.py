@@ -9,6 +9,7 @@ from spool_gap.likelihood.kernel import Point, motions_for, steps_a_sample
 from spool_sim.excitation import SweptSine
 from spool_sim.integration.composed_motion import ComposedMotion, MotionState, half_step_times
 from spool_sim.model import MODELS, model_from_mapping
+from spool_sim.observation import CAUSAL, Observation
 from spool_sim.terms import term
 from spool_sim.valve import find_valve
 
@@ -54,6 +55,23 @@ def test_steps_grow_shorter_with_stiffness_and_where_a_force_has_kinks() -> None
     smooth, kinked = (steps_a_sample(point, 1e-3, 100.0) for point in (start, stop))
     assert smooth < kinked
     assert smooth < steps_a_sample(stiff, 1e-3, 100.0) <= 8
+
+
+def test_how_friction_falls_after_a_reversal_is_resolved() -> None:
+    """A step may not pass the speed over which it falls, however slowly all else moves."""
+    active = (*BASE, "mixed_friction")
+    values = dict(FLUID.values_for(VALVE)) | {"normal_load": 1.6}
+    values |= {"mixed_root_coefficient": 0.46, "mixed_inverse_coefficient": 0.0015, "mixed_velocity": 0.01}
+    motion = next(one for one in motions_for(FLUID) if one.has(active))
+    observation, rows = Observation(CAUSAL, 6.0, 0.29), []
+    for steps in (steps_a_sample(Point(active, values), 1e-3, 80.0, 20.0), 32):
+        body = SWEEP.acceleration(half_step_times(0, 2000, 1000.0, steps))
+        (found,) = motion.read_batch(
+            MotionState(0.0, 0.0, 0.0), body[np.newaxis], motion.row(active, values)[np.newaxis, np.newaxis],
+            rows=np.zeros(1, dtype=np.int64), sample_period=1e-3, substeps=steps,
+        )  # fmt: skip
+        rows.append(observation.read(found.acceleration, found.events, steps))
+    assert float(np.std(rows[0] - rows[1])) < 3e-4 * float(np.std(rows[1]))
 
 
 #: Values at which an effect moves the valve well within the sweep; what is not named starts as declared.

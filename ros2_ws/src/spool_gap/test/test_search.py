@@ -24,7 +24,7 @@ from spool_gap.likelihood.readings import readings_of
 from spool_gap.likelihood.rest import Rest, rest_of
 from spool_gap.likelihood.search import Search
 from spool_gap.likelihood.structure import Structure, structure_of
-from spool_gap.likelihood.structure_fit import DECISIVE, fit_structure
+from spool_gap.likelihood.structure_fit import DECISIVE, Beside, fit_structure
 from spool_gap.result import GapResult, GapSettings
 from spool_sim.excitation import Excitation, Multisine, SweptSine
 from spool_sim.model import MODELS, Model
@@ -42,6 +42,7 @@ BASE = MODELS["fluid"]
 MOTIONS = motions_for(BASE)
 SECONDS, RATE, FINER, NOISE = 12.0, 1000.0, 8, 0.03
 SWEEP = SweptSine(start_frequency=6.0, stop_frequency=60.0, duration=6.0, amplitude=9.0)
+SHAKES = Multisine(low_frequency=8.0, high_frequency=90.0, rms=7.0, seed=3)
 HIDDEN = {
     "quadratic_damping": ("quadratic_coefficient", 20.0),
     "spring_backlash": ("backlash", 2e-4),
@@ -183,6 +184,32 @@ def test_the_fits_do_not_depend_on_the_number_of_threads(monkeypatch: pytest.Mon
         return {key: (one.evidence, dict(one.structure.values)) for key, one in search.fits.items()}
 
     assert numbers(3) == numbers(1)
+
+
+def test_drag_that_falls_begins_with_the_drag_that_the_base_had_at_first() -> None:
+    """Of a base alone the fit finds the mean drag."""
+    numbers = {"damping_drift_rate": -0.12, "damping_drift_time": 4.0}
+    of = predictions(record("damping_drift", excitation=SHAKES, **numbers))
+    base = fit_structure(of, structure_of(BASE, VALVE)).structure
+    guess = base.having(("damping_drift",), (), numbers)
+    (errors,) = of.errors([guess])
+    met = Beside(of, base).met(guess, errors)
+    drag, true = "viscous_coefficient", VALVE.likely_viscous_coefficient
+    assert abs(met.values[drag] / true - 1.0) < 0.5 * abs(base.values[drag] / true - 1.0)
+    (closer,) = of.errors([met])
+    assert of.log_likelihood(closer) > of.log_likelihood(errors) + DECISIVE
+
+
+def test_a_film_that_leads_beside_contacts_is_found_in_place_of_stribecks_law() -> None:
+    numbers = {"mixed_root_coefficient": 0.8, "mixed_inverse_coefficient": 1e-3, "mixed_velocity": 0.01}
+    of = predictions(record("mixed_friction", excitation=SHAKES, **numbers))
+    search = Search(
+        of, structure_of(BASE, VALVE), ["coulomb_friction", "stribeck_friction", "mixed_friction"]
+    )
+    search.run()
+    assert search.simplest.structure.effects == ("mixed_friction",)
+    for name, true in numbers.items():
+        assert search.simplest.structure.values[name] == pytest.approx(true, rel=0.1)
 
 
 def test_no_effect_is_tried_where_nothing_follows_a_pattern() -> None:

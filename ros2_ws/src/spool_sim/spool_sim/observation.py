@@ -228,11 +228,13 @@ def poles_of(order: int, shape: float) -> Spectrum:
         bessel = np.roots(row)
         bessel = bessel[np.argsort(-bessel.imag)]
         poles = poles * (bessel / poles) ** -shape
-    frequency = np.linspace(0.2, 4.0, 2000) * np.abs(poles).max()
-    power = np.abs(np.prod(1.0 - 1j * frequency / poles[:, np.newaxis], axis=0)) ** 2
-    above = int(np.argmax(power > 2.0))
-    near = slice(above - 1, above + 1)
-    return np.asarray(poles / np.interp(2.0, power[near], frequency[near]))
+    ends = np.array([0.1, 4.0]) * np.abs(poles).max()
+    for _ in range(5):
+        frequency = np.linspace(*ends, 64)
+        power = np.abs(np.prod(1.0 - 1j * frequency / poles[:, np.newaxis], axis=0)) ** 2
+        above = int(np.argmax(power > 2.0))
+        ends = frequency[above - 1 : above + 1]
+    return np.asarray(poles / ends[1])
 
 
 @lru_cache(maxsize=64)

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.signal import butter, sosfilt, sosfiltfilt, sosfreqz
+from scipy.signal import bessel, butter, cheb1ap, freqs_zpk, sosfilt, sosfiltfilt, sosfreqz
 from spool_core.numbers import Array
 from spool_sim.integration.composed_motion import ComposedMotion, MotionState
 from spool_sim.model import MODELS
-from spool_sim.observation import CAUSAL, INSTANTS, LINEAR, MEAN, Observation
+from spool_sim.observation import CAUSAL, INSTANTS, LINEAR, MEAN, SHAPES, Observation
 from spool_sim.valve import find_valve
 
 SAMPLES, FINE = 240, 512
@@ -22,6 +23,7 @@ KINDS = (
     Observation(LINEAR, 6, 0.45),
     Observation(CAUSAL, 2, 0.33),
     Observation(CAUSAL, 6, 0.4),
+    Observation(CAUSAL, 4, 0.3, shape=-1.0),
 )
 #: Place (samples), jump (m/s^2) and change of the rate (m/s^2 a sample) of events: between samples, on one,
 #: and close to the one before.
@@ -51,7 +53,8 @@ def filtered(one: Observation) -> Array:
         made = np.convolve(fine, np.ones(FINE) / FINE, mode="same")
         late = -0.5 / FINE
     else:
-        sections = butter(int(one.order), one.corner, fs=FINE, output="sos")
+        family = partial(bessel, norm="mag") if one.shape else butter
+        sections = family(int(one.order), one.corner, fs=FINE, output="sos")
         made = (sosfiltfilt if one.kind == LINEAR else sosfilt)(sections, fine)
         if one.kind == CAUSAL:
             near = 1e-3
@@ -61,7 +64,7 @@ def filtered(one: Observation) -> Array:
 
 
 @pytest.mark.parametrize("every", [1, 3])
-@pytest.mark.parametrize("one", KINDS, ids=lambda one: f"{one.kind} {one.order}")
+@pytest.mark.parametrize("one", KINDS, ids=str)
 def test_jumps_and_kinks_are_read_as_through_a_filter(one: Observation, every: int) -> None:
     inner = slice(60, -60)
     apart = read(one, every)[inner] - filtered(one)[inner]
@@ -97,7 +100,7 @@ def test_an_instant_close_to_a_jump_is_on_one_side_of_it(late: float, every: int
     np.testing.assert_allclose(found[60:-60], acceleration(np.arange(SAMPLES) - late)[60:-60], atol=6e-3)
 
 
-@pytest.mark.parametrize("one", KINDS, ids=lambda one: f"{one.kind} {one.order}")
+@pytest.mark.parametrize("one", KINDS, ids=str)
 def test_slow_motion_is_read_as_it_is(one: Observation) -> None:
     frequency = np.array([0.0, 1e-3])
     np.testing.assert_allclose(one.response(frequency), 1.0, atol=2e-5)
@@ -137,3 +140,30 @@ def test_points_are_the_accelerations_of_a_simulation() -> None:
     )  # fmt: skip
     np.testing.assert_array_equal(points.acceleration[::2], plain.acceleration)
     np.testing.assert_array_equal(points.displacement, plain.displacement)
+
+
+@pytest.mark.parametrize("order", [3, 5, 7])
+@pytest.mark.parametrize("ripple", [0.1, 0.5])
+def test_a_shape_above_nothing_is_a_filter_of_chebyshev(order: int, ripple: float) -> None:
+    _, poles, gain = cheb1ap(order, ripple)
+    # On an ellipse: one pole on its real half axis, the outermost near its imaginary one.
+    ratio = poles.imag.max() / math.cos(0.5 * math.pi / order) / -poles.real.min()
+    dense = np.linspace(1.0, 3.0, 200001)
+    corner = dense[np.argmax(np.abs(freqs_zpk([], poles, gain, dense)[1]) < math.sqrt(0.5))]
+    frequency = np.linspace(0.0, 0.5, 40)
+    found = Observation(CAUSAL, order, 0.3, shape=math.log(ratio)).response(frequency)
+    expected = freqs_zpk([], poles, gain, frequency / 0.3 * corner)[1]
+    np.testing.assert_allclose(np.abs(found), np.abs(expected), atol=2e-4)
+
+
+@given(order=st.integers(2, 8), corner=st.floats(0.1, 0.45), shape=st.floats(*SHAPES))
+def test_a_causal_filter_of_any_shape_halves_the_power_at_its_corner(
+    order: int, corner: float, shape: float
+) -> None:
+    one = Observation(CAUSAL, float(order), corner, shape=shape)
+    below, at = np.abs(one.response(np.array([1e-4, corner]))) ** 2
+    assert at == pytest.approx(0.5, abs=1e-4)
+    assert below == pytest.approx(1.0, abs=1e-4)
+    said = Observation.of(str(one))
+    assert said.shape == pytest.approx(shape, rel=1e-4)
+    assert "low-pass, order" in said.sentence(1000.0)

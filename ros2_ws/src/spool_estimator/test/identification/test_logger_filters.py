@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from functools import partial
+from typing import Any
 
 import numpy as np
 import pytest
-from scipy.signal import butter, sosfilt, sosfiltfilt
+from scipy.signal import bessel, butter, sosfilt, sosfiltfilt
 from spool_core.kernels.compiled import compiled
 from spool_core.numbers import Array
 from spool_core.uncertainty import Z_95
@@ -51,7 +53,11 @@ def stepped(body: Array, h: float, m: float, k: float, c: float, f: float, out: 
 
 
 def record(
-    kind: str, noise: float = 0.03, seconds: float = 12.0, body_filter: tuple[int, float] = (4, 0.38)
+    kind: str,
+    noise: float = 0.03,
+    seconds: float = 12.0,
+    body_filter: tuple[int, float] = (4, 0.38),
+    family: Any = butter,
 ) -> Record:
     """Return a record; ``kind``: as of an observation. ``body_filter``: order and corner of that channel."""
     rate = RATE * FINE
@@ -66,7 +72,7 @@ def record(
     body = 0.5 * (body[1:] + body[:-1])
 
     def read(row: Array, order: int, corner: float) -> Array:
-        sections = butter(order, corner * RATE, fs=rate, output="sos")
+        sections = family(order, corner * RATE, fs=rate, output="sos")
         if kind == MEAN:
             row = np.convolve(row, np.ones(FINE) / FINE, mode="same")
         elif kind != INSTANTS:
@@ -101,6 +107,16 @@ def test_the_corner_and_order_of_the_filter_are_found(kind: str) -> None:
     found = fitted(kind).observation
     assert found.corner == pytest.approx(0.38, abs=0.004)
     assert found.order == pytest.approx(4.0, abs=0.3)
+
+
+def test_a_filter_of_bessel_is_found_and_bends_no_force() -> None:
+    found = fit([record(CAUSAL, family=partial(bessel, norm="mag"))], MODELS["coulomb"], VALVE, FitSettings())
+    for name, true in TRUTH.items():
+        one = found.parameter(name)
+        assert abs(one.value - true) < 1.3 * Z_95 * one.standard_deviation, one
+    assert found.observation.kind == CAUSAL
+    assert found.observation.shape < -0.5
+    assert "Bessel" in found.observation.sentence(RATE)
 
 
 def test_a_body_whose_channel_has_another_filter_bends_no_force() -> None:
