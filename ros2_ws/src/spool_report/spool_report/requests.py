@@ -265,7 +265,7 @@ class SimulationSettings:
         str,
         typer.Option(
             help="Low-pass of both channels: instants, mean, linear, causal, or like linear,6,0.42 with "
-            "order and corner over the sample rate."
+            "order and corner over the sample rate, causal also a shape."
         ),
     ] = "instants"
     sensors: Annotated[
