@@ -33,8 +33,8 @@ RATCHETS = {
     "lines of code": 54_261,
     "files": 378,
     "lines of research": 13_085,
-    "lines up to the last import, %": 8.15,
-    "private functions with one caller, %": 15.84,
+    "lines up to the last import, %": 8.14,
+    "private functions with one caller, %": 15.77,
     "modules with one importer, %": 13.28,
 }
 

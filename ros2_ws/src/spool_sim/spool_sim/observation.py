@@ -74,9 +74,8 @@ class Observation:
             usual = next(one for one in USUAL_ONES if one.kind == kind)
             if not rest:
                 return usual
-            order, corner, shape = (
-                float(part) for part in (rest if kind == CAUSAL and rest[2:] else [*rest, 0])
-            )
+            numbers = [float(part) for part in rest]
+            order, corner, shape = numbers if kind == CAUSAL and numbers[2:] else [*numbers, 0.0]
             whole = kind != CAUSAL or order % 1.0 == 0.0
             real = 1.0 <= order <= 24.0 and 0.05 <= corner <= 0.5 and SHAPES[0] <= shape <= SHAPES[1]
             if usual.order and real and whole:
@@ -219,7 +218,7 @@ def poles_of(order: int, shape: float) -> Spectrum:
     0, and towards Bessel's below it (Peless and Murakami, Analysis and synthesis of transitional
     Butterworth-Thomson filters, 1957).
     """
-    poles = np.exp(0.5j * np.pi * (2 * np.arange(order) + order + 1) / order)
+    poles: Spectrum = np.exp(0.5j * np.pi * (2 * np.arange(order) + order + 1) / order)
     if shape > 0.0:
         poles = math.exp(-shape) * poles.real + 1j * poles.imag
     elif shape < 0.0:
@@ -228,13 +227,14 @@ def poles_of(order: int, shape: float) -> Spectrum:
         bessel = np.roots(row)
         bessel = bessel[np.argsort(-bessel.imag)]
         poles = poles * (bessel / poles) ** -shape
-    ends = np.array([0.1, 4.0]) * np.abs(poles).max()
+    largest = float(np.abs(poles).max())
+    low, high = 0.1 * largest, 4.0 * largest
     for _ in range(5):
-        frequency = np.linspace(*ends, 64)
+        frequency = np.linspace(low, high, 64)
         power = np.abs(np.prod(1.0 - 1j * frequency / poles[:, np.newaxis], axis=0)) ** 2
         above = int(np.argmax(power > 2.0))
-        ends = frequency[above - 1 : above + 1]
-    return np.asarray(poles / ends[1])
+        low, high = frequency[above - 1 : above + 1].tolist()
+    return np.asarray(poles / high)
 
 
 @lru_cache(maxsize=64)

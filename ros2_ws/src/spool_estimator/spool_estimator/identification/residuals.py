@@ -65,8 +65,13 @@ def with_numbers(
 ) -> Observation:
     """Return ``observation`` with those of the ``unknowns`` that are its numbers at ``point``, length u."""
     named = {unknown.name: value for unknown, value in zip(unknowns, point, strict=True)}
-    fields = zip(FILTER, ("corner", "order", "body_corner", "shape"), strict=True)
-    return replace(observation, **{field: named[name] for name, field in fields if name in named})
+    return replace(
+        observation,
+        corner=named.get(CORNER.name, observation.corner),
+        order=named.get(ORDER.name, observation.order),
+        body_corner=named.get(BODY_CORNER.name, observation.body_corner),
+        shape=named.get(SHAPE.name, observation.shape),
+    )
 
 
 class Weighted(least_squares.LeastSquares):
