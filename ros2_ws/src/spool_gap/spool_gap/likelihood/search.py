@@ -32,6 +32,8 @@ Key = tuple[frozenset[str], frozenset[str]]
 
 #: Guesses from which a brief fit begins, steps of such a fit, and of a finished one at most.
 STARTS, QUICK, STEPS = 3, 8, 20
+#: Guesses of an effect that are also tried with numbers moved to meet the record beside it.
+MET = 4
 #: Draws around a guess where the likelihood has many maxima, groups of them, and the relative spreads of the
 #: first one: of the effect's numbers, and of the base's.
 DRAWS, GROUPS, SPREADS = 40, 10, (0.2, 0.03)
@@ -351,14 +353,15 @@ class Search:
     def _likeliest(self, trials: Sequence[Structure], beside: Beside | None = None) -> list[Guess]:
         """Return ``trials`` by their log likelihood in the excerpts, as they stand, the likeliest first.
 
-        ``beside``: what also moves the numbers that are known.
+        ``beside``: what also moves the numbers that are known, of the guesses where that promises most.
         """
         bounded = [one.bounded(self._predictions.seconds) for one in trials]
         bounded = [one for one in bounded if not _senseless(one)] or bounded
         errors, as_they_stand = self._brief.errors(bounded), len(bounded)
         if beside is not None:
             met = [beside.met(*each) for each in zip(bounded, errors, strict=True)]
-            bounded, errors = bounded + met, errors + self._brief.errors(met)
+            best = [one for _, one in sorted(met, key=lambda each: -each[0])[:MET]]
+            bounded, errors = bounded + best, errors + self._brief.errors(best)
         likely = [self._brief.log_likelihood(lines) for lines in errors]
         moved = [place >= as_they_stand for place in range(len(bounded))]
         rows = map(Guess, likely, bounded, moved)
