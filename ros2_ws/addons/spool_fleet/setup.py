@@ -15,9 +15,5 @@ setup(
     ],
     zip_safe=True,
     extras_require={"test": ["pytest"]},
-    maintainer="Spool suite maintainers",
-    maintainer_email="maintainers@spool-suite.org",
-    description="Many bags of many spool valves: catalogue, analyses, tables, trends.",
-    license="Apache-2.0",
     entry_points={"spool.commands": ["spool_fleet = spool_fleet.commands"]},
 )

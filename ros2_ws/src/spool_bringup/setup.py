@@ -20,10 +20,6 @@ setup(
     ],
     zip_safe=True,
     extras_require={"test": ["pytest"]},
-    maintainer="Spool suite maintainers",
-    maintainer_email="maintainers@spool-suite.org",
-    description="How the suite is started.",
-    license="Apache-2.0",
     entry_points={
         "console_scripts": ["spool = spool_bringup.program:main", "host = spool_bringup.host.program:main"]
     },

@@ -15,9 +15,5 @@ setup(
     ],
     zip_safe=True,
     extras_require={"test": ["pytest"]},
-    maintainer="Spool suite maintainers",
-    maintainer_email="maintainers@spool-suite.org",
-    description="Shared parts of the suite.",
-    license="Apache-2.0",
     entry_points={"console_scripts": []},
 )

@@ -14,9 +14,5 @@ setup(
     ],
     zip_safe=True,
     extras_require={"test": ["pytest"]},
-    maintainer="Spool suite maintainers",
-    maintainer_email="maintainers@spool-suite.org",
-    description="Online identification of a spool valve's stiffness.",
-    license="Apache-2.0",
     entry_points={"console_scripts": ["estimator = spool_estimator.program:main"]},
 )

@@ -14,10 +14,6 @@ setup(
     ],
     zip_safe=True,
     extras_require={"test": ["pytest"]},
-    maintainer="Spool suite maintainers",
-    maintainer_email="maintainers@spool-suite.org",
-    description="The model gap of a spool valve.",
-    license="Apache-2.0",
     # What the estimator asks for while a stream is live: it stands below this package and imports none of it.
     entry_points={
         "spool.gap_analysis": [

@@ -14,9 +14,5 @@ setup(
     ],
     zip_safe=True,
     extras_require={"test": ["pytest"]},
-    maintainer="Spool suite maintainers",
-    maintainer_email="maintainers@spool-suite.org",
-    description="Resonance and friction drift of a spool valve.",
-    license="Apache-2.0",
     entry_points={"console_scripts": ["monitor = spool_monitor.program:main"]},
 )

@@ -15,8 +15,4 @@ setup(
     ],
     zip_safe=True,
     extras_require={"test": ["pytest"]},
-    maintainer="Spool suite maintainers",
-    maintainer_email="maintainers@spool-suite.org",
-    description="Records read and analysed, results written and drawn.",
-    license="Apache-2.0",
 )

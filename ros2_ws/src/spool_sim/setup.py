@@ -15,10 +15,6 @@ setup(
     package_data={PACKAGE: ["valves/*.yaml", "fmu/sources/*", "py.typed"]},
     zip_safe=True,
     extras_require={"test": ["pytest"]},
-    maintainer="Spool suite maintainers",
-    maintainer_email="maintainers@spool-suite.org",
-    description="Physics of a spool in a vibrating valve body.",
-    license="Apache-2.0",
     entry_points={
         "console_scripts": ["simulator = spool_sim.program:main"],
         "spool.sources": ["simulator = spool_sim.simulator_node:SimulatorNode"],

@@ -14,9 +14,5 @@ setup(
     ],
     zip_safe=True,
     extras_require={"test": ["pytest"]},
-    maintainer="Spool suite maintainers",
-    maintainer_email="maintainers@spool-suite.org",
-    description="Command line of the spool valve suite.",
-    license="Apache-2.0",
     entry_points={"spool.commands": ["spool_tools = spool_tools.commands"]},
 )

@@ -17,10 +17,6 @@ setup(
     ],
     zip_safe=False,
     extras_require={"test": ["pytest"]},
-    maintainer="Spool suite maintainers",
-    maintainer_email="maintainers@spool-suite.org",
-    description="Spool valves for people and plant systems.",
-    license="Apache-2.0",
     entry_points={
         "console_scripts": ["page = spool_view.program:page", "opcua = spool_view.program:opcua"],
         "spool.pages": ["page = spool_view.page_node:serve"],
