@@ -17,7 +17,7 @@ import numpy as np
 from spool_core.errors import InputError
 from spool_estimator.estimate import Estimate, State
 from spool_estimator.estimator import Estimator, settings_for
-from spool_fleet.analyses.base import REFERENCE
+from spool_fleet.analyses import REFERENCE
 from spool_fleet.judgement import CHANGED, MACHINE, confirmed, judged_alone
 from spool_fleet.manifest import Service
 from spool_fleet.observations import COULOMB, PARAMETERS, STIFFNESS, UNCERTAIN, VISCOUS, ObservedValve, Series

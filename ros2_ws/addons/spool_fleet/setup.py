@@ -15,5 +15,5 @@ setup(
     ],
     zip_safe=True,
     extras_require={"test": ["pytest"]},
-    entry_points={"spool.commands": ["spool_fleet = spool_fleet.commands"]},
+    entry_points={"spool.commands": ["spool_fleet = spool_fleet"]},
 )

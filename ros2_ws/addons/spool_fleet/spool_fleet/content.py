@@ -22,7 +22,7 @@ from spool_monitor.detectors import friction_drift, spring_change
 from spool_report.outputs import check_output
 from spool_report.terminal import progress, warn
 
-from spool_fleet.analyses.base import REFERRED
+from spool_fleet.analyses import REFERRED
 from spool_fleet.comparison import MONTH
 from spool_fleet.courses import (
     NAMES,

@@ -21,7 +21,7 @@ from spool_core.system import end_with_parent, limit_processors
 from spool_core.text import printable
 from spool_core.uncertainty import as_json
 
-from spool_fleet.analyses.base import Rows, Subject, analyses
+from spool_fleet.analyses import Rows, Subject, analyses
 from spool_fleet.manifest import Manifest, StoredResult
 from spool_fleet.parquet import bring_up_to_date
 

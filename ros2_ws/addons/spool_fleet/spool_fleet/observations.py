@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from spool_core.numbers import MEDIAN_TO_DEVIATION, Array
 
-from spool_fleet.analyses.base import REFERRED
+from spool_fleet.analyses import REFERRED
 from spool_fleet.query import ask
 
 VISCOUS, COULOMB, STIFFNESS = "viscous_coefficient", "coulomb_force", "spring_stiffness"

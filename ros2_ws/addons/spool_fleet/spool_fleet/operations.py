@@ -17,7 +17,7 @@ from spool_sim.valve import find_valve
 
 from spool_fleet import execution
 from spool_fleet.add import DAMAGED, Added, Naming, PathPattern, Scan, add, found_bags, read_table, scan
-from spool_fleet.analyses.base import chosen
+from spool_fleet.analyses import chosen
 from spool_fleet.manifest import Manifest, Service
 from spool_fleet.parquet import bring_up_to_date
 from spool_fleet.query import QUESTIONS, ask, rows_of, sql_of

@@ -14,7 +14,7 @@ import pytest
 import spool_fleet
 from spool_core.errors import InputError
 from spool_fleet import execution, parquet
-from spool_fleet.analyses.base import REFERRED, analyses, chosen
+from spool_fleet.analyses import REFERRED, analyses, chosen
 from spool_fleet.execution import Done, ProcessPool, Task, run_task
 from spool_fleet.manifest import Manifest
 from spool_fleet.operations import add_service, add_to_store, answer, run_over_store

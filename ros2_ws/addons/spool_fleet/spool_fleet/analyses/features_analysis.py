@@ -11,7 +11,7 @@ from spool_estimator.record_judgement import Analysis as Work
 from spool_estimator.record_judgement import resonance_of, shortness
 from spool_report.records.record_loading import Selection, load_recording
 
-from spool_fleet.analyses.base import Analysis, Rows, Subject, parameter
+from spool_fleet.analyses import Analysis, Rows, Subject, parameter
 
 #: Samples that are read of a record at most.
 LONGEST = 1_200_000

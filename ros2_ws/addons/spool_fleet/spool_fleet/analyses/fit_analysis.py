@@ -9,7 +9,7 @@ from spool_report.ranking import fit_and_validate
 from spool_report.records.record_loading import Selection, load_data
 from spool_sim.model import load_model
 
-from spool_fleet.analyses.base import Analysis, Rows, Subject, parameter, referred
+from spool_fleet.analyses import Analysis, Rows, Subject, parameter, referred
 
 MODEL = "coulomb"
 #: Samples that are read of a record at most: ten minutes at 2 kHz say all that a fit can, and bound memory.

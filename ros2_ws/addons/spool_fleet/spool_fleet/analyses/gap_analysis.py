@@ -9,7 +9,7 @@ from spool_gap.result import GapSettings
 from spool_report.records.record_loading import Selection, check, load_recordings, stretches_of
 from spool_sim.model import load_model
 
-from spool_fleet.analyses.base import Analysis, Rows, Subject, parameter
+from spool_fleet.analyses import Analysis, Rows, Subject, parameter
 
 BASE = "fluid"
 

@@ -9,7 +9,7 @@ from spool_core.uncertainty import as_json
 from spool_report.records.record_loading import choose_valves
 from spool_report.runs.record_replay import SHIPPED, replay_valve, valve_dictionary
 
-from spool_fleet.analyses.base import Analysis, Rows, Subject, parameter, referred
+from spool_fleet.analyses import Analysis, Rows, Subject, parameter, referred
 
 EVENT = ("t_s", "kind", "state", "severity", "cause", "value", "unit", "message")
 
