@@ -17,7 +17,7 @@ from mkdocs.structure.files import File
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
-PACKAGES = ROOT / "ros2_ws" / "src"
+PACKAGES = ROOT / "ros2_ws"
 LINK = re.compile(r"(?<!!)\[([^\]]*)\]\(([^)\s#:]+)(#[^)\s]*)?\)")
 FENCE = re.compile(r"^(```.*?^```$)", re.M | re.S)
 #: Pages outside of docs/ by their place in the site.
@@ -27,8 +27,8 @@ OUTSIDE = {
     "security_policy.md": ROOT / "SECURITY.md",
     "bags.md": ROOT / "bags" / "README.md",
     **{
-        f"packages/{'_'.join(path.relative_to(PACKAGES).with_suffix('').parts).lower()}.md": path
-        for path in sorted(PACKAGES.glob("spool_*/**/*.md"))
+        f"packages/{'_'.join(path.relative_to(PACKAGES).with_suffix('').parts[1:]).lower()}.md": path
+        for path in sorted(PACKAGES.glob("[as]*/spool_*/**/*.md"))
         if "vendor" not in path.parts and "test" not in path.parts
     },
 }
@@ -69,7 +69,7 @@ def commands_page() -> str:
 def messages_page() -> str:
     """Return the definitions of all messages and services."""
     parts = ["# Messages and services\n\nMade from the definitions in `spool_msgs`.\n"]
-    for path in sorted((PACKAGES / "spool_msgs").glob("*/*.[ms][sr][gv]")):
+    for path in sorted((PACKAGES / "src" / "spool_msgs").glob("*/*.[ms][sr][gv]")):
         parts.append(f"## {path.stem}\n\n```text\n{path.read_text('utf-8').strip()}\n```\n")
     return "\n".join(parts)
 

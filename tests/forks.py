@@ -34,7 +34,7 @@ from typing import IO, Any
 LOADED = (
     *("spool_sim.simulator_node", "spool_estimator.estimator_node", "spool_monitor.monitor_node"),
     *("spool_bag.recorder_node", "spool_bag.adapter_node", "spool_core.node.running"),
-    *("spool_view.page_node", "spool_view.opcua_node"),
+    *("spool_view.page_node", "spool_opcua.opcua_node"),
     *("spool_bringup.host.host_process", "spool_tools.cli", "spool_report.records.simulation"),
     *("spool_report.runs.record_replay", "spool_report.runs.gap_run"),
     *("spool_report.runs.fit_run", "spool_tools.operations.valve_trend"),

@@ -61,16 +61,26 @@ def test_the_core_alone_does_all_but_what_add_ons_do(core: Callable[..., Run], t
         done = spool(*words)
         assert done.returncode == 0, done.stderr
     assert (tmp_path / "fit.json").stat().st_size > 1000
-    refused = spool("fleet", "add", BAG, "--store", "store")
-    assert refused.returncode == 2
-    assert refused.stderr.count("\n") == 1
-    assert "add-on spool_fleet: put its folder into ros2_ws/addons" in refused.stderr
+    for name, words in {
+        "spool_fleet": ("fleet", "add", BAG, "--store", "store"),
+        "spool_opcua": ("run", "spool_view", "opcua", "--ros-args", "-p", "port:=1"),
+    }.items():
+        refused = spool(*words)
+        assert refused.returncode == 2
+        assert refused.stderr.count("\n") == 1
+        assert f"add-on {name}: put its folder into ros2_ws/addons" in refused.stderr
 
 
-def test_an_add_on_beside_the_core_brings_its_command(core: Callable[..., Run]) -> None:
+def test_the_fleet_beside_the_core_brings_its_command(core: Callable[..., Run]) -> None:
     spool = core("spool_fleet")
     assert "Add-ons" in spool("--help").stdout
     done = spool("fleet", "add", BAG.parent, "--store", "store")
     assert done.returncode == 0, done.stderr
     done = spool("fleet", "query", "--store", "store", "SELECT count(*) AS bags FROM bags")
     assert done.returncode == 0, done.stderr
+
+
+def test_the_opc_ua_server_beside_the_core_has_its_node(core: Callable[..., Run]) -> None:
+    done = core("spool_opcua")("run", "spool_view", "opcua", "--help")
+    assert done.returncode == 0, done.stderr
+    assert "security_folder" in done.stdout

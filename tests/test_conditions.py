@@ -12,9 +12,8 @@ from typing import Any
 
 import pytest
 from asyncua import Client, Node, ua
-from spool_core.opcua_folder import keep_operator
+from spool_core.opcua_folder import keep_operator, make_server, trust
 from spool_msgs.msg import AlarmList, ValveHealth
-from spool_tools.operations.opcua_certificate import make_server, trust
 
 from .conftest import PATIENCE, Process, System
 from .opcua import OPERATOR, free_port, identity, listens, secured, subscribed, until

@@ -19,14 +19,13 @@ from lifecycle_msgs.srv import GetState
 from spool_core.events.event import Event, EventState, Facts, Severity, Urgency
 from spool_core.events.language import ENGLISH
 from spool_core.node.messages import to_event_message, to_time
-from spool_core.opcua_folder import keep_operator
+from spool_core.opcua_folder import keep_operator, make_server, trust
 from spool_core.uncertainty import Quantity as Measured
 from spool_core.uncertainty import Validity
 from spool_monitor.state_database import FILE
 from spool_msgs.msg import Alarm, AlarmList, ModelEstimate, Quantity, ValveHealth
 from spool_msgs.srv import AcknowledgeAlarm, ResetAlarms, ShelveAlarm
-from spool_tools.operations.opcua_certificate import make_server, trust
-from spool_view.opcua_node import OpcUaNode
+from spool_opcua.opcua_node import OpcUaNode
 from spool_view.page_node import PageNode
 from spool_view.view import alarms_of
 

@@ -35,7 +35,7 @@ ABOUT: Mapping[str, tuple[str, ...]] = {
     "test_adapter": ("spool_bag.adapter*", "spool_core.sensor_*", "spool_core.aligner", "spool_core.rate_*"),
     "test_alarms": ("spool_monitor.alarm*", "spool_monitor.monitor_node", "spool_monitor.valve_*"),
     "test_command_line": ("spool_tools.cli", "spool_tools.command", "spool_bringup.program", "setup.*"),
-    "test_conditions": ("spool_view.opcua_*", "spool_monitor.listener", "spool_core.opcua_folder"),
+    "test_conditions": ("spool_opcua.*", "spool_monitor.listener", "spool_core.opcua_folder"),
     "test_demo": ("spool_tools.operations.demo", "spool_tools.commands.demo_command"),
     "test_play": ("spool_tools.operations.play", "spool_tools.commands.play_command"),
     "test_gap_live": ("spool_estimator.gap_*", "spool_estimator.estimator_node"),

@@ -8,9 +8,8 @@ from typing import Any
 
 import rclpy
 from rclpy.parameter import Parameter
-from spool_core.opcua_folder import keep_operator
-from spool_tools.operations.opcua_certificate import make_server
-from spool_view.opcua_node import OpcUaNode
+from spool_core.opcua_folder import keep_operator, make_server
+from spool_opcua.opcua_node import OpcUaNode
 
 
 class OpcUaLife:

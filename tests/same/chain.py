@@ -211,7 +211,7 @@ def lived(feed: list[tuple[int, str, bytes]], page: int, opcua: int) -> list[Any
     from spool_bag.recorder_node import RecorderNode  # noqa: PLC0415
     from spool_estimator.estimator_node import EstimatorNode  # noqa: PLC0415
     from spool_monitor.monitor_node import MonitorNode  # noqa: PLC0415
-    from spool_view import opcua_node  # noqa: PLC0415
+    from spool_opcua import opcua_node  # noqa: PLC0415
     from spool_view.page_node import PageNode  # noqa: PLC0415
 
     late = START + STEP - feed[0][0]

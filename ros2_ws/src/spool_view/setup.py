@@ -9,7 +9,7 @@ setup(
     name=PACKAGE,
     version=ElementTree.parse("package.xml").findtext("version"),
     packages=find_namespace_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
-    package_data={PACKAGE: ["site/*.*", "vendor/*/*"]},
+    package_data={PACKAGE: ["site/*.*"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),

@@ -16,6 +16,8 @@ OLDEST = {"pydantic": "2.0", "typer": "0.29"}
 PACKAGES = {"yaml": "PyYAML", "nptdms": "npTDMS"}
 #: Libraries of ROS 2 besides messages, which no package registry has under these names.
 ROS = ("rclpy", "ament_index_python", "launch", "launch_ros")
+#: Packages of ros2_ws/addons, which an installation may lack.
+ADD_ONS = ("spool_fleet", "spool_opcua")
 
 
 class InputError(ValueError):
@@ -23,6 +25,11 @@ class InputError(ValueError):
 
     The command line prints it as it is and exits with 2; a node refuses the transition.
     """
+
+
+def add_on_missing(name: str) -> str:
+    """Return the line for what the missing add-on ``name`` does."""
+    return f"this is in the add-on {name}: put its folder into ros2_ws/addons and call again"
 
 
 def operator_missing(given_by: str = "'who'") -> str:
@@ -68,7 +75,9 @@ def removed_folder() -> str:
 
 
 def unmet_library(error: ImportError) -> str | None:
-    """Return which library an import failed for and what to do; ``None`` for a module of the suite itself."""
+    """Return which library or add-on an import failed for and what to do; ``None`` for another own module."""
+    if error.name in ADD_ONS:
+        return add_on_missing(error.name)
     name = (error.name or "").partition(".")[0]
     if name in ROS or name.endswith(("_msgs", "_interfaces")):
         return f"this needs ROS 2 ({name} is missing): use ./spool in a checkout, or source a ROS 2"

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args, get_origin, get_type
 
 import typer
 from spool_bag import no_such_bag
-from spool_core.errors import InputError
+from spool_core.errors import InputError, add_on_missing
 from spool_report.outputs import STANDARD_OUTPUT, check_output, replace_existing, text_to_stderr
 from spool_report.requests import EXPERT, valve_names
 from typer import Typer
@@ -274,7 +274,7 @@ PASSING_ON = {"allow_extra_args": True, "ignore_unknown_options": True, "allow_i
 
 #: What to do without commands and nodes that were removed.
 GONE = {
-    "fleet": "this command is in the add-on spool_fleet: put its folder into ros2_ws/addons and call again",
+    "fleet": add_on_missing("spool_fleet"),
     "layout": "removed: open foxglove.json, lichtblick.json or plotjuggler.xml of spool_view/layouts",
     "plots": "the node was removed: plot fields of the topics estimate and health, see spool_view/layouts",
 }

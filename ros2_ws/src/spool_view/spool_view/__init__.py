@@ -1,1 +1,1 @@
-"""Running valves for people and plant systems: page, viewer layouts, OPC UA."""
+"""Running valves for people: page, viewer layouts."""

@@ -11,5 +11,5 @@ def page() -> int:
 
 
 def opcua() -> int:
-    """Run the OPC UA server's node."""
-    return start("spool_view.opcua_node", "OpcUaNode")
+    """Run the node of the OPC UA server, which is an add-on."""
+    return start("spool_opcua.opcua_node", "OpcUaNode")

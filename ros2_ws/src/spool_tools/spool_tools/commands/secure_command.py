@@ -22,7 +22,7 @@ from xml.etree import ElementTree as Xml
 
 import typer
 from spool_core.errors import InputError
-from spool_core.opcua_folder import CERTIFICATE, keep_operator
+from spool_core.opcua_folder import CERTIFICATE, keep_operator, make_server, trust
 from spool_core.system import OPEN_FLAGS
 
 from spool_tools.command import Command, Force
@@ -106,8 +106,6 @@ def secure(
 
 def _secure_opcua(folder: Path, trusted: Sequence[Path], operator: str | None) -> None:
     """Make or extend the security folder of the OPC UA server."""
-    from spool_tools.operations.opcua_certificate import make_server, trust  # noqa: PLC0415
-
     try:
         made = make_server(folder)
         print(f"{folder / CERTIFICATE}: {'made' if made else 'kept'}; clients have to trust it")

@@ -14,8 +14,8 @@ from spool_core.node.network import claimed_domain
 from spool_monitor.alarm_statistics import PEAK_SPAN
 from spool_monitor.listener import HeardValve
 from spool_msgs.msg import ModelEstimate, Quantity, ValveHealth
-from spool_view import opcua_machine
-from spool_view.opcua_machine import HEALTH, TYPES, UNITS, AlarmFigures
+from spool_opcua import machine
+from spool_opcua.machine import HEALTH, TYPES, UNITS, AlarmFigures
 
 ONE = ("valve_1", "friction_drift/coulomb_force")
 
@@ -24,8 +24,8 @@ ONE = ("valve_1", "friction_drift/coulomb_force")
 def _served() -> Iterator[Any]:
     """Yield a function that reads values of a server of ``valves`` by the names of their nodes."""
     from asyncua import Server, ua  # noqa: PLC0415 - slow to load
-    from spool_view.opcua_machine import Machine, Nameplate  # noqa: PLC0415
-    from spool_view.opcua_node import NAMESPACE, AddressSpace  # noqa: PLC0415
+    from spool_opcua.machine import Machine, Nameplate  # noqa: PLC0415
+    from spool_opcua.opcua_node import NAMESPACE, AddressSpace  # noqa: PLC0415
 
     async def made() -> tuple[Server, int, AddressSpace]:
         server = Server()
@@ -94,7 +94,7 @@ def test_the_machine_is_as_ill_as_its_worst_valve_and_moves_when_one_moves(serve
 
 def test_figures_follow_announcements_and_begin_again(monkeypatch: pytest.MonkeyPatch) -> None:
     now = 1000.0
-    monkeypatch.setattr(opcua_machine.time, "monotonic", lambda: now)
+    monkeypatch.setattr(machine.time, "monotonic", lambda: now)
     figures = AlarmFigures(_began=now)
 
     def hear(occurrence: int, *, active: bool, shown: bool | None = None) -> None:
@@ -129,7 +129,7 @@ def test_figures_follow_announcements_and_begin_again(monkeypatch: pytest.Monkey
 
 
 def test_a_server_that_starts_too_slowly_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
-    from spool_view import opcua_node  # noqa: PLC0415 - slow to load
+    from spool_opcua import opcua_node  # noqa: PLC0415 - slow to load
 
     monkeypatch.setattr(opcua_node, "START", 0.0)
     with claimed_domain() as number:
@@ -143,10 +143,10 @@ def test_a_server_that_starts_too_slowly_is_reported(monkeypatch: pytest.MonkeyP
 
 
 def test_type_files_carry_their_license() -> None:
-    import spool_view  # noqa: PLC0415
+    import spool_opcua  # noqa: PLC0415
 
     for name in TYPES:
-        path = Path(str(spool_view.__file__)).parent / "vendor" / "opcua" / f"Opc.Ua.{name}.NodeSet2.xml"
+        path = Path(str(spool_opcua.__file__)).parent / "vendor" / f"Opc.Ua.{name}.NodeSet2.xml"
         assert "OPC Foundation MIT License 1.00" in path.read_text(encoding="utf-8")[:300]
 
 

@@ -35,11 +35,11 @@ from spool_monitor.alarm import AlarmState
 from spool_monitor.event import Namur
 from spool_monitor.listener import NO_WORD, HeardValve, Listener
 from spool_msgs.msg import Alarm, Quantity
-
 from spool_view.acts import Act, Outcome, do
-from spool_view.opcua_alarms import MOST, Conditions
-from spool_view.opcua_machine import Machine, Nameplate, ends_of
-from spool_view.opcua_security import PlantServer, Security
+
+from spool_opcua.alarms import MOST, Conditions, moment
+from spool_opcua.machine import Machine, Nameplate, ends_of
+from spool_opcua.security import PlantServer, Security
 
 #: s between updates of the address space, looks for valves that joined, fetches of their health and looks
 #: at their alarms, and steps of an operator's act.
@@ -301,7 +301,7 @@ def items_of(valve: HeardValve, now: float, language: Language = ENGLISH) -> Ite
     yield Item((name, "condition"), condition.replace("_", " "), ua.StatusCodes.Good, None)
     health = valve.health
     if health is not None:
-        at = _time(health.header.stamp)
+        at = moment(health.header.stamp)
         good = ua.StatusCodes.BadNoCommunication if silent else ua.StatusCodes.Good
         for key, value in (
             ("level", int(health.level)),
@@ -313,7 +313,7 @@ def items_of(valve: HeardValve, now: float, language: Language = ENGLISH) -> Ite
         own = (health.dominant_frequency, health.amplification, health.viscous_drift, health.coulomb_drift)
         yield from _numbers(name, "health", own, at, lost=silent)
     if (estimate := valve.estimate) is not None:
-        at = _time(estimate.header.stamp)
+        at = moment(estimate.header.stamp)
         own = (*estimate.parameters, estimate.natural_frequency, estimate.damping_ratio, estimate.residual)
         yield from _numbers(name, "estimate", own, at, lost=silent)
     if valve.alarms is not None:
@@ -345,7 +345,7 @@ def _finite(value: float) -> float:
 
 
 def _alarm(place: tuple[str, ...], alarm: Alarm, language: Language, *, lost: bool) -> Iterator[Item]:
-    at = _time(alarm.header.stamp) or _time(alarm.raised_at)
+    at = moment(alarm.header.stamp) or moment(alarm.raised_at)
     quality = ua.StatusCodes.BadNoCommunication if lost else ua.StatusCodes.Good
     unknown = ua.StatusCodes.BadNoCommunication if lost else ua.StatusCodes.BadWaitingForInitialData
     event = from_event_message(alarm.event)
@@ -373,11 +373,5 @@ def _alarm(place: tuple[str, ...], alarm: Alarm, language: Language, *, lost: bo
         own = (value if known else 0.0), (quality if known else unknown)
         yield Item((*place, key), *own, at)
     began = 1e-9 * facts.began
-    moment = datetime.fromtimestamp(began, timezone.utc).isoformat(timespec="milliseconds") if began else ""
-    yield Item((*place, "began"), moment, quality, at)
-
-
-def _time(stamp: Any) -> datetime | None:
-    if not stamp.sec:
-        return None
-    return datetime.fromtimestamp(stamp.sec + 1e-9 * stamp.nanosec, timezone.utc)
+    text = datetime.fromtimestamp(began, timezone.utc).isoformat(timespec="milliseconds") if began else ""
+    yield Item((*place, "began"), text, quality, at)

@@ -108,7 +108,7 @@ class Machine:
         level = importer.level
         importer.setLevel(logging.ERROR)  # it warns of a data type of DI that nobody uses here
         for name in TYPES:
-            path = Path(__file__).with_name("vendor") / "opcua" / f"Opc.Ua.{name}.NodeSet2.xml"
+            path = Path(__file__).with_name("vendor") / f"Opc.Ua.{name}.NodeSet2.xml"
             await self._server.import_xml(path)
         importer.setLevel(level)
         self.di = await self._server.get_namespace_index(DI)
@@ -310,9 +310,6 @@ def ends_of(valve: HeardValve, parameter: str) -> tuple[float, float] | None:
     """Return the values between which the monitor does not warn of ``parameter``, where both are known."""
     low, high = (valve.bound(parameter, end) for end in ENDS)
     return None if low is None or high is None else (low, high)
-
-
-_IDS, _KIND = ua.ObjectIds, ua.VariantType
 
 
 class Figure(NamedTuple):

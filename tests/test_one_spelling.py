@@ -49,7 +49,7 @@ def published(event: Event, language: Language) -> AlarmList:
 def test_message_terminal_page_report_and_opc_ua_show_the_same_headline(
     kind: EventKind, language: Language
 ) -> None:
-    from spool_view.opcua_node import items_of  # noqa: PLC0415 - slow to load
+    from spool_opcua.opcua_node import items_of  # noqa: PLC0415 - slow to load
 
     for cause in [one.name for one in kind.causes] or [""]:
         event = raised(kind, cause)
@@ -74,8 +74,8 @@ def test_message_terminal_page_report_and_opc_ua_show_the_same_headline(
 
 def test_the_opc_ua_server_serves_the_fields_of_an_alarm() -> None:
     from asyncua import Client, Server, ua  # noqa: PLC0415 - slow to load
-    from spool_view.opcua_machine import Machine, Nameplate  # noqa: PLC0415 - slow to load
-    from spool_view.opcua_node import NAMESPACE, AddressSpace  # noqa: PLC0415 - slow to load
+    from spool_opcua.machine import Machine, Nameplate  # noqa: PLC0415 - slow to load
+    from spool_opcua.opcua_node import NAMESPACE, AddressSpace  # noqa: PLC0415 - slow to load
 
     alarms = published(raised(KINDS["friction_drift"], "wear"), LANGUAGES["en"])
 
@@ -123,7 +123,7 @@ def test_an_event_that_ended_is_shown_everywhere_as_over() -> None:
 
 
 def test_opc_ua_shows_each_alarm_by_its_name_and_the_first_of_them_by_what_their_names_begin_with() -> None:
-    from spool_view.opcua_node import items_of  # noqa: PLC0415 - slow to load
+    from spool_opcua.opcua_node import items_of  # noqa: PLC0415 - slow to load
 
     store, quantity = AlarmStore(), Quantity("coulomb_force_change", "N", 0.25, 0.007, Validity.VALID)
     for source, severity in (("coulomb_force", Severity.ALARM), ("viscous_coefficient", Severity.WARNING)):

@@ -17,15 +17,14 @@ import pytest
 from asyncua import Client, Server, ua
 from asyncua.ua.ua_binary import struct_from_binary, uatcp_to_binary
 from spool_core.events.language import ENGLISH
-from spool_core.opcua_folder import CERTIFICATE
+from spool_core.opcua_folder import CERTIFICATE, make_server
 from spool_monitor.listener import HeardValve
 from spool_msgs.msg import Alarm, AlarmList, ModelEstimate, Quantity, ValveHealth
+from spool_opcua.alarms import Conditions
+from spool_opcua.machine import Machine, Nameplate
+from spool_opcua.opcua_node import NAMESPACE, AddressSpace
+from spool_opcua.security import MOST_CONNECTIONS, PlantServer, Security
 from spool_report.outputs import package_version
-from spool_tools.operations.opcua_certificate import make_server
-from spool_view.opcua_alarms import Conditions
-from spool_view.opcua_machine import Machine, Nameplate
-from spool_view.opcua_node import NAMESPACE, AddressSpace
-from spool_view.opcua_security import MOST_CONNECTIONS, PlantServer, Security
 
 SILENCE, WEAR = "stale/acceleration", "friction_drift/coulomb_force"
 OTHER = "friction_drift/viscous_coefficient"

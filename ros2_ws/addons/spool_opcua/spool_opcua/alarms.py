@@ -25,10 +25,10 @@ from spool_monitor.detectors import event_kind
 from spool_monitor.event import Namur, Severity
 from spool_monitor.listener import NO_WORD, HeardValve
 from spool_msgs.msg import Alarm, AlarmList
-
 from spool_view.acts import ACKNOWLEDGE, RESET, SHELVE, UNSHELVE, Act, ActRefusedError, Outcome, act_of
-from spool_view.opcua_machine import Machine, below
-from spool_view.opcua_security import PlantSession, Watch
+
+from spool_opcua.machine import Machine, below
+from spool_opcua.security import PlantSession, Watch
 
 #: Numbers of DI's alarm types (OPC 10000-100, 4.12): what they are derived from, then one for each status.
 DEVICE_HEALTH = 15143
@@ -144,7 +144,7 @@ class Condition:
         The monitor's time also makes an EventId that is the same after a restart.
         """
         key = self.key()
-        said = _moment(self.alarm.header.stamp) or _moment(self.alarm.raised_at)
+        said = moment(self.alarm.header.stamp) or moment(self.alarm.raised_at)
         noticed = said is None or self.over or self.lost or key == self.shown
         self.at = datetime.now(timezone.utc) if noticed or said is None else said
         self.shown = self.shown if self.lost else key
@@ -438,7 +438,7 @@ def fields_of(
     shelved, end = state is AlarmState.SHELVED, alarm.shelved_until
     timed = shelved and end.sec
     left = max(0.0, end.sec + 1e-9 * end.nanosec - time.time()) if timed else math.nan
-    acknowledged = _moment(alarm.acknowledged_at)
+    acknowledged = moment(alarm.acknowledged_at)
     return fields | {
         "EventId": ua.Variant(condition.event_id()),
         "NodeId": ua.Variant(condition.node),
@@ -452,7 +452,7 @@ def fields_of(
         "LastSeverity": ua.Variant(condition.last_severity or condition.severity, ua.VariantType.UInt16),
         "LastSeverity/SourceTimestamp": ua.Variant(at),
         "Comment": _text(alarm.hidden_comment if alarm.hidden_by else alarm.comment),
-        "Comment/SourceTimestamp": ua.Variant(_moment(alarm.hidden_at) or acknowledged or at),
+        "Comment/SourceTimestamp": ua.Variant(moment(alarm.hidden_at) or acknowledged or at),
         "ClientUserId": ua.Variant(alarm.hidden_by or alarm.acknowledged_by),
         "InputNode": ua.Variant(ua.NodeId(), ua.VariantType.NodeId),
         "NormalState": ua.Variant(ua.NodeId(), ua.VariantType.NodeId),
@@ -512,6 +512,7 @@ def _text(words: str) -> ua.Variant:
     return ua.Variant(ua.LocalizedText(words, ENGLISH.code))
 
 
-def _moment(stamp: Any) -> datetime | None:
+def moment(stamp: Any) -> datetime | None:
+    """Return the time of a message's ``stamp``, ``None`` where it has none."""
     seconds = stamp.sec + 1e-9 * stamp.nanosec
     return datetime.fromtimestamp(seconds, timezone.utc) if seconds else None

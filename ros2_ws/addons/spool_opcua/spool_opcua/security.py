@@ -35,7 +35,6 @@ from spool_core.errors import InputError
 from spool_core.events.language import LANGUAGES, Language
 from spool_core.opcua_folder import CERTIFICATE, KEY, TRUSTED, KeptPassword, check_private, operators
 from spool_report.outputs import package_version, suite_version
-
 from spool_view.acts import WRONG, WRONG_AT_ONCE, RateLimit
 
 #: URI of this product (OPC 10000-5, 12.4).

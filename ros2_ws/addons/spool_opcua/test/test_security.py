@@ -7,9 +7,8 @@ from pathlib import Path
 
 import pytest
 from spool_core.errors import InputError
-from spool_core.opcua_folder import CERTIFICATE, KEY, OPERATORS, TRUSTED, keep_operator
-from spool_tools.operations.opcua_certificate import make_server
-from spool_view.opcua_security import Security
+from spool_core.opcua_folder import CERTIFICATE, KEY, OPERATORS, TRUSTED, keep_operator, make_server
+from spool_opcua.security import Security
 
 
 @pytest.fixture(name="folder")

@@ -1,6 +1,6 @@
 """Cost of OPC UA: processor time and memory of many valves, delay of alarms that come together.
 
-./spool python ros2_ws/src/spool_view/test/bridge/measure_conditions.py --valves 100 --alarms 8
+./spool python ros2_ws/addons/spool_opcua/test/measure_conditions.py --valves 100 --alarms 8
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from spool_core.events.language import ENGLISH
 from spool_monitor.detectors import KINDS
 from spool_monitor.listener import ENDS, HeardValve
 from spool_msgs.msg import Alarm, AlarmList, ModelEstimate, Quantity, ValveHealth
-from spool_view.opcua_alarms import Conditions
-from spool_view.opcua_machine import Machine, Nameplate
-from spool_view.opcua_node import NAMESPACE, AddressSpace
-from spool_view.opcua_security import PlantServer
+from spool_opcua.alarms import Conditions
+from spool_opcua.machine import Machine, Nameplate
+from spool_opcua.opcua_node import NAMESPACE, AddressSpace
+from spool_opcua.security import PlantServer
 
 _PAGE = os.sysconf("SC_PAGE_SIZE")
 

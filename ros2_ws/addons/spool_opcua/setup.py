@@ -1,0 +1,18 @@
+from xml.etree import ElementTree
+
+from setuptools import find_namespace_packages, setup
+
+PACKAGE = "spool_opcua"
+
+setup(
+    name=PACKAGE,
+    version=ElementTree.parse("package.xml").findtext("version"),
+    packages=find_namespace_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
+    package_data={PACKAGE: ["vendor/*"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
+        (f"share/{PACKAGE}", ["package.xml"]),
+    ],
+    zip_safe=False,
+    extras_require={"test": ["pytest"]},
+)

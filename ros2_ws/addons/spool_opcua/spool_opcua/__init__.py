@@ -1,0 +1,1 @@
+"""OPC UA server for plant systems: state and alarms of all valves."""
