@@ -50,7 +50,7 @@ def _core(tmp_path: Path) -> Callable[..., Run]:
 
 def test_the_core_alone_does_all_but_what_add_ons_do(core: Callable[..., Run], tmp_path: Path) -> None:
     spool = core()
-    assert "fleet" not in spool("--help").stdout
+    assert "Add-ons" not in spool("--help").stdout
     for words in (
         ("simulate", "--seconds", "4", "--valve", "4weh10_soft", "--out", "made"),
         ("export", BAG, "--out", "record.csv"),
@@ -61,14 +61,28 @@ def test_the_core_alone_does_all_but_what_add_ons_do(core: Callable[..., Run], t
         done = spool(*words)
         assert done.returncode == 0, done.stderr
     assert (tmp_path / "fit.json").stat().st_size > 1000
-    for name, words in {
-        "spool_fleet": ("fleet", "add", BAG, "--store", "store"),
-        "spool_opcua": ("run", "spool_view", "opcua", "--ros-args", "-p", "port:=1"),
-    }.items():
+    (tmp_path / "setups.yaml").touch()
+    for name, words in (
+        ("spool_fleet", ("fleet", "add", BAG, "--store", "store")),
+        ("spool_opcua", ("run", "spool_view", "opcua", "--ros-args", "-p", "port:=1")),
+        ("spool_design", ("what-if", "--valve", "4weh10_soft")),
+        ("spool_design", ("plan", "--question", "end_stop")),
+        ("spool_design", ("fit", "--setups", "setups.yaml", "--valve", "4weh10_soft")),
+        ("spool_design", ("export", "4weh10_soft", "--fmu", "valve.fmu")),
+    ):
         refused = spool(*words)
-        assert refused.returncode == 2
+        assert refused.returncode == 2, words
         assert refused.stderr.count("\n") == 1
         assert f"add-on {name}: put its folder into ros2_ws/addons" in refused.stderr
+    for name, call in (
+        ("spool_fleet", "fleet('store').query('SELECT 1')"),
+        ("spool_design", "what_if('4weh10_soft')"),
+        ("spool_design", "fit_setups('setups.yaml', '4weh10_soft')"),
+        ("spool_design", "export_fmu('4weh10_soft', 'valve.fmu')"),
+    ):
+        refused = spool("python", "-c", f"import spool; spool.{call}")
+        last = refused.stderr.splitlines()[-1]
+        assert last.startswith(f"spool_core.errors.InputError: this is in the add-on {name}: "), call
 
 
 def test_the_fleet_beside_the_core_brings_its_command(core: Callable[..., Run]) -> None:
@@ -84,3 +98,12 @@ def test_the_opc_ua_server_beside_the_core_has_its_node(core: Callable[..., Run]
     done = core("spool_opcua")("run", "spool_view", "opcua", "--help")
     assert done.returncode == 0, done.stderr
     assert "security_folder" in done.stdout
+
+
+def test_the_desk_tools_beside_the_core_have_their_commands_and_options(core: Callable[..., Run]) -> None:
+    spool = core("spool_design")
+    for words in (("what-if", "--valve", "4weh10_soft"), ("export", "4weh10_soft", "--fmu", "valve.fmu")):
+        done = spool(*words)
+        assert done.returncode == 0, done.stderr
+    refused = spool("fit", "--setups", "no_such.yaml", "--valve", "4weh10_soft")
+    assert (refused.returncode, "no_such.yaml" in refused.stderr) == (2, True)

@@ -12,7 +12,7 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),
     ],
-    package_data={PACKAGE: ["valves/*.yaml", "fmu/sources/*", "py.typed"]},
+    package_data={PACKAGE: ["valves/*.yaml", "py.typed"]},
     zip_safe=True,
     extras_require={"test": ["pytest"]},
     entry_points={

@@ -122,15 +122,16 @@ def fit_setups(
     Raises:
         InputError: set-ups, records, valve, model or parameters cannot be used.
     """
+    from spool_design.setups_run import SetUpsRequest, fit_setups_of  # noqa: PLC0415
     from spool_report.records.record_loading import Selection  # noqa: PLC0415 - slow to load, as below
     from spool_report.requests import FitRequest  # noqa: PLC0415
-    from spool_report.runs.setups_run import SetUpsRequest, fit_setups_of, setups_file  # noqa: PLC0415
+    from spool_sim.valve import read_mapping  # noqa: PLC0415
 
     if isinstance(setups, Mapping):
         content, where, folder = _with_paths(setups), "spool.fit_setups", Path()
     else:
         file = expanded(setups)
-        content, where, folder = setups_file(file), str(file), file.parent
+        content, where, folder = read_mapping(file, "set-ups"), str(file), file.parent
     with valve_files([valve]) as (described,):
         request = FitRequest(
             valve=described, model=str(model), free=_listed(free), fix=_listed(fix), force_free=force_free,
@@ -362,8 +363,8 @@ def what_if(
         InputError: valve, model, change or excitation cannot be used.
     """
     with valve_files([valve]) as (file,), tempfile.TemporaryDirectory() as folder:
-        from spool_report.requests import WhatIfRequest  # noqa: PLC0415
-        from spool_report.runs.what_if import what_if as predict  # noqa: PLC0415
+        from spool_design.requests import WhatIfRequest  # noqa: PLC0415
+        from spool_design.what_if import what_if as predict  # noqa: PLC0415
 
         given: object = model
         if isinstance(model, (Fit, Gap)):

@@ -431,8 +431,8 @@ def export_fmu(
     Raises:
         InputError: no such valve or model, the file exists or cannot be written, or no C compiler works here.
     """
+    from spool_design.fmu import export_fmu as write_fmu  # noqa: PLC0415 - slow to load
     from spool_report.outputs import replace_existing  # noqa: PLC0415
-    from spool_report.runs.fmu_export import export_fmu as write_fmu  # noqa: PLC0415 - slow to load
 
     replace_existing(replace)
     try:

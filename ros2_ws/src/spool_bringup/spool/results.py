@@ -19,10 +19,10 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
     from rich.console import Console
+    from spool_design.setups import FittedSetUps
+    from spool_design.what_if import WhatIf as Prediction
     from spool_report.ranking import FittedSeries, Ranking, ValidatedFit
     from spool_report.runs.record_quality import RecordQuality
-    from spool_report.runs.what_if import WhatIf as Prediction
-    from spool_report.setups import FittedSetUps
 
 #: Characters of a line of ``summary()`` and in a notebook.
 WIDTH = 120
@@ -300,13 +300,13 @@ class SetUpsFit(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """Return what ``fit --setups --json`` writes."""
-        from spool_report.setups import to_dictionary  # noqa: PLC0415
+        from spool_design.setups import to_dictionary  # noqa: PLC0415
 
         found: dict[str, Any] = as_json(to_dictionary(self._found))
         return found
 
     def _print(self, console: Console) -> None:
-        from spool_report.setups import print_setups  # noqa: PLC0415
+        from spool_design.setups import print_setups  # noqa: PLC0415
 
         print_setups(self._found, console)
 
@@ -314,7 +314,7 @@ class SetUpsFit(Result):
         if self.reason is not None:
             raise InputError(f"no result to save as a page: {self.reason}")
         with keeping_backend():
-            from spool_report.setups_page import setups_page  # noqa: PLC0415
+            from spool_design.setups_page import setups_page  # noqa: PLC0415
 
             return setups_page(self._found)
 
@@ -468,17 +468,17 @@ class WhatIf(Result):
     def plot(self) -> Picture:
         """Return amplitude ratio and stroke over frequency, today and after the change."""
         with keeping_backend():
-            from spool_report.what_if_page import response_figure  # noqa: PLC0415
+            from spool_design.what_if_page import response_figure  # noqa: PLC0415
 
             return Picture(response_figure(self._found))
 
     def _print(self, console: Console) -> None:
-        from spool_report.runs.what_if import print_what_if  # noqa: PLC0415
+        from spool_design.what_if import print_what_if  # noqa: PLC0415
 
         print_what_if(self._found, console)
 
     def _page(self) -> str:
         with keeping_backend():
-            from spool_report.what_if_page import what_if_page  # noqa: PLC0415
+            from spool_design.what_if_page import what_if_page  # noqa: PLC0415
 
             return what_if_page(self._found)

@@ -12,7 +12,7 @@ import pkgutil
 from types import ModuleType
 from typing import Any, TypeVar
 
-from spool_core.errors import InputError
+from spool_core.errors import InputError, add_on_missing
 
 Found = TypeVar("Found")
 
@@ -65,3 +65,16 @@ def modules_of(package: str, suffix: str = "") -> list[ModuleType]:
                 f"({type(error).__name__}: {error}): repair or uninstall {name}"
             ) from error
     return found
+
+
+def from_add_on(package: str, name: str) -> Any:
+    """Return what the add-on ``package`` offers as the entry point ``name`` of the group of its name.
+
+    Raises:
+        InputError: the add-on is missing.
+    """
+    from importlib.metadata import entry_points  # noqa: PLC0415 - as above
+
+    for entry in entry_points(group=package, name=name):
+        return entry.load()
+    raise InputError(add_on_missing(package))

@@ -203,51 +203,6 @@ class GapRequest:
 
 
 @dataclass(frozen=True, slots=True)
-class WhatIfRequest:
-    """Change and excitation to predict the response for."""
-
-    valve: ShippedValve
-    model: Annotated[
-        str | None,
-        typer.Option(
-            help="Model: its name or a YAML file; a file of fit or gap gives intervals. Default: fluid.",
-            autocompletion=model_names,
-        ),
-    ] = None
-    spring_stiffness: Annotated[float | None, typer.Option(help="Other springs, N/m, both together.")] = None
-    changed: Annotated[
-        Sequence[str],
-        typer.Option("--set", help="Other value of a parameter, SI units: mass=0.2; repeatable."),
-    ] = ()
-    oil: Annotated[str | None, typer.Option(help="Other oil by its name, e.g. HL68 or 'ISO VG 46'.")] = None
-    oil_temperature: Annotated[float | None, typer.Option(help="Other oil temperature, deg C.")] = None
-    mount_frequency: Annotated[
-        float | None, typer.Option(help="Natural frequency of an isolating mount of the valve, Hz.")
-    ] = None
-    mount_damping: Annotated[float | None, typer.Option(help="Damping ratio of that mount.")] = None
-    excitation: Annotated[
-        str | None,
-        typer.Option(
-            help="Preset or YAML file of sines or machine orders, in place of the options below.",
-            autocompletion=excitation_names,
-        ),
-    ] = None
-    amplitude: Annotated[
-        float | None, typer.Option(help="Peak acceleration of the machine, m/s^2; default: 10.")
-    ] = None
-    frequency_range: Annotated[
-        str | None,
-        typer.Option(help="Frequencies to show, Hz; default: around the resonances.", metavar="LOW:HIGH"),
-    ] = None
-    speed_range: Annotated[
-        str | None, typer.Option(help="Speeds of engine or pump, rev/min.", metavar="LOW:HIGH")
-    ] = None
-    orders: Annotated[
-        str | None, typer.Option("--order", help="Orders of engine or pump, e.g. 1,2,9.", metavar="N,...")
-    ] = None
-
-
-@dataclass(frozen=True, slots=True)
 class SimulationSettings:
     """Record to simulate."""
 

@@ -148,35 +148,6 @@ class Model:
             _ = valve.viscous_coefficient  # raises what is missing
         return found
 
-    def to_fmu(
-        self, valve: Valve | None = None, *, fmi: int = 3, notes: Mapping[str, str] | None = None
-    ) -> bytes:
-        """Return the file of an FMU (Co-Simulation) of the model; see docs/fmu.md for its variables.
-
-        Args:
-            valve: gives the values that the model does not state, and the drag over the oil's temperature.
-            fmi: version of the standard, 2 or 3.
-            notes: by parameter, what is known about its value, for the description.
-
-        Raises:
-            InputError: values are missing without a valve, or the model cannot be compiled here.
-        """
-        from spool_sim.fmu.unit import fmu_content  # noqa: PLC0415 - numba
-
-        if valve is None:
-            missing = [
-                one.name for one in self.parameters if one.valve_attribute and one.name not in self.values
-            ]
-            if missing:
-                raise InputError(
-                    f"model '{self.name}': {', '.join(missing)}: not stated; export a valve with this model: "
-                    f"./spool export VALVE --model MODEL --fmu FILE.fmu"
-                )
-            values = {one.name: float(self.values.get(one.name, one.start)) for one in self.parameters}
-        else:
-            values = self.true_values_for(valve)
-        return fmu_content(self.name, self.terms, values, valve, fmi=fmi, notes=notes or {})
-
 
 FLUID: tuple[str, ...] = ("inertia", "spring", "viscous_friction")
 EFFECTS: tuple[str, ...] = (

@@ -275,6 +275,8 @@ PASSING_ON = {"allow_extra_args": True, "ignore_unknown_options": True, "allow_i
 #: What to do without commands and nodes that were removed.
 GONE = {
     "fleet": add_on_missing("spool_fleet"),
+    "plan": add_on_missing("spool_design"),
+    "what-if": add_on_missing("spool_design"),
     "layout": "removed: open foxglove.json, lichtblick.json or plotjuggler.xml of spool_view/layouts",
     "plots": "the node was removed: plot fields of the topics estimate and health, see spool_view/layouts",
 }

@@ -13,6 +13,10 @@ from spool_tools.cli import app, main
 from spool_tools.command import OPTION_PANELS, command_modules, declaration
 from typer.main import get_command
 
+HERE = Path(__file__).resolve()
+#: Tables of commands: of this package, and of the add-ons that have one.
+READMES = [HERE.parents[1] / "README.md", *HERE.parents[3].glob("addons/spool_design/README.md")]
+
 
 @pytest.fixture(scope="module", name="group")
 def _group() -> Any:
@@ -83,9 +87,10 @@ def test_a_command_of_research_says_that_it_needs_a_checkout(
     assert main(["info", "--help"]) == 0
 
 
-def test_the_readme_shows_commands_as_they_are_parsed(group: Any) -> None:
+@pytest.mark.parametrize("readme", READMES, ids=lambda path: path.parent.name)
+def test_the_readme_shows_commands_as_they_are_parsed(group: Any, readme: Path) -> None:
     """The README's commands and the table below them name what there is, with options that exist."""
-    text = (Path(__file__).resolve().parent.parent / "README.md").read_text(encoding="utf-8")
+    text = readme.read_text(encoding="utf-8")
     lines = [line.split()[1:] for line in text.splitlines() if line.startswith("./spool ")]
     assert lines
     for words in lines:

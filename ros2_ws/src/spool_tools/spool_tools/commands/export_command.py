@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from spool_core.discovery import from_add_on
 from spool_core.errors import InputError
 from spool_core.text import printable
 from spool_report.outputs import making_room
@@ -62,9 +63,7 @@ def export(
             raise InputError(
                 "--fmu: a valve or a model has no --name, --since, --until, --around: leave them out"
             )
-        from spool_report.runs.fmu_export import export_fmu  # noqa: PLC0415 - slow to load
-
-        print(export_fmu(source, fmu, model, 3 if fmi is None else fmi))
+        print(from_add_on("spool_design", "fmu")(source, fmu, model, 3 if fmi is None else fmi))
         return
     assert out is not None
     if model is not None or fmi is not None:

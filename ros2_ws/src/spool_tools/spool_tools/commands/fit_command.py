@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from spool_core.discovery import from_add_on
 from spool_core.errors import InputError
 from spool_report.outputs import ResultFiles
 from spool_report.requests import FitRequest
@@ -46,10 +47,8 @@ def fit(
     cli.refuse_missing(*request.records)
     files = ResultFiles(json, report, save_model, out)
     if setups is not None:
-        from spool_report.runs.setups_run import SetUpsRequest, run_setups, setups_file  # noqa: PLC0415
-
-        together = SetUpsRequest(setups_file(setups), str(setups), setups.parent, request)
-        raise typer.Exit(run_setups(together, part.selection(), files))
+        run_setups = from_add_on("spool_design", "setups")
+        raise typer.Exit(run_setups(setups, request, part.selection(), files))
     from spool_report.runs.fit_run import run_fit  # noqa: PLC0415
 
     raise typer.Exit(run_fit(request, part.selection(), files))

@@ -1,4 +1,4 @@
-"""Functional Mock-up Unit (FMI 2.0 or 3.0, Co-Simulation) of a model with its values.
+"""`./spool export --fmu`: Functional Mock-up Unit (FMI 2.0 or 3.0, Co-Simulation) of a model with its values.
 
 The archive holds the description, a shared library for this machine, and its C sources for others. Neither
 needs Python.
@@ -23,15 +23,29 @@ from xml.etree import ElementTree
 
 import numpy as np
 from spool_core.errors import InputError
-
-from spool_sim.fmu.c_source import model_source
+from spool_core.system import expanded
+from spool_report.outputs import check_output, write_file
 from spool_sim.integration.composed_motion import substeps_for
 from spool_sim.integration.composition import unique_parameters
 from spool_sim.lubrication import STEP, OilTable
+from spool_sim.model import MODELS, Model, load_model
 from spool_sim.terms import Parameter, Term
-from spool_sim.valve import HIGHEST_TEMPERATURE, LOWEST_TEMPERATURE, Valve
+from spool_sim.valve import (
+    HIGHEST_TEMPERATURE,
+    LOWEST_TEMPERATURE,
+    Valve,
+    find_valve,
+    read_mapping,
+    shipped_valves,
+)
+
+from spool_design.c_source import model_source
 
 VERSIONS = (2, 3)
+#: Model of a valve where none is named: that of ``simulate``.
+DEFAULT_MODEL = "coulomb"
+#: A line that ``save_model`` writes: name, value, unit, and what is known about the value.
+_NOTED = re.compile(r"  (\w+): \S+  # [^,]+, (.+)")
 #: Internal steps in one that the stiffest rate allows: the error of the motion falls by 4^4, below 1e-8 where
 #: nothing bends sharply, and parameters may become 100 times stiffer.
 FINER = 4
@@ -72,35 +86,80 @@ class Variable:
     high: float | None = None
 
 
-def fmu_content(
-    model: str,
-    terms: Sequence[Term],
-    values: Mapping[str, float],
-    valve: Valve | None,
-    *,
-    fmi: int,
-    notes: Mapping[str, str],
-) -> bytes:
-    """Return the file of an FMU.
+def export_fmu(source: str, out: Path, model: str | None = None, fmi: int = 3) -> str:
+    """Write the FMU ``out`` and return what it holds, in a line.
 
     Args:
-        model: its name.
-        terms: of the model.
-        values: of all parameters, in their units.
-        valve: gives the name and, where it names its oil, the drag over the oil's temperature.
+        source: valve (name or YAML file), or model (YAML file) that states all values.
+        out: file to write.
+        model: of a valve, name or YAML file; default: ``DEFAULT_MODEL``.
+        fmi: version of the standard, 2 or 3.
+
+    Raises:
+        InputError: valve or model cannot be used, the file exists, or no C compiler works here.
+    """
+    if out.suffix != ".fmu":
+        raise InputError(f"--fmu {out}: an FMU is a file .fmu: change the ending")
+    check_output(out, "--fmu")
+    valve: Valve | None = None
+    if source not in shipped_valves() and (
+        source in MODELS or (expanded(source).is_file() and "terms" in read_mapping(source, "valve"))
+    ):
+        if model is not None:
+            raise InputError(f"--model {model}: {source} is a model itself: name a valve in its place")
+        acting = source
+    else:
+        valve, acting = find_valve(source), model or DEFAULT_MODEL
+    found = load_model(acting)
+    write_file(out, fmu_content(found, valve, fmi, _notes(found, acting)), "--fmu")
+    named = found.name if valve is None else f"{valve.id} with the model {found.name}"
+    missing = "; no input oil_temperature, as no oil is named"
+    oil = "" if valve is not None and valve.oil_ratio_known else missing
+    return f"{out}: FMI {fmi}.0 Co-Simulation of {named}, {len(found.parameters)} parameters{oil}"
+
+
+def _notes(model: Model, path: str) -> dict[str, str]:
+    """Return what a model file notes about the values, by parameter: the 95 % interval, or held."""
+    if path in MODELS:
+        return {}
+    lines = expanded(path).read_text(encoding="utf-8").splitlines()
+    noted = {match[1]: match[2] for match in map(_NOTED.fullmatch, lines) if match is not None}
+    return {one.name: noted[one.name] for one in model.parameters if one.name in noted}
+
+
+def fmu_content(model: Model, valve: Valve | None, fmi: int, notes: Mapping[str, str]) -> bytes:
+    """Return the file of an FMU; see docs/fmu.md for its variables.
+
+    Args:
+        model: its terms and values.
+        valve: gives the name, the values that the model does not state and, where it names its oil, the drag
+            over the oil's temperature.
         fmi: version of the standard, 2 or 3.
         notes: by parameter, what is known about its value, for the description.
 
     Raises:
-        InputError: unknown version, a law that has no translation to C, or no compiler.
+        InputError: values are missing without a valve, unknown version, a law that has no translation to C,
+            or no compiler.
     """
+    if valve is None:
+        missing = [
+            one.name for one in model.parameters if one.valve_attribute and one.name not in model.values
+        ]
+        if missing:
+            raise InputError(
+                f"model '{model.name}': {', '.join(missing)}: not stated; export a valve with this model: "
+                f"./spool export VALVE --model MODEL --fmu FILE.fmu"
+            )
+        values = {one.name: float(model.values.get(one.name, one.start)) for one in model.parameters}
+    else:
+        values = model.true_values_for(valve)
     if fmi not in VERSIONS:
         raise InputError(f"--fmi {fmi}: use 2 or 3")
     oil = valve if valve is not None and valve.oil_ratio_known else None
-    variables = _variables(terms, values, oil, notes)
-    name = f"{valve.id}, {model}" if valve is not None else model
+    variables = _variables(model.terms, values, oil, notes)
+    name = f"{valve.id}, {model.name}" if valve is not None else model.name
     identifier = re.sub(r"\W", "_", f"valve_{name}", flags=re.ASCII)[:80]
-    source = _model_header(terms, variables, oil)
+    source = _model_header(model.terms, variables, oil)
     token = hashlib.sha256(f"{source}{variables}".encode()).hexdigest()[:32]
     folder = Path(__file__).parent / "sources"
     main = f"fmi{fmi}.c"

@@ -16,7 +16,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from spool_core.errors import InputError
-
 from spool_sim.integration.composition import kernel_source, unique_parameters
 from spool_sim.terms import Term
 

@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from spool_design.record_plan import QUESTIONS, TOLD, Plan, coulomb_friction, travel
 from spool_sim.excitation import load_excitation
 from spool_sim.model import load_model
 from spool_sim.valve import find_valve, valve_from_mapping
 from spool_tools.cli import main
-from spool_tools.operations.record_plan import QUESTIONS, TOLD, Plan, coulomb_friction, travel
 
 STEADY = "kind: steady_sine\nfrequency: 30.0\namplitude: 10.0\n"
 

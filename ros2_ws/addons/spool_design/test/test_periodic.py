@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from spool_design.frequency_response import SineResponse, sine_response
 from spool_sim.excitation import SteadySine
 from spool_sim.integration.composed_motion import ComposedMotion
-from spool_sim.integration.periodic import SineResponse, sine_response
 from spool_sim.model import load_model
 from spool_sim.simulator import Simulator
 from spool_sim.valve import find_valve

@@ -32,6 +32,8 @@ from spool_sim.simulator import Simulator
 from spool_sim.terms import term
 from spool_sim.valve import FILM, Valve, find_valve
 
+from spool_design.requests import PlanRequest
+
 #: s: longer records cost minutes.
 LONGEST = 600.0
 #: Ranges that accelerometers come in, g, and how far above the largest sample of a plan one is chosen.
@@ -300,41 +302,36 @@ USUAL = ("coulomb_friction", "stribeck_friction", "quadratic_damping", "cubic_st
 RANGE, SHARE_HALVINGS = 5.0, 24
 
 
-def plan_record(
-    valve: str,
-    name: str,
-    excitation: str,
-    seconds: float,
-    sample_rate: float,
-    noise: float,
-    seed: int,
-    effects: Sequence[str],
-    json: Path | None,
-) -> int:
+def plan_record(request: PlanRequest, json: Path | None) -> int:
     """Say what a record as planned would tell; return 1 where it would tell nothing of the question.
 
     Raises:
         InputError: valve, question, excitation or numbers cannot be used.
     """
-    ask = None if name == WHICH_EFFECT else question(name)
-    described = find_valve(valve)
-    check_plan(Analysis.GAP if ask is None else Analysis.ESTIMATE, seconds, sample_rate, described)
-    plan = Plan(described, find_excitation(excitation), seconds, sample_rate, noise, seed)
+    if request.question is None:
+        raise InputError("--question: name one")
+    if request.question not in (*QUESTIONS, WHICH_EFFECT):
+        known = f"{', '.join(QUESTIONS)}, {WHICH_EFFECT}"
+        raise InputError(f"--question {request.question}: unknown; known: {known}")
+    ask, effects = QUESTIONS.get(request.question), request.effect or USUAL
+    valve, seconds, sample_rate = find_valve(request.valve), request.seconds, request.sample_rate
+    check_plan(Analysis.GAP if ask is None else Analysis.ESTIMATE, seconds, sample_rate, valve)
+    plan = Plan(valve, find_excitation(request.excitation), seconds, sample_rate, request.noise, request.seed)
     quiet, noisy = (plan.record(load_model("fluid"), {}, noisy=one) for one in (False, True))
     unseen = "".join(noisiness(noisy, noise_of(noisy.body, noisy.spool, noisy.sample_rate)))
     answer, found = Answer(), list[Named]()
-    with progress(f"planning {name}", 1.0, steady=False) as advance:
-        if float(np.sqrt(np.mean((quiet.spool - quiet.body) ** 2))) <= noise:
+    with progress(f"planning {request.question}", 1.0, steady=False) as advance:
+        if float(np.sqrt(np.mean((quiet.spool - quiet.body) ** 2))) <= plan.noise:
             less = "this excitation moves the spool by less than the sensors' noise"
             answer, unseen = Answer(reason=unseen or less), ""
         elif ask is not None:
             answer = ask(plan)
         else:
-            for one in named_effects(plan, effects or USUAL):
+            for one in named_effects(plan, effects):
                 found.append(one)
-                advance(1.0 / (len(effects or USUAL) * len(SHARES)))
+                advance(1.0 / (len(effects) * len(SHARES)))
     answer = replace(answer, notes=(*answer.notes, unseen)) if unseen else answer
-    result = _dictionary(plan, valve, name, excitation, quiet, answer, found)
+    result = _dictionary(request, quiet, answer, found)
     if json is not None:
         write_json(json, result)
     _show(result, answer, found)
@@ -354,17 +351,6 @@ def check_plan(analysis: Analysis, seconds: float, sample_rate: float, valve: Va
     if short:
         raise InputError(f"--seconds {seconds:g}: {short}")
     check_rate(f"--sample-rate {sample_rate:g}", sample_rate, valve)
-
-
-def question(name: str) -> Callable[[Plan], Answer]:
-    """Return what answers the question ``name``.
-
-    Raises:
-        InputError: there is none of that name.
-    """
-    if name not in QUESTIONS:
-        raise InputError(f"--question {name}: unknown; known: {', '.join(QUESTIONS)}, {WHICH_EFFECT}")
-    return QUESTIONS[name]
 
 
 @dataclass(frozen=True, slots=True)
@@ -411,18 +397,18 @@ def named_effects(plan: Plan, effects: Sequence[str]) -> Iterator[Named]:
 
 
 def _dictionary(
-    plan: Plan, valve: str, name: str, excitation: str, quiet: Record, answer: Answer, found: Sequence[Named]
+    request: PlanRequest, quiet: Record, answer: Answer, found: Sequence[Named]
 ) -> dict[str, Any]:
     truth = answer.truth or {}
     peaks = {channel: float(np.max(np.abs(getattr(quiet, channel)))) for channel in ("body", "spool")}
     return {
-        "question": name,
-        "valve": valve,
+        "question": request.question,
+        "valve": request.valve,
         "plan": {
-            "seconds": plan.seconds,
-            "sample_rate_Hz": plan.sample_rate,
-            "noise": plan.noise,
-            "excitation": excitation,
+            "seconds": request.seconds,
+            "sample_rate_Hz": request.sample_rate,
+            "noise": request.noise,
+            "excitation": request.excitation,
         },
         "parameters": {one.name: {"truth": truth.get(one.name), **as_json(one)} for one in answer.parameters},
         "determined": by_name(answer.determinations),

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 from spool_core.errors import InputError
-from spool_sim.fmu.c_source import Translation
+from spool_design.c_source import Translation
 from spool_sim.terms import TERMS
 from spool_sim.terms.base import LAWS
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from rich.console import Console
 from spool_report.outputs import write_file, write_json
-from spool_report.requests import WhatIfRequest
 from spool_report.terminal import warn
-
 from spool_tools import command as cli
 from spool_tools.command import Command
+
+from spool_design.requests import WhatIfRequest
 
 
 def what_if(
@@ -23,8 +23,8 @@ def what_if(
 
     Example: ./spool what-if --valve 4weh10_soft --model coulomb --mount-frequency 6 --mount-damping 0.1
     """
-    from spool_report.runs.what_if import print_what_if  # noqa: PLC0415 - slow to load
-    from spool_report.runs.what_if import what_if as predict  # noqa: PLC0415 - slow to load
+    from spool_design.what_if import print_what_if  # noqa: PLC0415 - slow to load
+    from spool_design.what_if import what_if as predict  # noqa: PLC0415 - slow to load
 
     found = predict(request)
     for note in found.notes:
@@ -33,10 +33,10 @@ def what_if(
     if json is not None:
         write_json(json, found)
     if report is not None:
-        from spool_report.what_if_page import what_if_page  # noqa: PLC0415 - matplotlib is needed here only
+        from spool_design.what_if_page import what_if_page  # noqa: PLC0415 - matplotlib is needed here only
 
         write_file(report, what_if_page(found), "--report")
         print(f"{report}: pictures and tables")
 
 
-COMMAND = Command(what_if, place=305, line="response with other springs, oil, mass or mount")
+COMMAND = Command(what_if, place=410, line="response with other springs, oil, mass or mount")

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-from spool_report.runs.frequency_response import Curve, bounds, changes_of
+from spool_design.frequency_response import Curve, bounds, changes_of
 
 
 def test_of_a_thousand_draws_25_lie_beyond_each_end_of_the_95_percent_interval() -> None:

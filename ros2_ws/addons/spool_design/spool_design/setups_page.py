@@ -9,13 +9,12 @@ from matplotlib.figure import Figure
 from spool_core.uncertainty import LEGEND, Z_95
 from spool_estimator.identification.determination import sentences
 from spool_estimator.identification.fit_result import STOPPED_EARLY
-
 from spool_report import fit_page as pictures
 from spool_report import page as html
-from spool_report import setups as tables
 from spool_report.evidence.exhibit import DARK, STYLES, WIDTH
 from spool_report.outputs import sources
-from spool_report.setups import FittedSetUps
+
+from spool_design import setups as tables
 
 CAPTION = (
     "95 % interval of each parameter over its value: from all set-ups together (thick), and from each set-up "
@@ -23,7 +22,7 @@ CAPTION = (
 )
 
 
-def setups_page(found: FittedSetUps) -> str:
+def setups_page(found: tables.FittedSetUps) -> str:
     """Return the page of a joint fit that has a result."""
     joint = found.joint
     doubts = [f"{one.name}: {doubt}" for one in found.data for doubt in one.doubts]
@@ -63,7 +62,7 @@ def setups_page(found: FittedSetUps) -> str:
     return html.page(title, sections, sources(records, found.valve))
 
 
-def interval_figure(found: FittedSetUps) -> Figure:
+def interval_figure(found: tables.FittedSetUps) -> Figure:
     """Return the interval of each parameter over its value: together, and from each set-up alone."""
     known = [one for one in found.joint.parameters if math.isfinite(one.value) and one.value != 0.0]
     lines = 1 + len(found.setups)

@@ -15,13 +15,12 @@ from spool_core.uncertainty import LEGEND, PLUS_MINUS, by_name, interval, number
 from spool_estimator.identification.determination import IDENTIFIABLE, ONE_SIDED, Determination, sentences
 from spool_estimator.identification.fit_result import SPOOL_DELAY, SPOOL_GAIN
 from spool_estimator.identification.setups import JointFit
-from spool_sim.model import Model
-from spool_sim.valve import Number, Valve, one_line, valve_from_mapping
-
 from spool_report import fit_tables
 from spool_report.ranking import ValidatedFit, natural_frequency
 from spool_report.records.record_loading import FitData
 from spool_report.terminal import Table
+from spool_sim.model import Model
+from spool_sim.valve import Number, Valve, one_line, valve_from_mapping
 
 #: Fewer set-ups are what `fit` without `--setups` takes.
 LEAST = 2

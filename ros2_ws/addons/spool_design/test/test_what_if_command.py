@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 from spool_core.numbers import Array
 from spool_core.uncertainty import Quantity
+from spool_design.requests import WhatIfRequest
+from spool_design.what_if import WhatIf, what_if
 from spool_report.fit_tables import save_model
-from spool_report.runs.what_if import WhatIf, WhatIfRequest, what_if
 from spool_sim.model import load_model
 from spool_sim.valve import Valve, find_valve
 from spool_tools.cli import main

@@ -10,17 +10,17 @@ from typing import Any
 from rich.console import Console
 from spool_core.errors import InputError
 from spool_estimator.identification.setups import SetUp, fit_setups
-from spool_report import setups as tables
 from spool_report.fit_tables import LONGEST_NAME, save_model
 from spool_report.outputs import ResultFiles, check_output, write_file, write_json
 from spool_report.ranking import validated
 from spool_report.records.record_loading import FitData, Selection, load_data
 from spool_report.requests import FitRequest
 from spool_report.runs.fit_run import fit_settings
-from spool_report.setups import DescribedSetUp, FittedSetUps, read_setups
 from spool_report.terminal import progress, warn
 from spool_sim.model import load_model
 from spool_sim.valve import Valve, find_valve, read_mapping
+
+from spool_design.setups import DescribedSetUp, FittedSetUps, print_setups, read_setups, to_dictionary
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,43 +40,35 @@ class SetUpsRequest:
     fit: FitRequest
 
 
-def run_setups(request: SetUpsRequest, selection: Selection, outputs: ResultFiles) -> int:
-    """Fit a model to set-ups and report the result; return 1 if there is none.
+def run_setups(file: Path, fit: FitRequest, selection: Selection, outputs: ResultFiles) -> int:
+    """Fit a model to the set-ups of ``file`` and report the result; return 1 if there is none.
 
     Raises:
         InputError: the file of the set-ups, records, valve, model or parameters cannot be used.
     """
-    load_model(request.fit.model)  # refused before the files are made
+    request = SetUpsRequest(read_mapping(file, "set-ups"), str(file), file.parent, fit)
+    load_model(fit.model)  # refused before the files are made
     wanted = outputs.within("fit", model=True)
     found = fit_setups_of(request, selection)
     for one in found.data:
         for doubt in one.doubts:
             warn(f"{one.name}: {doubt}")
     if wanted.json is not None:
-        write_json(wanted.json, tables.to_dictionary(found))
+        write_json(wanted.json, to_dictionary(found))
     console = Console()
-    tables.print_setups(found, console)
+    print_setups(found, console)
     if found.joint.reason is not None:
         return 1
     if wanted.model is not None:
         for path in save_models(wanted.model, found):
             print(f"{path}: the fitted model")
     if wanted.report is not None:
-        from spool_report.setups_page import setups_page  # noqa: PLC0415 - matplotlib is needed here only
+        from spool_design.setups_page import setups_page  # noqa: PLC0415 - matplotlib is needed here only
 
         with progress("drawing"):
             write_file(wanted.report, setups_page(found), "--report")
         print(f"{wanted.report}: pictures and tables")
     return 0
-
-
-def setups_file(path: Path) -> dict[str, Any]:
-    """Return the content of a file of set-ups.
-
-    Raises:
-        InputError: it cannot be read as YAML.
-    """
-    return read_mapping(path, "set-ups")
 
 
 def fit_setups_of(request: SetUpsRequest, selection: Selection) -> FittedSetUps:

@@ -13,14 +13,15 @@ from spool_core.errors import InputError
 from spool_core.numbers import Array
 from spool_core.uncertainty import exact, named, number, percent, unit_text
 from spool_report.records.simulation import find_excitation
-from spool_report.requests import WhatIfRequest
-from spool_report.runs import frequency_response as sines
-from spool_report.runs.frequency_response import Condition, Drive, Response, curve_of
 from spool_report.terminal import Table, progress
 from spool_sim.excitation import MachineOrders, SteadySine, SteppedSine, SweptSine
 from spool_sim.integration.composed_motion import ComposedMotion
 from spool_sim.model import Model, load_model
 from spool_sim.valve import DENSITY, OILS, Valve, find_valve, known_oil
+
+from spool_design import frequency_response as sines
+from spool_design.frequency_response import Condition, Drive, Response, curve_of
+from spool_design.requests import WhatIfRequest
 
 #: Model of a valve without a model file: a description states mass, springs and film, and no dry friction.
 DEFAULT_MODEL = "fluid"

@@ -7,11 +7,11 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 from spool_core.uncertainty import exact, number
-
 from spool_report import page as html
 from spool_report.evidence.exhibit import AFTER, BEFORE, DARK, DASHED, MEASURED, STYLES, WIDTH, plain
-from spool_report.runs import what_if as work
-from spool_report.runs.frequency_response import LIMIT, Response
+
+from spool_design import what_if as work
+from spool_design.frequency_response import LIMIT, Response
 
 RATIO = (
     "Spool acceleration over the machine's; 1: the spool moves as the machine does. Bands: 95 % interval. "

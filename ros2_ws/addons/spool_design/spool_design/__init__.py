@@ -1,0 +1,1 @@
+"""Desk tools: changed conditions, planned records, records of several set-ups, export as FMU."""
