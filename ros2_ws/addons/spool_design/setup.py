@@ -13,7 +13,6 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),
     ],
-    zip_safe=True,
     extras_require={"test": ["pytest"]},
     entry_points={
         "spool.commands": ["spool_design = spool_design"],

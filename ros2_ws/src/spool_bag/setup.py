@@ -13,7 +13,6 @@ setup(
         (f"share/{PACKAGE}", ["package.xml"]),
     ],
     package_data={PACKAGE: ["importing/*.yaml"]},
-    zip_safe=True,
     extras_require={"test": ["pytest"]},
     entry_points={
         "console_scripts": ["recorder = spool_bag.program:recorder", "adapter = spool_bag.program:adapter"],

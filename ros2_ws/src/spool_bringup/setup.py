@@ -18,7 +18,6 @@ setup(
             ["config/valve.yaml", "config/valves.yaml", "config/diagnostic_aggregator.yaml"],
         ),
     ],
-    zip_safe=True,
     extras_require={"test": ["pytest"]},
     entry_points={
         "console_scripts": ["spool = spool_bringup.program:main", "host = spool_bringup.host.program:main"]

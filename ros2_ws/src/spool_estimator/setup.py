@@ -12,7 +12,6 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),
     ],
-    zip_safe=True,
     extras_require={"test": ["pytest"]},
     entry_points={"console_scripts": ["estimator = spool_estimator.program:main"]},
 )

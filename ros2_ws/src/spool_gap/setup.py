@@ -12,7 +12,6 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),
     ],
-    zip_safe=True,
     extras_require={"test": ["pytest"]},
     # What the estimator asks for while a stream is live: it stands below this package and imports none of it.
     entry_points={

@@ -13,7 +13,6 @@ setup(
         (f"share/{PACKAGE}", ["package.xml"]),
     ],
     package_data={PACKAGE: ["valves/*.yaml", "py.typed"]},
-    zip_safe=True,
     extras_require={"test": ["pytest"]},
     entry_points={
         "console_scripts": ["simulator = spool_sim.program:main"],

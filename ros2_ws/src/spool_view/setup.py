@@ -15,7 +15,6 @@ setup(
         (f"share/{PACKAGE}", ["package.xml"]),
         (f"share/{PACKAGE}/layouts", glob("layouts/*")),
     ],
-    zip_safe=False,
     extras_require={"test": ["pytest"]},
     entry_points={
         "console_scripts": ["page = spool_view.program:page", "opcua = spool_view.program:opcua"],
