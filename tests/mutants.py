@@ -42,8 +42,9 @@ from spool_evaluation.results.stale import loaded_by
 from spool_report.outputs import suite_version
 
 ROOT = Path(__file__).resolve().parent.parent
-SOURCE = ROOT / "ros2_ws" / "src"
-PACKAGES = tuple(sorted({path.parts[-3] for path in SOURCE.glob("spool_*/spool*/__init__.py")}))
+WORKSPACE = ROOT / "ros2_ws"
+FOLDERS = {path.parent.name: path.parent for path in WORKSPACE.glob("[as]*/spool_*/setup.py")}
+PACKAGES = tuple(sorted(FOLDERS))
 #: Modules that users' results come from: results pass through whatever these import.
 RESULTS = re.compile(r"spool_tools\.commands\.(replay|fit|gap|check)_command|spool_[\w.]+_node")
 #: s that a test takes whose time is unknown; of live nodes and of others.
@@ -79,7 +80,7 @@ OPERATORS = {
 
 def module_of(path: Path) -> str:
     """Return the name that a module of the sources is imported by."""
-    return ".".join(path.relative_to(SOURCE).with_suffix("").parts[1:]).removesuffix(".__init__")
+    return ".".join(path.relative_to(WORKSPACE).with_suffix("").parts[2:]).removesuffix(".__init__")
 
 
 @dataclass(frozen=True)
@@ -96,7 +97,7 @@ class Mutant:
     @property
     def package(self) -> str:
         """The ROS package that it lies in."""
-        return self.path.relative_to(SOURCE).parts[0]
+        return self.path.relative_to(WORKSPACE).parts[1]
 
     @property
     def place(self) -> str:
@@ -169,7 +170,7 @@ def _annotations(node: ast.AST) -> Iterator[ast.AST]:
 def functions(package: str) -> list[tuple[Path, str, ast.FunctionDef]]:
     """Return the functions and methods of a package, with their file and name."""
     found = []
-    folders = [path.parent for path in (SOURCE / package).glob("spool*/__init__.py")]
+    folders = [path.parent for path in FOLDERS[package].glob("spool*/__init__.py")]
     for path in sorted(path for folder in folders for path in folder.rglob("*.py")):
         tree = ast.parse(path.read_text(encoding="utf-8"))
         for owner in ast.walk(tree):
@@ -228,7 +229,7 @@ def times_of(report: Path | None) -> dict[str, float]:
 def tests_for(mutant: Mutant, times: dict[str, float]) -> list[str]:
     """Return the tests that a mutant can reach: the nearest files first, among them the cheapest."""
     path = mutant.path.relative_to(ROOT)
-    own = f"ros2_ws/src/{mutant.package}/test/"
+    own = f"{FOLDERS[mutant.package].relative_to(ROOT)}/test/"
     module = module_of(mutant.path)
     sources = {str(one.path): one for one in REPOSITORY.sources.values()}
     files: dict[str, list[str]] = {}
@@ -315,7 +316,7 @@ def pytest_collection_modifyitems(items):
 
 def _overlay(path: Path, folder: Path, text: str) -> None:
     """Make the package of ``path`` in ``folder``: links to all that it holds, but the file with ``text``."""
-    here = SOURCE / path.relative_to(SOURCE).parts[0]
+    here = FOLDERS[path.relative_to(WORKSPACE).parts[1]]
     for depth, part in enumerate(path.relative_to(here).parts):
         for other in here.iterdir() if depth else ():
             if other.name == "__pycache__":  # a copy, so that the changed file gets none among the others
