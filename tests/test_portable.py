@@ -31,7 +31,7 @@ SEAM = "spool_core.system"
 
 @cache
 def tree(module: str) -> ast.Module:
-    folder = next(one for one in SOURCE.parent.glob(f"*/{module.partition('.')[0]}"))
+    folder = next(SOURCE.parent.glob(f"[as]*/{module.partition('.')[0]}/package.xml")).parent
     path = folder / Path(*module.split("."))
     file = path.with_suffix(".py") if path.with_suffix(".py").is_file() else path / "__init__.py"
     return ast.parse(file.read_text(encoding="utf-8"))
