@@ -21,7 +21,12 @@ def commands(group: Any, path: str = "") -> Iterator[tuple[str, list[str]]]:
         else:
             yield (
                 f"{path}{name}",
-                [word for each in one.params for word in (*each.opts, *each.secondary_opts)],
+                [
+                    word
+                    for each in one.params
+                    if not getattr(each, "hidden", False)
+                    for word in (*each.opts, *each.secondary_opts)
+                ],
             )
 
 
