@@ -9,9 +9,8 @@ import re
 import signal
 import subprocess
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-import pyarrow.parquet
 import pytest
 from spool_bag.information import describe
 from spool_bag.writer import BagWriter
@@ -30,7 +29,6 @@ if TYPE_CHECKING:
     from .conftest import System
 
 ROOT = Path(__file__).resolve().parent.parent
-SECONDS = 20
 
 
 def spool(*arguments: object, folder: Path | None = None) -> subprocess.CompletedProcess[str]:
@@ -51,72 +49,13 @@ def program(*arguments: object, **environment: str) -> subprocess.CompletedProce
     return completed(command, folder=Path.cwd(), environment={**os.environ, **environment}, timeout=180)
 
 
-def read_json(path: Path) -> Any:
-    """Return what ``path`` holds; NaN and infinities, which are no JSON, are refused."""
-
-    def refuse(text: str) -> None:
-        raise AssertionError(f"{text} is no JSON")
-
-    return json.loads(path.read_text(encoding="utf-8"), parse_constant=refuse)
-
-
-@pytest.fixture(scope="module", name="bag")
-def _bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    bag = tmp_path_factory.mktemp("simulated") / "bag"
-    done = program(
-        *("simulate", "--valve", "4weh10_stiff", "--model", "coulomb", "--excitation", "multisine"),
-        *("--seconds", SECONDS, "--out", bag),
-    )
-    assert done.returncode == 0, done.stderr
-    assert done.stderr == ""
-    return bag
-
-
-def test_info_tells_what_is_in_a_bag(bag: Path, tmp_path: Path) -> None:
-    done = spool("info", bag, "--json", tmp_path / "info.json")
+def test_info_tells_what_is_in_a_bag(tmp_path: Path) -> None:
+    done = spool("info", ROOT / "bags" / "practice_01", "--json", tmp_path / "info.json")
     assert done.returncode == 0, done.stderr
     assert "/valve_1/acceleration" in done.stdout
     assert done.stderr == ""
-    assert isinstance(read_json(tmp_path / "info.json"), dict)
-
-
-def test_replay_writes_the_contract_s_json(bag: Path, tmp_path: Path) -> None:
-    done = program("replay", bag, "--json", tmp_path / "replay.json")
-    assert done.returncode == 0, done.stderr
-    result = read_json(tmp_path / "replay.json")
-    assert set(result) >= {"bag", "duration_s", "valves"}
-    assert result["duration_s"] == pytest.approx(SECONDS)
-    valve = result["valves"]["valve_1"]
-    assert valve["blocks"] == SECONDS * 50
-    assert valve["lost_blocks"] == 0
-    assert valve["samples"] == SECONDS * 2000
-    # The valve's own description is in the bag, so it need not be named.
-    stiffness = valve["estimate"]["parameters"]["spring_stiffness"]
-    assert stiffness["value"] == pytest.approx(5846.0, rel=0.01)
-    assert stiffness["unit"] == "N/m"
-    assert 0.0 < stiffness["std"] < 58.0
-    assert valve["estimate"]["natural_frequency_Hz"] == pytest.approx(28.68, rel=0.01)
-
-
-@pytest.mark.slow
-def test_what_is_not_known_is_null(tmp_path: Path) -> None:
-    bag = tmp_path / "still"
-    done = program("simulate", "--excitation", "standstill", "--seconds", 3, "--out", bag)
-    assert done.returncode == 0, done.stderr
-    done = program("replay", bag, "--json", tmp_path / "replay.json")
-    assert done.returncode == 0, done.stderr
-    assert "unknown" in done.stdout
-    estimate = read_json(tmp_path / "replay.json")["valves"]["valve_1"]["estimate"]
-    assert estimate["natural_frequency_Hz"] is None
-    assert estimate["parameters"]["spring_stiffness"] == {"value": None, "std": None, "unit": "N/m"}
-
-
-def test_export_writes_every_sample(bag: Path, tmp_path: Path) -> None:
-    done = program("export", bag, "--out", tmp_path / "samples.parquet")
-    assert done.returncode == 0, done.stderr
-    table = pyarrow.parquet.read_table(tmp_path / "samples.parquet")
-    assert table.num_rows == SECONDS * 2000
-    assert {"time_s", "body_m_s2", "spool_m_s2"} <= set(table.column_names)
+    told = json.loads((tmp_path / "info.json").read_text("utf-8"), parse_constant=pytest.fail)
+    assert isinstance(told, dict)
 
 
 @pytest.fixture
@@ -143,6 +82,11 @@ def work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         (("simulate",), "--out"),
         (("run", "spool_dance", "dancer"), "package spool_dance is not installed"),
         (("run", "spool_sim", "dancer"), "it has: simulator"),
+        (("run",), "PACKAGE"),
+        (("alarm", "list", "../x"), "../x"),
+        (("bench", "nothing"), "nothing"),
+        (("gap", "/dev/null", "--valve", "4weh10_soft"), "/dev/null"),
+        (("info", "/"), "/: "),
     ],
     ids=lambda value: "_".join(value) if isinstance(value, tuple) else "",
 )
@@ -159,7 +103,7 @@ def test_wrong_input_ends_in_one_line_and_2(
 
 @pytest.mark.parametrize(
     ("arguments", "expected"),
-    [(("info", "missing"), "missing: no such bag"), (("dance",), "dance")],
+    [(("info", "missing"), "missing: no such bag"), (("dance",), "dance"), (("doctor", "x"), "x")],
     ids=lambda value: "_".join(value) if isinstance(value, tuple) else "",
 )
 def test_the_launcher_passes_a_refusal_on(work: Path, arguments: tuple[str, ...], expected: str) -> None:

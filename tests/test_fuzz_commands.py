@@ -295,30 +295,6 @@ def test_kept_trends(good: Path, folder: Callable[[], Path], data: Any) -> None:
     check(here, "trend", "valve_1", "--state-folder", "state", "--out", "trend.html", "--json", "a.json")
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [("run", "nothing", "nothing"), ("run",), ("alarm", "list", "../x"), ("bench", "nothing"),
-     ("gap", "/dev/null", "--valve", "4weh10_soft"), ("info", "/"), ("nothing",), ("paper", "--nothing")],
-)  # fmt: skip
-def test_commands_refuse_in_one_line(
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capfd: pytest.CaptureFixture[str],
-    arguments: tuple[str, ...],
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert main(list(arguments)) == 2
-    assert len(capfd.readouterr().err.splitlines()) == 1
-
-
-def test_the_launcher_itself_refuses_in_one_line(tmp_path: Path) -> None:
-    done = subprocess.run(
-        [SPOOL, "doctor", "x"], cwd=tmp_path, capture_output=True, text=True, timeout=180, check=False
-    )
-    assert done.returncode == 2
-    assert len(done.stderr.splitlines()) == 1
-
-
 def test_the_reader_of_the_output_may_end_early_or_not_be_there(good: Path, tmp_path: Path) -> None:
     command = f"{SPOOL} info {good / 'bag'}"
     for ending in ("| true", ">&-", ">&- 2>&-"):

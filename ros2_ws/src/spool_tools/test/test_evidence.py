@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import functools
-import re
-from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -22,7 +20,6 @@ from spool_sim.model import load_model
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
 from spool_sim.valve import find_valve
-from spool_tools.cli import main
 
 VALVE = find_valve("4weh10_soft")
 PERIOD = 1.0 / 2000.0
@@ -140,55 +137,3 @@ def test_no_record_keeps_a_report_from_being_written(case: str) -> None:
         assert (item.reason if isinstance(item, LeftOut) else item.seen).strip()
     drawn = [item for item in items if isinstance(item, Exhibit)]
     assert len(drawn) == {"short": 1, "no_temperature": 3, "nothing": 0}.get(case, len(drawn))
-
-
-@pytest.mark.slow
-def test_a_gap_report_shows_before_and_after(tmp_path: Path) -> None:
-    bag, file = tmp_path / "bag", tmp_path / "gap.html"
-    words = ["simulate", "--seconds", "10", "--coulomb-force", "0.5", "--excitation", "multisine"]
-    assert main([*words, "--out", str(bag)]) == 0
-    assert main(["gap", str(bag), "--report", str(file)]) == 0
-    text = file.read_text(encoding="utf-8")
-    evidence = text[text.index("<summary>Evidence</summary>") :]
-    assert evidence.count("<h3>") == evidence.count("How to read it: ") == 3
-    missing = re.search(r"base model (\d+) %.*?with what was found ([0-9.]+) %", evidence)
-    assert missing is not None
-    # Where within a sample a reversal falls is not known: what friction jumps by there stays.
-    assert float(missing[2]) < 0.5 * float(missing[1])
-    assert len(text.encode()) < 2_000_000
-
-
-@pytest.fixture(scope="module", name="page")
-def _page(tmp_path_factory: pytest.TempPathFactory) -> str:
-    folder = tmp_path_factory.mktemp("evidence")
-    words = ["simulate", "--seconds", "12", "--excitation", "multisine", "--out", str(folder / "bag")]
-    assert main(words) == 0
-    assert main(["fit", str(folder / "bag"), "--report", str(folder / "fit.html")]) == 0
-    return (folder / "fit.html").read_text(encoding="utf-8")
-
-
-def test_a_page_stands_by_itself_and_stays_small(page: str) -> None:
-    assert len(page.encode()) < 2_000_000
-    outside_pictures = re.sub(r"base64,[A-Za-z0-9+/=]+", "", page)
-    assert "http:" not in outside_pictures
-    assert "https:" not in outside_pictures
-    assert not re.search(r'(src|href)="(?!data:)', outside_pictures)
-    assert "Copyright (c) 2022 Leon Sorokin" in page
-
-
-def test_every_picture_of_evidence_says_how_to_read_it_and_what_it_shows(page: str) -> None:
-    evidence = page[page.index("<summary>Evidence</summary>") :]
-    captions = re.findall(r"<figcaption>(.*?)</figcaption>", evidence, re.S)
-    assert len(captions) == evidence.count("<h3>") == 3
-    for caption in captions:
-        seen, _, how = caption.partition("How to read it:")
-        assert re.search(r"\d", seen)
-        assert "Good:" in how
-        assert "Bad:" in how
-
-
-def test_print_shows_the_picture_in_place_of_what_can_be_zoomed(page: str) -> None:
-    printed = page[page.index("@media print") :]
-    assert "figure.zoom.on .live,figure.zoom button{display:none}" in printed
-    assert "figure.zoom.on .still{display:block}" in printed
-    assert page.count('<div class="still"><div class="wide"><img') == page.count('<figure class="zoom">') > 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 import re
@@ -14,6 +15,7 @@ import numpy as np
 import pytest
 from pydantic import BaseModel, ConfigDict
 from spool_core.errors import InputError
+from spool_report.outputs import suite_version
 from spool_report.requests import FitRequest
 from spool_report.runs.fit_run import fit_settings
 from spool_sim.model import load_model
@@ -217,8 +219,59 @@ def test_the_page_stands_by_itself(fitted: Path) -> None:
     assert len(page.pictures) == 4 + 3
     assert all(picture.startswith("data:image/svg+xml;base64,") for picture in page.pictures)
     assert not page.loaded
+    assert len(text.encode()) < 2_000_000
     assert "spring stiffness" in text
-    assert "nan" not in re.sub(r'base64,[^"]+', "", text).lower().split()
+    outside_pictures = re.sub(r'base64,[^"]+', "", text)
+    assert "nan" not in outside_pictures.lower().split()
+    assert not re.search(r"https?:", outside_pictures)
+    assert "Copyright (c) 2022 Leon Sorokin" in text
+
+
+def test_the_page_says_what_it_was_made_from(fitted: Path) -> None:
+    text = (fitted / "fit.html").read_text("utf-8")
+    foot = text[text.index("<footer>") :]
+    (record,) = (BAGS / "practice_03").glob("*.mcap")
+    assert hashlib.sha256(record.read_bytes()).hexdigest() in foot
+    assert suite_version() in foot
+    assert f"./spool fit {BAGS / 'practice_03'} --valve 4weh10_soft --model coulomb --out" in foot
+    assert "4weh10_soft: 0.18 kg, 1632 N/m, 15.2 Hz" in foot
+    assert re.search(r"\d{4}-\d\d-\d\d \d\d:\d\d UTC", foot)
+
+
+def test_the_page_fits_narrow_and_dark_screens(fitted: Path) -> None:
+    text = (fitted / "fit.html").read_text("utf-8")
+    assert '<meta name="viewport" content="width=device-width, initial-scale=1">' in text
+    assert "@media (prefers-color-scheme:dark)" in text
+    # Whatever is wider than the screen scrolls within its own box.
+    for tag in ("<table", "<img"):
+        assert text.count(f'<div class="wide">{tag}') == text.count(tag) > 0
+
+
+def test_what_is_seen_in_a_picture_is_said(fitted: Path) -> None:
+    said = re.findall(r'<img alt="([^"]*)"', (fitted / "fit.html").read_text("utf-8"))
+    assert len(said) == len(set(said)) >= 3
+    assert any(re.search(r"leaves [0-9.]+ %", text) for text in said)
+    assert any(re.search(r"ratio: coulomb [0-9.]+", text) for text in said)
+
+
+def test_every_picture_of_evidence_says_how_to_read_it_and_what_it_shows(fitted: Path) -> None:
+    text = (fitted / "fit.html").read_text("utf-8")
+    evidence = text[text.index("<summary>Evidence</summary>") :]
+    captions = re.findall(r"<figcaption>(.*?)</figcaption>", evidence, re.S)
+    assert len(captions) == evidence.count("<h3>") == 3
+    for caption in captions:
+        seen, _, how = caption.partition("How to read it:")
+        assert re.search(r"\d", seen)
+        assert "Good:" in how
+        assert "Bad:" in how
+
+
+def test_print_shows_the_picture_in_place_of_what_can_be_zoomed(fitted: Path) -> None:
+    text = (fitted / "fit.html").read_text("utf-8")
+    printed = text[text.index("@media print") :]
+    assert "figure.zoom.on .live,figure.zoom button{display:none}" in printed
+    assert "figure.zoom.on .still{display:block}" in printed
+    assert text.count('<div class="still"><div class="wide"><img') == text.count('<figure class="zoom">') > 0
 
 
 def test_the_terminal_shows_value_deviation_and_unit(capfd: pytest.CaptureFixture[str]) -> None:

@@ -51,7 +51,7 @@ def check_same(first: dict[str, tuple[float, float]], second: dict[str, tuple[fl
         assert first[name][0] == pytest.approx(value, rel=1e-6, abs=1e-4 * deviation), name
 
 
-def test_g_millivolts_and_si_give_the_same_fit(
+def test_g_millivolts_and_si_give_the_same_record(
     tmp_path: Path, practice: tuple[np.ndarray, np.ndarray], capsys: pytest.CaptureFixture[str]
 ) -> None:
     made = {
@@ -69,9 +69,10 @@ def test_g_millivolts_and_si_give_the_same_fit(
         assert not (tmp_path / "refused").exists()
         how = (["--unit", unit] if unit else []) + (["--scale", scale] if scale else [])
         assert main(["import", str(path), "--out", str(tmp_path / name), *how]) == 0
-        results[name] = fitted(tmp_path / name, capsys)
+        blocks = BagReader(tmp_path / name).blocks("valve_1")
+        results[name] = np.concatenate([row for block in blocks for row in (block.body, block.spool)])
     for name in ("g", "mv", "v"):
-        check_same(results[name], results["si"])
+        np.testing.assert_allclose(results[name], results["si"], rtol=1e-6, atol=1e-6)
 
 
 def test_a_look_says_what_is_understood_and_writes_no_bag(
@@ -124,35 +125,28 @@ def test_a_silent_channel_is_told(
     assert "throughout: check sensor and cable" in capsys.readouterr().out
 
 
-def test_other_commands_read_units_too_and_say_where_they_are_told(
+def test_other_commands_read_and_take_units_too_and_say_where_they_are_told(
     tmp_path: Path, practice: tuple[np.ndarray, np.ndarray], capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = table(tmp_path, "g.csv", "time [s],body [g],spool [g]", practice, 1.0 / GRAVITY)
     same = table(tmp_path, "si.csv", "time [s],body [m/s^2],spool [m/s^2]", practice, 1.0)
-    check_same(fitted(path, capsys), fitted(same, capsys))
-    bare = table(tmp_path, "bare.csv", "time [s],body,spool", practice, 1.0)
+    of_si, unit = fitted(same, capsys), ("--unit", "body=g,spool=g")
+    check_same(fitted(path, capsys), of_si)
+    bare = table(tmp_path, "bare.csv", "time [s],body,spool", practice, 1.0 / GRAVITY)
+    check_same(fitted(bare, capsys, *unit), of_si)
+    kept = []
+    for words in ([str(same)], [str(bare), *unit]):
+        models = ["--valve", "4weh10_soft", "--models", "fluid,coulomb", "--stop", "10", "--json", "-"]
+        assert main(["compare", *words, *models]) == 0
+        rows = json.loads(capsys.readouterr().out)["ranking"]
+        kept.append({row["model"]: row["error"]["value"] for row in rows})
+    assert kept[0] == pytest.approx(kept[1], rel=1e-4)
     assert main(["fit", str(bare), "--valve", "4weh10_soft"]) == 2
     refusal = capsys.readouterr().err
     assert "--unit body=g" in refusal
     assert "import" not in refusal
     assert main(["replay", str(bare), "--valve", "4weh10_soft"]) == 2
     assert "these are options of ./spool import" in capsys.readouterr().err
-
-
-def test_units_that_a_file_lacks_are_given_to_the_command_that_reads_it(
-    tmp_path: Path, practice: tuple[np.ndarray, np.ndarray], capsys: pytest.CaptureFixture[str]
-) -> None:
-    stated = table(tmp_path, "si.csv", "time [s],body [m/s^2],spool [m/s^2]", practice, 1.0)
-    bare = table(tmp_path, "bare.csv", "time [s],body,spool", practice, 1.0 / GRAVITY)
-    unit = "--unit", "body=g,spool=g"
-    check_same(fitted(bare, capsys, *unit), fitted(stated, capsys))
-    kept = []
-    for words in ([str(stated)], [str(bare), *unit]):
-        models = ["--valve", "4weh10_soft", "--models", "fluid,coulomb", "--stop", "10", "--json", "-"]
-        assert main(["compare", *words, *models]) == 0
-        rows = json.loads(capsys.readouterr().out)["ranking"]
-        kept.append({row["model"]: row["error"]["value"] for row in rows})
-    assert kept[0] == pytest.approx(kept[1], rel=1e-4)
 
 
 def test_columns_and_conversions_are_stated_wherever_the_record_is_shown(

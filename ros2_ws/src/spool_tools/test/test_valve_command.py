@@ -229,11 +229,6 @@ def test_a_record_shows_another_spring_than_the_file(
     assert any("the rate of one spring instead of both" in said for said in found["wrong"])
 
 
-def test_missing_file_is_refused_in_one_line(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["valve", "check", "nowhere.yaml"]) == 2
-    assert len(capsys.readouterr().err.strip().splitlines()) == 1
-
-
 def test_an_unknown_key_is_no_finding_but_wrong_input(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
