@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -16,9 +15,6 @@ from spool_msgs.msg import AccelerationBlock, HealthEvent
 from std_msgs.msg import Float64MultiArray
 
 from .clocked import START, Clocked, Domains, clocked
-
-if TYPE_CHECKING:
-    pass
 
 
 def shaking(number: int) -> float:

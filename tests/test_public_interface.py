@@ -70,7 +70,9 @@ def test_the_list_of_what_is_public_is_that_of_the_code() -> None:
 
 
 def test_every_package_has_the_version_of_the_changelog() -> None:
-    versions = {ElementTree.parse(path).findtext("version") for path in SOURCE.glob("*/package.xml")}
+    versions = {
+        ElementTree.parse(path).findtext("version") for path in SOURCE.parent.glob("*/spool_*/package.xml")
+    }
     newest = re.findall(r"^## (\d+\.\d+\.\d+)", (ROOT / "CHANGELOG.md").read_text("utf-8"), re.M)[0]
     assert versions == {newest}
 

@@ -15,11 +15,10 @@ from rclpy.serialization import serialize_message
 from rosbags.highlevel import AnyReader
 from sensor_msgs.msg import Temperature
 from spool_bag.reader import BagReader
-from spool_bag.verification import recover, verify
 from spool_core.block import Block
 from spool_core.node import qos
 from spool_core.node.messages import from_block
-from spool_msgs.msg import AccelerationBlock, HealthEvent, ModelEstimate, ValveDescription
+from spool_msgs.msg import AccelerationBlock, HealthEvent, ModelEstimate
 
 from .conftest import Process, System
 
@@ -149,69 +148,6 @@ def test_a_stopped_recording_is_complete(
         assert summary.statistics.message_count == sum(topic.messages for topic in reader.topics.values())
 
 
-def test_no_block_is_lost_where_a_part_ends(source: Source, record: Callable[..., Recorder]) -> None:
-    blocks, latched = "/valve_1/acceleration", "/valve_1/valve"
-    source.offer(blocks, AccelerationBlock, qos.samples_offered(50))
-    source.offer(latched, ValveDescription, qos.state())
-    recorder = record(max_part_duration=1.0)
-    source.heard(blocks)
-    source.heard(latched)
-    source.publish(latched, ValveDescription())
-    sequence = 0
-
-    def another() -> int:
-        nonlocal sequence
-        source.publish(blocks, from_block(block(sequence), "valve_1"))
-        sequence += 1
-        return sequence
-
-    source.until(lambda: another() > 0 and len(list(recorder.bag.glob("*.mcap"))) >= 6)
-    sixth = sequence
-    # A block that is on its way when the recorder is asked to end is not recorded.
-    source.until(lambda: another() > sixth + 5)
-    assert recorder.process.end(signal.SIGINT) == 0
-    recorded = [one.sequence for one in BagReader(recorder.bag).blocks("valve_1")]
-    assert recorded == list(range(len(recorded)))
-    assert len(recorded) >= sixth
-    assert len(stored(recorder.bag, latched)) == 1
-    for number in range(5):
-        part = recorder.bag / f"bag_{number}.mcap"
-        reader = BagReader(part)
-        assert reader.closed
-        # The first part may end before the message is there; from the second on it is repeated.
-        assert number == 0 or reader.topics[latched].messages == 1
-        with AnyReader([part]) as other:
-            assert other.message_count == sum(topic.messages for topic in reader.topics.values())
-    assert verify(recorder.bag).wrong == []
-
-
-def test_a_killed_recording_keeps_what_was_flushed(
-    source: Source, record: Callable[..., Recorder], tmp_path: Path
-) -> None:
-    topic = "/valve_1/acceleration"
-    source.offer(topic, AccelerationBlock, qos.samples_offered(50))
-    recorder = record()
-    source.heard(topic)
-
-    def recorded() -> list[int]:
-        reader = BagReader(recorder.bag)
-        return [block.sequence for block in reader.blocks("valve_1")] if reader.valves else []
-
-    for sequence in range(100):
-        source.publish(topic, from_block(block(sequence), "valve_1"))
-    # Far from a full chunk: it is closed by its age.
-    source.until(lambda: len(recorded()) == 100)
-    recorder.process.kill()
-
-    reader = BagReader(recorder.bag)
-    assert not reader.closed
-    assert any("not finished" in warning for warning in reader.warnings)
-    assert recorded() == list(range(100))
-    result = recover(recorder.bag, tmp_path / "repaired")
-    assert result.messages[topic] == 100
-    assert BagReader(tmp_path / "repaired").closed
-
-
 def test_named_valves_are_heard_from_their_first_block(
     source: Source, record: Callable[..., Recorder]
 ) -> None:
@@ -249,14 +185,6 @@ def test_a_publisher_that_takes_the_place_of_another_is_heard_though_it_offers_l
     source.publish(topic, from_block(block(1), "valve_1"))
     source.until(lambda: written(recorder.bag, topic) == 2)
     assert recorder.process.end(signal.SIGTERM) == 0
-
-
-def test_an_existing_bag_is_refused(record: Callable[..., Recorder], tmp_path: Path) -> None:
-    (tmp_path / "bag").mkdir()
-    recorder = record()
-    assert recorder.process.popen.wait(timeout=180) == 2
-    assert "exists already" in recorder.process.said
-    assert "Traceback" not in recorder.process.said
 
 
 def test_a_removed_recording_is_begun_anew_with_what_is_latched(

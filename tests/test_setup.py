@@ -120,9 +120,6 @@ class TestBeforeSetUp:
         assert "demo" in result.stdout
         assert not (fresh / ".setup").exists()
 
-    def test_unknown_command(self, fresh: Path):
-        assert_one_line(spool(fresh, "dmeo"), "no command dmeo", "--help")
-
     @pytest.mark.parametrize(
         ("missing", "said"), [("c++", "a C++ compiler"), ("cc", "a C compiler"), ("make", "make")]
     )
@@ -132,43 +129,50 @@ class TestBeforeSetUp:
         result = spool(fresh, "demo", PATH=path, CC="", CXX="")
         assert_one_line(result, said, "apt install build-essential")
 
+    @pytest.mark.parametrize(
+        ("variables", "said"),
+        [
+            (None, ("no command dmeo", "--help")),
+            ({"SPOOL_PYTHON": "/nowhere/python"}, ("/nowhere/python", "is no program")),
+            (
+                {"ROS_DISTRO": "jazzy", "AMENT_PREFIX_PATH": "/opt/ros/nowhere"},
+                ("ROS_DISTRO=jazzy", "AMENT_PREFIX_PATH", "source"),
+            ),
+            (
+                {"ROS_DISTRO": "jazzy", "AMENT_PREFIX_PATH": "/"},  # a folder that is there
+                ("cannot import rclpy", "SPOOL_PYTHON"),
+            ),
+        ],
+    )
+    def test_what_cannot_work_is_refused(
+        self, fresh: Path, variables: dict[str, str] | None, said: tuple[str, ...]
+    ):
+        assert_one_line(spool(fresh, "dmeo" if variables is None else "demo", **(variables or {})), *said)
+
+    @pytest.mark.parametrize(
+        ("version", "distribution", "taken"),
+        [("3, 9, 1", "", False), ("3, 14, 0", "", False), ("3, 14, 0", "lyrical", True)],
+    )
+    def test_a_python_without_wheels_is_taken_where_a_newer_ros_is_sourced(
+        self, fresh: Path, tmp_path: Path, version: str, distribution: str, taken: bool
+    ):
+        """The launcher alone: a stand-in says that it is another Python."""
+        other = tmp_path / "other-python"
+        pretend = f"import sys; sys.version_info = ({version}); exec(sys.argv[1])"
+        other.write_text(
+            f'#!/bin/sh\n[ "$1" = -c ] && exec "{PYTHON}" -c \'{pretend}\' "$2"\necho taken; exit 0\n',
+            "utf-8",
+        )
+        other.chmod(0o755)
+        result = spool(fresh, "demo", SPOOL_PYTHON=str(other), ROS_DISTRO=distribution)
+        assert (result.stdout == "taken\n") is taken
+        if not taken:
+            assert_one_line(result, str(other), "no working Python 3.10 to 3.13")
+
     def test_no_python(self, fresh: Path, tmp_path: Path):
         path = folder_of_tools(tmp_path / "bin", *TOOLS)
         assert_one_line(
             spool(fresh, "demo", PATH=path, SPOOL_PYTHON=""), "no Python 3.10 to 3.13", "SPOOL_PYTHON"
-        )
-
-    def test_python_too_old(self, fresh: Path, tmp_path: Path):
-        old = tmp_path / "python-old"
-        pretend = "import sys; sys.version_info = (3, 9, 1); exec(sys.argv[1])"
-        old.write_text(
-            f'#!/bin/sh\n[ "$1" = -c ] && exec "{PYTHON}" -c \'{pretend}\' "$2"\nexit 1\n', "utf-8"
-        )
-        old.chmod(0o755)
-        assert_one_line(
-            spool(fresh, "demo", SPOOL_PYTHON=str(old)), str(old), "no working Python 3.10 to 3.13"
-        )
-
-    @pytest.mark.parametrize(("distribution", "taken"), [("", False), ("lyrical", True)])
-    def test_a_newer_python_is_taken_where_a_ros_is_sourced(
-        self, fresh: Path, tmp_path: Path, distribution: str, taken: bool
-    ):
-        """The launcher alone: a stand-in says that it is a Python 3.14, for which there are no wheels."""
-        new = tmp_path / "python-new"
-        pretend = "import sys; sys.version_info = (3, 14, 0); exec(sys.argv[1])"
-        new.write_text(
-            f'#!/bin/sh\n[ "$1" = -c ] && exec "{PYTHON}" -c \'{pretend}\' "$2"\necho taken; exit 0\n',
-            "utf-8",
-        )
-        new.chmod(0o755)
-        result = spool(fresh, "demo", SPOOL_PYTHON=str(new), ROS_DISTRO=distribution)
-        assert (result.stdout == "taken\n") is taken
-        if not taken:
-            assert_one_line(result, str(new), "no working Python 3.10 to 3.13")
-
-    def test_python_that_is_no_program(self, fresh: Path):
-        assert_one_line(
-            spool(fresh, "demo", SPOOL_PYTHON="/nowhere/python"), "/nowhere/python", "is no program"
         )
 
     def test_a_shim_that_fails_is_passed_over(self, fresh: Path, tmp_path: Path):
@@ -180,14 +184,6 @@ class TestBeforeSetUp:
         (tmp_path / "second" / "python3").symlink_to(PYTHON)
         result = spool(fresh, "--help", PATH=f"{path}:{tmp_path / 'second'}", SPOOL_PYTHON="")
         assert result.returncode == 0, result.stderr
-
-    def test_sourced_ros_that_is_not_there(self, fresh: Path):
-        result = spool(fresh, "demo", ROS_DISTRO="jazzy", AMENT_PREFIX_PATH="/opt/ros/nowhere")
-        assert_one_line(result, "ROS_DISTRO=jazzy", "AMENT_PREFIX_PATH", "source")
-
-    def test_sourced_ros_of_another_python(self, fresh: Path, tmp_path: Path):
-        result = spool(fresh, "demo", ROS_DISTRO="jazzy", AMENT_PREFIX_PATH=str(tmp_path))
-        assert_one_line(result, "cannot import rclpy", "SPOOL_PYTHON")
 
     @pytest.mark.parametrize(
         ("level", "variables", "said"),
