@@ -32,35 +32,6 @@ print(compiled.COMPILED, compiled.notice() is None, hasattr(twice, "py_func"), t
 """
 
 
-def run(folder: Path, *, blocked: bool) -> subprocess.CompletedProcess[str]:
-    script = folder / "script.py"  # the cache on disk needs a file
-    script.write_text(CODE.format(blocked=blocked), "utf-8")
-    path = str(Path(spool_core.__file__).parents[1])
-    return subprocess.run(
-        [
-            sys.executable,
-            "-c",
-            f"import sys; sys.path.insert(0, {path!r}); import runpy; runpy.run_path({str(script)!r})",
-        ],
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-
-
-def test_with_numba_functions_are_compiled_in_silence(tmp_path: Path) -> None:
-    done = run(tmp_path, blocked=False)
-    assert done.stdout.split() == ["True", "True", "True", "3.0"]
-    assert done.stderr == ""
-
-
-def test_without_numba_functions_run_as_they_are_and_one_line_says_what_it_costs(tmp_path: Path) -> None:
-    done = run(tmp_path, blocked=True)
-    assert done.stdout.split() == ["False", "False", "False", "3.0"]
-    assert len(done.stderr.splitlines()) == 1
-    assert "100 times slower" in done.stderr
-
-
 def ran(folder: Path, code: str, **environment: str) -> subprocess.CompletedProcess[str]:
     """Run ``code`` in a process that finds packages in ``folder`` and knows nothing of this one's kernels."""
     stream = str(Path(spool_core.__file__).parents[1])
@@ -71,6 +42,21 @@ def ran(folder: Path, code: str, **environment: str) -> subprocess.CompletedProc
         text=True,
         check=True,
     )
+
+
+def test_with_numba_functions_are_compiled_in_silence(tmp_path: Path) -> None:
+    (tmp_path / "script.py").write_text(CODE.format(blocked=False), "utf-8")  # the cache needs a file
+    done = ran(tmp_path, "import script")
+    assert done.stdout.split() == ["True", "True", "True", "3.0"]
+    assert done.stderr == ""
+
+
+def test_without_numba_functions_run_as_they_are_and_one_line_says_what_it_costs(tmp_path: Path) -> None:
+    (tmp_path / "script.py").write_text(CODE.format(blocked=True), "utf-8")
+    done = ran(tmp_path, "import script")
+    assert done.stdout.split() == ["False", "False", "False", "3.0"]
+    assert len(done.stderr.splitlines()) == 1
+    assert "100 times slower" in done.stderr
 
 
 HEAD = """

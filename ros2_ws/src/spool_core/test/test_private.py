@@ -61,17 +61,13 @@ def test_who_may_write_follows_from_the_folder_and_all_above_it(
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root gives files away")
-def test_another_user_s_folder_is_not_trusted(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("owner", "mode", "said"),
+    [(54321, 0o755, "{} belongs to user 54321"), (0, 0o775, "group 54321 may write in {}")],
+)
+def test_a_folder_of_others_is_not_trusted(tmp_path: Path, owner: int, mode: int, said: str) -> None:
     path = tmp_path / "folder"
     path.mkdir()
-    os.chown(path, 54321, 54321)
-    assert others_may_write(path) == f"{path} belongs to user 54321"
-
-
-@pytest.mark.skipif(os.geteuid() != 0, reason="only root gives files away")
-def test_a_group_of_others_is_not_trusted(tmp_path: Path) -> None:
-    path = tmp_path / "folder"
-    path.mkdir()
-    os.chown(path, 0, 54321)
-    path.chmod(0o775)
-    assert others_may_write(path) == f"group 54321 may write in {path}"
+    os.chown(path, owner, 54321)
+    path.chmod(mode)
+    assert others_may_write(path) == said.format(path)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import pytest
 from spool_core.text import did_you_mean
 
@@ -22,10 +24,8 @@ def test_the_nearest_name_is_suggested(given: str, meant: str) -> None:
     assert did_you_mean(given, MODELS) == f"; did you mean {meant}?"
 
 
-@pytest.mark.parametrize("given", ["", "magic", "x" * 10_000])
-def test_nothing_is_suggested_where_nothing_is_near(given: str) -> None:
-    assert did_you_mean(given, MODELS) == ""
-
-
-def test_nothing_is_suggested_where_nothing_is_known() -> None:
-    assert did_you_mean("coulomb", ()) == ""
+@pytest.mark.parametrize(
+    ("given", "known"), [("", MODELS), ("magic", MODELS), ("x" * 10_000, MODELS), ("coulomb", ())]
+)
+def test_nothing_is_suggested_where_nothing_is_near(given: str, known: Sequence[str]) -> None:
+    assert did_you_mean(given, known) == ""

@@ -13,19 +13,24 @@ from .conftest import PATIENCE
 Start = Callable[..., "subprocess.Popen[str]"]
 
 
-def end(process: subprocess.Popen[str]) -> tuple[list[str], str]:
+def end(process: subprocess.Popen[str], number: int = signal.SIGTERM) -> tuple[list[str], str]:
     """End the node; return what its hooks said and its log."""
-    process.terminate()
+    process.send_signal(number)
     stdout, stderr = process.communicate(timeout=PATIENCE)
     assert process.returncode == 0, stderr
     return stdout.split(), stderr
 
 
-def test_starts_itself(probe: Start, observer: Any) -> None:
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_starts_itself_and_ends_on_a_signal_in_order(
+    probe: Start, observer: Any, number: signal.Signals
+) -> None:
     process = probe()
     observer.until(lambda: "tick" in observer.heard, "a tick")
     assert observer.state() == "active"
-    assert end(process)[0] == ["configure", "activate", "deactivate", "cleanup"]
+    words, log = end(process, number)
+    assert words == ["configure", "activate", "deactivate", "cleanup"]
+    assert "Traceback" not in log
 
 
 def test_without_autostart_it_waits_and_is_silent(probe: Start, observer: Any) -> None:
@@ -55,42 +60,31 @@ def test_the_whole_life_cycle_by_its_services(probe: Start, observer: Any) -> No
     assert end(process)[0] == ["configure", "activate", "deactivate", "cleanup"] * 2
 
 
-def test_a_configure_that_raises_fails_and_can_be_tried_again(probe: Start, observer: Any) -> None:
+def test_a_transition_that_raises_fails_in_silence_and_can_be_tried_again(
+    probe: Start, observer: Any
+) -> None:
     process = probe(autostart="false", failing="configure")
     assert not observer.change("configure")
     assert observer.state() == "unconfigured"
-    assert observer.set(failing="")[0]
-    assert observer.change("configure")
-    assert observer.change("activate")
-    observer.until(lambda: "tick" in observer.heard, "a tick")
-    words, log = end(process)
-    assert "can't configure: Traceback" in log
-    assert "RuntimeError: configure broke" in log
-    assert words[:2] == ["configure", "cleanup"]
-
-
-def test_an_activate_that_raises_fails_and_leaves_silence(probe: Start, observer: Any) -> None:
-    process = probe(autostart="false", failing="activate!")
+    assert observer.set(failing="activate!")[0]
     assert observer.change("configure")
     assert not observer.change("activate")
     assert observer.state() == "inactive"
     observer.spin(0.4)
     assert observer.heard == []
-    assert observer.set(failing="")[0]
+    assert observer.set(failing="deactivate")[0]
     assert observer.change("activate")
-    observer.until(lambda: "tick" in observer.heard, "a tick")
-    _, log = end(process)
-    assert "can't activate: activate: repair this" in log
-    assert "Traceback" not in log
-
-
-def test_a_deactivate_that_raises_leaves_the_node_alive(probe: Start, observer: Any) -> None:
-    process = probe(failing="deactivate")
     observer.until(lambda: "tick" in observer.heard, "a tick")
     assert not observer.change("deactivate")
     observer.becomes_silent()
     assert process.poll() is None
-    assert "deactivate broke" in end(process)[1]
+    words, log = end(process)
+    assert words[:2] == ["configure", "cleanup"]
+    assert "can't configure: Traceback" in log
+    assert "RuntimeError: configure broke" in log
+    assert "can't activate: activate: repair this" in log
+    assert "RuntimeError: deactivate broke" in log
+    assert log.count("Traceback") == log.count("RuntimeError: ")
 
 
 def test_an_inactive_node_refuses_requests_and_says_what_to_do(probe: Start, observer: Any) -> None:
@@ -117,23 +111,10 @@ def test_an_autostart_that_fails_ends_with_2_and_the_reason(probe: Start, hook: 
     assert "Traceback" not in stderr
 
 
-def test_ends_on_an_interrupt_in_order(probe: Start, observer: Any) -> None:
-    """All other tests here end the node by SIGTERM."""
-    process = probe()
-    observer.until(lambda: "tick" in observer.heard, "a tick")
-    process.send_signal(signal.SIGINT)
-    stdout, stderr = process.communicate(timeout=PATIENCE)
-    assert process.returncode == 0, stderr
-    assert stdout.split() == ["configure", "activate", "deactivate", "cleanup"]
-    assert "Traceback" not in stderr
-
-
 def test_ends_on_a_signal_while_it_waits_to_be_configured(probe: Start, observer: Any) -> None:
     process = probe(autostart="false")
     assert observer.state() == "unconfigured"
-    process.send_signal(signal.SIGINT)
-    stdout, _ = process.communicate(timeout=PATIENCE)
-    assert (process.returncode, stdout) == (0, "")
+    assert end(process, signal.SIGINT)[0] == []
 
 
 def test_an_exception_in_a_callback_is_logged_and_the_node_lives(probe: Start, observer: Any) -> None:
