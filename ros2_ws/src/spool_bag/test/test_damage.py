@@ -218,13 +218,6 @@ def test_a_file_cut_in_half_is_told_by_what_the_metadata_counts(killed: Path, tm
     assert recover(cut, tmp_path / "recovered").lost == 700 - kept
 
 
-def test_reading_an_unfinished_bag_names_the_way_out_and_promises_nothing(killed: Path) -> None:
-    (warning,) = BagReader(killed).warnings
-    assert "not finished" in warning
-    assert "spool recover" in warning
-    assert "second" not in warning
-
-
 def test_an_unfinished_bag_is_recognisable_and_a_finished_one_has_no_mark(killed: Path, bag: Path) -> None:
     def custom(folder: Path) -> object:
         return yaml.safe_load((folder / "metadata.yaml").read_text("utf-8"))["rosbag2_bagfile_information"][
