@@ -198,12 +198,6 @@ def test_a_shelf_until_it_is_over_ends_with_the_condition() -> None:
         shelve(alarm(N), OPERATOR, 0.0)
 
 
-@pytest.mark.parametrize("seconds", [-1.0, float("inf"), float("nan")])
-def test_no_shelf_is_endless(seconds: float) -> None:
-    with pytest.raises(AlarmRefusedError, match="cannot be shelved for"):
-        shelve(alarm(U), OPERATOR, seconds)
-
-
 def test_a_clock_set_back_does_not_lengthen_a_shelf() -> None:
     shelved = shelve(alarm(U), OPERATOR, 60.0).after
     assert expire(shelved, NOW - 1).after.state is U

@@ -16,37 +16,12 @@ from spool_monitor.parameter_drift import ParameterDrift
 from spool_monitor.replay import Replay
 from spool_monitor.state_file import Baseline
 from spool_monitor.warming import FASTEST, SLOWEST
-from spool_sim.excitation import PRESETS, SweptSine
+from spool_sim.excitation import SweptSine
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
 from spool_sim.valve import find_valve
 
 VALVE = find_valve("4weh10_soft")
-
-
-def events_of(*, warmest: float, told: bool, wear: float = 1.0) -> list[Event]:
-    """Return the events of 70 s in which the oil warms from 20 deg C and the drag falls to ``wear`` of it."""
-    noisy = Sensor(noise=0.03)
-    simulator = Simulator(
-        VALVE, PRESETS["multisine"], coulomb_force=0.2, seed=5, body_sensor=noisy, spool_sensor=noisy
-    )
-    both = Replay(Estimator(settings_for(VALVE)), Monitor(MonitorSettings(natural_frequency=15.15)))
-    for number in range(70 * 50):
-        if number == 25 * 50:
-            simulator.set_drift("oil_temperature", warmest, 40.0)
-            simulator.set_drift("viscous_coefficient", wear * VALVE.viscous_coefficient, 20.0)
-        if told and number % 50 == 0:
-            both.update_temperature(simulator.stamp, simulator.truth.oil_temperature)
-        both.update(simulator.next_block())
-    return [event for event in both.events if event.kind == "friction_drift"]
-
-
-@pytest.mark.slow
-def test_a_healthy_valve_that_warms_raises_no_drift_where_its_temperature_is_known() -> None:
-    assert events_of(warmest=29.0, told=True) == []
-    blind = events_of(warmest=29.0, told=False)
-    assert blind
-    assert blind[0].cause == "wear"
 
 
 def stuck(*, told: bool, dry: float) -> bool:
@@ -85,19 +60,6 @@ def test_the_estimates_of_a_spool_that_dry_friction_slows_down_are_believed() ->
         both.update(simulator.next_block())
     assert both.monitor.detection.distrust == ""
     assert both.events == []
-
-
-@pytest.mark.slow
-def test_wear_is_found_though_the_oil_warms_as_well() -> None:
-    found = events_of(warmest=24.0, told=True, wear=0.5)
-    assert found
-    assert found[0].cause == "wear"
-    facts = found[0].facts
-    assert facts.note == "oil_referred"
-    assert facts.change == pytest.approx(facts.value - facts.baseline)
-    assert facts.low < facts.value < facts.high < facts.baseline
-    # The quantity is the same change, relative to the baseline.
-    assert found[0].quantity.value == pytest.approx(facts.change / facts.baseline)
 
 
 def at(second: float, drag: float, referred: float | None) -> Estimate:

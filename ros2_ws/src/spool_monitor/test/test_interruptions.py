@@ -688,7 +688,9 @@ def worn() -> list[Block]:
     return simulated(replace(FAULTS["worn"], blocks=BEGINS[1] + 60 + FOLLOWS))
 
 
-def check_judged(happened: list[Act], *, sound: bool) -> None:
+@settings(max_examples=8 if settings().derandomize else 1000, phases=(Phase.explicit, Phase.generate))
+@given(happened=acts(), sound=st.booleans())
+def test_no_interruption_ends_in_ok_without_judgement(happened: list[Act], sound: bool) -> None:
     """The wear is found, or the monitor reports that the drag is not judged; the baseline is kept."""
     chain = ended(happened, sound=sound)
     health, monitor = chain.monitor.health, chain.monitor
@@ -708,18 +710,3 @@ def check_judged(happened: list[Act], *, sound: bool) -> None:
     for name, judgement in health.judgements:
         if "/" in name and health.level is HealthLevel.OK:
             assert judgement is Judgement.JUDGED or "not judged" in health.summary, name
-
-
-@settings(max_examples=8 if settings().derandomize else 300, phases=(Phase.explicit, Phase.generate))
-@given(happened=acts(), sound=st.booleans())
-def test_no_interruption_ends_in_ok_without_judgement(happened: list[Act], sound: bool) -> None:
-    check_judged(happened, sound=sound)
-
-
-@pytest.mark.slow
-@settings(max_examples=1000, phases=(Phase.explicit, Phase.generate))
-@given(happened=acts(), sound=st.booleans())
-def test_none_of_a_thousand_interruptions_ends_in_ok_without_judgement(
-    happened: list[Act], sound: bool
-) -> None:
-    check_judged(happened, sound=sound)

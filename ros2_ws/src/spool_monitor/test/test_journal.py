@@ -20,7 +20,6 @@ from spool_monitor.event import Event, EventState, Facts, Severity
 from spool_monitor.journal import Journal, JournalEntry, entries_in
 from spool_monitor.monitor import Monitor
 from spool_monitor.state_database import FILE
-from spool_monitor.trend import TrendStore
 from spool_monitor.valve_state import ValveState, entries_of
 
 SECOND = 1_000_000_000
@@ -74,19 +73,6 @@ def test_the_journal_holds_what_happened_and_who_did_what(tmp_path: Path) -> Non
     assert kept[0].headline(LANGUAGES["de"]).startswith("Resonanz")
     assert kept[0].headline(LANGUAGES["en"]) == kept[0].text != ""
     assert warnings == []
-
-
-def test_trends_and_journal_share_one_file(tmp_path: Path) -> None:
-    path = tmp_path / FILE
-    TrendStore(path).close()
-    assert entries_in(path) == []
-    journal = Journal(path)
-    journal.write([JournalEntry(SECOND, "raise", "resonance")])
-    store = TrendStore(path)
-    assert [one.alarm for one in journal.entries()] == ["resonance"]
-    assert store.units() == {}
-    store.close()
-    journal.close()
 
 
 def test_old_entries_go_and_the_newest_stay(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -494,14 +494,6 @@ def test_a_clock_that_is_set_by_an_hour_raises_no_silence_and_makes_no_time_nega
     assert one.monitor.health.summary == "Malformed blocks"
 
 
-def test_one_false_sequence_number_counts_no_losses() -> None:
-    monitor = Monitor()
-    for block in blocks(5.0):
-        monitor.update(replace(block, sequence=2**60) if block.sequence == 120 else block)
-    assert monitor.gate.refused == 1
-    assert monitor.gate.lost == 1
-
-
 # A valve that is not described.
 
 

@@ -6,6 +6,7 @@ import hashlib
 import json
 import os
 import random
+import shutil
 import sqlite3
 import stat
 from collections.abc import Callable
@@ -51,6 +52,7 @@ def test_what_is_saved_is_loaded(tmp_path: Path) -> None:
 
 def test_the_state_shares_one_file_with_journal_and_trends(tmp_path: Path) -> None:
     saved(tmp_path, 1)
+    assert entries_in(tmp_path / FILE) == []
     journal = Journal(tmp_path / FILE)
     journal.write([JournalEntry(1, "raise", "resonance")])
     journal.close()
@@ -71,13 +73,20 @@ def test_the_file_or_its_copy_is_enough(tmp_path: Path, kept: str, gone: str) ->
     assert loaded(tmp_path) == (3, [])
 
 
+@pytest.fixture(scope="module", name="whole")
+def _whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder in which a state was saved twice; nobody may change it."""
+    folder = tmp_path_factory.mktemp("whole")
+    saved(folder, {"value": 1}, {"value": 2})
+    return folder
+
+
 @settings(deadline=None)
 @given(position=st.integers(0, 100_000), flip=st.integers(1, 255), place=st.sampled_from([FILE, LAST]))
 def test_any_damaged_byte_costs_no_state(
-    tmp_path_factory: pytest.TempPathFactory, position: int, flip: int, place: str
+    whole: Path, tmp_path_factory: pytest.TempPathFactory, position: int, flip: int, place: str
 ) -> None:
-    folder = tmp_path_factory.mktemp("state")
-    saved(folder, {"value": 1}, {"value": 2})
+    folder = Path(shutil.copytree(whole, tmp_path_factory.mktemp("state") / "damaged"))
     data = bytearray((folder / place).read_bytes())
     data[position % len(data)] ^= flip
     (folder / place).write_bytes(data)

@@ -15,7 +15,7 @@ from spool_monitor.event import Event, EventState, Severity
 from spool_monitor.journal import JournalEntry
 from spool_monitor.monitor import Monitor
 from spool_monitor.state_database import FILE
-from spool_monitor.state_file import LAST, BaselineRecord, HealthyValue, StateFile, StateTable
+from spool_monitor.state_file import BaselineRecord, HealthyValue, StateFile, StateTable
 from spool_monitor.valve_state import ALARMS, BASELINE, RETRY, ValveState
 
 
@@ -195,19 +195,3 @@ def test_a_folder_of_json_files_is_taken_over_with_its_alarms_and_its_baseline(t
     assert [(one.version, one.values[0].value) for one in again.baseline.records] == [(3, 5847.0)]
     assert warnings == more == []
     again.close()
-
-
-def test_a_copy_brings_alarms_back_when_the_file_is_damaged(tmp_path: Path) -> None:
-    state, _ = opened(tmp_path)
-    state.alarms.update(stuck(EventState.RAISED, 1))
-    state.keep_alarms()
-    state.close()
-    (tmp_path / FILE).write_bytes(b"no data base" * 1000)
-    again, warnings = opened(tmp_path)
-    assert again.alarms.alarms["stuck_spool"].active
-    assert "it is damaged" in warnings[0]
-    again.keep_alarms()
-    again.close()
-    assert (tmp_path / f"{FILE}.damaged").read_bytes() == b"no data base" * 1000
-    (tmp_path / LAST).unlink()
-    assert opened(tmp_path)[0].alarms.alarms["stuck_spool"].active
