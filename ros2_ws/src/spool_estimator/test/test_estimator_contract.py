@@ -50,12 +50,6 @@ def bits(estimates: Iterable[Estimate], **same: int) -> list[str]:
     return [repr(replace(estimate, **same)) for estimate in estimates]
 
 
-def spoiled(block: Block, value: float) -> Block:
-    spool = block.spool.copy()
-    spool[block.spool.size // 2] = value
-    return replace(block, spool=spool)
-
-
 @pytest.mark.parametrize(
     "lost", [slice(0, 53), slice(300, 313)], ids=["joins a running machine", "0.26 s lost"]
 )
@@ -79,29 +73,6 @@ def test_what_the_signals_show_is_right_or_unknown_after_a_gap(lost: slice) -> N
                 near = np.abs(expected[:, 0] - stamp) < 1.1e9
                 low, high = expected[near, 1].min(), expected[near, 1].max()
                 assert 0.7 * low < quantity.value < 1.3 * high
-
-
-def test_it_learns_what_was_simulated() -> None:
-    last = estimates_of(Estimator(SETTINGS), record())[-1]
-    assert last.state is State.TRACKING
-    assert last.parameter("spring_stiffness").value == pytest.approx(1632.0, rel=0.01)
-    assert last.parameter("viscous_coefficient").value == pytest.approx(8.203, rel=0.1)
-    assert last.parameter("coulomb_force").value == pytest.approx(0.2, rel=0.2)
-    assert last.natural_frequency.value == pytest.approx(15.15, rel=0.005)
-
-
-@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 1e30])
-def test_a_senseless_sample_costs_its_block_and_no_more(value: float) -> None:
-    blocks = list(record())
-    blocks[200] = spoiled(blocks[200], value)
-    estimator = Estimator(SETTINGS)
-    estimates = estimates_of(estimator, blocks)
-    assert estimator.gate.refused == 1
-    assert estimates[-1].state is State.TRACKING
-    for estimate in estimates:
-        for quantity in estimate.parameters:
-            assert not quantity.known or math.isfinite(quantity.value)
-    assert estimates[-1].parameter("spring_stiffness").value == pytest.approx(1632.0, rel=0.01)
 
 
 def test_a_gap_restarts_the_filters_and_keeps_what_is_known() -> None:
@@ -155,13 +126,6 @@ def test_a_pickle_goes_on_as_if_nothing_had_happened(cut: int) -> None:
     head = estimates_of(first, blocks[:cut])
     second = pickle.loads(pickle.dumps(first))
     assert bits([*head, *estimates_of(second, blocks[cut:])]) == bits(estimates_of(whole, blocks))
-
-
-def test_the_same_data_give_the_same_bits_and_a_new_one_knows_nothing() -> None:
-    one, other = Estimator(SETTINGS), Estimator(SETTINGS)
-    assert other.latest is None
-    assert other.stale() is None
-    assert bits(estimates_of(one, record())) == bits(estimates_of(other, record()))
 
 
 @settings(max_examples=8, deadline=None)

@@ -78,14 +78,6 @@ def test_a_temperature_that_comes_after_its_blocks_changes_no_bit() -> None:
     assert list(map(repr, early)) == list(map(repr, late))
 
 
-def test_without_the_oils_law_there_is_a_temperature_but_nothing_referred() -> None:
-    reference = OilReference(oil_law(VALVE.model_copy(update={"oil": None})), 4.0)
-    reference.take(SECOND, 50.0)
-    reference.follow(2 * SECOND, 1.0)
-    assert reference.temperature(2 * SECOND).value == 50.0
-    assert reference.referred(VISCOUS).validity is Validity.UNKNOWN
-
-
 def test_the_ratio_is_that_of_the_law_and_the_uncertainty_that_of_its_slope() -> None:
     reference = OilReference(oil_law(VALVE), 4.0)
     reference.take(SECOND, 40.0, 0.2)
@@ -108,11 +100,12 @@ def test_what_is_no_temperature_is_counted_and_not_used(celsius: float) -> None:
     assert not reference.temperature(2 * SECOND).known
 
 
-@pytest.mark.parametrize("celsius", [-100.0, 400.0])
-def test_outside_of_the_law_nothing_is_referred(celsius: float) -> None:
-    reference = OilReference(oil_law(VALVE), 4.0)
+@pytest.mark.parametrize(("oil", "celsius"), [(VALVE.oil, -100.0), (VALVE.oil, 400.0), (None, 50.0)])
+def test_outside_of_the_law_and_without_one_nothing_is_referred(oil: str | None, celsius: float) -> None:
+    reference = OilReference(oil_law(VALVE.model_copy(update={"oil": oil})), 4.0)
     reference.take(SECOND, celsius)
     reference.follow(2 * SECOND, 1.0)
+    assert oil or reference.temperature(2 * SECOND).value == celsius
     assert reference.referred(VISCOUS).validity is Validity.UNKNOWN
 
 

@@ -18,21 +18,12 @@ class Terminal(io.StringIO):
         return True
 
 
-def test_long_work_shows_what_it_does_on_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
-    terminal = Terminal()
-    monkeypatch.setattr("sys.stderr", terminal)
-    monkeypatch.setenv("TERM", "xterm")
-    with progress("replaying valve_1", 8.0) as advance:
-        advance(2.0)
-    assert "replaying valve_1" in terminal.getvalue()
-
-
-def shown(monkeypatch: pytest.MonkeyPatch, *, steady: bool = True, compiled: bool = False) -> str:
+def shown(monkeypatch: pytest.MonkeyPatch, *, compiled: bool = False, **how: bool) -> str:
     """What a bar of 8 parts shows, 6 of which are done."""
     terminal = Terminal()
     monkeypatch.setattr("sys.stderr", terminal)
     monkeypatch.setenv("TERM", "xterm")
-    with progress("fitting", 8.0, steady=steady) as advance:
+    with progress("fitting", 8.0, **how) as advance:
         if compiled:
             kernel = KernelCache("no.such.kernel", lambda: "0" * 64)
             monkeypatch.setattr(kernel, "_file", Nothing)
@@ -40,15 +31,6 @@ def shown(monkeypatch: pytest.MonkeyPatch, *, steady: bool = True, compiled: boo
         else:
             advance(6.0)
     return terminal.getvalue()
-
-
-def test_of_work_that_may_end_early_the_longest_time_left_is_shown(monkeypatch: pytest.MonkeyPatch) -> None:
-    terminal = Terminal()
-    monkeypatch.setattr("sys.stderr", terminal)
-    monkeypatch.setenv("TERM", "xterm")
-    with progress("fitting", 8.0, at_most=True) as advance:
-        advance(6.0)
-    assert re.search(r"at most \d+ s left", terminal.getvalue())
 
 
 class Nothing:
@@ -72,7 +54,8 @@ class Target:
 
 
 def test_the_time_left_is_shown_for_work_of_equal_parts(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert re.search(r"75%.* about \d+ s left", shown(monkeypatch))
+    assert re.search(r"fitting.* 75%.* about \d+ s left", shown(monkeypatch))
+    assert re.search(r"at most \d+ s left", shown(monkeypatch, at_most=True))
 
 
 def test_a_time_left_that_cannot_be_known_is_not_shown(monkeypatch: pytest.MonkeyPatch) -> None:

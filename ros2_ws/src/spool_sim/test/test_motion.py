@@ -147,19 +147,6 @@ def test_sticking_and_slipping_are_distinguished_at_every_sample() -> None:
     np.testing.assert_allclose(trajectory.acceleration[slip], -force[slip] / MASS, rtol=1e-9, atol=1e-12)
 
 
-@pytest.mark.parametrize("coulomb_force", [0.0, 0.5, 1.2])
-def test_energy_supplied_is_stored_or_dissipated(coulomb_force: float, energy_balance: Any) -> None:
-    rate = 50_000.0
-    forcing = SWEEP.acceleration(half_step_times(0, round(3.0 * rate), rate, 1))
-    trajectory, _ = run(forcing, 1, rate, coulomb_force=coulomb_force)
-    values = {**SOFT, "coulomb_force": coulomb_force}
-    balance = energy_balance(MOTION, values, trajectory, forcing[:-1:2], sample_period=1.0 / rate)
-    assert balance.supplied > 0.0
-    assert balance.taken["viscous_friction"] > 0.0
-    assert (balance.taken["coulomb_friction"] > 0.0) == (coulomb_force > 0.0)
-    assert abs(balance.residual) < 1e-5 * balance.supplied
-
-
 def test_step_error_tells_what_the_chosen_step_costs() -> None:
     substeps = substeps_needed(1.0 / 2000.0, **SOFT, highest_frequency=110.0)
     values = {**SOFT, "coulomb_force": 0.5}

@@ -21,6 +21,13 @@ from spool_sim.valve import Valve, find_valve
 NOISY = {"body_sensor": Sensor(noise=0.1), "spool_sensor": Sensor(gain_error=0.05, bias=0.2, noise=0.1)}
 
 
+FILTERED = (Observation(MEAN), Observation(LINEAR, 6.0, 0.42), Observation(CAUSAL, 4.0, 0.36))
+PASSED = {
+    "body_sensor": Sensor(filter=FILTERED[0], noise=0.1),
+    "spool_sensor": Sensor(filter=FILTERED[1], delay_samples=2.3),
+}
+
+
 def joined(blocks: list[Block]) -> tuple[Any, Any]:
     return np.concatenate([b.body for b in blocks]), np.concatenate([b.spool for b in blocks])
 
@@ -37,12 +44,13 @@ def test_record_and_blocks_are_the_same_bit_for_bit(valve: Valve, name: str) -> 
             np.testing.assert_array_equal(getattr(block, field), getattr(other, field))
 
 
-@settings(max_examples=20, deadline=None)
+@pytest.mark.parametrize("sensors", [NOISY, PASSED], ids=["instants", "filtered"])
+@settings(max_examples=15, deadline=None)
 @given(block_size=st.integers(1, 700))
-def test_samples_do_not_depend_on_the_block_size(block_size: int) -> None:
+def test_samples_do_not_depend_on_the_block_size(sensors: dict[str, Sensor], block_size: int) -> None:
     valve = find_valve("4weh10_soft")
-    whole = Simulator(valve, PRESETS["multisine"], block_size=1500, **NOISY).next_block()
-    split = Simulator(valve, PRESETS["multisine"], block_size=block_size, **NOISY)
+    whole = Simulator(valve, PRESETS["multisine"], block_size=1500, **sensors).next_block()
+    split = Simulator(valve, PRESETS["multisine"], block_size=block_size, **sensors)
     body, spool = joined(list(split.records(0.75)))
     np.testing.assert_array_equal(body[:1500], whole.body)
     np.testing.assert_array_equal(spool[:1500], whole.spool)
@@ -197,9 +205,6 @@ def test_wrong_drift_and_length_are_refused(valve: Valve) -> None:
         source.records(0.0)
 
 
-FILTERED = (Observation(MEAN), Observation(LINEAR, 6.0, 0.42), Observation(CAUSAL, 4.0, 0.36))
-
-
 @pytest.mark.parametrize("one", FILTERED, ids=str)
 def test_a_filtered_record_is_the_fine_motion_through_a_filter_of_scipy(
     valve: Valve, one: Observation
@@ -226,22 +231,6 @@ def test_a_filtered_record_is_the_fine_motion_through_a_filter_of_scipy(
         assert np.std((read - found)[inner]) < 1e-3 * np.std(found)
     instants = rows[1][::fine]
     assert np.std(read - instants) > 1e-2 * np.std(instants)
-
-
-@settings(max_examples=10, deadline=None)
-@given(block_size=st.integers(1, 700))
-def test_filtered_samples_do_not_depend_on_the_block_size(block_size: int) -> None:
-    valve = find_valve("4weh10_soft")
-    sensors = {
-        "body_sensor": Sensor(filter=FILTERED[0], noise=0.1),
-        "spool_sensor": Sensor(filter=FILTERED[1], delay_samples=2.3),
-    }
-    whole = Simulator(valve, PRESETS["multisine"], block_size=1500, **sensors).next_block()
-    body, spool = joined(
-        list(Simulator(valve, PRESETS["multisine"], block_size=block_size, **sensors).records(0.75))
-    )
-    np.testing.assert_array_equal(body[:1500], whole.body)
-    np.testing.assert_array_equal(spool[:1500], whole.spool)
 
 
 def test_a_filtered_reading_is_late_by_the_delay_of_its_sensor(valve: Valve) -> None:

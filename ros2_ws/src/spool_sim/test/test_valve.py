@@ -71,9 +71,21 @@ def test_wrong_file_is_refused_in_one_line(
         assert word in message
 
 
-def test_masses_in_grams_are_refused(valve_mapping: dict[str, Any]) -> None:
-    with pytest.raises(InputError, match=r"moving_mass: 180 kg.*did you write g\?.* kg: moving_mass: 0\.18,"):
-        valve_from_mapping({**valve_mapping, "moving_mass": 180.0, "spool_mass": 172.0})
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        (
+            {"moving_mass": 180.0, "spool_mass": 172.0},
+            r"moving_mass: 180 kg.*did you write g\?.* kg: moving_mass: 0\.18,",
+        ),
+        ({"moving_mass": 0, "land_length": "long"}, "moving_mass.*land_length"),
+    ],
+)
+def test_masses_in_grams_and_several_faults_are_all_named(
+    valve_mapping: dict[str, Any], wrong: dict[str, object], said: str
+) -> None:
+    with pytest.raises(InputError, match=said):
+        valve_from_mapping({**valve_mapping, **wrong})
 
 
 @pytest.mark.parametrize("scale", [0.3, 1.0, 3.0])
@@ -82,11 +94,6 @@ def test_small_and_large_valves_are_believed(valve_mapping: dict[str, Any], scal
     powers = {"land_diameter": 1, "land_length": 1, "moving_mass": 3, "spool_mass": 3, "spring_stiffness": 1}
     grown = {key: valve_mapping[key] * scale**power for key, power in powers.items()}
     valve_from_mapping({**valve_mapping, **grown})
-
-
-def test_several_faults_are_all_named(valve_mapping: dict[str, Any]) -> None:
-    with pytest.raises(InputError, match=r"moving_mass.*land_length"):
-        valve_from_mapping({**valve_mapping, "moving_mass": 0, "land_length": "long"})
 
 
 def test_missing_file_and_empty_file(tmp_path: Path) -> None:

@@ -300,8 +300,6 @@ def test_the_language_is_that_chosen_or_accepted(chosen: str, accepted: str, lan
 
 
 def test_both_languages_say_everything() -> None:
-    import json  # noqa: PLC0415
-
     def keys(one: object) -> object:
         return {name: keys(value) for name, value in one.items()} if isinstance(one, dict) else None
 
