@@ -23,8 +23,9 @@ def test_a_dead_monitor_of_a_silent_machine_is_missed_as_well() -> None:
     """Both may hang on one computer that failed: nobody else would tell of the silence."""
     watch = MonitoringWatch()
     watch.saw_data("valve_1", 0.0)
-    watch.saw_health("valve_1", 0.0)
-    assert watch.states(20.0) == {"valve_1": Monitored.NO}
+    assert watch.states(300.0) == {"valve_1": Monitored.IDLE}  # a machine that never had a monitor
+    watch.saw_health("valve_1", 300.0)
+    assert watch.states(320.0) == {"valve_1": Monitored.NO}
 
 
 def test_a_monitor_may_take_its_time_to_start_but_not_for_ever() -> None:
@@ -37,9 +38,3 @@ def test_a_monitor_may_take_its_time_to_start_but_not_for_ever() -> None:
     assert states[10] is Monitored.NOT_YET
     assert states[170] is Monitored.NOT_YET
     assert states[-1] is Monitored.NO
-
-
-def test_without_data_there_is_nothing_to_monitor() -> None:
-    watch = MonitoringWatch()
-    watch.saw_data("valve_1", 0.0)
-    assert watch.states(300.0) == {"valve_1": Monitored.IDLE}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import math
-import re
 from collections.abc import Iterator
 from contextlib import nullcontext
 from pathlib import Path
@@ -131,12 +130,6 @@ def test_a_simulated_bag_states_how_each_channel_was_sampled(tmp_path: Path) -> 
         "left/body/filter": "none: samples at instants",
         "left/spool/filter": "Butterworth low-pass, order 4, corner 720 Hz",
     }
-
-
-@pytest.mark.parametrize("start", ["yesterday", "2025-13-01", ""])
-def test_a_wrong_start_is_refused(start: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["import", "x.csv", "--out", str(tmp_path / "bag"), "--start", start]) == 2
-    assert re.search(r"--start .*: write it like 2025-01-31T12:00:00", capsys.readouterr().err)
 
 
 @pytest.mark.parametrize("columns", ["time_s", "time_s=", "=t", "time_s=t,,", "", "time_s=,body=b"])

@@ -230,18 +230,22 @@ def test_a_pipe_is_refused_with_what_to_do(tmp_path: Path, capsys: pytest.Captur
     assert "a pipe, which can be read only once: write it to a file first" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("start", ["1960-01-01", "2300-01-01"])
-def test_a_start_that_no_stamp_can_hold_is_named(
-    start: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize(
+    ("option", "value", "said"),
+    [
+        *(("--start", day, "outside 1970 to 2038") for day in ("1960-01-01", "2300-01-01")),
+        *(("--start", day, ": write it like 2025-01-31T12:00:00") for day in ("yesterday", "2025-13-01", "")),
+        ("--out", "", "name the bag to write"),
+    ],
+)
+def test_a_start_that_no_stamp_can_hold_and_no_name_of_the_bag_are_refused(
+    option: str, value: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    words = ["--out", str(tmp_path / "bag"), "--start", start]
+    words = ["--out", str(tmp_path / "bag"), option, value]
     assert main(["import", str(plain(tmp_path)), *words]) == 2
-    assert "--start" in capsys.readouterr().err
-
-
-def test_an_empty_name_of_the_bag_is_none(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["import", str(plain(tmp_path)), "--out", ""]) == 2
-    assert "--out: name the bag to write" in capsys.readouterr().err
+    line = capsys.readouterr().err
+    assert option in line
+    assert said in line
 
 
 def test_a_bag_with_umlauts_is_whole_in_any_locale(tmp_path: Path) -> None:

@@ -58,12 +58,7 @@ def test_a_package_without_executables_says_so(tmp_path: Path, monkeypatch: pyte
 def test_leaving_ends_every_process_also_one_that_will_not(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    marker = tmp_path / "share/ament_index/resource_index/packages/some_package"
-    marker.parent.mkdir(parents=True)
-    marker.touch()
-    node = tmp_path / "lib/some_package/node"
-    node.parent.mkdir(parents=True)
-    node.write_text(
+    (install(tmp_path, "some_package", "node") / "lib/some_package/node").write_text(
         f"#!{sys.executable}\n"
         "import signal, sys, time\n"
         "if sys.argv[1] == 'deaf': signal.signal(signal.SIGINT, signal.SIG_IGN)\n"
@@ -72,7 +67,6 @@ def test_leaving_ends_every_process_also_one_that_will_not(
         "signal.pause() if sys.argv[1] != 'deaf' else [signal.pause() for _ in range(9)]\n",
         "utf-8",
     )
-    node.chmod(0o755)
     monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path))
     with Nodes(tmp_path / "nodes.log") as nodes:
         for name in ("good", "deaf", "short"):

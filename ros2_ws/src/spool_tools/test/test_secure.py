@@ -74,28 +74,13 @@ def test_a_node_sends_what_is_its_own_and_nothing_of_another_valve(keystore: Pat
 @pytest.mark.skipif(OPENSSL is None, reason="openssl is not installed")
 def test_certificates_and_signatures_verify_with_openssl(keystore: Path) -> None:
     authority = keystore / "public" / "ca.cert.pem"
+    verified = [OPENSSL, "verify", "-CAfile", authority]
+    signed = [OPENSSL, "smime", "-verify", "-CAfile", authority, "-out", "/dev/null", "-in"]
     for enclave in (path.parent for path in (keystore / "enclaves").rglob("cert.pem")):
-        commands = [
-            [OPENSSL, "verify", "-CAfile", authority, enclave / "cert.pem"],
-            *(
-                [
-                    OPENSSL,
-                    "smime",
-                    "-verify",
-                    "-CAfile",
-                    authority,
-                    "-in",
-                    enclave / name,
-                    "-out",
-                    "/dev/null",
-                ]
-                for name in ("permissions.p7s", "governance.p7s")
-            ),
-        ]
-        for command in commands:
-            done = subprocess.run(
-                [str(word) for word in command], capture_output=True, text=True, check=False
-            )
+        files = (*verified, "cert.pem"), (*signed, "permissions.p7s"), (*signed, "governance.p7s")
+        for *words, name in files:
+            command = [str(word) for word in (*words, enclave / name)]
+            done = subprocess.run(command, capture_output=True, text=True, check=False)
             assert done.returncode == 0, done.stderr
 
 

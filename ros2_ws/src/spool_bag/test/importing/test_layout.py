@@ -199,54 +199,51 @@ def test_an_encoding_is_recognised_and_named(tmp_path: Path, encoding: str, name
     assert f"text assumed to be {name}" in " ".join(found.notes)
 
 
-def test_a_workbook_has_the_same_rules(tmp_path: Path) -> None:
+def workbook(folder: Path, *rows: list[object]) -> Path:
     import openpyxl  # noqa: PLC0415 - slow to load
 
     book = openpyxl.Workbook()
-    for row in (
-        ["Sampling rate [Hz]", 2000],
-        ["Operator", "rig 2"],
-        [],
-        ["Body", "Spool", "Oil"],
-        ["m/s2", "m/s2", "degC"],
-    ):
+    for row in rows:
         book.active.append(row)
-    for at, (b, s) in enumerate(zip(made.BODY, made.SPOOL, strict=True)):
-        book.active.append([float(b), f"{s:.4f}".replace(".", ","), "#N/A" if at == 3 else 45.0])
-    book.save(tmp_path / "book.xlsx")
-    found = read_record(tmp_path / "book.xlsx")
+    book.save(folder / "book.xlsx")
+    return folder / "book.xlsx"
+
+
+def test_a_workbook_has_the_same_rules(tmp_path: Path) -> None:
+    above = [["Sampling rate [Hz]", 2000], ["Operator", "rig 2"], [], ["Body", "Spool", "Oil"]]
+    samples = [
+        [float(b), f"{s:.4f}".replace(".", ","), "#N/A" if at == 3 else 45.0]
+        for at, (b, s) in enumerate(zip(made.BODY, made.SPOOL, strict=True))
+    ]
+    found = read_record(workbook(tmp_path, *above, ["m/s2", "m/s2", "degC"], *samples))
     check(found)
     assert "Sampling rate" in " ".join(found.notes)
     assert np.isnan(found.columns["oil_temperature_C"][3])
 
 
 def test_other_columns_of_a_workbook_refuse_nothing_and_times_may_be_text(tmp_path: Path) -> None:
-    import openpyxl  # noqa: PLC0415 - slow to load
-
-    book = openpyxl.Workbook()
-    book.active.append(["Timestamp", "Body (m/s^2)", "Spool (m/s^2)", "State", None, "Mean"])
-    for at, (b, s) in enumerate(zip(made.BODY, made.SPOOL, strict=True)):
-        stamp = f"2026-05-04T10:00:{at / made.RATE:09.6f}"
-        book.active.append(
-            [stamp, float(b), float(s), "ok" if at % 9 == 0 else 1, None, 1.5 if at < 99 else "end"]
-        )
-    book.save(tmp_path / "book.xlsx")
-    found = read_record(tmp_path / "book.xlsx")
+    samples = [
+        [
+            f"2026-05-04T10:00:{at / made.RATE:09.6f}", float(b), float(s),
+            "ok" if at % 9 == 0 else 1, None, 1.5 if at < 99 else "end",
+        ]
+        for at, (b, s) in enumerate(zip(made.BODY, made.SPOOL, strict=True))
+    ]  # fmt: skip
+    head = ["Timestamp", "Body (m/s^2)", "Spool (m/s^2)", "State", None, "Mean"]
+    path = workbook(tmp_path, head, *samples)
+    found = read_record(path)
     check(found)
     assert found.start == 1_777_888_800_000_000_000
     with pytest.raises(InputError, match="row 2: State is 'ok', not a number"):
-        read_record(tmp_path / "book.xlsx", columns={"body_m_s2": "State"})
+        read_record(path, columns={"body_m_s2": "State"})
 
 
 def test_elapsed_times_of_a_workbook_are_times(tmp_path: Path) -> None:
-    import openpyxl  # noqa: PLC0415 - slow to load
-
-    book = openpyxl.Workbook()
-    book.active.append(["Elapsed", "Body (m/s^2)", "Spool (m/s^2)"])
-    for at, (b, s) in enumerate(zip(made.BODY, made.SPOOL, strict=True)):
-        book.active.append([timedelta(milliseconds=at), float(b), float(s)])
-    book.save(tmp_path / "book.xlsx")
-    found = read_record(tmp_path / "book.xlsx")
+    samples = [
+        [timedelta(milliseconds=at), float(b), float(s)]
+        for at, (b, s) in enumerate(zip(made.BODY, made.SPOOL, strict=True))
+    ]
+    found = read_record(workbook(tmp_path, ["Elapsed", "Body (m/s^2)", "Spool (m/s^2)"], *samples))
     assert found.period == pytest.approx(1e-3, rel=1e-6)
     np.testing.assert_allclose(found.columns["spool_m_s2"], made.SPOOL)
 

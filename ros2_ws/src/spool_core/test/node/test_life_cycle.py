@@ -33,12 +33,12 @@ def test_starts_itself_and_ends_on_a_signal_in_order(
     assert "Traceback" not in log
 
 
-def test_without_autostart_it_waits_and_is_silent(probe: Start, observer: Any) -> None:
+def test_without_autostart_it_waits_in_silence_and_ends_on_a_signal(probe: Start, observer: Any) -> None:
     process = probe(autostart="false")
     assert observer.state() == "unconfigured"
     observer.spin(0.5)
     assert observer.heard == []
-    assert end(process)[0] == []
+    assert end(process, signal.SIGINT)[0] == []
 
 
 def test_the_whole_life_cycle_by_its_services(probe: Start, observer: Any) -> None:
@@ -109,12 +109,6 @@ def test_an_autostart_that_fails_ends_with_2_and_the_reason(probe: Start, hook: 
     assert process.returncode == 2
     assert stderr.splitlines()[-1].endswith(f"{hook[:-1]}: repair this")
     assert "Traceback" not in stderr
-
-
-def test_ends_on_a_signal_while_it_waits_to_be_configured(probe: Start, observer: Any) -> None:
-    process = probe(autostart="false")
-    assert observer.state() == "unconfigured"
-    assert end(process, signal.SIGINT)[0] == []
 
 
 def test_an_exception_in_a_callback_is_logged_and_the_node_lives(probe: Start, observer: Any) -> None:
