@@ -1,7 +1,10 @@
 from __future__ import annotations
 
 import random
+import resource
 import shutil
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -375,3 +378,38 @@ def test_information_counts_losses_and_refusals(tmp_path: Path, block: MakeBlock
     content = as_json(found)
     assert content["valves"]["valve_1"]["sample_rate_Hz"] == pytest.approx(2000.0)
     assert content["topics"][0]["rate_per_s"] == pytest.approx(7 / 0.26)
+
+
+FILL = """
+import resource, sys
+from spool_core.cdr import encode_block
+from spool_bag.metadata import ACCELERATION_BLOCK
+from spool_bag.writer import BagWriter, RecordingError
+from spool_core.block import Block
+import numpy as np
+resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, 60_000))
+writer = BagWriter(sys.argv[1], flush_interval=0.0)
+channel = writer.add_topic("/valve_1/acceleration", ACCELERATION_BLOCK)
+noise = np.random.default_rng(0).standard_normal(400).astype(np.float32)
+try:
+    for sequence in range(1000):
+        block = Block(10**18 + sequence, sequence, 0.0005, noise + sequence, noise)
+        writer.write(channel, 1, encode_block(block, "valve_1"))
+except RecordingError as error:
+    print(sequence)
+    print(error, file=sys.stderr)
+    writer.close()
+"""
+
+
+def test_a_full_disk_is_reported_and_keeps_what_was_recorded(tmp_path: Path) -> None:
+    assert resource.getrlimit(resource.RLIMIT_FSIZE)[0] == resource.RLIM_INFINITY
+    done = subprocess.run(
+        [sys.executable, "-c", FILL, str(tmp_path / "bag")], capture_output=True, text=True, check=True
+    )
+    assert "bag_0.mcap" in done.stderr
+    assert "earlier data is kept" in done.stderr
+    sequences = [block.sequence for block in BagReader(tmp_path / "bag").blocks("valve_1")]
+    assert sequences == list(range(int(done.stdout)))
+    assert len(sequences) > 5
+    assert recover(tmp_path / "bag", tmp_path / "recovered").damages == ()
