@@ -10,12 +10,11 @@ from spool_blind.field.case import Importance
 from spool_core.record_limits import limits_table
 from spool_evaluation.bench import markdown_of
 from spool_evaluation.results.timing import Timing
-from spool_evaluation.studies import records, steps
+from spool_evaluation.studies import steps
 from spool_evaluation.studies.estimation import LIMITS, Estimated, RecordFit
 from spool_evaluation.studies.estimation import page_parts as estimation_parts
 from spool_evaluation.studies.field.study import field_parts
 from spool_evaluation.studies.field.verdicts import ChainFault, FieldVerdict
-from spool_evaluation.studies.monitor import ScenarioOutcome, table
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
@@ -168,9 +167,7 @@ def test_result_pages_have_the_columns_that_their_commands_write() -> None:
         "field_study.md": "\n\n".join(
             field_parts([field_row("end_stop", "end_stop"), field_row("none", "x")])
         ),
-        "monitor_study.md": table([ScenarioOutcome("healthy", 1, 60.0, (), (), ())]),
         "time_steps.md": steps.table({}),
-        "estimation_records.md": records.table([]),
         "estimation_study.md": "\n\n".join(estimation_parts([fitted], [told])),
         "bench_sim.md": compiled,
         "bench_estimate.md": judged,
@@ -181,26 +178,6 @@ def test_result_pages_have_the_columns_that_their_commands_write() -> None:
     # What limits the proof is part of the page, not of its last edit.
     assert LIMITS in wanted["estimation_study.md"]
     assert LIMITS in result("estimation_study.md")
-
-
-def test_the_fits_of_the_sample_records_are_those_of_the_page(tmp_path: Path, monkeypatch) -> None:
-    """The last digits may differ between machines, by a tenth of a standard deviation at most."""
-    monkeypatch.chdir(ROOT)
-    printed = {cells[:3]: cells for cells in cells_of("estimation_records.md") if cells[0].startswith("`")}
-    assert len(printed) == sum(3 if sample.model == "coulomb" else 2 for sample in records.SAMPLES)
-    for row in records.run(1, 0, tmp_path, 1):
-        cells = printed[f"`{row.bag}`", row.model, row.quantity]
-        assert float(cells[4]) == pytest.approx(row.value, abs=0.1 * row.deviation)
-        assert float(cells[5]) == pytest.approx(row.deviation, rel=0.1)
-        assert float(cells[6]) == pytest.approx(row.score, abs=0.2)
-
-
-def test_the_truth_of_the_sample_records_is_what_made_them() -> None:
-    text = (ROOT / "bags" / "README.md").read_text(encoding="utf-8")
-    rows = {_names(line)[0].strip("`"): _names(line) for line in text.splitlines() if line.startswith("| `")}
-    for sample in records.SAMPLES:
-        cells = [cell.split()[0].replace("none", "0") for cell in rows[sample.bag][2:5]]
-        assert list(sample.truth.values()) == [float(cell) for cell in cells]
 
 
 def test_the_errors_of_a_time_step_are_those_of_the_page(tmp_path: Path) -> None:

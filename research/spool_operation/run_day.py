@@ -25,7 +25,6 @@ from spool_estimator.estimate import Estimate, State
 from spool_estimator.estimator import Estimator, settings_for
 from spool_estimator.gap_watch import GapWatch
 from spool_estimator.identification.oil import LAG, USUAL_DEVIATION
-from spool_evaluation.studies.monitor import LEAVES_OPEN
 from spool_monitor.detectors import MonitorSettings
 from spool_monitor.detectors.resonance import RESONANCE_BAND
 from spool_monitor.event import Event, EventState
@@ -52,6 +51,8 @@ COMMISSIONING, SINCE = 40, 30 * 86_400
 FOLLOWS = 15.0
 #: The drift tests, in the order of the rows of a trace.
 TRACED = ("spring_stiffness", "viscous_coefficient", "coulomb_force")
+#: Causes that leave the right one open.
+LEAVES_OPEN = ("oil_or_wear", "sensor_or_friction", "sensor_or_spring")
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,12 +24,20 @@ from spool_core.uncertainty import Validity
 from spool_estimator.estimate import Estimate, State
 from spool_estimator.estimator import Estimator, settings_for
 from spool_evaluation.results.page import study_command, write_page
-from spool_evaluation.studies.scenarios import away, draw_valve
 from spool_evaluation.studies.workers import spread
 from spool_report.outputs import suite_version
 from spool_sim.simulator import Simulator
 
-from spool_operation.world import SCALES, Measuring, Shaking, draw_measuring, draw_shaking, features
+from spool_operation.world import (
+    SCALES,
+    Measuring,
+    Shaking,
+    away,
+    draw_measuring,
+    draw_shaking,
+    draw_valve,
+    features,
+)
 
 FILE = Path(__file__).with_name("surrogate.json")
 

@@ -8,11 +8,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 from spool_core.numbers import Array
-from spool_evaluation.studies.scenarios import StoppingMachine, away, draw_valve
+from spool_sim.excitation import MachineOrders
 from spool_sim.lubrication import OilTable
 from spool_sim.sensors import Sensor
-from spool_sim.valve import Valve
+from spool_sim.valve import NotNegative, Number, Valve
 
 from spool_operation.faults import OperationFault, draw_fault
 
@@ -36,6 +37,49 @@ AROUND = (6, 22)
 LAPSES, LAPSE = 40, 240
 #: s of a slower fault that are simulated before it begins and after it has come to rest.
 MARGIN = 1200
+#: Stiffness, N/m, of the two springs, viscosity, Pa s at 40 deg C, and name of the two oils.
+SPRINGS, OILS = (1632.0, 5846.0), ((0.0612, "HL68"), (0.0198, "Azolla ZS22"))
+#: Shaft frequency over natural frequency of machines that run below and above resonance; the second order of
+#: the slower ones lies above it.
+BELOW, ABOVE = (0.65, 0.8), (1.45, 2.2)
+#: s that the machine takes to stand still or to come up.
+FADE = 2.0
+
+
+class StoppingMachine(MachineOrders):
+    """Machine excitation that stands still at times.
+
+    Attributes:
+        rests: (begin, end) of each standstill, s; the vibration fades within 2 s.
+    """
+
+    rests: tuple[tuple[NotNegative, Number], ...] = Field(default=())
+
+    def _steady(self, t: Array) -> Array:
+        total = super()._steady(t)
+        for begin, end in self.rests:
+            outside = np.maximum(begin - t, t - end) / FADE
+            total = total * np.clip(outside, 0.0, 1.0)
+        return total
+
+
+def draw_valve(draw: np.random.Generator) -> Valve:
+    """Return one of the springs, or (every third) any between them, with one of the oils."""
+    stiffness = SPRINGS[draw.integers(2)] * draw.uniform(0.97, 1.03)
+    between = float(np.exp(draw.uniform(math.log(SPRINGS[0]), math.log(SPRINGS[1]))))
+    if draw.random() < 1.0 / 3.0:
+        stiffness = between
+    viscosity, name = OILS[draw.integers(2)]
+    return Valve(
+        id="valve_1", moving_mass=0.18, spool_mass=0.172, spring_stiffness=stiffness,
+        land_diameter=0.02, land_length=0.032, radial_clearance=15e-6,
+        dynamic_viscosity=viscosity, oil_temperature=40.0, oil=name,
+    )  # fmt: skip
+
+
+def away(draw: np.random.Generator, valve: Valve, *, below: bool) -> float:
+    """Return a shaft frequency, Hz, away from the natural one."""
+    return float(valve.natural_frequency * draw.uniform(*(BELOW if below else ABOVE)))
 
 
 @dataclass(frozen=True, slots=True)

@@ -54,7 +54,7 @@ TITLE = "Coverage of the intervals of offline fits"
 LIMITS = (
     "Here truth and fit share one simulator, and the model fitted is the one that made the record: the table "
     "shows whether noise is turned into standard deviations rightly, not what an error of the simulation or "
-    "a law that is missing does to the values. For that see the [sample records](estimation_records.md), "
+    "a law that is missing does to the values. For that see [records of loggers](loggers_study.md), "
     "made by another simulator, and the [field cases](field_study.md)."
 )
 LOGGED = (
