@@ -150,7 +150,7 @@ class DayRun:
                 self._ended()
 
     def _ended(self) -> None:
-        """Take note that a hold has ended."""
+        """Do nothing: a subclass takes sizes at the end of a hold."""
 
     def close(self) -> None:
         """Release the state folder."""
@@ -254,7 +254,7 @@ class DayRun:
             self.blocks += 1.0 / BLOCKS
 
     def _skip(self) -> None:
-        """Let the monitor go on as if it had heard the blocks that were skipped, and judged them."""
+        """Set the monitor as if it had judged the blocks that were skipped."""
         self.monitor.gate.last = None
         detection = self.monitor.detection
         detection._judged_at, detection._windowed_at = None, 0

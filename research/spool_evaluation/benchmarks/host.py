@@ -138,7 +138,7 @@ def _measured(count: int, seconds: float, way: str) -> HostCost:
 
 
 def _starve(processes: Sequence[int], cores: float, until: float) -> None:
-    """Let ``processes`` run for as long that they can use so many ``cores``, ``until`` then (s, steady)."""
+    """Stop and continue ``processes`` so that they get so many ``cores``, ``until`` then (s, steady)."""
     while time.monotonic() < until:
         for asked, seconds in ((signal.SIGSTOP, 1.0 - cores), (signal.SIGCONT, cores)):
             for process in processes:

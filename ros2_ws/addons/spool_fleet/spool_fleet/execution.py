@@ -223,7 +223,7 @@ class ProcessPool:
 
 
 def prepare_worker() -> None:
-    """Let a worker use one processor, leave Ctrl-C to the driver, and end with it."""
+    """Limit a worker to one processor, leave Ctrl-C to the driver, and end the worker with the driver."""
     limit_processors(1)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     end_with_parent()

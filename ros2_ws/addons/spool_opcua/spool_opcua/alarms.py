@@ -139,7 +139,7 @@ class Condition:
         )
 
     def change(self) -> None:
-        """Take note of when it became what it is: by the monitor, else by the clock of this host.
+        """Set the time of the change: by the monitor, else by the clock of this host.
 
         The monitor's time also makes an EventId that is the same after a restart.
         """
@@ -205,7 +205,7 @@ class Conditions:
         await self._valves.set_event_notifier([ua.EventNotifier.SubscribeToEvents])
 
     async def _declare(self, path: tuple[ua.QualifiedName, ...], node: ua.NodeId) -> None:
-        """Take note of all mandatory parts that ``node`` declares (OPC 10000-3, 6.4.4)."""
+        """Collect all mandatory parts that ``node`` declares (OPC 10000-3, 6.4.4)."""
         for one in await self._server.get_node(node).get_references(
             _IDS.Aggregates, ua.BrowseDirection.Forward
         ):

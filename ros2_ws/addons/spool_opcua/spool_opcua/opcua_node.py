@@ -211,7 +211,7 @@ class OpcUaNode(ManagedNode):
         self._log = None
 
     def _work(self, what: str, update: Callable[[list[HeardValve], float], Coroutine[Any, Any, int]]) -> None:
-        """Hand what is heard to ``update`` on the server's thread, unless it still works on the last."""
+        """Pass the listener's data to ``update`` on the server's thread, unless the last call still runs."""
         assert self._listener is not None
         last = self._updates.get(what)
         if last is not None and not last.done():

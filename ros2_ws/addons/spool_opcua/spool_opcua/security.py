@@ -237,8 +237,8 @@ class PlantSession(InternalSession):  # type: ignore[misc]
 
         asyncua numbers sessions in turn and would give one to any client that names its number.
         """
-        stranger = peer_certificate is None or self._peer not in (None, peer_certificate)
-        if self.external and self.iserver.secured and stranger:
+        unknown = peer_certificate is None or self._peer not in (None, peer_certificate)
+        if self.external and self.iserver.secured and unknown:
             raise ServiceError(ua.StatusCodes.BadSecurityChecksFailed)
         result = super().activate_session(params, peer_certificate)
         self._peer = peer_certificate

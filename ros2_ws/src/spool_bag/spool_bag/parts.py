@@ -45,11 +45,11 @@ class RepeatingChunks(ChunkBuilder):
         self._used: set[int] = set()
 
     def add_schema(self, schema: Schema) -> None:
-        """Take note of a schema."""
+        """Register a schema."""
         self._schemas[schema.id] = schema
 
     def add_channel(self, channel: Channel) -> None:
-        """Take note of a channel."""
+        """Register a channel."""
         self._channels[channel.id] = channel
 
     def add_message(self, message: Message) -> None:

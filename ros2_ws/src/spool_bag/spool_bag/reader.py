@@ -275,7 +275,7 @@ class BagReader:
             return None
 
     def _left_out(self, topic: str, count: int) -> None:
-        """Take note of what one pass left out; another pass leaves out the same again."""
+        """Count what one pass left out; another pass leaves out the same messages again."""
         self.undecodable[topic] = max(self.undecodable.get(topic, 0), count)
 
     def _known(self, valve: str) -> str:

@@ -107,7 +107,7 @@ class LossCount:
     _doubted: dict[str, int] = field(default_factory=dict)
 
     def take(self, topic: str, sequence: int, stamp: int) -> bool:
-        """Take note of a block with its ``stamp`` (ns); return whether others were lost before it."""
+        """Count a block with its ``stamp`` (ns); return whether others were lost before it."""
         last = self._last.get(topic)
         if last is None:
             self.lost.setdefault(topic, 0)
@@ -232,7 +232,7 @@ class MessageQueue:
         return older
 
     def wake(self) -> None:
-        """Let the consumer look now."""
+        """Wake the consumer."""
         with self._changed:
             self._changed.notify()
 
@@ -303,14 +303,14 @@ class MonitoringWatch:
     _valves: dict[str, _Heard] = field(default_factory=dict)
 
     def saw_data(self, valve: str, now: float) -> None:
-        """Take note of acceleration of ``valve``."""
+        """Record that acceleration of ``valve`` arrived at ``now`` (s)."""
         heard = self._valves.setdefault(valve, _Heard())
         if heard.data is None or now - heard.data > FLOWS:
             heard.since = now
         heard.data = now
 
     def saw_health(self, valve: str, now: float) -> None:
-        """Take note of the health of ``valve``."""
+        """Record that the health of ``valve`` arrived at ``now`` (s)."""
         self._valves.setdefault(valve, _Heard()).health = now
 
     def states(self, now: float) -> dict[str, Monitored]:

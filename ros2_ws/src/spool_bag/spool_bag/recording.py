@@ -211,7 +211,7 @@ class Recording:
 
     @contextlib.contextmanager
     def _kept_alive(self) -> Iterator[None]:
-        """Let nothing end the thread: a disk that fails does so in any call; it is tried again."""
+        """Keep the thread alive: any call may meet a failing disk, and the next one tries again."""
         try:
             yield
         except Exception as error:
@@ -276,7 +276,7 @@ class Recording:
             self._confirm(writer)
 
     def _confirm(self, writer: BagWriter) -> None:
-        """Let the queue forget what is on the disk."""
+        """Drop messages from the queue that are on the disk."""
         self._leave(self._queue.confirmed(writer.synced - self._confirmed))
         self._confirmed = writer.synced
 

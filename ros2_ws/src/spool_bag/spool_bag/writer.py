@@ -300,8 +300,7 @@ class BagWriter:
         return self._list.hashes(number) if self._list is not None else ()
 
     def replace(self, count: metadata.PartCount, staged: Path, sha256: str) -> bool:
-        """Let the file ``staged``, which has this SHA-256, replace a finished part; return whether that is
-        still there.
+        """Replace a finished part by the file ``staged`` with this SHA-256; return whether it is still there.
 
         Raises:
             OSError: it could not.
@@ -501,7 +500,7 @@ class BagWriter:
                 self._write_metadata(without_last=True)
 
     def release(self) -> None:
-        """Let another one write in the folder."""
+        """Release the folder for another writer."""
         if self._claim is not None:
             self._claim.release()
 
@@ -540,7 +539,7 @@ class FolderClaim:
             return
 
     def release(self) -> None:
-        """Let others write; again does nothing."""
+        """Release the claim; a second call does nothing."""
         descriptor, self._descriptor = self._descriptor, None
         if descriptor is not None:
             os.close(descriptor)

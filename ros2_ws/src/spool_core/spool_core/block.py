@@ -173,7 +173,7 @@ class RecentCounts:
     _steps: deque[list[int]] = field(default_factory=deque)
 
     def advance(self, seconds: float) -> None:
-        """Let time go on; what is older than RECENT is forgotten."""
+        """Advance the clock; forget counts that are older than RECENT."""
         self._clock += seconds
         while self._steps and self._steps[0][0] < self._clock - RECENT:
             _, lost, refused = self._steps.popleft()
@@ -181,7 +181,7 @@ class RecentCounts:
             self.refused -= refused
 
     def count(self, lost: int, refused: int) -> None:
-        """Take note of blocks that were lost or refused now."""
+        """Count blocks that were lost or refused now."""
         now = int(self._clock)
         if not self._steps or self._steps[-1][0] != now:
             self._steps.append([now, 0, 0])

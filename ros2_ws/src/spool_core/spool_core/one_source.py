@@ -117,7 +117,7 @@ class OneSource(Generic[FaultType]):
         self.rivals = [*self.rivals[1 - MOST_RIVALS :], Rival(place, place.stamp, 1, direct)]
 
     def still_there(self, last: Place) -> bool:
-        """Take note that the first source has sent ``last``: the others begin to wait again.
+        """Record that the first source has sent ``last``: the others begin to wait again.
 
         Return whether that shows another stream to be a second source.
         """

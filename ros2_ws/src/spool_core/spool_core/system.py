@@ -195,7 +195,7 @@ def staged(target: Path, *, replace: bool = True) -> Iterator[Path]:
 
 
 def end_with_parent() -> None:
-    """Let this process of a pool end with its parent, however that ends."""
+    """End this process of a pool when its parent ends, in whatever way."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
@@ -317,7 +317,7 @@ def processors() -> int:
 
 
 def limit_processors(most: int) -> None:
-    """Let this process use ``most`` processors at most: one of several workers that share them."""
+    """Limit this process, one of several workers that share the processors, to ``most`` of them."""
     global _limit  # noqa: PLW0603 - it is of the process
     _limit = most
 

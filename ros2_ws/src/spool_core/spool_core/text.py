@@ -106,7 +106,7 @@ def keep_standard_streams() -> None:
 
 
 def drop_output() -> None:
-    """Let what is still to be printed go nowhere: the reader (``| head``) has ended."""
+    """Discard the rest of the output: the reader (``| head``) has ended."""
     null = os.open(os.devnull, os.O_WRONLY)
     for stream in (sys.stdout, sys.stderr):
         try:

@@ -388,7 +388,7 @@ class Tracker:
         return newest(self._ring, int(self._progress["since_restart"][0]) * self.chunk, count)
 
     def _begin(self, found: WindowFit) -> None:
-        """Let the regression go on from ``found``."""
+        """Continue the regression from ``found``."""
         weight = NOISE**2 / (found.variance + SMALLEST_NOISE**2)
         doubt = chunks.DOUBT * weight * found.noise_score
         self.regression.begin(found.parameters, found.grams * weight, found.scores * weight, doubt)

@@ -119,7 +119,7 @@ class AlarmStore:
         )
 
     def restore(self, conditions: Iterable[Condition]) -> None:
-        """Let ``conditions`` go on as active where their alarms are, so that their end is seen too."""
+        """Activate those of ``conditions`` whose alarms are active, so that their end is seen too."""
         for condition in conditions:
             alarm = self.alarms.get(condition.name)
             if alarm is not None and alarm.active and condition.active is None:

@@ -175,7 +175,7 @@ class Detection:
             start.restart()
 
     def restart(self, period: float, pause: int = 0) -> None:
-        """Take note that samples are missing, or of the first ones, ``period`` s apart.
+        """Start again at the first samples, or after missing ones, ``period`` s apart.
 
         ``pause`` (ns) lies between the last sample and the next one, by their stamps: it counts as no time in
         which there was something to judge. It is negative where a clock was set back.
@@ -189,7 +189,7 @@ class Detection:
             one.restart()
 
     def stroke(self, period: float, pause: int) -> None:
-        """Take note that ``pause`` (ns) around a stroke was left out; what was known still holds."""
+        """Skip the ``pause`` (ns) around a stroke; earlier judgements stay valid."""
         self._pause(pause)
         self.windows.restart(period)
         self.channels.restart(period)

@@ -199,7 +199,7 @@ class Condition:
         return [event]
 
     def pause(self, nanoseconds: int) -> None:
-        """Take note that there was nothing to judge for this long: no part of a delay."""
+        """Skip a time in which there was nothing to judge: it is no part of a delay."""
         self._since = None if self._since is None else self._since + nanoseconds
         self._eased = None if self._eased is None else self._eased + nanoseconds
         self._above = {severity: since + nanoseconds for severity, since in self._above.items()}

@@ -460,7 +460,7 @@ class AlarmServices:
         self._state.close()
 
     def identify(self, valve_id: str, oil: str) -> None:
-        """Take note of which valve it is; its kept baseline is taken up."""
+        """Set the valve and load its kept baseline."""
         self.valve_id = valve_id
         try:
             if self._state.baseline.identify(valve_id, oil):

@@ -260,7 +260,7 @@ class ParameterDrift:
         self._smoothed = math.nan
 
     def pause(self, nanoseconds: int) -> None:
-        """Take note that nothing was measured for this long: no time of a drift."""
+        """Skip a time in which nothing was measured: it is no part of a drift."""
         self._last += nanoseconds if self._last else 0
         self._outlook.paused += nanoseconds
 

@@ -296,7 +296,7 @@ class BaselineKeeper:
         raise refused[0]
 
     def update(self, estimate: Estimate) -> bool:
-        """Take note of an estimate that the monitor has seen; return whether there is something to keep."""
+        """Learn from an estimate that the monitor has seen; return whether the state has to be saved."""
         if self.current is None and estimate.state is State.TRACKING and estimate.oil_temperature.known:
             celsius = estimate.oil_temperature.value
             low, high = self._band
@@ -429,7 +429,7 @@ def healthy_values(detection: Detection) -> tuple[HealthyValue, ...]:
 
 
 def take_up(detection: Detection, values: tuple[HealthyValue, ...]) -> None:
-    """Let ``detection`` compare with ``values``; what they lack is learned."""
+    """Set ``values`` as the baseline of ``detection``; it learns those that are missing."""
     detection.relearn()
     for kept in values:
         drift = detection.parameters.get(kept.name)

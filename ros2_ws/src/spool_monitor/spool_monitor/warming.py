@@ -55,7 +55,7 @@ class OilLevel:
     _beyond: float = field(default=0.0, init=False)
 
     def know(self, stamp: int) -> None:
-        """Take note that at ``stamp`` (ns) the oil is as it was for the start value, or measured."""
+        """Set at ``stamp`` (ns): the oil is as it was for the start value, or its temperature is measured."""
         self.level, self._stamp, self._since = 0.0, stamp, math.inf
         self._starts = [(0.0, 0.0)]
 

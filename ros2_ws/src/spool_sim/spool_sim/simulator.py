@@ -214,7 +214,7 @@ class Simulator:
         return ramp.start != ramp.target or ramp.target != self._temperature
 
     def set_drift(self, quantity: str, target: float, duration: float = 0.0) -> None:
-        """Let a parameter run linearly from its present value to ``target``, from the next sample on.
+        """Change a parameter linearly from its present value to ``target``, from the next sample on.
 
         Args:
             quantity: one of ``DRIFTING``.

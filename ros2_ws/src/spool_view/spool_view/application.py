@@ -417,7 +417,7 @@ class PageProtocol(H11Protocol):
         return cycle is None or bool(cycle.response_complete)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Take note that it ended."""
+        """Forget a connection that ended."""
         self._late.cancel()
         self._stuck.cancel()
         _OPEN.pop(self.client, None)
@@ -429,7 +429,7 @@ class PageProtocol(H11Protocol):
         self._stuck = self.loop.call_later(STALLED, self.transport.abort)
 
     def resume_writing(self) -> None:
-        """Take note that the client reads."""
+        """Stop the timer of a stalled client, which reads again."""
         super().resume_writing()
         self._stuck.cancel()
 

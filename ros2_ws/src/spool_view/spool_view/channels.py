@@ -62,7 +62,7 @@ class MachineChannel(Channel):
         self.readers.add(reader)
 
     def leave(self, reader: Reader) -> None:
-        """Take note that ``reader`` is gone."""
+        """Remove ``reader``, which is gone."""
         self.readers.discard(reader)
 
     def step(self) -> None:
@@ -109,7 +109,7 @@ class ValveChannel(Channel):
         self.readers.add(reader)
 
     def leave(self, reader: Reader) -> None:
-        """Take note that ``reader`` is gone."""
+        """Remove ``reader``, which is gone."""
         if reader in self.readers:
             self.readers.discard(reader)
             if not self.readers:

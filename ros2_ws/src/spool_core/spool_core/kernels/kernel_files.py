@@ -74,7 +74,7 @@ def damaged_files(folder: Path) -> list[Path]:
 
 
 def keep_on_disk(kernel: object, digest: Callable[[], str]) -> None:
-    """Let the dispatcher ``kernel`` keep its compiled forms in sealed files.
+    """Store the compiled forms of the dispatcher ``kernel`` in sealed files.
 
     Does nothing to a function that numba does not compile (``NUMBA_DISABLE_JIT``).
 

@@ -82,7 +82,7 @@ class OutlierFilter:
         return self.body + self.spool
 
     def restart(self, period: float) -> None:
-        """Take note that samples ``period`` s apart follow a gap; the span of the signal stays known."""
+        """Start again after a gap, with samples ``period`` s apart; the span of the signal stays known."""
         numbers = self._numbers
         numbers[:, (_LAST, _BEFORE)] = math.nan
         numbers[:, (_ROW, _FILLED)] = 0.0

@@ -78,7 +78,7 @@ class BlockHub:
         self._shared.mailbox = node.open_mailbox(AccelerationBlocks, name, qos.samples_wanted(HOSTED_DEPTH))
 
     def subscribe(self, node: Any, name: str, take: Take, room: Room) -> Callable[[], None]:
-        """Let ``take`` have the blocks of the topic ``name`` of ``node``; return what ends it.
+        """Pass the blocks of the topic ``name`` of ``node`` to ``take``; return a call that ends this.
 
         They wait for each other until ``room()`` samples have come.
         """
@@ -94,7 +94,7 @@ class BlockHub:
         return lambda: self._end(topic, taker)
 
     def give_up(self, node: Any) -> None:
-        """Let others have the blocks of the topics of ``node``, which hangs."""
+        """Remove ``node``, which hangs, from its topics, so that other nodes get their blocks."""
         for topic in self._topics.values():
             for taker in [one for one in topic.takers if one[0] is node]:
                 self._end(topic, taker)
@@ -129,7 +129,7 @@ class BlockHub:
         return topic is not None and (bool(topic.heard) or topic.busy)
 
     def flush(self, waited: float) -> None:
-        """Let blocks have their turn that have waited for others for more than ``waited`` s."""
+        """Process blocks that have waited for others for more than ``waited`` s."""
         before = time.monotonic() - waited
         for topic in self._topics.values():
             with contextlib.suppress(IndexError):  # the worker took them meanwhile
@@ -137,7 +137,7 @@ class BlockHub:
                     self._ask(topic)
 
     def offer(self, name: str) -> None:
-        """Let a source of this process hand over the blocks of the full topic ``name``; no other is heard."""
+        """Take the blocks of the full topic ``name`` from a source of this process only."""
         topic = self._topics.setdefault(name, _Topic(name))
         topic.local = True
         self._unsubscribe(topic)
@@ -157,7 +157,7 @@ class BlockHub:
         return len(topic.takers) if topic is not None else 0
 
     def hand_over(self, name: str, block: Block) -> None:
-        """Let those that take the blocks of topic ``name`` have ``block`` as if it had come as a message."""
+        """Pass ``block`` to the subscribers of topic ``name`` as if it had come as a message."""
         topic = self._topics[name]
         if topic.owner is not None:
             self._hear(topic, block)
@@ -397,7 +397,7 @@ class Worker:
         return max(0.0, self._clock() - self._busy_since)
 
     def put(self, owner: object, job: Callable[[Any], None], argument: Any) -> None:
-        """Let ``job(argument)`` run when its turn comes; those of an owner that hangs are dropped."""
+        """Queue ``job(argument)``; jobs of an owner that hangs are dropped."""
         self._jobs.put((owner, job, argument))
 
     def look(self, most: float) -> None:

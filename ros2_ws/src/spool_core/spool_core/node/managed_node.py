@@ -159,7 +159,7 @@ class ManagedNode(LifecycleNode):  # type: ignore[misc]  # rclpy carries no type
     def collect(
         self, sources: Sequence[tuple[type[Any], str, Callable[[bytes, int], None]]], profile: QoSProfile
     ) -> None:
-        """Let each callback have the serialized messages of its topic and their arrivals (ns) while active.
+        """Pass serialized messages and their arrival times (ns) to the callback of each topic while active.
 
         What came of all topics is taken every :data:`COLLECTS` s, in the order of its arrival: a turn of an
         executor for each of a thousand messages a second costs more than what they are for.
@@ -182,7 +182,7 @@ class ManagedNode(LifecycleNode):  # type: ignore[misc]  # rclpy carries no type
     def subscribe_blocks(
         self, topic: str, take: Callable[[Sequence[Block]], None], room: Callable[[], int]
     ) -> None:
-        """Let ``take`` have the blocks of ``topic`` while active; their samples are views of the messages.
+        """Pass the blocks of ``topic`` to ``take`` while active; their samples are views of the messages.
 
         Until ``room()`` samples have come they may wait for each other in a process that hosts many nodes.
         """

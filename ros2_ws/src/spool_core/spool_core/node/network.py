@@ -81,7 +81,7 @@ def check_middleware(environment: Mapping[str, str] | None = None) -> None:
 
 
 def isolate() -> int:
-    """Let this process and its children talk on this machine only, on a separate domain.
+    """Limit this process and its children to this machine and to a separate domain.
 
     ``ROS_DOMAIN_ID`` and ``ROS_AUTOMATIC_DISCOVERY_RANGE`` are kept where they are set. The domain is claimed
     until this process ends.

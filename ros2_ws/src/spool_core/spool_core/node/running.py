@@ -184,7 +184,7 @@ def _wrong_rule(flag: str, text: str) -> str:
 
 @contextlib.contextmanager
 def _rcl_silent() -> Iterator[None]:
-    """Let rcl write nothing to the console: what it refuses is raised, and reported in one line."""
+    """Silence rcl on the console: its errors are raised, and reported in one line."""
     set_level = rclpy_implementation.rclpy_logging_set_logger_level
     set_level("rcl", rclpy.logging.LoggingSeverity.FATAL)
     try:
@@ -223,7 +223,7 @@ def new_executor() -> Executor:
 
 
 def ensure_log_folder() -> str | None:
-    """Let ROS 2 log to a temporary folder where it can't write in its own; return one line about that.
+    """Redirect logs of ROS 2 to a temporary folder if its own is not writable; return one line about that.
 
     Its own is ``ROS_LOG_DIR``, else ``$ROS_HOME/log``, else ``~/.ros/log``.
     """

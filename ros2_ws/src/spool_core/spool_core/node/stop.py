@@ -39,7 +39,7 @@ class Stop:
             signal.signal(number, self._take)
 
     def finish(self) -> None:
-        """Let no further signal reach the interpreter while it takes itself down."""
+        """Ignore further signals while the interpreter shuts down."""
         for number in NUMBERS:
             signal.signal(number, signal.SIG_IGN)
 

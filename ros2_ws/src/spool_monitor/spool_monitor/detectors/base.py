@@ -205,7 +205,7 @@ class Detector(ABC):
         """Judge ``moment``, each part by itself; ``None`` where it shows nothing to this detector."""
 
     def restart(self) -> None:
-        """Take note that samples are missing before the next moment."""
+        """Start again: samples are missing before the next moment."""
         self.suspicious = ""
 
     def relearn(self) -> None:

@@ -402,7 +402,7 @@ class SensorScale(Detector):
         self._found = False
 
     def restart(self) -> None:
-        """Take note that samples are missing: the next estimate is still of the valve before and may jump."""
+        """Start again after missing samples: the next estimate is still of the valve before and may jump."""
         super().restart()
         self._unexplained, self._lost = -1, 0
 

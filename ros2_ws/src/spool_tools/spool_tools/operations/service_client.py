@@ -110,7 +110,7 @@ def call(node: Node, server: str, service: str, request: Any, kind: Any) -> Any:
 
 
 def until(node: Node, met: Callable[[], object], server: str, patience: float = PATIENCE) -> None:
-    """Let ``node`` work until ``met``, of the node ``server``.
+    """Spin ``node`` until ``met``; ``server`` is the node that has to answer.
 
     Raises:
         InputError: ``patience`` (s) is over first.
