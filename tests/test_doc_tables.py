@@ -36,7 +36,9 @@ PAGES = [
 ]
 #: Tables elsewhere define or explain: names, meanings, settings, sources. Nothing in them was measured.
 EXPLAINING = {
+    "operator.md": [("urgency", "what to do"), ("act", "when")],
     "alarms.md": [
+        ("state", "raised"),
         ("kind", "number"),
         ("number", "title"),
         ("event", "on-delay"),
