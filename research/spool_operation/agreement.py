@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 from spool_core.numbers import Array
-from spool_evaluation.results.page import markdown_table, renew_json, study_command, write_page
+from spool_evaluation.results.page import markdown_table, study_command, write_page
 from spool_evaluation.studies.workers import spread
 
 from spool_operation.run_day import TRACED, DayOutcome, Trace, outcome_of
@@ -44,7 +44,6 @@ def run(cases: int, seed: int, out: Path, workers: int | None = None) -> list[Da
         pairs.sort(key=lambda one: one.seed)
         command = study_command("operation-agreement", cases, seed)
         write_page(out / "operation_agreement.md", "Surrogate and estimator", command, parts(pairs))
-        renew_json(out / "operation_agreement.json", [_numbers(one) for one in pairs])
     return pairs
 
 
@@ -131,18 +130,3 @@ def _joined(stretches: tuple[tuple[int, int], ...]) -> tuple[tuple[int, int], ..
         else:
             made.append((begin, end))
     return tuple(made)
-
-
-def _numbers(pair: DayPair) -> dict[str, object]:
-    return {
-        "seed": pair.seed,
-        **{
-            which: {
-                name: {
-                    title: measure([getattr(pair, which)[:, number]]) for title, measure in MEASURES.items()
-                }
-                for number, name in enumerate(TRACED)
-            }
-            for which in ("full", "surrogate")
-        },
-    }

@@ -3,26 +3,22 @@
 from __future__ import annotations
 
 import math
-import pickle
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-from spool_core.numbers import Array
 from spool_evaluation.results.page import interval, markdown_table, poisson_interval, renew_json, write_page
 from spool_evaluation.studies.workers import resumed
 from spool_report.outputs import suite_version
 
 from spool_operation.comparison import YEAR, Comparison, compare, span
 from spool_operation.faults import SPEEDS
-from spool_operation.run_day import DayOutcome, DayRun, RaisedEvent, run_day
+from spool_operation.run_day import DayOutcome, RaisedEvent, run_day
 from spool_operation.surrogate import load_surrogate
-from spool_operation.world import draw_day, stretches_of
 
 ROWS = "operation_days.jsonl"
 #: Severity from which a fault is of the size of an alarm.
@@ -49,7 +45,6 @@ def run(
     command = f"./spool study operation --days {cases} --faulty {faulty} --seed {seed} --out DIR"
     write = partial(_write, out, command)
     found: list[DayOutcome] = []
-    memory = simulated_year(seed)
     wanted = [(seed + number, False) for number in range(cases)]
     wanted += [(seed + number, True) for number in range(faulty)]
     # Faults are spread among healthy days: a study that is ended early has some of both.
@@ -59,10 +54,10 @@ def run(
     ):
         found.append(outcome)
         if len(found) % 500 == 0:
-            write(found, memory, None)
-    write(found, memory, None)
+            write(found, None)
+    write(found, None)
     healthy, drifting = min(max(10, cases // 4), COMPARED), min(max(10, faulty // 2), COMPARED)
-    write(found, memory, compare(healthy, drifting, seed, workers))
+    write(found, compare(healthy, drifting, seed, workers))
 
 
 def _live(which: tuple[int, bool]) -> DayOutcome:
@@ -70,23 +65,15 @@ def _live(which: tuple[int, bool]) -> DayOutcome:
     return run_day(seed, faulty=faulty)
 
 
-def _write(
-    out: Path,
-    command: str,
-    outcomes: Sequence[DayOutcome],
-    memory: YearMemory | None,
-    comparison: Comparison | None,
-) -> None:
+def _write(out: Path, command: str, outcomes: Sequence[DayOutcome], comparison: Comparison | None) -> None:
     kept: dict[str, Any] = {"days": [asdict(one) for one in sorted(outcomes, key=lambda one: one.seed)]}
     if comparison is not None:
         kept["comparison"] = comparison.to_dict()
     renew_json(out / "operation.json", kept)
-    write_page(out / "operation.md", "Operation", command, parts(outcomes, memory, comparison))
+    write_page(out / "operation.md", "Operation", command, parts(outcomes, comparison))
 
 
-def parts(
-    outcomes: Sequence[DayOutcome], memory: YearMemory | None = None, comparison: Comparison | None = None
-) -> list[str]:
+def parts(outcomes: Sequence[DayOutcome], comparison: Comparison | None = None) -> list[str]:
     """Return the parts of the page."""
     healthy = [one for one in outcomes if not one.faulty]
     # Production may end before a slow drift is as large as it has to be found.
@@ -106,8 +93,8 @@ def parts(
         summary(faulty),
         "## Delay and severity",
         severity_table(drifts),
-        "## Cost and memory",
-        *_cost(healthy, memory),
+        "## Cost",
+        *_cost(healthy),
     ]
     if comparison is not None:
         made += ["## Compared with other detectors", *comparison.parts()]
@@ -192,18 +179,15 @@ def severity_table(drifts: Sequence[DayOutcome]) -> str:
     return markdown_table(("fault", "severity", *SPEEDS), rows)
 
 
-def _cost(healthy: Sequence[DayOutcome], memory: YearMemory | None) -> list[str]:
+def _cost(healthy: Sequence[DayOutcome]) -> list[str]:
     if not healthy:
         return []
     cost = np.array([one.cost for one in healthy])
     state = max(one.state for one in healthy)
-    made = [
+    return [
         f"A valve-day takes {np.median(cost):.2f} s of computing (median; longest {cost.max():.1f} s). "
         f"State files at the end of a day: {state / 1000.0:.1f} kB at most."
     ]
-    if memory is not None:
-        made.append(memory.text())
-    return made
 
 
 def _failing(outcomes: Sequence[DayOutcome]) -> list[str]:
@@ -276,59 +260,3 @@ def _delays(delays: Sequence[float]) -> str:
         return "-"
     low, middle, high = np.quantile(kept, [0.25, 0.5, 0.75])
     return f"{span(middle)} ({span(low)} to {span(high)})"
-
-
-#: Days of the year, s of production that are simulated of each.
-DAYS, EACH = 365, 120
-#: Days from which the slope counts: until then the bounded histories fill.
-FILLED = 60
-
-
-@dataclass(frozen=True, slots=True)
-class YearMemory:
-    """Size of the monitor's whole state and of its state files, bytes at the end of each day, shapes (n,)."""
-
-    monitor: Array
-    files: Array
-
-    @property
-    def slope(self) -> float:
-        """Growth of the monitor's state, bytes a day."""
-        days = np.arange(self.monitor.size)[FILLED:]
-        return float(np.polyfit(days, self.monitor[FILLED:], 1)[0]) if days.size > 2 else 0.0
-
-    def text(self) -> str:
-        """Return what the page states."""
-        return (
-            f"One valve over a simulated year ({self.monitor.size} days, {EACH} s of production of "
-            f"each): the monitor's state grows by {self.slope:.1f} bytes a day and is "
-            f"{self.monitor.max() / 1000.0:.0f} kB at most (serialised size of all its objects); state "
-            f"files are {self.files.max() / 1000.0:.1f} kB at most."
-        )
-
-
-class _YearRun(DayRun):
-    """Run of stretches of a year; sizes are taken at the end of each."""
-
-    sizes: list[tuple[int, int]]
-
-    def run(self) -> None:
-        """Live the stretches."""
-        self.sizes = []
-        super().run()
-
-    def _ended(self) -> None:
-        self.sizes.append((len(pickle.dumps(self.monitor)), self.state_size))
-
-
-def simulated_year(seed: int, days: int = DAYS) -> YearMemory:
-    """Live ``days`` of one valve, without a restart, and take the size of what is kept."""
-    day = draw_day(seed)
-    draw = np.random.default_rng([seed, 31])
-    year = replace(stretches_of(draw, day, days, EACH, 86_400), weekend=0.0, fault=None, dense=True)
-    with TemporaryDirectory() as folder:
-        one = _YearRun(year, Path(folder))
-        one.run()
-        one.close()
-    monitor, files = np.array(one.sizes, dtype=float).T
-    return YearMemory(monitor, files)

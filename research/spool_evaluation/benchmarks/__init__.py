@@ -5,7 +5,6 @@ from __future__ import annotations
 #: Each is a module of this package with ``run() -> Iterator[Row]``, and the options that its ``run`` takes.
 BENCHMARKS: dict[str, tuple[str, ...]] = {
     "sim": (),
-    "bag": (),
     "estimate": (),
     "gap": ("seed", "cases"),
     "host": ("seconds", "valves"),

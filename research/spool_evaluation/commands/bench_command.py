@@ -33,7 +33,7 @@ def bench(
 ) -> None:
     """Time the suite side by side with its peers, on the same work in one run.
 
-    Example: ./spool bench bag --json bench.json
+    Example: ./spool bench estimate --json bench.json
     """
     from spool_evaluation.bench import run_bench  # noqa: PLC0415 - slow to load
 

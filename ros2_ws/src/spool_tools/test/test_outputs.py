@@ -35,7 +35,7 @@ WRITING = (
     "gap BAG --json",
     "gap BAG --report",
     "gap BAG --save-model",
-    "bench bag --json",
+    "bench estimate --json",
     "export BAG --out",
     "simulate --seconds 1 --out",
     "recover BAG --out",
