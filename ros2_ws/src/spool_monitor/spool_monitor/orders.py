@@ -53,7 +53,7 @@ MOST_CHANCE = 0.05
 SPEED_ERROR = 0.001
 #: Share of the power that a line keeps over angle, of its power over time, where both tell the same.
 KEPT = 0.9
-#: Hz by which the strongest line of a second may lie beside an order.
+#: Hz by which the strongest line of a second may lie beside an order: a second resolves 1 Hz.
 BESIDE = 1.0
 #: Revolutions of a piece of an order spectrum, and the highest order that it shows.
 TURNS, MOST_ORDERS = 64, 30

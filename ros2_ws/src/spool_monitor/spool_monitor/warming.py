@@ -13,7 +13,7 @@ from statistics import median
 
 #: 1/s, fastest change of the logarithm of a viscosity: 3 K/min, at 9 % per K (ISO VG oils in the cold, D341).
 FASTEST = 3.0 / 60.0 * 0.09
-#: s of standstill after which a start is cold, and s of its estimates that are compared with other ones.
+#: s of standstill after which a start is cold (tanks cool with time constants of 2 to 4 h); s compared of it.
 COOLED, COLD = 4.0 * 3600.0, 15.0
 #: Standstill of a start that is compared, over that of the present one, at most: it was no colder.
 SHORTER = 1.25
