@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
+import yaml
 from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from spool_core.errors import InputError
-from spool_core.numbers import GRAVITY
+from spool_core.numbers import GRAVITY, Array
 from spool_core.uncertainty import PLUS_MINUS, Z_95
 from spool_report import page as html
 from spool_report.outputs import write_json
@@ -65,125 +66,62 @@ Fits = Mapping[tuple[int, str], PaperFit]
 
 TableRow = dict[str, object]
 
-#: What the comparison can tell, and what only the authors' measurements could.
-CAN: tuple[str, ...] = (
-    "The undamped natural frequencies, 15.15 and 28.68 Hz, and the viscous coefficients of equation "
-    "(12), 8.20 and 2.65 N s/m: they follow from table 2.",
-    "What each of the four equations does at 10 to 100 Hz with given parameters, the printed ones included.",
-    "Which parameters a fit by (33) can distinguish. In model 1 only the product k_t (d_k0 - a_k0) acts, "
-    "so the three columns of table 3 are one number; in model 3 with the drag of (12) K_V only changes "
-    "the viscous coefficient to (1 - K_V) of it.",
-    "That some printed objectives cannot belong to converged fits of the equations as read here. Model 3 "
-    "contains model 4 for any h: mu_0 = 0 and K_V = 1 - (15 µm)/h give its drag. Yet it is printed with a "
-    "larger objective in three of the four series, by a factor of up to 4.5. Models 1 and 2 contain model 4 "
-    "only with h fitted (last table).",
-    "That the values of table 4 lock the spool (below).",
-)
-CANNOT: tuple[str, ...] = (
-    "The printed objective values: they depend on the measured waveforms, their length and sigma, none "
-    "of which is printed; (33) as printed is not squared, so that errors of opposite sign cancel, and "
-    "its least value is no good fit.",
-    "The printed ratios a_est/a_pom and the ranking of the models: they depend on the spool the authors "
-    "measured. The ranking here is that of the truth stated above, which was chosen to be none of the "
-    "four models.",
-    "Figures 6 to 17: this page was made from the paper's text, without its figures. What the text says "
-    "of them can be compared: resonances near 15 and 29 Hz, and more damping by the thicker oil.",
-    "The regime of the measurements: amplitudes of the body are not printed. The one motion that the text "
-    "gives, 60 Hz with a full stroke of 9 mm and a mean speed above 0.5 m/s, is the second regime below.",
-    "Table 7 from tables 3 to 6: the mean of model 2 agrees with its four entries; for model 1 the four "
-    "entries average 6.21e7 where 6.27e7 is printed.",
-    "The viscosities at 20 deg C: the printed ones are what these oils have at about 40 deg C. They are "
-    "used as printed.",
-)
+#: What the page shows, in its order.
+PARTS = Path(__file__).with_name("page.yaml")
 
 
-def assumptions(plan: Plan) -> list[str]:
-    """Return what the made data rest on, one line each."""
+def facts(results: Reproduction, tables: Mapping[str, list[TableRow]]) -> dict[str, object]:
+    """Return the numbers that the page's texts name."""
+    plan, fits = results.plan, [*results.fits.values(), *results.free.values()]
     body, spool = (100.0 * sensor.gain_error for sensor in sensors(SEED))
-    static, kinetic = TRUTH["static_force"], TRUTH["coulomb_force"]
-    first, last = plan.frequencies[0], plan.frequencies[-1]
-    return [
-        "The authors' measurements are not published. Every 'measured' number here is simulated.",
-        "Truth: fluid friction (12) with table 2, and dry friction that falls with speed (Stribeck), from "
-        f"{static:g} N at rest to {kinetic:g} N, by exp(-(v/v_s)^2) with v_s = "
-        f"{TRUTH['stribeck_velocity']:g} m/s. It is none of the four models.",
-        f"Shaker: {len(plan.frequencies)} steps from {first:g} to {last:g} Hz of {plan.dwell:g} s, "
-        f"{plan.amplitude:g} m/s^2 peak throughout; the last {plan.window:g} s of each count. The only "
-        "motion in the paper's text is far larger: 60 Hz with a full spool stroke of 9 mm, above 0.5 m/s.",
-        f"Measuring chain: (30) to (32) with 5 %; drawn gain errors {body:+.2f} % (body) and {spool:+.2f} % "
-        f"(spool), noise {NOISE:g} m/s^2.",
-        "Fits: free-run simulations driven by the measured body amplitude, waveforms compared, sigma_i from "
-        "the 5 % (as even bounds) and the noise. The sum of squares is minimised; (33) as printed is only "
-        "evaluated.",
-    ]
+    valve, (_, force) = SERIES[3].valve, locking_friction()
+    return {
+        "plan": plan, "truth": TRUTH, "noise": NOISE, "body": body, "spool": spool,
+        "steps": len(plan.frequencies), "first": plan.frequencies[0], "last": plan.frequencies[-1],
+        "speed": SPEED, "uncertainty": 100.0 * PAPER_CHAIN.relative_uncertainty, "stroke": 1e3 * STROKE,
+        "rest": force[0], "least": force.min(), "inertia": valve.moving_mass * plan.amplitude,
+        "loose": force[0] / valve.moving_mass, "followed": sum(locked(results).values()),
+        "series": len(SERIES), "verdict": verdict(tables["models_in_both_regimes"]),
+        "level": sum(one.decrease < LEVEL for one in fits), "fits": len(fits), "promise": 100.0 * LEVEL,
+    }  # fmt: skip
 
 
 def sections(out: Path, results: Reproduction, tables: Mapping[str, list[TableRow]]) -> list[Markup]:
     """Return the sections of the page; the pictures go into the folder ``out`` as PNG, too."""
-
-    def drawn(name: str, figure: Figure, description: str) -> Markup:
-        text, content = html.picture(figure, description)
-        (out / f"{name}.png").write_bytes(content)
-        return text
-
-    series_4 = SERIES[3]
-    found = [
-        html.heading("What the data are"), html.listing(assumptions(results.plan)),
-        html.heading("What can be reproduced without the authors' measurements"), html.listing(CAN),
-        html.heading("What cannot"), html.listing(CANNOT),
-        html.heading("What follows from tables 1 and 2"),
-        html.paragraph(
-            f"(6): fluid friction coefficient eta = mu v A / (F_N h) under the spool's weight at {SPEED:g} "
-            "m/s, what Coulomb's coefficient would have to be for Newton's drag. Lambda: gap height over "
-            "combined rms roughness; fluid friction from 3 on, mixed from 1 on. (31): largest error of the "
-            f"measuring chain, {100.0 * PAPER_CHAIN.relative_uncertainty:.3g} % of the reading."
+    numbers, series = facts(results, tables), SERIES[3]
+    figures = {
+        "figures_6_to_9": amplitude_figure(results.data),
+        "figures_10_and_11": comparison_figure(results.data),
+        "figure_12": objective_figure(results.fits),
+        "figure_13": waveform_figure(results.data[4], series, results.fits),
+        "figures_14_to_17": ratio_figure(results.data, results.fits),
+        "table_4_locks_the_spool": lock_figure(
+            series, results.data[4], results.printed[4, "mixed"], locking_friction()
         ),
-        html.table(Table.of(tables["derived"])),
-        html.heading("Amplitude over frequency: figures 6 to 11"),
-        drawn("figures_6_to_9", amplitude_figure(results.data), "amplitudes of body and spool"),
-        drawn("figures_10_and_11", comparison_figure(results.data), "all series together"),
-        html.heading("Fitted parameters: tables 3 to 6"),
-    ]  # fmt: skip
-    for model in MODELS:
-        found += [html.paragraph(_about(model)), html.table(Table.of(tables[f"table_{model.table}"]))]
-    found += [
-        html.paragraph(
-            "Intervals (± 95 %) come from the curvature of the objective: they say how sharp its least "
-            "value is, not how far a model that is not the truth may be off. 'unknown': the data do not tell."
-        ),
-        html.heading("The objective: figure 12 and table 7"),
-        drawn("figure_12", objective_figure(results.fits), "objective by model and series"),
-        html.table(Table.of(tables["table_7"])),
-        html.heading("Waveform at 60 Hz: figure 13"),
-        drawn("figure_13", waveform_figure(results.data[4], series_4, results.fits), "waveforms"),
-        html.heading("Amplitude ratios: figures 14 to 17"),
-        drawn("figures_14_to_17", ratio_figure(results.data, results.fits), "amplitude ratios"),
-        html.heading("Table 4 locks the spool"), *_lock(results, drawn),
-        html.heading("Two regimes of motion"),
-        html.paragraph(
-            f"The paper's conclusions name a spool that oscillates at 60 Hz with a full stroke of "
-            f"{1e3 * STROKE:g} mm. For that regime the body is shaken, at each step up to 60 Hz, as much as "
-            "fluid friction alone needs for that stroke. Forces at the step nearest to 60 Hz, in the truth:"
-        ),
-        html.table(Table.of(tables["forces_in_both_regimes"])),
-        html.paragraph(
-            "All four models fitted in both regimes, h held at 15 µm but in model 4; means over the four "
-            f"series. {verdict(tables['models_in_both_regimes'])} Gains of 5 % are in both, so that at full "
-            "stroke, where dry friction is a small part of all forces, they count for more than it does."
-        ),
-        html.table(Table.of(tables["models_in_both_regimes"])),
-        html.heading("Models that contain model 4"),
-        html.paragraph(
-            "Model 3 contains model 4 for any h: mu_0 = 0 and K_V = 1 - (15 µm)/h. A converged fit of it "
-            "never has the larger objective, but three of the four printed ones do: those fits did not "
-            "converge, were bounded, or follow another equation; the text does not tell which. Models 1 "
-            "and 2 contain model 4 only with h fitted and may lose to it with h held. The fits here start "
-            "from what they contain, so none ends above it. "
-            f"{_convergence(results)} Objectives with h held at 15 µm and with h fitted:"
-        ),
-        html.table(Table.of(tables["objective_with_h_fitted"])),
-    ]  # fmt: skip
+    }
+    found = []
+    for part in yaml.safe_load(PARTS.read_text(encoding="utf-8")):
+        match part:
+            case {"picture": name, "shows": description}:
+                text, content = html.picture(figures[name], description)
+                (out / f"{name}.png").write_bytes(content)
+                found.append(text)
+            case {"table": name}:
+                found.append(html.table(Table.of(tables[name])))
+            case {"list": lines}:
+                found.append(html.listing([line.format(**numbers) for line in lines]))
+            case {"heading": text}:
+                found.append(html.heading(text))
+            case {"paragraph": text}:
+                found.append(html.paragraph(text.format(**numbers)))
     return found
+
+
+def locking_friction() -> tuple[Array, Array]:
+    """Return relative velocities (m/s) and the mixed friction (N) with table 4's values for series 4."""
+    root, inverse = MODELS[1].values[4]
+    speed: Array = np.linspace(0.0, 3.0, 601, dtype=np.float64)
+    return speed, (root * np.sqrt(speed) + inverse / (speed + 0.01)) * SERIES[3].valve.spool_mass * GRAVITY
 
 
 def amplitude_figure(data: Mapping[int, SteppedResponse]) -> Figure:
@@ -276,10 +214,7 @@ def ratio_figure(data: Mapping[int, SteppedResponse], fits: Fits) -> Figure:
 
 
 def lock_figure(
-    series: PaperSeries,
-    measured: SteppedResponse,
-    printed: SteppedResponse,
-    friction: tuple[Sequence[float], Sequence[float]],
+    series: PaperSeries, measured: SteppedResponse, printed: SteppedResponse, friction: tuple[Array, Array]
 ) -> Figure:
     """Return the picture of table 4's values at work: amplitudes of body and spool, and the friction law.
 
@@ -424,51 +359,6 @@ def write_csv(path: Path, rows: Sequence[TableRow]) -> None:
         writer = csv.DictWriter(file, list(rows[0]))
         writer.writeheader()
         writer.writerows(rows)
-
-
-def _lock(results: Reproduction, drawn: Callable[[str, Figure, str], Markup]) -> list[Markup]:
-    series = SERIES[3]
-    root, inverse = MODELS[1].values[series.number]
-    weight = series.valve.spool_mass * GRAVITY
-    speed = np.linspace(0.0, 3.0, 601)
-    force = (root * np.sqrt(speed) + inverse / (speed + 0.01)) * weight
-    followed = [label for label, same in locked(results).items() if same]
-    inertia = series.valve.moving_mass * results.plan.amplitude
-    loose = force[0] / series.valve.moving_mass
-    say = (
-        f"Equation (23) with table 4 takes up to {force[0]:.0f} N at rest and never less than "
-        f"{force.min():.0f} N at any speed, against an inertia force of {inertia:.2g} N. Simulated, spool "
-        f"and body move as one, a_spool = a_body bit for bit, in {len(followed)} of {len(SERIES)} series. "
-        f"The body would have to be shaken with {loose:.0f} m/s^2 to break the spool loose. A locked "
-        "spool has no resonance and does not depend on the oil, but the text tells of resonances near 15 and "
-        "30 Hz that the oil changes, so these values were not at work as (23) is printed."
-    )
-    figure = lock_figure(
-        series, results.data[4], results.printed[4, "mixed"], (speed.tolist(), force.tolist())
-    )
-    return [html.paragraph(say), drawn("table_4_locks_the_spool", figure, "locked spool")]
-
-
-def _about(model: PrintedModel) -> str:
-    """Return the caption of a model's table."""
-    caption = f"Table {model.table}: model {model.number}, equation {model.equation}"
-    if model.name != "microwedge":
-        return caption
-    return (
-        f"{caption}. By (14), k_t = C_k mu_s: contact stiffness times coefficient of static friction. With "
-        "mu_s = 0.1, as of steel on steel in oil, 100 N/m stand for a contact of 1 kN/m."
-    )
-
-
-def _convergence(results: Reproduction) -> str:
-    """Return a sentence on how many fits are at a point where the objective is level."""
-    every = [*results.fits.values(), *results.free.values()]
-    level = sum(one.decrease < LEVEL for one in every)
-    return (
-        f"In {level} of {len(every)} fits a step of Gauss and Newton promises less than {100.0 * LEVEL:g} % "
-        "of the objective; in the others the spool sticks, the objective has kinks there, and its slopes "
-        "promise what a search around the point did not find."
-    )
 
 
 def _panels(across: str, up: str) -> tuple[Figure, list[Axes]]:
