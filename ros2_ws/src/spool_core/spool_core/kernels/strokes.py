@@ -4,8 +4,7 @@ A stroke is a speed of the spool in its body far beyond both what the body makes
 moment before. Due is the motion of a lightly damped spring and mass of the valve's natural frequency, a bound
 for one with dry friction. Hits at a stop and steps of a sensor make no such speed, or make it for longer than
 a stroke takes. What follows is left out until the spool moves in its body again as the body makes it: at a
-stop it does not. Each sample is judged by those before it, so the result does not depend on the split into
-blocks.
+stop it does not. Each sample is judged by earlier ones, so the split into blocks changes no result.
 """
 
 from __future__ import annotations
