@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -108,7 +109,8 @@ class ClockRoles:
     ``measured``: by role, what the record keeps. ``axis``: time axis, ``None`` where the group has none.
     ``fraction``: fractions of a second beside it. ``others``: channels that may hold the time as well.
     ``counter``: number of each sample, where a rate is given in place of an axis. ``channels``, ``beside``:
-    all of the file, and of the group.
+    all of the file, and of the group. ``rate``: Hz, as typed, as the file states it, or as its count and
+    duration do; NaN without.
     """
 
     table: Table
@@ -120,6 +122,7 @@ class ClockRoles:
     fraction: Role | None
     others: Sequence[Role]
     counter: Source | None
+    rate: float
 
     @property
     def timing(self) -> list[str]:
@@ -155,7 +158,8 @@ def _of_clock(channels: Channels, measured: Mapping[str, Role], asked: Choices) 
     """Return the roles of a group whose channels ``measured`` have theirs already.
 
     Raises:
-        InputError: the time axis that is asked for is missing or has another role.
+        InputError: the time axis that is asked for is missing or has another role, or nothing states when the
+            samples were taken.
     """
     taken = [role.source for role in measured.values()]
     table, group = taken[0].table, taken[0].group
@@ -176,7 +180,17 @@ def _of_clock(channels: Channels, measured: Mapping[str, Role], asked: Choices) 
             times = [one for one in free if one is not part and roles.may_be_time(one)]
             others = [Role(one, _use_of_time(one, Choices())) for one in times]
     timed = None if axis is None else Role(axis, _use_of_time(axis, asked))
-    return ClockRoles(table, group, channels, beside, measured, timed, fraction, others, counter)
+    rate = asked.rate or group.rate
+    if axis is None and asked.zone:
+        raise InputError(f"{table.path}: --zone {asked.zone}: it has no column of times: leave --zone out")
+    if axis is None and math.isnan(rate):
+        held = ", ".join(printable(one.channel.name, 40) for one in beside[:12])
+        raise InputError(
+            f"{table.path}: no column {TIME} and no sampling rate in it; it has {held}: "
+            + (group.doubt or "name the column of times, or give the rate, e.g. --rate 2000 for 2000 Hz")
+        )
+    rate = group.count / group.span if math.isnan(rate) else rate
+    return ClockRoles(table, group, channels, beside, measured, timed, fraction, others, counter, rate)
 
 
 def _fraction(source: Source) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import shlex
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -15,16 +15,17 @@ from spool_core.errors import InputError
 from spool_core.numbers import GRAVITY
 from spool_core.text import plural, printable
 
-from spool_bag import BODY, SLOW, SPEED, SPOOL, TACHO, TIME
-from spool_bag.importing import time_axis, time_base
-from spool_bag.importing.channel_use import ChannelUse, ClockRoles, Role, assigned
+from spool_bag import BODY, SLOW, SPEED, SPOOL, TACHO
+from spool_bag.importing.channel_use import ChannelUse, ClockRoles, assigned
 from spool_bag.importing.choices import Choices, choices, short, typed
 from spool_bag.importing.csv_layout import listed
 from spool_bag.importing.formats.format import open_table, read_channels
 from spool_bag.importing.mixed_sources import mixed
 from spool_bag.importing.roles import REQUIRED, Source
-from spool_bag.importing.table import STAMP, Group, Table, Values
+from spool_bag.importing.table import STAMP, Table, Values
 from spool_bag.importing.tacho import TachoSpeed, speed_from_pulses
+from spool_bag.importing.time_axis import ClockOffset, TimeAxis, axis_of, finite
+from spool_bag.importing.time_base import TimeBase, sampled
 from spool_bag.importing.two_clocks import Series, TopicTimes, check_one_time, merged
 
 #: Relative deviation of a rate below which it is not stated: stamps do not show the error of their clock,
@@ -44,8 +45,6 @@ MOST_FOOTER = 50
 #: Relative difference of a duration that is stated from that of the samples, beyond which it is a warning.
 SPAN_OFF = 0.02
 _PIECE = 1 << 20
-#: Samples by which the finest of several times is known.
-_LOOKED_AT = 1 << 16
 
 Array = NDArray[Any]
 
@@ -77,7 +76,7 @@ class LoggerRecord:
     warnings: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     repairs: Mapping[str, int] = field(default_factory=dict)
-    clocks: time_axis.ClockOffset | None = None
+    clocks: ClockOffset | None = None
     uses: tuple[ChannelUse, ...] = ()
     rate_std: float = 0.0
 
@@ -117,8 +116,6 @@ def read_record(
     for table in tables:
         table.dates = asked.dates
     clocks = assigned(tables, kind, asked)
-    if asked.zone and any(one.axis is None for one in clocks):
-        raise InputError(f"{files[0]}: --zone {asked.zone}: it has no column of times: leave --zone out")
     if len(clocks) == 1:
         record = _of_clock(clocks[0], kind, asked, regular=regular, single=single)
     else:
@@ -144,19 +141,60 @@ def read_record(
 
 def _of_clock(clock: ClockRoles, kind: str, asked: Choices, *, regular: bool, single: bool) -> LoggerRecord:
     """Return the record of channels that share one clock."""
-    table, group, axis, counter = clock.table, clock.group, clock.axis, clock.counter
-    path, where = table.path, table.where
-    stated = asked.rate or (None if math.isnan(group.rate) else group.rate)
-    if axis is None and stated is None:
-        held = ", ".join(printable(one.channel.name, 40) for one in clock.beside[:12])
-        raise InputError(
-            f"{path}: no column {TIME} and no sampling rate in it; it has {held}: "
-            + (group.doubt or "name the column of times, or give the rate, e.g. --rate 2000 for 2000 Hz")
-        )
-    measured = clock.measured
-    names = [one.name for one in measured.values()]
+    table, group, measured = clock.table, clock.group, clock.measured
+    values, warnings = _samples_of(clock, kind, asked, single=single)
+    axis = axis_of(clock, values, asked.zone)
+    found: dict[str, Array] = {}
+    for role, one in measured.items():
+        numbers = one.use.applied(np.asarray(values[one.name]))
+        found[role] = finite(table.path, one.name, numbers, table.where, holes=role in SLOW)
+    values.clear()
+    rows = [row for role, row in found.items() if role not in SLOW]
+    _check_one_source(clock, axis, rows)
+    base = sampled(clock, axis, rows, asked.rate, kind, regular=regular)
+    if base.kept is not None:
+        found = {role: row[base.kept] for role, row in found.items()}
+    warnings += base.warnings
+    notes, repairs = [*axis.notes], dict(base.repairs)
+    if TACHO in found:
+        turning = _with_speed(found, base, asked.pulses or 1, f"{table.path}: {measured[TACHO].name}")
+        warnings += turning.warnings
+        notes.append(str(turning))
+        repairs |= turning.repairs
+    notes.append(base.note)
+    table.account(group.name, "s", group.span, base.time.size * base.period, off=SPAN_OFF)
+    channels = [one.source.channel for one in measured.values()]
+    notes += [f"{printable(one.header, 40)}: {one.scaling}" for one in channels if one.scaling.applied]
+    left = table.settings.unused(one.name for one in channels)
+    if left:
+        notes.append(f"stated in the file and not used: {listed(left)}")
+    timed = [axis.role.use] if axis.role is not None and axis.role.use.unit else []
+    return LoggerRecord(
+        table.path,
+        base.time,
+        found,
+        base.period,
+        base.gaps,
+        group.start if axis.start is None else axis.start,
+        tuple(warnings),
+        tuple(notes),
+        repairs,
+        uses=(*timed, *(one.use for one in measured.values())),
+        rate_std=base.rate_std if base.rate_std > CLOCKS_OWN else 0.0,
+    )
+
+
+def _samples_of(
+    clock: ClockRoles, kind: str, asked: Choices, *, single: bool
+) -> tuple[dict[str, Values], list[str]]:
+    """Return a clock's channels by name without rows that are no samples, the oldest first.
+
+    Also a line about rows that were left out.
+    """
+    table, axis, measured = clock.table, clock.axis, clock.measured
     small = [one.name for role, one in measured.items() if single and role in (BODY, SPOOL)]
-    values = _read(clock, list(dict.fromkeys([*clock.timing, *names])), small)
+    names = list(dict.fromkeys([*clock.timing, *(one.name for one in measured.values())]))
+    values = _read(clock, names, small)
     _check_gravity(clock, asked)
     warnings = [] if axis is None else _without_footer(table, axis.name, values)
     if table.holes_are_gaps or asked.empty_as_gap:
@@ -165,139 +203,11 @@ def _of_clock(clock: ClockRoles, kind: str, asked: Choices, *, regular: bool, si
         warnings += _without_holes(
             values, required, "that the file marks as invalid" if table.holes_are_gaps else "that are empty"
         )
-    if axis is not None:
-        timed, axis = _time_of(clock, axis, values, stated or group.count / group.span, asked.zone)
-    else:
-        number = None if counter is None else values[counter.channel.name]
-        timed = time_axis.counted(values[names[0]].size, number, stated or math.nan, group.delay)
-    notes = list(timed.notes)
-    found: dict[str, Array] = {}
-    for role, one in measured.items():
-        numbers = one.use.applied(np.asarray(values[one.name]))
-        found[role] = time_axis.finite(path, one.name, numbers, where, holes=role in SLOW)
-    values.clear()
-    _check_one_source(clock, timed, found)
-    rows = [row for role, row in found.items() if role not in SLOW]
-    given = asked.rate if axis is not None else None
-    base = _base_of(table, group, timed, rows, given, regular=regular)
-    if base.kept is not None:
-        found = {role: row[base.kept] for role, row in found.items()}
-    warnings += base.warnings
-    if axis is None and asked.rate and abs(group.rate / asked.rate - 1.0) > time_base.SAME:
-        warnings.append(
-            f"--rate {asked.rate:g} is used, and {group.source or 'the file'} states {group.rate:g} Hz"
-        )
-    repairs = dict(base.repairs)
-    if TACHO in found:
-        turning = _with_speed(found, base, asked.pulses or 1, f"{path}: {measured[TACHO].name}")
-        warnings, notes = [*warnings, *turning.warnings], [*notes, str(turning)]
-        repairs |= turning.repairs
-    notes.append(_rate_note(path, axis, group, asked, base))
-    table.account(group.name, "s", group.span, base.time.size * base.period, off=SPAN_OFF)
-    channels = [one.source.channel for one in measured.values()]
-    notes += [f"{printable(one.header, 40)}: {one.scaling}" for one in channels if one.scaling.applied]
-    left = table.settings.unused(names)
-    if left:
-        notes.append(f"stated in the file and not used: {listed(left)}")
-    doubt = time_axis.period_check(path, timed.label, base.period, kind)
-    warnings += [doubt] if doubt else []
-    return LoggerRecord(
-        path,
-        base.time,
-        found,
-        base.period,
-        base.gaps,
-        group.start if timed.start is None else timed.start,
-        tuple(warnings),
-        tuple(notes),
-        repairs,
-        uses=tuple(
-            one.use for one in (axis, *measured.values()) if one and (one is not axis or one.use.unit)
-        ),
-        rate_std=base.rate_std if base.rate_std > CLOCKS_OWN else 0.0,
-    )
-
-
-def _check_jumps(path: Path, timed: time_axis.TimeAxis, where: Callable[[int], str]) -> None:
-    """Check that a clock was not set while it was recorded.
-
-    Raises:
-        InputError: it jumps by months.
-    """
-    at = int(np.argmax(np.diff(timed.time))) if timed.time.size > 1 else 0
-    step = float(timed.time[at + 1] - timed.time[at]) if timed.time.size > 1 else 0.0
-    if step > time_axis.LONGEST_GAP:
-        raise InputError(
-            f"{path}: {where(at + 1)}: {timed.label} jumps by {step / 86_400.0:,.0f} days: the clock was set "
-            "while it recorded, or these are two recordings: import what stands before and after separately"
-        )
-
-
-def _time_of(
-    clock: ClockRoles, axis: Role, values: dict[str, Values], rate: float, zone: str
-) -> tuple[time_axis.TimeAxis, Role]:
-    """Return the time of a clock's samples and its axis, once no other time in the file contradicts it.
-
-    A column that stands still is none, and of several the finest counts. ``rate``: Hz, that is stated.
-    ``zone``: as of ``Choices``.
-
-    Raises:
-        InputError: the unit is no time or not known, values are missing, or two times are two clocks.
-    """
-    table = clock.table
-
-    def column(role: Role) -> time_axis.TimeColumn:
-        dated = role.source.channel.dated
-        return time_axis.TimeColumn(table.path, table.where, role.use, values[role.name], dated)
-
-    times = np.asarray(values[axis.name])
+    times = np.zeros(0) if axis is None else values[axis.name]
     if times.size > 2 and times[-1] < times[0] and bool(np.all(times[1:] <= times[:-1])):
-        values |= {name: row[::-1] for name, row in values.items()}
+        values = {name: row[::-1] for name, row in values.items()}
         table.notes = (*table.notes, "the newest row stands first: read from the end")
-    others = [*clock.others]
-    if clock.fraction is None and others:
-        steps = {one.name: len(np.unique(values[one.name][:_LOOKED_AT])) for one in (axis, *others)}
-        finest = max((axis, *others), key=lambda one: steps[one.name])
-        if steps[finest.name] > 1.5 * steps[axis.name] and np.all(np.diff(values[finest.name]) > 0):
-            others = [axis, *(one for one in others if one is not finest)]
-            axis = finest
-    found = time_axis.read_axis(column(axis), rate)
-    if clock.fraction is not None:
-        found = time_axis.with_fraction(found, column(clock.fraction))
-    for other in others:
-        found, why = time_axis.compared(found, column(other))
-        if why:
-            first, second = (f"{printable(one.use.column, 40)} (#{one.use.number})" for one in (axis, other))
-            way = shlex.quote(clock.channels.reference(other.source))
-            raise InputError(
-                f"{table.path}: {first} and {second} are two clocks, {why}: write each channel with its own "
-                f"time into its own file; or, if the first holds for both channels, type --exclude {way}"
-            )
-    _check_jumps(table.path, found, table.where)
-    local = axis.use.unit == STAMP and not table.zoned
-    return (time_axis.in_zone(table.path, found, zone, local=local) if zone else found), axis
-
-
-def _base_of(
-    table: Table,
-    group: Group,
-    clock: time_axis.TimeAxis,
-    rows: Sequence[Array],
-    rate: float | None,
-    *,
-    regular: bool,
-) -> time_base.TimeBase:
-    """Return the time base of a group's samples."""
-    label = str(table.path)
-    if not regular:
-        base = time_base.loose_time_base(label, clock.label, clock.time, table.where)
-        return time_base.checked_rate(label, clock.label, base, rate)
-    try:
-        return time_base.time_base(label, clock.label, clock.time, rows, table.where, rate)
-    except InputError as error:
-        if clock.start is None or group.name not in table.clocks:
-            raise
-        raise InputError(f"{error}; or type --stamps log to use the times of reception") from error
+    return values, warnings
 
 
 def _check_gravity(clock: ClockRoles, asked: Choices) -> None:
@@ -319,7 +229,7 @@ def _check_gravity(clock: ClockRoles, asked: Choices) -> None:
         )
 
 
-def _check_one_source(clock: ClockRoles, timed: time_axis.TimeAxis, found: Mapping[str, Array]) -> None:
+def _check_one_source(clock: ClockRoles, axis: TimeAxis, rows: Sequence[Array]) -> None:
     """Check that each channel holds the samples of one sensor.
 
     Raises:
@@ -336,9 +246,9 @@ def _check_one_source(clock: ClockRoles, timed: time_axis.TimeAxis, found: Mappi
             held = read_channels(clock.table, clock.group, names, ()) if names else {}
         except InputError:  # a channel that nobody asked for
             held = {}
-        return {name: row.astype(np.float64) for name, row in held.items() if row.size == timed.time.size}
+        return {name: row.astype(np.float64) for name, row in held.items() if row.size == axis.time.size}
 
-    why = mixed(timed.time, [row for role, row in found.items() if role not in SLOW], others)
+    why = mixed(axis.time, rows, others)
     if why:
         raise InputError(
             f"{clock.table.path}: {why}: rows of several sensors, or of several publishers on one topic: "
@@ -394,7 +304,7 @@ def _filtered_apart(clocks: Sequence[ClockRoles]) -> list[str]:
     ]
 
 
-def _with_speed(found: dict[str, Array], base: time_base.TimeBase, pulses: int, label: str) -> TachoSpeed:
+def _with_speed(found: dict[str, Array], base: TimeBase, pulses: int, label: str) -> TachoSpeed:
     """Replace the tacho in ``found`` by the speed of its pulses, and return it."""
     label = printable(label)
     turning = speed_from_pulses(found.pop(TACHO), base.time, base.gaps, pulses, label)
@@ -405,27 +315,6 @@ def _with_speed(found: dict[str, Array], base: time_base.TimeBase, pulses: int, 
         )
     found[SPEED] = turning.rpm
     return turning
-
-
-def _rate_note(path: Path, axis: Role | None, group: Group, asked: Choices, base: time_base.TimeBase) -> str:
-    """Return which rate is used and where it comes from.
-
-    Raises:
-        InputError: a time axis and a rate stated beside it disagree, and no ``--rate`` decides.
-    """
-    rate = 1.0 / base.period
-    if axis is None:
-        return f"rate {rate:.7g} Hz from {'--rate' if asked.rate else group.source or 'the file'}"
-    name = printable(axis.name, 40)
-    if asked.rate is None and abs(group.rate * base.period - 1.0) > time_base.SAME:  # NaN: none is stated
-        raise InputError(
-            f"{path}: {name} shows {rate:.7g} Hz and {group.source or 'the file'} states "
-            f"{group.rate:.7g} Hz: correct one of them, or type --rate {rate:.7g} if the times hold"
-        )
-    if base.given:
-        return f"rate {rate:.7g} Hz from --rate, which {name} allows"
-    given = f", near --rate {asked.rate:g}" if asked.rate else ""
-    return f"rate {rate:.7g} Hz from {name}{given}"
 
 
 def _read(clock: ClockRoles, names: Sequence[str], small: Sequence[str]) -> dict[str, Values]:

@@ -4,25 +4,25 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
+import shlex
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 from zoneinfo import ZoneInfo
 
 import numpy as np
 from numpy.typing import NDArray
-from spool_core.block_gate import SHORTEST_PERIOD
 from spool_core.errors import InputError
 from spool_core.numbers import Array
 from spool_core.record_limits import LIMITS
 from spool_core.stamps import JITTER, first_step, number_error, ticks
 from spool_core.text import printable
 
-from spool_bag.importing.channel_use import ChannelUse
+from spool_bag.importing.channel_use import ClockRoles, Role
 from spool_bag.importing.settings import moment_of
-from spool_bag.importing.table import STAMP, Values
+from spool_bag.importing.table import STAMP, Table, Values
 
 #: Beyond any acceleration, force, displacement or time in ns since 1970.
 LARGEST_NUMBER = 1e19
@@ -40,6 +40,8 @@ CALENDAR = (1e9, 2.0**31)
 _DAYS = {"days since 1899-12-30 (Excel)": 25_569.0, "days since year 0 (MATLAB)": 719_529.0}
 _DATES = (10_957.0, 24_837.0)
 _PIECE = 1 << 20
+#: Samples by which the finest of several times is known.
+_LOOKED_AT = 1 << 16
 
 _SIZES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "100ns": 1e-7, "ns": 1e-9}
 #: Counts from other years than 1970: s of a step, and s of their zero since 1970.
@@ -54,9 +56,6 @@ _SINCE = re.compile(r"\S.*\s+since\s+(?P<date>\d.*)")
 _ALIKE = 0.05
 #: s that a record without a gap never steps by: a month.
 LONGEST_GAP = 30 * 86_400.0
-_NAMES = {
-    "milliseconds": 1e-3, "microseconds": 1e-6, "nanoseconds": 1e-9, "minutes": 60.0, "hours": 3600.0,
-}  # fmt: skip
 
 
 #: Bits of counters of a clock, how often one may begin again in a record, and usual steps that one may pass
@@ -89,36 +88,85 @@ class ClockOffset:
         )
 
 
-@dataclass(frozen=True, slots=True)
-class TimeColumn:
-    """Column of times: ``values``, shape (n,), by ``use`` in s; stamps have a date if ``dated``.
+class TimeColumn(NamedTuple):
+    """Column of times: the ``values``, shape (n,), of the channel of ``table`` that has a ``role``."""
 
-    ``path``, ``where``: file, and place of a row in it, for messages.
-    """
-
-    path: Path
-    where: Callable[[int], str]
-    use: ChannelUse
+    table: Table
+    role: Role
     values: Values
-    dated: bool = True
 
     @property
     def label(self) -> str:
         """Name for messages."""
-        return printable(self.use.column, 40)
+        return printable(self.role.use.column, 40)
 
 
 @dataclass(frozen=True, slots=True)
 class TimeAxis:
     """``time`` in s, shape (n,), from ``start`` (ns since 1970, ``None`` where not known) on.
 
-    ``label``: name for messages. ``notes``: how it was understood.
+    ``label``: name for messages. ``notes``: how it was understood. ``role``: the column that it is of,
+    ``None`` where samples are counted.
     """
 
     time: Array
     start: int | None
     label: str
     notes: tuple[str, ...] = ()
+    role: Role | None = None
+
+
+def axis_of(clock: ClockRoles, values: Mapping[str, Values], zone: str) -> TimeAxis:
+    """Return when a clock's samples were taken, once no other time in the file contradicts it.
+
+    Of several columns the finest counts; without any, samples are counted at the rate that is known.
+
+    Args:
+        clock: whose channels they are.
+        values: by the channels' names, the oldest first.
+        zone: as of ``Choices``.
+
+    Raises:
+        InputError: the unit is no time or not known, values are missing, two times are two clocks, or a clock
+            was set.
+    """
+    table, axis = clock.table, clock.axis
+    if axis is None:
+        count: Array = np.arange(next(iter(values.values())).size, dtype=np.float64)
+        if clock.counter is not None:
+            count = np.asarray(values[clock.counter.channel.name], dtype=np.float64)
+            count = count - count[:1]
+        return TimeAxis(count / clock.rate + clock.group.delay, None, "the sample index")
+    others = [*clock.others]
+    if clock.fraction is None and others:
+        steps = {one.name: len(np.unique(values[one.name][:_LOOKED_AT])) for one in (axis, *others)}
+        finest = max((axis, *others), key=lambda one: steps[one.name])
+        if steps[finest.name] > 1.5 * steps[axis.name] and np.all(np.diff(values[finest.name]) > 0):
+            others = [axis, *(one for one in others if one is not finest)]
+            axis = finest
+    found = read_axis(TimeColumn(table, axis, values[axis.name]), clock.rate)
+    if clock.fraction is not None:
+        found = with_fraction(found, TimeColumn(table, clock.fraction, values[clock.fraction.name]))
+    for other in others:
+        found, why = compared(found, TimeColumn(table, other, values[other.name]))
+        if why:
+            first, second = (f"{printable(one.use.column, 40)} (#{one.use.number})" for one in (axis, other))
+            way = shlex.quote(clock.channels.reference(other.source))
+            raise InputError(
+                f"{table.path}: {first} and {second} are two clocks, {why}: write each channel with its own "
+                f"time into its own file; or, if the first holds for both channels, type --exclude {way}"
+            )
+    at = int(np.argmax(np.diff(found.time))) if found.time.size > 1 else 0
+    step = float(found.time[at + 1] - found.time[at]) if found.time.size > 1 else 0.0
+    if step > LONGEST_GAP:
+        raise InputError(
+            f"{table.path}: {table.where(at + 1)}: {found.label} jumps by {step / 86_400.0:,.0f} days: the "
+            "clock was set while it recorded, or these are two recordings: import what stands before and "
+            "after separately"
+        )
+    local = axis.use.unit == STAMP and not table.zoned
+    found = in_zone(table.path, found, zone, local=local) if zone else found
+    return replace(found, role=axis)
 
 
 def read_axis(column: TimeColumn, rate: float = math.nan) -> TimeAxis:
@@ -129,10 +177,10 @@ def read_axis(column: TimeColumn, rate: float = math.nan) -> TimeAxis:
     Raises:
         InputError: the unit is no time or could be several, or values are missing.
     """
-    use, path, label = column.use, column.path, column.label
+    use, path, label = column.role.use, column.table.path, column.label
     if use.unit == STAMP:
         return _dated(column)
-    values = finite(path, label, np.asarray(column.values, dtype=np.float64), column.where, holes=False)
+    values = finite(path, label, np.asarray(column.values, dtype=np.float64), column.table.where, holes=False)
     values, notes = _continued(label, values)
     if not math.isnan(use.factor):
         since = _SINCE.fullmatch(use.unit)
@@ -210,19 +258,6 @@ def in_zone(path: Path, found: TimeAxis, zone: str, *, local: bool) -> TimeAxis:
     return replace(found, start=start, notes=(*notes, note))
 
 
-def counted(size: int, number: Values | None, rate: float, delay: float) -> TimeAxis:
-    """Return the time of ``size`` samples at ``rate`` (Hz), counted by ``number`` where a column does.
-
-    ``delay``: s, time of the first one.
-    """
-    if number is None:
-        time = np.arange(size, dtype=np.float64) / rate
-    else:
-        held = np.asarray(number, dtype=np.float64)
-        time = (held - held[:1]) / rate
-    return TimeAxis(time + delay if delay else time, None, "the sample index")
-
-
 def compared(found: TimeAxis, column: TimeColumn) -> tuple[TimeAxis, str]:
     """Return a time axis with the start that another column of times states, and how both contradict.
 
@@ -270,7 +305,7 @@ def _dated_start(one: TimeAxis) -> int | None:
 
 def with_fraction(found: TimeAxis, part: TimeColumn) -> TimeAxis:
     """Return times in whole seconds with the fraction of a second that another column holds."""
-    size = part.use.factor
+    size = part.role.use.factor
     held = np.asarray(part.values, dtype=np.float64)
     whole = np.abs(found.time - np.rint(found.time)) < 1e-6
     fits = np.isfinite(held).all() and float(held.min()) >= 0.0 and float(held.max()) * size < 1.0
@@ -310,34 +345,16 @@ def finite(
     return values
 
 
-def period_check(path: Path, name: str, period: float, kind: str) -> str:
-    """Return what is odd about a sampling period (s), "" where nothing is.
-
-    Raises:
-        InputError: the time is hardly in s: an error by 1000 would go through every number.
-    """
-    slowest = LONGEST_USUAL_PERIOD if kind == "accelerations" else LONGEST_PERIOD
-    if not SHORTEST_PERIOD <= period <= slowest:
-        raise InputError(
-            f"{path}: {name} steps by {period:g} s: are these {_usual(period)}? give the unit with "
-            "--unit time=ms, "
-            f"and the samples of a valve at {LIMITS.rate:g} Hz or more"
-        )
-    return (
-        f"{name} steps by {period:g} s: are these {_usual(period)}?" if period > LONGEST_USUAL_PERIOD else ""
-    )
-
-
 def _dated(column: TimeColumn) -> TimeAxis:
     """Return the time of stamps in ns."""
     label = column.label
     whole = np.asarray(column.values, dtype=np.int64)
     if whole.size == 0:
-        raise InputError(f"{column.path}: 0 samples are too few for a record")
+        raise InputError(f"{column.table.path}: 0 samples are too few for a record")
     time = np.empty(whole.size)
     for at in range(0, whole.size, _PIECE):
         time[at : at + _PIECE] = (whole[at : at + _PIECE] - whole[0]) * 1e-9
-    if not column.dated:
+    if not column.role.source.channel.dated:
         note = f"{label} has no date: the record begins on 2025-01-01, or when --start states"
         return TimeAxis(time, None, label, (note,))
     if whole[0] <= 0:
@@ -418,9 +435,3 @@ def _of_day(values: Array) -> Array | None:
     if minutes.max() >= 60.0 or seconds.max() >= 60.0 or usual <= 0.0 or usual > 1.0:
         return None
     return found if bool(np.all((even[jumps] > 0.0) & (even[jumps] < 3.0 * usual + 1e-3))) else None
-
-
-def _usual(period: float) -> str:
-    """Return the unit in which ``period`` would be plausible."""
-    plausible = [unit for unit, size in _NAMES.items() if 1e-5 <= period * size <= LONGEST_USUAL_PERIOD]
-    return plausible[0] if plausible else "seconds"

@@ -8,8 +8,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from spool_core.block_gate import SHORTEST_PERIOD
 from spool_core.errors import InputError
 from spool_core.numbers import Array
+from spool_core.record_limits import LIMITS
 from spool_core.stamps import (
     BACKWARDS,
     BURSTS,
@@ -22,7 +24,10 @@ from spool_core.stamps import (
     repeated,
     resolution,
 )
-from spool_core.text import plural
+from spool_core.text import plural, printable
+
+from spool_bag.importing import time_axis
+from spool_bag.importing.channel_use import ClockRoles
 
 #: Relative difference up to which --rate and the rate of a time axis are the same.
 SAME = 0.005
@@ -32,6 +37,10 @@ OFF_LINE = 1.5
 MOST_LATE = 0.03
 #: What decides for a line that the stamps alone do not show.
 GIVEN = "--rate"
+#: Units in which times are taken for s, and their sizes in s.
+_NAMES = {
+    "milliseconds": 1e-3, "microseconds": 1e-6, "nanoseconds": 1e-9, "minutes": 60.0, "hours": 3600.0,
+}  # fmt: skip
 Indices = NDArray[np.int64]
 Where = Callable[[int], str]
 
@@ -42,7 +51,7 @@ class TimeBase:
 
     ``rate_std``: relative standard deviation of the rate, from the stamps. ``kept``: rows that are kept,
     ``None`` for all. ``warnings``: one line each; ``repairs``: counts by name. ``given``: the rate is the one
-    that the user states.
+    that the user states. ``note``: the rate and where it comes from.
     """
 
     time: Array
@@ -53,6 +62,76 @@ class TimeBase:
     warnings: list[str] = field(default_factory=list)
     repairs: dict[str, int] = field(default_factory=dict)
     given: bool = False
+    note: str = ""
+
+
+def sampled(
+    clock: ClockRoles,
+    axis: time_axis.TimeAxis,
+    rows: Sequence[NDArray[np.floating]],
+    given: float | None,
+    kind: str,
+    *,
+    regular: bool,
+) -> TimeBase:
+    """Return the time base of a record's samples; all that is known of their rate is compared here.
+
+    Args:
+        clock: what the file states.
+        axis: what its stamps show, or the count of samples.
+        rows: values of all channels on this axis.
+        given: Hz, as the user types it; it stands over what the file states.
+        kind: of the record, a key of ``REQUIRED``.
+        regular: with False times may be spaced as they like.
+
+    Raises:
+        InputError: stamps, file and user contradict each other, or no valve is sampled so slowly.
+    """
+    table, group, source = clock.table, clock.group, clock.group.source or "the file"
+    label = str(table.path)
+    try:
+        if regular:
+            decides = None if axis.role is None else given
+            base = time_base(label, axis.label, axis.time, rows, table.where, decides)
+        else:
+            base = loose_time_base(label, axis.label, axis.time, table.where)
+        rate = 1.0 / base.period
+        if axis.role is not None and given is not None and abs(base.period * given - 1.0) > SAME:
+            raise InputError(
+                f"{label}: --rate {given:g}: {axis.label} shows {rate:g} Hz: leave --rate out, or correct it"
+            )
+    except InputError as error:
+        if axis.start is None or group.name not in table.clocks:
+            raise
+        raise InputError(f"{error}; or type --stamps log to use the times of reception") from error
+    if axis.role is None:
+        base.note = f"rate {rate:.7g} Hz from {source if given is None else '--rate'}"
+        if given is not None and abs(group.rate / given - 1.0) > SAME:  # NaN: none is stated, as below
+            base.warnings.append(f"--rate {given:g} is used, and {source} states {group.rate:g} Hz")
+    else:
+        name = printable(axis.role.name, 40)
+        if given is None and abs(group.rate * base.period - 1.0) > SAME:
+            raise InputError(
+                f"{label}: {name} shows {rate:.7g} Hz and {source} states {group.rate:.7g} Hz: correct one "
+                f"of them, or type --rate {rate:.7g} if the times hold"
+            )
+        near = "" if given is None else f", near --rate {given:g}"
+        shown = f"--rate, which {name} allows" if base.given else f"{name}{near}"
+        base.note = f"rate {rate:.7g} Hz from {shown}"
+    if base.period > time_axis.LONGEST_USUAL_PERIOD or base.period < SHORTEST_PERIOD:
+        units = (
+            unit
+            for unit, size in _NAMES.items()
+            if time_axis.SHORTEST_USUAL_PERIOD <= base.period * size <= time_axis.LONGEST_USUAL_PERIOD
+        )
+        doubt = f"{axis.label} steps by {base.period:g} s: are these {next(units, 'seconds')}?"
+        if kind == "accelerations" or not SHORTEST_PERIOD <= base.period <= time_axis.LONGEST_PERIOD:
+            raise InputError(
+                f"{label}: {doubt} give the unit with --unit time=ms, and the samples of a valve at "
+                f"{LIMITS.rate:g} Hz or more"
+            )
+        base.warnings.append(doubt)
+    return base
 
 
 def time_base(
@@ -77,7 +156,7 @@ def time_base(
         rate: Hz, as the user states it; it decides where the stamps leave it open.
 
     Raises:
-        InputError: too few samples, time that goes back, a rate that the stamps do not show or contradict.
+        InputError: too few samples, time that goes back, or a rate that the stamps do not show.
     """
     if time.size < 3:
         raise InputError(f"{label}: {time.size} samples are too few for a record")
@@ -104,20 +183,6 @@ def time_base(
     base.kept = kept
     base.warnings = warnings + base.warnings
     base.repairs = repairs | base.repairs
-    return checked_rate(label, name, base, rate)
-
-
-def checked_rate(label: str, name: str, base: TimeBase, rate: float | None) -> TimeBase:
-    """Return ``base`` once a given rate (Hz) does not contradict it.
-
-    Raises:
-        InputError: it does.
-    """
-    if rate is not None and abs(base.period * rate - 1.0) > SAME:
-        raise InputError(
-            f"{label}: --rate {rate:g}: {name} shows {1.0 / base.period:g} Hz: leave --rate out, or "
-            "correct it"
-        )
     return base
 
 
