@@ -6,7 +6,7 @@ import contextlib
 import io
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, cast
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     import pandas as pd
     from numpy.typing import NDArray
     from spool_report.records.record_loading import Recording, Selection
+    from spool_report.requests import ImportRequest
     from spool_sim.valve import Valve
 
     Array: TypeAlias = NDArray[np.float64]
@@ -266,37 +267,31 @@ def read(
     Raises:
         InputError: no such record, or what it holds is ambiguous; the message names the argument to give.
     """
-    part = Part(name, start, stop, since, until, around)
-    if not isinstance(source, (str, Path, list, tuple)):
-        given = (unit, columns, scale, rate, exclude, dates, zone)
-        return _read_arrays(source, part, *given, empty_as_gap=empty_as_gap)
-    paths = [_file(one) for one in ([source] if isinstance(source, (str, Path)) else source)]
-    named = (
-        unit,
-        columns,
-        scale,
-        rate,
-        topic,
-        exclude or None,
-        dates or zone or None,
-        stamps,
-        empty_as_gap or None,
-    )
-    if len(paths) == 1 and all(one is None for one in named) and align == "auto":
-        record = Record(paths[0], None, part)
-        _ = record._recording  # wrong files are refused here
-        return record
-    from spool_bag.importing.bag_import import import_record  # noqa: PLC0415 - slow to load
-    from spool_bag.importing.choices import choices  # noqa: PLC0415
+    from spool_report.requests import ImportRequest  # noqa: PLC0415 - slow to load
 
+    part = Part(name, start, stop, since, until, around)
     units = {"body": unit, "spool": unit} if isinstance(unit, str) else unit
-    how = choices(
+    request = ImportRequest(
         columns=_pairs("columns", columns), unit=_pairs("unit", units), scale=_pairs("scale", scale),
-        topic=_pairs("topic", topic), rate=rate, align=align, exclude=exclude or None, stamps=stamps,
+        topic=_pairs("topic", topic), rate=rate, align=align, exclude=exclude or (), stamps=stamps,
         dates=dates, empty_as_gap=empty_as_gap, zone=zone,
     )  # fmt: skip
+    if not isinstance(source, (str, Path, list, tuple)):
+        return _read_arrays(source, part, replace(request, align="none"))
+    paths = [_file(one) for one in ([source] if isinstance(source, (str, Path)) else source)]
+    if len(paths) > 1 or request != ImportRequest():
+        return _imported(paths, part, request)
+    record = Record(paths[0], None, part)
+    _ = record._recording  # wrong files are refused here
+    return record
+
+
+def _imported(paths: Sequence[Path], part: Part, request: ImportRequest) -> Record:
+    """Return the record in files that are read as ``request`` asks."""
+    from spool_bag.importing.bag_import import import_record  # noqa: PLC0415 - slow to load
+
     folder, bag = _place(paths[0].name.partition(".")[0] or "record")
-    import_record(paths, bag, how=how)
+    import_record(paths, bag, how=request.choices())
     record = Record(bag, folder, part)
     if part != Part():
         _ = record._recording
@@ -520,19 +515,7 @@ def _file(one: object) -> Path:
     return expanded(one)
 
 
-def _read_arrays(
-    source: Any,
-    part: Part,
-    unit: str | Mapping[str, str] | None,
-    columns: Mapping[str, str] | None,
-    scale: Mapping[str, str] | None,
-    rate: float | None,
-    exclude: str | Sequence[str],
-    dates: str,
-    zone: str,
-    *,
-    empty_as_gap: bool,
-) -> Record:
+def _read_arrays(source: Any, part: Part, request: ImportRequest) -> Record:
     """Return the record in arrays: a file of them is imported like any other.
 
     Raises:
@@ -544,15 +527,11 @@ def _read_arrays(
     folder, file = _place("arrays.parquet")
     with folder:
         try:
-            parquet.write_table(_table(source, rate), file)
+            parquet.write_table(_table(source, request.rate), file)
         except (pa.ArrowException, TypeError) as error:
             raise InputError(f"arrays: {' '.join(str(error).split())}: give numbers and times") from error
         try:
-            return read(
-                [file], unit=unit, columns=columns, scale=scale, rate=rate, exclude=exclude, dates=dates,
-                zone=zone, empty_as_gap=empty_as_gap, align="none", name=part.name, start=part.start,
-                stop=part.stop, since=part.since, until=part.until, around=part.around,
-            )  # fmt: skip
+            return _imported([file], part, request)
         except InputError as error:
             raise InputError(str(error).replace(str(file), "arrays")) from error
 
@@ -563,12 +542,12 @@ def _place(name: str) -> tuple[tempfile.TemporaryDirectory[str], Path]:
     return folder, Path(folder.name) / name
 
 
-def _pairs(argument: str, given: Mapping[str, str] | None) -> list[str] | None:
+def _pairs(argument: str, given: Mapping[str, str] | None) -> tuple[str, ...]:
     if given is not None and not isinstance(given, Mapping):
         raise InputError(
             f'spool.read: {argument}={given!r:.60} is no mapping: write {argument}={{"body": ...}}'
         )
-    return None if not given else [f"{role}={text}" for role, text in given.items()]
+    return tuple(f"{role}={text}" for role, text in (given or {}).items())
 
 
 def _table(source: Any, rate: float | None) -> Any:

@@ -4,15 +4,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 from spool_core.errors import InputError
 
-#: Panel of options that few need.
-EXPERT = "Expert"
+if TYPE_CHECKING:
+    from spool_bag.importing.choices import Choices
+
+#: Panels of options that choose of a record, and of those that few need.
+PART, EXPERT = "Part of the record", "Expert"
+
+
+def part_option(option: str, text: str) -> Any:
+    """Return an option that chooses of a record."""
+    return typer.Option(option, rich_help_panel=PART, help=text)
 
 
 def valve_names(incomplete: str) -> list[str]:
@@ -49,6 +57,19 @@ ExcitationName = Annotated[
 ModelName = Annotated[
     str, typer.Option("--model", help="Model: its name or a YAML file.", autocompletion=model_names)
 ]
+ExcludeOption = Annotated[
+    Sequence[str], part_option("--exclude", "Columns to ignore, by name or number: NAME,#3")
+]
+UnitOption = Annotated[
+    Sequence[str], part_option("--unit", "Units missing in the file: body=g,force=N,time=ms")
+]
+ScaleOption = Annotated[
+    Sequence[str],
+    part_option("--scale", "Sensitivities: body=100mV/g,spool=50g/FS; raw counts: body=1.25e-6g/count"),
+]
+RateOption = Annotated[
+    float | None, part_option("--rate", "Sample rate in Hz, for files with a missing or poor time column.")
+]
 _RECORDS = typer.Argument(help="Bags or logger files of one valve.", metavar="RECORD...")
 _Valve = Annotated[
     str | None,
@@ -76,6 +97,50 @@ _SensorDelay = Annotated[
         "--sensor-delay", rich_help_panel=EXPERT, help="Fit the delay of the spool's sensor as well."
     ),
 ]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ImportRequest:
+    """Request to read files of data loggers in a certain way."""
+
+    columns: Annotated[
+        Sequence[str], typer.Option(help="Columns by name or by number from 0, e.g. time=t,body=ch1,spool=#5")
+    ] = ()
+    exclude: ExcludeOption = ()
+    unit: UnitOption = ()
+    scale: ScaleOption = ()
+    rate: RateOption = None
+    dates: Annotated[
+        str, typer.Option(help="Order of dates like 05/04/2026 or 26/05/04: dmy, mdy or ymd.")
+    ] = ""
+    zone: Annotated[
+        str, typer.Option(help="Time zone of stamps that name none: Europe/Berlin; default: UTC.")
+    ] = ""
+    empty_as_gap: Annotated[
+        bool, typer.Option("--empty-as-gap", help="Leave out rows in which body or spool has no value.")
+    ] = False
+    pulses: Annotated[
+        int | None,
+        typer.Option(
+            "--pulses-per-revolution", help="Pulses of the column tacho_pulse, or of --columns tacho=ch3."
+        ),
+    ] = None
+    topic: Annotated[
+        Sequence[str], typer.Option(help="Topics and axes of a bag: body=/imu_1:z,spool=/imu_2:z")
+    ] = ()
+    stamps: Annotated[
+        str | None,
+        typer.Option(help="Time of a bag's messages: header (default), log or arrival (time of reception)."),
+    ] = None
+    align: Annotated[
+        str, typer.Option(help="auto: bring two clocks together by correlation; none: refuse two clocks.")
+    ] = "auto"
+
+    def choices(self) -> Choices:
+        """Return them as the readers of files take them; raises InputError where one is misspelt."""
+        from spool_bag.importing.choices import choices  # noqa: PLC0415 - slow to load
+
+        return choices(**asdict(self))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -18,8 +18,9 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args, get_origin, get_type
 import typer
 from spool_bag import no_such_bag
 from spool_core.errors import InputError, add_on_missing
+from spool_report import requests
 from spool_report.outputs import STANDARD_OUTPUT, check_output, replace_existing, text_to_stderr
-from spool_report.requests import EXPERT, valve_names
+from spool_report.requests import EXPERT, PART, part_option, valve_names
 from typer import Typer
 from typer.core import TyperGroup
 from typer.main import get_group
@@ -35,7 +36,7 @@ RESEARCH = "spool_evaluation"
 IN_A_CHECKOUT = ("bench", "paper", "study")
 #: Panels of the list of commands, and of a command's options.
 PANELS = ("Start", "Records", "Running valves", "Simulation and planning", "Add-ons", "Development")
-OUTPUT, PART = "Output", "Part of the record"
+OUTPUT = "Output"
 OPTION_PANELS = (None, OUTPUT, PART, EXPERT)
 
 
@@ -67,10 +68,6 @@ def _output(option: str, text: str, kind: str) -> Any:
         metavar=kind,
         callback=lambda path: check_output(path, option),
     )
-
-
-def _part(option: str, text: str) -> Any:
-    return typer.Option(option, rich_help_panel=PART, help=text)
 
 
 ReportFile = Annotated[
@@ -108,18 +105,8 @@ ParamsFile = Annotated[
 ]
 
 ColumnsOption = Annotated[
-    str | None, _part("--columns", "Column names in the file, e.g. time_s=t,body_m_s2=ch1,spool_m_s2=ch2")
-]
-ExcludeOption = Annotated[
-    list[str] | None, _part("--exclude", "Columns to ignore, by name or number: NAME,#3")
-]
-UnitOption = Annotated[list[str] | None, _part("--unit", "Units missing in the file: body=g,force=N,time=ms")]
-ScaleOption = Annotated[
-    list[str] | None,
-    _part("--scale", "Sensitivities: body=100mV/g,spool=50g/FS; raw counts: body=1.25e-6g/count"),
-]
-RateOption = Annotated[
-    float | None, _part("--rate", "Sample rate in Hz, for files with a missing or poor time column.")
+    str | None,
+    part_option("--columns", "Column names in the file, e.g. time_s=t,body_m_s2=ch1,spool_m_s2=ch2"),
 ]
 BagArgument = Annotated[Path, typer.Argument(help="rosbag2 directory or .mcap file.", metavar="BAG")]
 ValveFiles = Annotated[
@@ -152,7 +139,9 @@ LanguageOption = Annotated[
         "--language", help="Language of alarms: en, de or pl; default: SPOOL_LANGUAGE, else English."
     ),
 ]
-NameOption = Annotated[str | None, _part("--name", "Valve to use if the bag holds several, e.g. valve_2.")]
+NameOption = Annotated[
+    str | None, part_option("--name", "Valve to use if the bag holds several, e.g. valve_2.")
+]
 StartOption = Annotated[
     float, typer.Option(rich_help_panel=PART, help="Start of the part to use, in s from the first sample.")
 ]
@@ -162,17 +151,17 @@ StopOption = Annotated[
 ]
 SinceOption = Annotated[
     str | None,
-    _part(
+    part_option(
         "--since",
         "Start of the time span: 10m, 6h or 7d before the end, or 2025-01-31T12:00:00 (UTC); bags only.",
     ),
 ]
 UntilOption = Annotated[
-    str | None, _part("--until", "End of the time span (same formats as --since; bags only).")
+    str | None, part_option("--until", "End of the time span (same formats as --since; bags only).")
 ]
 AroundOption = Annotated[
     str | None,
-    _part(
+    part_option(
         "--around",
         "Use one minute before and after the newest alarm of this kind, e.g. resonance. "
         "resonance:2: second newest; alarm: any kind (bags only).",
@@ -186,10 +175,10 @@ class Part:
 
     name: NameOption = None
     columns: ColumnsOption = None
-    unit: UnitOption = None
-    scale: ScaleOption = None
-    rate: RateOption = None
-    exclude: ExcludeOption = None
+    unit: requests.UnitOption = ()
+    scale: requests.ScaleOption = ()
+    rate: requests.RateOption = None
+    exclude: requests.ExcludeOption = ()
     start: StartOption = 0.0
     stop: StopOption = None
     since: SinceOption = None

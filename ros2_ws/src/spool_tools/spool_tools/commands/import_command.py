@@ -9,6 +9,7 @@ import typer
 from spool_core.errors import InputError
 from spool_core.text import plural
 from spool_report.outputs import making_room
+from spool_report.requests import ImportRequest
 from spool_report.terminal import warn
 
 from spool_tools import command as cli
@@ -22,41 +23,10 @@ def import_(
             metavar="FILE...", help="Logger files or a foreign bag; two files if their clocks differ."
         ),
     ],
+    *,
     out: Annotated[Path | None, typer.Option("--out", help="Bag to be made.", metavar="BAG")] = None,
     look: Annotated[bool, typer.Option("--look", help="Show channels and quality; write no bag.")] = False,
-    columns: Annotated[
-        list[str] | None,
-        typer.Option(help="Columns by name or by number from 0, e.g. time=t,body=ch1,spool=#5"),
-    ] = None,
-    exclude: cli.ExcludeOption = None,
-    unit: cli.UnitOption = None,
-    scale: cli.ScaleOption = None,
-    rate: cli.RateOption = None,
-    dates: Annotated[
-        str, typer.Option(help="Order of dates like 05/04/2026 or 26/05/04: dmy, mdy or ymd.")
-    ] = "",
-    zone: Annotated[
-        str, typer.Option(help="Time zone of stamps that name none: Europe/Berlin; default: UTC.")
-    ] = "",
-    empty_as_gap: Annotated[
-        bool, typer.Option("--empty-as-gap", help="Leave out rows in which body or spool has no value.")
-    ] = False,
-    pulses: Annotated[
-        int | None,
-        typer.Option(
-            "--pulses-per-revolution", help="Pulses of the column tacho_pulse, or of --columns tacho=ch3."
-        ),
-    ] = None,
-    topic: Annotated[
-        list[str] | None, typer.Option(help="Topics and axes of a bag: body=/imu_1:z,spool=/imu_2:z")
-    ] = None,
-    stamps: Annotated[
-        str | None,
-        typer.Option(help="Time of a bag's messages: header (default), log or arrival (time of reception)."),
-    ] = None,
-    align: Annotated[
-        str, typer.Option(help="auto: bring two clocks together by correlation; none: refuse two clocks.")
-    ] = "auto",
+    request: ImportRequest,
     name: Annotated[str, typer.Option(help="Namespace of the valve in the bag.")] = "valve_1",
     start: Annotated[
         str | None,
@@ -81,13 +51,10 @@ def import_(
     Example: ./spool import body.wav spool.tdms --scale body=50g/FS --out record_bag
     """
     from spool_bag.importing.bag_import import import_record  # noqa: PLC0415 - slow to load, as below
-    from spool_bag.importing.choices import choices  # noqa: PLC0415
     from spool_report.records.record_sources import iso_time  # noqa: PLC0415
     from spool_report.terminal import progress  # noqa: PLC0415
 
-    how = choices(
-        columns, unit, scale, topic, rate, align, exclude, stamps, dates, empty_as_gap, pulses, zone
-    )
+    how = request.choices()
     if len(files) > 2:
         raise InputError(f"{files[2]}: two files at most, body and spool; import each record separately")
     if look:
