@@ -23,7 +23,7 @@ from spool_bag.importing.csv_cells import (
     may_be_hexadecimal,
 )
 from spool_bag.importing.csv_settings import key_and_text, stated_above
-from spool_bag.importing.settings import Settings
+from spool_bag.importing.settings import Settings, StatedRate
 from spool_bag.importing.table import MOST_CHANNELS, Channel, Group, unique
 from spool_bag.importing.units import NO_UNIT, WORDS, is_unit, quantity_of, split_header
 
@@ -64,11 +64,8 @@ class Layout:
     """Layout of a table.
 
     ``first``: row of the first sample. ``names`` and ``units`` by column; names are numbers from 0 where
-    there
-    are none (``numbered``), ``headers`` are as the table has them. ``rate`` (Hz): of a setting above the
-    samples,
-    NaN without one, ``rate_from``: its name and row, ``rate_doubt``: a setting that may be one. ``settings``:
-    what else stands above the samples, by key.
+    there are none (``numbered``), ``headers`` are as the table has them. ``stated``: rate by a setting above
+    the samples. ``settings``: what else stands there, by key.
     """
 
     first: int
@@ -76,9 +73,7 @@ class Layout:
     headers: tuple[str, ...]
     units: tuple[str, ...]
     numbered: bool
-    rate: float
-    rate_from: str
-    rate_doubt: str = ""
+    stated: StatedRate
     settings: Mapping[str, str] = field(default_factory=dict)
 
     def group(self, name: str, channels: Sequence[Channel], known: Settings) -> Group:
@@ -86,9 +81,9 @@ class Layout:
         return Group(
             name,
             tuple(channels),
-            self.rate,
-            source=printable(self.rate_from, 80),
-            doubt=printable(self.rate_doubt, 200),
+            self.stated.rate,
+            source=self.stated.source,
+            doubt=self.stated.doubt,
             count=known.count(""),
             span=known.span(""),
         )
@@ -127,15 +122,13 @@ def layout_of(
     else:
         names, units, heads = named
         numbered = False
-    rate, rate_from, doubt, used = stated_above(rows, first, min(heads), decimal)
+    stated, used = stated_above(rows, first, min(heads), decimal)
     settings = dict(
         key_and_text(row, at)
         for at, row in enumerate(rows[:first])
         if any(row) and at not in heads and at not in used
     )
-    return Layout(
-        first, unique(names), tuple(names), tuple(units), numbered, rate, rate_from, doubt, settings
-    )
+    return Layout(first, unique(names), tuple(names), tuple(units), numbered, stated, settings)
 
 
 def column_kinds(marks: Sequence[Sequence[Kind]], width: int) -> tuple[Kind, ...]:

@@ -8,8 +8,9 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from spool_core.errors import InputError
+from spool_core.text import printable
 
-from spool_bag.importing.settings import RATE_UNITS
+from spool_bag.importing.settings import RATE_UNITS, StatedRate
 from spool_bag.importing.units import factor, quantity_of, split_header
 
 #: Units that a rate has whatever it is one of.
@@ -37,10 +38,8 @@ _PERIOD = re.compile(
 
 def stated_above(
     rows: Sequence[Sequence[str]], first: int, above: int, decimal: str
-) -> tuple[float, str, str, frozenset[int]]:
-    """Return the rate (Hz) that a setting above the samples states, NaN without one, and where it stands.
-
-    Also a setting that may be one, and the rows of both.
+) -> tuple[StatedRate, frozenset[int]]:
+    """Return the rate that a setting above the samples states, and the rows of such settings.
 
     Raises:
         InputError: two of them contradict each other.
@@ -65,9 +64,9 @@ def stated_above(
                 f"{one.where} says {one.rate:g} Hz and {sure[0].where} says {sure[0].rate:g} Hz: correct one "
                 "of them"
             )
-    used = frozenset(one.row for one in found)
-    doubt = "; ".join(one.doubt for one in found if one.doubt)
-    return (sure[0].rate, sure[0].where, doubt, used) if sure else (math.nan, "", doubt, used)
+    rate, where = (sure[0].rate, printable(sure[0].where, 80)) if sure else (math.nan, "")
+    doubt = printable("; ".join(one.doubt for one in found if one.doubt), 200)
+    return StatedRate(rate, where, doubt), frozenset(one.row for one in found)
 
 
 class _Rate(NamedTuple):

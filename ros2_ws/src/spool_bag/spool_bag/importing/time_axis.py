@@ -36,19 +36,18 @@ SHORTEST_USUAL_PERIOD = 1e-5
 #: s since 1970: from 2001 to 2038; numbers of that size in some unit count from 1970.
 CALENDAR = (1e9, 2.0**31)
 
-#: Day numbers of spreadsheets and of MATLAB: the number of 1970-01-01; and of which days since then.
-_DAYS = {"days since 1899-12-30 (Excel)": 25_569.0, "days since year 0 (MATLAB)": 719_529.0}
-_DATES = (10_957.0, 24_837.0)
 _PIECE = 1 << 20
 #: Samples by which the finest of several times is known.
 _LOOKED_AT = 1 << 16
 
 _SIZES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "100ns": 1e-7, "ns": 1e-9}
-#: Counts from other years than 1970: s of a step, and s of their zero since 1970.
-_EPOCHS = {
-    "s since 1904 (LabVIEW)": (1.0, -2_082_844_800),
-    "100 ns since 1601 (FILETIME)": (1e-7, -11_644_473_600),
-    "100 ns since year 1 (.NET)": (1e-7, -62_135_596_800),
+#: Counts from other years than 1970: s of a step, and the count at the beginning of 1970.
+_COUNTED = {
+    "days since 1899-12-30 (Excel)": (86_400.0, 25_569.0),
+    "days since year 0 (MATLAB)": (86_400.0, 719_529.0),
+    "s since 1904 (LabVIEW)": (1.0, 2_082_844_800.0),
+    "100 ns since 1601 (FILETIME)": (1e-7, 116_444_736e9),
+    "100 ns since year 1 (.NET)": (1e-7, 621_355_968e9),
 }
 #: A time since a date, as `seconds since 2026-05-04 03:02:01` (CF conventions, section 4.4).
 _SINCE = re.compile(r"\S.*\s+since\s+(?P<date>\d.*)")
@@ -209,17 +208,13 @@ def read_axis(column: TimeColumn, rate: float = math.nan) -> TimeAxis:
             f"{' or '.join(found or list(_SIZES))}: type {', or '.join(ways or ['--unit time=s'])}{rate_too}"
         )
     (only,) = found
-    if only in _EPOCHS:
-        size, zero = _EPOCHS[only]
+    if only in _COUNTED:
+        size, zero = _COUNTED[only]
         first = float(values[0])
-        start = (zero * 10**9) + int(first) * round(size * 1e9) + round((first % 1.0) * size * 1e9)
-        note = f"{label} has no unit: by its size it counts {only}"
-        return TimeAxis((values - first) * size, start, label, (*notes, note))
-    if only in _DAYS:
-        first = float(values[0])
-        start = round((first - _DAYS[only]) * 86_400e6) * 1000  # whole us: float64 days hold no more
-        note = f"{label} has no unit: by its steps and size it counts {only}"
-        return TimeAxis((values - first) * 86_400.0, start, label, (note,))
+        start = round((first - zero) * size * 1e6) * 1000  # whole us: float64 holds no more
+        seen = "steps and size" if size > 1.0 else "size"
+        notes = (*notes, f"{label} has no unit: by its {seen} it counts {only}")
+        return TimeAxis((values - first) * size, start, label, notes)
     note = f"{label} has no unit: by its steps and size it is in {only}"
     return TimeAxis(values if only == "s" else values * _SIZES[only], None, label, (*notes, note))
 
@@ -393,19 +388,14 @@ def _plausible(values: Array) -> list[str]:
     first = float(values[0])
     calendar = [unit for unit, size in _SIZES.items() if CALENDAR[0] < first * size < CALENDAR[1]]
     step = float(np.median(np.diff(values[: 1 << 16])))
-    days = [
+    dated = [
         name
-        for name, zero in _DAYS.items()
-        if _DATES[0] < first - zero < _DATES[1]
-        and SHORTEST_USUAL_PERIOD <= step * 86_400.0 <= LONGEST_USUAL_PERIOD
+        for name, (size, zero) in _COUNTED.items()
+        if CALENDAR[0] < (first - zero) * size < CALENDAR[1]
+        and (size <= 1.0 or SHORTEST_USUAL_PERIOD <= step * size <= LONGEST_USUAL_PERIOD)
     ]
-    if days:
-        return days
-    epochs = [
-        name for name, (size, zero) in _EPOCHS.items() if CALENDAR[0] < first * size + zero < CALENDAR[1]
-    ]
-    if epochs and not calendar:
-        return epochs
+    if dated and not calendar:
+        return dated
     if calendar:
         return [unit for unit in calendar if step * _SIZES[unit] <= LONGEST_PERIOD] or calendar
     whole = bool(np.all(values[: 1 << 16] == np.rint(values[: 1 << 16])))
