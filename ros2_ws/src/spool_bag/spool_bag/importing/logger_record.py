@@ -351,15 +351,10 @@ def _together(sides: Sequence[LoggerRecord], first: Source, second: Source, aske
         for one, row in ((body, body.columns[BODY]), (spool, spool.columns[SPOOL]))
     ]
     joined = merged(*series, shared_clock=shared)
-    repairs = {
-        f"{name}_{side}": count
-        for side, one in (("body", body), ("spool", spool))
-        for name, count in one.repairs.items()
-    }
-    notes = [f"{side}: {note}" for side, one in (("body", body), ("spool", spool)) for note in one.notes]
-    warnings = [
-        f"{side}: {text}" for side, one in (("body", body), ("spool", spool)) for text in one.warnings
-    ]
+    named = (("body", body), ("spool", spool))
+    repairs = {f"{name}_{side}": count for side, one in named for name, count in one.repairs.items()}
+    notes = [f"{side}: {note}" for side, one in named for note in one.notes]
+    warnings = [f"{side}: {text}" for side, one in named for text in one.warnings]
     return LoggerRecord(
         body.path,
         joined.time,

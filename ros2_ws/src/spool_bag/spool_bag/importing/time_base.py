@@ -8,22 +8,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from spool_core import stamps
 from spool_core.block_gate import SHORTEST_PERIOD
 from spool_core.errors import InputError
 from spool_core.numbers import Array
 from spool_core.record_limits import LIMITS
-from spool_core.stamps import (
-    BACKWARDS,
-    BURSTS,
-    JITTER,
-    Rhythm,
-    Stamps,
-    first_step,
-    judge,
-    placed,
-    repeated,
-    resolution,
-)
+from spool_core.stamps import Rhythm, Stamps
 from spool_core.text import plural, printable
 
 from spool_bag.importing import time_axis
@@ -161,8 +151,8 @@ def time_base(
     if time.size < 3:
         raise InputError(f"{label}: {time.size} samples are too few for a record")
     kept, repairs, warnings = None, {}, []
-    equal = first_step(time, lambda steps: steps == 0.0) is not None
-    marked, sure = repeated(time, rows) if equal else (np.zeros(0, np.bool_), True)
+    equal = stamps.first_step(time, lambda steps: steps == 0.0) is not None
+    marked, sure = stamps.repeated(time, rows) if equal else (np.zeros(0, np.bool_), True)
     if marked.any():
         count = int(np.count_nonzero(marked))
         if not sure:
@@ -194,9 +184,9 @@ def loose_time_base(label: str, name: str, time: Array, where: Where) -> TimeBas
     Raises:
         InputError: too few samples, or time that goes back.
     """
-    if time.size < 3 or first_step(time, lambda steps: steps <= 0.0) is not None:
+    if time.size < 3 or stamps.first_step(time, lambda steps: steps <= 0.0) is not None:
         return time_base(label, name, time, (), where)  # says what is wrong
-    found = judge(time)
+    found = stamps.judge(time)
     if found.rhythm is Rhythm.COARSE:
         return _of_stamps(name, time, found, where)
     steps = np.diff(time)
@@ -206,7 +196,7 @@ def loose_time_base(label: str, name: str, time: Array, where: Where) -> TimeBas
     if gaps.size:
         base.warnings.append(f"{plural(gaps.size, 'gap')} in {name}, longer than {10.0 * period:g} s")
     uneven = float(np.quantile(np.abs(steps - period), 0.99))
-    if uneven > JITTER * period + resolution(time):
+    if uneven > stamps.JITTER * period + stamps.resolution(time):
         base.warnings.append(f"{name} is spaced unevenly, by up to {uneven:.3g} s: resampled")
     return base
 
@@ -219,9 +209,10 @@ def _settled(
     Raises:
         InputError: nothing decides.
     """
-    found = judge(time)
-    late = placed(time, stepped=True) if found.rhythm is Rhythm.UNEVEN and found.reason != BACKWARDS else None
-    if rate is not None and found.rhythm is not Rhythm.EVEN and found.reason != BACKWARDS:
+    found = stamps.judge(time)
+    forward = found.reason != stamps.BACKWARDS
+    late = stamps.placed(time, stepped=True) if found.rhythm is Rhythm.UNEVEN and forward else None
+    if rate is not None and found.rhythm is not Rhythm.EVEN and forward:
         near = [
             one
             for one in (found, found.literal, late)
@@ -253,7 +244,7 @@ def _settled(
             )
     if found.rhythm is not Rhythm.UNEVEN:
         return found
-    if found.reason == BACKWARDS:
+    if not forward:
         raise InputError(
             f"{label}: {where(found.at)}: {name} does not increase ({time[found.at]:g} s): a clock that was "
             "set, or two runs in one file: import each separately"
@@ -272,7 +263,7 @@ def _few_late(time: Array, late: Stamps) -> bool:
     assert late.times is not None
     if late.gaps.size > MOST_LATE * time.size:
         return False
-    return float(np.quantile(np.abs(time - late.times), 1.0 - MOST_LATE)) <= JITTER * late.period
+    return float(np.quantile(np.abs(time - late.times), 1.0 - MOST_LATE)) <= stamps.JITTER * late.period
 
 
 def _line_at(time: Array, rate: float) -> Stamps | None:
@@ -283,7 +274,7 @@ def _line_at(time: Array, rate: float) -> Stamps | None:
     line = np.arange(time.size, dtype=np.float64) / rate
     off, steps = time - line, np.abs(np.diff(time))
     longest = max(float(np.max(steps)), 1.0 / rate)
-    alone = np.count_nonzero(steps > 0.5 * longest) < min(BURSTS, np.count_nonzero(steps))
+    alone = np.count_nonzero(steps > 0.5 * longest) < min(stamps.BURSTS, np.count_nonzero(steps))
     if float(np.ptp(off)) > OFF_LINE * (1.0 / rate if alone else longest):
         return None
     line += float(off.mean())
