@@ -20,6 +20,9 @@ from spool_bag.mcap_record import message_head
 from spool_bag.metadata import Definition, PartCount, TopicCount, part_of, qos_of
 from spool_bag.part_records import is_stub
 
+#: B: what is written faster than it was recorded closes no chunk by time; this is 8 s of a valve at 2 kHz,
+#: which a damaged chunk then costs. A packed sample record takes no more room so than in chunks of 1 MiB.
+CHUNK_SIZE = 1 << 17
 #: B of an index at most (MCAP specification): of a chunk, of a channel in it, of a definition besides its
 #: texts, and of all else: statistics with some hundred channels, other records, offsets, footer.
 CHUNK_INDEX, OFFSET, DEFINITION, INDEX = 100, 10, 200, 16_384
@@ -137,13 +140,11 @@ class McapPart:
         OSError: from any method.
     """
 
-    def __init__(
-        self, path: Path, number: int, chunk_size: int, about: Mapping[str, Mapping[str, str]] | None = None
-    ) -> None:
+    def __init__(self, path: Path, number: int, about: Mapping[str, Mapping[str, str]] | None = None) -> None:
         self.path = path
         self.count = PartCount(path.name, number)
         self._output = Output(path)
-        self._writer = Writer(self._output, chunk_size, CompressionType.ZSTD)  # type: ignore[arg-type]
+        self._writer = Writer(self._output, CHUNK_SIZE, CompressionType.ZSTD)  # type: ignore[arg-type]
         # mcap 1.6.0 lets nobody choose the chunk builder or count the chunks, hence its private attributes.
         parts = vars(self._writer)
         assert "_Writer__chunk_builder" in parts, "mcap has changed: see RepeatingChunks"

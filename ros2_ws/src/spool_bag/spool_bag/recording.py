@@ -23,7 +23,7 @@ from spool_bag.metadata import Definition, PartCount, is_unfinished
 from spool_bag.part_records import BEGIN, LOSSES, begin_of, file_hash, losses_of
 from spool_bag.parts import McapPart, numbered
 from spool_bag.recorder import PARAMETER_EVENTS, TOPICS, MessageQueue, Recorded
-from spool_bag.writer import CHUNK_SIZE, BagWriter, PartLimits, RecordingError
+from spool_bag.writer import BagWriter, Before, PartLimits, RecordingError
 
 #: B of messages that may wait for the disk: 80 valves at 2 kHz for 20 s.
 LARGEST_QUEUE = 64_000_000
@@ -167,17 +167,15 @@ class Recording:
         return not self._thread.is_alive()
 
     def _opened(self, *, resume: bool, lost: int = 0) -> BagWriter:
+        before = Before((lost, self._because), tuple(self._latched.values()), self._oldest, self._cut_off)
         writer = BagWriter(
             self.path,
             flush_interval=self._settings.flush_interval,
             custom=self._settings.custom,
             limits=self._settings.limits,
             resume=resume,
-            lost=(lost, self._because),
             sign=self._settings.sign,
-            repeat=tuple(self._latched.values()),
-            oldest=self._oldest,
-            cut_off=self._cut_off,
+            before=before,
         )
         self._cut_off = False
         return writer
@@ -253,27 +251,26 @@ class Recording:
         # What was lost is written into the bag while it can be written on.
         with self._lock:
             count, because = self._unstated, self._because
-        if count and self._writer is not None:
-            self._attempt(lambda writer: writer.state_loss(count, because))
-            if self._writer is not None:
-                with self._lock:
-                    self._unstated -= count
+        if count and self._attempt(lambda writer: writer.state_loss(count, because)):
+            with self._lock:
+                self._unstated -= count
 
-    def _attempt(self, action: Callable[[BagWriter], object]) -> None:
-        """Do something with the writer; a failing disk makes it pause, and what was not on it waits.
+    def _attempt(self, action: Callable[[BagWriter], object]) -> bool:
+        """Do something with the writer and return True; a failing disk makes it pause, and the rest waits.
 
         Raises:
             InputError: it cannot be written, whatever the disk.
         """
         writer = self._writer
         if writer is None:
-            return
+            return False
         try:
             action(writer)
         except RecordingError as error:
             self._fail(str(error), writer)
-        else:
-            self._confirm(writer)
+            return False
+        self._confirm(writer)
+        return True
 
     def _confirm(self, writer: BagWriter) -> None:
         """Drop messages from the queue that are on the disk."""
@@ -303,15 +300,12 @@ class Recording:
             return
         least = self._settings.minimum_free
         while self._free < least and writer.parts > 1:
-            self._attempt(BagWriter.remove_oldest)
-            if self._writer is None:
+            if not self._attempt(BagWriter.remove_oldest):
                 return
             self._free = _free(self.path)
         if self._free < least:
-            self._attempt(BagWriter.close)
-            if self._writer is None:
-                return
-            self._pause(f"only {self._free / 1e6:.0f} MB are free (minimum_free_space)", writer)
+            if self._attempt(BagWriter.close):
+                self._pause(f"only {self._free / 1e6:.0f} MB are free (minimum_free_space)", writer)
             return
         self._attempt(self._thinning.look)
 
@@ -373,17 +367,12 @@ class Recording:
         with self._lock:
             self._unstated -= lost
             self._writer = writer
-        if not self._takes():
+        self._empty()
+        if not self._attempt(BagWriter.flush):  # the disk takes no more than a name
             return
         with self._lock:
             self._paused = ""
         self._log.info(f"recording continues in {writer.file}: {lost} messages were not recorded")
-
-    def _takes(self) -> bool:
-        """Write what waits; return whether the disk takes more than a name."""
-        self._empty()
-        self._attempt(BagWriter.flush)
-        return self._writer is not None
 
     def _make_room(self, least: int) -> None:
         """Remove the oldest parts but the last one where a disk filled faster than was looked at."""
@@ -425,7 +414,7 @@ def thin(path: Path, target: Path, hashes: Collection[str] = ()) -> tuple[PartCo
     if hashes and file_hash(path) not in hashes:
         raise InputError(f"{path}: its content was edited: it is left as it is")
     target.unlink(missing_ok=True)
-    part = McapPart(target, begin.number, CHUNK_SIZE, {BEGIN: begin.content()})
+    part = McapPart(target, begin.number, {BEGIN: begin.content()})
     try:
         channels: dict[int, int] = {}
         for record in file.records(lambda topic: is_kept(topic.name)):

@@ -19,9 +19,6 @@ from spool_bag.part_records import BEGIN, LOSSES, PartBegin, PartList
 from spool_bag.parts import McapPart, existing_parts
 from spool_bag.recorder import Recorded
 
-#: B: what is written faster than it was recorded closes no chunk by time; this is 8 s of a valve at 2 kHz,
-#: which a damaged chunk then costs. A packed sample record takes no more room so than in chunks of 1 MiB.
-CHUNK_SIZE = 1 << 17
 #: s between two ``metadata.yaml`` of a recording under way, 250 messages of a valve.
 METADATA_INTERVAL = 5.0
 #: B by which a part grows between two looks at its size, besides its index: chunks that pack badly. And the
@@ -57,6 +54,20 @@ class PartLimits:
         return min(MARGIN, MARGIN_SHARE * self.largest)
 
 
+@dataclass(frozen=True, slots=True)
+class Before:
+    """What a recorder remembers for the next part that it begins.
+
+    ``lost``: messages since then, and why. ``repeat``: last messages of latched topics. ``oldest``: number of
+    the first part that the recorder did not remove. ``cut_off``: the recorder before did not end.
+    """
+
+    lost: tuple[int, str] = (0, "")
+    repeat: Sequence[Recorded] = ()
+    oldest: int = 0
+    cut_off: bool = False
+
+
 class BagWriter:
     """Writer of a rosbag2 directory: ``metadata.yaml``, ``NAME_0.mcap``, and with ``limits`` further parts.
 
@@ -70,9 +81,8 @@ class BagWriter:
 
     With ``limits`` the bag is a recording in parts, each of which stands by itself: definitions and the last
     message of each latched topic are repeated at its start. A list of hashes (:mod:`spool_bag.part_records`),
-    signed by ``sign``, shows later edits. ``resume`` goes on in an existing recording, whose last messages of
-    latched topics are those to ``repeat``. ``oldest``: number of the first part that its recorder did not
-    remove; ``cut_off``: the recorder before did not end.
+    signed by ``sign``, shows later edits. ``resume`` goes on in an existing recording, with what its recorder
+    remembers of it ``before``.
 
     Attributes:
         removed: parts that went by the quota. written: messages that it took, and synced: how
@@ -90,16 +100,12 @@ class BagWriter:
         path: Path | str,
         *,
         flush_interval: float = 1.0,
-        chunk_size: int = CHUNK_SIZE,
         staged: bool = False,
         custom: Mapping[str, str] | None = None,
         limits: PartLimits | None = None,
         resume: bool = False,
-        lost: tuple[int, str] = (0, ""),
         sign: Callable[[str], str] | None = None,
-        repeat: Sequence[Recorded] = (),
-        oldest: int = 0,
-        cut_off: bool = False,
+        before: Before | None = None,
     ) -> None:
         self.path = Path(path)
         self.limits = limits
@@ -107,50 +113,66 @@ class BagWriter:
         self.withdrawn: PartBegin | None = None
         self.certain = True
         self._custom = dict(custom or {})
-        self._interval, self._chunk_size = flush_interval, chunk_size
+        self._interval = flush_interval
         self._channels: list[_Channel] = []
         self._numbers: dict[str, int] = {}
         self._parts: list[metadata.PartCount] = []
         self._described, self._metadata_interval = 0.0, METADATA_INTERVAL
         self._allowed = 0.0
-        self._open = self._settled = False
+        self._open = False
         self._claim: FolderClaim | None = None
-        there = self.path.exists() or self.path.is_symlink()
-        if there and not (resume and self.path.is_dir()):
-            raise InputError(f"{self.path} exists already: name a bag that does not, or remove it")
-        for left in leftovers(self.path):
-            remove(left)
         self._folder = partial_name(self.path) if staged else self.path
-        files: list[tuple[int, Path]] = []
-        number, finished = 0, False
+        before = before or Before()
         try:
-            self._folder.mkdir(parents=True, exist_ok=there)
-            self._claim = FolderClaim(self._folder)
-            if there:
-                self._parts, topics, files, finished = existing_parts(self._folder)
-                for topic, described in topics:
-                    self._append(_Channel(topic, _present(described), latched=False))
-            self._list = PartList(self._folder, sign, files, oldest) if limits is not None else None
-            number = self._list.next if self._list is not None else len(files)
+            files, finished = self._claimed(resume=resume)
+            self._list = PartList(self._folder, sign, files, before.oldest) if limits is not None else None
         except OSError as error:
             self.release()
             raise InputError(f"{self.path}: cannot be made: {error.strerror}") from error
+        number = self._list.next if self._list is not None else len(files)
         try:
-            # The part before may hold nothing but repeated messages, 1 ns ahead of the next message.
-            at = 2 + max((self._parts[-1].end if self._parts else 0, *(one.received for one in repeat)))
-            self._part = self._begin(PartBegin(number, at if repeat else 0, *lost, cut_off and finished))
-            try:
-                self._repeat(repeat, at)
-                self._write_metadata()
-                sync_folder(self._folder.absolute().parent)
-            except OSError:
-                self._part.discard()  # else each try on a disk that is full leaves a file behind
-                raise
+            self._begin_first(number, before, cut_off=before.cut_off and finished)
         except OSError as error:
             self.release()
             raise RecordingError(f"{self._file_of(number)}: {error.strerror}") from error
         self._open = True
         self._flushed = time.monotonic()
+
+    def _claimed(self, *, resume: bool) -> tuple[list[tuple[int, Path]], bool]:
+        """Make the folder, or take over the parts in it; return their files, and whether they had ended."""
+        there = self.path.exists() or self.path.is_symlink()
+        if there and not (resume and self.path.is_dir()):
+            raise InputError(f"{self.path} exists already: name a bag that does not, or remove it")
+        for left in leftovers(self.path):
+            remove(left)
+        self._folder.mkdir(parents=True, exist_ok=there)
+        self._claim = FolderClaim(self._folder)
+        if not there:
+            return [], False
+        self._parts, topics, files, finished = existing_parts(self._folder)
+        for topic, described in topics:
+            self._append(_Channel(topic, _present(described), latched=False))
+        return files, finished
+
+    def _begin_first(self, number: int, before: Before, *, cut_off: bool) -> None:
+        """Begin the first part that this writer writes, with the last latched messages of those before."""
+        # The part before may hold nothing but repeated messages, 1 ns ahead of the next message.
+        at = 2 + max((self._parts[-1].end if self._parts else 0, *(one.received for one in before.repeat)))
+        self._part = self._begin(PartBegin(number, at if before.repeat else 0, *before.lost, cut_off))
+        try:
+            for message in before.repeat:
+                if message.topic not in self._numbers:
+                    described, qos = metadata.definition(message.kind), tuple(message.qos)
+                    counted = metadata.TopicCount(message.topic, message.kind, described.digest, qos)
+                    self._append(_Channel(counted, described, latched=True))
+                one = self._channels[self._numbers[message.topic]]
+                one.latched, one.last = True, (message.data, message.published, 0)
+                self._part.write(self._register(one), message.topic, at, *one.last)
+            self._write_metadata()
+            sync_folder(self._folder.absolute().parent)
+        except OSError:
+            self._part.discard()  # else each try on a disk that is full leaves a file behind
+            raise
 
     @property
     def file(self) -> Path:
@@ -242,14 +264,13 @@ class BagWriter:
             InputError: something took the place of a staged bag meanwhile.
         """
         self.finish()
-        if self._folder != self.path and not self._settled:
+        if self._folder != self.path:
             if self.path.exists() or self.path.is_symlink():
                 remove(self._folder)
                 raise InputError(f"{self.path} exists already: name a bag that does not, or remove it")
             self._folder.replace(self.path)
             sync_folder(self.path.absolute().parent)
-            self._part.path = self.path / self._part.path.name
-            self._settled = True
+            self._folder, self._part.path = self.path, self.path / self._part.path.name
 
     def finish(self) -> None:
         """Do what :meth:`close` does, but leave a staged bag under its other name, to be read again."""
@@ -272,8 +293,8 @@ class BagWriter:
             self._open = False
             self._part.abandon(cut=False)
         self.release()
-        self._settled = True
         remove(self._folder)
+        self._folder = self.path
 
     def state_loss(self, count: int, because: str) -> None:
         """State in the bag that ``count`` messages were not recorded: in the file, and in ``custom_data``."""
@@ -367,7 +388,7 @@ class BagWriter:
         about = {BEGIN: begin.content()} if self.limits is not None else None
         if self._list is not None:
             self._list.begin(begin.number, ended)
-        part = McapPart(self._file_of(begin.number), begin.number, self._chunk_size, about)
+        part = McapPart(self._file_of(begin.number), begin.number, about)
         self._begun = begin
         for one in self._channels:
             one.part = None
@@ -398,17 +419,6 @@ class BagWriter:
         grown = self._part.size + self._part.closing + limits.margin
         return log_time - count.start >= limits.duration * 1e9 or grown > limits.largest
 
-    def _repeat(self, messages: Sequence[Recorded], at: int) -> None:
-        """Write latched messages at the beginning of the first part."""
-        for message in messages:
-            described = metadata.definition(message.kind)
-            counted = metadata.TopicCount(message.topic, message.kind, described.digest, tuple(message.qos))
-            if message.topic not in self._numbers:
-                self._append(_Channel(counted, described, latched=True))
-            one = self._channels[self._numbers[message.topic]]
-            one.latched, one.last = True, (message.data, message.published, 0)
-            self._part.write(self._register(one), one.topic.name, at, message.data, message.published, 0)
-
     def _split(self, log_time: int) -> None:
         """Finish the part and begin the next; latched messages are repeated ahead of its first message."""
         self._end_part()
@@ -418,8 +428,7 @@ class BagWriter:
         self._part = self._begin(PartBegin(self._part.count.number + 1, at), self._part.digest)
         for one in repeated:
             assert one.last is not None
-            data, published, sequence = one.last
-            self._part.write(self._register(one), one.topic.name, at, data, published, sequence)
+            self._part.write(self._register(one), one.topic.name, at, *one.last)
         self._sync()
         self._keep_quota()
         self._write_metadata()
