@@ -12,21 +12,8 @@ from numpy.typing import NDArray
 from spool_core.errors import InputError
 from spool_core.text import printable
 
-from spool_bag.importing.csv_cells import (
-    GROUP_MARKS,
-    HOLES,
-    NOT_DECIMAL,
-    Kind,
-    TextPiece,
-    clocks,
-    date_order,
-    is_grouped,
-    may_be_hexadecimal,
-    moments,
-    pieces,
-    shape_of,
-    zone_named,
-)
+from spool_bag.importing import csv_cells
+from spool_bag.importing.csv_cells import NOT_DECIMAL, Kind, TextPiece
 from spool_bag.importing.csv_layout import BLANKS, Dialect, cells_of, dialect, is_proven
 from spool_bag.importing.formats.format import Format
 from spool_bag.importing.settings import Settings
@@ -52,7 +39,7 @@ class CsvTable(Table):
     def __init__(self, path: Path) -> None:
         self.path = path
         probe, encoding = b"", ""
-        for piece in pieces(path):
+        for piece in csv_cells.pieces(path):
             probe += piece.content
             encoding = piece.note
             if len(probe) > _PROBE:
@@ -111,7 +98,7 @@ class CsvTable(Table):
         """Yield the text below the header, and whether a piece is the last, with the file's end."""
         skip = self.dialect.layout.first
         held: TextPiece | None = None
-        for piece in pieces(self.path):
+        for piece in csv_cells.pieces(self.path):
             content, line = piece.content, piece.line
             if piece.damage:
                 self._warn(piece.damage)
@@ -192,7 +179,7 @@ class CsvTable(Table):
                 column_types={name: pa.float64() if name in plain else pa.string() for name in wanted},
                 include_columns=sorted(wanted),
                 decimal_point=found.decimal,
-                null_values=["", *HOLES],
+                null_values=["", *csv_cells.HOLES],
             ),
         )
         for at, name in enumerate(table.column_names):
@@ -212,10 +199,10 @@ class CsvTable(Table):
         call: Any = compute
         decimal = self.dialect.decimal
         text = call.utf8_trim_whitespace(text)
-        holes = call.is_in(text, value_set=pa.array(["", *HOLES]))
+        holes = call.is_in(text, value_set=pa.array(["", *csv_cells.HOLES]))
         text = call.if_else(holes, pa.scalar(None, pa.string()), text)
         if self.dialect.grouped:
-            for mark in GROUP_MARKS[decimal]:
+            for mark in csv_cells.GROUP_MARKS[decimal]:
                 text = call.replace_substring_regex(text, rf"(\d){re.escape(mark)}(\d{{3}})\b", r"\1\2")
                 text = call.replace_substring_regex(text, rf"(\d){re.escape(mark)}(\d{{3}})\b", r"\1\2")
         else:
@@ -245,14 +232,14 @@ class CsvTable(Table):
         call: Any = compute
         try:
             if kind is Kind.MOMENT:
-                self.zoned = self.zoned or zone_named(table.column(name))
-                return moments(table.column(name), self._order(table.column(name)))
+                self.zoned = self.zoned or csv_cells.zone_named(table.column(name))
+                return csv_cells.moments(table.column(name), self._order(table.column(name)))
             if name in self._dates:
                 dates = table.column(self._dates[name])
                 text = call.binary_join_element_wise(dates, table.column(name), " ")
-                self.zoned = self.zoned or zone_named(text)
-                return moments(text, self._order(dates))
-            return clocks(table.column(name))
+                self.zoned = self.zoned or csv_cells.zone_named(text)
+                return csv_cells.moments(text, self._order(dates))
+            return csv_cells.clocks(table.column(name))
         except pa.ArrowInvalid as error:
             raise InputError(
                 f"{self.path}: below line {piece.line}: {printable(name, 40)} is no time: "
@@ -269,7 +256,7 @@ class CsvTable(Table):
 
         call: Any = compute
         days = call.unique(call.utf8_slice_codeunits(call.utf8_trim_whitespace(dates), 0, 10)).to_pylist()
-        order, sure = date_order(
+        order, sure = csv_cells.date_order(
             str(self.path), [printable(one, 20) for one in days if one], self.dates or self._shown
         )
         self._shown = order if sure else self._shown
@@ -302,12 +289,12 @@ def _badness(line: str, number: int, found: Dialect, wanted: Sequence[str]) -> s
     if len(cells) < len(found.names):
         return f"line {number} has {len(cells)} cells, the header has {len(found.names)}"
     for name, kind, cell in zip(found.names, found.kinds, cells, strict=False):
-        if name in wanted and kind is Kind.NUMBER and cell and cell not in HOLES:
+        if name in wanted and kind is Kind.NUMBER and cell and cell not in csv_cells.HOLES:
             try:
                 float(cell.replace(found.decimal, "."))
             except ValueError:
-                if not (found.grouped and is_grouped(cell, found.decimal)):
-                    hint = f": {NOT_DECIMAL}" if may_be_hexadecimal([cell]) else ""
+                if not (found.grouped and csv_cells.is_grouped(cell, found.decimal)):
+                    hint = f": {NOT_DECIMAL}" if csv_cells.may_be_hexadecimal([cell]) else ""
                     shown = printable(cell, 40)
                     return f"line {number}: {printable(name, 40)} is {shown!r}, not a number{hint}"
     if len(cells) > len(found.names) and any(cells[len(found.names) :]):
@@ -332,8 +319,8 @@ def _cut_short(piece: TextPiece, found: Dialect) -> int | None:
     usual = [row for line in above[-200:] if len(row := cells_of(line, found.delimiter)) == len(cells)]
     if len(usual) < 3 or not cells:
         return None
-    shapes = {shape_of(row[-1], found.decimal) for row in usual}
-    return None if shape_of(cells[-1], found.decimal) in shapes else piece.line + len(above)
+    shapes = {csv_cells.shape_of(row[-1], found.decimal) for row in usual}
+    return None if csv_cells.shape_of(cells[-1], found.decimal) in shapes else piece.line + len(above)
 
 
 def _is_text(_path: Path, head: bytes) -> bool:
