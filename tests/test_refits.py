@@ -9,8 +9,10 @@ from rclpy.serialization import serialize_message
 from spool_bag.reader import BagReader
 from spool_core.node.messages import nanoseconds
 from spool_estimator.messages import to_refit_message
+from spool_estimator.refit import RefitSettings
 from spool_msgs.msg import ModelEstimate, WindowRefit
-from spool_report.runs.record_replay import RefitRequest, replay_valve
+from spool_report.runs.record_replay import replay_valve
+from spool_sim.model import load_model
 from spool_sim.valve import find_valve
 
 if TYPE_CHECKING:
@@ -43,9 +45,8 @@ def test_refits_come_next_to_the_stream_and_are_those_of_the_replay(system: Syst
     reader = BagReader(bag)
     assert reader.topics["/valve_1/refit"].messages >= 4
     valve = find_valve("4weh10_soft")
-    replayed = replay_valve(
-        reader, "valve_1", valve, refits=RefitRequest(period=PERIOD, window=WINDOW)
-    ).refitted
+    settings = RefitSettings(valve, load_model("coulomb"), PERIOD, WINDOW)
+    replayed = replay_valve(reader, "valve_1", valve, refits=settings).refitted
     by_stamp = {refit.stamp: refit for refit in replayed}
     for message in found[:3]:
         again = by_stamp[nanoseconds(message.header.stamp)]

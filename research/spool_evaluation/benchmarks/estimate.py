@@ -23,7 +23,7 @@ from spool_estimator.refit import RefitSettings, WindowRefits, WindowTask, refit
 from spool_report.records.record_loading import DEFAULT_VALVE
 from spool_report.records.simulation import simulate
 from spool_report.requests import SimulationSettings
-from spool_report.runs.record_replay import RefitRequest, replay_valve
+from spool_report.runs.record_replay import replay_valve
 from spool_sim.model import MODELS
 from spool_sim.valve import find_valve
 from spool_tools.operations.node_processes import Nodes
@@ -60,8 +60,8 @@ def offline(folder: Path) -> Iterator[Timing]:
     replay_valve(long, "valve_1", valve)  # compiles
     taken = best_of(4, lambda: replay_valve(long, "valve_1", valve))
     yield Timing(f"replay {SECONDS:g} s of one valve at 2 kHz", "real time", taken, SECONDS)
-    request = RefitRequest(period=REFIT_PERIOD)
-    taken = best_of(2, lambda: replay_valve(short, "valve_1", valve, refits=request))
+    refits = RefitSettings(valve, MODELS["coulomb"], REFIT_PERIOD)
+    taken = best_of(2, lambda: replay_valve(short, "valve_1", valve, refits=refits))
     work = f"replay {REFIT_SECONDS:g} s with a refit every {REFIT_PERIOD:g} s"
     yield Timing(work, "real time", taken, REFIT_SECONDS)
     task = _window(short)

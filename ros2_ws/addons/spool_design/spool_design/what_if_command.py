@@ -6,7 +6,6 @@ from rich.console import Console
 from spool_report.outputs import write_file, write_json
 from spool_report.terminal import warn
 from spool_tools import command as cli
-from spool_tools.command import Command
 
 from spool_design.requests import WhatIfRequest
 
@@ -39,4 +38,4 @@ def what_if(
         print(f"{report}: pictures and tables")
 
 
-COMMAND = Command(what_if, place=410, line="response with other springs, oil, mass or mount")
+COMMAND = cli.Command(what_if, place=410, line="response with other springs, oil, mass or mount")

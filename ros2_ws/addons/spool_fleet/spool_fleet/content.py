@@ -413,7 +413,8 @@ def write_reports(
     Returns:
         the report of each bag, by the bag's path, relative to the folder of the page.
     """
-    from spool_report.runs.record_replay import ReplayOptions, replay_bag  # noqa: PLC0415 - slow to load
+    from spool_report.requests import ReplayRequest  # noqa: PLC0415 - slow to load, as below
+    from spool_report.runs.record_replay import replay_bag  # noqa: PLC0415
 
     names = {
         row.bag: report_name(f"{valve.machine} {valve.valve}", row.bag, row.start)
@@ -434,8 +435,9 @@ def write_reports(
             try:
                 folder.mkdir(parents=True, exist_ok=True)
                 if not _kept(folder / name):
-                    options = ReplayOptions(params_file=params_file, report=folder / name)
-                    replay_bag(path, files.get(bag, []), options)
+                    valve = files.get(bag, [])
+                    request = ReplayRequest(record=path, valve=valve, params_file=params_file)
+                    replay_bag(request, folder / name)
             except InputError as error:
                 warn(f"{bag}: cannot write its report: {error}")
                 continue

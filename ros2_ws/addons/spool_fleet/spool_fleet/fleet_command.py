@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 from rich.table import Table
 from spool_report.outputs import write_json
+from spool_report.requests import ParamsFile
 from spool_report.terminal import cell, warn, wide_console
 from spool_tools import command as cli
 from spool_tools.command import Command
@@ -92,7 +93,7 @@ def run_analyses(
             metavar="ADDRESS", help="Dask scheduler, such as tcp://10.0.0.5:8786; local: start one here."
         ),
     ] = None,
-    params_file: cli.ParamsFile = None,
+    params_file: ParamsFile = None,
 ) -> None:
     """Analyse the catalogue's new bags; continues an interrupted run.
 
@@ -172,7 +173,7 @@ def make_page(
         int,
         typer.Option(min=0, help="Number of newest bags per conspicuous valve to write replay reports for."),
     ] = 0,
-    params_file: cli.ParamsFile = None,
+    params_file: ParamsFile = None,
     _force: cli.Force = False,
 ) -> None:
     """Write a page of the fleet: state of each valve, changes of this month, trends of the parameters.

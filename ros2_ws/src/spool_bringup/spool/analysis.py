@@ -16,7 +16,7 @@ from spool_core.system import expanded
 from spool_core.text import did_you_mean
 
 from spool.errors import in_python, one_error
-from spool.record import AnyRecord, AnyValve, Part, listed, part_of, path_of, valve_files
+from spool.record import AnyRecord, AnyValve, listed, part_of, path_of, selected, valve_files
 from spool.results import (
     Comparison,
     Fit,
@@ -70,7 +70,7 @@ def fit(
         InputError: records, valve, model or parameters cannot be used.
     """
     every = listed(records)
-    part = part_of(every, Part(name, start, stop, since, until, around))
+    part = part_of(every, name, start, stop, since, until, around)
     paths, held_out = [path_of(one) for one in every], _held_out(holdout)
     with valve_files([valve]) as (file,):
         from spool_report.requests import FitRequest  # noqa: PLC0415 - slow to load, as below
@@ -80,7 +80,7 @@ def fit(
             records=paths, valve=file, model=str(model), free=_listed(free), fix=_listed(fix),
             holdout=held_out, force_free=force_free, sensor_gain=sensor_gain, sensor_delay=sensor_delay,
         )  # fmt: skip
-        validated = fit_records(request, part.selection())
+        validated = fit_records(request, selected(part))
     for doubt in (*validated.data.doubts, *validated.fit.warnings):
         warnings.warn(in_python(doubt), stacklevel=3)
     return Fit(validated)
@@ -177,7 +177,7 @@ def compare(
         InputError: records, valves or models cannot be used.
     """
     every = listed(records)
-    part = part_of(every, Part(name, start, stop, since, until, around))
+    part = part_of(every, name, start, stop, since, until, around)
     paths, held_out = [path_of(one) for one in every], _held_out(holdout)
     given: list[AnyValve] = []
     if valve is not None:
@@ -190,7 +190,7 @@ def compare(
             records=paths, valve=[str(file) for file in files], models=_listed(models), together=together,
             holdout=held_out, sensor_gain=sensor_gain, sensor_delay=sensor_delay,
         )  # fmt: skip
-        found = compare_records(request, part.selection())
+        found = compare_records(request, selected(part))
     return Comparison(*found)
 
 
@@ -237,7 +237,7 @@ def gap(
     if kind not in KINDS:
         raise InputError(f"spool.gap: kind={kind!r} is none of {', '.join(KINDS)}{did_you_mean(kind, KINDS)}")
     every = listed(records)
-    part = part_of(every, Part(name, start, stop, since, until, around))
+    part = part_of(every, name, start, stop, since, until, around)
     paths, held_out = [path_of(one) for one in every], _held_out(holdout)
     with keeping_backend(), valve_files([valve]) as (file,), tempfile.TemporaryDirectory() as folder:
         from spool_report.outputs import ResultFiles  # noqa: PLC0415
@@ -254,7 +254,7 @@ def gap(
         with contextlib.redirect_stdout(io.StringIO()):
             refused = ""
             try:
-                run_gap(request, part.selection(), ResultFiles(found, page, model), shown)
+                run_gap(request, selected(part), ResultFiles(found, page, model), shown)
             except InputError as error:
                 if not page.exists():
                     raise
@@ -297,23 +297,23 @@ def replay(
     Raises:
         InputError: record or valve cannot be used.
     """
-    path, part = path_of(record), part_of([record], Part(since=since, until=until, around=around))
+    path, part = path_of(record), part_of([record], None, 0.0, None, since, until, around)
     if part.name is not None or part.start or part.stop is not None:
         raise InputError(
             "spool.replay: it takes whole valves of a record: read it without name, start and stop"
         )
     with valve_files([valve]) as (file,), tempfile.TemporaryDirectory() as folder:
-        from spool_report.runs.record_replay import ReplayOptions, replay_bag  # noqa: PLC0415
+        from spool_report.requests import ReplayRequest  # noqa: PLC0415
+        from spool_report.runs.record_replay import replay_bag  # noqa: PLC0415
 
         page = Path(folder) / "replay.html"
-        options = ReplayOptions(
-            baseline_time=baseline_time,
+        request = ReplayRequest(
+            record=path, valve=[] if file is None else [file], when=part.when, language=language,
+            state=None if state is None else expanded(state),
             params_file=None if params_file is None else expanded(params_file),
-            report=page if report else None, state=None if state is None else expanded(state),
-            when=(part.since, part.until, part.around), language=language,
         )  # fmt: skip
         with keeping_backend() if report else contextlib.nullcontext():
-            found = replay_bag(path, [] if file is None else [file], options)
+            found = replay_bag(request, page if report else None, baseline_time)
         return Replay(found, page.read_text(encoding="utf-8") if report else "")
 
 

@@ -6,7 +6,7 @@ import contextlib
 import io
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, cast
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     import pandas as pd
     from numpy.typing import NDArray
     from spool_report.records.record_loading import Recording, Selection
-    from spool_report.requests import ImportRequest
+    from spool_report.requests import ImportRequest, Part
     from spool_sim.valve import Valve
 
     Array: TypeAlias = NDArray[np.float64]
@@ -44,7 +44,7 @@ class Record:
         self, path: Path, folder: tempfile.TemporaryDirectory[str] | None = None, part: Part | None = None
     ) -> None:
         self.path = path
-        self.part = part or Part()
+        self.part = part or part_of(())
         self._folder = folder  # goes with the record
 
     @cached_property
@@ -122,7 +122,7 @@ class Record:
         with keeping_backend():
             from spool_report.runs.record_quality import quality_of_record  # noqa: PLC0415
 
-            return Quality(*quality_of_record(self.path, self.part.selection()))
+            return Quality(*quality_of_record(self.path, selected(self.part)))
 
     @one_error
     def plot(self) -> Picture:
@@ -190,30 +190,16 @@ AnyRecord: TypeAlias = Record | str | Path
 AnyValve: TypeAlias = "Valve | str | Path"
 
 
-@dataclass(frozen=True)
-class Part:
-    """Part of a record: ``name`` of a valve of a bag, and times as the arguments of ``spool.read``."""
-
-    name: str | None = None
-    start: float = 0.0
-    stop: float | None = None
-    since: str | None = None
-    until: str | None = None
-    around: str | None = None
-
-    def selection(self) -> Selection:
-        """Return what the commands take for it."""
-        from spool_report.records.record_loading import selection  # noqa: PLC0415 - slow to load, as below
-
-        when = (self.since, self.until, self.around)
-        return selection(self.name, None, float(self.start), self.stop, when)
+def selected(part: Part) -> Selection:
+    """Return what the commands take for ``part``; unlike them, analyses do not take units."""
+    return replace(part.selection(), how=None)
 
 
 @one_error
 def _loaded(record: Record) -> Recording:
     from spool_report.records.record_loading import load_recording  # noqa: PLC0415
 
-    return load_recording(record.path, record.part.selection())
+    return load_recording(record.path, selected(record.part))
 
 
 @one_error
@@ -269,7 +255,7 @@ def read(
     """
     from spool_report.requests import ImportRequest  # noqa: PLC0415 - slow to load
 
-    part = Part(name, start, stop, since, until, around)
+    part = part_of((), name, start, stop, since, until, around)
     units = {"body": unit, "spool": unit} if isinstance(unit, str) else unit
     request = ImportRequest(
         columns=_pairs("columns", columns), unit=_pairs("unit", units), scale=_pairs("scale", scale),
@@ -293,7 +279,7 @@ def _imported(paths: Sequence[Path], part: Part, request: ImportRequest) -> Reco
     folder, bag = _place(paths[0].name.partition(".")[0] or "record")
     import_record(paths, bag, how=request.choices())
     record = Record(bag, folder, part)
-    if part != Part():
+    if part != part_of(()):
         _ = record._recording
     return record
 
@@ -469,12 +455,20 @@ def listed(records: AnyRecord | Iterable[AnyRecord]) -> list[AnyRecord]:
     return every
 
 
-def part_of(records: Sequence[AnyRecord], given: Part) -> Part:
-    """Return which part of ``records`` an analysis uses: ``given``, else that of the records.
+def part_of(
+    records: Sequence[AnyRecord], name: str | None = None, start: float = 0.0, stop: float | None = None,
+    *when: str | None,
+) -> Part:  # fmt: skip
+    """Return which part of ``records`` an analysis uses: the given one, else that of the records.
+
+    ``when``: since, until, around.
 
     Raises:
         InputError: records were read in different parts.
     """
+    from spool_report.requests import Part, TimeSpan  # noqa: PLC0415 - slow to load
+
+    given = Part(name=name, start=float(start), stop=stop, when=TimeSpan(*when))
     found = {each.part for each in records if isinstance(each, Record)}
     if given == Part() and len(found) > 1:
         raise InputError("the records were read in different parts (name, start, since ...): read them alike")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -14,13 +14,10 @@ from spool_core.errors import InputError
 if TYPE_CHECKING:
     from spool_bag.importing.choices import Choices
 
-#: Panels of options that choose of a record, and of those that few need.
+    from spool_report.records.record_loading import Selection
+
+#: Panels of options: the part of a record to use, and what few need.
 PART, EXPERT = "Part of the record", "Expert"
-
-
-def part_option(option: str, text: str) -> Any:
-    """Return an option that chooses of a record."""
-    return typer.Option(option, rich_help_panel=PART, help=text)
 
 
 def valve_names(incomplete: str) -> list[str]:
@@ -44,6 +41,54 @@ def excitation_names(incomplete: str) -> list[str]:
     return [name for name in PRESETS if name.startswith(incomplete)]
 
 
+def in_range(low: float, high: float = math.inf) -> Callable[[float | None], float | None]:
+    """Return the callback that refuses what is not a finite number from ``low`` to ``high``."""
+
+    def checked(value: float | None) -> float | None:
+        if value is not None and not (math.isfinite(value) and low <= value <= high):
+            most = f"{low:g} to {high:g}" if high < math.inf else f"at least {low:g}"
+            raise typer.BadParameter(f"{value:g} is out of range: use {most}.")
+        return value
+
+    return checked
+
+
+def _part(text: str) -> Any:
+    return typer.Option(rich_help_panel=PART, help=text)
+
+
+RecordArgument = Annotated[
+    Path, typer.Argument(help="rosbag2 directory, .mcap, or a logger's file.", metavar="RECORD")
+]
+ValveFiles = Annotated[
+    Sequence[str],
+    typer.Option(
+        help="YAML file of the valve, or name of a shipped valve; NAME=FILE for each of several valves. "
+        "Default: description in the bag.",
+        autocompletion=valve_names,
+    ),
+]
+ParamsFile = Annotated[
+    Path | None,
+    typer.Option(
+        help="Parameter file of the nodes, with the limits of the plant; default: the shipped limits.",
+        metavar="YAML",
+    ),
+]
+LanguageOption = Annotated[
+    str, typer.Option(help="Language of alarms: en, de or pl; default: SPOOL_LANGUAGE, else English.")
+]
+ColumnsOption = Annotated[
+    str | None, _part("Column names in the file, e.g. time_s=t,body_m_s2=ch1,spool_m_s2=ch2")
+]
+ExcludeOption = Annotated[Sequence[str], _part("Columns to ignore, by name or number: NAME,#3")]
+UnitOption = Annotated[Sequence[str], _part("Units missing in the file: body=g,force=N,time=ms")]
+ScaleOption = Annotated[
+    Sequence[str], _part("Sensitivities: body=100mV/g,spool=50g/FS; raw counts: body=1.25e-6g/count")
+]
+RateOption = Annotated[
+    float | None, _part("Sample rate in Hz, for files with a missing or poor time column.")
+]
 ShippedValve = Annotated[
     str, typer.Option(help="YAML file of the valve, or name of a shipped valve.", autocompletion=valve_names)
 ]
@@ -56,19 +101,6 @@ ExcitationName = Annotated[
 ]
 ModelName = Annotated[
     str, typer.Option("--model", help="Model: its name or a YAML file.", autocompletion=model_names)
-]
-ExcludeOption = Annotated[
-    Sequence[str], part_option("--exclude", "Columns to ignore, by name or number: NAME,#3")
-]
-UnitOption = Annotated[
-    Sequence[str], part_option("--unit", "Units missing in the file: body=g,force=N,time=ms")
-]
-ScaleOption = Annotated[
-    Sequence[str],
-    part_option("--scale", "Sensitivities: body=100mV/g,spool=50g/FS; raw counts: body=1.25e-6g/count"),
-]
-RateOption = Annotated[
-    float | None, part_option("--rate", "Sample rate in Hz, for files with a missing or poor time column.")
 ]
 _RECORDS = typer.Argument(help="Bags or logger files of one valve.", metavar="RECORD...")
 _Valve = Annotated[
@@ -97,6 +129,100 @@ _SensorDelay = Annotated[
         "--sensor-delay", rich_help_panel=EXPERT, help="Fit the delay of the spool's sensor as well."
     ),
 ]
+
+
+@dataclass(frozen=True, slots=True)
+class TimeSpan:
+    """Time span of a bag, as the options name it."""
+
+    since: Annotated[
+        str | None,
+        _part(
+            "Start of the time span: 10m, 6h or 7d before the end, or 2025-01-31T12:00:00 (UTC); bags only."
+        ),
+    ] = None
+    until: Annotated[str | None, _part("End of the time span (same formats as --since; bags only).")] = None
+    around: Annotated[
+        str | None,
+        _part(
+            "Use one minute before and after the newest alarm of this kind, e.g. resonance. "
+            "resonance:2: second newest; alarm: any kind (bags only)."
+        ),
+    ] = None
+
+
+#: A whole record.
+EVER = TimeSpan()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Part:
+    """Part of a record and how it is read."""
+
+    name: Annotated[str | None, _part("Valve to use if the bag holds several, e.g. valve_2.")] = None
+    columns: ColumnsOption = None
+    unit: UnitOption = ()
+    scale: ScaleOption = ()
+    rate: RateOption = None
+    exclude: ExcludeOption = ()
+    start: Annotated[float, _part("Start of the part to use, in s from the first sample.")] = 0.0
+    stop: Annotated[float | None, _part("End of the part to use, in s; default: record end.")] = None
+    when: TimeSpan = EVER
+
+    def selection(self) -> Selection:
+        """Return what the readers of records take."""
+        from spool_bag.importing.choices import choices, columns_of  # noqa: PLC0415 - slow to load, as below
+
+        from spool_report.records.record_loading import Selection  # noqa: PLC0415
+
+        how = choices(unit=self.unit, scale=self.scale, rate=self.rate, exclude=self.exclude)
+        stop = math.inf if self.stop is None else self.stop
+        return Selection(self.name, columns_of(self.columns), self.start, stop, when=self.when, how=how)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReplayRequest:
+    """Request to run estimator and monitor over a record."""
+
+    record: RecordArgument
+    valve: ValveFiles = ()
+    columns: ColumnsOption = None
+    state: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR", help="Folder that keeps each valve's baseline: learned from the first record."
+        ),
+    ] = None
+    when: TimeSpan = EVER
+    params_file: ParamsFile = None
+    language: LanguageOption = ""
+    refits: Annotated[bool, typer.Option("--refits", help="Refit the last 4 s at regular intervals.")] = False
+    refit_model: Annotated[
+        str, typer.Option(help="Model of the refits: name or YAML file.", autocompletion=model_names)
+    ] = "coulomb"
+    refit_period: Annotated[
+        float, typer.Option(help="Data time between refits, s.", callback=in_range(0.1, 3600.0))
+    ] = 5.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlayRequest:
+    """Request to play a record to live nodes."""
+
+    record: RecordArgument
+    valve: ValveFiles = ()
+    speed: Annotated[
+        float, typer.Option(help="Seconds of the record in a second.", callback=in_range(1.0, 20.0))
+    ] = 1.0
+    no_web: Annotated[bool, typer.Option("--no-web", help="Serve no page; end with the record.")] = False
+    port: Annotated[int, typer.Option(help="Port of the page; 0: any free one.", min=0, max=65535)] = 8765
+    columns: ColumnsOption = None
+    state: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Folder that keeps baselines and alarms from record to record."),
+    ] = None
+    when: TimeSpan = EVER
+    params_file: ParamsFile = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -17,6 +17,7 @@ from spool_bag.writer import BagWriter
 from spool_core.block import Block
 from spool_core.cdr import OilTemperature, encode_block, encode_temperature
 from spool_estimator.identification.record import PartKeeper
+from spool_report.requests import ReplayRequest
 from spool_report.runs.record_replay import SHIPPED, replay_bag, replay_valve
 from spool_sim.excitation import PRESETS
 from spool_sim.simulator import Simulator
@@ -98,7 +99,7 @@ def outcome(path: Path) -> list[str]:
     one = replay_valve(reader, "valve_1", VALVE, settings, keep=True, timeline=timeline, parts=parts)
     records = [(part.start, part.body.tobytes(), part.spool.tobytes()) for part in parts.records("x")]
     told = [one.estimates, one.events, one.monitor.health, one.trace, timeline, records, one.samples]
-    return [json.dumps(replay_bag(path, [VALVE.id])), *map(repr, told)]
+    return [json.dumps(replay_bag(ReplayRequest(record=path, valve=[VALVE.id]))), *map(repr, told)]
 
 
 @pytest.mark.parametrize(

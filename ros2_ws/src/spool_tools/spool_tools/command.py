@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import math
 import os
 import pkgutil
 from collections.abc import Callable, Mapping, Sequence
@@ -13,20 +12,17 @@ from importlib import import_module
 from importlib.util import find_spec
 from inspect import Parameter, signature
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
 import typer
 from spool_bag import no_such_bag
 from spool_core.errors import InputError, add_on_missing
 from spool_report import requests
 from spool_report.outputs import STANDARD_OUTPUT, check_output, replace_existing, text_to_stderr
-from spool_report.requests import EXPERT, PART, part_option, valve_names
+from spool_report.requests import EXPERT, PART
 from typer import Typer
 from typer.core import TyperGroup
 from typer.main import get_group
-
-if TYPE_CHECKING:
-    from spool_report.records.record_loading import Selection
 
 #: Entry points of this group name packages that hold command modules.
 ENTRY_POINTS = "spool.commands"
@@ -95,32 +91,7 @@ Force = Annotated[
 ]
 
 
-ParamsFile = Annotated[
-    Path | None,
-    typer.Option(
-        "--params-file",
-        help="Parameter file of the nodes, with the limits of the plant; default: the shipped limits.",
-        metavar="YAML",
-    ),
-]
-
-ColumnsOption = Annotated[
-    str | None,
-    part_option("--columns", "Column names in the file, e.g. time_s=t,body_m_s2=ch1,spool_m_s2=ch2"),
-]
 BagArgument = Annotated[Path, typer.Argument(help="rosbag2 directory or .mcap file.", metavar="BAG")]
-ValveFiles = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--valve",
-        help="YAML file of the valve, or name of a shipped valve; NAME=FILE for each of several valves. "
-        "Default: description in the bag.",
-        autocompletion=valve_names,
-    ),
-]
-RecordArgument = Annotated[
-    Path, typer.Argument(help="rosbag2 directory, .mcap, or a logger's file.", metavar="RECORD")
-]
 NewBag = Annotated[Path, typer.Option("--out", help="Bag to be made.", metavar="BAG")]
 OutFolder = Annotated[
     Path | None,
@@ -133,66 +104,6 @@ StateFolder = Annotated[
     typer.Option("--state-folder", help="State folder of the monitors; default: their default folder."),
 ]
 CommentOption = Annotated[str, typer.Option("--comment", help="Comment.")]
-LanguageOption = Annotated[
-    str,
-    typer.Option(
-        "--language", help="Language of alarms: en, de or pl; default: SPOOL_LANGUAGE, else English."
-    ),
-]
-NameOption = Annotated[
-    str | None, part_option("--name", "Valve to use if the bag holds several, e.g. valve_2.")
-]
-StartOption = Annotated[
-    float, typer.Option(rich_help_panel=PART, help="Start of the part to use, in s from the first sample.")
-]
-StopOption = Annotated[
-    float | None,
-    typer.Option(rich_help_panel=PART, help="End of the part to use, in s; default: record end."),
-]
-SinceOption = Annotated[
-    str | None,
-    part_option(
-        "--since",
-        "Start of the time span: 10m, 6h or 7d before the end, or 2025-01-31T12:00:00 (UTC); bags only.",
-    ),
-]
-UntilOption = Annotated[
-    str | None, part_option("--until", "End of the time span (same formats as --since; bags only).")
-]
-AroundOption = Annotated[
-    str | None,
-    part_option(
-        "--around",
-        "Use one minute before and after the newest alarm of this kind, e.g. resonance. "
-        "resonance:2: second newest; alarm: any kind (bags only).",
-    ),
-]
-
-
-@dataclass(frozen=True, slots=True)
-class Part:
-    """Part of a record and how it is read: options that a command takes by an argument ``part: Part``."""
-
-    name: NameOption = None
-    columns: ColumnsOption = None
-    unit: requests.UnitOption = ()
-    scale: requests.ScaleOption = ()
-    rate: requests.RateOption = None
-    exclude: requests.ExcludeOption = ()
-    start: StartOption = 0.0
-    stop: StopOption = None
-    since: SinceOption = None
-    until: UntilOption = None
-    around: AroundOption = None
-
-    def selection(self) -> Selection:
-        """Return what the readers of records take."""
-        from spool_bag.importing.choices import choices  # noqa: PLC0415 - slow to load, as below
-        from spool_report.records.record_loading import selection  # noqa: PLC0415
-
-        how = choices(unit=self.unit, scale=self.scale, rate=self.rate, exclude=self.exclude)
-        when = (self.since, self.until, self.around)
-        return selection(self.name, self.columns, self.start, self.stop, when, how)
 
 
 def flat(run: Callable[..., None]) -> Callable[..., None]:
@@ -208,11 +119,7 @@ def flat(run: Callable[..., None]) -> Callable[..., None]:
 
     @wraps(run)
     def flattened(**given: Any) -> None:
-        made = {
-            name: requests[name](**{one.name: given.pop(one.name) for one in own})
-            for name, own in options.items()
-        }
-        run(**made, **given)
+        run(**{name: _taken(request, given) for name, request in requests.items()}, **given)
 
     def place(option: Parameter) -> int:
         panel = next((getattr(one, "rich_help_panel", None) for one in get_args(option.annotation)[1:]), None)
@@ -233,6 +140,9 @@ def _options(request: type) -> list[Parameter]:
     kinds = get_type_hints(request, include_extras=True)
     found = []
     for one in fields(request):
+        if is_dataclass(kinds[one.name]):
+            found += _options(kinds[one.name])
+            continue
         kind, option = get_args(kinds[one.name])
         if get_origin(kind) is Sequence:
             kind = list[get_args(kind)]  # type: ignore[misc]
@@ -241,6 +151,17 @@ def _options(request: type) -> list[Parameter]:
             Parameter(one.name, Parameter.KEYWORD_ONLY, default=default, annotation=Annotated[kind, option])
         )
     return found
+
+
+def _taken(request: type, given: dict[str, Any]) -> Any:
+    """Return the ``request`` that ``given`` arguments ask for; they are removed from it."""
+    kinds = get_type_hints(request)
+    return request(
+        **{
+            one.name: _taken(kinds[one.name], given) if is_dataclass(kinds[one.name]) else given.pop(one.name)
+            for one in fields(request)
+        }
+    )
 
 
 def refuse_missing(*records: Path) -> None:
@@ -371,15 +292,3 @@ class CommandGroup(TyperGroup):
         else:
             self.list_commands(ctx)  # names alike are suggested from what is loaded
         return self.commands.get(cmd_name)
-
-
-def in_range(low: float, high: float = math.inf) -> Callable[[float | None], float | None]:
-    """Return the callback that refuses what is not a finite number from ``low`` to ``high``."""
-
-    def checked(value: float | None) -> float | None:
-        if value is not None and not (math.isfinite(value) and low <= value <= high):
-            most = f"{low:g} to {high:g}" if high < math.inf else f"at least {low:g}"
-            raise typer.BadParameter(f"{value:g} is out of range: use {most}.")
-        return value
-
-    return checked

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from spool_bag.importing.choices import choices
 from spool_core.errors import InputError
 from spool_estimator.identification.record import Record
 from spool_estimator.record_judgement import usable
@@ -21,8 +20,8 @@ from spool_report.records.record_loading import (
     load_data,
     load_recording,
     load_recordings,
-    selection,
 )
+from spool_report.requests import Part
 from spool_report.runs.gap_run import _force_records
 from spool_report.runs.record_quality import quality_of
 from spool_sim.valve import find_valve
@@ -61,26 +60,22 @@ def test_a_record_of_forces_takes_units_rate_and_left_out_columns(tmp_path: Path
         )
     (plain,) = _force_records([tmp_path / "si.csv"], "imposed", Selection(), [])
     own = "time=#0,displacement=#1,force=#2"
-    asked = selection(
-        None, own, 0.0, None, how=choices(unit=["time=ms,displacement=mm,force=N"], exclude=["#3"])
-    )
+    asked = Part(columns=own, unit=["time=ms,displacement=mm,force=N"], exclude=["#3"]).selection()
     (found,) = _force_records([tmp_path / "own.csv"], "imposed", asked, [])
     assert found.period == pytest.approx(plain.period, rel=1e-9)
     np.testing.assert_allclose(found.displacement, plain.displacement, atol=1e-9)
     np.testing.assert_allclose(found.force, plain.force, atol=1e-9)
-    how = choices(unit=["displacement=mm,force=N"], rate=200.0, exclude=["#0,#3"])
-    counted = selection(None, "displacement=#1,force=#2", 0.0, None, how=how)
+    units, columns = ["displacement=mm,force=N"], "displacement=#1,force=#2"
+    counted = Part(columns=columns, unit=units, rate=200.0, exclude=["#0,#3"]).selection()
     (timed,) = _force_records([tmp_path / "own.csv"], "imposed", counted, [])
     assert timed.period == pytest.approx(1.0 / 200.0, rel=1e-9)
     with pytest.raises(InputError, match=r"--rate 500: .* shows 200 Hz"):
-        _force_records(
-            [tmp_path / "si.csv"], "imposed", selection(None, None, 0.0, None, how=choices(rate=500.0)), []
-        )
+        _force_records([tmp_path / "si.csv"], "imposed", Part(rate=500.0).selection(), [])
 
 
 def test_a_bag_takes_no_units(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="a bag states its units and rate"):
-        load_recording(BAGS / "practice_03", selection(None, None, 0.0, None, how=choices(unit=["body=g"])))
+        load_recording(BAGS / "practice_03", Part(unit=["body=g"]).selection())
 
 
 def test_a_lost_block_divides_a_record_and_time_goes_on(
@@ -97,7 +92,7 @@ def test_a_gap_in_a_csv_divides_it_and_own_names_are_mapped(tmp_path: Path) -> N
     time = np.concatenate([np.arange(0, 100), np.arange(150, 250)]) * 1e-3
     rows = "\n".join(f"{t:.4f},{t},{2 * t}" for t in time.tolist())
     (tmp_path / "own.csv").write_text(f"t,ch1,ch2\n{rows}\n", "utf-8")
-    chosen = selection(None, "time_s=t,body_m_s2=ch1,spool_m_s2=ch2", 0.0, None)
+    chosen = Part(columns="time_s=t,body_m_s2=ch1,spool_m_s2=ch2").selection()
     first, second = load_recording(tmp_path / "own.csv", chosen).stretches
     assert (first.body.size, second.body.size) == (100, 100)
     assert second.first_sample == 150

@@ -3,6 +3,7 @@ from __future__ import annotations
 import json
 import math
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,8 +14,8 @@ from spool_core.errors import InputError
 from spool_report.outputs import write_json
 from spool_report.recording_report import replay_page
 from spool_report.records.simulation import simulate
-from spool_report.requests import SimulationSettings
-from spool_report.runs.record_replay import SHIPPED, ReplayOptions, replay_bag, replay_valve, settings_from
+from spool_report.requests import ReplayRequest, SimulationSettings
+from spool_report.runs.record_replay import SHIPPED, replay_bag, replay_valve, settings_from
 from spool_sim.valve import find_valve
 from spool_tools.cli import main
 
@@ -37,7 +38,7 @@ def test_the_result_has_the_keys_that_scripts_rely_on(
 ) -> None:
     bag = make_bag(tmp_path / "bag", {"valve_1": recorded(seconds=6.0, lost=(50, 51))})
     file = tmp_path / "result.json"
-    write_json(file, replay_bag(bag, []))
+    write_json(file, replay_bag(ReplayRequest(record=bag)))
     result = json.loads(file.read_text("utf-8"))
     assert set(result) == {"bag", "duration_s", "valves", "warnings"}
     assert result["bag"] == str(bag)
@@ -90,7 +91,7 @@ def test_the_valves_description_is_taken_from_the_bag(
 ) -> None:
     """The moving mass of the description sets the scale, so a wrong one shows."""
     bag = make_bag(tmp_path / "bag", {"a": recorded(), "b": recorded("4weh10_stiff")})
-    result = replay_bag(bag, [])
+    result = replay_bag(ReplayRequest(record=bag))
     assert stiffness(result, "a") == pytest.approx(SOFT.spring_stiffness, rel=0.02)
     assert stiffness(result, "b") == pytest.approx(STIFF.spring_stiffness, rel=0.02)
 
@@ -116,7 +117,7 @@ def test_valves_are_given_once_for_all_or_once_for_each_in_order_of_name(
 ) -> None:
     bag = make_bag(tmp_path / "bag", {"b": recorded(), "a": recorded()})
     files = [heavier(tmp_path, f"file_{factor:g}", factor) for factor in factors]
-    result = replay_bag(bag, files)
+    result = replay_bag(ReplayRequest(record=bag, valve=files))
     assert list(result["valves"]) == ["a", "b"]
     for name, factor in zip("ab", expected, strict=True):
         assert stiffness(result, name) == pytest.approx(factor * SOFT.spring_stiffness, rel=0.02)
@@ -126,7 +127,7 @@ def test_valves_are_given_by_their_namespaces(
     tmp_path: Path, make_bag: MakeBag, recorded: type[Recorded]
 ) -> None:
     bag = make_bag(tmp_path / "bag", {"a": recorded(), "b": recorded()})
-    result = replay_bag(bag, [f"b={heavier(tmp_path, 'heavy', 2.0)}"])
+    result = replay_bag(ReplayRequest(record=bag, valve=[f"b={heavier(tmp_path, 'heavy', 2.0)}"]))
     assert stiffness(result, "a") == pytest.approx(SOFT.spring_stiffness, rel=0.02)
     assert stiffness(result, "b") == pytest.approx(2.0 * SOFT.spring_stiffness, rel=0.02)
     sources = {name: valve["valve"]["source"] for name, valve in result["valves"].items()}
@@ -140,7 +141,7 @@ def test_valves_are_given_by_their_namespaces(
         (["no_such_valve"], "no_such_valve"),
     ):
         with pytest.raises(InputError, match=re.escape(said)):
-            replay_bag(bag, given)
+            replay_bag(ReplayRequest(record=bag, valve=given))
 
 
 def test_a_valve_that_nobody_described_is_assumed_aloud(
@@ -173,7 +174,10 @@ def test_a_csv_file_replays_as_the_bag_that_it_becomes(
     table = tmp_path / "record.csv"
     assert main(["export", str(bag), "--out", str(table)]) == 0
     assert main(["import", str(table), "--out", str(tmp_path / "again")]) == 0
-    results = [replay_bag(path, ["4weh10_soft"])["valves"] for path in (table, tmp_path / "again")]
+    results = [
+        replay_bag(ReplayRequest(record=path, valve=["4weh10_soft"]))["valves"]
+        for path in (table, tmp_path / "again")
+    ]
     assert results[0] == results[1]
     assert main(["info", str(table)]) == 0
 
@@ -184,7 +188,7 @@ def test_times_of_all_valves_count_from_the_bags_first_stamp(
     bag = make_bag(
         tmp_path / "bag", {"a": recorded(begin=3.0, seconds=1.0, lost=(10,)), "b": recorded(seconds=2.0)}
     )
-    result = replay_bag(bag, [])
+    result = replay_bag(ReplayRequest(record=bag))
     assert result["duration_s"] == pytest.approx(4.0)
     assert result["valves"]["a"]["events"][0]["t_s"] == pytest.approx(3.0 + 11 * 0.02)
 
@@ -206,7 +210,7 @@ def test_a_bag_without_accelerations_is_refused(tmp_path: Path) -> None:
     with BagWriter(tmp_path / "bag") as writer:
         writer.add_topic("/valve_1/health", "spool_msgs/msg/ValveHealth")
     with pytest.raises(InputError, match=r"bag: no acceleration topic in it"):
-        replay_bag(tmp_path / "bag", [])
+        replay_bag(ReplayRequest(record=tmp_path / "bag"))
 
 
 #: Limits beyond what the spool of `practice_03` does: it amplifies 2.6 times at its resonance.
@@ -311,8 +315,8 @@ def test_a_replay_counts_time_on_where_the_clock_was_set_and_says_so(tmp_path: P
             seconds = int.from_bytes(data[4:8], "little") - (3600 if record.log_time > MIDDLE else 0)
             data[4:8] = seconds.to_bytes(4, "little")
             writer.write(channel, record.log_time, bytes(data))
-    whole = replay_bag(PRACTICE, ["4weh10_soft"])
-    result = replay_bag(tmp_path / "set", ["4weh10_soft"])
+    whole = replay_bag(ReplayRequest(record=PRACTICE, valve=["4weh10_soft"]))
+    result = replay_bag(ReplayRequest(record=tmp_path / "set", valve=["4weh10_soft"]))
     assert result["duration_s"] == pytest.approx(whole["duration_s"], abs=0.1)
     (warning,) = result["warnings"]
     assert "jumps back by 3600.000 s" in warning
@@ -327,7 +331,7 @@ def test_a_message_that_cannot_be_decoded_is_left_out_of_a_replay_and_told(tmp_p
             if channel is None:
                 channel = writer.add_topic(topic.name, topic.type)
             writer.write(channel, record.log_time, record.data[:20] if number == 30 else record.data)
-    result = replay_bag(tmp_path / "bag", ["4weh10_soft"])
+    result = replay_bag(ReplayRequest(record=tmp_path / "bag", valve=["4weh10_soft"]))
     (warning,) = result["warnings"]
     assert "/valve_1/acceleration: 1 message left out: the bytes do not fit the type" in warning
     assert "spool recover" in warning
@@ -343,7 +347,7 @@ def test_drift_between_records_is_seen_by_a_baseline_that_is_kept(tmp_path: Path
         simulate(tmp_path / name, settings)
 
     def drifts(name: str, state: Path | None) -> list[str]:
-        result = replay_bag(tmp_path / name, [], ReplayOptions(state=state))
+        result = replay_bag(ReplayRequest(record=tmp_path / name, state=state))
         events = result["valves"]["valve_1"]["events"]
         return [event["cause"] for event in events if event["kind"] == "friction_drift"]
 
@@ -358,7 +362,7 @@ def test_a_baseline_of_another_valve_is_refused(tmp_path: Path) -> None:
         coulomb_force=0.5, seed=1,
     )  # fmt: skip
     simulate(tmp_path / "bag", settings)
-    kept = ReplayOptions(state=tmp_path / "baselines")
-    replay_bag(tmp_path / "bag", [], kept)
+    kept = ReplayRequest(record=tmp_path / "bag", state=tmp_path / "baselines")
+    replay_bag(kept)
     with pytest.raises(InputError, match="is of valve 4weh10_soft"):
-        replay_bag(tmp_path / "bag", ["4weh10_stiff"], kept)
+        replay_bag(replace(kept, valve=["4weh10_stiff"]))

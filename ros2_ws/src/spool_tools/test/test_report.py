@@ -13,6 +13,7 @@ import pytest
 from spool_bag.reader import BagReader
 from spool_report import recording_report
 from spool_report.recording_report import write_report
+from spool_report.requests import ReplayRequest
 from spool_report.runs.record_replay import replay_bag
 
 if TYPE_CHECKING:
@@ -63,7 +64,7 @@ def test_the_page_stands_by_itself_with_a_picture_of_each_valve(
         },
     )
     reader, open_before = BagReader(bag), plt.get_fignums()
-    path = write_report(tmp_path, reader, replay_bag(bag, []))
+    path = write_report(tmp_path, reader, replay_bag(ReplayRequest(record=bag)))
     assert path == tmp_path / "report.html"
     text = path.read_text(encoding="utf-8")
     page = Page(text)
@@ -106,7 +107,7 @@ def test_the_time_axis_starts_at_0_and_is_that_of_the_events(
             "late": recorded(begin=3.0, seconds=4.0, analysed=True, lost=(100,)),
         },
     )
-    analysis = replay_bag(bag, [])
+    analysis = replay_bag(ReplayRequest(record=bag))
     (event,) = analysis["valves"]["late"]["events"]
     for name, figure in drawn(BagReader(bag), analysis).items():
         acceleration, frequency, viscous, coulomb = figure.axes
@@ -132,7 +133,7 @@ def test_a_bag_without_estimates_and_a_nested_namespace_are_drawn(
     tmp_path: Path, make_bag: MakeBag, recorded: type[Recorded]
 ) -> None:
     bag = make_bag(tmp_path / "bag", {"plant/valve_1": recorded(seconds=1.0, described=False)})
-    write_report(tmp_path, BagReader(bag), replay_bag(bag, []))
+    write_report(tmp_path, BagReader(bag), replay_bag(ReplayRequest(record=bag)))
     assert (tmp_path / "plant_valve_1.png").read_bytes().startswith(PNG)
     page = Page((tmp_path / "report.html").read_text(encoding="utf-8"))
     assert "unknown" in page.cells
@@ -143,7 +144,7 @@ def test_what_a_bag_says_is_text_and_no_markup(
     tmp_path: Path, make_bag: MakeBag, recorded: type[Recorded]
 ) -> None:
     bag = make_bag(tmp_path / "bag", {"valve_1": recorded(seconds=1.0)})
-    analysis = replay_bag(bag, [])
+    analysis = replay_bag(ReplayRequest(record=bag))
     analysis["valves"]["valve_1"]["events"] = [
         {"t_s": 0.5, "kind": "<b>", "state": "raised", "severity": "alarm", "cause": "<i>", "value": 1.0,
          "unit": "1", "message": "<script>alert(1)</script>", "code": 900,

@@ -18,6 +18,7 @@ from spool_core.events.sentences import language_of
 from spool_core.node.messages import to_event_message
 from spool_core.uncertainty import Quantity, Validity
 from spool_report.records.record_sources import span_of
+from spool_report.requests import TimeSpan
 from spool_tools.cli import main
 
 BAG = Path(__file__).parents[4] / "bags" / "practice_01"
@@ -27,9 +28,9 @@ def test_times_count_from_the_records_end_or_are_times(capsys: pytest.CaptureFix
     received = BagReader(BAG).received
     assert received is not None
     _, end = received
-    assert span_of(BAG, "10s", "4s", None).since == end - 10_000_000_000
-    assert span_of(BAG, "10s", "4s", None).until == end - 4_000_000_000
-    assert span_of(BAG, "2025-01-01T00:00:05", None, None).since == 1_735_689_605_000_000_000
+    assert span_of(BAG, TimeSpan("10s", "4s")).since == end - 10_000_000_000
+    assert span_of(BAG, TimeSpan("10s", "4s")).until == end - 4_000_000_000
+    assert span_of(BAG, TimeSpan("2025-01-01T00:00:05")).since == 1_735_689_605_000_000_000
     assert main(["info", str(BAG), "--since", "10s", "--until", "4s"]) == 0
     assert "6.0 s" in capsys.readouterr().out
 
@@ -48,7 +49,7 @@ def test_what_cannot_be_meant_is_refused(
     since: str | None, until: str | None, around: str | None, message: str
 ) -> None:
     with pytest.raises(InputError, match=message):
-        span_of(BAG, since, until, around)
+        span_of(BAG, TimeSpan(since, until, around))
 
 
 def test_around_an_alarm_are_the_minutes_before_and_after_it(
@@ -76,7 +77,7 @@ def test_around_an_alarm_are_the_minutes_before_and_after_it(
                 writer.write(events, at + 1, alarm(at), at)
     minute = 60 * second
     for which, begin in (("resonance", 720), ("resonance:2", 300)):
-        span = span_of(tmp_path / "bag", None, None, which)
+        span = span_of(tmp_path / "bag", TimeSpan(around=which))
         at = start + begin * second
         assert span.since <= at - minute
         assert at + minute <= span.until <= at + 5 * minute

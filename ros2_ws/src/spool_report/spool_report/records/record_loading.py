@@ -33,6 +33,7 @@ from spool_report.records.record_sources import (
     span_of,
     split_name,
 )
+from spool_report.requests import EVER, TimeSpan
 from spool_sim.valve import Valve, find_valve, shipped_valves
 
 #: What a replay reads.
@@ -91,7 +92,7 @@ class Selection:
         start, stop: s since the record's first sample; all of it by default.
         longest: samples of a bag that are held at most, parts of a longer one; ``None``: all.
         described: look for the valve's description in a bag.
-        when: since, until and around what, of a bag, as of the options.
+        when: span of a bag.
         how: units, sensitivities, rate and left out columns of a file, ``None`` where nobody can say that.
     """
 
@@ -101,7 +102,7 @@ class Selection:
     stop: float = math.inf
     longest: int | None = None
     described: bool = True
-    when: tuple[str | None, str | None, str | None] = (None, None, None)
+    when: TimeSpan = EVER
     how: Choices | None = None
 
     def __post_init__(self) -> None:
@@ -111,19 +112,6 @@ class Selection:
                 f"--start {self.start:g} s, --stop {self.stop:g} s: use 0 <= start < stop, "
                 "counted from the record's first sample"
             )
-
-
-def selection(
-    name: str | None,
-    columns: str | None,
-    start: float,
-    stop: float | None,
-    when: tuple[str | None, str | None, str | None] = (None, None, None),
-    how: Choices | None = None,
-) -> Selection:
-    """Return what ``--name``, ``--columns``, ``--start``, ``--since`` and the like ask for."""
-    end = math.inf if stop is None else stop
-    return Selection(name, columns_of(columns), start, end, when=when, how=how)
 
 
 def open_source(path: Path, columns: str | None = None, span: Span | None = None) -> Source:
@@ -178,7 +166,7 @@ def load_recording(path: Path, selection: Selection | None = None) -> Recording:
                 f"{path}: a bag states its units and rate: leave --unit, --scale, --rate and --exclude out"
             )
         notes = import_notes(path)
-        reader = BagReader(path, span=span_of(path, *chosen.when))
+        reader = BagReader(path, span=span_of(path, chosen.when))
         name = valve_in(reader, chosen.name)
         blocks = _blocks_beside(reader.stream(name), oil, speeds)
         if chosen.longest is None:

@@ -21,6 +21,7 @@ from spool_core.block import Block
 from spool_core.cdr import Reading
 from spool_core.errors import InputError
 from spool_core.text import printable, seconds_of
+from spool_report.requests import EVER, TimeSpan
 from spool_sim.valve import Valve, components_of, components_text, valve_from_mapping
 
 #: s before and after an alarm, as a snapshot of it keeps.
@@ -79,14 +80,15 @@ def record_of_table(
         raise
 
 
-def span_of(path: Path, since: str | None, until: str | None, around: str | None) -> Span:
-    """Return the span that ``--since``, ``--until`` and ``--around`` ask of the record at ``path``.
+def span_of(path: Path, when: TimeSpan) -> Span:
+    """Return the span that ``when`` asks of the record at ``path``.
 
     Raises:
         InputError: one is written otherwise, there is no such alarm, or the record is no bag.
     """
-    if since is None and until is None and around is None:
+    if when == EVER:
         return Span()
+    since, until, around = when.since, when.until, when.around
     if is_table(path):
         raise InputError(
             f"{path}: --since, --until and --around choose of a recording: import the file first"

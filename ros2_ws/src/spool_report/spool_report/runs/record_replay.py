@@ -38,6 +38,7 @@ from spool_monitor.valve_state import ValveState
 from spool_report.outputs import sources, write_file
 from spool_report.records import record_loading
 from spool_report.records.record_sources import TableSource, span_of
+from spool_report.requests import ReplayRequest
 from spool_report.terminal import cell, progress, warn
 from spool_sim.model import load_model
 from spool_sim.valve import Valve
@@ -133,84 +134,37 @@ SHIPPED = ReplaySettings()
 ORDER = 10_000_000_000
 
 
-@dataclass(frozen=True, slots=True)
-class RefitRequest:
-    """Refits that a replay is asked for: ``model`` by name or path, ``period`` and ``window`` in s."""
-
-    model: str = "coulomb"
-    period: float = 5.0
-    window: float = 4.0
-
-    def for_valve(self, valve: Valve) -> WindowRefits:
-        """Return the collector of windows.
-
-        Raises:
-            InputError: no such model, or its values do not fit the valve.
-        """
-        model = load_model(self.model)
-        model.values_for(valve)
-        return WindowRefits(RefitSettings(valve, model, self.period, self.window))
-
-
-@dataclass(frozen=True, slots=True)
-class ReplayOptions:
-    """Options of a replay.
-
-    Attributes:
-        baseline_time: s; default: the monitor's.
-        refits: what to refit during the replay.
-        params_file: parameters of the plant's nodes; default: the shipped ones.
-        columns: a file's own names, as of ``--columns``.
-        report: file to write as an HTML page with the evidence.
-        state: folder in which the baseline of each valve is kept from record to record.
-        when: since, until and around what, of a bag, as of the options.
-        language: of the events' sentences; see :func:`spool_core.events.sentences.language_of`.
-    """
-
-    baseline_time: float | None = None
-    refits: RefitRequest | None = None
-    params_file: Path | None = None
-    columns: str | None = None
-    report: Path | None = None
-    state: Path | None = None
-    when: tuple[str | None, str | None, str | None] = (None, None, None)
-    language: str = ""
-
-
-#: Options of a replay like that of the live nodes.
-PLAIN = ReplayOptions()
-
-
-def replay_bag(path: Path, valve_files: Sequence[str], options: ReplayOptions = PLAIN) -> dict[str, Any]:
-    """Replay every valve of the record ``path``; return the contract's ``replay --json`` as a dictionary.
+def replay_bag(
+    request: ReplayRequest, report: Path | None = None, baseline_time: float | None = None
+) -> dict[str, Any]:
+    """Replay every valve of a record; return the contract's ``replay --json`` as a dictionary.
 
     Args:
-        path: a bag or a logger's file.
-        valve_files: as in ``choose_valves``.
-        options: of the replay.
+        request: record, and how it is replayed.
+        report: file to write as an HTML page with the evidence.
+        baseline_time: s; default: the monitor's.
 
     Raises:
         InputError: no valve in the record, or the valve files or the parameter file cannot be used, or there
             is no such language.
     """
-    spoken = language_of(options.language)
-    reader = record_loading.open_source(path, options.columns, span_of(path, *options.when))
+    path, spoken = request.record, language_of(request.language)
+    reader = record_loading.open_source(path, request.columns, span_of(path, request.when))
     names = reader.valves
     if not names:
         raise InputError(f"{path}: no acceleration topic in it, so there is nothing to replay")
-    valves = record_loading.choose_valves(reader, names, valve_files)
+    valves = record_loading.choose_valves(reader, names, request.valve)
     result: dict[str, Any] = {"bag": str(path), "duration_s": None, "valves": {}}
     times = {name: Timeline() for name in names}
-    parts = {name: PartKeeper(SHOWN) for name in names} if options.report is not None else {}
+    parts = {name: PartKeeper(SHOWN) for name in names} if report is not None else {}
     settings = {
-        name: settings_from(options.params_file, name).changed(baseline_time=options.baseline_time)
-        for name in names
+        name: settings_from(request.params_file, name).changed(baseline_time=baseline_time) for name in names
     }
     replays: dict[str, Replay] = {}
     for name in names:
         replays[name] = result["valves"][name] = replay_valve(
-            reader, name, valves[name].valve, settings[name],
-            refits=options.refits, timeline=times[name], parts=parts.get(name), state=options.state,
+            reader, name, valves[name].valve, settings[name], refits=_refits(request, valves[name].valve),
+            timeline=times[name], parts=parts.get(name), state=request.state,
         )  # fmt: skip
     first = min((timeline.spans[0].first for timeline in times.values() if timeline.spans), default=0)
     uncertain = reader.record.rate_std if isinstance(reader, TableSource) else rate_std(reader.path)
@@ -222,12 +176,21 @@ def replay_bag(path: Path, valve_files: Sequence[str], options: ReplayOptions = 
         )
     result["duration_s"] = duration_of(list(times.values()))
     result["warnings"] = _warnings(reader, times)
-    if options.report is not None:
+    if report is not None:
         replayed = [
             (name, valves[name].valve, one, parts[name].records(name)) for name, one in replays.items()
         ]
-        _write_report(options.report, result, replayed, first, path)
+        _write_report(report, result, replayed, first, path)
     return result
+
+
+def _refits(request: ReplayRequest, valve: Valve) -> RefitSettings | None:
+    """Raises InputError where there is no such model, or its values do not fit the valve."""
+    if not request.refits:
+        return None
+    model = load_model(request.refit_model)
+    model.values_for(valve)
+    return RefitSettings(valve, model, request.refit_period)
 
 
 def print_replay(result: Mapping[str, Any], console: Console) -> None:
@@ -279,7 +242,7 @@ def replay_valve(
     settings: ReplaySettings = SHIPPED,
     *,
     keep: bool = False,
-    refits: RefitRequest | None = None,
+    refits: RefitSettings | None = None,
     timeline: Timeline | None = None,
     parts: PartKeeper | None = None,
     state: Path | None = None,
@@ -292,7 +255,6 @@ def replay_valve(
     Raises:
         InputError: the baseline in ``state`` is another valve's or of another oil.
     """
-    windows = refits.for_valve(valve) if refits is not None else None
     estimator = settings.make_estimator(valve, name)
     trace = DriftTrace() if parts is not None else None
     monitor = Monitor(settings.limits(valve))
@@ -302,8 +264,9 @@ def replay_valve(
         kept.open()
         kept.baseline.identify(valve.id, valve.oil or "")
     one = Replay(
-        estimator, monitor, keep=keep, refits=windows, gap=settings.make_gap_watch(), trace=trace,
-        check=ValveCheck(valve), learned=None if kept is None else kept.baseline.update,
+        estimator, monitor, keep=keep, refits=None if refits is None else WindowRefits(refits),
+        gap=settings.make_gap_watch(), trace=trace, check=ValveCheck(valve),
+        learned=None if kept is None else kept.baseline.update,
     )  # fmt: skip
     expected = reader.count if isinstance(reader, TableSource) else reader.blocks_of(name)
     with progress(f"replaying {name}", expected) as advance:

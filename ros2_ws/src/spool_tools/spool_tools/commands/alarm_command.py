@@ -8,9 +8,9 @@ from typing import Annotated, Any
 import typer
 from spool_core.errors import InputError
 from spool_core.text import seconds_of
+from spool_report.requests import LanguageOption, in_range
 
 from spool_tools import command as cli
-from spool_tools.command import Command
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -38,7 +38,7 @@ def list_(
     valve: cli.RunningValve,
     every: Annotated[bool, typer.Option("--all", help="Include alarms in the normal state.")] = False,
     details: Annotated[bool, typer.Option("--details", help="Show everything known of each alarm.")] = False,
-    language: cli.LanguageOption = "",
+    language: LanguageOption = "",
 ) -> None:
     """List the alarms of a running valve; exit 1 if an alarm waits for an operator.
 
@@ -69,8 +69,7 @@ def shelve(
     minutes: Annotated[
         float,
         typer.Option(
-            help="How long, a week at most; 0: until the condition is over.",
-            callback=cli.in_range(0.0, 10080.0),
+            help="How long, a week at most; 0: until the condition is over.", callback=in_range(0.0, 10080.0)
         ),
     ] = 30.0,
     back: Back = False,
@@ -134,7 +133,7 @@ def history(
     ] = "",
     csv: Annotated[Path | None, typer.Option(help="Write CSV; - for standard output.")] = None,
     state_folder: cli.StateFolder = None,
-    language: cli.LanguageOption = "",
+    language: LanguageOption = "",
     _force: cli.Force = False,
 ) -> None:
     """Show the journal of alarm events and operator actions.
@@ -173,7 +172,7 @@ def _ask(valve: str, service: str, **fields: Any) -> None:
     ask(valve, service, **fields)
 
 
-COMMAND = Command(
+COMMAND = cli.Command(
     app,
     place=210,
     line="an operator's part: acknowledge, shelve, reset",

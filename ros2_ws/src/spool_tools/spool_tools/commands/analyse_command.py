@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from spool_tools import command as cli
-from spool_tools.command import Command
 
 
 def analyse(valve: cli.RunningValve, json: cli.JsonFile = None, _force: cli.Force = False) -> None:
@@ -16,4 +15,4 @@ def analyse(valve: cli.RunningValve, json: cli.JsonFile = None, _force: cli.Forc
     analyse_live(valve, json)
 
 
-COMMAND = Command(analyse, place=225, line="gap analysis of a running valve's last minute", live=True)
+COMMAND = cli.Command(analyse, place=225, line="gap analysis of a running valve's last minute", live=True)

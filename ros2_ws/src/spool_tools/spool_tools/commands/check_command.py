@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import typer
+from spool_report.requests import Part, RecordArgument
 
 from spool_tools import command as cli
-from spool_tools.command import Command
 
 
 def check(
-    record: cli.RecordArgument,
+    record: RecordArgument,
     json: cli.JsonFile = None,
     report: cli.ReportFile = None,
     _force: cli.Force = False,
     *,
-    part: cli.Part,
+    part: Part,
 ) -> None:
     """Report the quality of a record: rate, gaps, clipping, noise, coherence, resonance, doubts.
 
@@ -31,7 +31,7 @@ def check(
     raise typer.Exit(0 if fine else 1)
 
 
-COMMAND = Command(
+COMMAND = cli.Command(
     check,
     place=105,
     line="the quality of a record: rate, gaps, clipping, noise, coherence, and how they affect an estimate",

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import typer
 from spool_report.outputs import ResultFiles
-from spool_report.requests import CompareRequest
+from spool_report.requests import CompareRequest, Part
 
 from spool_tools import command as cli
-from spool_tools.command import Command
 
 
 def compare(
     request: CompareRequest,
-    part: cli.Part,
+    part: Part,
     json: cli.JsonFile = None,
     report: cli.ReportFile = None,
     out: cli.OutFolder = None,
@@ -32,4 +31,4 @@ def compare(
     raise typer.Exit(run_compare(request, part.selection(), ResultFiles(json, report, None, out)))
 
 
-COMMAND = Command(compare, place=125, line="models side by side on records")
+COMMAND = cli.Command(compare, place=125, line="models side by side on records")

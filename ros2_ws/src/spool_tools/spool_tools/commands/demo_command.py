@@ -6,8 +6,9 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from spool_report.requests import in_range
 
-from spool_tools.command import Command, in_range
+from spool_tools.command import Command
 
 #: s: enough for the baseline, a passage and a drift, which may take 14 s to be raised; and an hour.
 SHORTEST, LONGEST = 40.0, 3600.0

@@ -10,11 +10,10 @@ from spool_core.discovery import from_add_on
 from spool_core.errors import InputError
 from spool_core.text import printable
 from spool_report.outputs import making_room
-from spool_report.requests import model_names
+from spool_report.requests import TimeSpan, model_names
 from spool_report.terminal import progress, warn
 
 from spool_tools import command as cli
-from spool_tools.command import Command
 
 
 def export(
@@ -33,9 +32,6 @@ def export(
         list[str] | None,
         typer.Option("--name", "--valve", help="Namespace of a valve in the bag; default: all."),
     ] = None,
-    since: cli.SinceOption = None,
-    until: cli.UntilOption = None,
-    around: cli.AroundOption = None,
     fmu: cli.FmuFile = None,
     model: Annotated[
         str | None,
@@ -47,6 +43,8 @@ def export(
     ] = None,
     fmi: Annotated[int | None, typer.Option(help="Version of FMI, 2 or 3 (default).")] = None,
     _force: cli.Force = False,
+    *,
+    when: TimeSpan,
 ) -> None:
     """Write a bag's samples as a table, or a valve as an FMU for other simulators.
 
@@ -59,7 +57,7 @@ def export(
             "export: pass --out FILE for a bag's samples, or --fmu FILE.fmu for a valve or a model"
         )
     if fmu is not None:
-        if name or since or until or around:
+        if name or when != TimeSpan():
             raise InputError(
                 "--fmu: a valve or a model has no --name, --since, --until, --around: leave them out"
             )
@@ -74,11 +72,11 @@ def export(
     from spool_report.records.record_sources import span_of  # noqa: PLC0415
 
     with making_room(out), progress("exporting") as advance:
-        span = span_of(bag, since, until, around)
+        span = span_of(bag, when)
         result = export_bag(bag, out, valves=name, span=span, progress=advance)
     for warning in result.warnings:
         warn(warning)
     print(f"{out}: {result.rows} rows of {printable(', '.join(result.valves))}")
 
 
-COMMAND = Command(export, place=135, line="a bag to Parquet or CSV, a valve to an FMU")
+COMMAND = cli.Command(export, place=135, line="a bag to Parquet or CSV, a valve to an FMU")

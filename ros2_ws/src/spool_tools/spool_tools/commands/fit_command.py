@@ -9,15 +9,14 @@ import typer
 from spool_core.discovery import from_add_on
 from spool_core.errors import InputError
 from spool_report.outputs import ResultFiles
-from spool_report.requests import FitRequest
+from spool_report.requests import FitRequest, Part
 
 from spool_tools import command as cli
-from spool_tools.command import Command
 
 
 def fit(
     request: FitRequest,
-    part: cli.Part,
+    part: Part,
     setups: Annotated[
         Path | None,
         typer.Option(help="YAML file of several set-ups of the valve, instead of RECORD.", metavar="FILE"),
@@ -54,4 +53,4 @@ def fit(
     raise typer.Exit(run_fit(request, part.selection(), files))
 
 
-COMMAND = Command(fit, place=120, line="one model's parameters from records")
+COMMAND = cli.Command(fit, place=120, line="one model's parameters from records")

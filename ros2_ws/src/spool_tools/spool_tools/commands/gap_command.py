@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import typer
 from spool_report.outputs import ResultFiles
-from spool_report.requests import GapRequest
+from spool_report.requests import GapRequest, Part
 
 from spool_tools import command as cli
-from spool_tools.command import Command
 
 
 def gap(
     request: GapRequest,
-    part: cli.Part,
+    part: Part,
     json: cli.JsonFile = None,
     report: cli.ReportFile = None,
     save_model: cli.ModelFile = None,
@@ -34,4 +33,4 @@ def gap(
     raise typer.Exit(run_gap(request, part.selection(), ResultFiles(json, report, save_model)))
 
 
-COMMAND = Command(gap, place=130, line="missing effects of the model: named, added and measured again")
+COMMAND = cli.Command(gap, place=130, line="missing effects of the model: named, added and measured again")

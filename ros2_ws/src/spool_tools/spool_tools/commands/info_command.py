@@ -7,23 +7,22 @@ from typing import TYPE_CHECKING
 import typer
 from rich.console import Console
 from spool_report.outputs import damaged_places, fail, lost_messages, write_json
+from spool_report.requests import ColumnsOption, RecordArgument, TimeSpan
 from spool_report.terminal import Table, cell, progress, warn
 
 from spool_tools import command as cli
-from spool_tools.command import Command
 
 if TYPE_CHECKING:
     from spool_bag.information import BagInformation
 
 
 def info(
-    record: cli.RecordArgument,
-    columns: cli.ColumnsOption = None,
-    since: cli.SinceOption = None,
-    until: cli.UntilOption = None,
-    around: cli.AroundOption = None,
+    record: RecordArgument,
+    columns: ColumnsOption = None,
     json: cli.JsonFile = None,
     _force: cli.Force = False,
+    *,
+    when: TimeSpan,
 ) -> None:
     """Show the content of a record and its lost samples; exit 1 if samples were lost.
 
@@ -41,7 +40,7 @@ def info(
 
             found = TableSource(record, columns_of(columns)).describe()
         else:
-            found = describe(record, span_of(record, since, until, around))
+            found = describe(record, span_of(record, when))
     if json is not None:
         write_json(json, found)
     _show(found)
@@ -81,4 +80,4 @@ def _show(found: BagInformation) -> None:
         warn(warning)
 
 
-COMMAND = Command(info, place=110, line="the content of a bag and its lost samples")
+COMMAND = cli.Command(info, place=110, line="the content of a bag and its lost samples")

@@ -5,7 +5,6 @@ from __future__ import annotations
 from spool_report.requests import SimulationSettings
 
 from spool_tools import command as cli
-from spool_tools.command import Command
 
 
 def simulate(out: cli.NewBag, settings: SimulationSettings, _force: cli.Force = False) -> None:
@@ -18,4 +17,4 @@ def simulate(out: cli.NewBag, settings: SimulationSettings, _force: cli.Force = 
     simulation.simulate(out, settings)
 
 
-COMMAND = Command(simulate, place=300, line="a bag from the simulator, faster than real time")
+COMMAND = cli.Command(simulate, place=300, line="a bag from the simulator, faster than real time")

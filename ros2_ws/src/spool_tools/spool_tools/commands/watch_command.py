@@ -8,8 +8,9 @@ from typing import Annotated
 
 import typer
 from spool_core.errors import InputError
+from spool_report.requests import LanguageOption
 
-from spool_tools.command import Command, LanguageOption
+from spool_tools.command import Command
 
 #: Entry point of the function that serves the page: of another package, which a machine may lack.
 PAGES = "spool.pages"

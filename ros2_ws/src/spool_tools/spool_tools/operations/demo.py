@@ -111,7 +111,8 @@ def run_demo(seconds: float, out: Path) -> int:
         InputError: ``out`` can't be used.
     """
     from spool_report.recording_report import write_report  # noqa: PLC0415 - matplotlib, after the run only
-    from spool_report.runs.record_replay import ReplayOptions, replay_bag  # noqa: PLC0415 - loads SciPy
+    from spool_report.requests import ReplayRequest  # noqa: PLC0415
+    from spool_report.runs.record_replay import replay_bag  # noqa: PLC0415 - loads SciPy
 
     folder = _folder(out)
     domain = isolate()
@@ -133,7 +134,7 @@ def run_demo(seconds: float, out: Path) -> int:
         return 130
     information = describe(folder / "bag")
     display.say("analysing the bag ...")
-    analysis = replay_bag(folder / "bag", [], ReplayOptions(baseline_time=_baseline(seconds)))
+    analysis = replay_bag(ReplayRequest(record=folder / "bag"), baseline_time=_baseline(seconds))
     write_json(folder / "analysis.json", analysis)
     reader = BagReader(folder / "bag")
     report = write_report(folder, reader, analysis)

@@ -7,8 +7,8 @@ import re
 import shutil
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import yaml
@@ -27,6 +27,7 @@ from spool_msgs.msg import AccelerationBlock
 from spool_report.records import record_loading
 from spool_report.records.record_loading import ChosenValve, Source
 from spool_report.records.record_sources import TableSource, span_of
+from spool_report.requests import PlayRequest
 from spool_report.terminal import warn
 from std_msgs.msg import Float64
 
@@ -44,27 +45,6 @@ AHEAD = 1_500_000_000
 PATIENCE = 2.0
 #: s of quiet after the last block in which the nodes say what it brought.
 SETTLE = 1.0
-
-
-@dataclass(frozen=True, slots=True)
-class PlayOptions:
-    """Options of playing a record.
-
-    Attributes:
-        speed: seconds of the record in a second.
-        port: of the page; ``None``: no page.
-        columns: a file's own names, as of ``--columns``.
-        when: since, until and around what, of a bag.
-        state: folder in which the monitors keep baselines and alarms; ``None``: none is kept.
-        params_file: parameters of the nodes.
-    """
-
-    speed: float = 1.0
-    port: int | None = None
-    columns: str | None = None
-    when: tuple[str | None, str | None, str | None] = (None, None, None)
-    state: Path | None = None
-    params_file: Path | None = None
 
 
 class Player:
@@ -107,17 +87,18 @@ class Player:
             topic.publish(Float64(data=item.value if isinstance(item, Command) else item.rpm))
 
 
-def run_play(path: Path, valve_files: Sequence[str], options: PlayOptions) -> int:
-    """Play the record ``path`` to live nodes; return the exit code: 130 where it was interrupted.
+def run_play(request: PlayRequest) -> int:
+    """Play a record to live nodes; return the exit code: 130 where it was interrupted.
 
     Its stamps are moved so that the record ends when playing ends. The page, if there is one, stays until
     somebody ends the command.
 
     Raises:
-        InputError: no record, no valve in it, wrong options, or a node ended.
+        InputError: no record, no valve in it, wrong request, or a node ended.
     """
-    span = span_of(path, *options.when)
-    source = record_loading.open_source(path, options.columns, span)
+    path = request.record
+    span = span_of(path, request.when)
+    source = record_loading.open_source(path, request.columns, span)
     if not source.valves:
         raise InputError(f"{path}: no acceleration topic in it, so there is nothing to play")
     if len(source.valves) > MOST:
@@ -125,20 +106,20 @@ def run_play(path: Path, valve_files: Sequence[str], options: PlayOptions) -> in
             f"{path}: {len(source.valves)} valves in it, and at most {MOST} can be played: "
             f"./spool replay {path} judges them all"
         )
-    valves = record_loading.choose_valves(source, source.valves, valve_files)
+    valves = record_loading.choose_valves(source, source.valves, request.valve)
     for name, chosen in valves.items():
         if chosen.warning(name):
             warn(chosen.warning(name))
-    seconds = _duration(source, span) / options.speed
+    seconds = _duration(source, span) / request.speed
     folder = Path(tempfile.mkdtemp(prefix="spool_play_"))
     display = Display(seconds, tuple(source.valves))
     domain = isolate()
     display.say(f"playing {path}, {seconds:.0f} s (ROS_DOMAIN_ID={domain}, this host only)")
     with live_run("player", display, folder / "nodes.log") as run:
-        _start(run, folder, valves, options)
+        _start(run, folder, valves, request)
         player = Player(run.node, {name: chosen.valve.id for name, chosen in valves.items()})
-        page = _ready(run, player, options)
-        _play(run, player, merged(source), seconds, options.speed)
+        page = _ready(run, player, request)
+        _play(run, player, merged(source), seconds, request.speed)
         _show(run, SETTLE)
         if page and not run.asked:
             display.say(f"the record has ended; the page stays at {page}, Ctrl-C ends it")
@@ -168,9 +149,9 @@ def _duration(source: Source, span: Span) -> float:
     return 1e-9 * max(0, min(end, span.until) - max(begin, span.since))
 
 
-def _start(run: LiveRun, folder: Path, valves: dict[str, ChosenValve], options: PlayOptions) -> None:
-    given = ["--params-file", str(options.params_file)] if options.params_file else []
-    state = rule("state_folder", str(options.state or folder / "state"))
+def _start(run: LiveRun, folder: Path, valves: dict[str, ChosenValve], request: PlayRequest) -> None:
+    given = ["--params-file", str(request.params_file)] if request.params_file else []
+    state = rule("state_folder", str(request.state or folder / "state"))
     for number, (name, chosen) in enumerate(valves.items()):
         file = folder / f"valve_{number}.yaml"
         described = chosen.valve.model_dump(mode="json", exclude_unset=True, exclude_none=True)
@@ -179,16 +160,16 @@ def _start(run: LiveRun, folder: Path, valves: dict[str, ChosenValve], options: 
         valve_file = rule("valve_file", str(file))
         run.nodes.start(f"estimator {name}", "spool_estimator", "estimator", [*common, *valve_file])
         run.nodes.start(f"monitor {name}", "spool_monitor", "monitor", [*common, *state])
-    if options.port is not None:
-        page = [*rule("port", options.port), *rule("valves", list(valves)), *state]
+    if not request.no_web:
+        page = [*rule("port", request.port), *rule("valves", list(valves)), *state]
         run.nodes.start("page", "spool_view", "page", ["--ros-args", *page])
 
 
-def _ready(run: LiveRun, player: Player, options: PlayOptions) -> str:
+def _ready(run: LiveRun, player: Player, request: PlayRequest) -> str:
     """Wait until the nodes listen; return the page's address, empty without a page."""
     deadline = time.monotonic() + START_UP
     page = None
-    while not run.asked and not (player.heard and (page or options.port is None)):
+    while not run.asked and not (player.heard and (page or request.no_web)):
         run.turn()
         page = re.search(r"the page is at (\S+)", run.nodes.log.read_text(errors="replace"))
         if time.monotonic() > deadline:
