@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -10,11 +11,32 @@ import typer
 from spool_core.errors import InputError
 from spool_report.outputs import check_output
 
-from spool_tools.command import Command, Force, JsonFile
+from spool_tools.command import Command, Force, JsonFile, flat
 
 app = typer.Typer(no_args_is_help=True)
 
-Sheet = Annotated[str | None, typer.Option(help="Value with unit; SI if no unit is given.")]
+Text = str | None
+Stated = Annotated[Text, typer.Option(help="Value with unit; SI if no unit is given.")]
+
+
+@dataclass(frozen=True, slots=True)
+class DataSheet:
+    """Numbers of a data sheet, by the keys of ``valve_sheet.QUESTIONS``."""
+
+    id: Annotated[Text, typer.Option(help="Name of the valve.")] = None
+    moving_mass: Stated = None
+    spool_mass: Stated = None
+    spring_mass: Stated = None
+    oil_mass: Stated = None
+    spring_stiffness: Stated = None
+    spring_rate: Annotated[Text, typer.Option(help="Rate of one of two equal springs, with unit.")] = None
+    natural_frequency: Annotated[Text, typer.Option(help="Use this if the stiffness is unknown.")] = None
+    land_diameter: Stated = None
+    land_length: Stated = None
+    radial_clearance: Stated = None
+    oil: Annotated[Text, typer.Option(help="HL68, Azolla ZS22, or ISO VG 10 to ISO VG 100.")] = None
+    oil_temperature: Annotated[Text, typer.Option(help="Temperature of the oil at work in deg C.")] = None
+    dynamic_viscosity: Stated = None
 
 
 @app.callback()
@@ -26,6 +48,7 @@ def group() -> None:
 
 
 @app.command()
+@flat
 def new(
     out: Annotated[
         Path,
@@ -35,26 +58,7 @@ def new(
             callback=lambda path: check_output(path, "--out"),
         ),
     ],
-    name: Annotated[str | None, typer.Option("--id", help="Name of the valve.")] = None,
-    moving_mass: Sheet = None,
-    spool_mass: Sheet = None,
-    spring_mass: Sheet = None,
-    oil_mass: Sheet = None,
-    spring_stiffness: Sheet = None,
-    spring_rate: Annotated[
-        str | None, typer.Option(help="Rate of one of two equal springs, with unit.")
-    ] = None,
-    natural_frequency: Annotated[
-        str | None, typer.Option(help="Use this if the stiffness is unknown.")
-    ] = None,
-    land_diameter: Sheet = None,
-    land_length: Sheet = None,
-    radial_clearance: Sheet = None,
-    oil: Annotated[str | None, typer.Option(help="HL68, Azolla ZS22, or ISO VG 10 to ISO VG 100.")] = None,
-    oil_temperature: Annotated[
-        str | None, typer.Option(help="Temperature of the oil at work in deg C.")
-    ] = None,
-    dynamic_viscosity: Sheet = None,
+    data_sheet: DataSheet,
     _force: Force = False,
 ) -> None:
     """Write a valve file from a data sheet; on a terminal you are asked for missing numbers.
@@ -68,14 +72,7 @@ def new(
     from spool_report.records import valve_sheet as sheet  # noqa: PLC0415
     from spool_report.terminal import warn  # noqa: PLC0415
 
-    flags = {
-        "id": name, "moving_mass": moving_mass, "spool_mass": spool_mass, "spring_mass": spring_mass,
-        "oil_mass": oil_mass, "spring_stiffness": spring_stiffness, "spring_rate": spring_rate,
-        "natural_frequency": natural_frequency, "land_diameter": land_diameter, "land_length": land_length,
-        "radial_clearance": radial_clearance, "oil": oil, "oil_temperature": oil_temperature,
-        "dynamic_viscosity": dynamic_viscosity,
-    }  # fmt: skip
-    answers = {key: value for key, value in flags.items() if value is not None}
+    answers = {key: value for key, value in asdict(data_sheet).items() if value is not None}
     if sys.stdin.isatty():
         print("Answer with units; press Enter if the data sheet does not state the value.")
         try:
