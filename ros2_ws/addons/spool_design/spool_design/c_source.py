@@ -22,7 +22,10 @@ from spool_sim.terms import Term
 #: Module of the kernel: its functions keep their names in C, those of others are named after their module.
 _KERNEL = "spool_sim.integration.stepping"
 #: Functions of the kernel that an FMU calls; all that these call comes with them.
-ROOTS = ("acceleration", "slip", "needed_at_rest", "piece", "step_with_events", "sliding", "rest", "drag")
+ROOTS = (
+    "acceleration", "slip", "step_of", "needed_at_rest", "piece", "step_with_events", "sliding", "rest",
+    "drag",
+)  # fmt: skip
 #: Functions of ``math`` and built-in ones, by what C calls them.
 _C_NAMES = {
     **{name: name for name in ("copysign", "sqrt", "exp", "expm1", "log", "log10", "log1p", "pow", "sin")},
@@ -45,6 +48,8 @@ _RESERVED = {
     "inline", "int", "long", "register", "restrict", "short", "signed", "sizeof", "static", "struct",
     "switch", "typedef", "union", "unsigned", "void", "volatile",
 }  # fmt: skip
+#: Tuples of five numbers in the kernel.
+_FIVE = ("Step", "Start", "Bracket")
 #: Tuple of as many numbers as the model has parameters, or terms that remember.
 PARAMETERS, MEMORY = "const double *", "spool_memory"
 _DOUBLE, _INT = "double", "int"
@@ -146,7 +151,7 @@ def parsed(text: str) -> tuple[dict[str, ast.FunctionDef], dict[str, tuple[str, 
 def _annotated(node: ast.expr | None, where: str, *, memory: bool = False) -> str:
     """Return the C type of an annotation; a tuple of any length is memory or parameters."""
     text = "" if node is None else ast.unparse(node)
-    found = {"float": _DOUBLE, "int": _INT, "bool": _INT}.get(text)
+    found = {"float": _DOUBLE, "int": _INT, "bool": _INT, **dict.fromkeys(_FIVE, "spool_ddddd")}.get(text)
     if found is not None:
         return found
     if text in ("Numbers", "tuple[float, ...]"):
@@ -179,8 +184,9 @@ class _Function:
             arguments.append(f"{kind} {self._c_name(argument.arg)}".replace("* ", "*"))
         given = set(self._types)
         returns = self._all.returns[self._name]
-        if returns.startswith("spool_") and returns != MEMORY:
-            self._all.tuple_type([MEMORY if one == "m" else _DOUBLE for one in returns[6:]])
+        for kind in (*self._types.values(), returns):
+            if kind.startswith("spool_") and kind != MEMORY:
+                self._all.tuple_type([MEMORY if one == "m" else _DOUBLE for one in kind[6:]])
         for statement in node.body:
             self._statement(statement)
         head = f"static inline {returns} {self._name}({', '.join(arguments) or 'void'})"
@@ -350,6 +356,10 @@ class _Function:
                 return (f"{text}[{place}]" if kind == PARAMETERS else f"{text}.values[{place}]"), _DOUBLE
         if isinstance(node, ast.Call) and not node.keywords:
             return self._call(node)
+        parts = [self._value(one) for one in node.elts] if isinstance(node, ast.Tuple) else []
+        if parts and {kind for _, kind in parts} <= {_DOUBLE, _INT, MEMORY}:
+            name = self._all.tuple_type([MEMORY if kind == MEMORY else _DOUBLE for _, kind in parts])
+            return f"({name}){{{', '.join(text for text, _ in parts)}}}", name
         raise self._refuse(node)
 
     def _named(self, node: ast.Name) -> tuple[str, str]:

@@ -203,7 +203,7 @@ static const spool_outputs *unit_outputs(spool_unit *unit)
     if (!EVENTS) s = 0.0;
     if (EVENTS && s == 0.0) {
         spool_dd bounds = rest(m->z, q);
-        double need = needed_at_rest(m->z, 0.0, m->x, m->time, 1.0, a, 0.0, 0.0, q);
+        double need = needed_at_rest(m->z, 0.0, m->x, (spool_ddddd){m->time, 1.0, a, 0.0, 0.0}, q);
         if (bounds.f0 < bounds.f1) {
             found.stuck = bounds.f0 <= need && need <= bounds.f1;
             if (found.stuck) found.friction += need;
@@ -320,13 +320,13 @@ static bool unit_step(spool_unit *unit, double time, double length)
     for (double number = 0.0; number < count; number += 1.0) {
         double t = time + number * h, am = unit_body(unit, time, (number + 0.5) * h);
         double a1 = unit_body(unit, time, (number + 1.0) * h);
+        spool_ddddd step = step_of(t, h, a0, am, a1);
         if (EVENTS) {
-            spool_dddm end = step_with_events(m->z, m->v, m->s, m->x, t, h, a0, am, a1, q);
+            spool_dddm end = step_with_events(m->z, m->v, m->s, m->x, step, q);
             m->z = end.f0, m->v = end.f1, m->s = end.f2, m->x = end.f3;
         } else {
-            double b = -3.0 * a0 + 4.0 * am - a1, d = 2.0 * (a0 - 2.0 * am + a1);
             double k1 = acceleration(m->z, m->v, t, 0.0, a0, m->z, m->x, q);
-            spool_dd end = slip(m->z, m->v, 0.0, m->x, h, k1, 0.0, t, h, a0, b, d, q);
+            spool_dd end = slip((spool_ddddd){m->z, m->v, 0.0, k1, 0.0}, m->x, h, step, q);
             m->z = end.f0, m->v = end.f1;
         }
         a0 = a1;

@@ -209,7 +209,6 @@ class ComposedMotion:
         packed = self._pack(states)
         z, v, a = (np.empty((count, samples)) for _ in range(3))
         stuck, memory = np.empty((count, samples), dtype=np.bool_), np.empty((count, samples, self._memories))
-        result = Trajectory(z, v, a, stuck, memory)
         bodies = np.ascontiguousarray(body_acceleration, dtype=np.float64)
         parameters = self._packed(np.ascontiguousarray(tables, dtype=np.float64))
 
@@ -222,11 +221,7 @@ class ComposedMotion:
                 sample_period / substeps,
                 substeps,
                 parameters[part] if parameters.shape[0] > 1 else parameters,
-                result.displacement[part],
-                result.velocity[part],
-                result.acceleration[part],
-                result.memory[part],
-                result.stuck[part],
+                (z[part], v[part], a[part], stuck[part], memory[part]),
             )
 
         shares = max(1, min(processors(), count // SMALLEST_SHARE))
@@ -237,7 +232,7 @@ class ComposedMotion:
         else:  # the kernel runs without the interpreter lock, and no valve knows of another
             with ThreadPoolExecutor(len(parts)) as pool:
                 list(pool.map(advance_some, parts))
-        return result, self._unpack(packed)
+        return Trajectory(z, v, a, stuck, memory), self._unpack(packed)
 
     def read(
         self,
@@ -300,7 +295,7 @@ class ComposedMotion:
         events, counts = np.empty((count, 2 * steps + 16, 3)), np.zeros(count, dtype=np.int64)
         self._kernel.read_batch_kernel(
             states, np.ascontiguousarray(body_acceleration), rows, first_sample, sample_period / substeps,
-            substeps, self._packed(np.ascontiguousarray(tables)), points, z, v, events, counts,
+            substeps, self._packed(np.ascontiguousarray(tables)), (points, z, v, events), counts,
         )  # fmt: skip
         return [
             Points(points[one], events[one, : counts[one]].copy(), z[one], v[one]) for one in range(count)

@@ -6,7 +6,8 @@ of another model and compiles the result as a separate module.
     m z'' + smooth(z, v, t) + friction Sgn(v) = -m a(t)
 
 Events are reversals and coming to rest, release from rest, and kinks of the force in z. Within a step the
-forcing is the parabola through its values a0, am, a1; u is the share of the step that is done.
+forcing is the parabola through its values a0, am, a1; u is the share of the step that is done. Functions that
+an FMU has in C take tuples, not classes.
 """
 
 # A kernel takes numbers and arrays, in one piece:
@@ -35,6 +36,16 @@ from spool_sim.integration.fluid_laws import (
 from spool_sim.integration.release import release
 
 Numbers = tuple[float, ...]
+#: Step: its beginning t and length h (s), and the forcing a0 + u (b + u d), m/s^2: see ``step_of``.
+Step = tuple[float, float, float, float, float]
+#: Beginning of a slip: z (m), v (m/s), its direction, z'' (m/s^2), share of the step.
+Start = tuple[float, float, float, float, float]
+#: Slip around an event: ``before`` > 0 is the velocity or the way to the level in the direction of slip at
+#: ``low`` s after the start; at ``high``, past the event, stand ``z1`` and ``v1``.
+Bracket = tuple[float, float, float, float, float]
+#: Arrays to fill: z, v, the spool's acceleration, whether it is stuck, memory; and points, z, v, events.
+Motion = tuple[Array, Array, Array, NDArray[np.bool_], Array]
+Readings = tuple[Array, Array, Array, Array]
 LARGEST_EVENT_COUNT = 40
 #: Displacement (m) and speed (m/s) beyond which a prediction has diverged and starts again from rest.
 FARTHEST, FASTEST = 1.0, 100.0
@@ -54,25 +65,16 @@ def acceleration(
 
 
 @inner
-def slip(
-    z: float,
-    v: float,
-    s: float,
-    x: Numbers,
-    tau: float,
-    k1: float,
-    u: float,
-    t: float,
-    h: float,
-    a0: float,
-    b: float,
-    d: float,
-    q: Numbers,
-) -> tuple[float, float]:
-    """Return (z, v) after slipping for ``tau`` s from share ``u`` of the step that begins at ``t``.
+def step_of(t: float, h: float, a0: float, am: float, a1: float) -> Step:
+    """Return the step of ``h`` s from ``t`` on, with the forcing at its start, middle and end."""
+    return t, h, a0, -3.0 * a0 + 4.0 * am - a1, 2.0 * a0 - 4.0 * am + 2.0 * a1
 
-    ``k1`` is the acceleration at its start.
-    """
+
+@inner
+def slip(start: Start, x: Numbers, tau: float, step: Step, q: Numbers) -> tuple[float, float]:
+    """Return (z, v) after slipping for ``tau`` s."""
+    z, v, s, k1, u = start
+    t, h, a0, b, d = step
     y = u + 0.5 * tau / h
     e = u + tau / h
     middle = a0 + y * (b + y * d)
@@ -87,39 +89,23 @@ def slip(
 
 
 @inner
-def needed_at_rest(
-    z: float, u: float, x: Numbers, t: float, h: float, a0: float, b: float, d: float, q: Numbers
-) -> float:
+def needed_at_rest(z: float, u: float, x: Numbers, step: Step, q: Numbers) -> float:
     """Return the friction that would hold the spool at rest, N."""
+    t, h, a0, b, d = step
     return -q[MASS] * (a0 + u * (b + u * d)) - smooth(z, 0.0, t + u * h, x, q)
 
 
 @inner
 def first_time(
-    level: float,
-    z: float,
-    v: float,
-    s: float,
-    x: Numbers,
-    low: float,
-    before: float,
-    high: float,
-    z1: float,
-    v1: float,
-    k1: float,
-    u: float,
-    t: float,
-    h: float,
-    a0: float,
-    b: float,
-    d: float,
-    q: Numbers,
+    level: float, start: Start, x: Numbers, bracket: Bracket, step: Step, q: Numbers
 ) -> tuple[float, float, float]:
     """Return (tau, z, v) at which the slip reaches ``level`` m, or comes to rest where that is not a number.
 
-    Regula falsi (Illinois) on the end of a shortened piece: ``before`` > 0 is the velocity or the way to the
-    level in direction ``s`` at ``low``; at ``high``, past the event, stand ``z1`` and ``v1``.
+    Regula falsi (Illinois) on the end of a shortened piece.
     """
+    _, _, s, _, _ = start
+    _, h, _, _, _ = step
+    low, before, high, z1, v1 = bracket
     at_rest = math.isnan(level)
     past = s * v1 if at_rest else s * (level - z1)
     tau = high
@@ -128,7 +114,7 @@ def first_time(
         if high - low <= 1e-13 * h or past == 0.0:
             break
         tau = low + (high - low) * before / (before - past)
-        z1, v1 = slip(z, v, s, x, tau, k1, u, t, h, a0, b, d, q)
+        z1, v1 = slip(start, x, tau, step, q)
         value = s * v1 if at_rest else s * (level - z1)
         if abs(value) < 1e-16:
             break
@@ -147,21 +133,21 @@ def first_time(
 
 @inner
 def piece(
-    z: float, v: float, s: float, x: Numbers, u: float, t: float, h: float, a0: float, b: float, d: float,
-    q: Numbers,
-) -> tuple[float, float, float, Numbers, float, float]:  # fmt: skip
+    z: float, v: float, s: float, x: Numbers, u: float, step: Step, q: Numbers
+) -> tuple[float, float, float, Numbers, float, float]:
     """Return (z, v, direction, memory, share) at the next event of a step from share ``u`` on, or at its end.
 
     The last value is the share at which a spool that was held was released, -1 where none was.
     """
+    t, h, a0, b, d = step
     left = (1.0 - u) * h
     released = -1.0
     if v == 0.0:
         low, high = rest(z, q)
-        need = needed_at_rest(z, u, x, t, h, a0, b, d, q)
+        need = needed_at_rest(z, u, x, step, q)
         if low <= need <= high:
-            middle = needed_at_rest(z, 0.5 * (u + 1.0), x, t, h, a0, b, d, q)
-            end = needed_at_rest(z, 1.0, x, t, h, a0, b, d, q)
+            middle = needed_at_rest(z, 0.5 * (u + 1.0), x, step, q)
+            end = needed_at_rest(z, 1.0, x, step, q)
             y, s = release(
                 need, -3.0 * need + 4.0 * middle - end, 2.0 * (need - 2.0 * middle + end), low, high
             )
@@ -175,7 +161,8 @@ def piece(
         else:
             s = 1.0 if need > high else -1.0
     k1 = acceleration(z, v, t + u * h, s, a0 + u * (b + u * d), z, x, q)
-    z1, v1 = slip(z, v, s, x, left, k1, u, t, h, a0, b, d, q)
+    start = (z, v, s, k1, u)
+    z1, v1 = slip(start, x, left, step, q)
     tau, stops = left, False
     if s * v1 > 0.0:
         rate0 = s * k1
@@ -183,11 +170,9 @@ def piece(
         if rate1 > 0.0:
             # Both ends slip the same way, but the velocity may have dipped through zero between.
             dip = left * rate0 / (rate0 - rate1)
-            z2, v2 = slip(z, v, s, x, dip, k1, u, t, h, a0, b, d, q)
+            z2, v2 = slip(start, x, dip, step, q)
             if s * v2 <= 0.0:
-                tau, z1, v1 = first_time(
-                    math.nan, z, v, s, x, 0.0, s * v, dip, z2, v2, k1, u, t, h, a0, b, d, q
-                )
+                tau, z1, v1 = first_time(math.nan, start, x, (0.0, s * v, dip, z2, v2), step, q)
                 stops = True
     else:
         first, last, before = 0.0, left, s * v
@@ -198,18 +183,18 @@ def piece(
             for _ in range(30):
                 last, z1, v1 = first, z2, v2
                 first *= 0.5
-                z2, v2 = slip(z, v, s, x, first, k1, u, t, h, a0, b, d, q)
+                z2, v2 = slip(start, x, first, step, q)
                 if s * v2 > 0.0:
                     break
             before = s * v2
             if before <= 0.0:
                 return z, 0.0, 0.0, x, 1.0, -1.0  # too short to move: the next step settles it
-        tau, z1, v1 = first_time(math.nan, z, v, s, x, first, before, last, z1, v1, k1, u, t, h, a0, b, d, q)
+        tau, z1, v1 = first_time(math.nan, start, x, (first, before, last, z1, v1), step, q)
         stops = True
     level = next_level(z, z1, q)
     if not math.isnan(level):
         before = s * (level - z)
-        tau, _, v1 = first_time(level, z, v, s, x, 0.0, before, tau, z1, v1, k1, u, t, h, a0, b, d, q)
+        tau, _, v1 = first_time(level, start, x, (0.0, before, tau, z1, v1), step, q)
         z1, stops = level, s * v1 <= 0.0
     x = remembered(x, z1 - z, s, q)
     z = z1
@@ -217,30 +202,29 @@ def piece(
     if not stops:
         return z, v1, s, x, u, released
     low, high = rest(z, q)
-    need = needed_at_rest(z, u, x, t, h, a0, b, d, q)
+    need = needed_at_rest(z, u, x, step, q)
     s = 0.0 if low <= need <= high else math.copysign(1.0, need - 0.5 * (low + high))
     return z, 0.0, s, x, u, released
 
 
 @inner
 def step_with_events(
-    z: float, v: float, s: float, x: Numbers, t: float, h: float, a0: float, am: float, a1: float, q: Numbers
+    z: float, v: float, s: float, x: Numbers, step: Step, q: Numbers
 ) -> tuple[float, float, float, Numbers]:
     """Return (z, v, direction, memory) after one step; direction 0 is rest."""
-    b = -3.0 * a0 + 4.0 * am - a1
-    d = 2.0 * a0 - 4.0 * am + 2.0 * a1
+    t, h, a0, b, d = step
     u = 0.0
     for _ in range(LARGEST_EVENT_COUNT):
         if v != 0.0:
             s = math.copysign(1.0, v)
         if (1.0 - u) * h <= 0.0:
             break
-        z, v, s, x, u, _ = piece(z, v, s, x, u, t, h, a0, b, d, q)
+        z, v, s, x, u, _ = piece(z, v, s, x, u, step, q)
     left = (1.0 - u) * h
     if left > 0.0 and s != 0.0:
         # Events crowd together (the spool comes to rest against a stop): the rest goes in one piece.
         k1 = acceleration(z, v, t + u * h, s, a0 + u * (b + u * d), z, x, q)
-        z1, v = slip(z, v, s, x, left, k1, u, t, h, a0, b, d, q)
+        z1, v = slip((z, v, s, k1, u), x, left, step, q)
         x = remembered(x, z1 - z, s, q)
         z = z1
     return z, v, s, x
@@ -248,19 +232,10 @@ def step_with_events(
 
 @inner
 def advance_kernel(
-    state: Array,
-    body: Array,
-    first_sample: int,
-    h: float,
-    substeps: int,
-    parameters: Array,
-    out_z: Array,
-    out_v: Array,
-    out_a: Array,
-    out_memory: Array,
-    out_stuck: NDArray[np.bool_],
+    state: Array, body: Array, first_sample: int, h: float, substeps: int, parameters: Array, out: Motion
 ) -> None:
-    """Fill the outputs at each sample and move ``state`` (z, v, direction, memory...) on, in place."""
+    """Fill ``out`` at each sample and move ``state`` (z, v, direction, memory...) on, in place."""
+    out_z, out_v, out_a, out_stuck, out_memory = out
     z, v, s = state[0], state[1], state[2]
     x = start_memory(state)
     held = parameters.shape[0] == 1
@@ -287,13 +262,12 @@ def advance_kernel(
             out_a[n] = acceleration(z, v, whole * h, s if EVENTS else 0.0, 0.0, z, x, q)
         for j in range(substeps):
             t = (whole + j) * h
+            step = step_of(t, h, body[i], body[i + 1], body[i + 2])
             if EVENTS:
-                z, v, s, x = step_with_events(z, v, s, x, t, h, body[i], body[i + 1], body[i + 2], q)
+                z, v, s, x = step_with_events(z, v, s, x, step, q)
             else:
-                a0, am, a1 = body[i], body[i + 1], body[i + 2]
-                b, d = -3.0 * a0 + 4.0 * am - a1, 2.0 * (a0 - 2.0 * am + a1)
-                k1 = acceleration(z, v, t, 0.0, a0, z, x, q)
-                z, v = slip(z, v, 0.0, x, h, k1, 0.0, t, h, a0, b, d, q)
+                k1 = acceleration(z, v, t, 0.0, body[i], z, x, q)
+                z, v = slip((z, v, 0.0, k1, 0.0), x, h, step, q)
             i += 2
         if not (abs(z) < math.inf and abs(v) < math.inf):
             # Nothing follows from a motion that diverged, and a search for its events costs most of all.
@@ -319,13 +293,10 @@ def advance_batch_kernel(
     h: float,
     substeps: int,
     parameters: Array,
-    out_z: Array,
-    out_v: Array,
-    out_a: Array,
-    out_memory: Array,
-    out_stuck: NDArray[np.bool_],
+    out: Motion,
 ) -> None:
     """Do the same for valves that stand on one body or on several; the first axis counts them."""
+    z, v, a, stuck, memory = out
     for valve in range(states.shape[0]):
         advance_kernel(
             states[valve],
@@ -334,11 +305,7 @@ def advance_batch_kernel(
             h,
             substeps,
             parameters[valve if parameters.shape[0] > 1 else 0],
-            out_z[valve],
-            out_v[valve],
-            out_a[valve],
-            out_memory[valve],
-            out_stuck[valve],
+            (z[valve], v[valve], a[valve], stuck[valve], memory[valve]),
         )
 
 
@@ -365,14 +332,14 @@ def force_kernel(
 
 @inner
 def one_side(
-    side: float, z: float, v: float, s: float, x: Numbers, u: float, t: float, h: float, a0: float, b: float,
-    d: float, q: Numbers,
-) -> tuple[float, float]:  # fmt: skip
+    side: float, z: float, v: float, s: float, x: Numbers, u: float, step: Step, q: Numbers
+) -> tuple[float, float]:
     """Return the spool's acceleration, m/s^2, just after (``side`` 1) or before (-1) an event, and its rate.
 
     The rate is over ``h``. At the event, share ``u`` of a step, the spool is at (z, v) and slips in direction
     ``s``, or is held (0).
     """
+    t, h, a0, b, d = step
     if s == 0.0:
         return a0 + u * (b + u * d), b + 2.0 * u * d
     tau = side * NEAR * h
@@ -385,33 +352,24 @@ def one_side(
 
 @inner
 def note(
-    row: Array, step: int, z: float, v: float, s0: float, s1: float, x: Numbers, u: float, t: float, h: float,
-    a0: float, b: float, d: float, q: Numbers,
-) -> None:  # fmt: skip
-    """Fill ``row`` for an event at share ``u`` of ``step``: slip in direction ``s0`` before, ``s1`` after."""
-    before, rate0 = one_side(-1.0, z, v, s0, x, u, t, h, a0, b, d, q)
-    after, rate1 = one_side(1.0, z, v, s1, x, u, t, h, a0, b, d, q)
-    row[0], row[1], row[2] = step + u, after - before, rate1 - rate0
+    row: Array, z: float, v: float, s0: float, s1: float, x: Numbers, u: float, step: Step, q: Numbers
+) -> None:
+    """Fill ``row`` for an event at share ``u`` of a step: slip in direction ``s0`` before, ``s1`` after."""
+    before, rate0 = one_side(-1.0, z, v, s0, x, u, step, q)
+    after, rate1 = one_side(1.0, z, v, s1, x, u, step, q)
+    row[0], row[1], row[2] = u, after - before, rate1 - rate0
 
 
 @inner
 def read_kernel(
-    state: Array,
-    body: Array,
-    first_sample: int,
-    h: float,
-    substeps: int,
-    parameters: Array,
-    out_points: Array,
-    out_z: Array,
-    out_v: Array,
-    out_events: Array,
+    state: Array, body: Array, first_sample: int, h: float, substeps: int, parameters: Array, out: Readings
 ) -> int:
     """Fill the acceleration at the start of each step, and displacement and velocity at each sample.
 
-    Rows of ``out_events`` become place (steps), jump of the acceleration (m/s^2) and change of its rate
+    Rows of events become place (steps), jump of the acceleration (m/s^2) and change of its rate
     (m/s^2 over a step) of each event; return how many there are.
     """
+    out_points, out_z, out_v, out_events = out
     z, v, s = state[0], state[1], state[2]
     x = start_memory(state)
     count = 0
@@ -422,12 +380,12 @@ def read_kernel(
         for j in range(substeps):
             i = n * substeps + j
             t = (first_sample * substeps + i) * h
-            a0, am, a1 = body[2 * i], body[2 * i + 1], body[2 * i + 2]
-            b, d = -3.0 * a0 + 4.0 * am - a1, 2.0 * (a0 - 2.0 * am + a1)
+            step = step_of(t, h, body[2 * i], body[2 * i + 1], body[2 * i + 2])
+            _, _, a0, b, d = step
             if not EVENTS:
                 k1 = acceleration(z, v, t, 0.0, a0, z, x, q)
                 out_points[i] = k1 + a0
-                z, v = slip(z, v, 0.0, x, h, k1, 0.0, t, h, a0, b, d, q)
+                z, v = slip((z, v, 0.0, k1, 0.0), x, h, step, q)
                 continue
             if v != 0.0:
                 s = math.copysign(1.0, v)
@@ -443,20 +401,22 @@ def read_kernel(
                 if v != 0.0:
                     s = math.copysign(1.0, v)
                 held = z
-                z, v1, s1, x, u, released = piece(z, v, s, x, u, t, h, a0, b, d, q)
+                z, v1, s1, x, u, released = piece(z, v, s, x, u, step, q)
                 if released >= 0.0 and count < out_events.shape[0]:
                     side = s1 if v1 == 0.0 and s1 != 0.0 and u >= 1.0 else math.copysign(1.0, z - held)
-                    note(out_events[count], i, held, 0.0, 0.0, side, x, released, t, h, a0, b, d, q)
+                    note(out_events[count], held, 0.0, 0.0, side, x, released, step, q)
+                    out_events[count, 0] += i
                     count += 1
                 if u < 1.0 and count < out_events.shape[0]:
                     side = math.copysign(1.0, v if v != 0.0 else z - held)
-                    note(out_events[count], i, z, v1, side, s1, x, u, t, h, a0, b, d, q)
+                    note(out_events[count], z, v1, side, s1, x, u, step, q)
+                    out_events[count, 0] += i
                     count += 1
                 v, s = v1, s1
             left = (1.0 - u) * h
             if left > 0.0 and s != 0.0:
                 k1 = acceleration(z, v, t + u * h, s, a0 + u * (b + u * d), z, x, q)
-                z1, v = slip(z, v, s, x, left, k1, u, t, h, a0, b, d, q)
+                z1, v = slip((z, v, s, k1, u), x, left, step, q)
                 x = remembered(x, z1 - z, s, q)
                 z = z1
         if not (abs(z) < FARTHEST and abs(v) < FASTEST):
@@ -481,15 +441,13 @@ def read_batch_kernel(
     h: float,
     substeps: int,
     parameters: Array,
-    out_points: Array,
-    out_z: Array,
-    out_v: Array,
-    out_events: Array,
-    out_counts: NDArray[np.int64],
+    out: Readings,
+    counts: NDArray[np.int64],
 ) -> None:
-    """Do the same for several sets of parameters; the first axis counts them."""
+    """Do the same for several sets of parameters; the first axis of ``counts`` and ``out`` counts them."""
+    points, z, v, events = out
     for number in range(states.shape[0]):
-        out_counts[number] = read_kernel(
+        counts[number] = read_kernel(
             states[number], body[body_rows[number]], first_sample, h, substeps, parameters[number],
-            out_points[number], out_z[number], out_v[number], out_events[number],
+            (points[number], z[number], v[number], events[number]),
         )  # fmt: skip
