@@ -11,7 +11,6 @@ from spool_report.outputs import write_json
 from spool_report.requests import ParamsFile
 from spool_report.terminal import cell, warn, wide_console
 from spool_tools import command as cli
-from spool_tools.command import Command
 
 fleet = typer.Typer(
     no_args_is_help=True,
@@ -208,4 +207,4 @@ def _show(rows: list[dict[str, Any]]) -> None:
     console.print(table)
 
 
-COMMAND = Command(fleet, place=400, line="many bags of many valves: catalogue, analyses, questions, page")
+COMMAND = cli.Command(fleet, place=400, line="many bags of many valves: catalogue, analyses, questions, page")

@@ -133,17 +133,25 @@ class TrackerArrays(NamedTuple):
     nominal: Array
 
 
-@compiled
-def follow(
-    body: Samples, spool: Samples, filled: int, most: int, valve: Valve, tracker: TrackerArrays,
-    standing: StandingArrays, displacement: DisplacementArrays, run: PredictionArrays, window: WindowArrays,
+class Learning(NamedTuple):
+    """What learns from a chunk."""
+
+    valve: Valve
+    tracker: TrackerArrays
+    standing: StandingArrays
+    displacement: DisplacementArrays
+    run: PredictionArrays
+    window: WindowArrays
     regression: RegressionArrays
-) -> int:  # fmt: skip
+
+
+@compiled
+def follow(body: Samples, spool: Samples, filled: int, most: int, learning: Learning) -> int:
     """Learn from samples, shape (n,), m/s^2, of up to ``most`` chunks; return what the last one needs.
 
     ``filled``: samples that wait already, for the first of them.
     """
-    now, waiting = tracker.progress[0], tracker.waiting
+    now, waiting = learning.tracker.progress[0], learning.tracker.waiting
     size, taken = waiting.shape[1], 0
     now["taken"] = now["chunks"] = now["used"] = 0
     need = Need.NOTHING
@@ -157,16 +165,14 @@ def follow(
         if filled + count == size:
             filled = 0
             now["chunks"] += 1
-            need = _learn(valve, tracker, standing, displacement, run, window, regression)
+            need = _learn(learning)
     return need.value
 
 
 @compiled
-def _learn(
-    valve: Valve, tracker: TrackerArrays, standing: StandingArrays, displacement: DisplacementArrays,
-    run: PredictionArrays, window: WindowArrays, regression: RegressionArrays
-) -> Need:  # fmt: skip
+def _learn(learning: Learning) -> Need:
     """Learn from the chunk that waits; return what it needs."""
+    valve, tracker, standing, displacement, run, window, regression = learning
     now, waiting = tracker.progress[0], tracker.waiting
     if scan(waiting, standing):
         return Need.STANDSTILL

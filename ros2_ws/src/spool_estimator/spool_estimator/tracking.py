@@ -14,7 +14,6 @@ from spool_core.numbers import Array
 from spool_core.system import BUDGET
 
 from spool_estimator import chunks
-from spool_estimator.chunks import CHUNK, LENGTHS, NOISE, SMALLEST_NOISE, Need
 from spool_estimator.history import Displacement, Fitter, WindowFit, newest
 from spool_estimator.prediction import BODY, KINDS, MEAN_SQUARES, SHARPENINGS, Prediction
 from spool_estimator.recursive import CERTAIN, COLOURED, RecursiveLeastSquares
@@ -123,8 +122,8 @@ class Tracker:
         self._scales = self.scale[:, np.newaxis] * self.scale
         self._nominal = self.scale * np.array([1.0, 1.0, 0.2])
         self._window = ChunkWindow(self.scale)
-        self._typical = np.full(len(LENGTHS), chunks.SIGNIFICANT / chunks.ATYPICAL)
-        self._verdicts = np.zeros((len(LENGTHS), 3 + self.scale.size))
+        self._typical = np.full(len(chunks.LENGTHS), chunks.SIGNIFICANT / chunks.ATYPICAL)
+        self._verdicts = np.zeros((len(chunks.LENGTHS), 3 + self.scale.size))
         self._progress["settling"] = True
         self._progress["least"] = math.inf
         self._progress["allowed"] = chunks.MOST_REFITS
@@ -153,18 +152,18 @@ class Tracker:
     def set_period(self, sample_period: float) -> None:
         """Go on with samples of another period (s): what was learned is kept."""
         self.sample_period = sample_period
-        self.chunk = max(8, round(CHUNK / sample_period))
+        self.chunk = max(8, round(chunks.CHUNK / sample_period))
         self._waiting = np.empty((2, self.chunk), np.float32)
         self.standing = StandingWatch(sample_period)
         self.sharpening, self._left = SHARPENINGS[0].copy(), np.zeros(len(KINDS))
         self.prediction = Prediction(sample_period, self.mass, self.scale, self.low_cut, self.sharpening)
-        self.displacement = Displacement(sample_period, self.low_cut, self.chunk, CHUNK)
+        self.displacement = Displacement(sample_period, self.low_cut, self.chunk, chunks.CHUNK)
         self._progress["pointwise"] = False
-        self._ring = np.zeros((2, round(KEPT / CHUNK) * self.chunk), np.float32)
+        self._ring = np.zeros((2, round(KEPT / chunks.CHUNK) * self.chunk), np.float32)
         self._fitter = Fitter(self.prediction, self.high_cut, self.sliding_velocity, self.chunk)
-        self._earlier = np.zeros((max(LENGTHS), self.prediction.state.size))
+        self._earlier = np.zeros((max(chunks.LENGTHS), self.prediction.state.size))
         self._valve = chunks.Valve(
-            sample_period, self.mass, min(1.0, CHUNK / self.memory), self.minimum_excitation**2,
+            sample_period, self.mass, min(1.0, chunks.CHUNK / self.memory), self.minimum_excitation**2,
             chunks.RAN_AWAY * self.mass**2,
         )  # fmt: skip
 
@@ -217,10 +216,11 @@ class Tracker:
             self.filled = filled + body.size
             return body.size, 0
         try:
-            need = chunks.follow(
-                body, spool, filled, most, self._valve, self._arrays, self.standing.arrays,
-                self.displacement.arrays, self.prediction.arrays, self._window.arrays, self.regression.arrays,
+            learning = chunks.Learning(
+                self._valve, self._arrays, self.standing.arrays, self.displacement.arrays,
+                self.prediction.arrays, self._window.arrays, self.regression.arrays,
             )  # fmt: skip
+            need = chunks.follow(body, spool, filled, most, learning)
             self.filled = (filled + int(progress["taken"][0])) % self.chunk
             self._finish_chunk(need)
         except (np.linalg.LinAlgError, ZeroDivisionError):
@@ -230,20 +230,20 @@ class Tracker:
 
     def _finish_chunk(self, need: int) -> None:
         """Do what the newest chunk needs, and end it."""
-        if need == Need.NOTHING:
+        if need == chunks.Need.NOTHING:
             return
-        if need == Need.STANDSTILL:
+        if need == chunks.Need.STANDSTILL:
             self._progress["excited"], self._progress["settling"] = False, True
             self.restart()
             return
-        if need == Need.FORGETTING:
+        if need == chunks.Need.FORGETTING:
             self._forget()
             return
-        if need == Need.START:
+        if need == chunks.Need.START:
             self._start(math.inf)
-        elif need == Need.REFIT and not self._replaced():
+        elif need == chunks.Need.REFIT and not self._replaced():
             need = chunks.step(self._valve, self._arrays, self.prediction.arrays, self.regression.arrays)
-        if need == Need.REGRESSION:
+        if need == chunks.Need.REGRESSION:
             self._progress["started"] = False
             self.regression = self._fresh()
         chunks.end_chunk(self._arrays, self.prediction.arrays)
@@ -251,7 +251,7 @@ class Tracker:
     def _replaced(self) -> bool:
         """Refit, or start again, where the last chunks ask for it; return whether that is better."""
         arrays, window = self._arrays, self._window.arrays
-        for which in range(len(LENGTHS)):
+        for which in range(len(chunks.LENGTHS)):
             wanted, usual = chunks.wants_refit(which, arrays, window), float(self._typical[which])
             chunks.learn_gain(which, arrays, window)
             if wanted and BUDGET.allows():
@@ -291,7 +291,7 @@ class Tracker:
         return np.asarray(chance)
 
     def _fresh(self) -> RecursiveLeastSquares:
-        return RecursiveLeastSquares(self.scale, min(1.0, CHUNK / self.memory), NOISE)
+        return RecursiveLeastSquares(self.scale, min(1.0, chunks.CHUNK / self.memory), chunks.NOISE)
 
     def _forget(self) -> None:
         """Begin with nothing known: what was learned does not describe anything."""
@@ -338,9 +338,9 @@ class Tracker:
 
         ``usual``: what such a refit gained usually until now, in residual variances.
         """
-        now, last, present = self._progress[0], LENGTHS[which], float(self._verdicts[which, 0])
+        now, last, present = self._progress[0], chunks.LENGTHS[which], float(self._verdicts[which, 0])
         now["allowed"] -= 1.0
-        if which == len(LENGTHS) - 1 and now["check"] <= 0:
+        if which == len(chunks.LENGTHS) - 1 and now["check"] <= 0:
             now["check"] = now["between"] = min(chunks.LAST_CHECK, 2 * now["between"])
         known = self.regression.parameters
         if now["earlier"] < last:
@@ -356,7 +356,7 @@ class Tracker:
         found = self._fitter.descend(
             body, spool, guesses, last, begin=self.prediction.at(begin), prior=present / width**2
         )
-        if which == len(LENGTHS) - 1 and now["between"] < chunks.LAST_CHECK and found is not None:
+        if which == len(chunks.LENGTHS) - 1 and now["between"] < chunks.LAST_CHECK and found is not None:
             self._learn_kind((body, spool), found, last, self.prediction.at(begin))
         if found is None or not found.variance < BETTER * present:
             return False
@@ -389,7 +389,7 @@ class Tracker:
 
     def _begin(self, found: WindowFit) -> None:
         """Continue the regression from ``found``."""
-        weight = NOISE**2 / (found.variance + SMALLEST_NOISE**2)
+        weight = chunks.NOISE**2 / (found.variance + chunks.SMALLEST_NOISE**2)
         doubt = chunks.DOUBT * weight * found.noise_score
         self.regression.begin(found.parameters, found.grams * weight, found.scores * weight, doubt)
 

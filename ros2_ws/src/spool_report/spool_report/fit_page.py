@@ -25,7 +25,6 @@ from spool_report import fit_tables as tables
 from spool_report import page as html
 from spool_report.evidence.collection import fit_exhibits
 from spool_report.evidence.exhibit import DARK, MEASURED, STYLES, WIDTH
-from spool_report.fit_curves import Excerpt, FrictionCurve, Overlay
 from spool_report.outputs import sources
 from spool_report.ranking import WORTH, FittedSeries, Rank, Ranking, ValidatedFit
 
@@ -157,7 +156,7 @@ def styles(names: Sequence[str]) -> dict[str, tuple[str, object, str]]:
     return dict(zip(names, islice(cycle(STYLES), len(names)), strict=True))
 
 
-def waveform_figure(overlays: Mapping[str, Overlay], excerpts: Sequence[Excerpt]) -> Figure:
+def waveform_figure(overlays: Mapping[str, curves.Overlay], excerpts: Sequence[curves.Excerpt]) -> Figure:
     """Return the spool's acceleration, measured and simulated, above the residual; a column each."""
     looks = styles(list(overlays))
     figure: Figure
@@ -207,7 +206,7 @@ def ratio_figure(agreements: Mapping[str, Agreement], highest: float) -> Figure:
     return figure
 
 
-def friction_figure(laws: Mapping[str, FrictionCurve]) -> Figure:
+def friction_figure(laws: Mapping[str, curves.FrictionCurve]) -> Figure:
     """Return measured and fitted friction over velocity, one panel a model, all of one scale."""
     looks = styles(list(laws))
     columns = 2 if len(laws) in (2, 4) else min(3, len(laws))

@@ -17,7 +17,6 @@ from typing import Annotated, Any, get_args, get_origin, get_type_hints
 import typer
 from spool_bag import no_such_bag
 from spool_core.errors import InputError, add_on_missing
-from spool_report import requests
 from spool_report.outputs import STANDARD_OUTPUT, check_output, replace_existing, text_to_stderr
 from spool_report.requests import EXPERT, PART
 from typer import Typer

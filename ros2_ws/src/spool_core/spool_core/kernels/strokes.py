@@ -163,8 +163,8 @@ class StrokeWatch:
         on, off = self._energised(block) if self._changes else (0 if self._was_on else size, size)
         keep, ends = np.empty(size, np.bool_), self._arrays.ends
         left, count = follow_strokes(
-            block.body, block.spool, raw.body, raw.spool, self._period, natural_frequency, on, off,
-            self.command == self.command, self._arrays, keep,
+            (block.body, block.spool), (raw.body, raw.spool), self._period, natural_frequency,
+            (on, off, self.command == self.command), self._arrays, keep,
         )  # fmt: skip
         self._samples[0] += size - left
         self._samples[1] += size
@@ -277,23 +277,22 @@ def _crossing(speed: Array, place: int, level: float) -> float:
 
 @compiled
 def follow_strokes(
-    body: Samples,
-    spool: Samples,
-    raw_body: Samples,
-    raw_spool: Samples,
+    clean: tuple[Samples, Samples],
+    raw: tuple[Samples, Samples],
     period: float,
     natural_frequency: float,
-    on: int,
-    off: int,
-    commanded: bool,
+    command: tuple[int, int, bool],
     watch: StrokeArrays,
     keep: NDArray[np.bool_],
 ) -> tuple[int, int]:
-    """Say in ``keep`` which samples, shape (n,), m/s^2, are judged; return how many are not.
+    """Say in ``keep`` which samples, (n,) each of body and spool, m/s^2, are judged; return how many are not.
 
-    And how many strokes ended. From sample ``on`` to ``off`` a command lasts. The samples with outliers count
-    during a stroke: a hit at a stop looks like one.
+    And how many strokes ended. ``command``: the samples from and to which one lasts, and whether it is known.
+    The samples with outliers count during a stroke: a hit at a stop looks like one.
     """
+    body, spool = clean
+    raw_body, raw_spool = raw
+    on, off, commanded = command
     numbers, ring, ends = watch
     left = count = 0
     for i in range(body.size):

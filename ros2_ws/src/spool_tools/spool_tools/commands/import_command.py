@@ -13,7 +13,6 @@ from spool_report.requests import ImportRequest
 from spool_report.terminal import warn
 
 from spool_tools import command as cli
-from spool_tools.command import Command
 
 
 def import_(
@@ -86,4 +85,4 @@ def import_(
     )
 
 
-COMMAND = Command(import_, place=100, line="any logger's file, or a foreign bag, to a bag of a valve")
+COMMAND = cli.Command(import_, place=100, line="any logger's file, or a foreign bag, to a bag of a valve")

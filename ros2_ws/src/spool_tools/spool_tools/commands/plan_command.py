@@ -9,7 +9,6 @@ from spool_core.errors import InputError
 from spool_report.requests import ExcitationName, ShippedValve, in_range
 
 from spool_tools import command as cli
-from spool_tools.command import Command
 
 
 def plan(
@@ -56,4 +55,4 @@ def plan(
     )
 
 
-COMMAND = Command(plan, place=310, line="what a planned record can determine")
+COMMAND = cli.Command(plan, place=310, line="what a planned record can determine")

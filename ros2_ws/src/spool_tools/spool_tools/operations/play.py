@@ -24,8 +24,7 @@ from spool_core.node.messages import from_block, to_time
 from spool_core.node.network import isolate
 from spool_core.node.parameters import rule
 from spool_msgs.msg import AccelerationBlock
-from spool_report.records import record_loading
-from spool_report.records.record_loading import ChosenValve, Source
+from spool_report.records.record_loading import ChosenValve, Source, choose_valves, open_source
 from spool_report.records.record_sources import TableSource, span_of
 from spool_report.requests import PlayRequest
 from spool_report.terminal import warn
@@ -98,7 +97,7 @@ def run_play(request: PlayRequest) -> int:
     """
     path = request.record
     span = span_of(path, request.when)
-    source = record_loading.open_source(path, request.columns, span)
+    source = open_source(path, request.columns, span)
     if not source.valves:
         raise InputError(f"{path}: no acceleration topic in it, so there is nothing to play")
     if len(source.valves) > MOST:
@@ -106,7 +105,7 @@ def run_play(request: PlayRequest) -> int:
             f"{path}: {len(source.valves)} valves in it, and at most {MOST} can be played: "
             f"./spool replay {path} judges them all"
         )
-    valves = record_loading.choose_valves(source, source.valves, request.valve)
+    valves = choose_valves(source, source.valves, request.valve)
     for name, chosen in valves.items():
         if chosen.warning(name):
             warn(chosen.warning(name))
