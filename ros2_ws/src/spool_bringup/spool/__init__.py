@@ -15,16 +15,18 @@ wrong, where, and what to do.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 from spool_core.errors import InputError
-
-from spool.analysis import compare, fit, fit_setups, gap, replay, what_if
-from spool.fleet_store import Fleet, fleet
-from spool.record import Record, export_fmu, read, simulate, valve
-from spool.results import Comparison, Fit, Gap, Picture, Quality, Replay, Result, SetUpsFit, WhatIf
+from spool_report.outputs import package_version
 
 if TYPE_CHECKING:
+    from spool.analysis import compare, fit, fit_setups, gap, replay, what_if
+    from spool.fleet_store import Fleet, fleet
+    from spool.record import Record, export_fmu, read, simulate, valve
+    from spool.results import Comparison, Fit, Gap, Picture, Quality, Replay, Result, SetUpsFit, WhatIf
+
     __version__: str
 
 __all__ = [
@@ -59,10 +61,12 @@ def __dir__() -> list[str]:
     return [*__all__, "__version__"]
 
 
-def __getattr__(name: str) -> str:
-    """Return the version of the suite as ``__version__``, which takes a moment to look up."""
-    if name != "__version__":
-        raise AttributeError(f"module 'spool' has no attribute {name!r}")
-    from spool_report.outputs import package_version  # noqa: PLC0415
-
-    return package_version()
+def __getattr__(name: str) -> Any:
+    """Look up the version, or load a part of the interface: its libraries take a moment."""
+    if name == "__version__":
+        return package_version()
+    if name in __all__:
+        for part in ("fleet_store", "results", "record", "analysis"):
+            if found := getattr(import_module(f"spool.{part}"), name, None):
+                return found
+    raise AttributeError(f"module 'spool' has no attribute {name!r}")

@@ -14,20 +14,16 @@ from typing import Any, cast
 from spool_core.errors import InputError
 from spool_core.system import expanded
 from spool_core.text import did_you_mean
+from spool_report.outputs import ResultFiles
+from spool_report.records.record_loading import Selection
+from spool_report.requests import CompareRequest, FitRequest, GapRequest
+from spool_report.runs.fit_run import compare_records, fit_records
+from spool_sim.valve import read_mapping
 
+from spool import results
 from spool.errors import in_python, one_error
 from spool.record import AnyRecord, AnyValve, listed, part_of, path_of, selected, valve_files
-from spool.results import (
-    Comparison,
-    Fit,
-    Gap,
-    Replay,
-    SetUpsFit,
-    WhatIf,
-    keeping_backend,
-    text_console,
-    text_of,
-)
+from spool.results import Fit, Gap
 
 #: What ``gap`` takes for its kind.
 KINDS = ("accelerations", "driven", "imposed")
@@ -73,9 +69,6 @@ def fit(
     part = part_of(every, name, start, stop, since, until, around)
     paths, held_out = [path_of(one) for one in every], _held_out(holdout)
     with valve_files([valve]) as (file,):
-        from spool_report.requests import FitRequest  # noqa: PLC0415 - slow to load, as below
-        from spool_report.runs.fit_run import fit_records  # noqa: PLC0415
-
         request = FitRequest(
             records=paths, valve=file, model=str(model), free=_listed(free), fix=_listed(fix),
             holdout=held_out, force_free=force_free, sensor_gain=sensor_gain, sensor_delay=sensor_delay,
@@ -97,7 +90,7 @@ def fit_setups(
     force_free: bool = False,
     sensor_gain: bool = False,
     sensor_delay: bool = False,
-) -> SetUpsFit:
+) -> results.SetUpsFit:
     """Fit one model to records of several set-ups of one valve together.
 
     Example:
@@ -122,10 +115,7 @@ def fit_setups(
     Raises:
         InputError: set-ups, records, valve, model or parameters cannot be used.
     """
-    from spool_design.setups_run import SetUpsRequest, fit_setups_of  # noqa: PLC0415
-    from spool_report.records.record_loading import Selection  # noqa: PLC0415 - slow to load, as below
-    from spool_report.requests import FitRequest  # noqa: PLC0415
-    from spool_sim.valve import read_mapping  # noqa: PLC0415
+    from spool_design.setups_run import SetUpsRequest, fit_setups_of  # noqa: PLC0415 - an add-on
 
     if isinstance(setups, Mapping):
         content, where, folder = _with_paths(setups), "spool.fit_setups", Path()
@@ -141,7 +131,7 @@ def fit_setups(
     for one in found.data:
         for doubt in one.doubts:
             warnings.warn(in_python(f"{one.name}: {doubt}"), stacklevel=3)
-    return SetUpsFit(found)
+    return results.SetUpsFit(found)
 
 
 @one_error
@@ -160,7 +150,7 @@ def compare(
     since: str | None = None,
     until: str | None = None,
     around: str | None = None,
-) -> Comparison:
+) -> results.Comparison:
     """Fit several models to records and rank them.
 
     Args:
@@ -183,15 +173,12 @@ def compare(
     if valve is not None:
         given = list(valve) if isinstance(valve, (list, tuple)) else [cast("AnyValve", valve)]
     with valve_files(given) as files:
-        from spool_report.requests import CompareRequest  # noqa: PLC0415
-        from spool_report.runs.fit_run import compare_records  # noqa: PLC0415
-
         request = CompareRequest(
             records=paths, valve=[str(file) for file in files], models=_listed(models), together=together,
             holdout=held_out, sensor_gain=sensor_gain, sensor_delay=sensor_delay,
         )  # fmt: skip
         found = compare_records(request, selected(part))
-    return Comparison(*found)
+    return results.Comparison(*found)
 
 
 @one_error
@@ -239,9 +226,7 @@ def gap(
     every = listed(records)
     part = part_of(every, name, start, stop, since, until, around)
     paths, held_out = [path_of(one) for one in every], _held_out(holdout)
-    with keeping_backend(), valve_files([valve]) as (file,), tempfile.TemporaryDirectory() as folder:
-        from spool_report.outputs import ResultFiles  # noqa: PLC0415
-        from spool_report.requests import GapRequest  # noqa: PLC0415
+    with results.keeping_backend(), valve_files([valve]) as (file,), tempfile.TemporaryDirectory() as folder:
         from spool_report.runs.gap_run import run_gap  # noqa: PLC0415
 
         found, page, model = (Path(folder) / name for name in ("gap.json", "gap.html", "gap.yaml"))
@@ -250,7 +235,7 @@ def gap(
             gain_tolerance=gain_tolerance, delay_tolerance=delay_tolerance, least_share=least_share,
             thorough=thorough, profiles=profiles,
         )  # fmt: skip
-        shown = text_console()
+        shown = results.text_console()
         with contextlib.redirect_stdout(io.StringIO()):
             refused = ""
             try:
@@ -261,7 +246,7 @@ def gap(
                 refused = str(error).partition(": ")[2]
         return Gap(
             json.loads(found.read_text(encoding="utf-8")),
-            text_of(shown),
+            results.text_of(shown),
             page.read_text(encoding="utf-8"),
             "" if refused else model.read_text(encoding="utf-8"),
             refused,
@@ -281,7 +266,7 @@ def replay(
     until: str | None = None,
     around: str | None = None,
     language: str = "",
-) -> Replay:
+) -> results.Replay:
     """Run the live estimator and monitor over a record.
 
     Args:
@@ -312,9 +297,9 @@ def replay(
             state=None if state is None else expanded(state),
             params_file=None if params_file is None else expanded(params_file),
         )  # fmt: skip
-        with keeping_backend() if report else contextlib.nullcontext():
+        with results.keeping_backend() if report else contextlib.nullcontext():
             found = replay_bag(request, page if report else None, baseline_time)
-        return Replay(found, page.read_text(encoding="utf-8") if report else "")
+        return results.Replay(found, page.read_text(encoding="utf-8") if report else "")
 
 
 @one_error
@@ -333,7 +318,7 @@ def what_if(
     frequency_range: tuple[float, float] | None = None,
     speed_range: tuple[float, float] | None = None,
     orders: Sequence[float] = (),
-) -> WhatIf:
+) -> results.WhatIf:
     """Predict the response of a valve under changed conditions, and compare it with today.
 
     Example:
@@ -363,7 +348,7 @@ def what_if(
         InputError: valve, model, change or excitation cannot be used.
     """
     with valve_files([valve]) as (file,), tempfile.TemporaryDirectory() as folder:
-        from spool_design.requests import WhatIfRequest  # noqa: PLC0415
+        from spool_design.requests import WhatIfRequest  # noqa: PLC0415 - an add-on
         from spool_design.what_if import what_if as predict  # noqa: PLC0415
 
         given: object = model
@@ -380,7 +365,7 @@ def what_if(
             speed_range=None if speed_range is None else ":".join(map(str, speed_range)),
             orders=",".join(map(str, orders)) or None,
         )  # fmt: skip
-        return WhatIf(predict(request))
+        return results.WhatIf(predict(request))
 
 
 def _with_paths(setups: Mapping[str, Any]) -> dict[str, Any]:

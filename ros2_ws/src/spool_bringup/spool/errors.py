@@ -12,6 +12,7 @@ from typing import Any, ParamSpec, TypeVar
 
 from spool_core.errors import InputError, refused_by_system, unmet_library
 from spool_core.text import did_you_mean
+from spool_report.terminal import silently
 
 Given = ParamSpec("Given")
 Found = TypeVar("Found")
@@ -48,8 +49,6 @@ def one_error(function: Callable[Given, Found]) -> Callable[Given, Found]:
     def checked(*arguments: Given.args, **named: Given.kwargs) -> Found:
         _check_call(signature, f"spool.{function.__name__}", arguments, named)
         try:
-            from spool_report.terminal import silently  # noqa: PLC0415 - slow to load
-
             with silently():
                 return function(*arguments, **named)
         except InputError as error:

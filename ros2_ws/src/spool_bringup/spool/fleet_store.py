@@ -10,7 +10,6 @@ from spool_core.system import expanded
 from spool_core.uncertainty import as_json
 
 from spool.errors import one_error
-from spool.results import keeping_backend
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -97,6 +96,8 @@ class Fleet:
         Raises:
             InputError: no store, or the page exists or cannot be written.
         """
+        from spool.results import keeping_backend  # noqa: PLC0415
+
         with keeping_backend():
             from spool_fleet.operations import write_page  # noqa: PLC0415
 

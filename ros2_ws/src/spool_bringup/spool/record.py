@@ -4,29 +4,32 @@ from __future__ import annotations
 
 import contextlib
 import io
+import shutil
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
+from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
+import numpy as np
+from spool_bag.importing.bag_import import import_record
 from spool_core.errors import InputError
+from spool_core.numbers import Array
 from spool_core.system import expanded
+from spool_report.outputs import replace_existing
+from spool_report.records import simulation
+from spool_report.records.record_loading import Recording, Selection, load_recording
+from spool_report.records.valve_sheet import described, file_text
+from spool_report.requests import ImportRequest, Part, SimulationSettings
+from spool_sim.valve import Valve, find_valve
 
 from spool.errors import one_error
 from spool.results import Picture, Quality, keeping_backend
 
 if TYPE_CHECKING:
-    import numpy as np
     import pandas as pd
-    from numpy.typing import NDArray
-    from spool_report.records.record_loading import Recording, Selection
-    from spool_report.requests import ImportRequest, Part
-    from spool_sim.valve import Valve
-
-    Array: TypeAlias = NDArray[np.float64]
-
 
 #: Columns of an array without names, by their number.
 _COLUMNS = {2: ("body", "spool"), 3: ("time", "body", "spool")}
@@ -74,7 +77,6 @@ class Record:
     @property
     def time(self) -> Array:
         """Time of each sample since the first one, s; it jumps at gaps."""
-        import numpy as np  # noqa: PLC0415
 
         stretches = self._recording.stretches
         return np.concatenate(
@@ -103,7 +105,6 @@ class Record:
         Raises:
             InputError: the record cannot be read, or pandas is not installed.
         """
-        import numpy as np  # noqa: PLC0415
         import pandas as pd  # noqa: PLC0415 - an extra
 
         columns = {"body_m_s2": self.body, "spool_m_s2": self.spool}
@@ -143,7 +144,6 @@ class Record:
         Raises:
             InputError: it exists, or cannot be written.
         """
-        import shutil  # noqa: PLC0415
 
         target = Path(path)
         if target.exists():
@@ -151,7 +151,6 @@ class Record:
         (shutil.copytree if self.path.is_dir() else shutil.copyfile)(self.path, target)
 
     def _joined(self, name: str) -> Array:
-        import numpy as np  # noqa: PLC0415
 
         return np.concatenate([getattr(one, name) for one in self._recording.stretches])
 
@@ -176,7 +175,6 @@ class Record:
         return f"Record({str(self.path)!r}, {', '.join(f'{name}: {text}' for name, text in rows)})"
 
     def _repr_html_(self) -> str:
-        from html import escape  # noqa: PLC0415
 
         rows = "".join(
             f"<tr><th>{escape(name)}</th><td>{escape(text)}</td></tr>" for name, text in self._rows()
@@ -187,7 +185,7 @@ class Record:
 #: What analyses take as a record.
 AnyRecord: TypeAlias = Record | str | Path
 #: What they take as a valve: a description, a shipped valve's name, or a YAML file.
-AnyValve: TypeAlias = "Valve | str | Path"
+AnyValve: TypeAlias = Valve | str | Path
 
 
 def selected(part: Part) -> Selection:
@@ -197,7 +195,6 @@ def selected(part: Part) -> Selection:
 
 @one_error
 def _loaded(record: Record) -> Recording:
-    from spool_report.records.record_loading import load_recording  # noqa: PLC0415
 
     return load_recording(record.path, selected(record.part))
 
@@ -253,7 +250,6 @@ def read(
     Raises:
         InputError: no such record, or what it holds is ambiguous; the message names the argument to give.
     """
-    from spool_report.requests import ImportRequest  # noqa: PLC0415 - slow to load
 
     part = part_of((), name, start, stop, since, until, around)
     units = {"body": unit, "spool": unit} if isinstance(unit, str) else unit
@@ -274,7 +270,6 @@ def read(
 
 def _imported(paths: Sequence[Path], part: Part, request: ImportRequest) -> Record:
     """Return the record in files that are read as ``request`` asks."""
-    from spool_bag.importing.bag_import import import_record  # noqa: PLC0415 - slow to load
 
     folder, bag = _place(paths[0].name.partition(".")[0] or "record")
     import_record(paths, bag, how=request.choices())
@@ -329,22 +324,14 @@ def valve(
     Raises:
         InputError: no such valve, or numbers are missing or impossible.
     """
-    given = dict(  # noqa: C408 - a table of names
-        id=id, moving_mass=moving_mass, spool_mass=spool_mass, spring_mass=spring_mass, oil_mass=oil_mass,
-        spring_stiffness=spring_stiffness, spring_rate=spring_rate, natural_frequency=natural_frequency,
-        land_diameter=land_diameter, land_length=land_length, radial_clearance=radial_clearance, oil=oil,
-        oil_temperature=oil_temperature, dynamic_viscosity=dynamic_viscosity,
-    )  # fmt: skip
-    data_sheet = {key: str(value) for key, value in given.items() if value is not None}
+    given = locals().copy()
+    data_sheet = {key: str(value) for key, value in given.items() if key != "name" and value is not None}
     if (name is None) == (not data_sheet):
         raise InputError("spool.valve: give either a name or file, or the numbers of a data sheet")
     if name is not None:
-        from spool_sim.valve import find_valve  # noqa: PLC0415 - slow to load
-
         return find_valve(str(name))
     if oil is not None and oil_temperature is None:
         raise InputError("spool.valve: oil needs the temperature at work: add oil_temperature=45 (deg C)")
-    from spool_report.records.valve_sheet import described  # noqa: PLC0415
 
     return described(data_sheet)[0]
 
@@ -382,8 +369,6 @@ def simulate(
     Raises:
         InputError: no such valve, model or excitation, or a number is out of range.
     """
-    from spool_report.records import simulation  # noqa: PLC0415 - slow to load
-    from spool_report.requests import SimulationSettings  # noqa: PLC0415
 
     folder, bag = _place("simulated")
     oil = None if oil_temperature is None else str(oil_temperature)
@@ -412,8 +397,7 @@ def export_fmu(
     Raises:
         InputError: no such valve or model, the file exists or cannot be written, or no C compiler works here.
     """
-    from spool_design.fmu import export_fmu as write_fmu  # noqa: PLC0415 - slow to load
-    from spool_report.outputs import replace_existing  # noqa: PLC0415
+    from spool_design.fmu import export_fmu as write_fmu  # noqa: PLC0415 - an add-on
 
     replace_existing(replace)
     try:
@@ -493,7 +477,6 @@ def valve_files(valves: Iterable[AnyValve | None]) -> Iterator[list[str | None]]
                     f"valve: {type(one).__name__} is no valve: pass what spool.valve returns, a name or a "
                     "file; records come before the valve"
                 )
-            from spool_report.records.valve_sheet import file_text  # noqa: PLC0415 - slow to load
 
             file = Path(folder) / f"{len(found)}_{one.id}.yaml"
             file.write_text(file_text(one, {}), encoding="utf-8")
@@ -546,7 +529,6 @@ def _pairs(argument: str, given: Mapping[str, str] | None) -> tuple[str, ...]:
 
 def _table(source: Any, rate: float | None) -> Any:
     """Return a mapping of arrays, an array, a pandas, Polars or Arrow table as an Arrow table."""
-    import numpy as np  # noqa: PLC0415
     import pyarrow as pa  # noqa: PLC0415
 
     if isinstance(source, Mapping):

@@ -10,18 +10,21 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rich.console import Console
 from spool_core.errors import InputError
 from spool_core.uncertainty import as_json
+from spool_report import fit_tables
+from spool_report.outputs import replace_existing, write_file, write_json
+from spool_report.ranking import FittedSeries, Ranking, ValidatedFit
+from spool_report.runs.fit_run import save_fit
 
 from spool.errors import one_error
 
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
-    from rich.console import Console
     from spool_design.setups import FittedSetUps
     from spool_design.what_if import WhatIf as Prediction
-    from spool_report.ranking import FittedSeries, Ranking, ValidatedFit
     from spool_report.runs.record_quality import RecordQuality
 
 #: Characters of a line of ``summary()`` and in a notebook.
@@ -34,7 +37,6 @@ def text_console(*, record: bool = False) -> Console:
     Args:
         record: keep styles for ``export_html``.
     """
-    from rich.console import Console  # noqa: PLC0415 - slow to load
 
     return Console(
         file=io.StringIO(), width=WIDTH, record=record, color_system="truecolor" if record else None,
@@ -51,10 +53,10 @@ def text_of(console: Console) -> str:
 @contextmanager
 def keeping_backend() -> Iterator[None]:
     """Draw without a screen inside; afterwards matplotlib's backend and open figures are as they were."""
-    import matplotlib  # noqa: PLC0415
-    from matplotlib import pyplot  # noqa: PLC0415
 
-    before, opened = matplotlib.get_backend(), set(pyplot.get_fignums())
+    from matplotlib import pyplot  # noqa: PLC0415 - who draws nothing needs none
+
+    before, opened = pyplot.get_backend(), set(pyplot.get_fignums())
     try:
         pyplot.switch_backend("Agg")
         yield
@@ -112,7 +114,6 @@ class Result(ABC):
         Raises:
             InputError: another ending, or the file exists or cannot be written.
         """
-        from spool_report.outputs import replace_existing, write_file, write_json  # noqa: PLC0415
 
         path = Path(path)
         if path.suffix not in (".json", ".html"):
@@ -198,9 +199,8 @@ class Fit(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """Return what ``fit --json`` writes."""
-        from spool_report.fit_tables import to_dictionary  # noqa: PLC0415
 
-        found: dict[str, Any] = as_json(to_dictionary(self._validated))
+        found: dict[str, Any] = as_json(fit_tables.to_dictionary(self._validated))
         return found
 
     @one_error
@@ -242,17 +242,15 @@ class Fit(Result):
         """
         if self.reason is not None:
             raise InputError(f"{path}: no model to save: {self.reason}")
-        from spool_report.runs.fit_run import save_fit  # noqa: PLC0415
 
         save_fit(Path(path), self._validated)
 
     def _print(self, console: Console) -> None:
-        from spool_report.fit_tables import print_fit  # noqa: PLC0415
 
         if self.reason is not None:
             console.print(f"no result: {self.reason}", markup=False, highlight=False, soft_wrap=True)
             return
-        print_fit(self._validated, console)
+        fit_tables.print_fit(self._validated, console)
 
     def _page(self) -> str:
         if self.reason is not None:
@@ -300,13 +298,13 @@ class SetUpsFit(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """Return what ``fit --setups --json`` writes."""
-        from spool_design.setups import to_dictionary  # noqa: PLC0415
+        from spool_design.setups import to_dictionary  # noqa: PLC0415 - an add-on
 
         found: dict[str, Any] = as_json(to_dictionary(self._found))
         return found
 
     def _print(self, console: Console) -> None:
-        from spool_design.setups import print_setups  # noqa: PLC0415
+        from spool_design.setups import print_setups  # noqa: PLC0415 - an add-on
 
         print_setups(self._found, console)
 
@@ -337,9 +335,8 @@ class Comparison(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """Return what ``compare --json`` writes."""
-        from spool_report.fit_tables import comparison_dictionary  # noqa: PLC0415
 
-        found: dict[str, Any] = as_json(comparison_dictionary(self._series, self._ranking))
+        found: dict[str, Any] = as_json(fit_tables.comparison_dictionary(self._series, self._ranking))
         return found
 
     @one_error
@@ -355,9 +352,8 @@ class Comparison(Result):
         return pd.DataFrame(rows).set_index("model")
 
     def _print(self, console: Console) -> None:
-        from spool_report.fit_tables import print_comparison  # noqa: PLC0415
 
-        print_comparison(self._series, self._ranking, console)
+        fit_tables.print_comparison(self._series, self._ranking, console)
 
     def _page(self) -> str:
         if self.preferred is None:
@@ -401,7 +397,6 @@ class Gap(Result):
         Raises:
             InputError: the file exists or cannot be written, or no model file may state what was found.
         """
-        from spool_report.outputs import write_file  # noqa: PLC0415
 
         if self._refused:
             raise InputError(f"save_model {path}: {self._refused}")
@@ -473,7 +468,7 @@ class WhatIf(Result):
             return Picture(response_figure(self._found))
 
     def _print(self, console: Console) -> None:
-        from spool_design.what_if import print_what_if  # noqa: PLC0415
+        from spool_design.what_if import print_what_if  # noqa: PLC0415 - an add-on
 
         print_what_if(self._found, console)
 
