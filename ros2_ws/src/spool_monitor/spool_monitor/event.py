@@ -163,7 +163,7 @@ class Condition:
         """When it is over if nothing is indicated any more, ns; ``None`` while it is not released."""
         return None if self._since is None else self._since + round(self.off_delay * 1e9)
 
-    def clear(self, stamp: int, quantity: Quantity, facts: FactsSource = Facts()) -> list[Event]:  # noqa: B008
+    def clear(self, stamp: int, quantity: Quantity, facts: FactsSource = Facts()) -> list[Event]:
         """End the condition where it is active; ``facts`` are those of now.
 
         Where they name no parameter, what was judged before is named as unknown.
@@ -235,7 +235,7 @@ class Condition:
         own, subject = title(self.declared.cause(self.cause).code, self.kind), self._last.subject
         return f"{own} ({subject})" if subject in EACH_CHANNEL else own
 
-    def restore(self, severity: Severity, cause: str, facts: Facts = Facts()) -> None:  # noqa: B008
+    def restore(self, severity: Severity, cause: str, facts: Facts = Facts()) -> None:
         """Go on as active, as it was before a restart; no event follows. ``facts``: of the last event."""
         self.active, self.cause, self._last = severity, cause, facts
         self._above.clear()

@@ -15,16 +15,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.node import Node
 from spool_core.cdr import CdrError, decode_blocks, encode_block
 from spool_core.node import qos
-from spool_msgs.msg import (
-    AccelerationBlock,
-    AccelerationBlocks,
-    Alarm,
-    AlarmList,
-    GapAnalysis,
-    HealthEvent,
-    ModelEstimate,
-    ValveHealth,
-)
+from spool_msgs import msg
 
 #: s without a word of the monitor, which speaks once a second, after which nothing is known.
 SILENT = 2.5
@@ -35,10 +26,10 @@ UNKNOWN, LEARNING, AT_REST, GOOD = "unknown", "learning", "at_rest", "good"
 CONDITIONS = (ALARM, NO_WORD, STALE, WARNING, UNKNOWN, LEARNING, AT_REST, GOOD)
 
 _LEVELS = {
-    ValveHealth.LEVEL_ALARM: ALARM,
-    ValveHealth.LEVEL_WARNING: WARNING,
-    ValveHealth.LEVEL_STALE: STALE,
-    ValveHealth.LEVEL_UNKNOWN: UNKNOWN,
+    msg.ValveHealth.LEVEL_ALARM: ALARM,
+    msg.ValveHealth.LEVEL_WARNING: WARNING,
+    msg.ValveHealth.LEVEL_STALE: STALE,
+    msg.ValveHealth.LEVEL_UNKNOWN: UNKNOWN,
 }
 #: Detectors that compare the valve with its baseline: it is good only where all of them judge.
 DRIFT = ("friction_drift", "spring_change")
@@ -60,11 +51,11 @@ MOST_FOLLOWED, MOST_BLOCKS = 16, 200
 EVENTS = 100
 #: States in which an alarm waits for an operator.
 WAITING = (
-    Alarm.STATE_UNACKNOWLEDGED,
-    Alarm.STATE_RETURNED_UNACKNOWLEDGED,
-    Alarm.STATE_LATCHED_UNACKNOWLEDGED,
+    msg.Alarm.STATE_UNACKNOWLEDGED,
+    msg.Alarm.STATE_RETURNED_UNACKNOWLEDGED,
+    msg.Alarm.STATE_LATCHED_UNACKNOWLEDGED,
 )
-_TYPES = {"estimate": ModelEstimate, "alarms": AlarmList, "gap": GapAnalysis}
+_TYPES = {"estimate": msg.ModelEstimate, "alarms": msg.AlarmList, "gap": msg.GapAnalysis}
 #: s between two moments in which the limits of all valves are heard, and how long one lasts.
 BOUNDS_EVERY, BOUNDS_LASTING = 60.0, 2.5
 #: s between two estimates that are taken of a valve for metrics: decoding each one costs more than all else.
@@ -101,11 +92,11 @@ class HeardValve:
     """
 
     name: str
-    health: ValveHealth | None = None
+    health: msg.ValveHealth | None = None
     health_at: float = 0.0
-    estimate: ModelEstimate | None = None
-    alarms: AlarmList | None = None
-    gap: GapAnalysis | None = None
+    estimate: msg.ModelEstimate | None = None
+    alarms: msg.AlarmList | None = None
+    gap: msg.GapAnalysis | None = None
     cost: Cost | None = None
     baseline: Any = None
     limits: dict[str, float] = field(default_factory=dict)
@@ -157,7 +148,7 @@ class Listener:
         light: bool = False,
         metrics: bool = False,
         expected: Iterable[str] = (),
-        on_event: Callable[[str, HealthEvent], None] | None = None,
+        on_event: Callable[[str, msg.HealthEvent], None] | None = None,
     ) -> None:
         self.valves: dict[str, HeardValve] = {}
         self.hosts: dict[str, Cost] = {}
@@ -195,7 +186,7 @@ class Listener:
         """Fetch what the monitors said since the last time."""
         for name, subscription in self._health.items():
             with subscription.handle:
-                taken = subscription.handle.take_message(ValveHealth, False)
+                taken = subscription.handle.take_message(msg.ValveHealth, False)
             if taken is not None:
                 self.valves[name].health_at = time.monotonic()
                 self.valves[name].keep("health", taken[0])
@@ -204,7 +195,7 @@ class Listener:
             if now - self._estimates_at[name] < ESTIMATES_EVERY:
                 continue
             with subscription.handle:
-                taken = subscription.handle.take_message(ModelEstimate, False)
+                taken = subscription.handle.take_message(msg.ModelEstimate, False)
             if taken is not None:
                 self._estimates_at[name] = now
                 self.valves[name].keep("estimate", taken[0])
@@ -263,17 +254,19 @@ class Listener:
         valve = self.valves[name] = HeardValve(name)
         # A subscription has to have a callback; no executor calls this one.
         self._health[name] = self._quiet.create_subscription(
-            ValveHealth, f"/{name}/health", lambda _: None, self._health_quality
+            msg.ValveHealth, f"/{name}/health", lambda _: None, self._health_quality
         )
         if self._metrics:
             self._estimates_at[name] = -ESTIMATES_EVERY
             self._estimates[name] = self._quiet.create_subscription(
-                ModelEstimate, f"/{name}/estimate", lambda _: None, self._health_quality
+                msg.ModelEstimate, f"/{name}/estimate", lambda _: None, self._health_quality
             )
         self._made += self._keep(valve, self._topics)
         if self._on_event is not None:
             take, quality = partial(self._on_event, name), qos.state(EVENTS)
-            self._made.append(self._node.create_subscription(HealthEvent, f"/{name}/events", take, quality))
+            self._made.append(
+                self._node.create_subscription(msg.HealthEvent, f"/{name}/events", take, quality)
+            )
 
     def _keep(self, valve: HeardValve, topics: Sequence[str]) -> list[Any]:
         return [
@@ -311,8 +304,8 @@ class Listener:
 
         subscribe, blocks = self._node.create_subscription, f"/{valve.name}/acceleration"
         return [
-            subscribe(AccelerationBlock, blocks, take_block, qos.samples_wanted(), raw=True),
-            subscribe(AccelerationBlocks, "accelerations", take_blocks, qos.samples_wanted(), raw=True),
+            subscribe(msg.AccelerationBlock, blocks, take_block, qos.samples_wanted(), raw=True),
+            subscribe(msg.AccelerationBlocks, "accelerations", take_blocks, qos.samples_wanted(), raw=True),
             subscribe(DiagnosticArray, "/diagnostics", self._take_diagnostics, qos.diagnostics()),
             *self._keep(valve, self._more),
         ]
@@ -344,7 +337,7 @@ def cost_of(status: DiagnosticStatus) -> Cost | None:
         return None
 
 
-def condition_of(health: ValveHealth | None, age: float) -> str:
+def condition_of(health: msg.ValveHealth | None, age: float) -> str:
     """Return the condition, one of ``CONDITIONS``, by the monitor's last word, which came ``age`` s ago.
 
     It is good only where the monitor spoke lately, has a baseline and judges drift against it, of one
@@ -353,15 +346,15 @@ def condition_of(health: ValveHealth | None, age: float) -> str:
     """
     if health is None or age > SILENT:
         return NO_WORD
-    if health.level != ValveHealth.LEVEL_OK:
+    if health.level != msg.ValveHealth.LEVEL_OK:
         return _LEVELS.get(health.level, UNKNOWN)
-    if health.baseline != ValveHealth.BASELINE_FROZEN:
+    if health.baseline != msg.ValveHealth.BASELINE_FROZEN:
         return LEARNING
     said = dict(judgement.partition(": ")[::2] for judgement in health.judgements)
     return min((_drift(name, said) for name in DRIFT), key=CONDITIONS.index)
 
 
-def moves(health: ValveHealth) -> bool | None:
+def moves(health: msg.ValveHealth) -> bool | None:
     """Return whether the valve moves, by its detectors of drift; ``None``: not known."""
     said = {judgement.rpartition(": ")[2] for judgement in health.judgements if judgement.startswith(DRIFT)}
     return True if "judged" in said else False if "not enough excitation" in said else None

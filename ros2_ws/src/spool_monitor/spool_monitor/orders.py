@@ -10,6 +10,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+import scipy  # its parts are loaded when they are first used
 from numpy.typing import NDArray
 from spool_core.block import Block
 from spool_core.numbers import Array
@@ -240,13 +241,10 @@ def by_angle(samples: Array, turns: Array, whole: float) -> Array:
 
     There are as many angles as keep the densest samples, at most four times as many as samples.
     """
-    from scipy import fft  # noqa: PLC0415 - a monitor that raises no resonance needs no scipy
-    from scipy.interpolate import CubicSpline  # noqa: PLC0415
-
     steps = np.diff(turns)
-    count = fft.next_fast_len(min(math.ceil(whole / float(steps.min())), 4 * turns.size), real=True)
+    count = scipy.fft.next_fast_len(min(math.ceil(whole / float(steps.min())), 4 * turns.size), real=True)
     angles = turns[-1] - whole + np.arange(count) * (whole / count)
-    return np.asarray(CubicSpline(turns, samples, axis=-1)(angles))
+    return np.asarray(scipy.interpolate.CubicSpline(turns, samples, axis=-1)(angles))
 
 
 def name_of(
@@ -383,9 +381,7 @@ def order_spectrum(
     # piece is independent.
     half = np.sort([contrast(row, places) for row in every[:, 0]], axis=0)[(len(found) - 1) // 2]
     apart = (len(found) + 1) // 2
-    from scipy import stats  # noqa: PLC0415 - slow to load
-
-    false = stats.binom.sf((apart + 1) // 2 - 1, apart, false_probability(half))
+    false = scipy.stats.binom.sf((apart + 1) // 2 - 1, apart, false_probability(half))
     sure = false * places.size <= FALSE_LINE
     peaks = [at for at in places[sure] if mean[0, at] == mean[0, at - LOBE : at + LOBE + 1].max()]
     lines = []

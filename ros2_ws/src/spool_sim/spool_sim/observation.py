@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
+import scipy  # its parts are loaded when they are first used
 from numpy import fft
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
@@ -278,10 +279,8 @@ def _late(delay: float, samples: int, every: int) -> Spectrum:
 
 @lru_cache(maxsize=64)
 def _length(samples: int, every: int) -> int:
-    from scipy.fft import next_fast_len  # noqa: PLC0415 - slow to load
-
     dense = samples * every
-    return int(next_fast_len(dense + 2 * min(dense - 1, EDGE * every), real=True))
+    return int(scipy.fft.next_fast_len(dense + 2 * min(dense - 1, EDGE * every), real=True))
 
 
 @compiled

@@ -22,7 +22,7 @@ from spool_core.node.block_hub import BlockHub, Throttle, TopicTimes, Worker
 from spool_core.node.diagnostics import DiagnosticPublisher, Level, Status
 from spool_core.node.managed_node import HostContext, ManagedNode, Ticker
 from spool_core.node.parameters import NodeParameter, refuse_other_files, refuse_other_nodes, rule
-from spool_core.node.running import REFUSED, ensure_log_folder, new_executor, one_line
+from spool_core.node.running import REFUSED, NodeExecutor, ensure_log_folder, one_line
 from spool_core.node.stop import STOP, Phase, StopRequested
 from spool_core.system import BUDGET, resident_memory
 from spool_core.text import plural
@@ -251,7 +251,7 @@ class HostProcess:
         shared, hub, ticker = names_for_all(self.arguments), self._hub, Ticker()
         self._context = HostContext(hub, ticker, shared, self._beat)
         self._node = HostNode(node_name(self.number), host=self._context)
-        self._executor = new_executor()
+        self._executor = NodeExecutor()
         self._executor.add_node(self._node)
         file = self._node.value("valves_file")
         valves = read_valves(file) if self.first_list is None else self.first_list.read(file)

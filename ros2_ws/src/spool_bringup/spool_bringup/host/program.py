@@ -16,7 +16,7 @@ from spool_core.node.stop import STOP
 from spool_core.system import run_before_others, use_processors
 from spool_core.text import keep_standard_streams
 
-from spool_bringup.host.arguments import FirstList
+from spool_bringup.host.arguments import FirstList, economise
 from spool_bringup.host.supervisor import Run, Supervisor
 
 
@@ -50,9 +50,7 @@ def main() -> int:
     except InputError as error:
         parser.error(str(error))
     arguments = [*(words[at:] or ["--ros-args"]), "-p", f"processes:={options.processes}"]
-    from spool_bringup.host.arguments import economise  # noqa: PLC0415 - before the middleware is loaded
-
-    economise()
+    economise()  # before the middleware is loaded
     if options.processes > 1:
         return Supervisor(options.processes, partial(_load, arguments, FirstList())).run()
     STOP.install()

@@ -13,6 +13,7 @@ import traceback
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, ClassVar, ParamSpec, TypeVar
 
 from rcl_interfaces.msg import SetParametersResult
@@ -28,7 +29,7 @@ from spool_core.errors import InputError
 from spool_core.kernels.compiled import alone as one_at_a_time
 from spool_core.kernels.kernel_files import COMPILING
 from spool_core.node.block_hub import BlockHub
-from spool_core.node.parameters import NodeParameter, Value, declare
+from spool_core.node.parameters import NodeParameter, Value, declare, read_parameters
 from spool_core.node.stop import STOP, Phase
 
 #: s of compiling after which the node reports it: cached kernels are loaded in less.
@@ -84,6 +85,15 @@ class ManagedNode(LifecycleNode):  # type: ignore[misc]  # rclpy carries no type
         self._present: dict[str, Value] = {name: self.value(name) for name in self._table}
         self.add_on_set_parameters_callback(self._judge_change)
         self.add_post_set_parameters_callback(self._apply_change)
+
+    @classmethod
+    def read_file(cls, file: Path, node: str) -> dict[str, Value]:
+        """Return the parameters that ``file`` gives a node of this class and the full name ``node``.
+
+        Raises:
+            InputError: the node would refuse the file.
+        """
+        return read_parameters(file, node, (AUTOSTART, *cls.PARAMETERS))
 
     #: Whether its host gave it up as hanging: it takes nothing until that has begun it again.
     given_up = False

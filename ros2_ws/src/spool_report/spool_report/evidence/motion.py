@@ -14,21 +14,7 @@ from spool_core.uncertainty import Z_95, number, percent
 from spool_estimator.identification.free_run import USUAL, FreeRun, Reading, excitation_limit
 from spool_estimator.identification.record import Record, first_seconds
 from spool_estimator.identification.spectra import ZeroPhase, delayed, relative_motion
-from spool_report.evidence.exhibit import (
-    AFTER,
-    BEFORE,
-    DARK,
-    DASHED,
-    MEASURED,
-    MODEL_LOOKS,
-    WIDTH,
-    Exhibit,
-    Line,
-    Panel,
-    drawn,
-    listed,
-    plain,
-)
+from spool_report.evidence import exhibit
 from spool_report.evidence.spectra import CrossSpectra, cross_spectra
 from spool_sim.integration.composed_motion import ComposedMotion
 from spool_sim.model import Model
@@ -51,7 +37,7 @@ LOOPS_CAPTION = (
     "there a stiffening spring, a wall at one end a stop, an open loop a delay between the channels or "
     "friction with a memory."
 )
-LOOKS = ((BEFORE, DASHED, "s"), (AFTER, "-", "o"))
+LOOKS = ((exhibit.BEFORE, exhibit.DASHED, "s"), (exhibit.AFTER, "-", "o"))
 #: Share of the missing force's size that a step or a slope must make to be said.
 WORTH_SAYING = 0.15
 
@@ -276,9 +262,11 @@ def loops_from(
     )
 
 
-def force_loops(loops: Loops) -> Exhibit:
+def force_loops(loops: Loops) -> exhibit.Exhibit:
     """Return the picture of ``loops``."""
-    figure, axes = plt.subplots(2, 2, figsize=(WIDTH, 6.4), layout="constrained", sharex="col", sharey="row")
+    figure, axes = plt.subplots(
+        2, 2, figsize=(exhibit.WIDTH, 6.4), layout="constrained", sharex="col", sharey="row"
+    )
     looks = dict(zip(loops.models, LOOKS[-len(loops.models) :], strict=True))
     for column, (across, label, profiles) in enumerate(
         (
@@ -287,7 +275,7 @@ def force_loops(loops: Loops) -> Exhibit:
         )
     ):
         upper, lower = axes[0, column], axes[1, column]
-        upper.plot(across, loops.measured, color=MEASURED, lw=3.0, alpha=0.7, label="measured")
+        upper.plot(across, loops.measured, color=exhibit.MEASURED, lw=3.0, alpha=0.7, label="measured")
         for name, force in loops.models.items():
             colour, dash, marker = looks[name]
             upper.plot(across, force, color=colour, ls=dash, lw=1.1, label=name)
@@ -295,9 +283,9 @@ def force_loops(loops: Loops) -> Exhibit:
             profile = profiles[name]
             factor = 1e3 if column == 0 else 1.0
             lower.plot(factor * profile.centres, profile.force, color=colour, marker=marker, ms=3.5, lw=1.6)
-        lower.axhline(0.0, color=MEASURED, lw=0.6)
-        plain(upper, "", "force, N" if column == 0 else "")
-        plain(lower, label, "missing force, N" if column == 0 else "")
+        lower.axhline(0.0, color=exhibit.MEASURED, lw=0.6)
+        exhibit.plain(upper, "", "force, N" if column == 0 else "")
+        exhibit.plain(lower, label, "missing force, N" if column == 0 else "")
     figure.legend(*axes[0, 0].get_legend_handles_labels(), fontsize=8, loc="outside lower center", ncols=3)
     parts = []
     for name, missing in loops.missing.items():
@@ -314,11 +302,11 @@ def force_loops(loops: Loops) -> Exhibit:
             reach = float(np.abs(over_z.centres).max())
             if abs(slope) * reach > WORTH_SAYING * missing:
                 found.append(f"a slope of {number(slope, 2)} N/m over displacement")
-        shape = f", with {listed(found)}" if found else ""
+        shape = f", with {exhibit.listed(found)}" if found else ""
         share = percent(missing / max(loops.force, 1e-30))
         parts.append(f"{name} {share} ({number(missing, 2)} N rms){shape}")
     text = "; ".join(parts)
-    return Exhibit(
+    return exhibit.Exhibit(
         LOOPS_TITLE,
         figure,
         LOOPS_CAPTION,
@@ -335,7 +323,7 @@ def step_at_zero(profile: Profile) -> float:
     return 2.0 * float(np.linalg.lstsq(columns, profile.force, rcond=None)[0][2])
 
 
-def transmissibility(runs: Runs) -> Exhibit:
+def transmissibility(runs: Runs) -> exhibit.Exhibit:
     """Return magnitude, phase and coherence of ``runs``.
 
     Raises:
@@ -354,22 +342,22 @@ def transmissibility(runs: Runs) -> Exhibit:
     size, error = np.abs(measured.response), measured.relative_error
     low, high = (size * np.maximum(1.0 + sign * Z_95 * error, LEAST_BAND) for sign in (-1.0, 1.0))
     phase, spread = empty * _degrees(measured, shown), np.degrees(Z_95 * np.minimum(error, np.pi))[shown]
-    own = Line(
-        "measured, with 95 % band", empty * size[shown], MEASURED, (), empty * low[shown],
+    own = exhibit.Line(
+        "measured, with 95 % band", empty * size[shown], exhibit.MEASURED, (), empty * low[shown],
         empty * high[shown], 2.5,
     )  # fmt: skip
-    looks = MODEL_LOOKS[-len(models) :]
+    looks = exhibit.MODEL_LOOKS[-len(models) :]
 
-    def of_models(take: Callable[[CrossSpectra], Array]) -> list[Line]:
+    def of_models(take: Callable[[CrossSpectra], Array]) -> list[exhibit.Line]:
         pairs = zip(models.items(), looks, strict=True)
-        return [Line(name, empty * take(one), *look, width=1.2) for (name, one), look in pairs]
+        return [exhibit.Line(name, empty * take(one), *look, width=1.2) for (name, one), look in pairs]
 
     panels = (
-        Panel(
+        exhibit.Panel(
             "frequency, Hz", "magnitude, spool over body, 1", frequency,
             (own, *of_models(lambda one: np.abs(one.response)[shown])), log_x=True, log_y=True,
         ),
-        Panel(
+        exhibit.Panel(
             "frequency, Hz", "phase, degrees", frequency,
             (
                 replace(own, values=phase, low=phase - spread, high=phase + spread),
@@ -377,7 +365,7 @@ def transmissibility(runs: Runs) -> Exhibit:
             ),
             log_x=True,
         ),
-        Panel(
+        exhibit.Panel(
             "frequency, Hz", "coherence, 1", frequency,
             (
                 replace(own, values=empty * measured.coherence[shown], low=None, high=None),
@@ -386,9 +374,9 @@ def transmissibility(runs: Runs) -> Exhibit:
             log_x=True, span=(0.0, 1.05),
         ),
     )  # fmt: skip
-    figure = drawn(panels, (3, 2, 1.3), 7.0)
-    figure.axes[0].axhline(1.0, color=DARK, lw=0.6)
-    return Exhibit(
+    figure = exhibit.drawn(panels, (3, 2, 1.3), 7.0)
+    figure.axes[0].axhline(1.0, color=exhibit.DARK, lw=0.6)
+    return exhibit.Exhibit(
         TRANSMISSIBILITY_TITLE,
         figure,
         TRANSMISSIBILITY_CAPTION,

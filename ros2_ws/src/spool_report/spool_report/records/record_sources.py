@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 import time
+from collections import deque
 from collections.abc import Iterator, Mapping
 from datetime import datetime, timezone
 from itertools import islice
@@ -201,11 +202,9 @@ def recorded_valve(reader: BagReader, name: str) -> Valve | None:
     topic = f"/{name}/valve"
     if topic not in reader.topics:
         return None
-    last = None
     # The last one counts; behind it the bag is not read.
-    for last in islice(reader.messages(topic), reader.topics[topic].messages):  # noqa: B007
-        pass
-    if last is None:
+    kept = deque(islice(reader.messages(topic), reader.topics[topic].messages), maxlen=1)
+    if (last := next(iter(kept), None)) is None:
         return None
     numbers = {key: getattr(last, key) for key in _NUMBERS}
     mapping = {key: value for key, value in numbers.items() if not math.isnan(value)}

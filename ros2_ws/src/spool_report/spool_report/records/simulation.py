@@ -46,20 +46,18 @@ def simulate(out: Path, settings: SimulationSettings) -> None:
             "use a number above 0 and not above the sample rate"
         )
     shaking = find_excitation(settings.excitation)
-    from spool_sim.observation import Observation  # noqa: PLC0415 - kernels
-    from spool_sim.sensors import Sensor, Sensors, load_sensors  # noqa: PLC0415 - kernels, too
+    # With numba: what is refused above waits for no compiler.
+    from spool_sim import observation, sensors, simulator  # noqa: PLC0415
 
-    noisy = Sensor(noise=settings.noise, filter=Observation.of(settings.filter))
-    measured = (
-        Sensors(body=noisy, spool=noisy) if settings.sensors is None else load_sensors(settings.sensors)
-    )
+    noisy = sensors.Sensor(noise=settings.noise, filter=observation.Observation.of(settings.filter))
+    measured = sensors.Sensors(body=noisy, spool=noisy)
+    if settings.sensors is not None:
+        measured = sensors.load_sensors(settings.sensors)
     if seconds is None:
         seconds = shaking.duration if isinstance(shaking, Recorded) else SIMULATION_SECONDS
     described = find_valve(settings.valve)
     temperatures = _temperatures(settings.oil_temperature)
-    from spool_sim.simulator import Simulator  # noqa: PLC0415 - numba: what is refused above waits for no compiler
-
-    simulator = Simulator(
+    source = simulator.Simulator(
         described.at(temperatures[0]) if len(temperatures) == 1 else described,
         shaking,
         model=settings.model,
@@ -72,13 +70,13 @@ def simulate(out: Path, settings: SimulationSettings) -> None:
         spool_sensor=measured.spool,
     )
     if len(temperatures) == 2:
-        simulator.set_drift("oil_temperature", temperatures[0])
-        simulator.set_drift("oil_temperature", temperatures[1], seconds)
-    blocks = simulator.records(seconds)
-    valve_id = simulator.valve.id
+        source.set_drift("oil_temperature", temperatures[0])
+        source.set_drift("oil_temperature", temperatures[1], seconds)
+    blocks = source.records(seconds)
+    valve_id = source.valve.id
     count = 0
-    sensors = {"body": measured.body, "spool": measured.spool}
-    custom = {f"{name}/{one}/filter": sensor.filter.sentence(sample_rate) for one, sensor in sensors.items()}
+    both = (("body", measured.body), ("spool", measured.spool))
+    custom = {f"{name}/{one}/filter": sensor.filter.sentence(sample_rate) for one, sensor in both}
     with (
         making_room(out),
         BagWriter(out, staged=True, custom=custom) as writer,
@@ -86,7 +84,7 @@ def simulate(out: Path, settings: SimulationSettings) -> None:
     ):
         description = writer.add_topic(f"/{name}/valve", VALVE_DESCRIPTION)
         channel = writer.add_topic(f"/{name}/acceleration", ACCELERATION_BLOCK)
-        writer.write(description, SIMULATION_START, encode_valve(simulator.valve, SIMULATION_START))
+        writer.write(description, SIMULATION_START, encode_valve(source.valve, SIMULATION_START))
         thermal = writer.add_topic(f"/{name}/oil_temperature", TEMPERATURE) if temperatures else 0
         shaft = 0 if shaking.speed(0.0) is None else writer.add_topic(f"/{name}/speed", FLOAT64)
         next_speed = SIMULATION_START

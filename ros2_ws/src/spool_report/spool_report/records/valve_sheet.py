@@ -12,20 +12,10 @@ from typing import TYPE_CHECKING, Any
 from spool_core.errors import InputError
 from spool_core.numbers import GRAVITY
 from spool_core.text import did_you_mean
+from spool_sim import valve as valves
 from spool_sim.lubrication import fluid_friction_coefficient
 from spool_sim.sensors import PAPER_CHAIN
-from spool_sim.valve import (
-    DENSITY,
-    FILM,
-    OILS,
-    OPTIONAL,
-    STEEL,
-    Valve,
-    known_oil,
-    read_mapping,
-    valve_file,
-    valve_from_mapping,
-)
+from spool_sim.valve import Valve
 
 if TYPE_CHECKING:
     from spool_estimator.plausibility import ValveCheck
@@ -71,7 +61,7 @@ QUESTIONS = (
     Question("land_diameter", "length", "Diameter of the sealing land", "20 mm"),
     Question("land_length", "length", "Length of all sealing lands together", "32 mm"),
     Question("radial_clearance", "length", "Radial clearance between spool and bore", "15 um"),
-    Question("oil", "text", f"Oil, one of {', '.join(OILS)}", "ISO VG 46"),
+    Question("oil", "text", f"Oil, one of {', '.join(valves.OILS)}", "ISO VG 46"),
     Question("oil_temperature", "temperature", "Temperature of the oil at work", "45 C"),
     Question("dynamic_viscosity", "viscosity", "Dynamic viscosity at that temperature", "30 mPa s"),
 )
@@ -104,7 +94,7 @@ SPEED = 0.5
 #: likely than such springs, and a factor of 1000 between units moves a frequency by 32.
 HIGHEST_FREQUENCY = 1000.0
 #: kg: below it nothing but a pilot's pin moves, a steel cylinder of 3 mm diameter and 10 mm length.
-LIGHTEST = STEEL * 0.25 * math.pi * 0.003**2 * 0.010
+LIGHTEST = valves.STEEL * 0.25 * math.pi * 0.003**2 * 0.010
 #: Share of the land's diameter: 13 times that of the paper's valve (15 um of 20 mm); leakage grows with the
 #: third power of the clearance, so such a land seals nothing.
 WIDEST_SHARE = 0.01
@@ -169,7 +159,7 @@ def checked_answer(question: Question, text: str) -> float | str:
     """
     if question.key == "oil":
         try:
-            return known_oil(text)
+            return valves.known_oil(text)
         except InputError as error:
             raise InputError(f"--oil: {error}") from None
     if question.kind == "text":
@@ -199,12 +189,12 @@ def described(answers: Mapping[str, str]) -> tuple[Valve, dict[str, str]]:
     _add_stiffness(numbers, how)
     oil = str(said["oil"]) if "oil" in said else None
     if oil is not None and "dynamic_viscosity" not in numbers and "oil_temperature" in numbers:
-        kinematic = OILS[oil].kinematic_viscosity(numbers["oil_temperature"])
-        numbers["dynamic_viscosity"] = float(f"{1e-6 * kinematic * DENSITY:.3g}")
-        how["dynamic_viscosity"] = f"{OILS[oil].source}, ASTM D341, {DENSITY:g} kg/m^3"
+        kinematic = valves.OILS[oil].kinematic_viscosity(numbers["oil_temperature"])
+        numbers["dynamic_viscosity"] = float(f"{1e-6 * kinematic * valves.DENSITY:.3g}")
+        how["dynamic_viscosity"] = f"{valves.OILS[oil].source}, ASTM D341, {valves.DENSITY:g} kg/m^3"
     wanted = {key: value for key, value in numbers.items() if key in Valve.model_fields}
     mapping = {"id": said["id"], **wanted, **({"oil": oil} if oil else {})}
-    return valve_from_mapping(mapping, "valve new"), how
+    return valves.valve_from_mapping(mapping, "valve new"), how
 
 
 def file_text(valve: Valve, how: Mapping[str, str]) -> str:
@@ -224,7 +214,7 @@ def quantities(valve: Valve) -> Iterator[str]:
     """Yield a line for each quantity of ``valve``: name, value, unit and meaning."""
     yield f"valve {valve.id}"
     yield f"undamped natural frequency: {valve.natural_frequency:.4g} Hz"
-    lacking = [name for name in (*FILM, "oil_temperature") if not valve.knows(name)]
+    lacking = [name for name in (*valves.FILM, "oil_temperature") if not valve.knows(name)]
     if lacking:
         yield f"not given: {', '.join(lacking)}: fits do not need them, a simulation and the drag do"
         return
@@ -268,14 +258,14 @@ class ValveVerdict:
     def dictionary(self) -> dict[str, Any]:
         """Return the verdict as JSON has it."""
         valve = self.valve
-        known = valve is not None and valve.knows(*FILM)
+        known = valve is not None and valve.knows(*valves.FILM)
         return {
             "file": self.file,
             "id": valve.id if valve else None,
             "natural_frequency_Hz": valve.natural_frequency if valve else None,
             "damping_ratio": valve.damping_ratio if valve and known else None,
             "viscous_coefficient": valve.viscous_coefficient if valve and known else None,
-            "not_given": [name for name in OPTIONAL if valve and not valve.knows(name)],
+            "not_given": [name for name in valves.OPTIONAL if valve and not valve.knows(name)],
             "wrong": self.wrong,
             "record": self.shown,
         }
@@ -287,10 +277,10 @@ def judged(file: str) -> ValveVerdict:
     Raises:
         InputError: no such file, unknown or needed keys that are missing.
     """
-    mapping = read_mapping(valve_file(file), "valve")
+    mapping = valves.read_mapping(valves.valve_file(file), "valve")
     needed = {name for name, one in Valve.model_fields.items() if one.is_required()}
     try:
-        valve = valve_from_mapping(mapping, str(file))
+        valve = valves.valve_from_mapping(mapping, str(file))
     except InputError as error:
         if set(mapping) - set(Valve.model_fields) or needed - set(mapping):
             raise

@@ -313,14 +313,12 @@ def settings_from(file: Path | None, name: str) -> ReplaySettings:
     if file is None:
         return SHIPPED
     # The nodes' own tables, which need ROS.
-    from spool_core.node.managed_node import AUTOSTART  # noqa: PLC0415
-    from spool_core.node.parameters import read_parameters  # noqa: PLC0415
     from spool_estimator.estimator_node import EstimatorNode  # noqa: PLC0415
     from spool_monitor.monitor_node import MonitorNode  # noqa: PLC0415
 
     space = f"/{name.strip('/')}"
-    monitor = read_parameters(file, f"{space}/monitor", (AUTOSTART, *MonitorNode.PARAMETERS))
-    estimator = read_parameters(file, f"{space}/estimator", (AUTOSTART, *EstimatorNode.PARAMETERS))
+    monitor = MonitorNode.read_file(file, f"{space}/monitor")
+    estimator = EstimatorNode.read_file(file, f"{space}/estimator")
     limits = {key: value for key, value in monitor.items() if key in LIMITS and isinstance(value, float)}
     try:
         check_settings(MonitorSettings(**limits))
