@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections import Counter
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -30,18 +31,14 @@ BEGIN = 130
 #: Blocks between two looks of the monitor at its inputs.
 LOOK = 2
 #: What operators do at a block.
-ACTS: dict[int, tuple[tuple[Any, str, dict[str, Any]], ...]] = {
-    90: ((ManageBaseline, "_baseline", {"action": ManageBaseline.Request.FREEZE, "who": "Eva"}),),
-    125: ((AcknowledgeAlarm, "_acknowledge", {"who": "Eva"}),),
+ACTS: dict[int, tuple[tuple[Any, dict[str, Any]], ...]] = {
+    90: ((ManageBaseline, {"action": ManageBaseline.Request.FREEZE, "who": "Eva"}),),
+    125: ((AcknowledgeAlarm, {"who": "Eva"}),),
     195: (
-        (ResetAlarms, "_reset", {"who": "Jan"}),
-        (
-            ShelveAlarm,
-            "_shelve",
-            {"alarm": "friction_drift", "duration": 3600.0, "shelved": True, "who": "Jan"},
-        ),
+        (ResetAlarms, {"who": "Jan"}),
+        (ShelveAlarm, {"alarm": "friction_drift", "duration": 3600.0, "shelved": True, "who": "Jan"}),
     ),
-    225: ((AcknowledgeAlarm, "_acknowledge", {"who": "Jan", "comment": "cable"}),),
+    225: ((AcknowledgeAlarm, {"who": "Jan", "comment": "cable"}),),
 }
 
 
@@ -88,9 +85,11 @@ class MonitorLife:
             for one in told(PLOT).estimates[number]:
                 node._take_estimate(to_message(one, VALVE.id))
             _written(node)
-            for kind, name, fields in ACTS.get(number, ()):
+            for kind, fields in ACTS.get(number, ()):
+                services = node._alarms
+                act = services._baseline if kind is ManageBaseline else partial(services._answer, kind)
                 with contextlib.suppress(AlarmRefusedError):  # the alarm is not known: it could not be read
-                    getattr(node._alarms, name)(kind.Request(**fields), kind.Response())
+                    act(kind.Request(**fields), kind.Response())
             if number % LOOK == 0:
                 node._watch()
             now = alarms(node._alarms._state.alarms)

@@ -7,6 +7,7 @@ import re
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -139,8 +140,8 @@ class MonitorNode(ManagedNode):
         self.subscribe(ValveDescription, "valve", self._take_description, qos.state())
         self.subscribe_blocks("acceleration", self._take_blocks, self._room)
         self.subscribe(ModelEstimate, "estimate", self._take_estimate, qos.state(depth=10))
-        self.subscribe(Float64, "speed", self._take_speed, qos.samples_wanted())
-        self.subscribe(Float64, "command", self._take_command, qos.samples_wanted())
+        for topic, take in (("speed", self._core.update_speed), ("command", self._core.strokes.take_command)):
+            self.subscribe(Float64, topic, partial(self._take_number, take), qos.samples_wanted())
         self.subscribe(Temperature, "oil_temperature", self._take_temperature, qos.samples_wanted())
         self.every(LOOK, self._watch, steady=True)
         self.every(1.0, self._report, steady=True)
@@ -244,17 +245,11 @@ class MonitorNode(ManagedNode):
                 self._no_estimates.end()
             self._publish(events)
 
-    def _take_speed(self, message: Float64) -> None:
-        """Take the shaft's speed, which has no stamp: it holds at the end of the newest block."""
+    def _take_number(self, take: Callable[[int, float], object], message: Float64) -> None:
+        """Take a number that has no stamp: it holds at the end of the newest block."""
         last = self._core.gate.last
         if last is not None:
-            self._core.update_speed(last.end, message.data)
-
-    def _take_command(self, message: Float64) -> None:
-        """Take the solenoid's command, which has no stamp either."""
-        last = self._core.gate.last
-        if last is not None:
-            self._core.strokes.take_command(last.end, message.data)
+            take(last.end, message.data)
 
     def _take_temperature(self, message: Temperature) -> None:
         self._publish(self._core.update_temperature(nanoseconds(message.header.stamp), message.temperature))
@@ -445,14 +440,14 @@ class AlarmServices:
         self._state = state
         self.valve_id = node.get_namespace().strip("/")
         self._publisher = node.create_lifecycle_publisher(AlarmList, "alarms", qos.state())
-        for kind, name, answer in (
-            (AcknowledgeAlarm, "acknowledge_alarm", self._acknowledge),
-            (ShelveAlarm, "shelve_alarm", self._shelve),
-            (SuppressAlarm, "suppress_alarm", self._suppress),
-            (ResetAlarms, "reset_alarms", self._reset),
-            (ManageBaseline, "manage_baseline", self._baseline),
+        for kind, name in (
+            (AcknowledgeAlarm, "acknowledge_alarm"),
+            (ShelveAlarm, "shelve_alarm"),
+            (SuppressAlarm, "suppress_alarm"),
+            (ResetAlarms, "reset_alarms"),
         ):
-            node.serve(kind, f"~/{name}", answer)
+            node.serve(kind, f"~/{name}", partial(self._answer, kind))
+        node.serve(ManageBaseline, "~/manage_baseline", self._baseline)
 
     def close(self) -> None:
         """Take the publisher away."""
@@ -591,7 +586,10 @@ class AlarmServices:
     def _operator(self, request: Any) -> Operator:
         return Operator(request.who, self._now(), request.comment)
 
-    def _answer(self, response: Any, transitions: Sequence[Transition], operator: Operator) -> Any:
+    def _answer(self, kind: Any, request: Any, response: Any) -> Any:
+        """Do what an operator asks of the service ``kind``."""
+        operator = self._operator(request)
+        transitions = self._act(kind, request, operator)
         self._settle(transitions, operator)
         response.success = True
         response.changed = [transition.after.name for transition in transitions]
@@ -599,35 +597,24 @@ class AlarmServices:
         self._node.get_logger().info(done)
         return response
 
-    def _acknowledge(self, request: Any, response: Any) -> Any:
-        operator = self._operator(request)
-        changed = self._state.alarms.acknowledge(request.alarm, operator, request.occurrence)
-        return self._answer(response, changed, operator)
-
-    def _shelve(self, request: Any, response: Any) -> Any:
-        operator, alarms = self._operator(request), self._state.alarms
-        if request.shelved:
-            changed = alarms.shelve(request.alarm, operator, request.duration)
-        else:
-            changed = alarms.unshelve(request.alarm, operator)
-        return self._answer(response, changed, operator)
-
-    def _suppress(self, request: Any, response: Any) -> Any:
-        operator, alarms = self._operator(request), self._state.alarms
+    def _act(self, kind: Any, request: Any, operator: Operator) -> Sequence[Transition]:
+        alarms = self._state.alarms
+        if kind is AcknowledgeAlarm:
+            return alarms.acknowledge(request.alarm, operator, request.occurrence)
+        if kind is ResetAlarms:
+            return alarms.reset(request.alarm, operator)
+        if kind is ShelveAlarm:
+            if request.shelved:
+                return alarms.shelve(request.alarm, operator, request.duration)
+            return alarms.unshelve(request.alarm, operator)
         on, seconds = request.suppressed, request.duration
         if request.way == SuppressAlarm.Request.OUT_OF_SERVICE:
-            changed = alarms.maintain(request.alarm, operator, on=on, seconds=seconds)
-        elif request.way != SuppressAlarm.Request.BY_DESIGN:
+            return alarms.maintain(request.alarm, operator, on=on, seconds=seconds)
+        if request.way != SuppressAlarm.Request.BY_DESIGN:
             raise AlarmRefusedError(f"way: {request.way} is not 0 (by design) or 1 (out of service)")
-        elif seconds:
+        if seconds:
             raise AlarmRefusedError("duration: only a time out of service has an end; shelve the alarm")
-        else:
-            changed = alarms.suppress(request.alarm, operator, on=on)
-        return self._answer(response, changed, operator)
-
-    def _reset(self, request: Any, response: Any) -> Any:
-        operator = self._operator(request)
-        return self._answer(response, self._state.alarms.reset(request.alarm, operator), operator)
+        return alarms.suppress(request.alarm, operator, on=on)
 
     def _baseline(self, request: Any, response: Any) -> Any:
         keeper = self._state.baseline
