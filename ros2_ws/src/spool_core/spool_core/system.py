@@ -139,12 +139,12 @@ def others_may_write(folder: Path) -> str | None:
         except OSError as error:
             return f"{one} can't be looked at ({error.strerror})"
         if status.st_uid not in (0, os.geteuid()):
-            return f"{one} belongs to {_user(status.st_uid)}"
+            return f"{one} belongs to {_name(status.st_uid)}"
         sticky = status.st_mode & stat.S_ISVTX and one != path
         if status.st_mode & stat.S_IWOTH and not sticky:
             return f"everybody may write in {one}"
         if status.st_mode & stat.S_IWGRP and not sticky and not _own_group(status.st_gid):
-            return f"group {_group(status.st_gid)} may write in {one}"
+            return f"group {_name(status.st_gid, group=True)} may write in {one}"
     return None
 
 
@@ -384,22 +384,12 @@ def _own_group(number: int) -> bool:
     return number == user.pw_gid and group.gr_name == user.pw_name and set(group.gr_mem) <= {user.pw_name}
 
 
-def _user(number: int) -> str:
-    if sys.platform == "win32":
-        return f"user {number}"
-    try:
-        return pwd.getpwuid(number).pw_name
-    except KeyError:
-        return f"user {number}"
-
-
-def _group(number: int) -> str:
-    if sys.platform == "win32":
-        return str(number)
-    try:
-        return grp.getgrgid(number).gr_name
-    except KeyError:
-        return str(number)
+def _name(number: int, *, group: bool = False) -> str:
+    """Return the name of a user or a group, its number where it has none."""
+    if sys.platform != "win32":
+        with contextlib.suppress(KeyError):
+            return grp.getgrgid(number).gr_name if group else pwd.getpwuid(number).pw_name
+    return str(number) if group else f"user {number}"
 
 
 def _appear(part: Path, target: Path) -> None:

@@ -114,7 +114,12 @@ def claimed_domain() -> Iterator[int]:
 
 def domains_in_use() -> set[int]:
     """Return the domains on whose ports a program on this machine listens, of whatever project and user."""
-    return {(port - PORT_BASE) // DOMAIN_GAIN for port in _udp_ports() if port >= PORT_BASE}
+    ports: list[int] = []
+    for table in SOCKET_TABLES:
+        with contextlib.suppress(OSError):  # no such table, e.g. without IPv6
+            lines = Path(table).read_text(encoding="ascii").splitlines()[1:]
+            ports += [int(line.split()[1].rpartition(":")[2], 16) for line in lines]
+    return {(port - PORT_BASE) // DOMAIN_GAIN for port in ports if port >= PORT_BASE}
 
 
 def _security(environment: Mapping[str, str], *, on: bool, enforced: bool, built_in: bool) -> list[str]:
@@ -154,12 +159,3 @@ def _claim() -> tuple[int, IO[str]]:
             return number, lock
         lock.close()
     raise InputError("no ROS domain is free: end other ROS 2 programs, or set ROS_DOMAIN_ID")
-
-
-def _udp_ports() -> Iterator[int]:
-    for table in SOCKET_TABLES:
-        try:
-            lines = Path(table).read_text(encoding="ascii").splitlines()[1:]
-        except OSError:  # no such table, e.g. without IPv6
-            continue
-        yield from (int(line.split()[1].rpartition(":")[2], 16) for line in lines)

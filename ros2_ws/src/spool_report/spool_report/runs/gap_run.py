@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from rich.console import Console
@@ -31,9 +30,6 @@ from spool_report.requests import GapRequest
 from spool_report.terminal import Table, progress, warn, wide_console
 from spool_sim.model import Model, load_model
 from spool_sim.valve import Valve, find_valve
-
-if TYPE_CHECKING:
-    from spool_report.evidence.exhibit import Exhibit, LeftOut
 
 #: Stretches of one kind of record.
 Measured: TypeAlias = Sequence[Record] | Sequence[ForceRecord]
@@ -82,7 +78,7 @@ def run_gap(
             measured = [*forces, *held]
     # Files first: who reads only the first lines of what is shown (`| head`) has them all the same.
     made_from = sources([*request.records, *request.holdout], described) if outputs.report else []
-    written = _write(result, outputs, made_from, partial(_evidence, result, model, described, measured))
+    written = _write(result, outputs, made_from, model, described, measured)
     refused: InputError | None = None
     try:
         written += _write_model(result, outputs.model)
@@ -149,32 +145,30 @@ def _print_determined(found: Sequence[Determination], console: Console | None) -
         (console or wide_console(140)).print(line, markup=False, soft_wrap=True, highlight=False)
 
 
-def _evidence(
-    result: GapResult, base: Model, valve: Valve | None, measured: Measured
-) -> list[Exhibit | LeftOut]:
-    """Return the pictures that let an expert check ``result``; libraries that draw are loaded here."""
-    from spool_report.evidence.collection import force_exhibits, gap_exhibits  # noqa: PLC0415
-
-    forces = [entry for entry in measured if isinstance(entry, ForceRecord)]
-    if forces or valve is None:
-        return force_exhibits(forces, result.curves)
-    return gap_exhibits(result, base, valve, [entry for entry in measured if isinstance(entry, Record)])
-
-
 def _write(
     result: GapResult,
     outputs: ResultFiles,
     made_from: Sequence[tuple[str, str]],
-    evidence: Callable[[], list[Exhibit | LeftOut]],
+    base: Model,
+    valve: Valve | None,
+    measured: Measured,
 ) -> list[str]:
     """Write the files that are wanted; return a line about each that people look for."""
     written = []
     if outputs.json is not None:
         write_json(outputs.json, report.result_to_dict(result))
     if outputs.report is not None:
-        from spool_report.gap_page import gap_page  # noqa: PLC0415 - matplotlib is needed here only
+        # Matplotlib is needed here only.
+        from spool_report.evidence.collection import force_exhibits, gap_exhibits  # noqa: PLC0415
+        from spool_report.gap_page import gap_page  # noqa: PLC0415
 
-        write_file(outputs.report, gap_page(result, made_from, evidence()), "--report")
+        forces = [entry for entry in measured if isinstance(entry, ForceRecord)]
+        if forces or valve is None:
+            evidence = force_exhibits(forces, result.curves)
+        else:
+            records = [entry for entry in measured if isinstance(entry, Record)]
+            evidence = gap_exhibits(result, base, valve, records)
+        write_file(outputs.report, gap_page(result, made_from, evidence), "--report")
         written.append(f"{outputs.report}: the report")
     return written
 
