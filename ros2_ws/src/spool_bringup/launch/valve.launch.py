@@ -137,24 +137,7 @@ def _nodes(context) -> list:
         own_source = {"source": wanted[0]}
         hosted |= set(wanted)
     if int(hosts):
-        # With -p they are the host's alone. Launch writes a dictionary in `parameters` to a file, for nodes
-        # of every name, and the host hands parameter files on to the nodes that it hosts.
-        given = {**own_source, "valves_file": LaunchConfiguration("valves_file").perform(context)}
-        for name in ("use_sim_time", "autostart", "state_folder"):
-            value = LaunchConfiguration(name).perform(context)
-            if value:
-                given[name] = value == "true" if name in FLAGS else value
-        nodes.append(
-            Node(
-                package="spool_bringup",
-                executable="host",
-                arguments=["--processes", hosts],
-                ros_arguments=[word for name, value in given.items() for word in rule(name, value)],
-                parameters=[params_file],
-                output="screen",
-                **again,
-            )
-        )
+        nodes.append(_host(context, hosts, own_source, parameters=[params_file], output="screen", **again))
     for valve in valves:
         own = {"valve_file": valve.valve_file} if valve.valve_file else {}
         for package, executable, extra, condition in (
@@ -196,6 +179,22 @@ def _nodes(context) -> list:
         )
     )
     return nodes
+
+
+def _host(context, processes: str, own: dict, **more) -> Node:
+    """Return the node of ``processes`` hosts, with its ``own`` parameters and those given to the launch.
+
+    With -p they are the host's alone. Launch writes a dictionary in `parameters` to a file, for nodes of
+    every name, and the host hands parameter files on to the nodes that it hosts.
+    """
+    given = {**own, "valves_file": LaunchConfiguration("valves_file").perform(context)}
+    for name in ("use_sim_time", "autostart", "state_folder"):
+        value = LaunchConfiguration(name).perform(context)
+        if value:
+            given[name] = value == "true" if name in FLAGS else value
+    words = [word for name, value in given.items() for word in rule(name, value)]
+    arguments = ["--processes", processes]
+    return Node(package="spool_bringup", executable="host", arguments=arguments, ros_arguments=words, **more)
 
 
 def _file_for(path: str, node: str) -> list:

@@ -51,8 +51,9 @@ class Record:
         self._folder = folder  # goes with the record
 
     @cached_property
+    @one_error
     def _recording(self) -> Recording:
-        return _loaded(self)
+        return load_recording(self.path, selected(self.part))
 
     @property
     def sample_rate(self) -> float:
@@ -191,12 +192,6 @@ AnyValve: TypeAlias = Valve | str | Path
 def selected(part: Part) -> Selection:
     """Return what the commands take for ``part``; unlike them, analyses do not take units."""
     return replace(part.selection(), how=None)
-
-
-@one_error
-def _loaded(record: Record) -> Recording:
-
-    return load_recording(record.path, selected(record.part))
 
 
 @one_error

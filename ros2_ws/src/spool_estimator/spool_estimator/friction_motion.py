@@ -1,5 +1,3 @@
-# A kernel takes numbers and arrays, in one piece:
-# ruff: noqa: PLR0912, PLR0915
 """Motion with dry friction: sticking and slipping, step by step.
 
 m z'' = -m w'' - k z - c v - F_c Sgn(v)
@@ -154,18 +152,11 @@ def advance_sample(
         end = velocity(v, d1, d2, d3, d4, d5, t)
         stops = s * end <= 0.0
         if stops:
-            before = 0.0
-            if s * v <= 0.0:
-                # Released and at rest again within the piece: find an instant of slip before that.
-                before = t
-                for _ in range(20):
-                    before *= 0.5
-                    if s * velocity(v, d1, d2, d3, d4, d5, before) > 0.0:
-                        break
-                if s * velocity(v, d1, d2, d3, d4, d5, before) <= 0.0:
-                    state[4] = state[6] = state[8] = 0.0
-                    v = s = 0.0  # too short to move: the next sample settles it
-                    break
+            before = 0.0 if s * v > 0.0 else _instant_of_slip(v, d1, d2, d3, d4, d5, s, t)
+            if before < 0.0:
+                state[4] = state[6] = state[8] = 0.0
+                v = s = 0.0  # too short to move: the next sample settles it
+                break
             t = _stopping_time(v, d1, d2, d3, d4, d5, s, before, t)
             end = 0.0
         force_by = (z, v, d1, d2), (v, d1, d2, d3), (s, 0.0, 0.0, 0.0)
@@ -178,18 +169,7 @@ def advance_sample(
         u = 1.0 if t >= rest else u + t / period
         if stops:
             need = -mass * (a0 + u * (b + u * d)) - k * z
-            slowing = (need - s * f) * per_mass
-            following = 0.0
-            s = 0.0
-            if abs(need) > f:
-                s = math.copysign(1.0, need)
-                following = (need - s * f) * per_mass
-            kept = following / slowing if slowing != 0.0 else 0.0
-            lost = (kept - 1.0) / period
-            spread_jump(spread, u, following - slowing, lost * state[4], lost * state[6], lost * state[8])
-            state[4] *= kept
-            state[6] *= kept
-            state[8] *= kept
+            s = _stop(state, spread, u, need, s, f, per_mass, period)
             first, last = min(first, u), u
     state[0], state[1], state[2] = z, v, s
     return first, last
@@ -245,6 +225,38 @@ def slip(state: Array, a0: float, am: float, a1: float, matrix: Array) -> bool:
     state[0] = _row(matrix, 0, z, v, s, a0, am, a1)
     state[1] = end
     return True
+
+
+@compiled
+def _stop(
+    state: Array, spread: Array, u: float, need: float, s: float, f: float, per_mass: float, period: float
+) -> float:
+    """End a slip in direction ``s`` at share ``u``: its acceleration jumps; return the direction after it."""
+    slowing = (need - s * f) * per_mass
+    following = 0.0
+    s = 0.0
+    if abs(need) > f:
+        s = math.copysign(1.0, need)
+        following = (need - s * f) * per_mass
+    kept = following / slowing if slowing != 0.0 else 0.0
+    lost = (kept - 1.0) / period
+    spread_jump(spread, u, following - slowing, lost * state[4], lost * state[6], lost * state[8])
+    state[4] *= kept
+    state[6] *= kept
+    state[8] *= kept
+    return s
+
+
+@compiled
+def _instant_of_slip(
+    v: float, d1: float, d2: float, d3: float, d4: float, d5: float, s: float, rest: float
+) -> float:
+    """Return a time of slip, s, before the spool is at ``rest`` again, -1 where it does not move."""
+    for halving in range(1, 21):
+        t: float = rest * 0.5**halving
+        if s * velocity(v, d1, d2, d3, d4, d5, t) > 0.0:
+            return t
+    return -1.0
 
 
 @compiled

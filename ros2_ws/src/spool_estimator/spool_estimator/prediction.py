@@ -269,19 +269,8 @@ def predict(
         # Halfway between samples by the polynomial of degree 5.
         am = (150.0 * (a0 + a1) - 25.0 * (ring[0, 1] + ring[0, 4]) + 3.0 * (ring[0, 0] + ring[0, 5])) / 256.0
         if sharpened:
-            a0 = a1 = 0.0
-            am, spool_then = sharpening[10] * ring[0, 5], sharpening[16] * ring[1, 5]
-            for i in range(5):
-                a0 += sharpening[i] * ring[0, i]
-                a1 += sharpening[i] * ring[0, i + 1]
-                am += sharpening[5 + i] * ring[0, i]
-                spool_then += sharpening[11 + i] * ring[1, i]
-        predicted, by_k, by_c, by_f = a0, 0.0, 0.0, 0.0
-        if motion[2] != 0.0:
-            predicted = -(k * motion[0] + c * motion[1] + motion[2] * f) * per_mass
-            by_k = -(k * motion[3] + c * motion[4] + motion[0]) * per_mass
-            by_c = -(k * motion[5] + c * motion[6] + motion[1]) * per_mass
-            by_f = -(k * motion[7] + c * motion[8] + motion[2]) * per_mass
+            a0, am, a1, spool_then = _sharpened(ring, sharpening)
+        predicted, by_k, by_c, by_f = _acceleration(motion, a0, k, c, f, per_mass)
         spread[0, 1] += predicted
         spread[1, 1] += by_k
         spread[2, 1] += by_c
@@ -298,9 +287,7 @@ def predict(
         memory[_POINT] = ring[1, 2] - predicted
         if memory[_SEEN] < 10.0:
             # The filters begin with the first whole row, as if it had been there always.
-            smooth[0, :] = memory[_POINT]
-            smooth[4, :] = memory[_POINT]
-            means[0, 0] = memory[_POINT]
+            smooth[0, :] = smooth[4, :] = means[0, 0] = memory[_POINT]
             means[6, 0] = ring[1, 2] - ring[0, 2]
         error = _smoothed(smooth, 0, error)
         row_k = _smoothed(smooth, 1, spread[1, 0])
@@ -315,19 +302,7 @@ def predict(
         if point_error != error:  # next to a jump
             sums[POINTWISE] += (point_error - constant) ** 2
             sums[BAND_LIMITED] += (error - constant) ** 2
-
-        memory[_V] = leak * memory[_V] + period * _high_pass(means, 6, share, ring[1, 2] - ring[0, 2])
-        memory[_Z] = leak * memory[_Z] + period * memory[_V]
-        sums[VELOCITY] += memory[_V] * memory[_V]
-        sums[DISPLACEMENT] += memory[_Z] * memory[_Z]
-        excitation = _high_pass(means, 4, share, a0)
-        sums[BODY] += excitation * excitation
-        target = mass * _high_pass(means, 5, share, predicted)
-        sums[TARGET] += target * target
-        sums[COUNT] += 1.0
-        # The fifth difference of a slow signal is that of its white noise: 1 + 25 + 100 + 100 + 25 + 1 = 252.
-        rough = ring[0, 5] - ring[0, 0] + 5.0 * (ring[0, 1] - ring[0, 4]) + 10.0 * (ring[0, 3] - ring[0, 2])
-        sums[NOISE] += rough * rough / 252.0
+        _add_signals(ring, means, memory, share, leak, period, a0, mass, predicted, sums)
         if pointwise:
             if near:
                 continue
@@ -336,15 +311,7 @@ def predict(
         row_k = to_k * _high_pass(means, 1, share, row_k)
         row_c = to_c * _high_pass(means, 2, share, row_c)
         row_f = to_f * _high_pass(means, 3, share, row_f)
-        gram[0, 0] += row_k * row_k
-        gram[0, 1] += row_k * row_c
-        gram[0, 2] += row_k * row_f
-        gram[1, 1] += row_c * row_c
-        gram[1, 2] += row_c * row_f
-        gram[2, 2] += row_f * row_f
-        product[0] += row_k * error
-        product[1] += row_c * error
-        product[2] += row_f * error
+        _add_row(gram, product, row_k, row_c, row_f, error)
         sums[RESIDUAL] += error * error
     for i in range(3):
         for j in range(i):
@@ -365,6 +332,68 @@ def _parts(state: Array) -> tuple[Array, Array, Array, Array, Array, Array]:
         state[47:_MEMORY].reshape(7, 2),
         state[_MEMORY:],
     )
+
+
+@compiled
+def _sharpened(ring: Array, weights: Array) -> tuple[float, float, float, float]:
+    """Return the body's acceleration at both ends of a step and halfway, and the spool's, unfiltered."""
+    a0 = a1 = 0.0
+    am, spool = weights[10] * ring[0, 5], weights[16] * ring[1, 5]
+    for i in range(5):
+        a0 += weights[i] * ring[0, i]
+        a1 += weights[i] * ring[0, i + 1]
+        am += weights[5 + i] * ring[0, i]
+        spool += weights[11 + i] * ring[1, i]
+    return a0, am, a1, spool
+
+
+@compiled
+def _acceleration(
+    motion: Array, body: float, k: float, c: float, f: float, per_mass: float
+) -> tuple[float, float, float, float]:
+    """Return the model's acceleration, m/s^2, and its derivatives by k, c, F_c; it sticks to the ``body``."""
+    if motion[2] == 0.0:
+        return body, 0.0, 0.0, 0.0
+    return (
+        -(k * motion[0] + c * motion[1] + motion[2] * f) * per_mass,
+        -(k * motion[3] + c * motion[4] + motion[0]) * per_mass,
+        -(k * motion[5] + c * motion[6] + motion[1]) * per_mass,
+        -(k * motion[7] + c * motion[8] + motion[2]) * per_mass,
+    )
+
+
+@compiled
+def _add_signals(
+    ring: Array, means: Array, memory: Array, share: float, leak: float, period: float, body: float,
+    mass: float, predicted: float, sums: Array
+) -> None:  # fmt: skip
+    """Add the squares of what a sample shows by itself: excitation, motion, force of the model, noise."""
+    memory[_V] = leak * memory[_V] + period * _high_pass(means, 6, share, ring[1, 2] - ring[0, 2])
+    memory[_Z] = leak * memory[_Z] + period * memory[_V]
+    sums[VELOCITY] += memory[_V] * memory[_V]
+    sums[DISPLACEMENT] += memory[_Z] * memory[_Z]
+    excitation = _high_pass(means, 4, share, body)
+    sums[BODY] += excitation * excitation
+    target = mass * _high_pass(means, 5, share, predicted)
+    sums[TARGET] += target * target
+    sums[COUNT] += 1.0
+    # The fifth difference of a slow signal is that of its white noise: 1 + 25 + 100 + 100 + 25 + 1 = 252.
+    rough = ring[0, 5] - ring[0, 0] + 5.0 * (ring[0, 1] - ring[0, 4]) + 10.0 * (ring[0, 3] - ring[0, 2])
+    sums[NOISE] += rough * rough / 252.0
+
+
+@compiled
+def _add_row(gram: Array, product: Array, k: float, c: float, f: float, error: float) -> None:
+    """Add one row of least squares: derivatives by three parameters, and the error."""
+    gram[0, 0] += k * k
+    gram[0, 1] += k * c
+    gram[0, 2] += k * f
+    gram[1, 1] += c * c
+    gram[1, 2] += c * f
+    gram[2, 2] += f * f
+    product[0] += k * error
+    product[1] += c * error
+    product[2] += f * error
 
 
 @compiled

@@ -74,6 +74,21 @@ class _Ramp:
         return self.start * (1.0 - share) + self.target * share
 
 
+def _check_times(sample_rate: float, block_size: int, start_stamp: int, highest: float) -> None:
+    """Raise InputError where a time is out of range, or no sample rate for ``highest`` (Hz)."""
+    if not (math.isfinite(sample_rate) and 1.0 <= sample_rate <= 1e6):
+        raise InputError(f"sample_rate: {sample_rate:g} Hz is out of range, use 1 to 1e6 Hz")
+    if not 1 <= block_size <= 1_000_000:
+        raise InputError(f"block_size: {block_size} is out of range, use 1 to 1000000 samples")
+    if start_stamp <= 0:
+        raise InputError(f"start_stamp: {start_stamp} ns must be > 0")
+    if highest >= 0.5 * sample_rate:
+        raise InputError(
+            f"sample_rate: {sample_rate:g} Hz cannot hold an excitation of up to {highest:g} Hz, "
+            "use more than twice that"
+        )
+
+
 class Simulator:
     """Source of the blocks of one simulated valve.
 
@@ -115,17 +130,7 @@ class Simulator:
         Raises:
             InputError: a value is out of range, or the excitation does not fit the sample rate.
         """
-        if not (math.isfinite(sample_rate) and 1.0 <= sample_rate <= 1e6):
-            raise InputError(f"sample_rate: {sample_rate:g} Hz is out of range, use 1 to 1e6 Hz")
-        if not 1 <= block_size <= 1_000_000:
-            raise InputError(f"block_size: {block_size} is out of range, use 1 to 1000000 samples")
-        if start_stamp <= 0:
-            raise InputError(f"start_stamp: {start_stamp} ns must be > 0")
-        if excitation.highest_frequency >= 0.5 * sample_rate:
-            raise InputError(
-                f"sample_rate: {sample_rate:g} Hz cannot hold an excitation of up to "
-                f"{excitation.highest_frequency:g} Hz, use more than twice that"
-            )
+        _check_times(sample_rate, block_size, start_stamp, excitation.highest_frequency)
         self.valve = valve
         self.excitation = excitation
         self.model = load_model(model) if isinstance(model, str) else model
@@ -155,13 +160,9 @@ class Simulator:
         self._motion = composed_motion.ComposedMotion(self.model.terms)
         self._motion.warm_up()
         self._substeps, _ = composed_motion.checked_substeps(
-            self._motion,
-            values,
-            excitation.acceleration,
-            seconds=min(1.0, _TRIAL_SAMPLES / self.sample_rate),
-            sample_rate=self.sample_rate,
-            highest_frequency=excitation.highest_frequency,
-        )
+            self._motion, values, excitation.acceleration, highest_frequency=excitation.highest_frequency,
+            sample_rate=self.sample_rate, seconds=min(1.0, _TRIAL_SAMPLES / self.sample_rate),
+        )  # fmt: skip
         sensors = self._body_channel.sensor, self._spool_channel.sensor
         self._streams: tuple[Stream, ...] = ()
         if any(one.filter.kind != INSTANTS for one in sensors):
