@@ -23,15 +23,8 @@ _TYPES: dict[str, type] = {
 }  # fmt: skip
 #: Options of commands that are true or false, that hold pairs, and those of another name here.
 _SWITCHES = (
-    "thorough",
-    "profiles",
-    "sensor_gain",
-    "sensor_delay",
-    "force_free",
-    "empty_as_gap",
-    "together",
-    "refits",
-)
+    "thorough", "profiles", "sensor_gain", "sensor_delay", "force_free", "empty_as_gap", "together", "refits",
+)  # fmt: skip
 _PAIRS = ("columns", "unit", "scale", "topic")
 _OTHER_NAMES = {"force": "replace"}
 _VALUE = r"""'[^']*'|[^\s'"=]+=[^\s;]*[^\s;,.:]|(?<=--id )\w+|-?\d[\d.]*(?=[\s,;:]|$)"""

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
 import numpy as np
+from numpy.typing import NDArray
 from spool_bag.importing.bag_import import import_record
 from spool_core.errors import InputError
 from spool_core.numbers import Array
@@ -493,15 +494,9 @@ def _read_arrays(source: Any, part: Part, request: ImportRequest) -> Record:
     Raises:
         InputError: they are no record, or what they hold is ambiguous.
     """
-    import pyarrow as pa  # noqa: PLC0415 - slow to load
-    from pyarrow import parquet  # noqa: PLC0415
-
     folder, file = _place("arrays.parquet")
     with folder:
-        try:
-            parquet.write_table(_table(source, request.rate), file)
-        except (pa.ArrowException, TypeError) as error:
-            raise InputError(f"arrays: {' '.join(str(error).split())}: give numbers and times") from error
+        _write_arrays(source, request.rate, file)
         try:
             return _imported([file], part, request)
         except InputError as error:
@@ -522,24 +517,33 @@ def _pairs(argument: str, given: Mapping[str, str] | None) -> tuple[str, ...]:
     return tuple(f"{role}={text}" for role, text in (given or {}).items())
 
 
-def _table(source: Any, rate: float | None) -> Any:
-    """Return a mapping of arrays, an array, a pandas, Polars or Arrow table as an Arrow table."""
-    import pyarrow as pa  # noqa: PLC0415
+def _write_arrays(source: Any, rate: float | None, file: Path) -> None:
+    """Write a mapping of arrays, an array, a pandas, Polars or Arrow table as a Parquet file."""
+    import pyarrow.parquet  # noqa: PLC0415 - slow to load
 
+    try:
+        if isinstance(source, pyarrow.Table):
+            table = source
+        elif hasattr(source, "columns") and hasattr(source, "index"):  # pandas
+            kept = source.index.name is not None or str(source.index.dtype).startswith("datetime64")
+            table = pyarrow.Table.from_pandas(source, preserve_index=kept)
+            names = ["time" if one == "__index_level_0__" else one for one in table.column_names]
+            table = table.rename_columns(names)
+        elif hasattr(source, "to_arrow"):  # polars
+            table = source.to_arrow()
+        else:
+            table = pyarrow.table({key: pyarrow.array(row) for key, row in _rows(source, rate).items()})
+        pyarrow.parquet.write_table(table, file)
+    except (pyarrow.ArrowException, TypeError) as error:
+        raise InputError(f"arrays: {' '.join(str(error).split())}: give numbers and times") from error
+
+
+def _rows(source: Any, rate: float | None) -> dict[str, NDArray[Any]]:
+    """Return the columns of a mapping of arrays or an array by name, each of one value a sample."""
     if isinstance(source, Mapping):
         named = {str(key): np.asarray(value) for key, value in source.items()}
     elif isinstance(source, np.ndarray):
         named = _named(source, rate)
-    elif isinstance(source, pa.Table):
-        return source
-    elif hasattr(source, "columns") and hasattr(source, "index"):  # pandas
-        kept = source.index.name is not None or str(source.index.dtype).startswith("datetime64")
-        table = pa.Table.from_pandas(source, preserve_index=kept)
-        return table.rename_columns(
-            [{"__index_level_0__": "time"}.get(one, one) for one in table.column_names]
-        )
-    elif hasattr(source, "to_arrow"):  # polars
-        return source.to_arrow()
     else:
         raise InputError(
             f"spool.read: {type(source).__name__} is no record: give a path, a pandas table, a mapping of "
@@ -553,7 +557,7 @@ def _table(source: Any, rate: float | None) -> Any:
     if len(set(sizes.values())) > 1:
         said = ", ".join(f"{key} has {size}" for key, size in sizes.items())
         raise InputError(f"arrays: lengths differ: {said} values: give arrays of one length")
-    return pa.table({key: pa.array(row) for key, row in flat.items()})
+    return flat
 
 
 def _named(array: Any, rate: float | None) -> dict[str, Any]:

@@ -10,9 +10,12 @@ import importlib
 import inspect
 import pkgutil
 from types import ModuleType
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from spool_core.errors import InputError, add_on_missing
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
 
 Found = TypeVar("Found")
 
@@ -44,18 +47,23 @@ def objects_in(package: str, kind: type[Found]) -> list[Found]:
     return list({id(entry): entry for entry in found}.values())
 
 
+def offered(group: str) -> list[EntryPoint]:
+    """Return the entry points of ``group`` of all installed distributions, by name."""
+    from importlib.metadata import entry_points  # noqa: PLC0415 - loads email and zipfile
+
+    return sorted(entry_points(group=group), key=lambda one: one.name)
+
+
 def modules_of(package: str, suffix: str = "") -> list[ModuleType]:
     """Return the modules of ``package`` whose names end with ``suffix``, then those that others add.
 
     Raises:
         InputError: a module of another distribution cannot be loaded; both are named.
     """
-    from importlib.metadata import entry_points  # noqa: PLC0415 - loads email and zipfile
-
     names = {module.name for module in pkgutil.iter_modules(importlib.import_module(package).__path__)}
     own = sorted(name for name in names - {"base"} if name.endswith(suffix))
     found = [importlib.import_module(f"{package}.{name}") for name in own]
-    for entry in sorted(entry_points(group=package), key=lambda one: one.name):
+    for entry in offered(package):
         name = entry.dist.name if entry.dist is not None else "a distribution without a name"
         try:
             found.append(importlib.import_module(entry.value))

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from spool_core.block import Block, joined
 from spool_core.block_gate import Verdict
+from spool_core.discovery import offered
 from spool_core.errors import InputError
 from spool_core.system import give_way
 
@@ -116,17 +117,15 @@ class GapAnswer:
 
 def analyse_task(task: GapTask) -> GapAnswer:
     """Return the analysis of ``task``; a record that cannot be analysed is an answer with a reason."""
-    from importlib.metadata import entry_points  # noqa: PLC0415 - loads email and zipfile
-
-    offered = {one.name: one for one in entry_points(group=ANALYSIS)}
-    if not offered:
+    entries = {one.name: one for one in offered(ANALYSIS)}
+    if not entries:
         return task.failed("spool_gap is not installed: build and source it")
     parts = [without_strokes(one, task.valve.natural_frequency)[0] for one in task.records]
     try:  # loaded in the worker only
-        found = offered["analyse"].load()([one for some in parts for one in some], task.valve, task.base)
+        found = entries["analyse"].load()([one for some in parts for one in some], task.valve, task.base)
     except InputError as error:
         return task.failed(str(error))
-    text = json.dumps(offered["to_dict"].load()(found), allow_nan=False)
+    text = json.dumps(entries["to_dict"].load()(found), allow_nan=False)
     return GapAnswer(task.stamp, True, found.sentence, task.seconds, found.verdict, found.confidence, text)
 
 

@@ -1,10 +1,7 @@
 """Program ``estimator``."""
 
-from __future__ import annotations
+from functools import partial
 
 from spool_core.node.program import start
 
-
-def main() -> int:
-    """Run the node."""
-    return start("spool_estimator.estimator_node", "EstimatorNode")
+main = partial(start, "spool_estimator.estimator_node", "EstimatorNode")

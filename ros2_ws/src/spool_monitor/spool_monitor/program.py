@@ -1,10 +1,7 @@
 """Program ``monitor``."""
 
-from __future__ import annotations
+from functools import partial
 
 from spool_core.node.program import start
 
-
-def main() -> int:
-    """Run the node."""
-    return start("spool_monitor.monitor_node", "MonitorNode")
+main = partial(start, "spool_monitor.monitor_node", "MonitorNode")

@@ -1,10 +1,7 @@
 """Program ``simulator``."""
 
-from __future__ import annotations
+from functools import partial
 
 from spool_core.node.program import start
 
-
-def main() -> int:
-    """Run the node."""
-    return start("spool_sim.simulator_node", "SimulatorNode")
+main = partial(start, "spool_sim.simulator_node", "SimulatorNode")

@@ -16,6 +16,7 @@ from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
 import typer
 from spool_bag import no_such_bag
+from spool_core.discovery import offered
 from spool_core.errors import InputError, add_on_missing
 from spool_report.outputs import STANDARD_OUTPUT, check_output, replace_existing, text_to_stderr
 from spool_report.requests import EXPERT, PART
@@ -218,9 +219,7 @@ class Command:
 @cache
 def command_modules() -> dict[str, str]:
     """Return the full name of each command's module by the command's name."""
-    from importlib.metadata import entry_points  # noqa: PLC0415 - loads email and zipfile, --version needs none
-
-    packages = {entry.value for entry in entry_points(group=ENTRY_POINTS)}
+    packages = {entry.value for entry in offered(ENTRY_POINTS)}
     if find_spec(RESEARCH) is not None:
         packages.add(f"{RESEARCH}.commands")
     return {

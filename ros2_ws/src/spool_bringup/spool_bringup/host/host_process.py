@@ -12,11 +12,11 @@ import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from importlib.metadata import entry_points
 from typing import Any, ClassVar
 
 import rclpy
 from rclpy.lifecycle import TransitionCallbackReturn
+from spool_core.discovery import offered
 from spool_core.errors import InputError
 from spool_core.node.block_hub import BlockHub, Throttle, TopicTimes, Worker
 from spool_core.node.diagnostics import DiagnosticPublisher, Level, Status
@@ -27,7 +27,9 @@ from spool_core.node.stop import STOP, Phase, StopRequested
 from spool_core.system import BUDGET, resident_memory
 from spool_core.text import plural
 from spool_estimator.estimator_node import EstimatorNode
+from spool_estimator.warm_up import warm_up_estimator
 from spool_monitor.monitor_node import MonitorNode
+from spool_monitor.warm_up import warm_up_monitor
 
 from spool_bringup.host.arguments import (
     FirstList,
@@ -196,6 +198,12 @@ class HostProcess:
     _cpu: float = 0.0
     _throttle: Throttle = field(default_factory=Throttle)
     _workload: Workload = field(default_factory=Workload)
+
+    @staticmethod
+    def warm_up() -> None:
+        """Compile what estimators and monitors need, or load it from the disk."""
+        warm_up_estimator()
+        warm_up_monitor()
 
     def run(self) -> int:
         """Start the nodes, spin until a signal, end them; return the exit code."""
@@ -457,13 +465,13 @@ def load_source(name: str) -> type[ManagedNode] | None:
     """
     if name == NONE:
         return None
-    offered = {one.name: one for one in entry_points(group=SOURCES)}
-    if name not in offered:
-        known = ", ".join([NONE, *sorted(offered)])
+    entries = {one.name: one for one in offered(SOURCES)}
+    if name not in entries:
+        known = ", ".join([NONE, *entries])
         raise InputError(f"source: no package offers {name!r}; there are {known}")
-    kind = offered[name].load()
+    kind = entries[name].load()
     if not (isinstance(kind, type) and issubclass(kind, ManagedNode)):
-        raise InputError(f"source: {offered[name].value} of {name!r} is no managed node")
+        raise InputError(f"source: {entries[name].value} of {name!r} is no managed node")
     return kind
 
 

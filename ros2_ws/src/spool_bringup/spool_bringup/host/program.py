@@ -63,14 +63,10 @@ def main() -> int:
 def _load(arguments: list[str], valves: FirstList) -> Run:
     """Load what the processes of a host share, and return what runs one."""
     with libraries_reported("host"):
-        from spool_estimator.warm_up import warm_up_estimator  # noqa: PLC0415 - slow to load, once for all
-        from spool_monitor.warm_up import warm_up_monitor  # noqa: PLC0415
-
-        from spool_bringup.host.host_process import HostProcess  # noqa: PLC0415
+        from spool_bringup.host.host_process import HostProcess  # noqa: PLC0415 - slow to load, once for all
 
     with _compiling_said():
-        warm_up_estimator()
-        warm_up_monitor()
+        HostProcess.warm_up()
     return lambda number, heartbeat: HostProcess(arguments, number, heartbeat, valves).run()
 
 
