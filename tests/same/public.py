@@ -32,7 +32,7 @@ def commands(group: Any, path: str = "") -> Iterator[tuple[str, list[str]]]:
 
 def names(owner: Any, known: Any, path: str) -> Iterator[tuple[str, list[str]]]:
     for name in sorted(known):
-        one = inspect.getattr_static(owner, name)
+        one = getattr(owner, name) if inspect.ismodule(owner) else inspect.getattr_static(owner, name)
         if not name.startswith("_") and not hasattr(ValueError, name):
             shown = str(inspect.signature(one)) if inspect.isroutine(one) else type(one).__name__
             yield f"{path}.{name}", [shown, *(inspect.getdoc(one) or "").splitlines()]

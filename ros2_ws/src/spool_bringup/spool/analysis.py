@@ -23,7 +23,7 @@ from spool_sim.valve import read_mapping
 from spool import results
 from spool.errors import in_python, one_error
 from spool.record import AnyRecord, AnyValve, listed, part_of, path_of, selected, valve_files
-from spool.results import Fit, Gap
+from spool.results import Comparison, Fit, Gap, Replay, SetUpsFit, WhatIf
 
 #: What ``gap`` takes for its kind.
 KINDS = ("accelerations", "driven", "imposed")
@@ -90,7 +90,7 @@ def fit_setups(
     force_free: bool = False,
     sensor_gain: bool = False,
     sensor_delay: bool = False,
-) -> results.SetUpsFit:
+) -> SetUpsFit:
     """Fit one model to records of several set-ups of one valve together.
 
     Example:
@@ -131,7 +131,7 @@ def fit_setups(
     for one in found.data:
         for doubt in one.doubts:
             warnings.warn(in_python(f"{one.name}: {doubt}"), stacklevel=3)
-    return results.SetUpsFit(found)
+    return SetUpsFit(found)
 
 
 @one_error
@@ -150,7 +150,7 @@ def compare(
     since: str | None = None,
     until: str | None = None,
     around: str | None = None,
-) -> results.Comparison:
+) -> Comparison:
     """Fit several models to records and rank them.
 
     Args:
@@ -178,7 +178,7 @@ def compare(
             holdout=held_out, sensor_gain=sensor_gain, sensor_delay=sensor_delay,
         )  # fmt: skip
         found = compare_records(request, selected(part))
-    return results.Comparison(*found)
+    return Comparison(*found)
 
 
 @one_error
@@ -266,7 +266,7 @@ def replay(
     until: str | None = None,
     around: str | None = None,
     language: str = "",
-) -> results.Replay:
+) -> Replay:
     """Run the live estimator and monitor over a record.
 
     Args:
@@ -299,7 +299,7 @@ def replay(
         )  # fmt: skip
         with results.keeping_backend() if report else contextlib.nullcontext():
             found = replay_bag(request, page if report else None, baseline_time)
-        return results.Replay(found, page.read_text(encoding="utf-8") if report else "")
+        return Replay(found, page.read_text(encoding="utf-8") if report else "")
 
 
 @one_error
@@ -318,7 +318,7 @@ def what_if(
     frequency_range: tuple[float, float] | None = None,
     speed_range: tuple[float, float] | None = None,
     orders: Sequence[float] = (),
-) -> results.WhatIf:
+) -> WhatIf:
     """Predict the response of a valve under changed conditions, and compare it with today.
 
     Example:
@@ -365,7 +365,7 @@ def what_if(
             speed_range=None if speed_range is None else ":".join(map(str, speed_range)),
             orders=",".join(map(str, orders)) or None,
         )  # fmt: skip
-        return results.WhatIf(predict(request))
+        return WhatIf(predict(request))
 
 
 def _with_paths(setups: Mapping[str, Any]) -> dict[str, Any]:
