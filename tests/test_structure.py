@@ -29,8 +29,8 @@ SOURCE = ROOT / "ros2_ws" / "src"
 RESEARCH = {path.parent.name for path in (ROOT / "research").glob("*/__init__.py")}
 #: What was measured. A limit is only lowered: a feature is paid by a removal in the same change.
 RATCHETS = {
-    "lines": 84_860,
-    "lines of code": 54_261,
+    "lines": 84_778,
+    "lines of code": 54_246,
     "files": 378,
     "lines of research": 13_085,
     "lines up to the last import, %": 8.14,
