@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import typer
-from spool_report.requests import ExcitationName, ShippedValve, excitation_names, model_names
-from spool_tools.command import in_range
+from spool_report.requests import ExcitationName, ShippedValve, excitation_names, in_range, model_names
 
 
 @dataclass(frozen=True, slots=True)
