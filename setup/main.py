@@ -73,7 +73,7 @@ def commands(root: Path) -> dict[str, str]:
         root: of the repository.
     """
     files = [
-        *(root / "ros2_ws").glob(f"[as]*/*/*/**/commands/*{SUFFIX}"),
+        *(root / "ros2_ws").glob(f"[as]*/*/spool_*/**/*{SUFFIX}"),
         *(root / "research").glob(f"*/commands/*{SUFFIX}"),
     ]
     found = [(file.name.removesuffix(SUFFIX).replace("_", "-"), *_declared(file)) for file in files]

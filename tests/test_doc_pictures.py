@@ -26,7 +26,8 @@ def test_a_picture_is_the_one_whose_labels_are_stated(name: str) -> None:
 def test_a_report_still_has_the_labels_of_its_picture(name: str) -> None:
     source = "".join(
         path.read_text("utf-8")
-        for path in sorted((ROOT / "ros2_ws/src/spool_report/spool_report").rglob("*.py"))
+        for folder in ("src/spool_report/spool_report", "addons/spool_design/spool_design")
+        for path in sorted((ROOT / "ros2_ws" / folder).rglob("*.py"))
     )
     missing = [label for label in STATED[name]["labels"] if label not in source]
     assert not missing, "make the picture again, as above"

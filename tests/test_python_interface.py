@@ -17,7 +17,8 @@ import pandas as pd
 import pytest
 import spool
 from spool.errors import in_python
-from spool_report import requests
+from spool_design.requests import WhatIfRequest
+from spool_report.requests import CompareRequest, FitRequest, GapRequest
 from spool_tools.cli import main
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -182,11 +183,11 @@ def test_wrong_input_is_one_type_of_error_with_one_line(wrong) -> None:
     assert "--" not in str(caught.value)
 
 
-@pytest.mark.parametrize("name", ["fit", "compare", "gap", "what_if"])
-def test_a_call_takes_the_options_of_its_command_with_their_defaults(name: str) -> None:
-    request = getattr(requests, f"{name.title().replace('_', '')}Request")
+@pytest.mark.parametrize("request_type", [FitRequest, CompareRequest, GapRequest, WhatIfRequest])
+def test_a_call_takes_the_options_of_its_command_with_their_defaults(request_type: type) -> None:
+    name = {"WhatIf": "what_if"}.get(kind := request_type.__name__.removesuffix("Request"), kind.lower())
     taken = inspect.signature(getattr(spool, name)).parameters
-    for option in fields(request):
+    for option in fields(request_type):
         default = taken[option.name].default
         if isinstance(option.default, bool | float | str):
             assert default == option.default

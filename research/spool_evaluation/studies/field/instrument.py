@@ -142,7 +142,8 @@ def stretches_as_told(record: Path, valve_file: Path) -> tuple[list[Record], Val
     from spool_bag.importing.bag_import import import_record  # noqa: PLC0415
     from spool_bag.importing.choices import choices  # noqa: PLC0415
     from spool_estimator.identification.record import LARGEST  # noqa: PLC0415
-    from spool_report.records.record_loading import Selection, load_recordings, stretches_of  # noqa: PLC0415
+    from spool_report.records.record_loading import load_recordings, stretches_of  # noqa: PLC0415
+    from spool_report.requests import Selection  # noqa: PLC0415
 
     selection = Selection(longest=LARGEST)
     try:

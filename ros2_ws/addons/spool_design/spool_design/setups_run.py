@@ -13,8 +13,8 @@ from spool_estimator.identification.setups import SetUp, fit_setups
 from spool_report.fit_tables import LONGEST_NAME, save_model
 from spool_report.outputs import ResultFiles, check_output, write_file, write_json
 from spool_report.ranking import validated
-from spool_report.records.record_loading import FitData, Selection, load_data
-from spool_report.requests import FitRequest
+from spool_report.records.record_loading import FitData, load_data
+from spool_report.requests import FitRequest, Selection
 from spool_report.runs.fit_run import fit_settings
 from spool_report.terminal import progress, warn
 from spool_sim.model import load_model

@@ -15,8 +15,7 @@ from spool_core.errors import InputError
 from spool_core.system import expanded
 from spool_core.text import did_you_mean
 from spool_report.outputs import ResultFiles
-from spool_report.records.record_loading import Selection
-from spool_report.requests import CompareRequest, FitRequest, GapRequest
+from spool_report.requests import CompareRequest, FitRequest, GapRequest, Selection
 from spool_report.runs.fit_run import compare_records, fit_records
 from spool_sim.valve import read_mapping
 

@@ -21,9 +21,9 @@ from spool_core.numbers import Array
 from spool_core.system import expanded
 from spool_report.outputs import replace_existing
 from spool_report.records import simulation
-from spool_report.records.record_loading import Recording, Selection, load_recording
+from spool_report.records.record_loading import Recording, load_recording
 from spool_report.records.valve_sheet import described, file_text
-from spool_report.requests import ImportRequest, Part, SimulationSettings
+from spool_report.requests import ImportRequest, Part, Selection, SimulationSettings
 from spool_sim.valve import Valve, find_valve
 
 from spool.errors import one_error

@@ -150,11 +150,11 @@ def test_a_host_of_several_processes_says_that_it_compiles(
         KernelCache.watch(1)
         KernelCache.watch(-1)
 
-    monkeypatch.setattr("spool_estimator.warm_up.warm_up_estimator", compiles)
-    monkeypatch.setattr("spool_monitor.warm_up.warm_up_monitor", lambda: None)
+    monkeypatch.setattr("spool_bringup.host.host_process.warm_up_estimator", compiles)
+    monkeypatch.setattr("spool_bringup.host.host_process.warm_up_monitor", lambda: None)
     program._load([], program.FirstList())
     assert "compiling the numerical kernels" in capsys.readouterr().err
-    monkeypatch.setattr("spool_estimator.warm_up.warm_up_estimator", lambda: None)
+    monkeypatch.setattr("spool_bringup.host.host_process.warm_up_estimator", lambda: None)
     program._load([], program.FirstList())
     assert not capsys.readouterr().err
 

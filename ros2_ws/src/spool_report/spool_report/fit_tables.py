@@ -92,7 +92,7 @@ def to_dictionary(validated: ValidatedFit) -> dict[str, Any]:
             "order": found.observation.order,
             "corner_Hz": found.observation.corner / data.fitted[0].sample_period,
             "body_corner_Hz": found.observation.of_body().corner / data.fitted[0].sample_period,
-            "shape": found.observation.shape,
+            "shape": found.observation.shape or 0.0,
         },
         "correlation": {"parameters": found.observable, "matrix": found.correlation},
         "objective": math.nan if fitted is None else fitted.objective,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -13,8 +13,6 @@ from spool_core.errors import InputError
 
 if TYPE_CHECKING:
     from spool_bag.importing.choices import Choices
-
-    from spool_report.records.record_loading import Selection
 
 #: Panels of options: the part of a record to use, and what few need.
 PART, EXPERT = "Part of the record", "Expert"
@@ -155,6 +153,38 @@ class TimeSpan:
 EVER = TimeSpan()
 
 
+@dataclass(frozen=True, slots=True)
+class Selection:
+    """Selection of what to take of each record.
+
+    Attributes:
+        name: namespace of the valve, needed where a bag holds several.
+        columns: a file's own names by contract name, ``None`` where they are the contract's.
+        start, stop: s since the record's first sample; all of it by default.
+        longest: samples of a bag that are held at most, parts of a longer one; ``None``: all.
+        described: look for the valve's description in a bag.
+        when: span of a bag.
+        how: units, sensitivities, rate and left out columns of a file, ``None`` where nobody can say that.
+    """
+
+    name: str | None = None
+    columns: Mapping[str, str] | None = None
+    start: float = 0.0
+    stop: float = math.inf
+    longest: int | None = None
+    described: bool = True
+    when: TimeSpan = EVER
+    how: Choices | None = None
+
+    def __post_init__(self) -> None:
+        """Raises InputError where no time is left between ``start`` and ``stop``."""
+        if not 0.0 <= self.start < self.stop:
+            raise InputError(
+                f"--start {self.start:g} s, --stop {self.stop:g} s: use 0 <= start < stop, "
+                "counted from the record's first sample"
+            )
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Part:
     """Part of a record and how it is read."""
@@ -171,9 +201,7 @@ class Part:
 
     def selection(self) -> Selection:
         """Return what the readers of records take."""
-        from spool_bag.importing.choices import choices, columns_of  # noqa: PLC0415 - slow to load, as below
-
-        from spool_report.records.record_loading import Selection  # noqa: PLC0415
+        from spool_bag.importing.choices import choices, columns_of  # noqa: PLC0415 - slow to load
 
         how = choices(unit=self.unit, scale=self.scale, rate=self.rate, exclude=self.exclude)
         stop = math.inf if self.stop is None else self.stop

@@ -11,7 +11,8 @@ from spool_core.block import joined
 from spool_core.errors import InputError
 from spool_core.numbers import Array
 from spool_estimator.identification.fit import fit
-from spool_report.records.record_loading import Selection, load_data, load_recording
+from spool_report.records.record_loading import load_data, load_recording
+from spool_report.requests import Selection
 from spool_report.runs.record_quality import quality_of
 from spool_sim.excitation import from_mapping
 from spool_sim.model import load_model

@@ -13,7 +13,8 @@ from spool_estimator.identification.free_run import USUAL
 from spool_estimator.identification.record import Record
 from spool_report.fit_curves import overlay, sensor_noise
 from spool_report.ranking import WORTH, Rank, away_from_jumps, fit_and_validate, no_worse, ordered
-from spool_report.records.record_loading import Selection, load_data, load_recording
+from spool_report.records.record_loading import load_data, load_recording
+from spool_report.requests import Selection
 from spool_sim.excitation import SteadySine
 from spool_sim.model import load_model
 from spool_sim.observation import INSTANTS, Observation

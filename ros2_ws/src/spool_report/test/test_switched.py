@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from spool_report.records.record_loading import Selection, load_data
+from spool_report.records.record_loading import load_data
+from spool_report.requests import Selection
 from spool_sim.excitation import MachineOrders
 from spool_sim.simulator import Simulator
 from spool_sim.strokes import Strokes

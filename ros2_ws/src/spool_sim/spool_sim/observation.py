@@ -50,14 +50,14 @@ class Observation:
             a whole number.
         corner: over the sample rate.
         body_corner: of the body's channel, if it has another one than the spool's.
-        shape: of ``causal``: -1 is Bessel's, 0 Butterworth's, above 0 Chebyshev's (first kind), steeper.
+        shape: of ``causal``, if not Butterworth's (0): -1 is Bessel's, above 0 Chebyshev's (first kind).
     """
 
     kind: str = INSTANTS
     order: float = 0.0
     corner: float = math.inf
     body_corner: float | None = None
-    shape: float = 0.0
+    shape: float | None = None
 
     def of_body(self) -> Observation:
         """Return how the body's channel is read."""
@@ -75,12 +75,14 @@ class Observation:
             usual = next(one for one in USUAL_ONES if one.kind == kind)
             if not rest:
                 return usual
-            numbers = [float(part) for part in rest]
-            order, corner, shape = numbers if kind == CAUSAL and numbers[2:] else [*numbers, 0.0]
+            order, corner, *more = (float(part) for part in rest)
             whole = kind != CAUSAL or order % 1.0 == 0.0
-            real = 1.0 <= order <= 24.0 and 0.05 <= corner <= 0.5 and SHAPES[0] <= shape <= SHAPES[1]
-            if usual.order and real and whole:
-                return cls(kind, order, corner, shape=shape)
+            if usual.order and 1.0 <= order <= 24.0 and 0.05 <= corner <= 0.5 and whole:
+                if not more:
+                    return cls(kind, order, corner)
+                (shape,) = more
+                if kind == CAUSAL and SHAPES[0] <= shape <= SHAPES[1]:
+                    return cls(kind, order, corner, shape=shape)
         raise InputError(
             f"filter: {text!r}: use {INSTANTS}, {MEAN}, {LINEAR} or {CAUSAL}; the last two may have order (1 "
             f"to 24, whole for {CAUSAL}) and corner (0.05 to 0.5 of the sample rate), like {LINEAR},6,0.42; "
@@ -89,15 +91,16 @@ class Observation:
 
     def __str__(self) -> str:
         """Return the text that ``of`` takes."""
-        numbers = (self.order, self.corner, self.shape)[: 3 if self.shape else 2 if self.order else 0]
-        return ",".join([self.kind, *(f"{one:g}" for one in numbers)])
+        numbers = (self.order, self.corner, self.shape) if self.order else ()
+        return ",".join([self.kind, *(f"{one:g}" for one in numbers if one is not None)])
 
     def sentence(self, rate: float) -> str:
         """Describe the reading at sample ``rate``, Hz, in words."""
         corner = f", corner {self.corner * rate:.4g} Hz"
         if self.body_corner is not None:
             corner += f" (body: acts like {self.body_corner * rate:.4g} Hz)"
-        family = "Butterworth" if abs(self.shape) < 0.5 else "Bessel" if self.shape < 0.0 else "Chebyshev"
+        shape = self.shape or 0.0
+        family = "Butterworth" if abs(shape) < 0.5 else "Bessel" if shape < 0.0 else "Chebyshev"
         return {
             INSTANTS: "none: samples at instants",
             MEAN: "mean over each sample",
@@ -114,7 +117,7 @@ class Observation:
         ratio = frequency / self.corner
         if self.kind == LINEAR:
             return (1.0 / (1.0 + ratio ** (2 * self.order))).astype(np.complex128)
-        poles = poles_of(int(self.order), self.shape)
+        poles = poles_of(int(self.order), self.shape or 0.0)
         found: Spectrum = np.exp(1j * ratio * float(np.sum((-1.0 / poles).real)))
         for pole in poles:
             found /= 1.0 - 1j * ratio / pole

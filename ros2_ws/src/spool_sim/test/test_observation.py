@@ -164,6 +164,5 @@ def test_a_causal_filter_of_any_shape_halves_the_power_at_its_corner(
     below, at = np.abs(one.response(np.array([1e-4, corner]))) ** 2
     assert at == pytest.approx(0.5, abs=1e-4)
     assert below == pytest.approx(1.0, abs=1e-4)
-    said = Observation.of(str(one))
-    assert said.shape == pytest.approx(shape, rel=1e-4)
-    assert "low-pass, order" in said.sentence(1000.0)
+    assert Observation.of(str(one)).shape == pytest.approx(shape, rel=1e-4)
+    assert "low-pass, order" in one.sentence(1000.0)

@@ -68,6 +68,7 @@ class Reading(Strict):
     order: float
     corner_Hz: float | None  # noqa: N815
     body_corner_Hz: float | None  # noqa: N815
+    shape: float
 
 
 class FitResult(Strict):

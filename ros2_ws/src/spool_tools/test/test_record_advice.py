@@ -12,7 +12,8 @@ from spool_core.block import joined
 from spool_core.errors import InputError
 from spool_core.numbers import Array
 from spool_gap.evidence.look import look_at
-from spool_report.records.record_loading import Selection, load_data, load_recording
+from spool_report.records.record_loading import load_data, load_recording
+from spool_report.requests import Selection
 from spool_sim.excitation import SweptSine
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator

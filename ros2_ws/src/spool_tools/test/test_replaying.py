@@ -154,7 +154,7 @@ def test_a_valve_that_nobody_described_is_assumed_aloud(
     assert "warning: a: the record does not describe its valve" in shown.err
     assert "ASSUMED to be 4weh10_soft" in shown.out
     estimate = json.loads(file.read_text("utf-8"))["valves"]["a"]["estimate"]
-    assert estimate == replay_bag(described, [])["valves"]["a"]["estimate"]
+    assert estimate == replay_bag(ReplayRequest(record=described))["valves"]["a"]["estimate"]
 
 
 def test_the_wrong_valve_file_is_told_by_replay(

@@ -9,7 +9,8 @@ from spool_core.errors import InputError
 from spool_estimator.identification.spectra import cross_spectrum, noise_of
 from spool_estimator.record_judgement import Analysis as Work
 from spool_estimator.record_judgement import resonance_of, shortness
-from spool_report.records.record_loading import Selection, load_recording
+from spool_report.records.record_loading import load_recording
+from spool_report.requests import Selection
 
 from spool_fleet.analyses import Analysis, Rows, Subject, parameter
 

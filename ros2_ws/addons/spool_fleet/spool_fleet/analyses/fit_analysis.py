@@ -6,7 +6,8 @@ from spool_core.errors import InputError
 from spool_estimator.identification.fit_result import FitSettings
 from spool_report.fit_tables import to_dictionary
 from spool_report.ranking import fit_and_validate
-from spool_report.records.record_loading import Selection, load_data
+from spool_report.records.record_loading import load_data
+from spool_report.requests import Selection
 from spool_sim.model import load_model
 
 from spool_fleet.analyses import Analysis, Rows, Subject, parameter, referred

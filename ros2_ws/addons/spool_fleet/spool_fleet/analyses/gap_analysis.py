@@ -6,7 +6,8 @@ from spool_estimator.identification.record import LARGEST
 from spool_gap.evidence.analyse import analyse
 from spool_gap.report import result_to_dict
 from spool_gap.result import GapSettings
-from spool_report.records.record_loading import Selection, check, load_recordings, stretches_of
+from spool_report.records.record_loading import check, load_recordings, stretches_of
+from spool_report.requests import Selection
 from spool_sim.model import load_model
 
 from spool_fleet.analyses import Analysis, Rows, Subject, parameter

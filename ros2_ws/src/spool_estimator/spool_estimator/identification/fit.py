@@ -425,7 +425,18 @@ def observed(some: Residuals, point: Array) -> Observation | None:
             if rows[-1][0] > before[0]:
                 break
             before = rows[-1]
-    best = min(rows, key=lambda row: row[0])
+    _, causal, near = min(rows[2:], key=lambda row: row[0])
+    # Of another family, a filter of order 4 may look like one of Butterworth's of order 2.
+    shapes = [
+        tried(replace(causal, order=order, shape=0.0), near)
+        for order in sorted({causal.order, LOW_PASSES[1].order})
+    ]
+    shaped = min(shapes, key=lambda row: row[0])
+    best, samples = min(rows, key=lambda row: row[0]), sum(one.stop - one.start for one in glance.run.windows)
+    # One number more has to pay (Schwarz, 1978).
+    if shaped[0] < best[0] * (1.0 - math.log(samples) / samples):
+        rows.append(shaped)
+        best = shaped
     if best[1].kind != LINEAR:
         rows.append(tried(LOW_PASSES[0], best[2]))
     elif (causal := min(rows[2:], key=lambda row: row[0])[1]).kind == CAUSAL:

@@ -49,8 +49,9 @@ SHAPE = Unknown(FILTER[3], "1", *SHAPES, 0.5, absolute=True)
 
 def filter_unknowns(observation: Observation) -> tuple[Unknown, ...]:
     """Return which numbers of ``observation`` a fit finds."""
-    found = {LINEAR: (CORNER, ORDER), CAUSAL: (CORNER, SHAPE)}.get(observation.kind, ())
-    return found if observation.body_corner is None else (*found, BODY_CORNER)
+    found = {LINEAR: (CORNER, ORDER), CAUSAL: (CORNER,)}.get(observation.kind, ())
+    found += () if observation.body_corner is None else (BODY_CORNER,)
+    return found if observation.shape is None else (*found, SHAPE)
 
 
 def filter_numbers(observation: Observation) -> list[float]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -33,7 +33,7 @@ from spool_report.records.record_sources import (
     span_of,
     split_name,
 )
-from spool_report.requests import EVER, TimeSpan
+from spool_report.requests import Selection
 from spool_sim.valve import Valve, find_valve, shipped_valves
 
 #: What a replay reads.
@@ -80,38 +80,6 @@ class Recording:
     def duration(self) -> float:
         """Of all stretches together, s."""
         return sum(stretch.duration for stretch in self.stretches)
-
-
-@dataclass(frozen=True, slots=True)
-class Selection:
-    """Selection of what to take of each record.
-
-    Attributes:
-        name: namespace of the valve, needed where a bag holds several.
-        columns: a file's own names by contract name, ``None`` where they are the contract's.
-        start, stop: s since the record's first sample; all of it by default.
-        longest: samples of a bag that are held at most, parts of a longer one; ``None``: all.
-        described: look for the valve's description in a bag.
-        when: span of a bag.
-        how: units, sensitivities, rate and left out columns of a file, ``None`` where nobody can say that.
-    """
-
-    name: str | None = None
-    columns: Mapping[str, str] | None = None
-    start: float = 0.0
-    stop: float = math.inf
-    longest: int | None = None
-    described: bool = True
-    when: TimeSpan = EVER
-    how: Choices | None = None
-
-    def __post_init__(self) -> None:
-        """Raises InputError where no time is left between ``start`` and ``stop``."""
-        if not 0.0 <= self.start < self.stop:
-            raise InputError(
-                f"--start {self.start:g} s, --stop {self.stop:g} s: use 0 <= start < stop, "
-                "counted from the record's first sample"
-            )
 
 
 def open_source(path: Path, columns: str | None = None, span: Span | None = None) -> Source:

@@ -13,8 +13,8 @@ from spool_estimator.identification.fit_result import FitSettings
 from spool_report import fit_tables as tables
 from spool_report.outputs import ResultFiles, write_file, write_json
 from spool_report.ranking import FittedSeries, Ranking, ValidatedFit, fit_and_validate, no_worse, rank
-from spool_report.records.record_loading import FitData, Selection, load_data
-from spool_report.requests import CompareRequest, FitRequest
+from spool_report.records.record_loading import FitData, load_data
+from spool_report.requests import CompareRequest, FitRequest, Selection
 from spool_report.terminal import progress, warn
 from spool_sim.model import Model, load_model
 from spool_sim.valve import Valve

@@ -26,7 +26,7 @@ from spool_report.fit_tables import LONGEST_NAME, save_model
 from spool_report.outputs import ResultFiles, sources, write_file, write_json
 from spool_report.records import record_loading
 from spool_report.records.record_sources import is_table, record_of_table
-from spool_report.requests import GapRequest
+from spool_report.requests import GapRequest, Selection
 from spool_report.terminal import Table, progress, warn, wide_console
 from spool_sim.model import Model, load_model
 from spool_sim.valve import Valve, find_valve
@@ -42,10 +42,7 @@ DOUBTED_CONFIDENCE = 0.5
 
 
 def run_gap(
-    request: GapRequest,
-    selection: record_loading.Selection,
-    outputs: ResultFiles,
-    console: Console | None = None,
+    request: GapRequest, selection: Selection, outputs: ResultFiles, console: Console | None = None
 ) -> int:
     """Find what the base lacks in the records and show it; return 0, whatever the verdict.
 
@@ -111,7 +108,7 @@ class Shares:
 
 def _of_accelerations(
     request: GapRequest,
-    selection: record_loading.Selection,
+    selection: Selection,
     model: Model,
     tell: Callable[[str, float], None],
     console: Console | None,
@@ -197,7 +194,7 @@ def doubted(result: GapResult, doubts: Sequence[str]) -> GapResult:
 
 
 def _force_records(
-    paths: Sequence[Path], kind: str, selection: record_loading.Selection, notes: list[str]
+    paths: Sequence[Path], kind: str, selection: Selection, notes: list[str]
 ) -> list[ForceRecord]:
     """Return the stretches of ``paths`` without a gap, evenly sampled; ``notes`` gets what was resampled."""
     found = []

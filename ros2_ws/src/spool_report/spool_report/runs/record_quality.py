@@ -29,6 +29,7 @@ from spool_monitor.orders import OrderLine, OrderSpectrum, order_spectrum
 from spool_report import page as html
 from spool_report.outputs import write_file, write_json
 from spool_report.records import record_loading
+from spool_report.requests import Selection
 from spool_report.terminal import Table, cell
 
 #: s of the pieces that spectra are averaged over: lines 0.5 Hz apart.
@@ -99,7 +100,7 @@ def look(files: Sequence[Path], how: Choices, json: Path | None, report: Path | 
     return True
 
 
-def check(record: Path, selection: record_loading.Selection, json: Path | None, report: Path | None) -> bool:
+def check(record: Path, selection: Selection, json: Path | None, report: Path | None) -> bool:
     """Show the quality of a record; return whether nothing speaks against an estimate from it."""
     found, notes = quality_of_record(record, selection)
     print_quality(found, notes, Console())
@@ -110,9 +111,7 @@ def check(record: Path, selection: record_loading.Selection, json: Path | None, 
     return not found.doubts
 
 
-def quality_of_record(
-    record: Path, selection: record_loading.Selection
-) -> tuple[RecordQuality, tuple[str, ...]]:
+def quality_of_record(record: Path, selection: Selection) -> tuple[RecordQuality, tuple[str, ...]]:
     """Return the quality of a record, and how the record was understood.
 
     Raises:

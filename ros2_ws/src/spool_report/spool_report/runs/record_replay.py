@@ -38,7 +38,7 @@ from spool_monitor.valve_state import ValveState
 from spool_report.outputs import sources, write_file
 from spool_report.records import record_loading
 from spool_report.records.record_sources import TableSource, span_of
-from spool_report.requests import ReplayRequest
+from spool_report.requests import ReplayRequest, Selection
 from spool_report.terminal import cell, progress, warn
 from spool_sim.model import load_model
 from spool_sim.valve import Valve
@@ -229,7 +229,7 @@ def check_of_record(
     Raises:
         InputError: as ``load_data``.
     """
-    selection = record_loading.Selection(name, columns_of(columns), longest=LARGEST)
+    selection = Selection(name, columns_of(columns), longest=LARGEST)
     doubts = record_loading.load_data([path], valve, selection, springs=False).doubts
     reader = record_loading.open_source(path, columns)
     return replay_valve(reader, record_loading.valve_in(reader, name), valve).check, doubts
