@@ -35,7 +35,7 @@ RATCHETS = {
     "lines of research": 11_900,
     "lines up to the last import, %": 8.12,
     "private functions with one caller, %": 15.72,
-    "modules with one importer, %": 12.11,
+    "modules with one importer, %": 13.11,
 }
 
 
