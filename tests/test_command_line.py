@@ -257,7 +257,8 @@ def _command_line(process: int) -> str:
     return ""
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_benchmark_that_is_ended_early_leaves_no_process_behind(number: int) -> None:
     process = subprocess.Popen(
         [ROOT / "spool", "bench", "host", "--valves", "1", "--seconds", "10"],
