@@ -193,7 +193,7 @@ def test_drag_that_falls_begins_with_the_drag_that_the_base_had_at_first() -> No
     base = fit_structure(of, structure_of(BASE, VALVE)).structure
     guess = base.having(("damping_drift",), (), numbers)
     (errors,) = of.errors([guess])
-    _, met = Beside(of, base).met(guess, errors)
+    met = Beside(of, base).met(guess, errors)
     drag, true = "viscous_coefficient", VALVE.likely_viscous_coefficient
     assert abs(met.values[drag] / true - 1.0) < 0.5 * abs(base.values[drag] / true - 1.0)
     (closer,) = of.errors([met])

@@ -32,8 +32,6 @@ Key = tuple[frozenset[str], frozenset[str]]
 
 #: Guesses from which a brief fit begins, steps of such a fit, and of a finished one at most.
 STARTS, QUICK, STEPS = 3, 8, 20
-#: Guesses of each shape of an effect that are also tried with numbers moved to meet the record beside it.
-MET = 2
 #: Draws around a guess where the likelihood has many maxima, groups of them, and the relative spreads of the
 #: first one: of the effect's numbers, and of the base's.
 DRAWS, GROUPS, SPREADS = 40, 10, (0.2, 0.03)
@@ -326,7 +324,7 @@ class Search:
         next one has to come near.
         """
         beside = Beside(self._brief, own)
-        ranked = in_parallel(lambda one: self._likeliest(one.guesses, beside, one.shape), trials)
+        ranked = in_parallel(lambda one: self._likeliest(one.guesses, beside), trials)
         order = sorted(range(len(trials)), key=lambda place: -ranked[place][0].likely)
         plain = [place for place in order if not trials[place].zoom]
         zoomed = [place for place in order if trials[place].zoom]
@@ -348,24 +346,17 @@ class Search:
             goal = max(goal, found[-1].log_likelihood)
         return max(found, key=lambda one: one.evidence)
 
-    def _likeliest(
-        self, trials: Sequence[Structure], beside: Beside | None = None, shape: Sequence[str] = ()
-    ) -> list[Guess]:
+    def _likeliest(self, trials: Sequence[Structure], beside: Beside | None = None) -> list[Guess]:
         """Return ``trials`` by their log likelihood in the excerpts, as they stand, the likeliest first.
 
-        ``beside``: what also moves the numbers that are known, of the guesses of each ``shape`` where that
-        promises most.
+        ``beside``: what also moves the numbers that are known.
         """
         bounded = [one.bounded(self._predictions.seconds) for one in trials]
         bounded = [one for one in bounded if not _senseless(one)] or bounded
         errors, as_they_stand = self._brief.errors(bounded), len(bounded)
         if beside is not None:
             met = [beside.met(*each) for each in zip(bounded, errors, strict=True)]
-            alike: dict[tuple[float, ...], list[Structure]] = {}
-            for _, one in sorted(met, key=lambda each: -each[0]):
-                alike.setdefault(tuple(one.values[name] for name in shape), []).append(one)
-            best = [one for group in alike.values() for one in group[:MET]]
-            bounded, errors = bounded + best, errors + self._brief.errors(best)
+            bounded, errors = bounded + met, errors + self._brief.errors(met)
         likely = [self._brief.log_likelihood(lines) for lines in errors]
         moved = [place >= as_they_stand for place in range(len(bounded))]
         rows = map(Guess, likely, bounded, moved)

@@ -139,11 +139,8 @@ class Beside:
         problem, point = _posed(predictions, own, self._unknowns)
         self._slopes = problem.slopes(point, problem.residuals(point[np.newaxis])[0])
 
-    def met(self, one: Structure, errors: Sequence[Spectrum]) -> tuple[float, Structure]:
-        """Return ``one``, which leaves ``errors`` of each part, with the numbers that leave least.
-
-        The log likelihood before it is what follows for it to the first order.
-        """
+    def met(self, one: Structure, errors: Sequence[Spectrum]) -> Structure:
+        """Return ``one``, which leaves ``errors`` of each part, with the numbers that leave least."""
         names = {each.name for each in one.unknowns(self._predictions.seconds)}
         kept = [place for place, each in enumerate(self._unknowns) if each.name in names]
         unknowns = [self._unknowns[place] for place in kept]
@@ -153,9 +150,9 @@ class Beside:
             [self._slopes[kept][:, : residual.size - point.size], np.diag(problem.priors)], axis=1
         )
         sizes = sizes_of(unknowns, point)
-        end, *_ = proposed(problem, point, sizes, slopes * sizes[:, np.newaxis], residual, DAMPING)
-        (cost,) = problem.costs((residual + (end - point) @ slopes)[np.newaxis])
-        return -0.5 * float(cost), problem.at(end)
+        return problem.at(
+            proposed(problem, point, sizes, slopes * sizes[:, np.newaxis], residual, DAMPING)[0]
+        )
 
 
 def fit_structure(
