@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-import pytest
 from spool_bag.reader import BagReader
 from spool_msgs.msg import AccelerationBlock, ModelEstimate
 
@@ -27,7 +26,6 @@ BAG = ROOT / "bags" / "practice_03"
 STIFFNESS, FRICTION = 1632.0, 0.5
 
 
-@pytest.mark.slow
 def test_a_record_arrives_whole_and_now_and_the_page_stays(system: System, tmp_path: Path) -> None:
     blocks = system.listen(AccelerationBlock, "/valve_1/acceleration")
     estimates = system.listen(ModelEstimate, "/valve_1/estimate")

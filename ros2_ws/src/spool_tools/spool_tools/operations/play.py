@@ -51,7 +51,7 @@ class Player:
 
     def __init__(self, node: Node, ids: dict[str, str]) -> None:
         offered = qos.samples_offered(DEPTH)
-        self._ids = ids
+        self._ids, self._node = ids, node
         self._clock = node.create_publisher(Clock, "/clock", 1)
         self._topics = {
             (name, kind): node.create_publisher(message, f"/{name}/{topic}", offered)
@@ -66,8 +66,14 @@ class Player:
 
     @property
     def heard(self) -> bool:
-        """Whether estimator and monitor listen to the samples of each valve."""
-        return all(self._topics[name, "Block"].get_subscription_count() > 1 for name in self._ids)
+        """Whether estimator and monitor listen to the samples of each valve; others may listen, too."""
+
+        def listeners(name: str) -> set[str]:
+            return {
+                one.node_name for one in self._node.get_subscriptions_info_by_topic(f"/{name}/acceleration")
+            }
+
+        return all(listeners(name) >= {"estimator", "monitor"} for name in self._ids)
 
     def tell(self, stamp: int) -> None:
         """Send the time ``stamp`` (ns)."""
