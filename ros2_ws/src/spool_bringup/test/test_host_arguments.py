@@ -2,17 +2,26 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import pytest
 import rclpy
 from rclpy.context import Context
 from rclpy.node import Node
 from spool_bringup.host import program
-from spool_bringup.host.arguments import arguments_of_nodes, arguments_of_process, names_for_all, node_name
+from spool_bringup.host.arguments import (
+    FILES,
+    arguments_of_nodes,
+    arguments_of_process,
+    economise,
+    names_for_all,
+    node_name,
+)
 from spool_bringup.host.host_process import valve_timings
 from spool_core.errors import InputError
 from spool_core.kernels.kernel_files import KernelCache
@@ -177,3 +186,28 @@ def test_a_host_s_diagnostics_name_each_valve_with_its_share_and_its_late_and_lo
         "cpu_share": 0.15, "cpu_time_s": "1.500", "resident_B": 200,
     }  # fmt: skip
     assert [one.message for one in valve_timings(times, 10.0, 600)] == ["no blocks"] * 3
+
+
+LOOPBACK = Path(__file__).resolve().parents[4] / "setup" / "this_host.xml"
+
+
+@pytest.mark.parametrize("file", [None, LOOPBACK], ids=["none", "this host alone"])
+def test_a_host_allocates_little_whatever_file_names_its_transports(
+    file: Path | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(os, "environ", dict.fromkeys(FILES, str(file)) if file else {})
+    economise()
+    found = ElementTree.parse(os.environ[FILES[0]]).getroot()
+    profiles = {one.tag.rpartition("}")[2] for one in found.iter() if one.get("is_default_profile")}
+    assert profiles == {"data_writer", "data_reader"} | ({"participant"} if file else set())
+    assert os.environ["RMW_FASTRTPS_USE_QOS_FROM_XML"] == "1"
+
+
+def test_a_file_with_profiles_of_readers_is_kept_by_a_host(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "own.xml"
+    file.write_text('<dds><profiles><data_reader profile_name="own"/></profiles></dds>')
+    monkeypatch.setattr(os, "environ", dict.fromkeys(FILES, str(file)))
+    economise()
+    assert [os.environ[name] for name in FILES] == [str(file)] * 2

@@ -33,10 +33,8 @@ _NAMING = re.compile(r"^(?:[^:=]*:)?__(?:node|name):=(.+)$")
 #: B that a list takes at most, which the reader of YAML bounds.
 _LARGEST = 1 << 26
 
-PROFILE = """<?xml version="1.0" encoding="UTF-8"?>
-<dds xmlns="http://www.eprosima.com">
- <profiles>
-  <data_writer profile_name="spool_writer" is_default_profile="true">
+#: Profiles of Fast DDS that allocate little, and a document that holds no others.
+PROFILES = """  <data_writer profile_name="spool_writer" is_default_profile="true">
    <qos><data_sharing><kind>OFF</kind></data_sharing></qos>
    <topic><resourceLimitsQos><allocated_samples>1</allocated_samples></resourceLimitsQos></topic>
    <historyMemoryPolicy>DYNAMIC_REUSABLE</historyMemoryPolicy>
@@ -46,9 +44,8 @@ PROFILE = """<?xml version="1.0" encoding="UTF-8"?>
    <topic><resourceLimitsQos><allocated_samples>1</allocated_samples></resourceLimitsQos></topic>
    <historyMemoryPolicy>DYNAMIC_REUSABLE</historyMemoryPolicy>
   </data_reader>
- </profiles>
-</dds>
 """
+EMPTY = '<dds xmlns="http://www.eprosima.com"><profiles></profiles></dds>'
 FILES = ("FASTDDS_DEFAULT_PROFILES_FILE", "FASTRTPS_DEFAULT_PROFILES_FILE")
 
 
@@ -167,12 +164,18 @@ def economise() -> None:
     """Make the middleware of this process allocate little ahead and start no thread for each reader.
 
     With data sharing, which it would choose itself, each reader of messages of fixed size has a thread and
-    shared memory: ten a valve. A profile that the user has given is kept.
+    shared memory: ten a valve. What a given file says of transports and participants holds beside it; a file
+    with profiles of readers or writers is kept as it is.
     """
-    if any(name in os.environ for name in FILES):
+    given = next((os.environ[name] for name in FILES if name in os.environ), None)
+    try:
+        text = EMPTY if given is None else Path(given).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError):
+        return  # the middleware names it
+    if "</profiles>" not in text or "<data_writer" in text or "<data_reader" in text:
         return
     with tempfile.NamedTemporaryFile("w", prefix="spool_", suffix=".xml", delete=False) as stream:
-        stream.write(PROFILE)
+        stream.write(text.replace("</profiles>", f"{PROFILES}</profiles>", 1))
     path = Path(stream.name)
     atexit.register(path.unlink, missing_ok=True)  # processes that are forked end without it
     for name in FILES:
