@@ -247,17 +247,23 @@ def lines_of(samples: int, every: int) -> Array:
     return np.asarray(fft.rfftfreq(_length(samples, every), 1.0 / every))
 
 
-@lru_cache(maxsize=512)
+@lru_cache(maxsize=64)
 def tables_of(observation: Observation, every: int) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
     """Return what a jump and a kink become, in two stages: (step, ramp) each, at ``1 / FINE`` of a step.
 
     The first one makes points free of aliases; the second is what the channel reads beyond its factor on
     such points.
     """
-    frequency = np.asarray(fft.rfftfreq(SPAN * FINE, 1.0 / FINE))  # over the rate of the steps
+    frequency, sharp, free = _sharp()
+    return free, _integrals(observation.response(frequency * every) * (1.0 - sharp))
+
+
+@lru_cache(maxsize=1)
+def _sharp() -> tuple[Array, Array, tuple[Array, Array]]:
+    """Return frequencies over the rate of the steps, the response of the first stage, and its tables."""
+    frequency = np.asarray(fft.rfftfreq(SPAN * FINE, 1.0 / FINE))
     sharp = 1.0 / (1.0 + (frequency / SHARP) ** SHARP_ORDER)
-    beyond = observation.response(frequency * every) * (1.0 - sharp)
-    return _integrals(sharp.astype(np.complex128)), _integrals(beyond)
+    return frequency, sharp, _integrals(sharp.astype(np.complex128))
 
 
 def _integrals(response: Spectrum) -> tuple[Array, Array]:
@@ -270,7 +276,7 @@ def _integrals(response: Spectrum) -> tuple[Array, Array]:
     return step[part].copy(), ramp[part].copy()
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=16)  # each as long as a record
 def _response(observation: Observation, samples: int, every: int) -> Spectrum:
     return observation.response(lines_of(samples, every))
 
