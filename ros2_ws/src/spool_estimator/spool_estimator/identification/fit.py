@@ -314,6 +314,8 @@ def follow(
         kinds = [one and (one.kind, one.order if one.kind == CAUSAL else 0.0) for one in (again, seen)]
         if again is not None and kinds[0] != kinds[1]:
             seen, points = again, [one.point[: len(free)] for one in ends]
+            if narrow is not None:  # so read, another speed of the law may be likelier
+                points = [*_widened(some, narrow, valve, settings.low_cut, seen)[0], *points]
             trial, ends = _first_ends(some, points, seen, settings.starts)
     whole = Residuals(run, trial.unknowns, values, band)
     whole.observation = trial.observation
@@ -332,9 +334,11 @@ def follow(
 
 
 def _widened(
-    some: Residuals, narrow: Model, valve: Valve, low_cut: float
+    some: Residuals, narrow: Model, valve: Valve, low_cut: float, seen: Observation | None = None
 ) -> tuple[list[Array], Observation | None]:
     """Return points where the law of ``some`` begins as ``narrow``, fitted, and how that one reads.
+
+    ``seen``: how it reads, where that is known.
 
     What the narrower law does not have, such as a velocity, is held at several values meanwhile: the forces
     are linear in the rest.
@@ -344,7 +348,7 @@ def _widened(
     values = {**narrow.values_for(valve), **{n: v for n, v in some.values.items() if n in run.names}}
     fewer = Residuals(run, own, values, some.band)
     point = inside(EquationError(run, own, run.sets(values), low_cut).starts()[0], own)
-    seen = observed(fewer, point)
+    seen = seen or observed(fewer, point)
     trial, (best, *_) = _first_ends(fewer, [point], seen, 1)
     found = {one.name: float(value) for one, value in zip(trial.unknowns, best.point, strict=True)}
     narrowed, read = {name: found.get(name, value) for name, value in values.items()}, trial.observation

@@ -253,6 +253,7 @@ class Residuals(Weighted):
             rows.append(fft.irfft(fft.rfft(inside, length, axis=-1) * gain, length, axis=-1))
         return np.concatenate(rows, axis=-1)
 
+    @np.errstate(invalid="ignore")  # a motion that diverges leaves nothing finite
     def residuals(self, points: Array) -> Array:
         """Return the weighted residuals at ``points`` (s, u), shape (s, all samples)."""
         return self.weighted(self.differences(self.respond(points)))
