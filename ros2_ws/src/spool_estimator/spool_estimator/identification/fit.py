@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -260,6 +260,10 @@ class Ended:
     law: EquationError
     before: list[Determination]
 
+    def criterion(self, parameters: int) -> float:
+        """Return the information criterion of the fit with so many ``parameters``."""
+        return information_criterion(self.residuals, self.best.point, parameters)[0]
+
 
 def follow(
     records: Sequence[Record],
@@ -311,8 +315,7 @@ def follow(
     trial, ends = _first_ends(some, points, seen, settings.starts)
     if seen is None or len(points) > 1:  # the start may have been too far off to show it
         again = observed(some, ends[0].point[: len(free)])
-        kinds = [one and (one.kind, one.order if one.kind == CAUSAL else 0.0) for one in (again, seen)]
-        if again is not None and kinds[0] != kinds[1]:
+        if again is not None and (seen is None or family_of(again) != family_of(seen)):
             seen, points = again, [one.point[: len(free)] for one in ends]
             if narrow is not None:  # so read, another speed of the law may be likelier
                 points = [*_widened(some, narrow, valve, settings.low_cut, seen)[0], *points]
@@ -321,16 +324,39 @@ def follow(
     whole.observation = trial.observation
     if not np.isfinite(whole.at(ends[0].point)).all():  # numbers that the first seconds hardly show
         _, ends = _first_ends(Residuals(run, free, values, band), points, seen, settings.starts)
-    refined = []
-    for end in ends:
-        residuals = copy.copy(whole)
-        residuals.spectrum = list(whole.spectrum)
-        best = refine(residuals, end, REWEIGHED)
-        residuals.observation = with_numbers(residuals.observation, residuals.unknowns, best.point.tolist())
-        refined.append(Ended(residuals, best, law, before))
-    if len(refined) == 1:
-        return refined[0]
-    return min(refined, key=lambda one: information_criterion(one.residuals, one.best.point, len(free))[0])
+    refined = [_refined(copy.copy(whole), end, law, before) for end in ends]
+    return min(refined, key=lambda one: one.criterion(len(free)))
+
+
+def _refined(
+    residuals: Residuals, end: least_squares.Descent, law: EquationError, before: list[Determination]
+) -> Ended:
+    """Return the fit that first ended at ``end``, weighed by its spectra and read as it shows."""
+    residuals.spectrum = list(residuals.spectrum)
+    best = refine(residuals, end, REWEIGHED)
+    residuals.observation = with_numbers(residuals.observation, residuals.unknowns, best.point.tolist())
+    return Ended(residuals, best, law, before)
+
+
+def family_of(one: Observation) -> tuple[str, float]:
+    """Return the kind of a reading, with the order of a causal low-pass, a whole number."""
+    return one.kind, one.order if one.kind == CAUSAL else 0.0
+
+
+def likeliest_reading(ended: Ended, others: Iterable[Observation]) -> Ended:
+    """Return a fit that ended, with its channels read as one of ``others`` where that is likelier."""
+    own = ended.residuals
+    free = tuple(one for one in own.unknowns if one.name not in FILTER)
+    found = [ended]
+    for seen in others:
+        if family_of(seen) == family_of(own.observation):
+            continue
+        trial = read_as(Residuals(own.run, free, own.values, own.band), seen)
+        point = np.append(ended.best.point[: len(free)], filter_numbers(seen))
+        trial.leave_out(point)
+        end = trial.descend(point[np.newaxis], FIRST_ROUNDS, ENOUGH)
+        found.append(_refined(trial, end, ended.law, ended.before))
+    return min(found, key=lambda one: one.criterion(len(free)))
 
 
 def _widened(

@@ -39,9 +39,11 @@ from spool_estimator.identification.fit import (
     ROUNDS,
     UNTOLD,
     Ended,
+    family_of,
     follow,
     free_run_agreement,
     inside,
+    likeliest_reading,
     refine,
     unknowns_of,
 )
@@ -58,6 +60,8 @@ from spool_estimator.identification.residuals import (
 
 #: The parameter that follows the viscosity of the oil.
 DRAG = "viscous_coefficient"
+#: The one by which set-ups that share springs show their mass, and masses at which that is looked for.
+STIFFNESS, FINE = "spring_stiffness", 20_001
 #: A set-up does not agree where its error in the joint fit is over so many times that of its separate fit
 #: and a share of the measured motion.
 AGREES, LEAST_SHARE = 1.5, 0.005
@@ -231,7 +235,7 @@ def fit_setups(
     """
     chosen = settings or FitSettings()
     work = least_squares.Work(len(setups) * chosen.allowed, tell)
-    parts, early = [], False
+    alone, early = list[tuple[SetUp, FitSettings, tuple[least_squares.Unknown, ...], Ended]](), False
     for place, setup in enumerate(setups):
         work.take(1.0 / (len(setups) + 1 - place))
         own = _settings_of(setup, model, shared, chosen)
@@ -240,13 +244,19 @@ def fit_setups(
             values = model.values_for(setup.valve, {**own.start, **own.held})
             ended = follow(setup.records, model, setup.valve, own, unknowns, values, work)
             early |= work.cut
-            parts.append(_part(setup, shared, own, ended, unknowns, len(setups)))
+            alone.append((setup, own, unknowns, ended))
         except InputError as error:
             return JointFit(model, reason=f"set-up '{setup.name}': {error}")
         except (np.linalg.LinAlgError, FloatingPointError, OverflowError, ValueError) as error:
             return JointFit(model, reason=f"set-up '{setup.name}': the numbers broke down: {error}")
+    work.take(1.0)
+    # One logger reads all alike, and one set-up may show its low-pass better than another.
+    seen = {family_of(one.residuals.observation): one.residuals.observation for *_, one in alone}
+    parts = [
+        _part(setup, shared, own, likeliest_reading(ended, seen.values()), unknowns, len(setups))
+        for setup, own, unknowns, ended in alone
+    ]
     try:
-        work.take(1.0)
         found = _joined(parts, model, shared, chosen)
         early |= found.stopped_early
         fits = tuple(replace(one, stopped_early=early) for one in found.fits)
@@ -462,27 +472,39 @@ def _joined(
 def _mass_starts(parts: Sequence[_Part], names: Sequence[str], start: Array) -> Array:
     """Return starts with other masses than those of the valve's description, shape (s, u).
 
-    A set-up by itself shows forces over its mass: with another mass all its forces are as much larger.
+    A set-up by itself shows forces over its mass: with another mass all its forces are as much larger. With
+    the right one the stiffness of springs that set-ups share, which resonances show best, is the same in all.
     """
     place = {name: n for n, name in enumerate(names)}
-    rows = [start]
-    for factor in MASSES:
-        mass = factor * (parts[0].residuals.values[MASS] - parts[0].setup.added_mass)
-        found: dict[str, list[float]] = {}
-        for part in parts:
-            fitted = (unknown.name for unknown in part.ended.residuals.unknowns)
-            # A set-up's own fit may have held another number in place of the mass.
-            own = {**part.residuals.values, **dict(zip(fitted, part.ended.best.point.tolist(), strict=True))}
-            grown = (mass + part.setup.added_mass) / own[MASS]
-            for unknown, name, scale in zip(part.unknowns, part.names, part.scales, strict=True):
-                if unknown.unit.startswith("N"):
-                    found.setdefault(name, []).append(own[unknown.name] * grown / float(scale))
+    usual = parts[0].residuals.values[MASS] - parts[0].setup.added_mass
+    over_mass: dict[str, list[float]] = {}
+    added: dict[str, list[float]] = {}
+    for part in parts:
+        fitted = (unknown.name for unknown in part.ended.residuals.unknowns)
+        # A set-up's own fit may have held another number in place of the mass.
+        own = {**part.residuals.values, **dict(zip(fitted, part.ended.best.point.tolist(), strict=True))}
+        for unknown, name, scale in zip(part.unknowns, part.names, part.scales, strict=True):
+            if unknown.unit.startswith("N"):
+                over_mass.setdefault(name, []).append(own[unknown.name] / own[MASS] / float(scale))
+                added.setdefault(name, []).append(part.setup.added_mass)
+
+    def forces(name: str, masses: Array) -> Array:
+        return np.asarray(np.array(over_mass[name]) * (masses[:, np.newaxis] + np.array(added[name])))
+
+    masses = usual * np.array(MASSES)
+    springs = [name for name, known in added.items() if _parameter(name) == STIFFNESS and len(set(known)) > 1]
+    fine = usual * np.geomspace(MASSES[0], MASSES[-1], FINE)
+    for name in springs:
+        rows = forces(name, fine)
+        masses = np.append(masses, fine[np.argmin(rows.std(axis=1) / rows.mean(axis=1))])
+    found = [start]
+    for mass in masses:
         row = start.copy()
         row[place[MASS]] = mass
-        for name, values in found.items():
-            row[place[name]] = np.median(values)
-        rows.append(row)
-    return np.array(rows)
+        for name in over_mass:
+            row[place[name]] = np.median(forces(name, masses[masses == mass]))
+        found.append(row)
+    return np.array(found)
 
 
 def _apart(joint: _Joint, point: Array) -> str:
