@@ -226,11 +226,11 @@ class TestBeforeSetUp:
     def test_doctor_names_a_damaged_file_of_compiled_kernels(self, fresh: Path, tmp_path: Path):
         folder = tmp_path / "own" / "spool_kernels" / "module_0123"
         folder.mkdir(parents=True, mode=0o700)
-        (folder / "kernel-1.py311.nbi").touch()
+        (folder / "kernel-1.py311.nbc").touch()
         result = spool(fresh, "doctor", NUMBA_CACHE_DIR=str(tmp_path / "own"))
         assert result.returncode == 0
         assert (
-            f"warning  damaged files of compiled kernels: 1, the first is {folder / 'kernel-1.py311.nbi'}"
+            f"warning  damaged files of compiled kernels: 1, the first is {folder / 'kernel-1.py311.nbc'}"
             in result.stdout
         )
 

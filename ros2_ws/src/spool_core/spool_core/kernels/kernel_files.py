@@ -3,7 +3,6 @@
 numba loads machine code from these files and runs it. A bit that flipped, or a file that a power loss cut
 off, would crash the process or raise any error: a file whose checksum differs is compiled again.
 
-The files keep numba's names: an index (``.nbi``) for each kernel, a data file (``.nbc``) for each signature.
 This module alone knows private parts of numba (checked with 0.68.1), which has no public check of its files.
 Until a kernel is compiled it loads only Python's own library: ``./spool doctor`` needs no numba.
 """
@@ -20,13 +19,15 @@ import re
 import tempfile
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, ClassVar
 
 from spool_core import system
 
-INDEX, DATA = ".nbi", ".nbc"
+#: How the name of a file ends, as numba names what it keeps of a signature.
+DATA = ".nbc"
 #: What takes long on a first start, for people.
 COMPILING = "compiling the numerical kernels (first start only)"
 #: First bytes of each file. Another layout of the files needs another number here.
@@ -61,7 +62,7 @@ def unsealed(name: str, stored: bytes) -> bytes:
 def damaged_files(folder: Path) -> list[Path]:
     """Return the kernel files in ``folder`` and below that cannot be read or whose checksum differs."""
     found = []
-    for path in sorted(folder.rglob("*.nb[ic]")):
+    for path in sorted(folder.rglob(f"*{DATA}")):
         try:
             stored = path.read_bytes()
             if not stored.startswith(_PLAIN):
@@ -90,14 +91,15 @@ class KernelCache:
     """Compiled forms of one kernel: what numba's ``FunctionCache`` does, by a hash of all that is in them.
 
     numba looks at the kernel's own file only: a change in a function that it calls, or in a constant that it
-    takes from another module, would find the old kernel.
+    takes from another module, would find the old kernel. It also keeps an index of its files; here the name
+    of a file tells what is in it, so that processes that compile at one time change no file of each other.
     """
 
     #: Called with 1 where a kernel begins to compile and with -1 where it is ready, if a program shows that.
     watch: ClassVar[Callable[[int], None] | None] = None
 
     def __init__(self, name: str, digest: Callable[[], str]) -> None:
-        """Take the full name of the kernel, and what returns the hash."""
+        """Take the full name of the kernel, and what returns the hash of the code as it is when called."""
         self._name = re.sub(r"[<>]", "", name)
         self._digest = digest
 
@@ -113,13 +115,14 @@ class KernelCache:
         """Stay enabled: numba itself disables no cache."""
 
     def flush(self) -> None:
-        """Forget all that is kept."""
-        self._file().flush()
+        """Forget all that is kept of the code as it is."""
+        for path in kernel_folder().glob(f"{self._name}-{self._digest()[:16]}.*"):
+            path.unlink(missing_ok=True)
 
     def load_overload(self, signature: Any, target: Any) -> Any:
         """Return the compiled form for ``signature``, or ``None``."""
         target.refresh()
-        kept = self._file().load(_key(signature, target.codegen()))
+        kept = _loaded(kernel_folder() / self._file_name(signature, target.codegen()))
         if kept is None:
             if KernelCache.watch is not None:
                 KernelCache.watch(1)
@@ -127,111 +130,57 @@ class KernelCache:
         return importlib.import_module("numba.core.compiler").CompileResult._rebuild(target, *kept)
 
     def save_overload(self, signature: Any, result: Any) -> None:
-        """Keep ``result`` of compiling for ``signature``, unless it holds an address of this process."""
+        """Keep ``result`` of compiling for ``signature``, unless it holds an address of this process.
+
+        Where the disk does not take it, the kernel is used without a copy.
+        """
         if KernelCache.watch is not None:
             KernelCache.watch(-1)
-        if not result.library.has_dynamic_globals and all(one.can_cache for one in result.lifted):
-            self._file().save(_key(signature, result.codegen), result._reduce())
-
-    def _file(self) -> SealedCacheFile:
-        """Return the file of the code as it is now: a constant may change while the process runs."""
-        digest = self._digest()
-        return SealedCacheFile(kernel_folder(), f"{self._name}-{digest[:16]}", digest)
-
-
-def _key(signature: Any, codegen: Any) -> object:
-    """Return the key of a compiled form: types of the arguments, with the fields of named tuples, processor.
-
-    numba compares named tuples by their class and the types of their fields, which may change places.
-    """
-    found: list[tuple[str, tuple[str, ...]]] = []
-    waiting = list(getattr(signature, "args", signature))
-    while waiting:
-        kind = waiting.pop()
-        if hasattr(kind, "instance_class"):
-            found.append((kind.instance_class.__qualname__, tuple(kind.fields)))
-        waiting += getattr(kind, "types", ())
-        waiting += [one for name in ("dtype", "type") if (one := getattr(kind, name, None)) is not None]
-    return signature, codegen.magic_tuple(), tuple(found)
-
-
-class SealedCacheFile:
-    """Index and data files of one kernel: what numba's ``IndexDataCacheFile`` does, with checksums.
-
-    Data files are named by a hash of their key, so that two processes that write together never exchange the
-    kernels of two signatures.
-    """
-
-    def __init__(self, folder: Path, base: str, stamp: object) -> None:
-        """Take the folder, the files' common name and the stamp of the code that the kernel comes from."""
-        self._folder, self._base = folder, base
-        numba = importlib.import_module("numba")
-        self._dump = importlib.import_module("numba.core.serialize").dumps
-        self._origin = self._dump((numba.__version__, stamp))
-
-    def load(self, key: object) -> Any:
-        """Return what is kept under ``key``, or ``None``."""
-        name = self._index().get(key)
-        content = None if name is None else self._read(name)
-        return None if content is None else _unpickled(content)
-
-    def save(self, key: object, data: object) -> None:
-        """Keep ``data`` under ``key``; where the disk does not take it, the kernel is used without a copy."""
-        name = f"{self._base}.{hashlib.sha256(self._dump(key)).hexdigest()[:16]}{DATA}"
+        if result.library.has_dynamic_globals or not all(one.can_cache for one in result.lifted):
+            return
+        folder, name = kernel_folder(), self._file_name(signature, result.codegen)
+        content = importlib.import_module("numba.core.serialize").dumps(result._reduce())
         try:
-            self._write(name, self._dump(data))
-            with (self._folder / "writing.lock").open("a") as lock:
-                system.lock_file(lock.fileno())  # no other process changes the index meanwhile
-                names = self._index()
-                if not names:
-                    # What is kept of the same kernel for other states of its code is old after a time.
-                    for path in self._folder.glob(f"{self._base.rpartition('-')[0]}-*"):
-                        outdated = path.stat().st_mtime < time.time() - OUTDATED
-                        if outdated and not path.name.startswith(self._base):
-                            path.unlink()
-                self._write_index({**names, key: name})
+            folder.mkdir(parents=True, exist_ok=True)
+            system.write_durably(folder / name, sealed(name, content), mode=system.FILE_MODE)
+            # What is kept of the same kernel for other states of its code is old after a time.
+            for path in folder.glob(f"{self._name}-*"):
+                with suppress(FileNotFoundError):  # another process has just removed it
+                    outdated = path.stat().st_mtime < time.time() - OUTDATED
+                    if outdated and path.name.partition(".")[0] != name.partition(".")[0]:
+                        path.unlink()
         except OSError as error:
-            _warn(self._folder, "compiled kernels are not kept in %s: %s", self._folder, error.strerror)
+            _warn(folder, "compiled kernels are not kept in %s: %s", folder, error.strerror)
 
-    def flush(self) -> None:
-        """Forget all that is kept."""
-        self._write_index({})
+    def _file_name(self, signature: Any, codegen: Any) -> str:
+        """Return the name by what a compiled form depends on: code, types of the arguments, processor, numba.
 
-    def _index(self) -> dict[object, str]:
-        """Return the names of the data files by their keys; empty for another source or version of numba."""
-        content = self._read(self._base + INDEX)
-        if content is None:
-            return {}
-        # Names of numba's types are loaded only for the version of numba that wrote them.
-        origin, names = pickle.loads(content)
-        return dict(_unpickled(names) or {}) if origin == self._origin else {}
-
-    def _write_index(self, names: dict[object, str]) -> None:
-        self._write(self._base + INDEX, pickle.dumps((self._origin, self._dump(names))))
-
-    def _read(self, name: str) -> bytes | None:
-        path = self._folder / name
-        try:
-            return unsealed(name, path.read_bytes())
-        except FileNotFoundError:
-            return None
-        except (OSError, ValueError) as error:
-            reason = error.strerror if isinstance(error, OSError) else error
-            text = "kernel file %s cannot be read (%s): its kernel is compiled again"
-            _warn(self._folder.parent, text, path, reason)
-            return None
-
-    def _write(self, name: str, content: bytes) -> None:
-        """Write a file that other processes see whole or not at all."""
-        self._folder.mkdir(parents=True, exist_ok=True)
-        system.write_durably(self._folder / name, sealed(name, content), mode=system.FILE_MODE)
+        numba compares named tuples by their class and the types of their fields, which may change places.
+        """
+        fields: list[tuple[str, str, tuple[str, ...]]] = []
+        waiting = list(getattr(signature, "args", signature))
+        while waiting:
+            kind = waiting.pop()
+            if hasattr(kind, "instance_class"):
+                made = kind.instance_class
+                fields.append((made.__module__, made.__qualname__, tuple(kind.fields)))
+            waiting += getattr(kind, "types", ())
+            waiting += [one for name in ("dtype", "type") if (one := getattr(kind, name, None)) is not None]
+        digest, version = self._digest(), importlib.import_module("numba").__version__
+        key = repr((digest, version, str(signature), codegen.magic_tuple(), fields))
+        return f"{self._name}-{digest[:16]}.{hashlib.sha256(key.encode()).hexdigest()[:16]}{DATA}"
 
 
-def _unpickled(content: bytes) -> Any:
-    """Return what ``content`` holds; ``None`` where a class in it has got another name since."""
+def _loaded(path: Path) -> Any:
+    """Return what the file holds, ``None`` without it, or if it is damaged or a class in it is renamed."""
     try:
-        return pickle.loads(content)
-    except (AttributeError, ImportError):
+        return pickle.loads(unsealed(path.name, path.read_bytes()))
+    except (FileNotFoundError, AttributeError, ImportError):
+        return None
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else error
+        text = "kernel file %s cannot be read (%s): its kernel is compiled again"
+        _warn(path.parent.parent, text, path, reason)
         return None
 
 
