@@ -5,29 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, field, replace
-from typing import Any
+from typing import Any, Concatenate, ParamSpec
 
 from pydantic import TypeAdapter, ValidationError
 from spool_core.errors import InputError
 from spool_core.uncertainty import Quantity
 
-from spool_monitor.alarm import (
-    Alarm,
-    AlarmRefusedError,
-    Operator,
-    Transition,
-    acknowledge,
-    expire,
-    follow,
-    maintain,
-    reset,
-    shelve,
-    suppress,
-    unshelve,
-)
+from spool_monitor.alarm import Alarm, AlarmRefusedError, Operator, Transition, acknowledge, expire, follow
 from spool_monitor.detectors import latching_kinds
 from spool_monitor.event import Condition, Event, EventState, Facts, condition_name
 
+Given = ParamSpec("Given")
 _ALARM = TypeAdapter(Alarm)
 
 
@@ -61,33 +49,21 @@ class AlarmStore:
 
     def acknowledge(self, which: str, operator: Operator, occurrence: int = 0) -> list[Transition]:
         """Acknowledge; see :meth:`operate` and :func:`~spool_monitor.alarm.acknowledge`."""
-        transitions = self.operate(which, lambda alarm: acknowledge(alarm, operator, occurrence))
+        transitions = self.operate(which, acknowledge, operator, occurrence)
         for condition in self._conditions:
             condition.acknowledged = self.alarms[condition.name].acknowledged
         return transitions
 
-    def reset(self, which: str, operator: Operator) -> list[Transition]:
-        """Reset latched alarms."""
-        return self.operate(which, lambda alarm: reset(alarm, operator))
-
-    def shelve(self, which: str, operator: Operator, seconds: float) -> list[Transition]:
-        """Put aside for a time, or until the condition is over (0)."""
-        return self.operate(which, lambda alarm: shelve(alarm, operator, seconds))
-
-    def unshelve(self, which: str, operator: Operator) -> list[Transition]:
-        """Take off the shelf."""
-        return self.operate(which, lambda alarm: unshelve(alarm, operator))
-
-    def suppress(self, which: str, operator: Operator, *, on: bool) -> list[Transition]:
-        """Begin or end suppression."""
-        return self.operate(which, lambda alarm: suppress(alarm, operator, on=on))
-
-    def maintain(self, which: str, operator: Operator, *, on: bool, seconds: float = 0.0) -> list[Transition]:
-        """Take out of service for maintenance, for a time or without an end (0), or put back into it."""
-        return self.operate(which, lambda alarm: maintain(alarm, operator, on=on, seconds=seconds))
-
-    def operate(self, which: str, change: Callable[[Alarm], Transition]) -> list[Transition]:
+    def operate(
+        self,
+        which: str,
+        change: Callable[Concatenate[Alarm, Given], Transition],
+        *given: Given.args,
+        **named: Given.kwargs,
+    ) -> list[Transition]:
         """Change the alarm named ``which``, all whose names begin with it, or all (empty) that allow it.
+
+        ``change`` is what an operator can do, as ``spool_monitor.alarm`` has it; then what else that takes.
 
         Raises:
             AlarmRefusedError: there is no such alarm, or none of them can; nothing is changed.
@@ -101,7 +77,7 @@ class AlarmStore:
         transitions, refusals = [], []
         for alarm in chosen:
             try:
-                transitions.append(change(alarm))
+                transitions.append(change(alarm, *given, **named))
             except AlarmRefusedError as refusal:
                 refusals.append(refusal)
         if not transitions:

@@ -32,6 +32,7 @@ from spool_msgs.msg import AlarmList, HealthEvent, ModelEstimate, ValveDescripti
 from spool_msgs.srv import AcknowledgeAlarm, ManageBaseline, ResetAlarms, ShelveAlarm, SuppressAlarm
 from std_msgs.msg import Float64
 
+from spool_monitor import alarm as acts
 from spool_monitor.alarm import Action, Alarm, AlarmRefusedError, AlarmState, Operator, Transition
 from spool_monitor.alarm_store import AlarmStore
 from spool_monitor.detection import Detection
@@ -602,19 +603,19 @@ class AlarmServices:
         if kind is AcknowledgeAlarm:
             return alarms.acknowledge(request.alarm, operator, request.occurrence)
         if kind is ResetAlarms:
-            return alarms.reset(request.alarm, operator)
+            return alarms.operate(request.alarm, acts.reset, operator)
         if kind is ShelveAlarm:
             if request.shelved:
-                return alarms.shelve(request.alarm, operator, request.duration)
-            return alarms.unshelve(request.alarm, operator)
+                return alarms.operate(request.alarm, acts.shelve, operator, request.duration)
+            return alarms.operate(request.alarm, acts.unshelve, operator)
         on, seconds = request.suppressed, request.duration
         if request.way == SuppressAlarm.Request.OUT_OF_SERVICE:
-            return alarms.maintain(request.alarm, operator, on=on, seconds=seconds)
+            return alarms.operate(request.alarm, acts.maintain, operator, on=on, seconds=seconds)
         if request.way != SuppressAlarm.Request.BY_DESIGN:
             raise AlarmRefusedError(f"way: {request.way} is not 0 (by design) or 1 (out of service)")
         if seconds:
             raise AlarmRefusedError("duration: only a time out of service has an end; shelve the alarm")
-        return alarms.suppress(request.alarm, operator, on=on)
+        return alarms.operate(request.alarm, acts.suppress, operator, on=on)
 
     def _baseline(self, request: Any, response: Any) -> Any:
         keeper = self._state.baseline

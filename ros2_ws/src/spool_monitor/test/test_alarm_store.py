@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from spool_core.errors import InputError
 from spool_core.uncertainty import Quantity
-from spool_monitor.alarm import AlarmRefusedError, AlarmState, Operator
+from spool_monitor.alarm import AlarmRefusedError, AlarmState, Operator, reset, shelve, suppress, unshelve
 from spool_monitor.alarm_store import AlarmStore
 from spool_monitor.detectors import event_kind
 from spool_monitor.event import Condition, Event, EventState, Facts, Severity
@@ -76,15 +76,15 @@ def test_what_there_is_not_is_refused_with_what_there_is() -> None:
 
 def test_any_expected_alarm_can_be_put_aside_before_it_comes() -> None:
     alarms = store()
-    alarms.suppress("resonance", eva(), on=True)
+    alarms.operate("resonance", suppress, eva(), on=True)
     assert alarms.update(event("resonance", RAISED)).actions == ()
     assert states(alarms) == {"resonance": AlarmState.SUPPRESSED}
 
 
 def test_time_ends_the_shelves_that_are_due() -> None:
     alarms = store()
-    alarms.shelve("resonance", eva(), 10.0)
-    alarms.shelve("friction_drift", eva(), 20.0)
+    alarms.operate("resonance", shelve, eva(), 10.0)
+    alarms.operate("friction_drift", shelve, eva(), 20.0)
     assert alarms.advance(5 + 10 * SECOND - 1) == []
     (ended,) = alarms.advance(5 + 10 * SECOND)
     assert ended.after.name == "resonance"
@@ -97,7 +97,7 @@ def test_those_that_wait_for_an_operator_are_shown_first() -> None:
         high = name.startswith("stuck")
         alarms.update(event(name, RAISED, stamp, Severity.ALARM if high else Severity.WARNING))
     alarms.acknowledge("friction_drift/viscous_coefficient", eva())
-    alarms.shelve("resonance", eva(), 10.0)
+    alarms.operate("resonance", shelve, eva(), 10.0)
     assert [alarm.name for alarm in alarms.shown] == [
         "stuck_spool",
         "friction_drift/coulomb_force",
@@ -184,13 +184,13 @@ def test_whatever_happens_it_survives_a_restart_unchanged(steps: list[tuple[str,
             elif what == "ack":
                 alarms.acknowledge(name, operator)
             elif what == "reset":
-                alarms.reset(name, operator)
+                alarms.operate(name, reset, operator)
             elif what == "shelve":
-                alarms.shelve(name, operator, 10.0)
+                alarms.operate(name, shelve, operator, 10.0)
             elif what == "unshelve":
-                alarms.unshelve(name, operator)
+                alarms.operate(name, unshelve, operator)
             else:
-                alarms.suppress(name, operator, on=what == "on")
+                alarms.operate(name, suppress, operator, on=what == "on")
         except AlarmRefusedError:
             continue
         alarms.advance(stamp * SECOND)

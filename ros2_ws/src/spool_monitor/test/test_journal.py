@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from spool_core.errors import InputError
 from spool_core.events.language import LANGUAGES
 from spool_core.uncertainty import Quantity
-from spool_monitor.alarm import AlarmState, Operator
+from spool_monitor.alarm import AlarmState, Operator, maintain
 from spool_monitor.alarm_statistics import AlarmLimits, flood_share, peak_of, statistics
 from spool_monitor.event import Event, EventState, Facts, Severity
 from spool_monitor.journal import Journal, JournalEntry, entries_in
@@ -168,7 +168,7 @@ def test_each_entry_that_was_noted_survives_kills(
 def test_maintenance_ends_at_its_time_also_across_a_restart(tmp_path: Path) -> None:
     state, _ = opened(tmp_path)
     eva = Operator("Eva", 10 * SECOND, "pump is changed")
-    changed = state.alarms.maintain("resonance", eva, on=True, seconds=7200.0)
+    changed = state.alarms.operate("resonance", maintain, eva, on=True, seconds=7200.0)
     state.note(entries_of(changed, eva))
     state.keep_alarms()
     state.close()

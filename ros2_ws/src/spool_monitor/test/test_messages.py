@@ -15,7 +15,7 @@ from spool_core.events.sentences import headline
 from spool_core.node.managed_node import AUTOSTART
 from spool_core.node.messages import nanoseconds
 from spool_core.uncertainty import Quantity, Validity
-from spool_monitor.alarm import AlarmState, Operator
+from spool_monitor.alarm import AlarmState, Operator, shelve
 from spool_monitor.alarm_store import AlarmStore
 from spool_monitor.detectors import Judgement
 from spool_monitor.monitor import BaselineState, Health, HealthLevel, Monitor
@@ -92,7 +92,7 @@ def test_each_field_of_an_alarm_has_its_own_value() -> None:
         for state in (EventState.CLEARED, EventState.RAISED):
             store.update(replace(event, state=state, stamp=event.stamp + number * 10**8))
     store.acknowledge("", Operator("Eva", 5_000_000_017, "seen"))
-    store.shelve("", Operator("Jan", 8_000_000_019, "cable"), 60.0)
+    store.operate("", shelve, Operator("Jan", 8_000_000_019, "cable"), 60.0)
     sent = to_alarm_list(store.shown, 10_000_000_023, "4weh10_soft", LANGUAGES["de"])
     text = headline(event, LANGUAGES["de"])
     assert text != headline(event)

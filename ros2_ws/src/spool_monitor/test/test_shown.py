@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from spool_core.events.language import LANGUAGES
 from spool_core.uncertainty import Quantity
-from spool_monitor.alarm import AlarmRefusedError, Operator
+from spool_monitor.alarm import AlarmRefusedError, Operator, maintain, reset, shelve, suppress, unshelve
 from spool_monitor.alarm_store import AlarmStore
 from spool_monitor.event import Event, EventState, Severity
 from spool_monitor.listener import NO_WORD, SILENT, WAITING, HeardValve
@@ -64,13 +64,13 @@ def play(steps: list[tuple[int, str, str]]) -> tuple[AlarmStore, dict[str, Known
         operator = Operator(who, stamp, f"{who} says {moment}")
         do: dict[str, Callable[[str, Operator], object]] = {
             "acknowledge": store.acknowledge,
-            "reset": store.reset,
-            "serve": lambda which, by: store.maintain(which, by, on=True),
-            "return": lambda which, by: store.maintain(which, by, on=False),
-            "suppress": lambda which, by: store.suppress(which, by, on=True),
-            "show": lambda which, by: store.suppress(which, by, on=False),
-            "shelve": lambda which, by: store.shelve(which, by, 3600.0),
-            "unshelve": store.unshelve,
+            "reset": lambda which, by: store.operate(which, reset, by),
+            "serve": lambda which, by: store.operate(which, maintain, by, on=True),
+            "return": lambda which, by: store.operate(which, maintain, by, on=False),
+            "suppress": lambda which, by: store.operate(which, suppress, by, on=True),
+            "show": lambda which, by: store.operate(which, suppress, by, on=False),
+            "shelve": lambda which, by: store.operate(which, shelve, by, 3600.0),
+            "unshelve": lambda which, by: store.operate(which, unshelve, by),
         }
         try:
             do[act](name, operator)
