@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from spool_core.block import Block
 from spool_estimator.estimator import Estimator, settings_for
-from spool_monitor.detectors import DETECTORS, LINE, Judgement, Moment, MonitorSettings
+from spool_monitor.detectors import DETECTORS, Judgement, Moment, MonitorSettings
 from spool_monitor.event import EventState
 from spool_monitor.monitor import Monitor
 from spool_monitor.replay import Replay
@@ -66,7 +66,7 @@ def test_a_moment_that_shows_nothing_of_what_a_detector_looks_at_tells_it_nothin
     before = pickle.dumps(vars(one))
     nothing = Moment(10**18, 15.0, detection.reference, detection.parameters, detection.learned)
     window = Line(10**18, 15.0, 5.0, 9.0, 1.8, 1e-3, 0.9)
-    unseen = nothing if LINE in one.looks_at else nothing._replace(line=window)
+    unseen = nothing if "line" in one.looks_at else nothing._replace(line=window)
     assert not one.update(unseen)
     assert pickle.dumps(vars(one)) == before
 

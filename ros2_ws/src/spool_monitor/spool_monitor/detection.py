@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 from spool_core.block import Block
 from spool_core.kernels.strokes import Stroke
@@ -12,14 +13,13 @@ from spool_core.system import BUDGET
 from spool_estimator.estimate import Estimate
 
 from spool_monitor.channels import ChannelWatch, GainChange, ResponseTracker, Signals, ValveResponse, look
-from spool_monitor.detectors import CHANNELS, ESTIMATE, LINE, SIGNALS, Detector, Judgement, Moment, detectors
+from spool_monitor.detectors import Detector, Judgement, Moment, detectors
 from spool_monitor.detectors.base import (
     BASELINE_TIME,
     BLIND,
     FALSE_ALARM_INTERVAL,
     MINIMUM_BODY,
     NATURAL_FREQUENCY,
-    STROKES,
     MonitorSettings,
     NotJudged,
     judgement,
@@ -196,8 +196,7 @@ class Detection:
 
     def update_strokes(self, strokes: Sequence[Stroke], natural_frequency: float) -> list[Event]:
         """Take the strokes that ended; return what began or ended with them."""
-        moment = self._moment(strokes[-1].stamp, natural_frequency)._replace(strokes=tuple(strokes))
-        return self._show(STROKES, moment)
+        return self._show(strokes[-1].stamp, natural_frequency, strokes=tuple(strokes))
 
     def _pause(self, pause: int) -> None:
         self._windowed_at += pause
@@ -215,16 +214,15 @@ class Detection:
             self._stamp = window.stamp
             seen = self.channels.update(window, self.windows.fresh)
             if seen is not None:
-                moment = self._moment(window.stamp, natural_frequency)._replace(channels=seen)
-                events += self._show(CHANNELS, moment)
+                events += self._show(window.stamp, natural_frequency, channels=seen)
             # Levels are looked at in every other window: what they tell takes seconds to be believed.
             if window.number % 2 == 0:
                 events += self._show_signals(look(window), natural_frequency)
             self.line = find_line(window)
             self._windowed_at = window.stamp
             self._look_for_judges(window.stamp)
-            moment = self._moment(window.stamp, natural_frequency)
-            events += self._show(LINE, moment._replace(line=self.line, silent=self.line is None))
+            silent = self.line is None
+            events += self._show(window.stamp, natural_frequency, line=self.line, silent=silent)
         self._stamp = block.end
         if not 0 <= block.end - self._windowed_at < NO_WINDOW * 1e9:
             # There is nothing to see but the time without windows, for the detector of blindness.
@@ -282,8 +280,7 @@ class Detection:
                 parameter.judged = False
             else:
                 parameter.update(estimate, distrust=distrust)
-        moment = self._moment(estimate.stamp, natural_frequency)._replace(estimate=estimate)
-        return self._show(ESTIMATE, moment)
+        return self._show(estimate.stamp, natural_frequency, estimate=estimate)
 
     def _show_signals(self, signals: Signals, natural_frequency: float) -> list[Event]:
         shaken = signals.body.rms >= self.settings[MINIMUM_BODY]
@@ -292,8 +289,7 @@ class Detection:
         response = self.response.update(signals, old) if known else None
         if not shaken:
             self.response.restart()
-        moment = self._moment(signals.stamp, natural_frequency)
-        events = self._show(SIGNALS, moment._replace(signals=signals, response=response))
+        events = self._show(signals.stamp, natural_frequency, signals=signals, response=response)
         if response is not None and not self.distrust and 0.7 < response.gain < 1.4:
             # The reference follows what was measured slowly, and never beyond what a valve has.
             ratio = response.natural_frequency / old.natural_frequency
@@ -328,8 +324,10 @@ class Detection:
             unjudged=self._unjudged, explained=explained, orders=self.orders, gain=self.gain,
         )  # fmt: skip
 
-    def _show(self, what: str, moment: Moment) -> list[Event]:
-        """Show a moment with something new of ``what`` to those who look at that."""
+    def _show(self, stamp: int, natural_frequency: float, **new: Any) -> list[Event]:
+        """Show the moment with what is ``new`` to those who look at the first of that."""
+        what = next(iter(new))
+        moment = self._moment(stamp, natural_frequency)._replace(**new)
         events: list[Event] = []
         described = moment.described
         for one in self.detectors:
@@ -338,7 +336,7 @@ class Detection:
                 one.judgement, one.suspicious = Judgement.NOT_JUDGED, ""
             elif what in one.looks_at:
                 one.held = one.stays and any(each.holds for each in self.conditions_of(one))
-                distrust = self._distrust(moment.stamp, one)
+                distrust = self._distrust(stamp, one)
                 found = one.update(moment._replace(distrust=distrust) if distrust else moment)
             findings = () if found is None else (found,) if isinstance(found, Finding) else found
             for finding in findings:
@@ -350,7 +348,7 @@ class Detection:
                     lasts |= unjudged or each.holds or not all(found.released for found in findings)
             if one.suspicious or lasts:
                 reason = one.suspicious or f"{one.name.replace('_', ' ')} is active"
-                self._suspicions[one.name] = (moment.stamp, one, reason)
+                self._suspicions[one.name] = (stamp, one, reason)
             elif one.refuted:
                 self._suspicions.pop(one.name, None)
         return events

@@ -53,9 +53,7 @@ def test_while_an_alarm_of_a_stuck_spool_lasts_its_parameters_are_doubted() -> N
             detection.restart(1e-3)
         detection._stamp = second * SECOND
         moment = moving(second, 0.1 if second < 6 else 0.3)
-        detection._show(
-            "signals", moment._replace(parameters=detection.parameters, learned=detection.learned)
-        )
+        detection._show(moment.stamp, 15.0, signals=moment.signals, reference=REFERENCE)
         if second > 6:
             assert detection.conditions["stuck_spool"].active is Severity.ALARM
             assert detection.distrust

@@ -9,14 +9,10 @@ from spool_core.errors import InputError
 
 from spool_monitor.detectors.base import (
     BASELINE_TIME,
-    CHANNELS,
-    ESTIMATE,
     FALSE_ALARM_INTERVAL,
     JUDGEMENT_TEXTS,
-    LINE,
     MINIMUM_BODY,
     NATURAL_FREQUENCY,
-    SIGNALS,
     Detector,
     Judgement,
     Moment,
@@ -27,14 +23,10 @@ from spool_monitor.detectors.base import (
 from spool_monitor.event import EventKind, Namur
 
 __all__ = [
-    "CHANNELS",
     "DETECTORS",
-    "ESTIMATE",
     "JUDGEMENT_TEXTS",
     "KINDS",
     "LIMITS",
-    "LINE",
-    "SIGNALS",
     "Detector",
     "Judgement",
     "Moment",

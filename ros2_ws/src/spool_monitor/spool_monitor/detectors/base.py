@@ -21,9 +21,6 @@ from spool_monitor.parameter_drift import ParameterDrift
 from spool_monitor.state_file import Baseline
 from spool_monitor.window import Line
 
-#: What a moment may show again.
-SIGNALS, LINE, ESTIMATE, CHANNELS, STROKES = "signals", "line", "estimate", "channels", "strokes"
-
 
 class Judgement(enum.IntEnum):
     """How far a detector can judge now; the texts are those in ``spool_msgs/msg/ValveHealth``."""
@@ -153,7 +150,7 @@ class Moment(NamedTuple):
 class Detector(ABC):
     """Detector of one kind of trouble of one valve, moment by moment; time comes from the stamps.
 
-    ``name`` distinguishes it from others of its ``kind``; ``looks_at`` says which moments it is shown.
+    ``name`` distinguishes it from others of its ``kind``; it is shown what is new of ``looks_at``.
     ``parts`` names its faults where it has several, e.g. one for each channel: each has its own condition.
     ``rank`` orders the detectors of one moment: what is judged first is doubted by nothing that comes later.
     What keeps which other from judging is a table in :mod:`.unknowable`.
@@ -260,7 +257,7 @@ class NotJudged(Detector):
 
     name = "not_judged"
     kind = DATA_FAULT
-    looks_at = (LINE,)
+    looks_at = ("line",)
     rank = 99
     _explained = 0
 

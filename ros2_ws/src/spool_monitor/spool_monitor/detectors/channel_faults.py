@@ -10,7 +10,7 @@ from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.identification.channel_faults import ChannelFault
 
 from spool_monitor.channels import ChannelLook
-from spool_monitor.detectors.base import CHANNELS, Detector, Judgement, Moment, MonitorSettings
+from spool_monitor.detectors.base import Detector, Judgement, Moment, MonitorSettings
 from spool_monitor.detectors.data_fault import KIND as DATA_FAULT
 from spool_monitor.event import EACH_CHANNEL, EventCause, Facts, Finding, Severity, sensor_fault
 
@@ -25,7 +25,7 @@ AGREE = 0.25
 class RowFault(Detector):
     """Fault that the samples themselves show; one look is enough, and one without it ends it."""
 
-    looks_at = (CHANNELS,)
+    looks_at = ("channels",)
     rank = -1
     off_delay: ClassVar[float] = 5.0
 

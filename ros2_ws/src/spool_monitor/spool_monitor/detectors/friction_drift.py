@@ -8,15 +8,7 @@ from typing import ClassVar
 
 from spool_core.uncertainty import Quantity, Validity
 
-from spool_monitor.detectors.base import (
-    ESTIMATE,
-    Detector,
-    DriftTest,
-    Moment,
-    MonitorLimit,
-    judgement,
-    on_delay,
-)
+from spool_monitor.detectors.base import Detector, DriftTest, Moment, MonitorLimit, judgement, on_delay
 from spool_monitor.event import EventCause, EventKind, Facts, Finding, Namur, Severity
 from spool_monitor.parameter_drift import VISCOUS, ParameterDrift
 
@@ -49,7 +41,7 @@ class FrictionDrift(Detector):
 
     name = "friction_drift"
     kind = KIND
-    looks_at = (ESTIMATE,)
+    looks_at = ("estimate",)
     drifts = (
         DriftTest("viscous_coefficient", "N s/m", VISCOUS_CHANGE),
         DriftTest("coulomb_force", "N", COULOMB_CHANGE),

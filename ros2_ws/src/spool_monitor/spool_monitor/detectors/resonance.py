@@ -10,7 +10,6 @@ from spool_core.errors import InputError
 from spool_core.uncertainty import Quantity, Validity
 
 from spool_monitor.detectors.base import (
-    LINE,
     MINIMUM_BODY,
     Detector,
     Judgement,
@@ -55,7 +54,7 @@ class Resonance(Detector):
     name = "resonance"
     kind = KIND
     needs_valve = True
-    looks_at = (LINE,)
+    looks_at = ("line",)
     on_delay = ON_DELAY
     off_delay: ClassVar[float] = 1.0
 

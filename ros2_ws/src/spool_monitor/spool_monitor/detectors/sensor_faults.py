@@ -17,10 +17,7 @@ from spool_estimator.estimate import Estimate, State
 
 from spool_monitor.channels import GAIN_LASTS, KEPT, MEMORY, Channel, Signals, ValveResponse, transfer
 from spool_monitor.detectors.base import (
-    CHANNELS,
-    ESTIMATE,
     MINIMUM_BODY,
-    SIGNALS,
     Detector,
     Judgement,
     Moment,
@@ -102,7 +99,7 @@ class SensorClipping(Detector):
 
     name = "sensor_clipping"
     kind = CLIPPING_KIND
-    looks_at = (SIGNALS,)
+    looks_at = ("signals",)
     parts = EACH_CHANNEL
     rank = 1
     off_delay: ClassVar[float] = 15.0
@@ -152,7 +149,7 @@ class SensorDead(Detector):
 
     name = "sensor_dead"
     kind = DEAD_KIND
-    looks_at = (SIGNALS,)
+    looks_at = ("signals",)
     parts = EACH_CHANNEL
     rank = 0
     on_delay: ClassVar[float] = 1.0
@@ -282,7 +279,7 @@ class SensorOffset(Detector):
 
     name = "sensor_offset"
     kind = OFFSET_KIND
-    looks_at = (SIGNALS,)
+    looks_at = ("signals",)
     parts = EACH_CHANNEL
     rank = 2
     learns: ClassVar[Mapping[str, str]] = {"body_mean": "m/s^2", "spool_mean": "m/s^2"}
@@ -348,7 +345,7 @@ class SensorScale(Detector):
     name = "sensor_scale"
     kind = SCALE_KIND
     needs_valve = True
-    looks_at = (SIGNALS, ESTIMATE, CHANNELS)
+    looks_at = ("signals", "estimate", "channels")
     rank = 4
     learns: ClassVar[Mapping[str, str]] = {"channel_gain": "1", "gain_bend": "1", "gain_frequency": "Hz"}
     on_delay: ClassVar[float] = 2.0
@@ -495,7 +492,7 @@ class SensorSwapped(Detector):
     name = "sensor_swapped"
     kind = SWAPPED_KIND
     needs_valve = True
-    looks_at = (SIGNALS,)
+    looks_at = ("signals",)
     rank = 3
     on_delay: ClassVar[float] = 1.5
 

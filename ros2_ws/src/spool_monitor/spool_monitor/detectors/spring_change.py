@@ -6,15 +6,7 @@ import math
 from dataclasses import replace
 from typing import ClassVar
 
-from spool_monitor.detectors.base import (
-    ESTIMATE,
-    Detector,
-    DriftTest,
-    Moment,
-    MonitorLimit,
-    judgement,
-    on_delay,
-)
+from spool_monitor.detectors.base import Detector, DriftTest, Moment, MonitorLimit, judgement, on_delay
 from spool_monitor.event import EventCause, EventKind, Facts, Finding, Namur, Severity
 
 KIND = EventKind(
@@ -39,7 +31,7 @@ class SpringChange(Detector):
 
     name = "spring_change"
     kind = KIND
-    looks_at = (ESTIMATE,)
+    looks_at = ("estimate",)
     drifts = (DriftTest("spring_stiffness", "N/m", STIFFNESS_CHANGE),)
     on_delay = ON_DELAY
     off_delay: ClassVar[float] = 5.0

@@ -18,9 +18,7 @@ from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.estimate import Estimate, State
 
 from spool_monitor.detectors.base import (
-    ESTIMATE,
     FALSE_ALARM_INTERVAL,
-    STROKES,
     Detector,
     Judgement,
     Moment,
@@ -51,7 +49,7 @@ class StrokeTest(Detector):
     """Drift test of one time of the strokes."""
 
     kind = KIND
-    looks_at = (STROKES, ESTIMATE)
+    looks_at = ("strokes", "estimate")
     rank = 8
 
     def __init__(self, settings: MonitorSettings) -> None:

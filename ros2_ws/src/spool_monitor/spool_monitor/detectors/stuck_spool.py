@@ -8,16 +8,7 @@ from dataclasses import replace
 from spool_core.uncertainty import Quantity, Validity
 
 from spool_monitor.channels import due_power
-from spool_monitor.detectors.base import (
-    ESTIMATE,
-    MINIMUM_BODY,
-    SIGNALS,
-    Detector,
-    Judgement,
-    Moment,
-    MonitorSettings,
-    on_delay,
-)
+from spool_monitor.detectors.base import MINIMUM_BODY, Detector, Judgement, Moment, MonitorSettings, on_delay
 from spool_monitor.event import EventKind, Facts, Finding, Namur, Severity
 
 KIND = EventKind("stuck_spool", 400, Namur.FAILURE, latching=True)
@@ -37,7 +28,7 @@ class StuckSpool(Detector):
     name = "stuck_spool"
     kind = KIND
     needs_valve = True
-    looks_at = (SIGNALS, ESTIMATE)
+    looks_at = ("signals", "estimate")
     rank = 5
     on_delay = ON_DELAY
 
