@@ -71,7 +71,7 @@ BEAT = 2.0
 MOST_FALLS, MOST_STREAMS = 16, 64
 
 _STREAM = "text/event-stream; charset=utf-8"
-_STREAM_HEADERS = {"cache-control": "no-store", "x-accel-buffering": "no"}
+_STREAM_HEADERS = {"x-accel-buffering": "no"}
 
 #: s that the head of a request may take, of a kept connection twice that, and s that a client may not read.
 HEAD, STALLED = 10.0, 20.0
@@ -128,7 +128,10 @@ class Guard:
 
         async def guarded(message: Message) -> None:
             if message["type"] == "http.response.start":
-                message["headers"] = [*message.get("headers", []), *_HEADERS]
+                own = message.get("headers", [])
+                # A browser keeps what says so itself, the files of the site.
+                unkept = () if b"cache-control" in dict(own) else ((b"cache-control", b"no-store"),)
+                message["headers"] = [*own, *unkept, *_HEADERS]
             await send(message)
 
         refusal = self._refusal(scope)
@@ -231,7 +234,7 @@ class Pages:
             operable=self._operable,
             personal=self._personal,
         )
-        headers = {"cache-control": "no-store", "vary": "accept-language, cookie"}
+        headers = {"vary": "accept-language, cookie"}
         return Response(text, media_type="text/html", headers=headers)
 
 

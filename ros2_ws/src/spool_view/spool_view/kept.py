@@ -179,28 +179,23 @@ class Records:
         except (InputError, OSError) as error:  # names files: not for browsers
             self._failed(valve, error)
             return _nothing()
-        return JSONResponse(found, headers={"cache-control": "no-store"})
+        return JSONResponse(found)
 
     async def sparks(self, _request: Request) -> Response:
         """Answer with the last hour of every valve."""
         found = await self._read(lambda: self._sparks.of(self._desk.valves))
-        return JSONResponse({"valves": found}, headers={"cache-control": "no-store"})
+        return JSONResponse({"valves": found})
 
     async def history(self, request: Request) -> Response:
         """Answer with the journals' entries that are searched for, and the figures of the alarm system."""
-        found = await self._searched(request, history)
-        if isinstance(found, Response):
-            return found
-        return JSONResponse(found, headers={"cache-control": "no-store"})
+        return await self._searched(request, history, JSONResponse)
 
     async def history_table(self, request: Request) -> Response:
         """Answer with the same as CSV."""
-        found = await self._searched(request, history_table)
-        if isinstance(found, Response):
-            return found
         name = f"alarms_{datetime.now(timezone.utc):%Y%m%d}.csv"
-        headers = {"cache-control": "no-store", "content-disposition": f'attachment; filename="{name}"'}
-        return Response(found, media_type="text/csv; charset=utf-8", headers=headers)
+        headers = {"content-disposition": f'attachment; filename="{name}"'}
+        table = partial(Response, media_type="text/csv; charset=utf-8", headers=headers)
+        return await self._searched(request, history_table, table)
 
     def _failed(self, valve: str, error: InputError | OSError) -> None:
         """Log once for each valve what can't be read; a file that is not there yet is no fault."""
@@ -209,8 +204,11 @@ class Records:
             self._desk.warn(f"trends and journal of {valve} can't be read, the page shows none: {error}")
 
     async def _searched(
-        self, request: Request, read: Callable[[Path, list[str], str, tuple[int, int], str, Failed], Found]
-    ) -> Found | Response:
+        self,
+        request: Request,
+        read: Callable[[Path, list[str], str, tuple[int, int], str, Failed], Found],
+        answer: Callable[[Found], Response],
+    ) -> Response:
         search, length = request.query_params.get("search", ""), request.query_params.get("range", "week")
         ends = [request.query_params.get(end, "") for end in ("since", "until")]
         if (
@@ -225,9 +223,8 @@ class Records:
             begin = now - PERIODS[length] * 1_000_000_000
         span = begin, max(begin, end or now)
         names, language = list(self._desk.valves), self._language(request)
-        return await self._read(
-            lambda: read(self._desk.state_folder, names, search, span, language, self._failed)
-        )
+        base = self._desk.state_folder
+        return answer(await self._read(lambda: read(base, names, search, span, language, self._failed)))
 
     async def _read(self, read: Callable[[], Found]) -> Found:
         """Read what the monitors keep in a thread, few at a time."""
@@ -242,7 +239,7 @@ class Records:
         if message is None or not message.json:
             return PlainTextResponse("no analysis is held: open the valve's page first", 404)
         name = f"gap_{message.header.stamp.sec}.json"
-        headers = {"cache-control": "no-store", "content-disposition": f'attachment; filename="{name}"'}
+        headers = {"content-disposition": f'attachment; filename="{name}"'}
         return Response(message.json, media_type="application/json", headers=headers)
 
 
@@ -275,4 +272,4 @@ def _found(
 
 def _nothing() -> Response:
     """Answer that there is none: no fault, a monitor that has just begun has kept nothing yet."""
-    return JSONResponse({"parameters": [], "start": []}, headers={"cache-control": "no-store"})
+    return JSONResponse({"parameters": [], "start": []})

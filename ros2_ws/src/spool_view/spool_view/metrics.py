@@ -101,7 +101,7 @@ class Metrics:
     async def answer(self, _request: Request) -> Response:
         """Answer a scrape."""
         text = exposition(self.valves, self.hosts, time.monotonic(), time.time())
-        return Response(text, headers={"content-type": CONTENT_TYPE, "cache-control": "no-store"})
+        return Response(text, headers={"content-type": CONTENT_TYPE})
 
 
 def exposition(

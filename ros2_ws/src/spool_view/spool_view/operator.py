@@ -283,4 +283,4 @@ async def _body(request: Request, most: int) -> bytes:
 
 
 def _answer(status: int, text: str, **more: str) -> JSONResponse:
-    return JSONResponse({"text": text, **more}, status, {"cache-control": "no-store"})
+    return JSONResponse({"text": text, **more}, status)
