@@ -27,88 +27,62 @@ RESPAWN_DELAY = 2.0
 RESPAWN_MAX_RETRIES = 20
 #: Arguments that are parameters of type bool.
 FLAGS = ("use_sim_time", "autostart")
+EITHER = ["true", "false"]
+#: Arguments: name, default, all values if they are few, and what it is for.
+ARGUMENTS = (
+    (
+        "valves_file", str(SHARE / "config" / "valves.yaml"), None,
+        "YAML list of valves: namespace, and optionally valve_file.",
+    ),
+    (
+        "params_file", str(SHARE / "config" / "valve.yaml"), None,
+        "Parameters of all nodes; the shipped file is the manual.",
+    ),
+    ("simulate", "false", EITHER, "Start a simulator for each valve instead of its accelerometers."),
+    (
+        "adapt", "false", EITHER,
+        "Start an adapter for each valve, whose accelerometers have ROS drivers; params_file names their "
+        "topics.",
+    ),
+    (
+        "host_processes", "0", None,
+        "Processes that host all estimators and monitors together; 0: each node has its own, which suits a "
+        "few valves.",
+    ),
+    (
+        "host_sources", "false", EITHER,
+        "Run the simulators or adapters in the hosts, too, which then need no messages; with "
+        "host_processes.",
+    ),
+    ("record", "true", EITHER, "Record every topic of the valves to MCAP."),
+    (
+        "respawn", "true", EITHER,
+        f"Start a node that ended again after {RESPAWN_DELAY:g} s, {RESPAWN_MAX_RETRIES} times at most.",
+    ),
+    (
+        "output", "", None,
+        "Bag to be made; empty: as in params_file, else recording_<time> in the working directory.",
+    ),
+    (
+        "state_folder", "", None,
+        "Where the monitors keep alarms, baselines and trends; empty: as in params_file.",
+    ),
+    ("use_sim_time", "", ["", *EITHER], "Follow /clock; empty: as in params_file, else false."),
+    (
+        "autostart", "", ["", *EITHER],
+        "Configure and activate the nodes immediately, without a life cycle manager; empty: as in "
+        "params_file, else true.",
+    ),
+)  # fmt: skip
 
 
 def generate_launch_description() -> LaunchDescription:
     """Return the arguments, the nodes of each valve in the list, and the recorder."""
-    return LaunchDescription(
-        [
-            DeclareLaunchArgument(
-                "valves_file",
-                default_value=str(SHARE / "config" / "valves.yaml"),
-                description="YAML list of valves: namespace, and optionally valve_file.",
-            ),
-            DeclareLaunchArgument(
-                "params_file",
-                default_value=str(SHARE / "config" / "valve.yaml"),
-                description="Parameters of all nodes; the shipped file is the manual.",
-            ),
-            DeclareLaunchArgument(
-                "simulate",
-                default_value="false",
-                choices=["true", "false"],
-                description="Start a simulator for each valve instead of its accelerometers.",
-            ),
-            DeclareLaunchArgument(
-                "adapt",
-                default_value="false",
-                choices=["true", "false"],
-                description="Start an adapter for each valve, whose accelerometers have ROS drivers; "
-                "params_file names their topics.",
-            ),
-            DeclareLaunchArgument(
-                "host_processes",
-                default_value="0",
-                description="Processes that host all estimators and monitors together; 0: each node has its "
-                "own, which suits a few valves.",
-            ),
-            DeclareLaunchArgument(
-                "host_sources",
-                default_value="false",
-                choices=["true", "false"],
-                description="Run the simulators or adapters in the hosts, too, which then need no messages; "
-                "with host_processes.",
-            ),
-            DeclareLaunchArgument(
-                "record",
-                default_value="true",
-                choices=["true", "false"],
-                description="Record every topic of the valves to MCAP.",
-            ),
-            DeclareLaunchArgument(
-                "respawn",
-                default_value="true",
-                choices=["true", "false"],
-                description=f"Start a node that ended again after {RESPAWN_DELAY:g} s, "
-                f"{RESPAWN_MAX_RETRIES} times at most.",
-            ),
-            DeclareLaunchArgument(
-                "output",
-                default_value="",
-                description="Bag to be made; empty: as in params_file, else recording_<time> in the working "
-                "directory.",
-            ),
-            DeclareLaunchArgument(
-                "state_folder",
-                default_value="",
-                description="Where the monitors keep alarms, baselines and trends; empty: as in params_file.",
-            ),
-            DeclareLaunchArgument(
-                "use_sim_time",
-                default_value="",
-                choices=["", "true", "false"],
-                description="Follow /clock; empty: as in params_file, else false.",
-            ),
-            DeclareLaunchArgument(
-                "autostart",
-                default_value="",
-                choices=["", "true", "false"],
-                description="Configure and activate the nodes immediately, without a life cycle manager; "
-                "empty: as in params_file, else true.",
-            ),
-            OpaqueFunction(function=_nodes),
-        ]
-    )
+    arguments = [
+        DeclareLaunchArgument(name, default_value=default, description=text, choices=choices)
+        for name, default, choices, text in ARGUMENTS
+    ]
+    return LaunchDescription([*arguments, OpaqueFunction(function=_nodes)])
 
 
 def _nodes(context) -> list:
