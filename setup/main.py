@@ -10,6 +10,8 @@ import signal
 import sys
 from pathlib import Path
 
+from spool_core.text import keep_standard_streams
+
 from setup import requirements, workspace
 from setup.layout import Layout, SetupError, find_underlay
 from setup.process import say
@@ -51,8 +53,8 @@ def main(arguments: list[str]) -> int:
     Returns:
         Exit code.
     """
-    signal.signal(signal.SIGTERM, _as_interrupt)
-    _keep_standard_streams()
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C
+    keep_standard_streams()
     try:
         return _run(arguments)
     except BrokenPipeError:  # the reader of the output has ended
@@ -83,18 +85,6 @@ def commands(root: Path) -> dict[str, str]:
 def listing(root: Path) -> str:
     """Return the lines of the list that `./spool --help` shows before anything is set up."""
     return "".join(f"  {name:9} {line}\n" for name, line in commands(root).items())
-
-
-def _keep_standard_streams() -> None:
-    """Open /dev/null in place of standard streams that the caller closed: files would get their numbers."""
-    for descriptor in (0, 1, 2):
-        try:
-            os.fstat(descriptor)
-        except OSError:
-            os.open(os.devnull, os.O_RDWR)
-            os.set_inheritable(descriptor, True)
-    sys.stdout = sys.stdout or os.fdopen(1, "w", closefd=False)
-    sys.stderr = sys.stderr or os.fdopen(2, "w", closefd=False)
 
 
 def _run(arguments: list[str]) -> int:
@@ -168,11 +158,6 @@ def _hand_over(layout: Layout, environment: dict[str, str], arguments: list[str]
         command = [python, *safe, "-m", "spool_bringup.program", *arguments]
     sys.stdout.flush()
     os.execve(python, command, run)
-
-
-def _as_interrupt(*_: object) -> None:
-    """Treat SIGTERM like Ctrl-C."""
-    raise KeyboardInterrupt
 
 
 def _declared(file: Path) -> tuple[int, str]:
