@@ -64,7 +64,7 @@ MODULES: dict[str, str] = {
     "spool_gap.effect": EFFECTS,
     "spool_estimator.identification.chain": EFFECTS,
     "spool_estimator.identification.spectra": EFFECTS,
-    "spool_estimator.stream_estimator": ESTIMATES,
+    "spool_estimator.estimator": ESTIMATES,
 }
 #: Of a module only these functions are laws; all but NOT_LAWS elsewhere.
 ONLY = {
@@ -84,7 +84,7 @@ ONLY = {
         "_rise", "apply", "delayed", "gain", "relative_motion",
         "settling",
     },
-    "spool_estimator.stream_estimator": {"_derived"},
+    "spool_estimator.estimator": {"_derived"},
 }  # fmt: skip
 
 

@@ -7,8 +7,7 @@ import pytest
 from spool_bag.reader import BagReader
 from spool_core.uncertainty import Validity
 from spool_estimator.estimate import State
-from spool_estimator.estimator import Estimator
-from spool_estimator.stream_estimator import EstimatorSettings
+from spool_estimator.estimator import Estimator, EstimatorSettings
 
 BAGS = Path(__file__).resolve().parent.parent / "bags"
 ROW = re.compile(

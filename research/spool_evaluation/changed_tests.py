@@ -47,11 +47,7 @@ ABOUT: Mapping[str, tuple[str, ...]] = {
     "test_recording": ("spool_bag.record*", "spool_bag.parts", "spool_bag.writer", "spool_bag.snapshot"),
     "test_refits": ("spool_estimator.refit*", "spool_estimator.estimator_node"),
     "test_setup": ("setup.*",),
-    "test_stream": (
-        "spool_sim.simulator*",
-        "spool_estimator.estimator_node",
-        "spool_estimator.stream_estimator",
-    ),
+    "test_stream": ("spool_sim.simulator*", "spool_estimator.estimator_node", "spool_estimator.estimator"),
     "test_supervision": ("spool_bringup.host.*", "spool_*.*_node"),
     "test_watch": ("spool_monitor.listener", "spool_tools.operations.live_run"),
     "test_wrong_valve_file": ("spool_estimator.estimator_node", "spool_estimator.plausibility"),

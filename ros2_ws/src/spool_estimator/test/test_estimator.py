@@ -11,8 +11,7 @@ import pytest
 from spool_core.block import Block
 from spool_core.uncertainty import Validity
 from spool_estimator.estimate import Estimate, State
-from spool_estimator.estimator import Estimator, settings_for
-from spool_estimator.stream_estimator import EstimatorSettings
+from spool_estimator.estimator import Estimator, EstimatorSettings, settings_for
 from spool_sim.excitation import PRESETS, Excitation, MachineOrders
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator

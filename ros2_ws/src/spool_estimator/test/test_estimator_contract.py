@@ -16,7 +16,7 @@ from spool_core.block import Block
 from spool_core.one_source import STALE
 from spool_core.uncertainty import Validity
 from spool_estimator.estimate import Estimate, State
-from spool_estimator.stream_estimator import Estimator, EstimatorSettings
+from spool_estimator.estimator import Estimator, EstimatorSettings
 from spool_sim.excitation import PRESETS, MachineOrders
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator

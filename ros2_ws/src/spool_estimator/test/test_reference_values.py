@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from spool_core.uncertainty import Validity
-from spool_estimator.stream_estimator import Learned, _derived
+from spool_estimator.estimator import Learned, _derived
 
 EXACT = 1e-6
 #: k = 2000 +- 20 N/m and c = 5 +- 0.1 N s/m with a covariance of 0.5; powers of error, force, body, motion.

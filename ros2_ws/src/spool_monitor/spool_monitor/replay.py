@@ -9,10 +9,10 @@ from dataclasses import dataclass, field
 from spool_core.block import Block, BlockRun
 from spool_core.block_gate import Verdict
 from spool_estimator.estimate import Estimate
+from spool_estimator.estimator import Estimator
 from spool_estimator.gap_watch import GapWatch
 from spool_estimator.plausibility import ValveCheck
 from spool_estimator.refit import Refit, WindowRefits, refit
-from spool_estimator.stream_estimator import Estimator
 
 from spool_monitor.drift_trace import DriftTrace
 from spool_monitor.event import Event, EventState
