@@ -5,8 +5,6 @@ from __future__ import annotations
 import contextlib
 import gc
 import math
-import multiprocessing
-import os
 import sys
 import time
 from collections import deque
@@ -22,7 +20,7 @@ from spool_core.node.block_hub import BlockHub, Throttle, TopicTimes, Worker
 from spool_core.node.diagnostics import DiagnosticPublisher, Level, Status
 from spool_core.node.managed_node import HostContext, ManagedNode, Ticker
 from spool_core.node.parameters import NodeParameter, refuse_other_files, refuse_other_nodes, rule
-from spool_core.node.running import REFUSED, NodeExecutor, ensure_log_folder, one_line
+from spool_core.node.running import REFUSED, NodeExecutor, ensure_log_folder, finished, one_line
 from spool_core.node.stop import STOP, Phase, StopRequested
 from spool_core.system import BUDGET, resident_memory
 from spool_core.text import plural
@@ -237,21 +235,11 @@ class HostProcess:
         for one in self.hosted:
             with contextlib.suppress(Exception):
                 one.node.trigger_shutdown()
-        # A process that analyses is not waited for: what it is at is lost.
-        for child in multiprocessing.active_children():
-            child.terminate()
         if hasattr(self, "_executor"):
             with contextlib.suppress(Exception):
                 self._node.trigger_shutdown()
             self._executor.shutdown()
-        rclpy.try_shutdown()
-        STOP.finish()
-        if any(one.node.compiling for one in self.hosted):
-            # The interpreter would take itself down beneath the compiler.
-            sys.stdout.flush()
-            sys.stderr.flush()
-            os._exit(code)
-        return code
+        return finished(code, compiling=any(one.node.compiling for one in self.hosted))
 
     def _begin(self) -> None:
         # A section for nodes of every name holds parameters of some of them. What none of them has is refused

@@ -9,14 +9,13 @@ import re
 import shlex
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 
 import rclpy
 import rclpy.logging
 from rclpy.exceptions import NameValidationException, ParameterException
-from rclpy.executors import Executor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.signals import SignalHandlerOptions
@@ -72,8 +71,13 @@ def run(node_class: type[ManagedNode], arguments: Sequence[str] | None = None) -
         refuse_other_files(words)
         check_middleware()
         _say(ensure_log_folder())
-        with _rcl_silent():
+        # Errors of rcl are raised, and reported in one line: not on the console as well.
+        set_level = rclpy_implementation.rclpy_logging_set_logger_level
+        set_level("rcl", rclpy.logging.LoggingSeverity.FATAL)
+        try:
             rclpy.init(args=words, signal_handler_options=SignalHandlerOptions.NO)
+        finally:
+            set_level("rcl", rclpy.logging.LoggingSeverity.UNSET)
         node = node_class()
         refuse_other_nodes(words, node.get_fully_qualified_name())
         for warning in network_warnings():
@@ -94,9 +98,26 @@ def run(node_class: type[ManagedNode], arguments: Sequence[str] | None = None) -
         _say(one_line(error))
         code = 2
     STOP.phase = Phase.ENDING
-    _end(node, executor)
+    # What was broken off while it began may be half made.
+    if executor is not None:
+        executor.shutdown()
+    if node is not None:
+        try:
+            node.trigger_shutdown()
+        except REFUSED:  # in the middle of a transition
+            node.abandon()
+        node.destroy_node()
+    return finished(code, compiling=node is not None and node.compiling)
+
+
+def finished(code: int, *, compiling: bool) -> int:
+    """End the rest of a process whose nodes have ended; return its exit ``code``."""
+    # A process that analyses is not waited for: what it is at is lost.
+    for child in multiprocessing.active_children():
+        child.terminate()
+    rclpy.try_shutdown()
     STOP.finish()
-    if node is not None and node.compiling:
+    if compiling:
         # The interpreter would take itself down beneath the compiler.
         sys.stdout.flush()
         sys.stderr.flush()
@@ -190,17 +211,6 @@ def _wrong_rule(flag: str, text: str) -> str:
     return f"{flag} {text} can't be read as YAML; for a text type {quoted}"
 
 
-@contextlib.contextmanager
-def _rcl_silent() -> Iterator[None]:
-    """Silence rcl on the console: its errors are raised, and reported in one line."""
-    set_level = rclpy_implementation.rclpy_logging_set_logger_level
-    set_level("rcl", rclpy.logging.LoggingSeverity.FATAL)
-    try:
-        yield
-    finally:
-        set_level("rcl", rclpy.logging.LoggingSeverity.UNSET)
-
-
 def describe(node_class: type[ManagedNode]) -> str:
     """Return what ``--help`` shows: what the node does, its parameters with default, unit and range."""
     lines = [
@@ -241,22 +251,6 @@ def _say(text: str | None) -> None:
     if text:
         with contextlib.suppress(OSError):  # nobody reads it
             print(text, file=sys.stderr, flush=True)
-
-
-def _end(node: ManagedNode | None, executor: Executor | None) -> None:
-    """End what was begun, in order; what was broken off while it began may be half made."""
-    if executor is not None:
-        executor.shutdown()
-    if node is not None:
-        try:
-            node.trigger_shutdown()
-        except REFUSED:  # in the middle of a transition
-            node.abandon()
-        node.destroy_node()
-    # A process that analyses is not waited for: what it is at is lost.
-    for child in multiprocessing.active_children():
-        child.terminate()
-    rclpy.try_shutdown()
 
 
 def _own() -> Path | None:
