@@ -188,8 +188,15 @@ def staged(target: Path, *, replace: bool = True) -> Iterator[Path]:
         yield part
         if replace:
             part.replace(target)
-        else:
-            _appear(part, target)
+            return
+        try:
+            os.link(part, target, follow_symlinks=False)
+        except FileExistsError:
+            raise
+        except OSError:  # a file system without hard links
+            if os.path.lexists(target):
+                raise FileExistsError(target) from None
+            part.rename(target)
     finally:
         remove(part)
 
@@ -390,18 +397,6 @@ def _name(number: int, *, group: bool = False) -> str:
         with contextlib.suppress(KeyError):
             return grp.getgrgid(number).gr_name if group else pwd.getpwuid(number).pw_name
     return str(number) if group else f"user {number}"
-
-
-def _appear(part: Path, target: Path) -> None:
-    """Give the finished file its name, unless something has taken it meanwhile."""
-    try:
-        os.link(part, target, follow_symlinks=False)
-    except FileExistsError:
-        raise
-    except OSError:  # a file system without hard links
-        if os.path.lexists(target):
-            raise FileExistsError(target) from None
-        part.rename(target)
 
 
 def _running(process: int) -> bool:
