@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from typing import Any, ClassVar
 
@@ -14,7 +13,6 @@ from spool_core.node.diagnostics import DiagnosticPublisher, Level, Status, key
 from spool_core.node.managed_node import ManagedNode
 from spool_core.node.messages import from_block, to_time
 from spool_core.node.parameters import NodeParameter, Value
-from spool_core.node.running import run
 from spool_core.text import plural
 from spool_msgs.msg import AccelerationBlocks
 from std_msgs.msg import Float64
@@ -296,12 +294,3 @@ class SimulatorNode(ManagedNode):
             key("spring_stiffness", "N/m"): truth.spring_stiffness,
         }
         self._diagnostics.publish(Status("simulation", level, message, values))
-
-
-def main() -> int:
-    """Run the node."""
-    return run(SimulatorNode)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
