@@ -218,24 +218,24 @@ def count_travel(
     """Integrate the samples (m/s^2, shape (n,)) and add way and turns to ``state``, shape (8,)."""
     for i in range(body.size):
         driving = float(spool[i]) - float(body[i])
-        displacement, velocity = state[0], state[1]
+        displacement, velocity = state[_DISPLACEMENT], state[_VELOCITY]
         now = law[0] * displacement + law[1] * velocity + law[4] * driving
-        state[0] = now
-        state[1] = law[2] * displacement + law[3] * velocity + law[5] * driving
-        if state[7] > 0.0:
-            state[7] -= 1.0
-            state[2] = state[3] = now
+        state[_DISPLACEMENT] = now
+        state[_VELOCITY] = law[2] * displacement + law[3] * velocity + law[5] * driving
+        if state[_SETTLING] > 0.0:
+            state[_SETTLING] -= 1.0
+            state[_TURN] = state[_EXTREME] = now
             continue
-        direction = state[4]
+        direction = state[_DIRECTION]
         if direction == 0.0:
-            if abs(now - state[2]) > threshold:
-                state[4] = 1.0 if now > state[2] else -1.0
-                state[3] = now
-        elif (now - state[3]) * direction > 0.0:
-            state[3] = now
-        elif (state[3] - now) * direction > threshold:
-            state[5] += abs(state[3] - state[2])
-            state[6] += 1.0
-            state[2] = state[3]
-            state[3] = now
-            state[4] = -direction
+            if abs(now - state[_TURN]) > threshold:
+                state[_DIRECTION] = 1.0 if now > state[_TURN] else -1.0
+                state[_EXTREME] = now
+        elif (now - state[_EXTREME]) * direction > 0.0:
+            state[_EXTREME] = now
+        elif (state[_EXTREME] - now) * direction > threshold:
+            state[_TRAVEL] += abs(state[_EXTREME] - state[_TURN])
+            state[_REVERSALS] += 1.0
+            state[_TURN] = state[_EXTREME]
+            state[_EXTREME] = now
+            state[_DIRECTION] = -direction
