@@ -13,7 +13,7 @@ from spool_core.system import private_temporary_folder
 
 #: Environment variable: 1 shows the traceback of each error that becomes one line.
 TRACEBACK = "SPOOL_TRACEBACK"
-#: Bytes of the log of unexpected errors; a larger one begins again.
+#: Bytes of the log of unexpected errors, chosen to hold a hundred of them; a larger one begins again.
 LARGEST_LOG = 1_000_000
 #: Modules of the standard library that raise whatever a damaged file brings.
 PARSERS = ("bz2", "gzip", "json", "lzma", "tarfile", "tokenize", "xml", "zipfile", "zlib")

@@ -47,7 +47,7 @@ FOLDER_MODE = 0o700
 
 _MARK = ".partial-"
 
-#: Niceness of what gives way to the stream where processors are short.
+#: Niceness of what gives way to the stream: where processors are short, Linux gives it a tenth of the time.
 NICENESS = 10
 
 _limit: int | None = None

@@ -29,7 +29,7 @@ UNKNOWN = "unknown"
 #: Decimal exponents of numbers that are written without a power of ten: 0.0001 to below 10 000 000.
 _PLAIN = range(-4, 7)
 
-#: Significant digits that a double holds for sure.
+#: Significant digits that a double holds for sure (DBL_DIG of C).
 _DOUBLE = 15
 
 #: Significant digits of a number without any interval.

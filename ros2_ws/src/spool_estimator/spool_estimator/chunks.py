@@ -33,7 +33,7 @@ from spool_estimator.prediction import (
 from spool_estimator.recursive import RegressionArrays, advance
 from spool_estimator.sliding_window import WindowArrays, take_chunk
 
-#: s, samples are taken in and judged in chunks of this length.
+#: s, samples are taken in and judged in chunks of this length: chosen, shorter ones cost more calls.
 CHUNK = 0.1
 #: N, force noise that the prior is weighed with, and the least that a record is believed to have.
 NOISE, SMALLEST_NOISE = 0.05, 1.0e-3

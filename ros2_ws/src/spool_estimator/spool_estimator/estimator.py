@@ -39,7 +39,7 @@ _UNITS = ("N/m", "N s/m", "N")
 KEPT = 5
 #: s before a wrong sample rate was found in which it may have set in.
 LATE = REFUTE + 0.5
-#: How many phases the estimates of several valves are spread over.
+#: How many phases the estimates of several valves are spread over: the chunks of a second.
 PHASES = 10
 
 

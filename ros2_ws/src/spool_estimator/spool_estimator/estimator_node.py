@@ -40,7 +40,7 @@ _TOLD = (
     ("oil_temperature", "deg C"),
 )
 
-#: s between two looks at what arrives.
+#: s between two looks at what arrives: chosen, silence is noticed later by that.
 LOOK = 0.25
 
 #: Events that late joiners get.

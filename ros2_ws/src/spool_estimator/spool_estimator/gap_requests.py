@@ -24,7 +24,7 @@ if TYPE_CHECKING:  # slow to load
 
 #: Entry points of spool_gap, which stands above this package: ``analyse`` and ``to_dict``.
 ANALYSIS = "spool.gap_analysis"
-#: s, length of the runs in which recent samples are held.
+#: s, length of the runs in which recent samples are held: chosen, so much more than asked may be held.
 RUN = 1.0
 
 

@@ -18,16 +18,16 @@ from spool_estimator.identification.channel_faults import flat_share
 MODEL_GAP, MODEL_GAP_CODE, NAMUR = "model_gap", 500, Namur.OUT_OF_SPECIFICATION
 #: Kinds of the events that explain whatever the model leaves over.
 FAULTS = ("sensor_fault", "data_fault")
-#: Estimates from which the median is learned.
+#: Estimates from which the median is learned: chosen, more scatter less and watch later.
 LEARNED = 20
-#: Estimates in a row that close the gap, and the least that open it.
+#: Estimates in a row that close the gap, and the least that open it: chosen, one or two may be chance.
 IN_A_ROW = 3
 #: Deviations above the median that an estimate must reach, too, and the smallest deviation over the median.
 DEVIATIONS, LEAST_DEVIATION = 6.0, 0.05
 #: Share of the force below which the remainder does not matter: where the spool sticks at every turn the
 #: online estimator itself leaves up to 3 %.
 MATTERS = 0.04
-#: Share of the way from the median to the limit below which the gap has closed again.
+#: Share of the way from the median to the limit below which the gap has closed again: chosen, hysteresis.
 CLOSED = 0.5
 #: Times of the estimator's memory for which the residual must stay up, and s at most.
 PATIENCE, LONGEST_PATIENCE = 2.5, 30.0

@@ -13,7 +13,7 @@ from spool_monitor.event import Event, EventState, Namur, Severity, condition_na
 #: s, the longest time on a shelf, a week: ISA-18.2 (11.7.3) asks for a limit, so that no alarm is forgotten.
 LONGEST_SHELF = 604800.0
 
-#: s, the longest time out of service that has an end: a year.
+#: s, the longest time out of service that has an end: chosen, a year; what lasts longer has none.
 LONGEST_SERVICE = 366 * 86400.0
 
 

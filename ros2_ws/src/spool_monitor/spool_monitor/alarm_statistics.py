@@ -29,7 +29,7 @@ STALE = DAY
 #: States of an alarm that stands and is not put aside.
 ACTIVE = ("unacknowledged", "acknowledged")
 
-#: Alarms in the list of the most frequent.
+#: Alarms in the list of the most frequent: of ten ISA-18.2 asks for the share.
 MOST_FREQUENT = 10
 
 _SECOND = 1e-9

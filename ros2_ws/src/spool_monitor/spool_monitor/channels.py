@@ -30,7 +30,7 @@ from spool_estimator.identification.channel_faults import (
 from spool_monitor.parameter_drift import GAIN_ERROR
 from spool_monitor.window import SignalWindow
 
-#: s before a standstill in which a channel's span is looked at.
+#: s before a standstill in which a channel's span is looked at: half a period of 5 Hz.
 BEFORE = 0.1
 
 #: Hz, the band of the spectra; the upper end is 0.4 of the sample rate where that is less.

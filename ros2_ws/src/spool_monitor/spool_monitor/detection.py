@@ -50,7 +50,7 @@ JUDGES = (Judgement.JUDGED, Judgement.LEARNING, Judgement.NOT_EXCITED)
 #: s of blocks without a whole window among them from which gaps keep every detector from judging.
 NO_WINDOW = 2.0
 
-#: Windows that fit the reference response before it follows them, and by how much it does each.
+#: Share of a change (by its logarithm) that the reference follows with each window: chosen slow.
 FOLLOWS = 0.1
 
 #: K by which oil can be colder than when the drag was seen; what says more is no thermometer.

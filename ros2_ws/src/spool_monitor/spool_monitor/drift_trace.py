@@ -12,7 +12,7 @@ if TYPE_CHECKING:  # a report of a record runs no monitor
 
     from spool_monitor.parameter_drift import ParameterDrift
 
-#: Points of one parameter that are kept at most; where there are more, every other one goes.
+#: Points of one parameter that are kept at most, to bound the memory; of more every other one goes.
 DRIFT_TRACE_MOST = 8_000
 
 

@@ -17,7 +17,7 @@ SHORTEST, LONGEST = 0.1, 60.0
 #: s of samples that an estimate may have used beyond the time since the one before, as stamps jitter by half
 #: a block, and the share of that time, as sample rates are not exact.
 AHEAD, RATE_ERROR = 0.3, 0.02
-#: Valves whose descriptions are kept at most.
+#: Valves whose descriptions are kept at most: chosen, a topic has one, others are mistakes.
 MOST_DESCRIBED = 4
 
 Description = TypeVar("Description")

@@ -22,7 +22,7 @@ DAYS = 30.0
 #: Entries that are kept at most: an alarm that comes and goes each second fills a day.
 MOST_ENTRIES = 100_000
 
-#: Writings between two looks for what is older.
+#: Writings between two looks for what is older: chosen, what is kept longer does no harm.
 FORGET_EVERY = 100
 
 _DAY = 86_400_000_000_000

@@ -43,11 +43,11 @@ OF_STROKES = (
 #: What the monitor says of a detector (`ValveHealth.msg`, judgements), and what that makes of the valve.
 _JUDGEMENTS = {"judged": GOOD, "learning": LEARNING, "not enough excitation": AT_REST}
 
-#: Valves that are held at most; the first ones heard stay.
+#: Valves that are held at most, to bound what foreign topics fill; the first ones heard stay.
 MOST_VALVES = 1000
 #: Valves that are followed at a time, and blocks of samples held of each; 4 s at 50 blocks/s.
 MOST_FOLLOWED, MOST_BLOCKS = 16, 200
-#: Events of a valve that may wait to be taken.
+#: Events of a valve that may wait to be taken: chosen, it bounds the memory.
 EVENTS = 100
 #: States in which an alarm waits for an operator.
 WAITING = (

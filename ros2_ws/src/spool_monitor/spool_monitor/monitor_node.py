@@ -79,7 +79,7 @@ _KEEPING = (
 #: after the other. Once it was heard, or without one, silence is reported immediately.
 STARTS = 180.0
 
-#: s between two looks at what arrives.
+#: s between two looks at what arrives: chosen, silence is noticed later by that.
 LOOK = 0.2
 
 #: What a fault code of ros2_medkit's fault manager can't hold, and how many characters it may have.

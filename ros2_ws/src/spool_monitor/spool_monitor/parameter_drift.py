@@ -39,14 +39,14 @@ CAP, UNCERTAIN = 2.5, 0.35
 #: Standard deviations from the baseline from which any value is judged.
 SURELY = 8.0
 
-#: Shares of the limit below which a change is over, and from which it is followed as one that rises.
+#: Shares of the limit below which a change is over (chosen: hysteresis), and from which it is one that rises.
 RELEASE, RISES = 0.6, 0.4
 
 #: s for which a machine stays at one operating point. The mean error of an estimate is drawn once for each,
 #: so this many independent draws make up a false-alarm interval (study operation: holds of 10 to 60 min).
 OPERATING_POINT = 600.0
 
-#: Parameters of a valve that are tested; together they raise one false alarm in a false-alarm interval.
+#: Tested parameters of a valve (k, c, F_c); together they raise one false alarm in a false-alarm interval.
 TESTS = 3
 
 #: Times the change that matters, from which a reported change is an alarm, and below which it is a warning
@@ -59,7 +59,7 @@ SHIFT = 8.0 * 3600.0
 #: s, what the sum needs at least: what lasts for a moment only is no change.
 SHORTEST_SUM = 1.0
 
-#: s, time constant over which the change that is shown is smoothed.
+#: s, time constant over which the change that is shown is smoothed: chosen, longer is calmer and later.
 SMOOTHING = 3.0
 
 #: 1/K, relative error (standard deviation) of an oil's law per degree away from where the start value was
@@ -74,7 +74,7 @@ REPEATS, VISCOSITY_PER_KELVIN = 0.3, 0.05
 #: changes meanwhile by this share or more: as by 6 K.
 STANDS, CHANGES = 30.0, 0.3
 
-#: Points that are kept; where there are more, every other one goes.
+#: Points that are kept, to bound the memory; where there are more, every other one goes.
 MOST = 128
 #: Points, and memories of the estimator, from which a trend can be seen: what forgets shows a step as a rise.
 LEAST, MEMORIES = 8, 4.0

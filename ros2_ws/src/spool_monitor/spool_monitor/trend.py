@@ -18,7 +18,7 @@ MINUTE, HOUR, DAY = 60, 3600, 86400
 #: How many spans of each length (s) are kept of each parameter: a week, two years, twenty years.
 KEPT: MappingProxyType[int, int] = MappingProxyType({MINUTE: 7 * 1440, HOUR: 2 * 8766, DAY: 20 * 366})
 
-#: Writings between two looks for what is older.
+#: Writings between two looks for what is older: chosen, what is kept longer does no harm.
 FORGET_EVERY = 100
 
 #: Spans that are held at most while the file can't be written: a day of minutes of 20 parameters.

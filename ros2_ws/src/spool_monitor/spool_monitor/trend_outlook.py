@@ -15,7 +15,7 @@ from spool_monitor.trend import DAY, HOUR, Span, TrendStore
 LEVELS, SLOPES = np.geomspace(1e-3, 3.0, 8), np.geomspace(1e-6, 1e-1, 11)
 #: Values that a statement needs at least, and the newest ones that are used at most.
 LEAST, MOST = 14, 120
-#: Courses of the future that are drawn, and how far, in lengths of the past.
+#: Courses of the future that are drawn (4000 tell 5 % to 0.3 %), and how far, in lengths of the past.
 COURSES, AHEAD = 4000, 4
 #: Probability of a course towards the limit below which nothing is stated; ends of the interval.
 SURE, ENDS = 0.95, (0.05, 0.95)

@@ -36,7 +36,7 @@ ALARMS, BASELINE, JOURNAL = "alarms", "baseline", "the journal"
 #: Entries of the journal that are held at most while they can't be written.
 MOST_HELD = 10_000
 
-#: s that an alarm waits for another program that holds the journal's file; then the entry is held.
+#: s that an alarm waits for a program that holds the journal's file, chosen short; then the entry is held.
 PATIENCE = 1.0
 
 #: ns between two attempts to write what could not be written; a full disk is not emptied within seconds.

@@ -27,7 +27,7 @@ from spool_core.numbers import Array
 from spool_sim.valve import NotNegative, Number, Positive, one_line, read_mapping
 
 TURN = 2.0 * math.pi
-#: Values of sines that are computed at once, in a processor's cache.
+#: Values of sines that are computed at once, chosen for a processor's cache: 160 kB.
 _TOGETHER = 20_000
 
 #: Samples on each side that one value between samples is made from, and the power of their window.

@@ -24,7 +24,7 @@ from spool_sim.simulator import DRIFTING, Simulator
 from spool_sim.strokes import Strokes
 from spool_sim.valve import find_valve
 
-#: Blocks sent in one turn when the node fell behind; what is older is dropped, with its sequence numbers.
+#: Blocks sent in one turn when the node fell behind: half a second of 50 a second. Older ones are dropped.
 _CATCH_UP = 25
 
 #: Hz at which the speed of a machine is sent.

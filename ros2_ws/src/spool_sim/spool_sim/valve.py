@@ -162,7 +162,7 @@ _SLIPS: Mapping[str, tuple[tuple[str, float], ...]] = {
     "dynamic_viscosity": (("mPa s", 1e-3),),
 }
 
-#: Faults that one line of error names.
+#: Faults that one line of error names: chosen, it stays readable.
 MOST_FAULTS = 10
 
 

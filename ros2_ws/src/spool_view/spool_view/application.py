@@ -75,7 +75,7 @@ _STREAM_HEADERS = {"x-accel-buffering": "no"}
 
 #: s that the head of a request may take, of a kept connection twice that, and s that a client may not read.
 HEAD, STALLED = 10.0, 20.0
-#: B that the system may hold for a reader that does not read.
+#: B that the system may hold for a reader that does not read: chosen, it bounds the memory.
 SEND_BUFFER = 131_072
 
 _OPEN: dict[Any, PageProtocol] = {}

@@ -15,7 +15,7 @@ from spool_monitor.listener import HeardValve
 from spool_view.operator import Desk
 from spool_view.view import WINDOW, alarms_of, detail_of, is_whole, row_of
 
-#: s between two steps.
+#: s between two steps: chosen, a change shows later by that, and shorter costs each page more.
 PERIOD = 0.5
 #: Spectra of a waterfall: a minute.
 FALL = 120

@@ -37,9 +37,9 @@ SPARKS = ("natural_frequency", "viscous_coefficient", "coulomb_force")
 HOUR = 3600
 #: s that sparklines are held: the monitor writes a value a minute.
 HELD = 30.0
-#: Entries of the journal that a browser gets at most, the newest.
+#: Entries of the journal that a browser gets at most, the newest: chosen, a narrower search finds older ones.
 MOST_ENTRIES = 1000
-#: Readings at a time.
+#: Readings at a time: chosen, more would hold up what the monitors write.
 MOST_READINGS = 2
 #: Characters of a search.
 LONGEST = 200

@@ -45,7 +45,7 @@ MOST_SIGNED_IN = 8
 
 #: B of a request, s that it may take to come in.
 MOST_BODY, BODY = 4096, 5.0
-#: Acts a second, and in one burst.
+#: Acts a second, and in one burst: chosen, nobody clicks faster.
 ACTS, ACTS_AT_ONCE = 1.0, 10.0
 
 

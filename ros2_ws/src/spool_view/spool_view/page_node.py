@@ -34,7 +34,7 @@ from spool_view.view import BAND, spectrum_of
 #: Folder of token and log below the state folder.
 FOLDER = "web_page"
 
-#: s between two askings for the baseline and the limits of a valve whose page is open.
+#: s between two askings for baseline and limits of a valve with an open page: a change shows later by that.
 ASK_EVERY = 10.0
 
 #: s likewise of the others.

@@ -53,7 +53,7 @@ LONGEST_CALL = 1.0
 #: s between two reports of the host, and times within an hour that a node that hung or would not start is
 #: begun again.
 REPORT, TRIES = 1.0, 20
-#: s from one try to the next.
+#: s from one try to the next: chosen, sooner fills the log, later leaves the valve unwatched.
 AGAIN = 5.0
 #: s after its start for which a process may be behind without a word.
 STARTS = 20.0

@@ -33,11 +33,11 @@ COUNTS = frozenset(
     )
 )
 
-#: Significant digits of a number without an interval.
+#: Significant digits of a number without an interval: gains of accelerometers are known to per cents.
 DIGITS = 3
-#: Probability of a cause below which it is not shown.
+#: Probability of a cause below which it is not shown: chosen, what is less likely distracts.
 WORTH_SHOWING = 0.1
-#: s below which the beginning is now.
+#: s below which the beginning is now: chosen, people notice no less.
 NOW = 0.1
 
 _MINUTE, _HOUR, _DAY = 60.0, 3600.0, 86400.0

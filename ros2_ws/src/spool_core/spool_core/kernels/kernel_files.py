@@ -35,7 +35,7 @@ MAGIC = b"spool kernel 1\n"
 #: First byte of the files that earlier releases kept without a checksum, where nothing looks for them now.
 _PLAIN = b"\x80"
 _DIGEST_SIZE = hashlib.sha256().digest_size
-#: s after which kernels of another state of their code are taken away.
+#: s after which kernels of another state of their code are taken away: chosen, then they compile again.
 OUTDATED = 30 * 86_400
 
 _log = logging.getLogger(__name__)

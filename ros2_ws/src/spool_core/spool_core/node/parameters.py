@@ -33,7 +33,7 @@ QOS_OVERRIDES = "qos_overrides"
 #: Options of ROS 2 that a rule follows, which may be for the nodes of one name.
 RULES = ("-p", "--param", "-r", "--remap")
 _FOR_A_NODE = re.compile(r"([\w/*]+):(?!=)(.+:=.*)", re.DOTALL)
-#: Sections that a message names.
+#: Sections that a message names: chosen, it stays a line.
 MOST_NAMED = 5
 
 #: Types in the words of ROS 2.

@@ -14,7 +14,7 @@ from rclpy.node import Node
 
 #: s that a node may take to be found, and again to answer; s between two greetings.
 PATIENCE, GREET = 5.0, 0.5
-#: Services whose clients are kept, and calls that may be under way.
+#: Services whose clients are kept, and calls that may be under way: chosen, they bound the end points.
 MOST_SERVICES, MOST_CALLS = 64, 64
 
 

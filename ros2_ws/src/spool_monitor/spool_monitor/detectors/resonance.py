@@ -33,7 +33,7 @@ AMPLIFICATION_OFF = MonitorLimit(
     "amplification_off", 1.5, "Ratio that clears resonance, below amplification_on.", "1", 0.5, 100.0
 )
 
-#: Bands of resonance from the natural frequency at which a line has left it.
+#: Bands of resonance from the natural frequency at which a line has left it: chosen, a quarter of hysteresis.
 LEAVES = 1.25
 
 

@@ -33,7 +33,7 @@ WINDOWS, FLAT = 6, 3
 
 DEAD_KIND = sensor_fault(EventCause("dead", 601))
 
-#: Share of what is due below which a channel is dead, and above which it lives.
+#: Share of what is due below which a channel is dead, and above which it lives: chosen, with hysteresis.
 DEAD, ALIVE = 0.12, 0.25
 
 #: Response below which a line of the spool says nothing of the body, and share of the reference damping
@@ -57,7 +57,7 @@ OFFSET_KIND = sensor_fault(EventCause("offset", 603))
 
 OFFSET_CHANGE = MonitorLimit("offset_change", 0.5, "Change of a channel's mean.", "m/s^2", 0.01, 1e3)
 
-#: Windows that the mean is smoothed over.
+#: Windows that the mean is smoothed over: chosen, more scatter less and tell later.
 SMOOTHING = 4.0
 
 SCALE_KIND = sensor_fault(EventCause("scale", 605))

@@ -35,7 +35,7 @@ KIND = EventKind(
 
 STROKE_CHANGE = MonitorLimit("stroke_change", 0.2, "Relative change of a time to act on.", "1", 0.01, 10.0)
 
-#: Strokes of a mean, and means by which the scatter is followed.
+#: Strokes of a mean, and means by which the scatter is followed: chosen, more scatter less and tell later.
 STROKES_OF_MEAN, FOLLOWED = 8, 4.0
 #: Standard deviation of a median over that of a mean, for normal values.
 MEDIAN = math.sqrt(0.5 * math.pi)

@@ -13,7 +13,7 @@ from spool_monitor.event import EventKind, Facts, Finding, Namur, Severity
 
 KIND = EventKind("stuck_spool", 400, Namur.FAILURE, latching=True)
 
-#: Share of the due relative motion below which the spool is stuck, and above which it moves.
+#: Share of the due relative motion below which the spool is stuck, and above which it moves: chosen apart.
 STUCK, MOVES = 0.2, 0.4
 
 #: Inertia force over dry friction (rms over amplitude) from which a healthy spool surely slides.
