@@ -87,7 +87,6 @@ def _installation(layout: Layout, done: SetupState, environment: Mapping[str, st
 
 
 def _packages(layout: Layout) -> Iterator[Finding]:
-    """The environment against its lock."""
     folder = packages.site_packages(layout)
     found = packages.installed([folder] if folder else [])
     wanted = packages.locked(layout.requirements)

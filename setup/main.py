@@ -131,7 +131,6 @@ def _run(arguments: list[str]) -> int:
 
 
 def _hand_over(layout: Layout, environment: dict[str, str], arguments: list[str]) -> None:
-    """Become the program that does the work."""
     run = workspace.run_environment(layout, environment)
     # Threads for the small matrices of a valve cost more than they gain: an analysis takes a tenth longer.
     run.setdefault("OPENBLAS_NUM_THREADS", "1")

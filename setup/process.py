@@ -160,7 +160,6 @@ class Steps:
 
 
 def _end_group(process: subprocess.Popen[str]) -> None:
-    """End a tool together with all that it started."""
     with suppress(ProcessLookupError):
         for signal_number in (signal.SIGINT, signal.SIGKILL):
             with suppress(subprocess.TimeoutExpired):

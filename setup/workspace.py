@@ -272,7 +272,6 @@ def _symlink(link: Path, target: Path) -> None:
 
 
 def _replace(folder: Path, old: bytes, new: bytes) -> None:
-    """Replace bytes in all files of a folder."""
     for path in folder.rglob("*"):
         if path.is_file() and not path.is_symlink() and old in (text := path.read_bytes()):
             path.write_bytes(text.replace(old, new))

@@ -22,8 +22,6 @@ LONGEST_NAME = 256
 
 
 class _Order:
-    """Its precompiled layouts."""
-
     def __init__(self, mark: str) -> None:
         self.mark = mark
         self.head = struct.Struct(mark + "iII")
@@ -200,7 +198,6 @@ def _unpacked(layout: struct.Struct, data: bytes, at: int, fault: str) -> tuple[
 
 
 def _order(data: bytes) -> _Order:
-    """Return the byte order of a message."""
     if data[:4] == LITTLE_ENDIAN:  # as nearly all are
         return _LITTLE
     if len(data) < 4 or data[0] != 0 or data[1] > 1:

@@ -245,7 +245,6 @@ class Estimator:
         self.tracker.begin()
 
     def _learned(self) -> Learned:
-        """Return what is known now."""
         tracker = self._began
         values, covariance = tracker.regression.parameters, tracker.covariance
         return Learned(
@@ -385,7 +384,6 @@ class Estimator:
 
 
 def _parameter(name: str, unit: str, value: float, deviation: float, learned: Learned) -> Quantity:
-    """Return a parameter that is known, implausible where clearly negative."""
     negative = value < -3.0 * deviation and value < 0.0
     return Quantity(name, unit, value, deviation, Validity.IMPLAUSIBLE if negative else learned.validity)
 

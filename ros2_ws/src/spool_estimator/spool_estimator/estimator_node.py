@@ -212,7 +212,6 @@ class EstimatorNode(ManagedNode):
                     self.get_logger().warning(f"{told} {block.sequence} refused: {reason}")
 
     def _collect(self) -> None:
-        """Publish the refit that was finished since, if any."""
         assert self._worker is not None
         found = self._worker.collect()
         if found is not None:

@@ -277,7 +277,6 @@ class Fitter:
         return present
 
     def _bounded(self, step: Array, parameters: Array) -> Array:
-        """Return ``step``, shortened where it changes a parameter by too much in one step."""
         room = LARGEST_CHANGE * np.maximum(np.abs(parameters), 0.2 * self.like.scale)
         return step * min(1.0, float(np.min(room / np.maximum(np.abs(step), 1e-300))))
 

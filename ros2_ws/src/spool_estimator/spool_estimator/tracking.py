@@ -229,7 +229,6 @@ class Tracker:
         return int(progress["taken"][0]), int(progress["chunks"][0])
 
     def _finish_chunk(self, need: int) -> None:
-        """Do what the newest chunk needs, and end it."""
         if need == chunks.Need.NOTHING:
             return
         if need == chunks.Need.STANDSTILL:
@@ -388,7 +387,6 @@ class Tracker:
         return newest(self._ring, int(self._progress["since_restart"][0]) * self.chunk, count)
 
     def _begin(self, found: WindowFit) -> None:
-        """Continue the regression from ``found``."""
         weight = chunks.NOISE**2 / (found.variance + chunks.SMALLEST_NOISE**2)
         doubt = chunks.DOUBT * weight * found.noise_score
         self.regression.begin(found.parameters, found.grams * weight, found.scores * weight, doubt)

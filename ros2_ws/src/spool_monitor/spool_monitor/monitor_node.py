@@ -183,7 +183,6 @@ class MonitorNode(ManagedNode):
             self._core.set_limits(self._settings({}))
 
     def _settings(self, changes: dict[str, Value]) -> MonitorSettings:
-        """Return the settings with ``changes``."""
         values: dict[str, Any] = {
             parameter.name: changes.get(parameter.name, self.value(parameter.name)) for parameter in _SETTINGS
         }
@@ -225,7 +224,6 @@ class MonitorNode(ManagedNode):
             self._core.detection.orders.components = from_description(message).components
 
     def _room(self) -> int:
-        """Return the samples that may be judged together."""
         last = self._core.gate.last
         return self._core.room(last.period if last is not None else 0.0)
 
@@ -588,7 +586,6 @@ class AlarmServices:
         return Operator(request.who, self._now(), request.comment)
 
     def _answer(self, kind: Any, request: Any, response: Any) -> Any:
-        """Do what an operator asks of the service ``kind``."""
         operator = self._operator(request)
         transitions = self._act(kind, request, operator)
         self._settle(transitions, operator)

@@ -242,7 +242,6 @@ class SimulatorNode(ManagedNode):
         return bool(wanted == 0 or time.monotonic() - self._complete >= _KNOWN)
 
     def _turn(self) -> None:
-        """Send what is due by now."""
         now = self.get_clock().now().nanoseconds
         if now == 0:  # simulated time has not begun
             return

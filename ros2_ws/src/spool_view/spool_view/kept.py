@@ -227,7 +227,6 @@ class Records:
         return answer(await self._read(lambda: read(base, names, search, span, language, self._failed)))
 
     async def _read(self, read: Callable[[], Found]) -> Found:
-        """Read what the monitors keep in a thread, few at a time."""
         self._free = self._free or asyncio.Semaphore(MOST_READINGS)
         async with self._free:
             return await run_in_threadpool(read)

@@ -202,7 +202,6 @@ class Operating:
         return [replace(act, who=who) for act in acts] if who else acts
 
     async def _done(self, act: Act) -> tuple[int, str]:
-        """Do ``act`` and return the status and the text of the answer."""
         if not await self._note(step="asked", act=act):
             return 503, "the log can't be written, so the act is refused"
         outcome = await asyncio.wrap_future(self._desk.do(act))

@@ -194,7 +194,6 @@ class PageNode(ManagedNode):
         return None
 
     def _work(self) -> None:
-        """Bring forward what browsers asked for."""
         assert self._listener is not None
         assert self._calls is not None
         while self._changed:
@@ -255,8 +254,6 @@ def serve(
 
 
 def _ask_monitor(calls: ServiceCalls, valve: HeardValve) -> None:
-    """Ask for the baseline and the limits of ``valve``."""
-
     def take_baseline(answer: Future[Any]) -> None:
         got = answer.result()
         valve.keep("baseline", got if got is not None and got.success else None)

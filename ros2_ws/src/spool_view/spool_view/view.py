@@ -336,7 +336,6 @@ def _parameter(valve: HeardValve, estimate: ModelEstimate, quantity: Quantity) -
 
 
 def _texts(alarm: Any) -> dict[str, Any]:
-    """Return headline and details of the alarm's last event in every language of the page."""
     if not alarm.message:
         return {}
     event = from_event_message(alarm.event)

@@ -419,7 +419,6 @@ class HostProcess:
             one.failed, one.due = CANNOT, time.monotonic() + AGAIN
 
     def _report(self, now: float) -> None:
-        """Publish what the host does, and what each valve costs and waits."""
         times, cpu = self._hub.times, time.process_time()
         elapsed = max(now - self._reported, 1e-3)
         share_of_core = (cpu - self._cpu) / elapsed

@@ -61,7 +61,6 @@ def main() -> int:
 
 
 def _load(arguments: list[str], valves: FirstList) -> Run:
-    """Load what the processes of a host share, and return what runs one."""
     with libraries_reported("host"):
         from spool_bringup.host.host_process import HostProcess  # noqa: PLC0415 - slow to load, once for all
 

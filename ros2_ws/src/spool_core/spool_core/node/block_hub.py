@@ -210,7 +210,6 @@ class BlockHub:
             self.worker.put(owner, self._run, topic)
 
     def _run(self, topic: _Topic) -> None:
-        """Take what has come of a topic, in its turn."""
         try:
             due, begun = topic.together, time.monotonic()
             topic.times.longest_wait = max(topic.times.longest_wait, topic.behind)

@@ -330,7 +330,6 @@ class ManagedNode(LifecycleNode):  # type: ignore[misc]  # rclpy carries no type
         return TransitionCallbackReturn.SUCCESS
 
     def _check_together(self) -> None:
-        """Refuse values that contradict each other."""
         refusal = self.refuse_change({name: self.value(name) for name in self._table})
         if refusal is not None:
             raise InputError(f"{self.get_fully_qualified_name()}: {refusal}")

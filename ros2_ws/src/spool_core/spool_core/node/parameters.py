@@ -160,7 +160,6 @@ def rule(name: str, value: Value) -> list[str]:
 
 
 def _wrong_type(parameter: NodeParameter, given: Any) -> str:
-    """Return what is wrong with a value of the wrong type, and what to type instead."""
     name = parameter.name
     # The text that this process was started with as its value.
     found = reversed([word.partition(":=") for word in sys.argv])

@@ -185,7 +185,6 @@ _NAME = r"[A-Za-z_]\w*"
 
 
 def _wrong_rule(flag: str, text: str) -> str:
-    """Return what is wrong with a rule that rcl could not read."""
     name, mark, value = text.partition(":=")
     if not mark:
         return f"{flag} {text}: write it with :=, for example {_EXAMPLES[flag]}"

@@ -315,7 +315,6 @@ class ComposedMotion:
         ]
 
     def _packed(self, parameters: Array) -> NDArray[Any]:
-        """Return ``parameters`` as the kernel takes them."""
         return parameters
 
     def forces(
