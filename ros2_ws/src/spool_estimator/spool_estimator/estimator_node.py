@@ -25,8 +25,7 @@ from std_srvs.srv import Trigger
 
 from spool_estimator.estimate import Estimate, State
 from spool_estimator.estimator import Estimator, phase_of, settings_for
-from spool_estimator.gap_requests import GapTask, GapWorker, RecentBlocks
-from spool_estimator.gap_watch import GapWatch
+from spool_estimator.gap_watch import GapTask, GapWatch, GapWorker, RecentBlocks
 from spool_estimator.messages import to_description, to_message, to_refit_message
 from spool_estimator.plausibility import ValveCheck
 from spool_estimator.refit import RefitSettings, RefitWorker, WindowRefits

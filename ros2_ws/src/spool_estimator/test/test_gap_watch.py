@@ -10,8 +10,7 @@ from spool_core.events.event import Event, EventState, Urgency
 from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.estimate import Estimate, State
 from spool_estimator.estimator import Estimator, settings_for
-from spool_estimator.gap_requests import RecentBlocks
-from spool_estimator.gap_watch import LEARNED, MATTERS, GapWatch
+from spool_estimator.gap_watch import LEARNED, MATTERS, GapWatch, RecentBlocks
 from spool_sim.excitation import MachineOrders
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
