@@ -42,7 +42,7 @@ TYPES = {
 SEVERITIES: Mapping[int, int] = {Severity.ALARM: 834, Severity.WARNING: 500}
 #: Alarms of one valve at most: what comes over the network is data.
 MOST = 64
-#: Earlier events of a condition that a client may still acknowledge.
+#: Earlier events of a condition that a client may still acknowledge: chosen, it bounds the memory.
 MOST_EVENTS = 16
 #: Time of what has not happened.
 NEVER = datetime.fromtimestamp(0, timezone.utc)

@@ -43,7 +43,7 @@ PRODUCT = "urn:spool-suite:opcua"
 MOST_CALLED = 100
 #: Connections at most; B of a chunk, of a request, and of answers that a client has not read.
 MOST_CONNECTIONS, MOST_CHUNK, MOST_REQUEST, MOST_UNREAD = 100, 65_535, 1 << 20, 16 << 20
-#: s that a refused client has to read why, before its connection ends.
+#: s that a refused client has to read why, before its connection ends: chosen, longer keeps a place taken.
 LINGER = 2.0
 
 _LOG = logging.getLogger("asyncua.refusals")  # below asyncua: the node shows what is logged there

@@ -23,7 +23,7 @@ from spool_sim.observation import CAUSAL, LINEAR, MEAN, Observation
 
 from spool_estimator.friction_motion import advance_sample, slip, slip_matrix
 
-#: Samples between the newest one taken and the one that a row describes.
+#: Samples between the newest one taken and the one that a row describes: four of the ring, one smooths.
 DELAY = 5
 #: s, the body's mean is taken over windows that double from the first to the last of these.
 FIRST_OFFSET, LAST_OFFSET = 0.5, 8.0

@@ -23,7 +23,7 @@ ON_ALARM = (ACKNOWLEDGE, SHELVE, UNSHELVE, RESET, MAINTAIN, RETURN)
 ON_VALVE = (FREEZE, LEARN, ANALYSE, SNAPSHOT, MAINTAIN, RETURN)
 #: Characters of who acts and of a comment; minutes of a shelf.
 MOST_WHO, MOST_COMMENT, MOST_MINUTES, MOST_SERVICE = 60, 200, 7 * 1440.0, 366 * 1440.0
-#: Alarms that one request acts on at most, and B of such a request.
+#: Alarms that one request acts on at most, and B of such a request: chosen, they bound the work.
 MOST_TARGETS, MOST_LIST = 500, 100_000
 _FIELDS = {"act", "valve", "alarm", "occurrence", "minutes", "who", "comment"}
 

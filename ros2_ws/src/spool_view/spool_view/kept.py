@@ -41,7 +41,7 @@ HELD = 30.0
 MOST_ENTRIES = 1000
 #: Readings at a time: chosen, more would hold up what the monitors write.
 MOST_READINGS = 2
-#: Characters of a search.
+#: Characters of a search: chosen, more words than anybody types.
 LONGEST = 200
 Found = TypeVar("Found")
 #: Called with a valve whose trends or journal can't be read, and why.

@@ -40,7 +40,7 @@ from spool_view.metrics import Metrics
 
 #: Random bytes of a token: it can't be guessed.
 RANDOM = 32
-#: Browsers in which an operator may be signed in by name and password.
+#: Browsers in which an operator may be signed in by name and password: chosen, the oldest is signed out.
 MOST_SIGNED_IN = 8
 
 #: B of a request, s that it may take to come in.

@@ -45,7 +45,7 @@ LETTERS = {one.value: one.letter for one in Namur}
 #: Alarms that one cause outside of the valves raises at many of them: sender, clock, cable, temperature.
 COMMON_KINDS, COMMON_CAUSES = ("data_fault", "stale", "sensor_fault"), ("oil_viscosity",)
 _SEVERITIES = {HealthEvent.SEVERITY_WARNING: "warning", HealthEvent.SEVERITY_ALARM: "alarm"}
-#: Characters of a text that are shown at most.
+#: Characters of a text that are shown at most: chosen, it bounds what foreign messages fill.
 _LONGEST = 2000
 
 #: s of samples that are looked at; lines lie 0.5 Hz apart.
@@ -54,7 +54,7 @@ WINDOW = 2.0
 LINES_APART = 0.01
 #: Hz, above which no line is shown, and lines that are sent at most.
 HIGHEST, MOST_LINES = 200.0, 400
-#: Samples of a block, and per second, that are taken at most.
+#: Samples of a block, and per second, that are taken at most: chosen, it bounds the work.
 MOST_SAMPLES = 100_000
 
 #: Lengths that can be asked for, s; 0: all there is.

@@ -41,7 +41,7 @@ from spool_bringup.host.arguments import (
 )
 from spool_bringup.host.supervisor import Heartbeat, notify
 
-#: s that the executor waits for work before it looks for a signal, and between two looks at the nodes.
+#: s between looks for a signal without work, and between looks at the nodes: noticed later by that, chosen.
 TURN, LOOK = 0.1, 0.25
 #: s that the start of a node is held up at most, and at least, for what waits of the nodes that run already,
 #: and a turn of it.
