@@ -29,13 +29,13 @@ SOURCE = ROOT / "ros2_ws" / "src"
 RESEARCH = {path.parent.name for path in (ROOT / "research").glob("*/__init__.py")}
 #: What was measured. A limit is only lowered: a feature is paid by a removal in the same change.
 RATCHETS = {
-    "lines": 84_708,
-    "lines of code": 54_157,
-    "files": 377,
-    "lines of research": 11_900,
-    "lines up to the last import, %": 8.12,
-    "private functions with one caller, %": 15.72,
-    "modules with one importer, %": 13.11,
+    "lines": 84_442,
+    "lines of code": 54_051,
+    "files": 375,
+    "lines of research": 11_896,
+    "lines up to the last import, %": 8.06,
+    "private functions with one caller, %": 15.70,
+    "modules with one importer, %": 12.90,
 }
 
 
