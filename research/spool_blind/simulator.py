@@ -3,8 +3,7 @@
 First the force laws, then the plant and how it moves.
 
 Everything is a function of the displacement z (m) and the velocity v (m/s) relative to the body, the time t
-(s) and the numbers of a plant, an array in the order of :data:`NAMES`. An effect is absent where its
-numbers are 0.
+(s) and the numbers of a plant, a row of :data:`NUMBERS`. An effect is absent where its numbers are 0.
 
 Row of states: deflections of the slip elements (m), the chamber's force (N), displacement (m) and velocity
 (m/s) of the coils relative to the body.
@@ -55,27 +54,8 @@ NAMES: tuple[str, ...] = (
     "chamber_stiffness", "chamber_time",  # oil chamber that leaks: Maxwell's spring and dashpot in series
     "surge_mass", "surge_damping",  # mass of the spring's coils, kg, and their drag, N s/m
 )  # fmt: skip
-PLACE: dict[str, int] = {name: index for index, name in enumerate(NAMES)}
-
-MASS, STIFFNESS, DAMPING = PLACE["mass"], PLACE["stiffness"], PLACE["damping"]
-COULOMB, STATIC, STRIBECK = PLACE["coulomb_force"], PLACE["static_force"], PLACE["stribeck_velocity"]
-STEEPNESS = PLACE["stribeck_exponent"]
-ASYMMETRY, ROOT, CONTACT = PLACE["asymmetry"], PLACE["root_drag"], PLACE["contact_power"]
-CONTACT_VELOCITY = PLACE["contact_velocity"]
-BRISTLE, BRISTLE_DAMPING = PLACE["bristle_stiffness"], PLACE["bristle_damping"]
-QUADRATIC, CUBIC = PLACE["quadratic"], PLACE["cubic"]
-GAP, STOP, STOP_DAMPING = PLACE["stop_gap"], PLACE["stop_stiffness"], PLACE["stop_damping"]
-BACKLASH, PRELOAD, TRAVEL = PLACE["backlash"], PLACE["preload_force"], PLACE["preload_travel"]
-RIPPLE, RIPPLE_HZ, RIPPLE_PHASE = PLACE["ripple_force"], PLACE["ripple_frequency"], PLACE["ripple_phase"]
-DAMPING_RATE = PLACE["damping_rate"]
-WARMING, WARMING_TIME = PLACE["warming_share"], PLACE["warming_time"]
-SLIP, SLIP_TRAVEL = PLACE["slip_force"], PLACE["slip_travel"]
-SOFT, SOFT_TRAVEL = PLACE["soft_preload"], PLACE["soft_travel"]
-SEAT, SEAT_PLACE, SEAT_LOSS = PLACE["seat_stiffness"], PLACE["seat_place"], PLACE["seat_dissipation"]
-FLOW, OVERLAP = PLACE["flow_stiffness"], PLACE["flow_overlap"]
-FLOW_RIPPLE, FLOW_HZ, FLOW_PHASE = PLACE["flow_ripple"], PLACE["flow_frequency"], PLACE["flow_phase"]
-CHAMBER, CHAMBER_TIME = PLACE["chamber_stiffness"], PLACE["chamber_time"]
-SURGE, SURGE_DAMPING = PLACE["surge_mass"], PLACE["surge_damping"]
+#: A plant's numbers as its laws take them: ``p.mass`` and so on; 0 where it has none.
+NUMBERS = np.dtype([(name, np.float64) for name in NAMES])
 
 #: Slip elements: four follow the curve of many to some per cent of the force.
 ELEMENTS = 4
@@ -84,79 +64,85 @@ _CHAMBER, _COILS, _COILS_SPEED = ELEMENTS, ELEMENTS + 1, ELEMENTS + 2
 
 
 @compiled
-def restoring(z: float, v: float, t: float, p: Array) -> float:
+def restoring(z: float, v: float, t: float, p: np.record) -> float:
     """Return what depends on place and time, N: springs, stops, flow force, a force from outside."""
-    force = p[STIFFNESS] * z
-    if p[BACKLASH] > 0.0:
-        outside = max(abs(z) - p[BACKLASH], 0.0)
-        force = p[STIFFNESS] * math.copysign(outside, z)
-    if p[CUBIC] != 0.0:
-        force += p[CUBIC] * z**3
-    if p[PRELOAD] > 0.0:
-        force += p[PRELOAD] * (math.copysign(1.0, z) if abs(z) > p[TRAVEL] else z / p[TRAVEL])
-    if p[STOP] > 0.0 and abs(z) > p[GAP]:
+    force = p.stiffness * z
+    if p.backlash > 0.0:
+        outside = max(abs(z) - p.backlash, 0.0)
+        force = p.stiffness * math.copysign(outside, z)
+    if p.cubic != 0.0:
+        force += p.cubic * z**3
+    if p.preload_force > 0.0:
+        force += p.preload_force * (
+            math.copysign(1.0, z) if abs(z) > p.preload_travel else z / p.preload_travel
+        )
+    if p.stop_stiffness > 0.0 and abs(z) > p.stop_gap:
         inward = math.copysign(1.0, z)
-        push = p[STOP] * (abs(z) - p[GAP]) + p[STOP_DAMPING] * inward * v
+        push = p.stop_stiffness * (abs(z) - p.stop_gap) + p.stop_damping * inward * v
         force += inward * max(push, 0.0)
-    if p[SOFT] != 0.0:
-        force += p[SOFT] * math.tanh(z / p[SOFT_TRAVEL])
-    if p[SEAT] > 0.0 and z > p[SEAT_PLACE]:
-        force += max(p[SEAT] * (z - p[SEAT_PLACE]) * (1.0 + p[SEAT_LOSS] * v), 0.0)
-    if p[FLOW] != 0.0 and abs(z) > p[OVERLAP]:
-        pressure = 1.0 + p[FLOW_RIPPLE] * math.sin(2.0 * math.pi * p[FLOW_HZ] * t + p[FLOW_PHASE])
-        force += p[FLOW] * pressure * math.copysign(abs(z) - p[OVERLAP], z)
-    if p[RIPPLE] != 0.0:
-        force -= p[RIPPLE] * math.sin(2.0 * math.pi * p[RIPPLE_HZ] * t + p[RIPPLE_PHASE])
+    if p.soft_preload != 0.0:
+        force += p.soft_preload * math.tanh(z / p.soft_travel)
+    if p.seat_stiffness > 0.0 and z > p.seat_place:
+        force += max(p.seat_stiffness * (z - p.seat_place) * (1.0 + p.seat_dissipation * v), 0.0)
+    if p.flow_stiffness != 0.0 and abs(z) > p.flow_overlap:
+        pressure = 1.0 + p.flow_ripple * math.sin(2.0 * math.pi * p.flow_frequency * t + p.flow_phase)
+        force += p.flow_stiffness * pressure * math.copysign(abs(z) - p.flow_overlap, z)
+    if p.ripple_force != 0.0:
+        force -= p.ripple_force * math.sin(2.0 * math.pi * p.ripple_frequency * t + p.ripple_phase)
     return float(force)
 
 
 @compiled
-def drag(v: float, t: float, p: Array) -> float:
+def drag(v: float, t: float, p: np.record) -> float:
     """Return what grows with the velocity, N."""
-    course = 1.0 + p[DAMPING_RATE] * t
-    if p[WARMING] != 0.0:
-        course += p[WARMING] * (1.0 - math.exp(-t / p[WARMING_TIME]))
-    force = p[DAMPING] * max(course, 0.0) * v
-    if p[QUADRATIC] != 0.0:
-        force += p[QUADRATIC] * abs(v) * v
+    course = 1.0 + p.damping_rate * t
+    if p.warming_share != 0.0:
+        course += p.warming_share * (1.0 - math.exp(-t / p.warming_time))
+    force = p.damping * max(course, 0.0) * v
+    if p.quadratic != 0.0:
+        force += p.quadratic * abs(v) * v
     return float(force)
 
 
 @compiled
-def dry(speed: float, direction: float, p: Array) -> float:
+def dry(speed: float, direction: float, p: np.record) -> float:
     """Return the dry friction that opposes slipping at ``speed`` >= 0 in ``direction``, N."""
-    if p[BRISTLE] > 0.0:
+    if p.bristle_stiffness > 0.0:
         return 0.0  # it acts through the bristles
-    force = p[COULOMB] + direction * p[ASYMMETRY]
-    if p[STRIBECK] > 0.0:
-        force += (p[STATIC] - p[COULOMB]) * math.exp(-((speed / p[STRIBECK]) ** p[STEEPNESS]))
-    if p[CONTACT] > 0.0:
-        force += p[ROOT] * math.sqrt(speed) + p[CONTACT] / (speed + p[CONTACT_VELOCITY])
+    force = p.coulomb_force + direction * p.asymmetry
+    if p.stribeck_velocity > 0.0:
+        force += (p.static_force - p.coulomb_force) * math.exp(
+            -((speed / p.stribeck_velocity) ** p.stribeck_exponent)
+        )
+    if p.contact_power > 0.0:
+        force += p.root_drag * math.sqrt(speed) + p.contact_power / (speed + p.contact_velocity)
     return float(force)
 
 
 @compiled
-def bristle_limit(speed: float, p: Array) -> float:
+def bristle_limit(speed: float, p: np.record) -> float:
     """Return the force to which friction with memory tends, N: Dahl's constant, LuGre's falls with speed."""
-    force = p[COULOMB]
-    if p[STRIBECK] > 0.0:
-        force += (p[STATIC] - p[COULOMB]) * math.exp(-((speed / p[STRIBECK]) ** p[STEEPNESS]))
+    force = p.coulomb_force
+    if p.stribeck_velocity > 0.0:
+        force += (p.static_force - p.coulomb_force) * math.exp(
+            -((speed / p.stribeck_velocity) ** p.stribeck_exponent)
+        )
     return float(force)
 
 
 @compiled
-def bristle_after(x: float, v: float, duration: float, p: Array) -> float:
+def bristle_after(x: float, v: float, duration: float, p: np.record) -> float:
     """Return the bristles' deflection (m) after moving at ``v`` for ``duration``: exact for constant v."""
     if v == 0.0:
         return x
-    aim = math.copysign(bristle_limit(abs(v), p) / p[BRISTLE], v)
+    aim = math.copysign(bristle_limit(abs(v), p) / p.bristle_stiffness, v)
     return float(aim + (x - aim) * math.exp(-abs(v * duration / aim)))
 
 
 @compiled
-def has_states(p: Array) -> bool:
+def has_states(p: np.record) -> bool:
     """Return whether the plant has any of these states."""
-    return bool(p[SLIP] > 0.0 or p[CHAMBER] > 0.0 or p[SURGE] > 0.0)
+    return bool(p.slip_force > 0.0 or p.chamber_stiffness > 0.0 or p.surge_mass > 0.0)
 
 
 @compiled
@@ -166,46 +152,46 @@ def slipped(x: float, way: float, limit: float) -> float:
 
 
 @compiled
-def relaxed(force: float, v: float, duration: float, p: Array) -> float:
+def relaxed(force: float, v: float, duration: float, p: np.record) -> float:
     """Return the chamber's force (N) after moving at ``v`` for ``duration``: exact for constant v."""
-    aim = p[CHAMBER] * p[CHAMBER_TIME] * v
-    return float(aim + (force - aim) * math.exp(-duration / p[CHAMBER_TIME]))
+    aim = p.chamber_stiffness * p.chamber_time * v
+    return float(aim + (force - aim) * math.exp(-duration / p.chamber_time))
 
 
 @compiled
-def force_of_states(states: Array, z: float, v: float, h: float, p: Array) -> float:
+def force_of_states(states: Array, z: float, v: float, h: float, p: np.record) -> float:
     """Return the force against the motion (N) in the middle of a step of ``h`` s, at ``z`` m and ``v`` m/s.
 
     The spring's own force, which the coils pass on, counts with ``restoring``: here is what differs.
     """
     force = 0.0
-    if p[SLIP] > 0.0:
+    if p.slip_force > 0.0:
         for j in range(ELEMENTS):
-            limit = p[SLIP_TRAVEL] * (j + 1) / ELEMENTS
-            force += p[SLIP] / ELEMENTS / limit * slipped(states[j], 0.5 * h * v, limit)
-    if p[CHAMBER] > 0.0:
+            limit = p.slip_travel * (j + 1) / ELEMENTS
+            force += p.slip_force / ELEMENTS / limit * slipped(states[j], 0.5 * h * v, limit)
+    if p.chamber_stiffness > 0.0:
         force += relaxed(states[_CHAMBER], v, 0.5 * h, p)
-    if p[SURGE] > 0.0:
+    if p.surge_mass > 0.0:
         middle = states[_COILS] + 0.5 * h * states[_COILS_SPEED]
-        force += 2.0 * p[STIFFNESS] * (z - middle) - p[STIFFNESS] * z
+        force += 2.0 * p.stiffness * (z - middle) - p.stiffness * z
     return float(force)
 
 
 @compiled
-def advance_states(states: Array, z: float, v: float, body: float, h: float, p: Array) -> None:
+def advance_states(states: Array, z: float, v: float, body: float, h: float, p: np.record) -> None:
     """Advance ``states`` in place by a step of ``h`` s, in whose middle the spool is at ``z`` with ``v``.
 
     ``body`` is the acceleration of the body, m/s^2, which the coils feel as the spool does.
     """
-    if p[SLIP] > 0.0:
+    if p.slip_force > 0.0:
         for j in range(ELEMENTS):
-            states[j] = slipped(states[j], h * v, p[SLIP_TRAVEL] * (j + 1) / ELEMENTS)
-    if p[CHAMBER] > 0.0:
+            states[j] = slipped(states[j], h * v, p.slip_travel * (j + 1) / ELEMENTS)
+    if p.chamber_stiffness > 0.0:
         states[_CHAMBER] = relaxed(states[_CHAMBER], v, h, p)
-    if p[SURGE] > 0.0:
+    if p.surge_mass > 0.0:
         middle = states[_COILS] + 0.5 * h * states[_COILS_SPEED]
-        pull = 2.0 * p[STIFFNESS] * (z - 2.0 * middle) - p[SURGE_DAMPING] * states[_COILS_SPEED]
-        states[_COILS_SPEED] += h * (pull / p[SURGE] - body)
+        pull = 2.0 * p.stiffness * (z - 2.0 * middle) - p.surge_damping * states[_COILS_SPEED]
+        states[_COILS_SPEED] += h * (pull / p.surge_mass - body)
         states[_COILS] = middle + 0.5 * h * states[_COILS_SPEED]
 
 
@@ -233,12 +219,12 @@ class Plant:
         if unknown:
             raise KeyError(f"a plant has no {', '.join(sorted(unknown))}")
 
-    def array(self) -> Array:
-        """Return the numbers in the order of ``NAMES``."""
-        values = np.zeros(len(NAMES))
+    def array(self) -> np.record:
+        """Return the numbers as the laws take them."""
+        row: np.record = np.zeros(1, NUMBERS).view(np.recarray)[0]
         for name, value in self.numbers.items():
-            values[PLACE[name]] = value
-        return values
+            row[name] = value
+        return row
 
     def with_(self, **numbers: float) -> Plant:
         """Return the same plant with other or further numbers."""
@@ -300,19 +286,19 @@ def move(plant: Plant, time: Array, h: float, body: Array) -> SpoolMotion:
 
 
 @compiled
-def remembered(v: float, x: float, duration: float, p: Array) -> float:
+def remembered(v: float, x: float, duration: float, p: np.record) -> float:
     """Return the force of what has a memory, N, in the middle of a step of ``duration`` at velocity ``v``."""
-    if p[BRISTLE] > 0.0:
+    if p.bristle_stiffness > 0.0:
         after = bristle_after(x, v, 0.5 * duration, p)
         rate = (bristle_after(x, v, duration, p) - x) / duration
-        return float(p[BRISTLE] * after + p[BRISTLE_DAMPING] * rate)
+        return float(p.bristle_stiffness * after + p.bristle_damping * rate)
     return 0.0
 
 
 @compiled
-def kick(v: float, speed: float, pull: float, h: float, p: Array) -> float:
+def kick(v: float, speed: float, pull: float, h: float, p: np.record) -> float:
     """Return the velocity after ``h`` s under ``pull`` (m/s^2) and dry friction at ``speed``."""
-    mass = p[MASS]
+    mass = p.mass
     if v == 0.0:
         direction = 1.0 if pull > 0.0 else -1.0
         free = abs(pull) - dry(0.0, direction, p) / mass
@@ -330,7 +316,7 @@ def kick(v: float, speed: float, pull: float, h: float, p: Array) -> float:
 
 
 @compiled
-def step_through(excitation: Array, h: float, start: float, p: Array) -> tuple[Array, Array]:
+def step_through(excitation: Array, h: float, start: float, p: np.record) -> tuple[Array, Array]:
     """Move a spool from rest and return (spool's acceleration m/s^2, displacement m), shapes (n,).
 
     Both belong to the middles of the steps, as ``excitation`` does.
@@ -339,11 +325,11 @@ def step_through(excitation: Array, h: float, start: float, p: Array) -> tuple[A
         excitation: acceleration of the body in the middle of each step, m/s^2, shape (n,).
         h: length of a step, s.
         start: time at the begin of the first step, s.
-        p: numbers of the plant in the order of ``NAMES``.
+        p: numbers of the plant.
     """
     count = excitation.size
     acceleration, displacement = np.empty(count), np.empty(count)
-    mass = p[MASS]
+    mass = p.mass
     z, v, x = 0.0, 0.0, 0.0
     states, more = np.zeros(STATES), has_states(p)
     for n in range(count):
@@ -357,7 +343,7 @@ def step_through(excitation: Array, h: float, start: float, p: Array) -> tuple[A
                 force += force_of_states(states, middle, speed, h, p)
             after = kick(v, speed, -body - force / mass, h, p)
             speed = 0.5 * (v + after)
-        if p[BRISTLE] > 0.0:
+        if p.bristle_stiffness > 0.0:
             x = bristle_after(x, speed, h, p)
         if more:
             advance_states(states, middle, speed, body, h, p)
