@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 from scipy import fft
@@ -30,45 +30,32 @@ STEADY, RUN_UP = (870.0, 870.0), (830.0, 910.0)
 PUMP, ENGINE = Component(name="pump", pistons=9), Component(name="engine", strokes=4, cylinders=6)
 
 
-@dataclass(frozen=True, slots=True)
-class OrdersCase:
-    """Kind of vibration, a key of ``KINDS``, and the seed of its piece."""
-
-    kind: str
-    seed: int
+#: Kind of vibration, a key of ``KINDS``, and the seed of its piece.
+Piece: TypeAlias = tuple[str, int]
 
 
-@dataclass(frozen=True, slots=True)
-class OrdersOutcome:
-    """Outcome of a case: whether an order was named, which is wrong."""
-
-    kind: str
-    named: bool
-
-
-def run(cases: int, seed: int, out: Path, workers: int | None = None) -> list[OrdersOutcome]:
+def run(cases: int, seed: int, out: Path, workers: int | None = None) -> list[tuple[str, bool]]:
     """Judge ``cases`` pieces of each kind; ``out`` gets the page."""
-    wanted = [OrdersCase(kind, seed + number) for kind in KINDS for number in range(cases)]
+    wanted = [(kind, seed + number) for kind in KINDS for number in range(cases)]
     found = list(spread(judge, wanted, "pieces", workers))
     write_page(out / PAGE, TITLE, study_command("orders", cases, seed), [ABOUT, table(found)])
     print(table(found))
     return found
 
 
-def judge(case: OrdersCase) -> OrdersOutcome:
-    """Return the outcome of one piece."""
-    draw = np.random.default_rng([case.seed, list(KINDS).index(case.kind)])
-    return OrdersOutcome(case.kind, KINDS[case.kind](draw))
+def judge(piece: Piece) -> tuple[str, bool]:
+    """Return the kind of a piece, and whether an order was named, which is wrong."""
+    kind, seed = piece
+    return kind, KINDS[kind](np.random.default_rng([seed, list(KINDS).index(kind)]))
 
 
-def table(found: Sequence[OrdersOutcome]) -> str:
+def table(found: Sequence[tuple[str, bool]]) -> str:
     """Return the counts by kind as Markdown."""
     body = []
     for kind in KINDS:
-        rows = [one for one in found if one.kind == kind]
-        wrong = sum(one.named for one in rows)
-        low, high = interval(wrong, len(rows), "exact")
-        body.append((kind, str(len(rows)), str(wrong), f"{low:.2%} to {high:.2%}"))
+        named = [wrong for one, wrong in found if one == kind]
+        low, high = interval(sum(named), len(named), "exact")
+        body.append((kind, str(len(named)), str(sum(named)), f"{low:.2%} to {high:.2%}"))
     return markdown_table(("vibration", "pieces", "named wrongly", "share"), body)
 
 
