@@ -10,7 +10,6 @@ from spool_blind.field.case import Importance
 from spool_core.record_limits import limits_table
 from spool_evaluation.bench import markdown_of
 from spool_evaluation.results.timing import Timing
-from spool_evaluation.studies import steps
 from spool_evaluation.studies.estimation import LIMITS, Estimated, RecordFit
 from spool_evaluation.studies.estimation import page_parts as estimation_parts
 from spool_evaluation.studies.field.study import field_parts
@@ -99,13 +98,6 @@ def result(name: str) -> str:
     return (RESULTS / name).read_text(encoding="utf-8")
 
 
-def cells_of(name: str) -> list[tuple[str, ...]]:
-    """Return the rows of the tables of a result page, without their heads."""
-    return [
-        _names(line) for line in result(name).splitlines() if line.startswith("| ") and set(line) - set("| -")
-    ]
-
-
 @pytest.mark.parametrize("page", sorted(RESULTS.glob("*.md")), ids=lambda path: path.name)
 def test_a_result_page_says_when_and_by_what_it_was_made(page: Path) -> None:
     assert MADE.match(page.read_text(encoding="utf-8"))
@@ -169,7 +161,6 @@ def test_result_pages_have_the_columns_that_their_commands_write() -> None:
         "field_study.md": "\n\n".join(
             field_parts([field_row("end_stop", "end_stop"), field_row("none", "x")])
         ),
-        "time_steps.md": steps.table({}),
         "estimation_study.md": "\n\n".join(estimation_parts([fitted], [told])),
         "bench_sim.md": compiled,
         "bench_estimate.md": judged,
@@ -180,11 +171,3 @@ def test_result_pages_have_the_columns_that_their_commands_write() -> None:
     # What limits the proof is part of the page, not of its last edit.
     assert LIMITS in wanted["estimation_study.md"]
     assert LIMITS in result("estimation_study.md")
-
-
-def test_the_errors_of_a_time_step_are_those_of_the_page(tmp_path: Path) -> None:
-    printed = {cells[0]: [float(cell) for cell in cells[1:-1]] for cells in cells_of("time_steps.md")[1:]}
-    for name, errors in steps.run(2, 0, tmp_path, 1).items():
-        shown = printed[f"`{name}`"]
-        assert shown == pytest.approx(errors[: len(shown)], rel=0.1)
-    assert (tmp_path / "convergence.png").stat().st_size > 1000

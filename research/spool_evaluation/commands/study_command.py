@@ -20,7 +20,7 @@ def study(
             help="field: hidden effects named right, behind real measuring chains? "
             "estimation: do intervals hold? "
             "loggers: behind filters of loggers? "
-            "steps: what does a step cost? operation: false alarms and delays over valve-days? "
+            "operation: false alarms and delays over valve-days? "
             "operation-fit, operation-agreement: its surrogate. "
             "orders: false orders and speeds? "
             "fleet: drift found over a year? fleet-cost: what does a bag cost? "

@@ -7,7 +7,6 @@ STUDIES = {
     "field": ("studies.field.study", "run"),
     "estimation": ("studies.estimation", "run"),
     "loggers": ("studies.estimation", "run_loggers"),
-    "steps": ("studies.steps", "run"),
     "operation": ("spool_operation.study", "run"),
     "operation-fit": ("spool_operation.surrogate", "run"),
     "operation-agreement": ("spool_operation.agreement", "run"),
