@@ -71,7 +71,7 @@ def run_bench(
         Console(width=max(140, Console().width)).print(table_of(found))
         rows += found
     if json is not None:
-        write_json(json, [row.to_dict() for row in rows])
+        write_json(json, rows)
     if markdown is not None:
         several = ((name, value if isinstance(value, Sequence) else [value]) for name, value in given.items())
         said = "".join(f" --{name} {value}" for name, values in several for value in values)

@@ -11,7 +11,7 @@ import signal
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 import yaml
@@ -63,8 +63,8 @@ class HostCost:
         """Return the row of the table."""
         seen = self.seen
 
-        def milliseconds(name: str) -> str:
-            value = seen[name]
+        def milliseconds(name: str, *, hosts_only: bool = False) -> str:
+            value = None if hosts_only and self.way == SEPARATE else seen[name]
             return "" if value is None else f"{1e3 * value:.1f}"
 
         tracking = seen["all_tracking_s"]
@@ -82,18 +82,12 @@ class HostCost:
             "source late, s": f"{seen['longest_late_s']:.1f}",
             "block to estimate p50, ms": milliseconds("p50_s"),
             "p99, ms": milliseconds("p99_s"),
-            "longest wait of a block, start, ms": milliseconds("wait_at_start_s")
-            if self.way != SEPARATE
-            else "",
-            "later, ms": milliseconds("wait_later_s") if self.way != SEPARATE else "",
+            "longest wait of a block, start, ms": milliseconds("wait_at_start_s", hosts_only=True),
+            "later, ms": milliseconds("wait_later_s", hosts_only=True),
             "all tracking after, s": f"{tracking:.1f}"
             if tracking is not None and seen["tracking"] == self.valves
             else f"{seen['tracking']:.0f} of {self.valves}",
         }
-
-    def to_dict(self) -> dict[str, object]:
-        """Return what ``--json`` writes."""
-        return {name: value for name, value in asdict(self).items() if name != "seen"} | self.seen
 
 
 def run(seconds: float = SECONDS, valves: Sequence[int] = VALVES) -> Iterator[HostCost]:

@@ -11,7 +11,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 from rich.console import Console
@@ -63,10 +63,6 @@ class RecordingCost:
             "blocks recorded": str(self.blocks),
             "blocks lost": str(self.lost),
         }
-
-    def to_dict(self) -> dict[str, object]:
-        """Return what ``--json`` writes."""
-        return asdict(self)
 
 
 def run(seconds: float = SECONDS, valves: Sequence[int] = VALVES) -> Iterator[RecordingCost]:

@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Protocol
+from dataclasses import dataclass, field
+from typing import ClassVar, Protocol
+
+from spool_core.uncertainty import named
 
 
 class Row(Protocol):
-    """Row of a benchmark's table."""
+    """Row of a benchmark's table, a dataclass; its fields are what ``--json`` writes."""
 
     def cells(self) -> dict[str, str]:
         """Return its cells by their column's name."""
-
-    def to_dict(self) -> dict[str, object]:
-        """Return what ``--json`` writes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,13 +25,15 @@ class Timing:
     one, ``None`` where it was not measured.
     """
 
+    JSON_PROPERTIES: ClassVar = ("ratio", "ratio_of_scheme")
+
     work: str
     peer: str
     ours_s: float
     peer_s: float
     ours_error: float | None = None
     peer_error: float | None = None
-    compiling: float | None = None
+    compiling: float | None = field(default=None, metadata=named("ratio_of_compiling"))
 
     @property
     def ratio(self) -> float:
@@ -40,7 +41,7 @@ class Timing:
         return self.peer_s / self.ours_s
 
     @property
-    def scheme(self) -> float | None:
+    def ratio_of_scheme(self) -> float | None:
         """The factor of the ratio that is left for the scheme, ``None`` where ``compiling`` is."""
         return None if self.compiling is None else self.ratio / self.compiling
 
@@ -48,7 +49,7 @@ class Timing:
         """Return work, peer, both times and their ratio, and what else was measured."""
         optional = {
             "by compiling": self.compiling,
-            "by scheme": self.scheme,
+            "by scheme": self.ratio_of_scheme,
             "our error": self.ours_error,
             "their error": self.peer_error,
         }
@@ -59,20 +60,6 @@ class Timing:
             "theirs": f"{self.peer_s:.3g} s",
             "times as fast": f"{self.ratio:.3g}",
             **{name: "" if value is None else f"{value:.3g}" for name, value in optional.items()},
-        }
-
-    def to_dict(self) -> dict[str, object]:
-        """Return what ``--json`` writes."""
-        return {
-            "work": self.work,
-            "peer": self.peer,
-            "ours_s": self.ours_s,
-            "peer_s": self.peer_s,
-            "ratio": self.ratio,
-            "ours_error": self.ours_error,
-            "peer_error": self.peer_error,
-            "ratio_of_compiling": self.compiling,
-            "ratio_of_scheme": self.scheme,
         }
 
 
