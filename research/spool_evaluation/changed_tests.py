@@ -14,7 +14,7 @@ import fnmatch
 import re
 import subprocess
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -102,6 +102,16 @@ class Statement:
         )
 
 
+def imported(node: ast.Import | ast.ImportFrom, package: str) -> Iterator[tuple[str, str, str]]:
+    """Yield module, name in it (empty: the module itself) and local name of an import in ``package``."""
+    if isinstance(node, ast.Import):
+        yield from ((one.name, "", one.asname or one.name) for one in node.names)
+        return
+    above = package.split(".")[: package.count(".") + 2 - node.level] if node.level else []
+    base = ".".join([*above, *filter(None, [node.module])])
+    yield from ((base, one.name, one.asname or one.name) for one in node.names)
+
+
 @dataclass
 class Source:
     """One Python file: its path in the repository, its dotted name and text."""
@@ -124,15 +134,7 @@ class Source:
     def imports(self) -> set[tuple[str, str, str]]:
         """Module, name in it (empty: the module itself) and local name of each import, at any depth."""
         package = self.name if self.path.name == "__init__.py" else self.name.rpartition(".")[0]
-        found = set()
-        for node in (node for one in self.statements for node in one.imports):
-            if isinstance(node, ast.Import):
-                found |= {(one.name, "", one.asname or one.name) for one in node.names}
-            else:
-                above = package.split(".")[: len(package.split(".")) - node.level + 1] if node.level else []
-                base = ".".join([*above, *filter(None, [node.module])])
-                found |= {(base, one.name, one.asname or one.name) for one in node.names}
-        return found
+        return {each for one in self.statements for node in one.imports for each in imported(node, package)}
 
     def using(self, place: Place) -> set[str]:
         """Return the names of the top level whose definitions use ``place``."""

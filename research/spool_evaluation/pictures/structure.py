@@ -15,6 +15,8 @@ from pathlib import Path
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyArrowPatch, Rectangle
 
+from spool_evaluation.changed_tests import imported
+
 PREFIX = "spool"
 #: Not a Python package, so imported without a source here.
 MESSAGES = "spool_msgs"
@@ -60,17 +62,11 @@ def read_modules(*sources: Path) -> dict[str, Module]:
 def _imports(tree: ast.Module, folder: str, known: Iterable[str]) -> set[str]:
     found = set()
     for node in ast.walk(tree):
-        if isinstance(node, ast.Import):
-            found |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom):
-            above = folder.split(".")[: len(folder.split(".")) - node.level + 1] if node.level else []
-            base = ".".join([*above, *([node.module] if node.module else [])])
-            found |= {full if (full := f"{base}.{alias.name}") in known else base for alias in node.names}
+        if isinstance(node, ast.Import | ast.ImportFrom):
+            names = ((base, f"{base}.{name}") for base, name, _ in imported(node, folder))
+            found |= {full if full in known else base for base, full in names}
         elif isinstance(node, ast.Call) and ast.unparse(node.func).endswith("import_module"):
-            given = node.args[0]
-            found |= (
-                {given.value} if isinstance(given, ast.Constant) and isinstance(given.value, str) else set()
-            )
+            found |= {str(one.value) for one in node.args[:1] if isinstance(one, ast.Constant)}
     return {name for name in found if name.startswith(PREFIX)}
 
 
