@@ -76,7 +76,7 @@ def latency(folder: Path, seconds: float) -> Iterator[Timing]:
         own = ["--ros-args", "-r", "__ns:=/valve_1"]
         nodes.start("estimator", "spool_estimator", "estimator", [*own, "-p", "period:=0.1"])
         nodes.start("monitor", "spool_monitor", "monitor", own)
-        with sending(folder, 1, seconds, 0, RUN_IN, LISTENERS) as saw:
+        with sending(folder, 1, seconds, run_in=RUN_IN, listeners=LISTENERS) as saw:
             seen = saw()
     if not seen["estimates"]:
         raise InputError(f"bench: no estimate came: {last_words(folder / 'nodes.log')}")

@@ -110,8 +110,8 @@ def _measured(count: int, seconds: float, way: str) -> HostCost:
         starved = way not in ("host", SEPARATE, SHARED)
         # Its source ends while it is still starved, and only what comes from then on counts.
         sent, run_in = (seconds - LEAD, round(settled)) if starved else (seconds, RUN_IN)
-        more = (0, run_in, 0, int(way == SHARED))
-        with sending(folder, count, sent, *more) as saw, Nodes(folder / "nodes.log") as nodes:
+        source = sending(folder, count, sent, run_in=run_in, shared=way == SHARED)
+        with source as saw, Nodes(folder / "nodes.log") as nodes:
             begin = time.monotonic()
             _start(nodes, folder, count, way)
             time.sleep(max(0.0, settled - LEAD * starved - (time.monotonic() - begin)))

@@ -90,7 +90,7 @@ def _measured(count: int, seconds: float, recorder: str) -> RecordingCost:
                     [sys.executable, "-m", plain_recorder.__name__, str(bag), *topics], start_new_session=True
                 )
             time.sleep(START)
-            with sending(folder, count, seconds, SHIFT) as saw:
+            with sending(folder, count, seconds, shift=SHIFT) as saw:
                 time.sleep(min(SETTLED, 0.25 * seconds))
                 process = nodes.running[recorder].pid
                 before, begin = processor_time(process), time.monotonic()

@@ -1,9 +1,8 @@
 """Source of the blocks of many valves: a recorded run sent again, cheaply, and when the estimates come back.
 
-Run as ``python -m spool_evaluation.benchmarks.load.valve_source COUNT SECONDS FILE [SHIFT [RUN_IN
-[LISTENERS [SHARED]]]]``; it sends for ``SECONDS`` and writes what it saw as JSON. Each valve sends the run
-``SHIFT`` blocks ahead of the one before; ``SHARED`` 1: one message has the same block for all valves.
-Besides: what running processes cost, as the kernel accounts for it.
+Run as ``python -m spool_evaluation.benchmarks.load.valve_source FILE OPTIONS``, where ``OPTIONS`` are fields
+of ``ValveSource`` as JSON; what it saw is written to ``FILE``. Besides: what running processes cost, as the
+kernel accounts for it.
 """
 
 from __future__ import annotations
@@ -53,11 +52,12 @@ class ValveSource:
     """Source of the blocks of ``count`` valves for ``seconds``.
 
     Attributes:
+        shift: blocks that each valve's run is ahead of the one before.
         sent: when each of the last blocks of a valve was sent, by its sequence, s of the monotonic clock.
         tracking: when each valve was first told to be tracking, s after its first block was heard.
         run_in: s after which a valve that was heard counts as run in.
         listeners: of each valve, that are waited for before the first block.
-        shared: 1: one message for all valves, of the same samples. 0: one for each.
+        shared: one message for all valves, of the same samples, instead of one for each.
         ages: from block to estimate (s), for estimates after the first ``run_in`` seconds, and before.
         delay: s, of the filter, as the last estimate says.
         lost: blocks that each estimator counts as lost.
@@ -72,7 +72,7 @@ class ValveSource:
     shift: int = 0
     run_in: int = RUN_IN
     listeners: int = 0
-    shared: int = 0
+    shared: bool = False
     delay: float = 0.0
     tracking: dict[int, float] = field(default_factory=dict)
     first: dict[int, float] = field(default_factory=dict)
@@ -239,19 +239,21 @@ def memory(process: int) -> tuple[int, int]:
 
 @contextmanager
 def sending(
-    folder: Path, count: int, seconds: float, *more: object
+    folder: Path, count: int, seconds: float, **more: float
 ) -> Iterator[Callable[[], dict[str, Any]]]:
     """Run this module as a process that is ended at the end; yield a wait for what it saw.
 
-    ``more`` may follow FILE. Where processors are busy the process begins late and ends late.
+    ``more`` are further fields of ``ValveSource``. Where processors are busy the process begins late.
 
     Raises:
         InputError: it failed, or does not end.
     """
     report = folder / "report.json"
-    words = [str(one) for one in (count, seconds, report, *more)]
+    options = json.dumps({"count": count, "seconds": seconds, **more})
     with (folder / "source.log").open("wb") as log:
-        source = subprocess.Popen([sys.executable, "-m", __name__, *words], stdout=log, stderr=log)
+        source = subprocess.Popen(
+            [sys.executable, "-m", __name__, str(report), options], stdout=log, stderr=log
+        )
 
     def saw() -> dict[str, Any]:
         try:
@@ -275,23 +277,15 @@ def last_words(log: Path) -> str:
     return log.read_text(encoding="utf-8", errors="replace").strip()[-300:]
 
 
-def main(
-    count: int,
-    seconds: float,
-    file: Path,
-    shift: int = 0,
-    run_in: int = RUN_IN,
-    listeners: int = 0,
-    shared: int = 0,
-) -> None:
+def main(file: str, options: str) -> None:
     """Send, then write what was seen."""
-    source = ValveSource(count, seconds, shift, run_in, listeners, shared)
+    source = ValveSource(**json.loads(options))
     source.run()
-    file.write_text(json.dumps(source.to_dict()), encoding="utf-8")
+    Path(file).write_text(json.dumps(source.to_dict()), encoding="utf-8")
 
 
 if __name__ == "__main__":
     try:
-        main(int(sys.argv[1]), float(sys.argv[2]), Path(sys.argv[3]), *map(int, sys.argv[4:]))
+        main(*sys.argv[1:])
     except InputError as error:
         sys.exit(str(error))
