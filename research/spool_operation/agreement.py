@@ -13,7 +13,7 @@ from spool_evaluation.studies.workers import spread
 
 from spool_operation.run_day import TRACED, DayOutcome, Trace, outcome_of
 from spool_operation.surrogate import load_surrogate
-from spool_operation.world import AROUND, BEFORE, ValveDay, draw_day
+from spool_operation.world import AROUND, BEFORE, ValveDay, draw_day, merged
 
 #: s of each day that are run in full: the first hour of production, with its starts and changes of speed.
 FULL = 3600
@@ -52,7 +52,7 @@ def both(seed: int) -> DayPair:
     day = first_hour(draw_day(seed))
     real = tuple((max(0, hold.begin - AROUND[0]), min(day.seconds, hold.end + 8)) for hold in day.holds)
     made = []
-    for stretches in (_joined(real), ()):
+    for stretches in (merged(real, apart=20), ()):
         trace = Trace()
         outcome = outcome_of(replace(day, real=stretches, dense=True), trace)
         made.append((outcome, np.array(trace.shares).reshape(-1, 3)))
@@ -75,9 +75,7 @@ def parts(pairs: list[DayPair]) -> list[str]:
     for number, name in enumerate(TRACED):
         full, made = ([getattr(pair, which)[:, number] for pair in pairs] for which in ("full", "surrogate"))
         for title, measure in MEASURES.items():
-            rows.append((
-                name.replace("_", " "), title, f"{measure(full):.3f}", f"{measure(made):.3f}",
-            ))  # fmt: skip
+            rows.append((name.replace("_", " "), title, *(f"{measure(days):.3f}" for days in (full, made))))
     false = [sum(len(pair.outcomes[which].false) for pair in pairs) for which in (0, 1)]
     hours = sum(pair.outcomes[0].blocks for pair in pairs) / 3600.0
     cost = [sum(pair.outcomes[which].cost for pair in pairs) for which in (0, 1)]
@@ -86,8 +84,7 @@ def parts(pairs: list[DayPair]) -> list[str]:
         f"{len(pairs)} days, {hours:.1f} hours of blocks. Surrogate: {load_surrogate().origin}.",
         markdown_table(("parameter", "measure", "estimator", "surrogate"), rows),
         f"False alarms: {false[0]} with the estimator, {false[1]} with the surrogate. Computing: "
-        f"{cost[0]:.0f} s and "
-        f"{cost[1]:.1f} s.",
+        f"{cost[0]:.0f} s and {cost[1]:.1f} s.",
     ]
 
 
@@ -120,13 +117,3 @@ MEASURES = {
     "scatter from one estimate to the next": _scatter,
     "largest mean over a minute, median of the days": _largest,
 }
-
-
-def _joined(stretches: tuple[tuple[int, int], ...]) -> tuple[tuple[int, int], ...]:
-    made: list[tuple[int, int]] = []
-    for begin, end in stretches:
-        if made and begin <= made[-1][1] + 20:
-            made[-1] = (made[-1][0], end)
-        else:
-            made.append((begin, end))
-    return tuple(made)

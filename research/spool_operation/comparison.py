@@ -209,7 +209,7 @@ def fault_times(thresholds: dict[tuple[str, str, str], float], seed: int) -> Fau
     trace = Trace()
     outcome = outcome_of(day, trace)
     times, values = _judged(trace, TRACED.index(fault.quantity))
-    at, name = _clock(day, times), _watched(fault.quantity, day)
+    at, name = day.operated(times), _watched(fault.quantity, day)
     delays: dict[Setting, float] = {(MONITOR, ""): outcome.delay}
     for detector, settings in PEERS.items():
         for setting, statistic in settings.items():
@@ -227,11 +227,6 @@ def _judged(trace: Trace, number: int) -> tuple[Array, Array]:
     values = np.array([row[number] for row in trace.shares])
     kept = np.isfinite(values)
     return np.array(trace.times)[kept], values[kept]
-
-
-def _clock(day: ValveDay, times: Array) -> Array:
-    whole = np.clip(times.astype(int), 0, day.seconds - 1)
-    return np.asarray(day.clock[whole] + times - whole)
 
 
 def _settings(detector: str) -> list[str]:

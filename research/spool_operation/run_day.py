@@ -31,16 +31,14 @@ from spool_monitor.event import Event, EventState
 from spool_monitor.monitor import Monitor
 from spool_monitor.valve_state import ValveState
 from spool_sim.lubrication import OilTable
-from spool_sim.simulator import DEFAULT_START_STAMP, Simulator
+from spool_sim.simulator import DEFAULT_START_STAMP
 
 from spool_operation.faults import Hurt
 from spool_operation.peers import judged_share
 from spool_operation.surrogate import Surrogate, SurrogateRow, errors, load_surrogate
-from spool_operation.world import Hold, ValveDay, draw_day, features
+from spool_operation.world import BLOCKS, Hold, ValveDay, draw_day, features
 
 SECOND = 1_000_000_000
-#: Blocks a second.
-BLOCKS = 10
 #: s of blocks that only the estimator gets before the monitor sees them: it forgets over 4 s.
 RUN_IN = 12
 #: s between two estimates that are shown while the machine stands: all are alike.
@@ -197,9 +195,8 @@ class DayRun:
             self._show(replace(held, stamp=self._stamp(float(second))), float(second))
 
     def _stamp(self, second: float) -> int:
-        """Return the stamp of a second of the day; before it the clock is that of the first second."""
-        at = min(self.day.seconds - 1, max(0, int(second)))
-        return self.origin + round((float(self.day.clock[at]) + second - at) * 1e9)
+        """Return the stamp of a second of the day."""
+        return self.origin + round(float(self.day.operated(second)) * 1e9)
 
     def _show(self, estimate: Estimate, second: float) -> None:
         """Show the monitor an estimate, as the nodes do: all are of one estimator, however they are made."""
@@ -261,22 +258,15 @@ class DayRun:
 
     def _blocks(self, estimator: Estimator, first: int, end: int) -> Iterator[tuple[float, Block]]:
         day = self.day
-        size = round(day.measuring.sample_rate / BLOCKS)
         viscous, stiffness, friction = self.surrogate.truth
         profile, rests = _speeds(day, first, end)
         valve = day.valve.model_copy(update={"spring_stiffness": float(stiffness[first])})
-        simulator = Simulator(
-            valve,
-            day.shaking.machine(profile, rests),
+        simulator = day.measuring.simulator(
+            valve, day.shaking.machine(profile, rests),
             parameters={"viscous_coefficient": float(viscous[first])},
-            coulomb_force=float(friction[first]),
-            sample_rate=day.measuring.sample_rate,
-            block_size=size,
-            seed=day.seed % 2**31,
+            coulomb_force=float(friction[first]), seed=day.seed % 2**31,
             start_stamp=self._stamp(float(first)),
-            body_sensor=day.measuring.body,
-            spool_sensor=day.measuring.spool,
-        )
+        )  # fmt: skip
         # Numbers of blocks and stamps belong together over all stretches.
         number = round((self._stamp(float(first)) - self.origin) * BLOCKS / SECOND) + SINCE * BLOCKS
         for second in range(first, end):
@@ -356,7 +346,7 @@ def outcome_of(day: ValveDay, trace: Trace | None = None) -> DayOutcome:
     if day.fault is None:
         return outcome
     fault = day.fault
-    at = math.nan if found is None else _clock(day, found.at)
+    at = math.nan if found is None else float(day.operated(found.at))
     return replace(
         outcome, name=fault.name, speed=fault.speed if fault.quantity else "", severity=severity_of(day),
         found=found, right=right, delay=at - fault.reached, since_begin=at - fault.begin,
@@ -368,8 +358,7 @@ def severity_of(day: ValveDay) -> float:
     fault = day.fault
     if fault is None:
         return 0.0
-    end = _clock(day, day.holds[-1].end - 1.0)
-    return fault.severity * float(fault.grown(np.array(end)))
+    return fault.severity * float(fault.grown(day.operated(day.holds[-1].end - 1.0)))
 
 
 def judged(day: ValveDay, raised: list[RaisedEvent]) -> tuple[RaisedEvent | None, bool, list[RaisedEvent]]:
@@ -378,7 +367,7 @@ def judged(day: ValveDay, raised: list[RaisedEvent]) -> tuple[RaisedEvent | None
     found: RaisedEvent | None = None
     known, right, false = False, False, []
     for event in raised:
-        mine = fault is not None and _clock(day, event.at) >= fault.begin
+        mine = fault is not None and day.operated(event.at) >= fault.begin
         if mine and fault is not None and event.kind == fault.kind:
             found = found or event
             # A cause that is corrected again is seen was not right at first, and no second event.
@@ -415,11 +404,6 @@ def _explained(day: ValveDay, event: RaisedEvent) -> bool:
     return False
 
 
-def _clock(day: ValveDay, second: float) -> float:
-    at = min(day.seconds - 1, max(0, int(second)))
-    return float(day.clock[at]) + second - at
-
-
 #: s, over which the estimator forgets: the default of its node.
 MEMORY = 4.0
 #: s of each hold of a healthy day whose estimates are shown: the first ones, then some in every so many. The
@@ -428,8 +412,12 @@ FIRST, SHOWN, EVERY = 60, 12, 240
 #: s behind the newest sample that an estimate describes.
 DELAY = 0.005
 
-_NOT_REFERRED = Quantity("referred_viscous_coefficient", "N s/m")
-_NOT_MEASURED = Quantity("oil_temperature", "deg C")
+
+def _known(name: str, unit: str, value: float, deviation: float = math.nan) -> Quantity:
+    """Return a quantity that is valid, or one that is not known where ``value`` is NaN."""
+    if math.isnan(value):
+        return Quantity(name, unit)
+    return Quantity(name, unit, value, deviation, Validity.VALID)
 
 
 class SurrogateEstimates:
@@ -533,64 +521,36 @@ class SurrogateEstimates:
         referred, uncertain = self._referred(estimated[:, 1], reported[:, 1], reading)
         tracks = self._draw.random(count) < row.tracking if row.tracking < 0.9 else np.ones(count, bool)
         omega = 2.0 * math.pi * valve.natural_frequency
-        excitation = Quantity("excitation", "m/s^2", row.excitation * first, validity=Validity.VALID)
         inertia = row.inertia * force
-        moves = row.displacement * first / omega**2
-        displacement = Quantity("relative_displacement", "m", moves, validity=Validity.VALID)
-        valid = Validity.VALID
-        rows = zip(
-            *(
-                column[shown].tolist()
-                for column in (
-                    stamps, estimated, reported, natural, deviations, residuals, referred, uncertain, reading,
-                    tracks, damping,
-                )
-            ),
-            strict=True,
+        excitation = _known("excitation", "m/s^2", row.excitation * first)
+        displacement = _known("relative_displacement", "m", row.displacement * first / omega**2)
+        columns = (
+            stamps, estimated, reported, natural, deviations, damping, residuals, referred, uncertain,
+            reading, tracks,
         )  # fmt: skip
-        for (
-            stamp,
-            value,
-            deviation,
-            frequency,
-            wide,
-            residual,
-            at_reference,
-            error,
-            celsius,
-            tracking,
-            damped,
-        ) in rows:
+        for stamp, (
+            k,
+            c,
+            dry,
+        ), wide, frequency, width, damped, residual, cold, error, celsius, tracking in zip(
+            *(column[shown].tolist() for column in columns), strict=True
+        ):
             self._samples += 1000
-            negative = value[2] < 0.0 and value[2] < -3.0 * deviation[2]
+            friction = _known("coulomb_force", "N", dry, wide[2])
+            if dry < 0.0 and dry < -3.0 * wide[2]:
+                friction = replace(friction, validity=Validity.IMPLAUSIBLE)
+            stiffness = _known("spring_stiffness", "N/m", k, wide[0])
+            drag = _known("viscous_coefficient", "N s/m", c, wide[1])
             estimate = Estimate(
-                stamp,
-                "coulomb",
-                State.TRACKING,
-                0,
-                self._samples,
-                DELAY,
-                MEMORY,
-                (
-                    Quantity("spring_stiffness", "N/m", value[0], deviation[0], valid),
-                    Quantity("viscous_coefficient", "N s/m", value[1], deviation[1], valid),
-                    Quantity(
-                        "coulomb_force", "N", value[2], deviation[2],
-                        Validity.IMPLAUSIBLE if negative else valid,
-                    ),
-                ),
-                Quantity("natural_frequency", "Hz", frequency, wide, valid),
-                Quantity("damping_ratio", "1", damped, validity=valid),
-                Quantity("residual", "1", residual, validity=valid),
-                excitation,
-                displacement,
-                residual_force=Quantity("residual_force", "N", residual * inertia, validity=valid),
-                referred_viscous_coefficient=_NOT_REFERRED
-                if math.isnan(at_reference)
-                else Quantity("referred_viscous_coefficient", "N s/m", at_reference, error, valid),
-                oil_temperature=_NOT_MEASURED
-                if math.isnan(celsius)
-                else Quantity("oil_temperature", "deg C", celsius, USUAL_DEVIATION, valid),
+                stamp, "coulomb", State.TRACKING, 0, self._samples, DELAY, MEMORY,
+                (stiffness, drag, friction),
+                _known("natural_frequency", "Hz", frequency, width),
+                _known("damping_ratio", "1", damped),
+                _known("residual", "1", residual),
+                excitation, displacement,
+                residual_force=_known("residual_force", "N", residual * inertia),
+                referred_viscous_coefficient=_known("referred_viscous_coefficient", "N s/m", cold, error),
+                oil_temperature=_known("oil_temperature", "deg C", celsius, USUAL_DEVIATION),
             )  # fmt: skip
             yield estimate if tracking else estimate.held()
 

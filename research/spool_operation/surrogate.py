@@ -26,7 +26,6 @@ from spool_estimator.estimator import Estimator, settings_for
 from spool_evaluation.results.page import study_command, write_page
 from spool_evaluation.studies.workers import spread
 from spool_report.outputs import suite_version
-from spool_sim.simulator import Simulator
 
 from spool_operation.world import (
     SCALES,
@@ -314,16 +313,7 @@ def fit_run(draw: np.random.Generator) -> FitRun | None:
     machine = shaking.machine(profile, ((float(HOLD), float(RESTARTED)),))
 
     def estimated(measuring: Measuring) -> list[Estimate]:
-        simulator = Simulator(
-            valve,
-            machine,
-            coulomb_force=coulomb,
-            sample_rate=measuring.sample_rate,
-            block_size=round(measuring.sample_rate / 10),
-            seed=noise_seed,
-            body_sensor=measuring.body,
-            spool_sensor=measuring.spool,
-        )
+        simulator = measuring.simulator(valve, machine, coulomb_force=coulomb, seed=noise_seed)
         estimator = Estimator(settings_for(valve))
         return [one for block in simulator.records(float(END)) for one in estimator.update(block)]
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,10 +14,13 @@ from spool_core.numbers import Array
 from spool_sim.excitation import MachineOrders
 from spool_sim.lubrication import OilTable
 from spool_sim.sensors import Sensor
+from spool_sim.simulator import Simulator
 from spool_sim.valve import NotNegative, Number, Valve
 
 from spool_operation.faults import OperationFault, draw_fault
 
+#: Blocks a second.
+BLOCKS = 10
 #: s of a day, of a shift, and of the standstill that the day begins with.
 DAY, SHIFT, BEFORE = 86_400, 28_800, 600
 #: K, oil over ambient in production; s, time constants of warming and of cooling at standstill.
@@ -136,6 +140,11 @@ class ValveDay:
     def thermometer(self) -> bool:
         """Whether the oil's temperature is measured."""
         return bool(np.isfinite(self.reading).any())
+
+    def operated(self, second: Array | float) -> Array:
+        """Return s of operation at ``second`` of what is simulated; outside of it the nearest clock runs."""
+        at = np.clip(np.asarray(second).astype(int), 0, self.seconds - 1)
+        return np.asarray(self.clock[at] + second - at)
 
     def viscous(self) -> Array:
         """Return the true viscous coefficient at each second, N s/m."""
@@ -261,7 +270,7 @@ def _with_events(draw: np.random.Generator, day: ValveDay) -> ValveDay:
         real.append((max(0, lost - AROUND[0]), gaps[0][1] + AROUND[1]))
     if draw.random() < RESTARTS:
         restarts = (int(draw.integers(BEFORE, day.holds[-1].end)),)
-    return replace(day, real=_merged(real), gaps=gaps, restarts=restarts)
+    return replace(day, real=merged(real), gaps=gaps, restarts=restarts)
 
 
 def _with_fault(draw: np.random.Generator, day: ValveDay, *, below: bool) -> ValveDay:
@@ -356,14 +365,15 @@ def _around(at: int) -> tuple[int, int]:
     return max(0, at - AROUND[0]), at + AROUND[1]
 
 
-def _merged(stretches: list[tuple[int, int]]) -> tuple[tuple[int, int], ...]:
-    merged: list[tuple[int, int]] = []
+def merged(stretches: Sequence[tuple[int, int]], apart: int = 0) -> tuple[tuple[int, int], ...]:
+    """Return ``stretches`` (begin, end) in order, those joined that are ``apart`` s apart at most."""
+    found: list[tuple[int, int]] = []
     for begin, end in sorted(stretches):
-        if merged and begin <= merged[-1][1]:
-            merged[-1] = (merged[-1][0], max(end, merged[-1][1]))
+        if found and begin <= found[-1][1] + apart:
+            found[-1] = (found[-1][0], max(end, found[-1][1]))
         else:
-            merged.append((begin, end))
-    return tuple(merged)
+            found.append((begin, end))
+    return tuple(found)
 
 
 #: Scales that make distances of features alike: a factor of e in damping, half a natural frequency in speed,
@@ -381,17 +391,14 @@ class Measuring:
     gain_error: float
     bias: float
 
-    @property
-    def body(self) -> Sensor:
-        """The body's accelerometer."""
-        return Sensor(noise=self.noise, resolution=self.resolution)
-
-    @property
-    def spool(self) -> Sensor:
-        """The spool's accelerometer."""
-        return Sensor(
-            noise=self.noise, resolution=self.resolution, gain_error=self.gain_error, bias=self.bias
-        )
+    def simulator(self, valve: Valve, machine: StoppingMachine, **given: Any) -> Simulator:
+        """Return a simulator of ``valve`` in ``machine`` that this chain measures; ``given`` as it takes."""
+        body = Sensor(noise=self.noise, resolution=self.resolution)
+        spool = body.model_copy(update={"gain_error": self.gain_error, "bias": self.bias})
+        return Simulator(
+            valve, machine, sample_rate=self.sample_rate, block_size=round(self.sample_rate / BLOCKS),
+            body_sensor=body, spool_sensor=spool, **given,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pickle
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from itertools import islice
 
 import numpy as np
@@ -17,7 +18,7 @@ from spool_monitor.replay import Replay
 from spool_monitor.window import Line
 from spool_operation.faults import Channel, Hurt, OperationFault
 from spool_operation.world import draw_day
-from spool_sim.simulator import DEFAULT_START_STAMP, Simulator
+from spool_sim.simulator import DEFAULT_START_STAMP
 
 DAY = draw_day(7)
 
@@ -27,11 +28,9 @@ def stream(
 ) -> Iterator[Block | tuple[int, float]]:
     """Yield the blocks of a healthy valve and, once a second, (stamp in ns, oil temperature in deg C)."""
     shaft = DAY.holds[0].shaft
-    simulator = Simulator(
-        DAY.valve, DAY.shaking.machine(((0.0, shaft), (1e4, shaft)), rests), coulomb_force=DAY.coulomb,
-        sample_rate=1000.0, block_size=100, seed=4, body_sensor=DAY.measuring.body,
-        spool_sensor=DAY.measuring.spool,
-    )  # fmt: skip
+    machine = DAY.shaking.machine(((0.0, shaft), (1e4, shaft)), rests)
+    measuring = replace(DAY.measuring, sample_rate=1000.0)
+    simulator = measuring.simulator(DAY.valve, machine, coulomb_force=DAY.coulomb, seed=4)
     for _ in range(round(seconds)):
         yield simulator.stamp, simulator.truth.oil_temperature
         yield from simulator.records(1.0)

@@ -30,7 +30,6 @@ from spool_operation.run_day import (
 from spool_operation.study import false_table, fault_table, parts
 from spool_operation.surrogate import load_surrogate
 from spool_operation.world import DAY, ValveDay, draw_day, features, stretches_of
-from spool_sim.simulator import Simulator
 
 
 def of_kind(name: str, speed: str, seed: int = 0) -> int:
@@ -110,12 +109,10 @@ def test_a_gain_error_moves_the_stiffness_of_the_surrogate_as_that_of_the_estima
     found = []
     for error in (0.0, gain):
         measuring = replace(day.measuring, gain_error=error)
-        simulator = Simulator(
-            valve, day.shaking.machine(((0.0, shaft), (30.0, shaft)), ()), coulomb_force=friction,
-            parameters={"viscous_coefficient": 2.0}, sample_rate=measuring.sample_rate, seed=5,
-            block_size=round(measuring.sample_rate / 10),
-            body_sensor=measuring.body, spool_sensor=measuring.spool,
-        )  # fmt: skip
+        machine = day.shaking.machine(((0.0, shaft), (30.0, shaft)), ())
+        simulator = measuring.simulator(
+            valve, machine, coulomb_force=friction, parameters={"viscous_coefficient": 2.0}, seed=5
+        )
         estimator = Estimator(settings_for(valve))
         estimates = [one for block in simulator.records(20.0) for one in estimator.update(block)]
         found.append(float(np.median([one.parameters[0].value for one in estimates[-10:]])))
