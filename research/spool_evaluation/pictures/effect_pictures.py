@@ -120,13 +120,5 @@ def _one_effect(entry: Effect) -> str:
     )
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Write FOLDER/effects.md between its marks, and the pictures into FOLDER/effects."""
-    given = sys.argv[1:] if arguments is None else arguments
-    figures = {name: draw(entry) for name, entry in EFFECTS.items()}
-    PAGE.write(Path(given[0] if given else "docs"), effects_text(), figures)
-    return 0
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    PAGE.write(Path(sys.argv[1]), effects_text(), {name: draw(entry) for name, entry in EFFECTS.items()})

@@ -125,14 +125,6 @@ def _one_law(entry: Term) -> str:
     )
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Write FOLDER/physics.md between its marks, and the pictures into FOLDER/laws."""
-    given = sys.argv[1:] if arguments is None else arguments
-    valve = find_valve("4weh10_soft")
-    figures = {name: draw(entry, valve) for name, entry in TERMS.items()}
-    PAGE.write(Path(given[0] if given else "docs/methods"), law_text(), figures)
-    return 0
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    soft = find_valve("4weh10_soft")
+    PAGE.write(Path(sys.argv[1]), law_text(), {name: draw(entry, soft) for name, entry in TERMS.items()})

@@ -73,7 +73,7 @@ class MarkedPage:
         return (folder / f"{self.name}.md").read_text(encoding="utf-8").partition(begin)[2].partition(end)[0]
 
     def write(self, folder: Path, text: str, figures: Mapping[str, Figure]) -> None:
-        """Write ``text`` between the marks, and a PNG for each of ``figures``, by name."""
+        """Write ``text`` between the marks in ``folder``, and a PNG for each of ``figures``, by name."""
         begin, end = self.marks
         page = folder / f"{self.name}.md"
         before, _, rest = page.read_text(encoding="utf-8").partition(begin)

@@ -350,7 +350,8 @@ def _counted(model: str, quantity: str, entries: Sequence[Estimated]) -> dict[st
     fits = len(entries)
     covered = sum(entry.covered for entry in entries)
     low, high = interval(covered, fits, "exact")
-    errors = np.array([entry.error for entry in entries])
+    errors = [entry.error for entry in entries] or [math.nan]
+    deviations = [abs(entry.deviation / entry.truth) for entry in entries] or [math.nan]
     return {
         "model": model,
         "quantity": quantity,
@@ -359,9 +360,7 @@ def _counted(model: str, quantity: str, entries: Sequence[Estimated]) -> dict[st
         "coverage": covered / fits if fits else math.nan,
         "coverage_low": low,
         "coverage_high": high,
-        "bias": float(np.mean(errors)) if fits else math.nan,
-        "scatter": float(np.std(errors)) if fits else math.nan,
-        "median_deviation": float(np.median([abs(e.deviation / e.truth) for e in entries]))
-        if fits
-        else math.nan,
+        "bias": float(np.mean(errors)),
+        "scatter": float(np.std(errors)),
+        "median_deviation": float(np.median(deviations)),
     }
