@@ -60,6 +60,10 @@ class PaperSeries:
             oil_temperature=20.0,
         )
 
+    def drag(self, gap: float) -> float:
+        """Return the viscous coefficient (N s/m) of equation (12) with a gap of that height (m)."""
+        return self.valve.model_copy(update={"radial_clearance": gap}).viscous_coefficient
+
 
 SERIES: tuple[PaperSeries, ...] = (
     PaperSeries(1, 1632.0, "Azolla ZS22", 0.0198, 6, 17),
@@ -78,6 +82,7 @@ class PrintedModel:
         name: of the model in this suite.
         equation, table: numbers in the paper.
         columns: what the table lists, with units.
+        parameters: the suite's names of the columns.
         values: a row for each series, by its number, in SI units.
         objective: printed value of the objective by series number.
         mean_objective, mean_ratio: printed in table 7.
@@ -88,6 +93,7 @@ class PrintedModel:
     equation: str
     table: int
     columns: tuple[str, ...]
+    parameters: tuple[str, ...]
     values: dict[int, tuple[float, ...]]
     objective: dict[int, float]
     mean_objective: float
@@ -97,6 +103,7 @@ class PrintedModel:
 MODELS: tuple[PrintedModel, ...] = (
     PrintedModel(
         1, "microwedge", "(13)", 3, ("a_k0 (m)", "d_k0 (m)", "k_t (N/m)"),
+        ("microwedge_overlap", "microwedge_length", "contact_proportionality"),
         {
             1: (7.1717e-5, 0.0032, 99.985), 2: (1.9854e-6, 0.00732, 100.0),
             3: (2e-6, 8e-6, 100.0), 4: (0.00356, 0.00565, 46.86),
@@ -105,16 +112,17 @@ MODELS: tuple[PrintedModel, ...] = (
     ),
     PrintedModel(
         2, "mixed", "(23)", 4, ("C1 (√(s/m))", "C2 (m/s)"),
+        ("mixed_root_coefficient", "mixed_inverse_coefficient"),
         {1: (9.9684, 15.9903), 2: (9.9998, 9.9906), 3: (9.9998, 10.0046), 4: (10.0536, 9.6365)},
         {1: 8.98e6, 2: 1.81e7, 3: 1.72e7, 4: 1.67e7}, 1.52e7, 0.89,
     ),
     PrintedModel(
-        3, "coulomb_hydrodynamic", "(28a)", 5, ("μ0 (-)", "K_V (-)"),
+        3, "coulomb_hydrodynamic", "(28a)", 5, ("μ0 (-)", "K_V (-)"), ("dry_coefficient", "film_coefficient"),
         {1: (0.03823, 0.025445), 2: (0.10885, -0.047217), 3: (0.10039, -0.0008), 4: (0.16025, 0.77652)},
         {1: 3.1519e7, 2: 7.4157e7, 3: 9.8865e7, 4: 2.4495e7}, 5.73e7, 0.70,
     ),
     PrintedModel(
-        4, "fluid", "(29)", 6, ("h (m)",),
+        4, "fluid", "(29)", 6, ("h (m)",), ("viscous_coefficient",),
         {1: (8.7237e-5,), 2: (8.4188e-6,), 3: (1.9375e-5,), 4: (3.1171e-5,)},
         {1: 2.9153e7, 2: 2.9586e7, 3: 2.2014e7, 4: 2.5752e7}, 2.66e7, 0.40,
     ),
@@ -124,19 +132,9 @@ MODELS: tuple[PrintedModel, ...] = (
 def printed_parameters(model: PrintedModel, series: PaperSeries) -> dict[str, float]:
     """Return the parameters, by this suite's names, that the paper's table gives for ``series``."""
     values = model.values[series.number]
-    if model.name == "microwedge":
-        overlap, length, proportionality = values
-        return {
-            "microwedge_overlap": overlap,
-            "microwedge_length": length,
-            "contact_proportionality": proportionality,
-        }
-    if model.name == "mixed":
-        return {"mixed_root_coefficient": values[0], "mixed_inverse_coefficient": values[1]}
-    if model.name == "coulomb_hydrodynamic":
-        return {"dry_coefficient": values[0], "film_coefficient": values[1]}
-    gap = series.valve.model_copy(update={"radial_clearance": values[0]})
-    return {"viscous_coefficient": gap.viscous_coefficient}
+    if model.name == "fluid":
+        values = (series.drag(values[0]),)
+    return dict(zip(model.parameters, values, strict=True))
 
 
 #: What the data are made with: fluid friction (12) and dry friction that falls with speed, N and m/s.

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from multiprocessing import get_context
+from functools import partial
+from typing import TypeAlias
 
 import numpy as np
 from scipy.optimize import least_squares, minimize
 from spool_core.numbers import Array
-from spool_core.system import processors
 from spool_sim.sensors import PAPER_CHAIN
 from spool_sim.terms import term
 
@@ -30,6 +29,13 @@ from spool_evaluation.paper.experiment import (
     respond,
     truth_model,
 )
+from spool_evaluation.studies.workers import spread
+
+#: Measured windows by number of series.
+Data: TypeAlias = Mapping[int, SteppedResponse]
+#: Number of a series and name of a model.
+Key: TypeAlias = tuple[int, str]
+Fits: TypeAlias = Mapping[Key, "PaperFit"]
 
 #: m, radial clearance of table 2, which all but model 4 keep.
 CLEARANCE = 15e-6
@@ -114,50 +120,42 @@ def unknowns(model: str, free_gap: bool) -> tuple[FittedNumber, ...]:
 
 def parameters(model: str, series: PaperSeries, values: dict[str, float]) -> dict[str, float]:
     """Return the parameters, by the suite's names, for fitted values by the paper's."""
-    gap = series.valve.model_copy(update={"radial_clearance": values.get("h", CLEARANCE)})
-    given = {"viscous_coefficient": gap.viscous_coefficient}
-    if model == "microwedge":
-        # One of the three carries the product, over 100 N/m.
-        given |= {
-            "contact_proportionality": 100.0,
-            "microwedge_overlap": 0.0,
-            "microwedge_length": values["k_t (d_k0 - a_k0)"] / 100.0,
-        }
-    elif model == "mixed":
-        given |= {"mixed_root_coefficient": values["C1"], "mixed_inverse_coefficient": values["C2"]}
-    elif model == "coulomb_hydrodynamic":
-        given |= {
-            "dry_coefficient": values["mu_0"],
-            "film_coefficient": values["K_V"],
-            "film_drag": gap.viscous_coefficient,
-        }
-    return given
+    drag = series.drag(values.get("h", CLEARANCE))
+    own = [value for name, value in values.items() if name != "h"]
+    if model == "microwedge":  # one of the three carries the product, over 100 N/m
+        own = [0.0, own[0] / 100.0, 100.0]
+    names = next(printed.parameters for printed in MODELS if printed.name == model) if own else ()
+    film = {"film_drag": drag} if model == "coulomb_hydrodynamic" else {}
+    return {"viscous_coefficient": drag, **dict(zip(names, own, strict=True)), **film}
 
 
-def fit_both(series: PaperSeries, model: str, measured: SteppedResponse) -> tuple[PaperFit, ...]:
-    """Return the fit with h as in table 2 and the one with h fitted.
+def fit_both(data: Data, key: tuple[PaperSeries, str]) -> tuple[PaperFit, ...]:
+    """Return the fit with h as in table 2 and the one with h fitted, of a series and a model.
 
     Each starts from what it contains, too: model 3 from model 4, those with h fitted from model 4 and from
     the one with h held, so that none ends above a model that it contains. For ``fluid``, where h is the one
     unknown, there is one fit.
     """
+    series, model = key
+    held, measured = fit_held(data, key), data[series.number]
     if GAP in UNKNOWNS[model]:
-        return (fit(series, model, measured),)
+        return (held,)
     gap = fit(series, "fluid", measured).values[0]
-    held = fit_held(series, model, measured, gap)
     none = np.array((*(0.0 for _ in UNKNOWNS[model]), gap))
     also = (np.array((*held.values, CLEARANCE)), none)
     return held, fit(series, model, measured, free_gap=True, also=also)
 
 
-def fit_held(series: PaperSeries, model: str, measured: SteppedResponse, gap: float) -> PaperFit:
-    """Return the fit of ``model`` with h held, where ``gap`` (m) is that of the fit of model 4.
+def fit_held(data: Data, key: tuple[PaperSeries, str]) -> PaperFit:
+    """Return the fit of a model to the data of a series, h held but in model 4.
 
-    Model 3 with mu_0 = 0 and K_V = 1 - h / gap is model 4.
+    Model 3 with mu_0 = 0 and K_V = 1 - h / gap is model 4 with that gap.
     """
+    series, model = key
+    measured = data[series.number]
     if model != "coulomb_hydrodynamic":
         return fit(series, model, measured)
-    film = UNKNOWNS[model][1]
+    film, gap = UNKNOWNS[model][1], fit(series, "fluid", measured).values[0]
     inside = float(np.clip(1.0 - CLEARANCE / gap, film.low, film.high))
     return fit(series, model, measured, also=(np.array((0.0, inside)),))
 
@@ -284,7 +282,6 @@ def _deviations(jacobian: Array, objective: float) -> tuple[float, ...]:
     return tuple(np.sqrt(np.diag(covariance)).tolist())
 
 
-Key = tuple[int, str]
 #: Of the sensors' gains and noise.
 SEED = 1
 #: Table 4's friction falls so steeply with speed that time steps below 1 us are needed: a shorter plan.
@@ -302,51 +299,32 @@ class Reproduction:
     """Reproduction of the paper, by series number and model name."""
 
     plan: Plan
-    data: dict[int, SteppedResponse]
-    printed: dict[Key, SteppedResponse]
-    fits: dict[Key, PaperFit]
-    free: dict[Key, PaperFit]
+    data: Data
+    printed: Mapping[Key, SteppedResponse]
+    fits: Fits
+    free: Fits
     full: Regime
 
 
-def reproduce(plan: Plan, advance: Callable[[float], None]) -> Reproduction:
-    """Return data, printed models and fits; ``advance`` is called for each finished piece."""
-    data: dict[int, SteppedResponse] = {}
-    printed: dict[Key, SteppedResponse] = {}
-    for series in SERIES:
-        data[series.number] = measure(series, plan, SEED)
-        for model in MODELS:
-            values = printed_parameters(model, series)
-            at = LOCK_PLAN if model.name == "mixed" else plan
-            printed[series.number, model.name] = respond(series.valve, model.name, values, at)
-        advance(1.0)
-    fits: dict[Key, PaperFit] = {}
-    free: dict[Key, PaperFit] = {}
-    # Fresh processes: threads of the libraries do not survive a fork.
-    with ProcessPoolExecutor(min(4, processors()), mp_context=get_context("spawn")) as pool:
-        waiting = [
-            pool.submit(fit_both, series, model.name, data[series.number])
-            for model in MODELS
-            for series in SERIES
-        ]
-        large = {series.number: measure(series, full_stroke(series, plan), SEED) for series in SERIES}
-        stroked = [pool.submit(fit_all, series, large[series.number]) for series in SERIES]
-        for done in as_completed(waiting):
-            for found in done.result():
-                (free if found.free_gap else fits)[found.series, found.model] = found
-            advance(1.0)
-        found_full: dict[Key, PaperFit] = {}
-        for done_full in as_completed(stroked):
-            found_full |= {(found.series, found.model): found for found in done_full.result()}
-            advance(1.0)
-    return Reproduction(plan, data, printed, fits, free, Regime("full stroke", large, found_full))
+def reproduce(plan: Plan) -> Reproduction:
+    """Return data, printed models and fits."""
+    data = {series.number: measure(series, plan, SEED) for series in SERIES}
+    large = {series.number: measure(series, full_stroke(series, plan), SEED) for series in SERIES}
+    printed = {}
+    for series, model in itertools.product(SERIES, MODELS):
+        at = LOCK_PLAN if model.name == "mixed" else plan
+        values = printed_parameters(model, series)
+        printed[series.number, model.name] = respond(series.valve, model.name, values, at)
+    keys = [(series, model.name) for model in MODELS for series in SERIES]
+    both = [one for found in spread(partial(fit_both, data), keys, "fits") for one in found]
+    held = _by_key(one for one in both if not one.free_gap)
+    stroked = spread(partial(fit_held, large), keys, "fits at full stroke")
+    full = Regime("full stroke", large, _by_key(stroked))
+    return Reproduction(plan, data, printed, held, _by_key(one for one in both if one.free_gap), full)
 
 
-def fit_all(series: PaperSeries, measured: SteppedResponse) -> list[PaperFit]:
-    """Return the fits of all four models to one series, h held at table 2's value but in model 4."""
-    fluid = fit(series, "fluid", measured)
-    others = [model.name for model in MODELS if model.name != "fluid"]
-    return [fluid, *(fit_held(series, name, measured, fluid.values[0]) for name in others)]
+def _by_key(fits: Iterable[PaperFit]) -> dict[Key, PaperFit]:
+    return dict(sorted(((one.series, one.model), one) for one in fits))
 
 
 def locked(results: Reproduction) -> dict[str, bool]:
@@ -363,8 +341,8 @@ class Regime:
     """Data and fits of one regime of motion, by series number and model name; h is held but in model 4."""
 
     name: str
-    data: Mapping[int, SteppedResponse]
-    fits: Mapping[tuple[int, str], PaperFit]
+    data: Data
+    fits: Fits
 
 
 def full_stroke(series: PaperSeries, plan: Plan) -> Plan:
@@ -422,23 +400,16 @@ def ranking_table(regimes: tuple[Regime, ...]) -> list[dict[str, object]]:
     """Return, by model, the mean objective per sample, the rank and a_est/a_pom in each regime."""
     rows: list[dict[str, object]] = [{"model": f"{model.number} {model.equation}"} for model in MODELS]
     for regime in regimes:
+        fits = [[regime.fits[series.number, model.name] for series in SERIES] for model in MODELS]
+        sizes = [regime.data[series.number].spool.size for series in SERIES]
         means = [
-            float(
-                np.mean(
-                    [
-                        regime.fits[series.number, model.name].objective
-                        / regime.data[series.number].spool.size
-                        for series in SERIES
-                    ]
-                )
-            )
-            for model in MODELS
+            float(np.mean([one.objective / size for one, size in zip(of_model, sizes, strict=True)]))
+            for of_model in fits
         ]
-        for row, model, mean in zip(rows, MODELS, means, strict=True):
-            ratios = [regime.fits[series.number, model.name].ratio for series in SERIES]
+        for row, of_model, mean in zip(rows, fits, means, strict=True):
             row[f"objective per sample, {regime.name}"] = mean
             row[f"rank, {regime.name}"] = 1 + sum(other < mean for other in means)
-            row[f"a_est/a_pom, {regime.name}"] = float(np.mean(ratios))
+            row[f"a_est/a_pom, {regime.name}"] = float(np.mean([one.ratio for one in of_model]))
     return rows
 
 

@@ -6,6 +6,7 @@ import csv
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import yaml
@@ -18,7 +19,7 @@ from spool_core.uncertainty import PLUS_MINUS, Z_95
 from spool_report import page as html
 from spool_report.outputs import write_json
 from spool_report.records.valve_sheet import SPEED, friction_coefficient
-from spool_report.terminal import Table, progress
+from spool_report.terminal import Table
 from spool_sim.sensors import PAPER_CHAIN
 
 from spool_evaluation.paper.experiment import (
@@ -35,7 +36,8 @@ from spool_evaluation.paper.experiment import (
 from spool_evaluation.paper.fit import (
     SEED,
     STROKE,
-    PaperFit,
+    Data,
+    Fits,
     Regime,
     Reproduction,
     force_table,
@@ -53,16 +55,8 @@ LEVEL = 0.01
 
 #: Okabe and Ito's colours with a marker each: distinct for the colour-blind and in print.
 BODY, SPOOL, MEASURED = "#0072B2", "#D55E00", "#999999"
-MODEL_STYLES = {
-    "microwedge": ("#E69F00", "o"),
-    "mixed": ("#0072B2", "s"),
-    "coulomb_hydrodynamic": ("#009E73", "^"),
-    "fluid": ("#CC79A7", "D"),
-}
-SERIES_STYLES = {1: ("#E69F00", "o"), 2: ("#0072B2", "s"), 3: ("#009E73", "^"), 4: ("#CC79A7", "D")}
+STYLES = (("#E69F00", "o"), ("#0072B2", "s"), ("#009E73", "^"), ("#CC79A7", "D"))
 MODEL_NAMES = {model.name: f"model {model.number} {model.equation}" for model in MODELS}
-
-Fits = Mapping[tuple[int, str], PaperFit]
 
 TableRow = dict[str, object]
 
@@ -124,14 +118,13 @@ def locking_friction() -> tuple[Array, Array]:
     return speed, (root * np.sqrt(speed) + inverse / (speed + 0.01)) * SERIES[3].valve.spool_mass * GRAVITY
 
 
-def amplitude_figure(data: Mapping[int, SteppedResponse]) -> Figure:
+def amplitude_figure(data: Data) -> Figure:
     """Return figures 6 to 9: amplitudes of body and spool over frequency, one panel a series."""
     figure, panels = _panels("frequency, Hz", "acceleration amplitude, m/s²")
     for axis, series in zip(panels, SERIES, strict=True):
         response = data[series.number]
-        frequencies = response.plan.frequencies
-        axis.plot(frequencies, response.body_amplitudes, color=BODY, marker="s", ms=4, label="body")
-        axis.plot(frequencies, response.spool_amplitudes, color=SPOOL, marker="o", ms=4, label="spool")
+        _marked(axis, response, response.body_amplitudes, (BODY, "s"), "body")
+        _marked(axis, response, response.spool_amplitudes, (SPOOL, "o"), "spool")
         axis.axvline(series.valve.natural_frequency, color="#666666", lw=1, ls=":", label="natural frequency")
         axis.set_ylim(0.0, None)
         axis.set_title(f"as Fig. {series.figure}: {series.label}", fontsize=10)
@@ -139,19 +132,15 @@ def amplitude_figure(data: Mapping[int, SteppedResponse]) -> Figure:
     return figure
 
 
-def comparison_figure(data: Mapping[int, SteppedResponse]) -> Figure:
+def comparison_figure(data: Data) -> Figure:
     """Return figures 10 and 11: body and spool of all series."""
-    figure = Figure(figsize=(9, 4), layout="constrained")
-    axes = figure.subplots(1, 2)
-    for series in SERIES:
-        response, (colour, marker) = data[series.number], SERIES_STYLES[series.number]
-        style = {"color": colour, "marker": marker, "ms": 4, "label": f"{series.number}: {series.label}"}
-        axes[0].plot(response.plan.frequencies, response.body_amplitudes, **style)
-        axes[1].plot(response.plan.frequencies, response.spool_amplitudes, **style)
+    figure, axes = _pair("as Fig. 10: body", "as Fig. 11: spool")
+    for series, style in zip(SERIES, STYLES, strict=True):
+        response, name = data[series.number], f"{series.number}: {series.label}"
+        _marked(axes[0], response, response.body_amplitudes, style, name)
+        _marked(axes[1], response, response.spool_amplitudes, style, name)
     axes[0].set_ylim(0.0, 1.3 * max(float(data[series.number].body_amplitudes.max()) for series in SERIES))
     axes[1].set_ylim(0.0, None)
-    axes[0].set_title("as Fig. 10: body", fontsize=10)
-    axes[1].set_title("as Fig. 11: spool", fontsize=10)
     axes[1].legend(fontsize=8)
     for axis in axes:
         _label(axis, "frequency, Hz", "acceleration amplitude, m/s²")
@@ -160,20 +149,17 @@ def comparison_figure(data: Mapping[int, SteppedResponse]) -> Figure:
 
 def objective_figure(fits: Fits) -> Figure:
     """Return figure 12: the objective by model and series, ours and the print; scales are their own."""
-    figure = Figure(figsize=(9, 4), layout="constrained")
-    axes = figure.subplots(1, 2)
-    for place, model in enumerate(MODELS):
-        colour, _ = MODEL_STYLES[model.name]
+    figure, axes = _pair("as Fig. 12: made data", "Fig. 12 as printed: tables 3 to 6")
+    for place, (model, (colour, _)) in enumerate(zip(MODELS, STYLES, strict=True)):
         at = np.arange(len(SERIES)) + 0.2 * (place - 1.5)
-        name = MODEL_NAMES[model.name]
         ours = [fits[series.number, model.name].objective for series in SERIES]
-        axes[0].bar(at, ours, 0.18, color=colour, label=name)
-        axes[1].bar(at, [model.objective[series.number] for series in SERIES], 0.18, color=colour, label=name)
-    for axis, title in zip(axes, ("as Fig. 12: made data", "Fig. 12 as printed: tables 3 to 6"), strict=True):
+        printed = [model.objective[series.number] for series in SERIES]
+        for axis, heights in zip(axes, (ours, printed), strict=True):
+            axis.bar(at, heights, 0.18, color=colour, label=MODEL_NAMES[model.name])
+    for axis in axes:
         axis.set_yscale("log")
         axis.set_xticks(range(len(SERIES)), [f"{s.spring_stiffness:g} N/m\n{s.oil}" for s in SERIES])
         axis.tick_params(axis="x", labelsize=8)
-        axis.set_title(title, fontsize=10)
         axis.set_ylabel("objective (33), no unit")
         axis.grid(axis="y", alpha=0.3)
     handles, names = axes[0].get_legend_handles_labels()
@@ -197,16 +183,14 @@ def waveform_figure(response: SteppedResponse, series: PaperSeries, fits: Fits) 
     return figure
 
 
-def ratio_figure(data: Mapping[int, SteppedResponse], fits: Fits) -> Figure:
+def ratio_figure(data: Data, fits: Fits) -> Figure:
     """Return figures 14 to 17: fitted over measured amplitude, one panel a series."""
     figure, panels = _panels("frequency, Hz", "amplitude ratio a_est / a_pom")
     for axis, series in zip(panels, sorted(SERIES, key=lambda entry: entry.ratio_figure), strict=True):
         response = data[series.number]
-        for model in MODELS:
-            colour, marker = MODEL_STYLES[model.name]
+        for model, style in zip(MODELS, STYLES, strict=True):
             ratio = np.array(fits[series.number, model.name].amplitudes) / response.spool_amplitudes
-            name = MODEL_NAMES[model.name]
-            axis.plot(response.plan.frequencies, ratio, color=colour, marker=marker, ms=4, lw=1, label=name)
+            _marked(axis, response, ratio, style, MODEL_NAMES[model.name], lw=1)
         axis.axhline(1.0, color="#444444", lw=1)
         axis.set_title(f"as Fig. {series.ratio_figure}: {series.label}", fontsize=10)
     panels[0].legend(fontsize=8)
@@ -220,35 +204,22 @@ def lock_figure(
 
     ``friction`` is the relative velocity (m/s) and the force (N) of the mixed friction as printed.
     """
-    figure = Figure(figsize=(9, 4), layout="constrained")
-    axes = figure.subplots(1, 2)
-    frequencies = printed.plan.frequencies
-    axes[0].plot(
-        measured.plan.frequencies,
-        measured.spool_amplitudes,
-        color=MEASURED,
-        marker="o",
-        ms=4,
-        label="spool, made data",
-    )
-    axes[0].plot(frequencies, printed.body_amplitudes, color=BODY, lw=4, alpha=0.5, label="body")
-    axes[0].plot(
-        frequencies, printed.spool_amplitudes, color=SPOOL, ls="--", marker="s", ms=4, label="spool, table 4"
-    )
+    figure, axes = _pair(f"model 2 with table 4: {series.label}", "what would have to be overcome")
+    _marked(axes[0], measured, measured.spool_amplitudes, (MEASURED, "o"), "spool, made data")
+    axes[0].plot(printed.plan.frequencies, printed.body_amplitudes, color=BODY, lw=4, alpha=0.5, label="body")
+    _marked(axes[0], printed, printed.spool_amplitudes, (SPOOL, "s"), "spool, table 4", ls="--")
     axes[0].set_ylim(0.0, None)
-    axes[0].legend(fontsize=8)
-    axes[0].set_title(f"model 2 with table 4: {series.label}", fontsize=10)
     _label(axes[0], "frequency, Hz", "acceleration amplitude, m/s²")
-    axes[1].semilogy(friction[0], friction[1], color=SPOOL, label="friction with table 4")
+    axes[1].semilogy(*friction, color=SPOOL, label="friction with table 4")
     largest = series.valve.moving_mass * printed.plan.amplitude
     axes[1].axhline(largest, color=BODY, ls="--", label=f"largest inertia force, {largest:.2g} N")
-    axes[1].legend(fontsize=8)
-    axes[1].set_title("what would have to be overcome", fontsize=10)
     _label(axes[1], "relative velocity, m/s", "force, N")
+    for axis in axes:
+        axis.legend(fontsize=8)
     return figure
 
 
-def parameter_table(model: PrintedModel, fits: Mapping[tuple[int, str], PaperFit]) -> list[TableRow]:
+def parameter_table(model: PrintedModel, fits: Fits) -> list[TableRow]:
     """Return table 3, 4, 5 or 6: printed values, then the fitted ones with half widths of 95 %."""
     rows = []
     for series in SERIES:
@@ -271,7 +242,7 @@ def parameter_table(model: PrintedModel, fits: Mapping[tuple[int, str], PaperFit
     return rows
 
 
-def mean_table(fits: Mapping[tuple[int, str], PaperFit]) -> list[TableRow]:
+def mean_table(fits: Fits) -> list[TableRow]:
     """Return table 7: means over the four series."""
     rows: list[TableRow] = []
     for model in MODELS:
@@ -289,9 +260,7 @@ def mean_table(fits: Mapping[tuple[int, str], PaperFit]) -> list[TableRow]:
     return rows
 
 
-def gap_table(
-    fits: Mapping[tuple[int, str], PaperFit], free: Mapping[tuple[int, str], PaperFit]
-) -> list[TableRow]:
+def gap_table(fits: Fits, free: Fits) -> list[TableRow]:
     """Return the objectives with h held at table 2's value and with h fitted."""
     rows: list[TableRow] = []
     for series in SERIES:
@@ -307,9 +276,7 @@ def gap_table(
 
 
 def amplitude_table(
-    data: Mapping[int, SteppedResponse],
-    fits: Mapping[tuple[int, str], PaperFit],
-    printed: Mapping[tuple[int, str], SteppedResponse],
+    data: Data, fits: Fits, printed: Mapping[tuple[int, str], SteppedResponse]
 ) -> list[TableRow]:
     """Return all amplitudes (m/s^2): data, fitted models, and models with the printed values."""
     rows: list[TableRow] = []
@@ -324,13 +291,11 @@ def amplitude_table(
             }
             for model in MODELS:
                 key = (series.number, model.name)
+                known = zip(
+                    printed[key].plan.frequencies, printed[key].spool_amplitudes.tolist(), strict=True
+                )
                 row[f"{model.name}_fitted_m_s2"] = fits[key].amplitudes[step]
-                at = printed[key].plan.frequencies
-                if frequency in at:
-                    amplitude = printed[key].spool_amplitudes[at.index(frequency)]
-                    row[f"{model.name}_printed_values_m_s2"] = float(amplitude)
-                else:
-                    row[f"{model.name}_printed_values_m_s2"] = None
+                row[f"{model.name}_printed_values_m_s2"] = dict(known).get(frequency)
             rows.append(row)
     return rows
 
@@ -369,6 +334,21 @@ def _panels(across: str, up: str) -> tuple[Figure, list[Axes]]:
     return figure, panels
 
 
+def _pair(left: str, right: str) -> tuple[Figure, list[Axes]]:
+    figure = Figure(figsize=(9, 4), layout="constrained")
+    axes = list(figure.subplots(1, 2))
+    for axis, title in zip(axes, (left, right), strict=True):
+        axis.set_title(title, fontsize=10)
+    return figure, axes
+
+
+def _marked(
+    axis: Axes, response: SteppedResponse, row: Array, style: tuple[str, str], label: str, **line: Any
+) -> None:
+    """Draw ``row`` over the frequencies of ``response``; ``style`` is colour and marker."""
+    axis.plot(response.plan.frequencies, row, color=style[0], marker=style[1], ms=4, label=label, **line)
+
+
 def _label(axis: Axes, across: str, up: str) -> None:
     axis.set_xlabel(across)
     axis.set_ylabel(up)
@@ -386,9 +366,7 @@ def run_paper(out: Path, plan: Plan | None = None) -> None:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"--out {out}: cannot be made: {error.strerror}; name another folder") from error
-    jobs = len(SERIES) * (len(MODELS) + 1)
-    with progress("simulating and fitting", jobs + len(SERIES)) as advance:
-        results = reproduce(plan, advance)
+    results = reproduce(plan)
     write(out, results)
     _tell(results)
     print(f"{out / 'paper.html'}: figures and tables, with the printed numbers")
