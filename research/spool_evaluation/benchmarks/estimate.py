@@ -36,8 +36,7 @@ SECONDS = 120.0
 REFIT_SECONDS, REFIT_PERIOD = 40.0, 5.0
 #: s of live blocks, s of them until a valve counts as run in, and nodes that hear them.
 LIVE_SECONDS, RUN_IN, LISTENERS = 10.0, 4, 3
-
-
+#: Of the fixed work: samples, parameters, samples a call, forgetting.
 SAMPLES, SIZE, BLOCK, FACTOR = 20_000, 6, 200, 0.9995
 
 
@@ -93,33 +92,19 @@ def latency(folder: Path, seconds: float) -> Iterator[Timing]:
 
 
 def reference() -> float:
-    """Return s a sample of the compiled peer: a fixed work that no change of ours makes dearer."""
-    rows, target = _regression()
-    _take(CompiledRls(SIZE, FACTOR, 10.0), rows, target, BLOCK)  # compiles
-    return (
-        best_of(5, lambda: _take(CompiledRls(SIZE, FACTOR, 10.0), rows, target, BLOCK), process_time)
-        / target.size
-    )
+    """Return s a sample of recursive least squares: a fixed work that no change of ours makes dearer."""
+    generator = np.random.default_rng(0)
+    rows = generator.standard_normal((SAMPLES, SIZE))
+    target = rows @ np.arange(1.0, 1.0 + SIZE) + 0.1 * generator.standard_normal(SAMPLES)
 
+    def work() -> None:
+        parameters, covariance = np.zeros(SIZE), 10.0 * np.eye(SIZE)
+        for first in range(0, SAMPLES, BLOCK):
+            part = slice(first, first + BLOCK)
+            _recursive_least_squares(rows[part], target[part], FACTOR, parameters, covariance)
 
-class CompiledRls:
-    """Recursive least squares of target = row . parameters, with forgetting ``factor``.
-
-    The covariance starts at ``initial``.
-
-    Attributes:
-        parameters: shape (p,).
-        covariance: shape (p, p).
-    """
-
-    def __init__(self, size: int, factor: float, initial: float) -> None:
-        self.parameters: Array = np.zeros(size)
-        self.covariance: Array = np.eye(size) * initial
-        self._factor = factor
-
-    def update(self, rows: Array, target: Array) -> None:
-        """Take ``rows`` of shape (n, p) and ``target`` of shape (n,), sample after sample."""
-        _rls_peer_take(rows, target, self._factor, self.parameters, self.covariance)
+    work()  # compiles
+    return best_of(5, work, process_time) / SAMPLES
 
 
 def _window(reader: BagReader) -> WindowTask:
@@ -136,22 +121,11 @@ def _say(text: str) -> None:
     Console().print(text, markup=False, highlight=False, soft_wrap=True)
 
 
-def _regression() -> tuple[Array, Array]:
-    """Return ``SAMPLES`` rows and targets with noise."""
-    generator = np.random.default_rng(0)
-    rows = generator.standard_normal((SAMPLES, SIZE))
-    return rows, rows @ np.arange(1.0, 1.0 + SIZE) + 0.1 * generator.standard_normal(SAMPLES)
-
-
-def _take(fit: CompiledRls, rows: Array, target: Array, block: int) -> Array:
-    """Return the parameters after all samples, ``block`` of them a call."""
-    for first in range(0, target.size, block):
-        fit.update(rows[first : first + block], target[first : first + block])
-    return np.asarray(fit.parameters)
-
-
 @compiled
-def _rls_peer_take(rows: Array, target: Array, factor: float, parameters: Array, covariance: Array) -> None:
+def _recursive_least_squares(
+    rows: Array, target: Array, factor: float, parameters: Array, covariance: Array
+) -> None:
+    """Take samples, rows of shape (n, p) and targets (n,), one after the other, forgetting by ``factor``."""
     size = parameters.size
     gain = np.zeros(size)
     for n in range(target.size):
