@@ -18,13 +18,11 @@ II.6 (location of events).
 from __future__ import annotations
 
 import math
-import subprocess
-import sys
-import tempfile
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
+from multiprocessing import get_context
 from time import process_time
 
 import numpy as np
@@ -34,7 +32,6 @@ from spool_sim.excitation import SweptSine
 from spool_sim.integration.composed_motion import ComposedMotion, MotionState, half_step_times
 from spool_sim.model import MODELS
 
-from spool_evaluation.benchmarks import sim_peer
 from spool_evaluation.benchmarks.sim_peer import (
     AMPLITUDE,
     DRAG,
@@ -48,6 +45,8 @@ from spool_evaluation.benchmarks.sim_peer import (
     SIGNS,
     STIFFNESS,
     Solved,
+    silence,
+    solve,
 )
 from spool_evaluation.results.timing import Timing, best_of
 
@@ -143,12 +142,12 @@ def compiled_rows(ours: Ours) -> Iterator[Timing]:
     for steps in LOCATED_STEPS:
         run_located = partial(located, samples, period, steps, PLANT, SWEEP)
         peers.append((f"compiled RK4, events by halving, {steps} steps a sample", run_located))
-    for peer, solve in peers:
-        found, _ = solve()  # compiles
+    for peer, scheme in peers:
+        found, _ = scheme()  # compiles
         error = _error(found, ours.reference)
         own = ours.comparable(error)
         yield Timing(
-            WORK, peer, own.seconds, best_of(3, solve, process_time), own.error, error, compiling=1.0
+            WORK, peer, own.seconds, best_of(3, scheme, process_time), own.error, error, compiling=1.0
         )
 
 
@@ -324,22 +323,9 @@ def _error(found: Array, reference: Array) -> float:
 
 
 def _scipy(method: str, friction: str, tolerance: float) -> Solved:
-    """Return what one of SciPy's solvers needs and finds, in a separate process."""
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "found.npz"
-        words = [method, friction, str(tolerance), str(CAP), str(file)]
-        done = subprocess.run(
-            [sys.executable, "-m", sim_peer.__name__, *words],
-            check=False,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        if done.returncode:
-            raise RuntimeError(f"bench sim: {method} with {friction} failed: {done.stderr.strip()}")
-        with np.load(file) as found:
-            displacement = found["displacement"] if found["displacement"].size else None
-            return Solved(float(found["seconds"]), int(found["evaluations"]), displacement)
+    """Return what one of SciPy's solvers needs and finds, in a separate process: it may write anything."""
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn"), initializer=silence) as pool:
+        return pool.submit(solve, method, friction, tolerance, CAP).result()
 
 
 def _batches(motion: ComposedMotion, sweep: SweptSine) -> Iterator[Timing]:

@@ -1,18 +1,14 @@
-"""SciPy's solvers on the problem of :mod:`.sim`, each in a separate process, with or without events.
-
-LSODA writes to standard output from Fortran at each failure, and a solver that hangs has to be stopped.
-Run as ``python -m spool_evaluation.benchmarks.sim_peer METHOD FRICTION TOLERANCE CAP FILE``.
-"""
+"""SciPy's solvers on the problem of :mod:`.sim`, with or without events."""
 
 from __future__ import annotations
 
 import math
+import os
 import sys
 import time
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -181,14 +177,8 @@ def _break_away(balance: _Balance, t: float, z: float) -> tuple[float, float]:
     return SECONDS, 0.0
 
 
-def main(method: str, friction: str, tolerance: str, cap: str, file: str) -> None:
-    """Solve and leave time, evaluations and displacement (empty without a result) in ``file``."""
+def silence() -> None:
+    """Leave out what solvers write in this process, warnings as well as lines from Fortran."""
     warnings.simplefilter("ignore")
-    solved = solve(method, friction, float(tolerance), float(cap))
-    displacement = np.empty(0) if solved.displacement is None else solved.displacement
-    with Path(file).open("wb") as output:
-        np.savez(output, seconds=solved.seconds, evaluations=solved.evaluations, displacement=displacement)
-
-
-if __name__ == "__main__":
-    main(*sys.argv[1:])
+    with open(os.devnull, "w", encoding="ascii") as nothing:
+        os.dup2(nothing.fileno(), sys.stdout.fileno())
