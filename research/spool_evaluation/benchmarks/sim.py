@@ -2,10 +2,9 @@
 
 Times are processor time; ours holds the computing of the excitation, as the peers' does. A ratio is the
 product of two factors: how much longer the peer took than it would need were it compiled (its evaluations of
-the equation of motion, each at the time that one takes in a compiled scheme of the compiled schemes
-below), and
-the remainder for the scheme. Work of the solver besides the evaluations counts as interpreted: of implicit
-ones the first factor is too large.
+the equation of motion, each at the time that one takes in a compiled scheme), and the remainder for the
+scheme. Work of the solver besides the evaluations counts as interpreted: of implicit ones the first factor
+is too large.
 
 Each computes the sweep itself, at the instants that it needs, and returns the displacement at the samples, m,
 shape (n,), with the number of evaluations of the excitation.
