@@ -4,8 +4,7 @@ from pathlib import Path
 
 import pytest
 from spool_core.errors import InputError
-from spool_evaluation.bench import markdown_of
-from spool_evaluation.results.dearer import dearer, reference_line
+from spool_evaluation.bench import dearer, markdown_of, reference_line
 from spool_evaluation.results.timing import Timing
 
 
