@@ -39,7 +39,7 @@ class DayPair:
 def run(cases: int, seed: int, out: Path, workers: int | None = None) -> list[DayPair]:
     """Run ``cases`` days both ways and compare; write the page into ``out``."""
     pairs: list[DayPair] = []
-    for pair in spread(both, [seed + number for number in range(cases)], "days in full", workers):
+    for pair in spread(both, range(seed, seed + cases), "days in full", workers):
         pairs.append(pair)
         pairs.sort(key=lambda one: one.seed)
         command = study_command("operation-agreement", cases, seed)

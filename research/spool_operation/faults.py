@@ -157,14 +157,15 @@ class Hurt:
             self._last = samples
             return block
         other = block.spool if fault.channel == "body" else block.body
+        span = fault.size * self.level * np.sqrt(2.0)
         made: dict[str, Callable[[], Array]] = {
-            "sticking": lambda: np.asarray(block.body + self._fresh(block), dtype=float),
+            "sticking": lambda: block.body + self._noise * self._draw.standard_normal(block.body.size),
             "dead": lambda: fault.size * self._draw.standard_normal(samples.size),
             "clipping": lambda: np.clip(samples, -fault.size * self.level, fault.size * self.level),
             "offset": lambda: samples + fault.size,
             "scale": lambda: samples * fault.size,
             "same_channel": lambda: np.asarray(other, dtype=float),
-            "wrap_around": lambda: _wrapped(samples, fault.size * self.level * np.sqrt(2.0)),
+            "wrap_around": lambda: (samples + span) % (2.0 * span) - span,
             "ac_coupling": lambda: self._high_passed(samples, block.sample_period),
             "outliers": lambda: self._spiked(samples),
             "repeats": lambda: np.repeat(samples[::2], 2)[: samples.size],
@@ -176,9 +177,6 @@ class Hurt:
         if fault.channel == "body" and name != "sticking":
             return replace(block, body=changed)
         return replace(block, spool=changed)
-
-    def _fresh(self, block: Block) -> Array:
-        return self._noise * self._draw.standard_normal(block.body.size)
 
     def _high_passed(self, samples: Array, period: float) -> Array:
         from scipy.signal import butter, lfilter  # noqa: PLC0415 - slow to load
@@ -200,7 +198,3 @@ class Hurt:
             joined = np.concatenate([np.zeros(samples.size + late - joined.size), joined])
         self._last = joined[-max(late, 1) - samples.size :]
         return joined[joined.size - samples.size - late : joined.size - late]
-
-
-def _wrapped(samples: Array, span: float) -> Array:
-    return np.asarray((samples + span) % (2.0 * span) - span)

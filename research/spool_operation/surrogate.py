@@ -274,10 +274,9 @@ class FitRun:
 
 def run(cases: int, seed: int, out: Path, workers: int | None = None) -> Surrogate:
     """Fit the surrogate to ``cases`` runs from ``seed`` on; write its file, and a page to ``out``."""
-    seeds = [seed + number for number in range(cases)]
-    runs = sorted(spread(_run_of, seeds, "runs of the estimator", workers), key=lambda one: one[0])
+    runs = dict(spread(fit_run, range(seed, seed + cases), "runs of the estimator", workers))
     command = study_command("operation-fit", cases, seed)
-    made = fitted([one for _, found in runs for one in found], command)
+    made = fitted([one for _, one in sorted(runs.items()) if one is not None], command)
     made.write(FILE)
     load_surrogate.cache_clear()
     spreads = np.std([row.bias for row in made.rows], axis=0)
@@ -296,13 +295,9 @@ def run(cases: int, seed: int, out: Path, workers: int | None = None) -> Surroga
     return made
 
 
-def _run_of(seed: int) -> tuple[int, list[FitRun]]:
-    found = fit_run(np.random.default_rng([seed, 3]))
-    return seed, [] if found is None else [found]
-
-
-def fit_run(draw: np.random.Generator) -> FitRun | None:
-    """Run the real estimator on one drawn machine; ``None`` where it never tracks."""
+def fit_run(seed: int) -> tuple[int, FitRun | None]:
+    """Run the real estimator on the machine of ``seed``; return that and ``None`` where it never tracks."""
+    draw = np.random.default_rng([seed, 3])
     valve = draw_valve(draw).at(float(draw.uniform(15.0, 65.0)))
     below = bool(draw.random() < 0.5)
     shaking, measuring = draw_shaking(draw, below=below), draw_measuring(draw)
@@ -336,7 +331,7 @@ def fit_run(draw: np.random.Generator) -> FitRun | None:
         if row is not None:
             rows.append(row)
     if not rows or not tracks[SETTLED:HOLD].any():
-        return None
+        return seed, None
     usual = np.sqrt(np.diag(rows[0].covariance))
     usual_after = np.sqrt(np.diag(rows[-1].covariance))
     again = RESTARTED + int(np.argmax(tracks[RESTARTED:CHANGED]))
@@ -345,7 +340,7 @@ def fit_run(draw: np.random.Generator) -> FitRun | None:
     after_change = _curve(errors[change : change + CURVE] - rows[-1].bias, usual_after)
     steady = errors[SETTLED : HOLD - 1] - rows[0].bias
     lag = float((steady[1:] * steady[:-1]).sum(axis=0) @ np.reciprocal((steady**2).sum(axis=0)) / 3.0)
-    return FitRun(tuple(rows), after_start, after_change, again - RESTARTED, lag)
+    return seed, FitRun(tuple(rows), after_start, after_change, again - RESTARTED, lag)
 
 
 def fitted(runs: list[FitRun], command: str) -> Surrogate:

@@ -80,11 +80,12 @@ def latency(folder: Path, seconds: float) -> Iterator[Timing]:
     if not seen["estimates"]:
         raise InputError(f"bench: no estimate came: {last_words(folder / 'nodes.log')}")
     p50, p99, delay = seen["p50_s"], seen["p99_s"], seen["delay_s"]
-    _say(
+    text = (
         f"from a block to its estimate, 2 kHz, {BLOCK_RATE:g} blocks a second, four nodes, "
         f"{seen['estimates']} estimates: p50 {1e3 * p50:.2f} ms, p99 {1e3 * p99:.2f} ms; "
         f"the filter's own lag {1e3 * delay:.1f} ms; {seen['lost']} blocks lost"
     )
+    Console().print(text, markup=False, highlight=False, soft_wrap=True)
     work = "block to estimate over DDS, four nodes"
     yield Timing(f"{work}: p50", "20 ms", p50, 0.02)
     yield Timing(f"{work}: p99", "20 ms", p99, 0.02)
@@ -115,10 +116,6 @@ def _window(reader: BagReader) -> WindowTask:
         for task in windows.update(block, verdict, estimator.update(block, verdict)):
             return task
     raise InputError("bench: the record is too short for a window")
-
-
-def _say(text: str) -> None:
-    Console().print(text, markup=False, highlight=False, soft_wrap=True)
 
 
 @compiled

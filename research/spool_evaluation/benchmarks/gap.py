@@ -156,7 +156,7 @@ def named(given: Library, *, ensemble: bool) -> frozenset[str]:
     coefficients, ridge = _best(given, RIDGES, ensemble=False)
     if ensemble:
         coefficients, _ = _best(given, (ridge,), ensemble=True)
-    return _owners(given.owners, coefficients)
+    return frozenset(given.owners[place] for place in np.flatnonzero(coefficients)) - {BASE}
 
 
 def _lines(target: Array, motion: RelativeMotion, period: float) -> tuple[float, ...]:
@@ -187,10 +187,6 @@ def _best(given: Library, ridges: Sequence[float], *, ensemble: bool) -> tuple[A
         for threshold, ridge in product(THRESHOLDS, ridges)
     )
     return min(trials, key=error)
-
-
-def _owners(owners: Sequence[str], coefficients: Array) -> frozenset[str]:
-    return frozenset(owners[place] for place in np.flatnonzero(coefficients)) - {BASE}
 
 
 def _fit(columns: Array, target: Array, threshold: float, ridge: float, *, ensemble: bool) -> Array:

@@ -304,17 +304,12 @@ def located(
     return found, count
 
 
-def _step(motion: ComposedMotion, forcing: Array, substeps: int) -> Array:
-    trajectory, _ = motion.advance(
-        MotionState(), forcing, motion.table(VALUES, 1), sample_period=1.0 / RATE, substeps=substeps
-    )
-    return trajectory.displacement
-
-
 def _ours(motion: ComposedMotion, sweep: SweptSine, substeps: int) -> Array:
     """Return our displacement at the samples, m, the excitation computed again."""
-    times = half_step_times(0, round(SECONDS * RATE), RATE, substeps)
-    return _step(motion, sweep.acceleration(times), substeps)
+    forcing = sweep.acceleration(half_step_times(0, round(SECONDS * RATE), RATE, substeps))
+    table = motion.table(VALUES, 1)
+    trajectory, _ = motion.advance(MotionState(), forcing, table, sample_period=1.0 / RATE, substeps=substeps)
+    return trajectory.displacement
 
 
 def _error(found: Array, reference: Array) -> float:
