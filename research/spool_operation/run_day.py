@@ -258,26 +258,21 @@ class DayRun:
 
     def _blocks(self, estimator: Estimator, first: int, end: int) -> Iterator[tuple[float, Block]]:
         day = self.day
-        viscous, stiffness, friction = self.surrogate.truth
-        profile, rests = _speeds(day, first, end)
-        valve = day.valve.model_copy(update={"spring_stiffness": float(stiffness[first])})
+        truth = self.surrogate.truth
+        stiffness, viscous, friction = (float(row[first]) for row in truth.values())
         simulator = day.measuring.simulator(
-            valve, day.shaking.machine(profile, rests),
-            parameters={"viscous_coefficient": float(viscous[first])},
-            coulomb_force=float(friction[first]), seed=day.seed % 2**31,
-            start_stamp=self._stamp(float(first)),
+            day.valve.model_copy(update={"spring_stiffness": stiffness}),
+            day.shaking.machine(*_speeds(day, first, end)),
+            parameters={"viscous_coefficient": viscous}, coulomb_force=friction,
+            seed=day.seed % 2**31, start_stamp=self._stamp(float(first)),
         )  # fmt: skip
         # Numbers of blocks and stamps belong together over all stretches.
         number = round((self._stamp(float(first)) - self.origin) * BLOCKS / SECOND) + SINCE * BLOCKS
         for second in range(first, end):
             at = min(second + 1, day.seconds - 1)
-            for name, truth in (
-                ("viscous_coefficient", viscous),
-                ("spring_stiffness", stiffness),
-                ("coulomb_force", friction),
-            ):
+            for name, row in truth.items():
                 # A step is a step; what changes slowly runs.
-                here, there = float(truth[second]), float(truth[at])
+                here, there = float(row[second]), float(row[at])
                 jumps = abs(there - here) > 0.02 * abs(here)
                 simulator.set_drift(name, here if jumps else there, 0.0 if jumps else 1.0)
             if math.isfinite(day.reading[second]):
@@ -424,13 +419,13 @@ class SurrogateEstimates:
     """Surrogate estimates of one valve over its day.
 
     Attributes:
-        truth: viscous coefficient, stiffness and dry friction at each second.
+        truth: stiffness, viscous coefficient and dry friction at each second, by their names.
 
     """
 
     def __init__(self, day: ValveDay, surrogate: Surrogate) -> None:
         self.day, self.surrogate = day, surrogate
-        self.truth = day.viscous(), day.stiffness(), day.friction()
+        self.truth = dict(zip(TRACED, (day.stiffness(), day.viscous(), day.friction()), strict=True))
         self._draw = np.random.default_rng([day.seed, 23])
         self._table = OilTable(day.valve)
         self._samples = 0
@@ -455,9 +450,9 @@ class SurrogateEstimates:
         """Yield (s, estimate) from ``begin`` to ``end`` (s) while the machine runs at ``hold``."""
         day, made = self.day, self.surrogate
         count = end - begin
-        viscous, stiffness, friction = (truth[begin:end] for truth in self.truth)
+        values = np.column_stack([row[begin:end] for row in self.truth.values()])
+        _, viscous, friction = values.T
         row = self._row(hold.shaft, float(viscous[0]), float(friction[0]))
-        values = np.column_stack([stiffness, viscous, friction])
         share = 1.0 - math.exp(-1.0 / MEMORY)
         values, _ = lfilter([share], [1.0, share - 1.0], values, axis=0, zi=(1.0 - share) * values[:1])
         sizes = np.ones(count)

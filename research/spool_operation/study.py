@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
@@ -240,11 +240,8 @@ def _name(event: RaisedEvent) -> str:
 
 
 def _groups(faulty: Sequence[DayOutcome]) -> list[tuple[str, str]]:
-    speeds = list(SPEEDS)
-    known: Callable[[tuple[str, str]], tuple[bool, str, int]] = lambda one: (  # noqa: E731 - a key
-        not one[1], one[0], speeds.index(one[1]) if one[1] else 0
-    )  # fmt: skip
-    return sorted({(one.name, one.speed) for one in faulty}, key=known)
+    speeds, found = ["", *SPEEDS], {(one.name, one.speed) for one in faulty}
+    return sorted(found, key=lambda one: (not one[1], one[0], speeds.index(one[1])))
 
 
 def _share(count: int, of: int) -> str:
