@@ -131,17 +131,14 @@ def measured(motion: ComposedMotion, sweep: SweptSine) -> Ours:
 def compiled_rows(ours: Ours) -> Iterator[Timing]:
     """Yield a row per compiled scheme and step."""
     samples, period = round(SECONDS * RATE), 1.0 / RATE
-    peers: list[tuple[str, Callable[[], tuple[Array, int]]]] = []
-    for steps in MOREAU_STEPS:
-        run_moreau = partial(moreau, samples, period, steps, PLANT, SWEEP)
-        peers.append((f"compiled Moreau midpoint, {steps} steps a sample", run_moreau))
-    for steps, width in SMOOTHED:
-        run_smoothed = partial(smoothed, samples, period, steps, PLANT, SWEEP, width)
-        peers.append((f"compiled RK4, tanh(v/{width:g}), {steps} steps a sample", run_smoothed))
-    for steps in LOCATED_STEPS:
-        run_located = partial(located, samples, period, steps, PLANT, SWEEP)
-        peers.append((f"compiled RK4, events by halving, {steps} steps a sample", run_located))
-    for peer, scheme in peers:
+    peers: list[tuple[str, Callable[..., tuple[Array, int]], int, tuple[float, ...]]] = [
+        *(("Moreau midpoint", moreau, steps, ()) for steps in MOREAU_STEPS),
+        *((f"RK4, tanh(v/{width:g})", smoothed, steps, (width,)) for steps, width in SMOOTHED),
+        *(("RK4, events by halving", located, steps, ()) for steps in LOCATED_STEPS),
+    ]
+    for name, kernel, steps, more in peers:
+        peer = f"compiled {name}, {steps} steps a sample"
+        scheme = partial(kernel, samples, period, steps, PLANT, SWEEP, *more)
         found, _ = scheme()  # compiles
         error = _error(found, ours.reference)
         own = ours.comparable(error)
