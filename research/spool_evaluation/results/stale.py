@@ -78,10 +78,12 @@ def ages(folder: Path) -> list[Age]:
 
 
 def _share(commit: str, day: str, files: Collection[Path]) -> float:
-    """Return the share of lines that are newer than a commit, or than its day where git does not have it."""
+    """Return the share of lines newer than a commit, or than its day without it; 1 where nothing is known."""
     since = _git("rev-list", "-1", commit) or _git("rev-list", "-1", f"--before={day}T23:59Z", "HEAD")
+    if not since or not files:
+        return 1.0
     added = [int(row.split("\t")[0]) for row in _git("diff", "--numstat", since, "--", *files).splitlines()]
-    return sum(added) / sum((ROOT / path).read_bytes().count(b"\n") for path in files) if since else 1.0
+    return sum(added) / sum((ROOT / path).read_bytes().count(b"\n") for path in files)
 
 
 def _git(*words: str | Path) -> str:

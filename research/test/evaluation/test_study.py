@@ -77,8 +77,10 @@ def test_a_result_page_is_stale_once_a_third_of_the_code_that_it_measured_is_new
         made.format("2037-12-31", "0123456789ab"), "utf-8"
     )  # the last commit of that day
     (tmp_path / "before.md").write_text(made.format("1999-12-31", "0123456789ab"), "utf-8")
+    lost = made.replace("bench sim --markdown FILE", "python lost.py")  # a script that is not here
+    (tmp_path / "lost.md").write_text(lost.format("2026-11-30", first), "utf-8")
     (tmp_path / "other.md").write_text("# No results\n", "utf-8")
     found = {one.page: one for one in ages(tmp_path)}
-    assert {name for name, one in found.items() if one.share > 1 / 3} == {"old.md", "before.md"}
+    assert {name for name, one in found.items() if one.share > 1 / 3} == {"old.md", "before.md", "lost.md"}
     assert "new.md" not in found or found["new.md"].share < 0.1  # what is not committed yet
     assert str(found["before.md"]).startswith("stale: before.md, made 1999-12-31; 100.0% of the lines")
