@@ -32,9 +32,9 @@ RATCHETS = {
     "lines": 84_442,
     "lines of code": 54_051,
     "files": 375,
-    "lines of research": 11_896,
+    "lines of research": 11_501,
     "lines up to the last import, %": 8.06,
-    "private functions with one caller, %": 15.70,
+    "private functions with one caller, %": 15.68,
     "modules with one importer, %": 12.90,
 }
 
