@@ -257,11 +257,10 @@ def _command_line(process: int) -> str:
     return ""
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
 def test_a_benchmark_that_is_ended_early_leaves_no_process_behind(number: int) -> None:
     process = subprocess.Popen(
-        [ROOT / "spool", "bench", "host", "--valves", "1", "--seconds", "10"],
+        [ROOT / "spool", "bench", "--valves", "1", "--seconds", "600", "host"],
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
