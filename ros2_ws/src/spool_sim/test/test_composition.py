@@ -29,7 +29,6 @@ from spool_sim.integration.composed_motion import (
 )
 from spool_sim.integration.composition import kernel_of, laws_source
 from spool_sim.model import MODELS, model_from_mapping
-from spool_sim.simulator import Simulator
 from spool_sim.terms import TERMS, term
 from spool_sim.valve import Valve
 
@@ -266,15 +265,6 @@ def test_a_step_that_is_too_coarse_is_halved(valve: Valve) -> None:
     )
     assert chosen > coarse
     assert left <= 0.1 * error
-
-
-@pytest.mark.parametrize("name", ["mixed", "fluid_presliding_friction", "fluid_end_stop"])
-def test_simulator_runs_any_composition(name: str, valve: Valve) -> None:
-    source = Simulator(valve, SWEEP, model=name)
-    whole = np.concatenate([block.spool for block in source.records(1.0)])
-    parts = Simulator(valve, SWEEP, model=name, block_size=333)
-    again = np.concatenate([block.spool for block in parts.records(0.9)])
-    np.testing.assert_array_equal(again, whole[: again.size])
 
 
 def test_shapes_that_do_not_fit_are_refused() -> None:

@@ -27,7 +27,7 @@ from spool_sim.excitation import (
     from_mapping,
 )
 from spool_sim.lubrication import OilTable, fluid_friction_coefficient
-from spool_sim.sensors import FractionalDelay, MeasuringChain, Sensor, SensorChannel
+from spool_sim.sensors import PAPER_CHAIN, FractionalDelay, MeasuringChain, Sensor, SensorChannel
 from spool_sim.terms import TERMS, Term
 from spool_sim.valve import OILS, Valve
 
@@ -602,7 +602,7 @@ def test_multisine_has_the_lines_and_the_power_worked_out_by_hand() -> None:
         Multisine(low_frequency=10.1, high_frequency=10.2, rms=2.0, period=4.0)
     # Sixty sines in phase would have a crest factor of sqrt(2 * 60) = 11.
     wide = Multisine(low_frequency=10.0, high_frequency=100.0, rms=2.0, period=4.0, soft_start=0.0)
-    assert np.abs(wide.acceleration(np.arange(4000) / 1000.0)).max() < 2.0 * 2.5
+    assert np.abs(wide.acceleration(np.arange(4000) / 1000.0)).max() < 2.0 * 2.2
 
 
 def test_recorded_excitation_passes_through_its_samples_and_is_band_limited_between_them() -> None:
@@ -668,6 +668,7 @@ def test_measuring_chain_reads_and_errs_as_worked_out_by_hand() -> None:
     assert chain.reading(np.array([1.5, -1.5])) == pytest.approx([15.0, -15.0], rel=EXACT)
     assert chain.uncertainty(np.array([1.5, -1.5])) == pytest.approx([0.975, 0.975], rel=EXACT)
     assert chain.relative_uncertainty == pytest.approx(0.065, rel=EXACT)
+    assert PAPER_CHAIN.relative_uncertainty == pytest.approx(0.05)
     generator = np.random.default_rng(0)
     errors = np.array([chain.sensor(generator, noise=0.1).gain_error for _ in range(4000)])
     # Three even distributions of these half widths: variance (0.02^2 + 0.015^2 + 0.03^2) / 3, mean 0.

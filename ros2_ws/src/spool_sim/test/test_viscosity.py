@@ -3,48 +3,8 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from spool_core.errors import InputError
-from spool_sim.valve import LOWEST_TEMPERATURE, OILS, VISCOSITY_INDEX, Valve, valve_from_mapping
-
-NAMES = st.sampled_from(sorted(OILS))
-#: deg C at which the thinnest grade, ISO VG 10, has the 2 mm^2/s down to which the law holds, less a margin.
-THINNEST = 115.0
-TEMPERATURES = st.floats(LOWEST_TEMPERATURE, THINNEST)
-
-
-@given(name=NAMES, one=TEMPERATURES, other=TEMPERATURES)
-def test_warmer_oil_is_never_thicker(name: str, one: float, other: float) -> None:
-    cool, warm = sorted((one, other))
-    oil = OILS[name]
-    assert oil.kinematic_viscosity(warm) <= oil.kinematic_viscosity(cool)
-    if warm - cool > 1e-3:
-        assert oil.kinematic_viscosity(warm) < oil.kinematic_viscosity(cool)
-
-
-@given(name=NAMES, given_at=st.floats(-20.0, THINNEST), viscosity=st.floats(1e-3, 10.0), at=TEMPERATURES)
-def test_valve_scales_the_law_to_its_own_point(
-    name: str, given_at: float, viscosity: float, at: float
-) -> None:
-    valve = Valve(
-        id="a", moving_mass=0.18, spool_mass=0.172, spring_stiffness=1632.0, land_diameter=0.02,
-        land_length=0.032, radial_clearance=15e-6, dynamic_viscosity=viscosity, oil=name,
-        oil_temperature=given_at,
-    )  # fmt: skip
-    assert valve.dynamic_viscosity_at(given_at) == viscosity
-    assert valve.at(given_at).viscous_coefficient == valve.viscous_coefficient
-    ratio = OILS[name].kinematic_viscosity(at) / OILS[name].kinematic_viscosity(given_at)
-    assert valve.dynamic_viscosity_at(at) == pytest.approx(viscosity * ratio, rel=1e-12)
-    assert valve.at(at).viscous_coefficient == pytest.approx(valve.viscous_coefficient * ratio, rel=1e-12)
-
-
-def test_valve_with_warm_oil_leads_back_to_the_cold_one(valve: Valve) -> None:
-    warm = valve.at(60.0)
-    assert warm.oil_temperature == 60.0
-    assert warm.viscous_coefficient == valve.at(60.0).viscous_coefficient
-    assert warm.viscous_coefficient < 0.2 * valve.viscous_coefficient
-    assert warm.at(20.0).viscous_coefficient == pytest.approx(valve.viscous_coefficient, rel=1e-12)
+from spool_sim.valve import OILS, VISCOSITY_INDEX, Valve, valve_from_mapping
 
 
 def test_temperature_law_needs_an_oil(valve_mapping: dict[str, Any]) -> None:
