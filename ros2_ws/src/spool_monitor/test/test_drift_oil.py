@@ -10,6 +10,7 @@ from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.estimate import Estimate, State
 from spool_estimator.estimator import Estimator, settings_for
 from spool_monitor.detectors import Judgement, MonitorSettings
+from spool_monitor.detectors.base import FALSE_ALARM_INTERVAL
 from spool_monitor.event import Event, Severity
 from spool_monitor.monitor import Monitor
 from spool_monitor.parameter_drift import ParameterDrift
@@ -121,6 +122,7 @@ def test_a_slow_wear_under_a_thermometer_that_follows_says_what_changed_and_when
         assert facts.low < facts.value < facts.high < facts.baseline
         assert facts.value < facts.limit
         assert facts.change == pytest.approx(facts.value - facts.baseline)
+        assert facts.false_alarm_interval == FALSE_ALARM_INTERVAL.default * 86400.0
         # The quantity is the same change, relative to the baseline.
         assert event.quantity.value == pytest.approx(facts.change / facts.baseline)
 

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from spool_core.errors import InputError
 from spool_core.events.language import LANGUAGES
 from spool_core.uncertainty import Quantity
-from spool_monitor.alarm import AlarmState, Operator, maintain
+from spool_monitor.alarm import Operator
 from spool_monitor.alarm_statistics import AlarmLimits, flood_share, peak_of, statistics
 from spool_monitor.event import Event, EventState, Facts, Severity
 from spool_monitor.journal import Journal, JournalEntry, entries_in
@@ -163,27 +163,6 @@ def test_each_entry_that_was_noted_survives_kills(
         # The one under way when the process was killed may be there, unsaid.
         assert kept in (list(range(1, told + 1)), list(range(1, told + 2)))
         told = kept[-1]
-
-
-def test_maintenance_ends_at_its_time_also_across_a_restart(tmp_path: Path) -> None:
-    state, _ = opened(tmp_path)
-    eva = Operator("Eva", 10 * SECOND, "pump is changed")
-    changed = state.alarms.operate("resonance", maintain, eva, on=True, seconds=7200.0)
-    state.note(entries_of(changed, eva))
-    state.keep_alarms()
-    state.close()
-    state, _ = opened(tmp_path)
-    name = changed[0].after.name
-    assert state.alarms.alarms[name].hidden_until == 10 * SECOND + 2 * HOUR
-    assert state.alarms.advance(2 * HOUR) == []
-    ended = state.alarms.advance(10 * SECOND + 2 * HOUR)
-    state.note(entries_of(ended))
-    assert [one.after.state for one in ended] == [AlarmState.NORMAL]
-    assert [(one.action, one.who) for one in entries_in(tmp_path / FILE)] == [
-        ("remove from service", "Eva"),
-        ("return to service", ""),
-    ]
-    state.close()
 
 
 def test_the_figures_are_those_counted_by_hand() -> None:

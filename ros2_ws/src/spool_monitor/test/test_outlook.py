@@ -9,17 +9,9 @@ import pytest
 from spool_core.events.event import Facts, Urgency
 from spool_core.events.sentences import details
 from spool_core.uncertainty import Quantity
-from spool_estimator.estimator import Estimator, settings_for
-from spool_monitor.detectors import KINDS, MonitorSettings
-from spool_monitor.detectors.base import FALSE_ALARM_INTERVAL
+from spool_monitor.detectors import KINDS
 from spool_monitor.event import Condition, EventKind, EventState, Finding, Severity
-from spool_monitor.monitor import Monitor
 from spool_monitor.parameter_drift import Outlook
-from spool_monitor.replay import Replay
-from spool_sim.excitation import PRESETS
-from spool_sim.sensors import Sensor
-from spool_sim.simulator import Simulator
-from spool_sim.valve import find_valve
 
 SECOND = 1_000_000_000
 MEMORY = 4.0
@@ -74,35 +66,6 @@ def test_what_reaches_its_limit_within_a_shift_is_not_to_be_planned(hurries: boo
     finding = Finding(0, Severity.WARNING, False, "wear", Quantity("x", "1"), Facts(), hurries)
     (event,) = Condition(KINDS["friction_drift"], 0.0, 0.0).judge(finding)
     assert event.facts.urgency is urgency
-
-
-@pytest.mark.slow
-def test_a_slow_wear_says_when_it_becomes_an_alarm() -> None:
-    valve = find_valve("4weh10_soft")
-    sensor = Sensor(noise=0.05)
-    simulator = Simulator(
-        valve, PRESETS["multisine"], coulomb_force=0.3, body_sensor=sensor, spool_sensor=sensor
-    )
-    one = Replay(
-        Estimator(settings_for(valve)), Monitor(MonitorSettings(natural_frequency=valve.natural_frequency))
-    )
-    one.run(simulator.records(20.0))
-    simulator.set_drift("viscous_coefficient", 0.3 * valve.viscous_coefficient, 300.0)
-    one.run(simulator.records(220.0))
-    warning, alarm = [event for event in one.events if event.kind == "friction_drift"]
-    left = (alarm.stamp - warning.stamp) * 1e-9
-    assert warning.facts.time_to_limit == pytest.approx(left, rel=0.25)
-    assert warning.facts.urgency is alarm.facts.urgency is Urgency.SOON
-    assert math.isnan(alarm.facts.time_to_limit)
-    # It wears: the coefficient fell below the limit that each of both names.
-    for event in (warning, alarm):
-        facts = event.facts
-        assert facts.parameter == "viscous_coefficient"
-        assert facts.value < facts.limit < facts.baseline
-        assert facts.low < facts.value < facts.high
-        assert facts.change == pytest.approx(facts.value - facts.baseline)
-        assert facts.false_alarm_interval == FALSE_ALARM_INTERVAL.default * 86400.0
-    assert alarm.facts.limit < warning.facts.limit
 
 
 def test_a_new_drift_forgets_the_one_before() -> None:
