@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
-import socket
-from typing import Any
-
 import pytest
 from spool_bag.information import Timeline
 from spool_core.events.event import Event, EventState, Facts
@@ -17,7 +13,7 @@ from spool_monitor.detectors import KINDS
 from spool_monitor.event import Condition, EventKind, Finding, Severity
 from spool_monitor.listener import HeardValve
 from spool_monitor.monitor_node import to_alarm_list
-from spool_msgs.msg import AlarmList, ValveHealth
+from spool_msgs.msg import AlarmList
 from spool_report.runs.record_replay import Clock, event_dictionary
 from spool_tools.operations.valve_rows import alarm_details, alarm_row, event_line
 from spool_view.view import alarms_of
@@ -70,45 +66,6 @@ def test_message_terminal_page_report_and_opc_ua_show_the_same_headline(
         assert alarm_details(alarm, language) == lines
         assert [f"{label}: {text}" for label, text in entry["texts"][language.code]["details"]] == lines
         assert shown["valve_1", "alarms", alarm.name, "details"] == "\n".join(lines)
-
-
-def test_the_opc_ua_server_serves_the_fields_of_an_alarm() -> None:
-    from asyncua import Client, Server, ua  # noqa: PLC0415 - slow to load
-    from spool_opcua.machine import Machine, Nameplate  # noqa: PLC0415 - slow to load
-    from spool_opcua.opcua_node import NAMESPACE, AddressSpace  # noqa: PLC0415 - slow to load
-
-    alarms = published(raised(KINDS["friction_drift"], "wear"), LANGUAGES["en"])
-
-    async def served() -> dict[str, Any]:
-        with socket.socket() as free:
-            free.bind(("127.0.0.1", 0))
-            port = free.getsockname()[1]
-        server = Server()
-        await server.init()
-        server.set_endpoint(f"opc.tcp://127.0.0.1:{port}")
-        index = await server.register_namespace(NAMESPACE)
-        async with server:
-            health = ValveHealth(level=ValveHealth.LEVEL_WARNING)  # its monitor is heard
-            valve = HeardValve("valve_1", health=health, alarms=alarms)
-            machine = Machine(server, index, Nameplate("press 7"))
-            await machine.build()
-            await AddressSpace(server, index, machine).update([valve], 0.0)
-            async with Client(f"opc.tcp://127.0.0.1:{port}", watchdog_intervall=60) as client:
-                folder = client.get_node(ua.NodeId("valve_1.alarms.friction_drift", index))
-                found = {}
-                for node in await folder.get_children():
-                    value = await node.read_data_value(raise_on_bad_status=False)
-                    found[(await node.read_browse_name()).Name] = value.Value.Value
-                return found
-
-    found = asyncio.run(served())
-    assert found["message"] == "Friction drift (wear): Coulomb force 0.350 N, limit 0.200 N"
-    for name in ("value", "low", "high", "baseline", "change", "limit", "unit", "parameter"):
-        assert found[name] == getattr(FACTS, name), name
-    assert (found["causes"], found["probabilities"]) == ("wear, oil_viscosity", "0.75, 0.25")
-    assert (found["false alarm interval"], found["time to limit"]) == (3.6e6, 600.0)
-    assert (found["urgency"], found["advice"]) == ("planned", 201)
-    assert found["began"] == "2023-11-14T22:13:14.000+00:00"
 
 
 def test_an_event_that_ended_is_shown_everywhere_as_over() -> None:

@@ -340,16 +340,6 @@ def test_wrong_input_is_one_line(
     assert shown.out == ""
 
 
-def test_a_record_of_noise_is_refused(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    bag = str(tmp_path / "still")
-    (tmp_path / "still.yaml").write_text("kind: standstill\n", "utf-8")
-    excitation = ("--excitation", str(tmp_path / "still.yaml"))
-    assert main(["simulate", *excitation, "--seconds", "5", "--out", bag]) == 0
-    capfd.readouterr()
-    assert main(["fit", bag]) == 2
-    assert "no excitation: body has" in capfd.readouterr().err
-
-
 # Models side by side.
 
 

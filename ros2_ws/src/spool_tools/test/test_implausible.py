@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import re
 from pathlib import Path
 
 import numpy as np
@@ -65,20 +64,6 @@ def test_milliseconds_taken_for_seconds_and_a_record_too_slow_for_its_valve_are_
 ) -> None:
     line = refusal([command, shaken(tmp_path / "record.csv", unit=unit), "--valve", "4weh10_soft"], capsys)
     assert [one for one in said if one not in line] == []
-
-
-def test_check_and_gap_advise_the_same_rate_for_a_slow_record(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    slow = ["--valve", "4weh10_soft", "--excitation", "multisine", "--seconds", "20", "--sample-rate", "300"]
-    assert main(["simulate", *slow, "--out", str(tmp_path / "bag")]) == 0
-    capsys.readouterr()
-    said = refusal(["gap", str(tmp_path / "bag"), "--valve", "4weh10_soft"], capsys)
-    assert main(["check", str(tmp_path / "bag")]) == 1
-    doubts = capsys.readouterr().out
-    advised = re.findall(r"sample at (\d+) Hz", said + doubts.replace("\n", " "))
-    assert len(advised) == 2
-    assert len(set(advised)) == 1
 
 
 def test_noise_alone_is_called_too_slow_by_no_command(

@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -11,7 +10,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from spool_core.errors import InputError
 from spool_estimator.identification.record import Record
-from spool_estimator.record_judgement import usable
 from spool_report.records.record_loading import (
     Recording,
     Selection,
@@ -23,7 +21,6 @@ from spool_report.records.record_loading import (
 )
 from spool_report.requests import Part
 from spool_report.runs.gap_run import _force_records
-from spool_report.runs.record_quality import quality_of
 from spool_sim.valve import find_valve
 from spool_tools.cli import main
 
@@ -209,14 +206,3 @@ def test_too_short_a_record_is_refused() -> None:
         InputError, match=r"too short for an estimate.* stretch without gaps 1 s: record 20 s"
     ):
         check(Recording(Path("short"), (record(1000), record(500)), None))
-
-
-def test_check_fit_and_gap_refuse_a_dead_sensor_in_the_same_words() -> None:
-    shaken = record(20_000, noise=0.05).body + np.sin(0.2 * np.arange(20_000))
-    dead = Record("dead", 0, 1e-3, shaken, np.full(20_000, 0.5))
-    expected = "spool reads 0.5 m/s^2 throughout: check sensor and cable"
-    assert expected in quality_of([dead], "dead").doubts
-    with pytest.raises(InputError, match=re.escape(expected)):
-        usable([dead])
-    with pytest.raises(InputError, match=re.escape(expected)):
-        check(Recording(Path("dead"), (dead,), None))
