@@ -61,7 +61,7 @@ def exactly(estimates: Iterable[Estimate], **same: int) -> list[str]:
 @pytest.mark.parametrize("valve", ["4weh10_soft", "4weh10_stiff"])
 def test_recovers_what_was_simulated(valve: str, excitation: str, coulomb_force: float) -> None:
     source = simulator(valve, excitation, coulomb_force)
-    last = estimates_of(source.records(40.0), Estimator(settings_for(source.valve)))[-1]
+    last = estimates_of(source.records(20.0), Estimator(settings_for(source.valve)))[-1]
     truth = source.truth
     assert last.state is State.TRACKING
     assert all(quantity.validity is Validity.VALID for quantity in last.parameters)

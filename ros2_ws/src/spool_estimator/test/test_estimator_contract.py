@@ -216,13 +216,22 @@ def numbers(estimate: Estimate) -> list[tuple[float, float]]:
     ]
 
 
+@lru_cache(maxsize=2)
+def followed(count: int) -> tuple[list[Estimate], bytes]:
+    """Return the estimates of the first ``count`` blocks, and the estimator behind them as a pickle."""
+    estimator = Estimator(SETTINGS)
+    return estimates_of(estimator, record(20.0)[:count]), pickle.dumps(estimator)
+
+
 @pytest.mark.parametrize("channels", [("body", "spool"), ("body",), ("spool",)], ids="+".join)
 @pytest.mark.parametrize("value", FROZEN)
 def test_while_channels_stand_still_the_last_good_estimate_is_held(
     value: float | None, channels: tuple[str, ...]
 ) -> None:
+    before, estimator = followed(550)  # 22,000 samples
     for first in (22_000, 23_333, 24_001, 25_990):
-        estimates = estimates_of(Estimator(SETTINGS), frozen_from(first, value, channels))
+        rest = frozen_from(first, value, channels)[550:]
+        estimates = [*before, *estimates_of(pickle.loads(estimator), rest)]
         instant = estimates[0].stamp - 999_500_000 + first * 500_000
         good = [one for one in estimates if one.stamp < instant][-1]
         assert good.state is State.TRACKING
@@ -281,11 +290,11 @@ def test_nothing_is_estimated_at_a_sample_rate_that_the_stamps_contradict(off: f
 
 @pytest.mark.parametrize("off", OFF)
 def test_an_estimate_from_before_is_held_where_the_sample_rate_becomes_wrong(off: float) -> None:
-    estimator = Estimator(SETTINGS)
-    before = estimates_of(estimator, record()[:400])[-1]
+    estimates, state = followed(400)
+    before, estimator = estimates[-1], pickle.loads(state)
     assert before.state is State.TRACKING
     period = record()[0].sample_period * (1.0 + off)
-    during = estimates_of(estimator, [replace(one, sample_period=period) for one in record()[400:]])
+    during = estimates_of(estimator, [replace(one, sample_period=period) for one in record(20.0)[400:600]])
     stale = estimator.stale()
     assert stale is not None
     for one in (*during, stale):

@@ -58,10 +58,12 @@ def test_a_warming_valve_keeps_its_referred_coefficient_while_its_drag_falls_by_
 @pytest.mark.parametrize("read", [-9999.0, -242.0, 850.0, math.inf, math.nan])
 def test_what_no_oil_has_is_no_temperature(read: float) -> None:
     oil = OilReference(oil_law(VALVE), 4.0)
+    oil.take(START - SECOND, read)
+    assert not oil.temperature(START).known
     oil.take(START, 40.0)
     oil.take(START + SECOND, read)
     oil.follow(START + 3 * SECOND, 1.0)
-    assert oil.refused == 1
+    assert oil.refused == 2
     assert oil.temperature(START + 3 * SECOND).value == 40.0
 
 
@@ -89,15 +91,6 @@ def test_the_ratio_is_that_of_the_law_and_the_uncertainty_that_of_its_slope() ->
     by_temperature = 4.0 / ratio * abs(slope) / 0.02 * 0.2
     assert referred.standard_deviation == pytest.approx(math.hypot(by_temperature, 0.01 / ratio), rel=1e-3)
     assert reference.referred(replace(VISCOUS, validity=Validity.HELD)).validity is Validity.HELD
-
-
-@pytest.mark.parametrize("celsius", [math.nan, math.inf, -math.inf])
-def test_what_is_no_temperature_is_counted_and_not_used(celsius: float) -> None:
-    reference = OilReference(oil_law(VALVE), 4.0)
-    reference.take(SECOND, celsius)
-    reference.follow(2 * SECOND, 1.0)
-    assert reference.refused == 1
-    assert not reference.temperature(2 * SECOND).known
 
 
 @pytest.mark.parametrize(("oil", "celsius"), [(VALVE.oil, -100.0), (VALVE.oil, 400.0), (None, 50.0)])

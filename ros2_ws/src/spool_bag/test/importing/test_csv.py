@@ -99,13 +99,6 @@ def test_times_may_begin_before_a_trigger_or_be_of_a_calendar(
     assert (valve.lost_blocks, valve.sample_rate) == (0, 2000.0)
 
 
-def test_stamps_that_no_message_can_hold_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="outside 1970 to 2038"):
-        import_csv(save(tmp_path, record(200)), tmp_path / "bag", start=2**31 * 10**9)
-    with pytest.raises(InputError, match="outside 1970 to 2038"):
-        import_csv(save(tmp_path, record(200)), tmp_path / "bag", start=0)
-
-
 def test_a_gap_is_counted_as_lost_blocks(tmp_path: Path) -> None:
     keep = np.ones(4000, dtype=bool)
     keep[1010:1250] = False  # six blocks of 40
@@ -173,20 +166,6 @@ def test_compressed_and_cut(tmp_path: Path) -> None:
         read_csv(path)
     with pytest.raises(InputError, match="No such file"):
         read_csv(tmp_path / "nothing.csv")
-
-
-def test_loggers_dialects(tmp_path: Path) -> None:
-    alone = read_csv(save(tmp_path, record(50)))
-    german = [";".join([*row.split(","), "ok"]).replace(".", ",") for row in record(50).splitlines()]
-    found = read_csv(save(tmp_path, "\ufeff" + "\r\n".join(german) + "\r\n\r\n"))
-    np.testing.assert_array_equal(found.time, alone.time)
-    for name, values in alone.columns.items():
-        np.testing.assert_array_equal(found.columns[name], values)
-    doubled = record(50, oil=True).replace(
-        HEADER + ",oil_temperature_C", "time_s,body_m_s2,spool_m_s2,time_s"
-    )
-    with pytest.raises(InputError, match=r"are two clocks, .* type --exclude time_s_2$"):
-        read_csv(save(tmp_path, doubled))
 
 
 def test_temperature_may_begin_late(tmp_path: Path) -> None:
