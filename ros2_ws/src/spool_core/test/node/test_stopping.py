@@ -66,7 +66,7 @@ def test_while_the_node_starts(probe: Start, hook: str, number: signal.Signals) 
     assert "cleanup" in ended_well(process).split()
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
 def test_again_while_it_ends(probe: Start, observer: Any, number: signal.Signals) -> None:
     process = probe(failing="deactivate until two signals")
     observer.until(lambda: "tick" in observer.heard, "a tick")
