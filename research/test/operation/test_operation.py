@@ -75,8 +75,8 @@ def test_a_hundred_days_raise_a_false_alarm_on_three_at_most() -> None:
         (("sticking", "step"), "stuck_spool", ""),
         (("sensor: dead", "step"), "sensor_fault", "dead"),
         # A spring that breaks, dry friction and a gain that jump.
-        (4_000_090, "spring_change", "softer"),
-        (3_000_123, "friction_drift", "oil_contamination"),
+        pytest.param(4_000_090, "spring_change", "softer", marks=pytest.mark.slow),
+        pytest.param(3_000_123, "friction_drift", "oil_contamination", marks=pytest.mark.slow),
         pytest.param(3_000_167, "sensor_fault", "scale", marks=pytest.mark.slow),
     ],
 )

@@ -100,7 +100,7 @@ def test_oil_that_thins_to_a_third_is_seen_within_1_s(excitation: str, coulomb_f
     assert np.std(after[10:20]) < 0.02 * 1.28
 
 
-@pytest.mark.parametrize("change", [0.4, 1.8, 2.5])
+@pytest.mark.parametrize("change", [0.4, pytest.param(1.8, marks=pytest.mark.slow), 2.5])
 def test_a_spring_that_jumps_is_seen_within_1_s(change: float) -> None:
     source = simulator()
     target = change * 1632.0
@@ -146,7 +146,7 @@ def test_a_small_change_is_followed_after_the_excitation_dropped_to_a_tenth() ->
     assert after[-1] == pytest.approx(1632.0 * 1.02, rel=0.003)
 
 
-@pytest.mark.parametrize("rate", [1000.0, 5000.0, 10000.0])
+@pytest.mark.parametrize("rate", [1000.0, pytest.param(5000.0, marks=pytest.mark.slow), 10000.0])
 def test_the_sample_rate_changes_nothing(rate: float) -> None:
     source = simulator(rate=rate)
     last = follow(source, 12.0, Estimator(settings_for(source.valve)))[-1]
@@ -190,8 +190,7 @@ def test_minutes_at_rest_neither_wind_up_nor_freeze_the_covariance() -> None:
     assert after.parameter("viscous_coefficient").value == pytest.approx(4.0, rel=0.03)
 
 
-@pytest.mark.parametrize("soft_start", [1.0, 3.0])
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize(("seed", "soft_start"), [(1, 1.0), (2, 3.0)])
 def test_a_start_in_thick_oil_ends_in_no_wrong_minimum(seed: int, soft_start: float) -> None:
     """With a damping ratio of 2.3 and a gain error, another minimum has no dry friction and 0.4 times k."""
     run_up = MachineOrders(
@@ -245,7 +244,7 @@ def test_a_start_that_is_refused_changes_nothing(monkeypatch: pytest.MonkeyPatch
     assert estimator.tracker.refits == 0
 
 
-@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2))])
 def test_drag_that_falls_at_the_resonance_does_not_look_like_dry_friction(seed: int) -> None:
     """It does where samples from before the amplitude grew are believed for the whole memory."""
     shaking = MachineOrders(

@@ -202,6 +202,7 @@ def test_gain_within_its_tolerance_is_no_effect_and_beyond_it_is_one() -> None:
     assert result.effects[0].parameters[0].value == pytest.approx(0.09, abs=0.01)
 
 
+@pytest.mark.slow
 def test_a_channel_that_clips_is_named_and_its_limit_read() -> None:
     result = analyse([record(spool={"full_scale": 16.0})], VALVE, MODELS["fluid"])
     assert result.verdict == "sensor_saturation"

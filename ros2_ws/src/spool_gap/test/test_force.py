@@ -38,9 +38,8 @@ def forced(
     )
 
 
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_hysteretic_friction_is_named_whichever_way_the_rig_counts(sign: float) -> None:
-    records = [forced(seed, 30.0 * dahl_state(rig(seed)[1], 2e-4), sign=sign) for seed in (1, 2)]
+def test_hysteretic_friction_is_named_though_the_rig_counts_the_other_way() -> None:
+    records = [forced(seed, 30.0 * dahl_state(rig(seed)[1], 2e-4), sign=-1.0) for seed in (1, 2)]
     result = analyse_forces(records[:1], MODELS["fluid"], "imposed", holdout=records[1:])
     assert result.verdict == "presliding_friction"
     force = next(q for q in result.effects[0].parameters if q.name == "dahl_force")
@@ -225,7 +224,7 @@ def test_a_plain_law_stays_where_a_richer_one_leaves_hardly_less(error: float, k
         assert sure < 0.75 * surest
 
 
-@pytest.mark.parametrize("effect", ["spring_backlash", "damping_drift"])
+@pytest.mark.parametrize("effect", [pytest.param("spring_backlash", marks=pytest.mark.slow), "damping_drift"])
 def test_effects_that_share_numbers_with_the_base_keep_the_fitted_ones(effect: str) -> None:
     time, place, speed = rig(9, 24.0)
     if effect == "spring_backlash":

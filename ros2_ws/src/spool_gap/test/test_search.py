@@ -133,7 +133,7 @@ def test_the_search_ends_at_what_is_hidden(effect: str) -> None:
     assert search.simplest.structure.values[name] == pytest.approx(value, rel=0.02)
 
 
-@pytest.mark.parametrize("channel", ["body", "spool"])
+@pytest.mark.parametrize("channel", ["body", pytest.param("spool", marks=pytest.mark.slow)])
 def test_a_strong_mode_of_a_mounting_is_found_in_its_own_channel(channel: str) -> None:
     excitation = Multisine(low_frequency=8.0, high_frequency=90.0, rms=7.0, seed=2)
     healthy = record("damping_drift", excitation=excitation, damping_drift_rate=-0.001)

@@ -95,7 +95,7 @@ def test_friction_that_is_not_there_is_bounded_on_one_side() -> None:
     assert 0.0 < one.high < 0.05
 
 
-@pytest.mark.parametrize("force", [1.6, 3.0, 8.0])
+@pytest.mark.parametrize("force", [1.6, pytest.param(3.0, marks=pytest.mark.slow), 8.0])
 def test_friction_that_holds_the_spool_is_at_least_as_large_as_the_force_on_it(force: float) -> None:
     data = record("coulomb", {"coulomb_force": force})
     found = checked(data, "coulomb")
@@ -116,7 +116,7 @@ def test_friction_at_rest_that_holds_the_spool_is_bounded_below_and_nothing_else
     assert all(one.lost for one in judged.values())
 
 
-@pytest.mark.parametrize("force", [1.35, 1.42])
+@pytest.mark.parametrize("force", [1.35, pytest.param(1.42, marks=pytest.mark.slow)])
 def test_a_spool_that_hardly_breaks_loose_gives_no_bound_that_excludes_its_friction(force: float) -> None:
     found = checked(record("coulomb", {"coulomb_force": force}), "coulomb")
     for one in found.determinations:

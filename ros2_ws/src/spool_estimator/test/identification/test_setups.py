@@ -164,7 +164,7 @@ FORCES = dict.fromkeys((MASS, SPOOL_GAIN, "viscous_coefficient", "coulomb_force"
 SHARED = {**FORCES, "spring_stiffness": (("soft", "loaded"),)}
 
 
-@pytest.mark.parametrize("start", [None, 0.25])
+@pytest.mark.parametrize("start", [None, pytest.param(0.25, marks=pytest.mark.slow)])
 def test_a_mass_far_from_the_data_sheets_is_found_from_any_start(start: float | None) -> None:
     setups = [heavy("soft", 1750.0, 0.0), heavy("stiff", 5200.0, 0.0), heavy("loaded", 1750.0, 0.08)]
     settings = FitSettings(start={} if start is None else {MASS: start})
