@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 
 ROOT = Path(__file__).resolve().parent.parent
 SECONDS = 40
-VALVES = ("valve_1", "valve_2")
 
 
 @dataclass
@@ -71,30 +70,18 @@ def test_it_ends_well(demo: Demo) -> None:
     assert all(path.stat().st_size > 1000 for path in reports)
 
 
-@pytest.mark.parametrize("valve", VALVES)
-def test_no_block_is_lost(demo: Demo, valve: str) -> None:
+@pytest.mark.parametrize(("valve", "frame"), [("valve_1", "4weh10_soft"), ("valve_2", "4weh10_stiff")])
+def test_no_block_is_lost_and_what_happens_is_raised(demo: Demo, valve: str, frame: str) -> None:
     blocks = demo.messages(f"/{valve}/acceleration")
     assert len(blocks) >= SECONDS * 50
     assert [block.sequence for block in blocks] == list(range(len(blocks)))
+    assert {block.header.frame_id for block in blocks} == {frame}
     estimates = demo.messages(f"/{valve}/estimate")
     assert len(estimates) >= SECONDS - 2
     assert estimates[-1].lost_blocks == 0
     assert estimates[-1].refused_blocks == 0
     assert len(demo.messages(f"/{valve}/health")) >= SECONDS - 2
-
-
-@pytest.mark.parametrize("valve", VALVES)
-@pytest.mark.parametrize("kind", ["resonance", "friction_drift"])
-def test_it_raises_what_happens(demo: Demo, valve: str, kind: str) -> None:
     events = demo.messages(f"/{valve}/events")
-    raised = [event for event in events if event.kind == kind and event.state == HealthEvent.STATE_RAISED]
-    assert raised
-    frames = {event.header.frame_id for event in events}
-    assert len(frames) == 1
-
-
-def test_each_valve_has_its_own_frame(demo: Demo) -> None:
-    frames = [
-        {block.header.frame_id for block in demo.messages(f"/{valve}/acceleration")} for valve in VALVES
-    ]
-    assert frames == [{"4weh10_soft"}, {"4weh10_stiff"}]
+    raised = {event.kind for event in events if event.state == HealthEvent.STATE_RAISED}
+    assert raised >= {"resonance", "friction_drift"}
+    assert len({event.header.frame_id for event in events}) == 1
