@@ -342,13 +342,6 @@ def test_a_change_is_reported_beyond_the_bounds_that_are_shown(relative: bool) -
         assert not math.isfinite(found_after(learned(relative=relative), [bound - further] * 60))
 
 
-def test_it_tells_since_when() -> None:
-    made = learned()
-    after = found_after(made, [2.0] * 100 + [1.4] * 20)
-    assert after < 107.0
-    assert made.since == pytest.approx(109 * SECOND, abs=2 * SECOND)
-
-
 @pytest.mark.parametrize("slope", [0.0005, 0.002, 0.005])
 def test_a_slow_drift_began_before_half_of_the_limit_was_passed(slope: float) -> None:
     made = learned()

@@ -316,11 +316,6 @@ def test_a_rate_is_limited_after_a_burst_and_recovers() -> None:
     assert [limit.take() for _ in range(2)] == [True, False]
 
 
-def test_health_of_a_message_that_nobody_filled_claims_nothing() -> None:
-    empty = HeardValve("v", ValveHealth(), 100.0)
-    assert row_of(empty, 100.0)["condition"] == "unknown"
-
-
 def test_the_limits_are_those_that_the_monitor_itself_tells() -> None:
     values = {
         "coulomb_force_low_N": "0.09",
