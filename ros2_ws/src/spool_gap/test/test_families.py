@@ -70,9 +70,9 @@ def record(effect: str = "") -> Record:
     return simulated(model, dict(HIDDEN).get(effect, {}), {})
 
 
-def found_by(name: str, hidden: str) -> tuple[str, ...]:
-    """Return what a search for the effect ``name`` alone finds in the record with the effect ``hidden``."""
-    predictions = Predictions([Prediction(readings_of(record(hidden)), VALVE, MOTIONS)])
+def found_by(name: str, of: Record) -> tuple[str, ...]:
+    """Return what a search for the effect ``name`` alone finds in a record."""
+    predictions = Predictions([Prediction(readings_of(of), VALVE, MOTIONS)])
     search = Search(predictions, structure_of(BASE, VALVE), [name], least_share=GapSettings().least_share)
     search.run()
     return search.simplest.structure.effects
@@ -84,9 +84,9 @@ def test_every_effect_that_accelerometers_show_has_a_record() -> None:
     assert set(dict(HIDDEN)) | set(FAULTS) == shown
 
 
-@pytest.mark.parametrize("effect", SEARCHED)
+@pytest.mark.parametrize("effect", [one for one in SEARCHED if one != "mixed_friction"])  # see test_search
 def test_a_record_with_an_effect_shows_it(effect: str) -> None:
-    assert found_by(effect, effect) == (effect,)
+    assert found_by(effect, record(effect).part(0, 8000)) == (effect,)  # one sweep
 
 
 @pytest.mark.slow
@@ -100,7 +100,7 @@ def test_the_effect_that_a_record_has_is_named_alone(effect: str) -> None:
 
 @pytest.mark.slow
 def test_nothing_is_named_in_a_record_of_the_base() -> None:
-    assert not any(found_by(effect, "") for effect in SEARCHED)
+    assert not any(found_by(effect, record()) for effect in SEARCHED)
     result = analyse([record()], VALVE, BASE)
     assert result.verdict == "none"
     assert result.effects == ()
