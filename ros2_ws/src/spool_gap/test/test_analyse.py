@@ -202,7 +202,6 @@ def test_gain_within_its_tolerance_is_no_effect_and_beyond_it_is_one() -> None:
     assert result.effects[0].parameters[0].value == pytest.approx(0.09, abs=0.01)
 
 
-@pytest.mark.slow
 def test_a_channel_that_clips_is_named_and_its_limit_read() -> None:
     result = analyse([record(spool={"full_scale": 16.0})], VALVE, MODELS["fluid"])
     assert result.verdict == "sensor_saturation"
@@ -275,7 +274,7 @@ def test_coefficients_that_count_per_weight_take_that_of_the_valves_spool() -> N
     assert structure_of(MODELS["fluid"], light).values["normal_load"] == pytest.approx(0.12 * 9.80665)
 
 
-@pytest.mark.parametrize("share", [0.6, 0.3])
+@pytest.mark.parametrize("share", [pytest.param(0.6, marks=pytest.mark.slow), 0.3])
 def test_a_record_whose_channels_clip_all_the_time_is_refused_with_a_way_out(share: float) -> None:
     whole = healthy()
     body, spool = (np.clip(row, -share * row.std(), share * row.std()) for row in (whole.body, whole.spool))

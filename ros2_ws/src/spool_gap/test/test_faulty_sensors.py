@@ -112,6 +112,7 @@ def missed(result: GapResult) -> list[str]:
     ]
 
 
+@pytest.mark.slow
 def test_a_clipping_channel_of_the_spool_keeps_the_name_and_the_numbers() -> None:
     """A third of the samples is at the limit: they show that the acceleration is at least that."""
     one = clipped(record(FRICTION), 0.3)
