@@ -118,10 +118,7 @@ class Aligner:
 
     def __init__(self, settings: AlignerSettings) -> None:
         self.settings = settings
-        self.streams = {
-            channel: SensorStream(settings.settle, settings.capacity, settings.sample_rate)
-            for channel in Channel
-        }
+        self.streams = {channel: SensorStream(settings.settle, settings.capacity) for channel in Channel}
         self.sent = 0
         self.dropped = 0
         self.late = 0

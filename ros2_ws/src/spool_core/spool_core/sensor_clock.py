@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spool_core.numbers import MEDIAN_TO_DEVIATION, Array
+from spool_core.stamps import line_through, on_line
 
 #: s of stamps that the phase and the rate are averaged over once there are so many. Stamps that jitter by J
 #: leave the phase 2 J / sqrt(samples in it) (standard error of a line's end), 10 us of 0.5 ms at 1 kHz, and
@@ -74,21 +75,19 @@ class SampleClock:
     _phase_count: int
 
     @classmethod
-    def through(cls, stamps: NDArray[np.int64], indices: NDArray[np.int64]) -> SampleClock:
-        """Return the clock of the least-squares line through ``stamps`` (ns), each of shape (n,), n >= 3."""
+    def through(
+        cls, stamps: NDArray[np.int64], indices: NDArray[np.int64], period: float | None = None
+    ) -> SampleClock:
+        """Return the clock of the least-squares line through ``stamps`` (ns), each of shape (n,), n >= 3.
+
+        ``period``: ns, where it is known.
+        """
         base = int(stamps[0])
         times = (stamps - base).astype(np.float64)
-        middle = indices.mean()
-        offsets = indices - middle
-        period = float(offsets @ times / (offsets @ offsets))
-        line = times.mean() + period * offsets
+        period = line_through(indices, times)[0] if period is None else period
+        line, _ = on_line(indices, times, period)
         jitter = MEDIAN_TO_DEVIATION * float(np.median(np.abs(times - line)))
         return cls(base, period, int(indices[-1]), float(line[-1]), jitter, stamps.size, stamps.size)
-
-    def turn(self, period: float, indices: NDArray[np.int64]) -> None:
-        """Take ``period`` (ns) for that of the line through the samples ``indices``, whose mean stays."""
-        self.time += (period - self.period) * float(indices[-1] - indices.mean())
-        self.period = period
 
     @property
     def phase_count(self) -> int:

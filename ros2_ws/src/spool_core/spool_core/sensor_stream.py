@@ -15,7 +15,7 @@ from spool_core.block_gate import LARGEST_SAMPLE
 from spool_core.numbers import Array
 from spool_core.record_limits import LIMITS
 from spool_core.sensor_clock import LEAST_STEP, Change, Line, SampleClock, Step, StepWatch
-from spool_core.stamps import Rhythm, Stamps, judge_stamps, repeated
+from spool_core.stamps import Rhythm, Stamps, judge_stamps, line_through, repeated
 
 #: Hz, far above what single messages can bring.
 HIGHEST_RATE = 1.0e5
@@ -94,7 +94,6 @@ class SensorStream:
     Attributes:
         settle: s of stamps that make the clock.
         capacity: samples kept.
-        nominal: Hz, the rate where it is known, 0 where the stamps show it.
         clock: ``None`` before it is made.
         found: what the stamps showed when the clock was made; ``None`` before.
         opening: ns, the stamps that made the clock.
@@ -112,7 +111,6 @@ class SensorStream:
 
     settle: float
     capacity: int
-    nominal: float = 0.0
     clock: SampleClock | None = None
     found: Stamps | None = None
     opening: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
@@ -414,9 +412,8 @@ class SensorStream:
             first, stamps = first[:left_out] + first[left_out + 1 :], np.delete(stamps, left_out)
         self._first, self._wanted = [], self.settle
         indices = _numbers(stamps, found)
-        clock = SampleClock.through(stamps, indices)
-        if found.rhythm in (Rhythm.COARSE, Rhythm.BURSTS):
-            clock.turn(1e9 / found.rate, indices)
+        known = found.rhythm in (Rhythm.COARSE, Rhythm.BURSTS)
+        clock = SampleClock.through(stamps, indices, 1e9 / found.rate if known else None)
         if not LIMITS.rate <= clock.rate <= HIGHEST_RATE:
             self.refused[Refusal.RATE] += len(first)
             self.doubt = f"{clock.rate:.3g} Hz: {Refusal.RATE.value}"
@@ -537,8 +534,8 @@ def _without_late_ones(stamps: NDArray[np.int64], even: Stamps) -> Stamps:
     times = 1e-9 * (stamps - stamps[0])
     fits = []
     for indices in (_numbers(stamps, even), np.arange(stamps.size)):
-        period, start = np.polyfit(indices, times, 1)
-        fits.append((float(np.std(times - period * indices - start)), float(period)))
+        period, level = line_through(indices, times)
+        fits.append((float(np.std(times - period * indices - level)), period))
     (scatter, _), (alone, period) = fits
     if SURE * scatter <= HALF * even.period:
         return even

@@ -27,8 +27,8 @@ STAMP_NOISE = -0.3
 JITTER_REACH = 6.0
 #: Samples on each side of a long step by which a loss is separated from a late stamp.
 BESIDE = 50
-#: Relative standard deviation of a rate beyond which it is not known: 0.25 % are 0.5 % of a stiffness, the
-#: limit of the live rate check.
+#: Relative error of a rate beyond which it is not known, or wrong: a stiffness goes with the square of time,
+#: so that 0.25 % of the rate are 0.5 % of the stiffness.
 LEAST_CERTAIN = 2.5e-3
 #: Steps of two periods at equal distances that prove a coarse clock: that many random losses are as regular
 #: in n!/n^n of all cases, 1.5 % for 6.
@@ -137,13 +137,9 @@ def judge(time: Array, noise: float | None = None) -> Stamps:
     even = _even(time) if backwards is None and equal is None else None
     if even is not None and not even.gaps.size:
         return _refined(time, even, noise)
-    if backwards is None:
-        coarse = _coarse(time, noise, even)
-        if coarse is not None:
-            return coarse
-        bursts = _bursts(time, even)
-        if bursts is not None:
-            return bursts
+    together = (_coarse(time, noise, even) or _bursts(time, even)) if backwards is None else None
+    if together is not None:
+        return together
     if even is not None:
         even = _judged(time, even, noise)
         if even.rhythm is not Rhythm.UNEVEN:
@@ -177,9 +173,8 @@ def unpaired(names: tuple[str, str], found: tuple[Stamps, Stamps], stamps: tuple
         for one in found
     ]
     largest = max(packets)
-    if any(one.rhythm is Rhythm.UNEVEN for one in found):
-        return ""
-    if largest / max(one.rate for one in found) < LEAST_PACKET:
+    no_clock = any(one.rhythm is Rhythm.UNEVEN for one in found)
+    if no_clock or largest / max(one.rate for one in found) < LEAST_PACKET:
         return ""
     advice = "let the driver stamp each sample, or read both sensors in one packet"
     first, second = found
@@ -285,6 +280,23 @@ def sampling_period(mean: float, spread: float, count: int) -> float:
     return round_period(mean - tolerance, mean + tolerance)
 
 
+def line_through(x: Array | Indices, y: Array) -> tuple[float, float]:
+    """Return slope and level (at 0) of the least-squares line through points, shape (n,) each, n >= 2."""
+    centred = x - x.mean()
+    slope = float(centred @ y) / float(centred @ centred)
+    return slope, float(y.mean()) - slope * float(x.mean())
+
+
+def on_line(number: Array | Indices, time: Array, period: float) -> tuple[Array, float]:
+    """Return the times of samples on the line of a ``period`` (s) nearest to ``time``, and its rms about it.
+
+    ``number``: of each sample; all of shape (n,).
+    """
+    off = time - time[0] - period * number
+    mean = float(off.mean())
+    return np.asarray(period * number + mean + time[0]), float(np.sqrt(np.mean(np.square(off - mean))))
+
+
 def number_error(time: Array) -> float:
     """Return the error (s) of float64 numbers of the size of ``time``, after a few operations."""
     return 4.0 * float(np.spacing(np.abs(time[[0, -1]]).max()))
@@ -382,25 +394,24 @@ def _judged(time: Array, even: Stamps, noise: float) -> Stamps:
     """Return even stamps with gaps, as uneven ones where bursts or a coarse clock may explain them."""
     edges = np.concatenate([[0], even.gaps, [time.size]])
     stretches, at = np.diff(edges)[1:-1], int(even.gaps[0])
-    missing = float(np.sum(np.rint((time[even.gaps] - time[even.gaps - 1]) / even.period) - 1.0))
+    steps = np.rint((time[even.gaps] - time[even.gaps - 1]) / even.period)
+    missing = float(np.sum(steps - 1.0))
     usual = float(np.median(np.diff(edges)))
-    if usual < FEW or usual * even.period < PAUSED:
-        if missing > MOST_LOST * time.size:
-            reason = f"{missing:.0f} samples would be lost and {time.size} received"
-            return Stamps(Rhythm.UNEVEN, literal=even, reason=reason, at=at)
-        if stretches.size >= BURSTS and float(stretches.std()) < ALIKE * float(stretches.mean()):
-            reason = f"gaps after every {stretches.mean():.3g} samples are pauses between bursts, or losses"
-            return Stamps(Rhythm.UNEVEN, literal=even, reason=reason, at=at)
-    single = np.rint((time[even.gaps] - time[even.gaps - 1]) / even.period) == 2.0
-    share = int(np.count_nonzero(single)) / time.size
-    random = stretches.size >= MANY_STEPS and float(stretches.std()) >= RANDOM * float(stretches.mean())
-    if share == 0.0 or random or float(ticks(time, noise).max()) < HIDING * even.period:
-        return even
-    std = math.hypot(even.rate_std, 0.5 * share)
-    if std > LEAST_CERTAIN:
+    short = usual < FEW or usual * even.period < PAUSED
+    if short and missing > MOST_LOST * time.size:
+        reason = f"{missing:.0f} samples would be lost and {time.size} received"
+    elif short and stretches.size >= BURSTS and float(stretches.std()) < ALIKE * float(stretches.mean()):
+        reason = f"gaps after every {stretches.mean():.3g} samples are pauses between bursts, or losses"
+    else:
+        share = int(np.count_nonzero(steps == 2.0)) / time.size
+        random = stretches.size >= MANY_STEPS and float(stretches.std()) >= RANDOM * float(stretches.mean())
+        if share == 0.0 or random or float(ticks(time, noise).max()) < HIDING * even.period:
+            return even
+        std = math.hypot(even.rate_std, 0.5 * share)
+        if std <= LEAST_CERTAIN:
+            return replace(even, rate_std=std)
         reason = f"{even.gaps.size} gaps are lost samples, or the steps of a coarse clock"
-        return Stamps(Rhythm.UNEVEN, literal=even, reason=reason, at=at)
-    return replace(even, rate_std=std)
+    return Stamps(Rhythm.UNEVEN, literal=even, reason=reason, at=at)
 
 
 def _uneven(time: Array, usual: float) -> Stamps:
@@ -424,18 +435,19 @@ def _coarse(time: Array, noise: float, even: Stamps | None) -> Stamps | None:
     if even is not None and float(np.max(np.diff(time))) > 2.5 * even.period and share <= AMBIGUOUS_SHARE:
         return None  # a coarse clock has steps of one and two periods only
     tick = ticks(time, noise)
+    coarsest = float(tick.max())
     mean = float(time[-1] - time[0]) / (time.size - 1)
     if mean <= 0.0:
         return None
     number: Array = np.arange(time.size, dtype=np.float64)
     # Beyond a step of several samples a line holds although some were lost in it.
-    jitters = float(tick.max()) <= mean and (even is None or even.gaps.size >= MANY_STEPS)
+    jitters = coarsest <= mean and (even is None or even.gaps.size >= MANY_STEPS)
     found = _rounded(number, time, tick, noise, mean, jitters=jitters)
-    hidden = float(tick.max()) >= HIDING * (mean if even is None else even.period)
+    hidden = coarsest >= HIDING * (mean if even is None else even.period)
     if found is None:
         if even is not None and (share <= AMBIGUOUS_SHARE or not hidden):
             return None
-        numbered = _numbered(time, tick) if float(tick.max()) < 0.9 * mean else None
+        numbered = _numbered(time, tick) if coarsest < 0.9 * mean else None
         if numbered is None or not 0.0 < numbered[-1] - (time.size - 1) <= time.size:
             return None
         number = numbered
@@ -445,27 +457,23 @@ def _coarse(time: Array, noise: float, even: Stamps | None) -> Stamps | None:
     elif even is not None and even.gaps.size < REGULAR_STEPS:
         if share <= AMBIGUOUS_SHARE:
             std = math.hypot(even.rate_std, 0.5 * share)
-            return Stamps(Rhythm.EVEN, even.rate, std, even.resolution, even.lost, even.gaps)
+            return replace(even, rate_std=std)
         reason = f"{even.gaps.size} steps of two periods are lost samples or a coarse clock"
         return Stamps(Rhythm.UNEVEN, reason=reason, at=int(even.gaps[0]))
     low, high = found
     std = (high - low) / (math.sqrt(3.0) * (low + high))
-    if float(tick.max()) > mean:  # a lost sample is not seen in a step of several
+    if coarsest > mean:  # a lost sample is not seen in a step of several
         std = math.hypot(std, 1.0 / time.size)
         if np.count_nonzero(np.diff(time)) < FEWEST_STEPS - 1:
             std = math.inf
     if std > LEAST_CERTAIN:
-        reason = f"steps of {float(tick.max()):g} s are too few and too coarse to show the rate"
+        reason = f"steps of {coarsest:g} s are too few and too coarse to show the rate"
         return Stamps(Rhythm.UNEVEN, reason=reason, at=time.size - 1)
     period = round_period(low, high)
-    line = period * number
-    line += float(np.mean(time - line))
+    line, deviation = on_line(number, time, period)
     gaps = np.flatnonzero(np.diff(number) > 1.5) + 1
     lost = round(float(number[-1])) - (time.size - 1)
-    deviation = float(np.sqrt(np.mean(np.square(time - line))))
-    return Stamps(
-        Rhythm.COARSE, 1.0 / period, std, float(tick.max()), lost, gaps.astype(np.int64), line, deviation
-    )
+    return Stamps(Rhythm.COARSE, 1.0 / period, std, coarsest, lost, gaps.astype(np.int64), line, deviation)
 
 
 def _rounded(
@@ -506,8 +514,7 @@ def _numbered(time: Array, tick: Array) -> Array | None:
         rates = rate + np.arange(-8, 9) / (8.0 * float(at[size - 1]))
     number = np.rint(rate * at - phase)
     for _ in range(3):  # with the line known, each tick belongs to one sample only
-        centred = number - number.mean()
-        slope = float(centred @ at) / float(centred @ centred)
+        slope, _ = line_through(number, at)
         left = at - slope * number
         number = np.rint((at - 0.5 * float(left.min() + left.max())) / slope)
         if not slope > 0.0 or float(np.min(np.diff(number))) < 1.0:
@@ -529,18 +536,14 @@ def _bursts(time: Array, even: Stamps | None) -> Stamps | None:
     size = time.size / (ends.size + 1)
     if even is not None and size >= FEW and size * even.period >= PAUSED:
         return None  # recordings with pauses: no read of a buffer takes so long
+
+    def fitted(place: Indices) -> tuple[float, float, float, float]:
+        slope, level = line_through(place, time[place])
+        left = time[place] - level - slope * place
+        return float(np.ptp(left)), _farthest(left), level, slope
+
     # A last sample is at most a period before it is read; a first one at most a period after its tick.
-    best: tuple[float, float, float, float] | None = None
-    for place in (ends, ends + 1):
-        x, y = place.astype(np.float64), time[place]
-        slope = float((x - x.mean()) @ y) / float((x - x.mean()) @ (x - x.mean()))
-        level = float(y.mean()) - slope * float(x.mean())
-        left = y - level - slope * x
-        spread, off = float(np.ptp(left)), _farthest(left)
-        if best is None or spread < best[0]:
-            best = spread, off, level, slope
-    assert best is not None
-    spread, off, level, slope = best
+    spread, off, level, slope = min(fitted(ends), fitted(ends + 1))
     if slope <= 0.0 or spread > max(2.0, 0.5 * size) * slope or off > OFF_LINE * slope:
         return None
     if even is None and _is_recording(time[ends[0] + 1 : ends[1] + 1], slope):
@@ -632,13 +635,9 @@ def placed(time: Array, *, stepped: bool = False) -> Stamps | None:
     edges = [0, *gaps, time.size]
     line, fitted = np.empty_like(time), 0.0
     for begin, end in pairwise(edges):
-        count = np.arange(end - begin) - 0.5 * (end - begin - 1)
-        slope = (
-            float(count @ time[begin:end]) / max(float(count @ count), 1e-300)
-            if end - begin > 10 * BESIDE
-            else period
-        )
-        line[begin:end] = float(time[begin:end].mean()) + slope * count
+        number, part = np.arange(end - begin, dtype=np.float64), time[begin:end]
+        slope = line_through(number, part)[0] if end - begin > 10 * BESIDE else period
+        line[begin:end], _ = on_line(number, part, slope)
         fitted += slope * (end - begin)
     # A line through jitter cannot be surer than the jitter: half a period off is another clock.
     deviation = float(np.sqrt(np.mean(np.square(time - line))))

@@ -148,8 +148,6 @@ def time_base(
     Raises:
         InputError: too few samples, time that goes back, or a rate that the stamps do not show.
     """
-    if time.size < 3:
-        raise InputError(f"{label}: {time.size} samples are too few for a record")
     kept, repairs, warnings = None, {}, []
     equal = stamps.first_step(time, lambda steps: steps == 0.0) is not None
     marked, sure = stamps.repeated(time, rows) if equal else (np.zeros(0, np.bool_), True)
@@ -271,14 +269,12 @@ def _line_at(time: Array, rate: float) -> Stamps | None:
 
     One step that is much longer than the others is a pause, over which no line leads.
     """
-    line = np.arange(time.size, dtype=np.float64) / rate
-    off, steps = time - line, np.abs(np.diff(time))
+    number, steps = np.arange(time.size, dtype=np.float64), np.abs(np.diff(time))
+    line, deviation = stamps.on_line(number, time, 1.0 / rate)
     longest = max(float(np.max(steps)), 1.0 / rate)
     alone = np.count_nonzero(steps > 0.5 * longest) < min(stamps.BURSTS, np.count_nonzero(steps))
-    if float(np.ptp(off)) > OFF_LINE * (1.0 / rate if alone else longest):
+    if float(np.ptp(time - line)) > OFF_LINE * (1.0 / rate if alone else longest):
         return None
-    line += float(off.mean())
-    deviation = float(np.sqrt(np.mean(np.square(time - line))))
     return Stamps(Rhythm.COARSE, rate, 0.0, times=line, deviation=deviation, reason=GIVEN)
 
 
