@@ -23,6 +23,7 @@ from spool_core.node.managed_node import ManagedNode
 from spool_core.node.parameters import NodeParameter, Value
 from spool_core.node.running import run
 from spool_core.numbers import GRAVITY
+from spool_core.rate_check import LIMIT as WRONG_RATE
 from spool_core.sensor_clock import LEAST_STEP
 from spool_core.sensor_stream import Refusal
 from spool_core.text import plural
@@ -59,10 +60,6 @@ LEASE = 20.0
 
 Samples = list[tuple[int, float]]
 Read = Callable[[bytes, int], Samples]
-
-#: Relative departure of the stamps from ``sample_rate`` that is a fault: the one at which
-#: :class:`spool_core.rate_check.RateCheck` refuses blocks.
-WRONG_RATE = 0.0025
 
 #: Looks after which a step of one clock is reported: both may have been set, and one is seen first.
 SETTLED_LOOKS = 4

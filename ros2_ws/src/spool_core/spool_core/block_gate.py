@@ -151,29 +151,29 @@ class BlockGate:
         if self.source and block.source and block.source != self.source:
             self.other = block.source
             return self._refuse(Fault.FOREIGN)
+        place = place_of(block)
         if self._resumes:
             self._resumes = False
             self._sources.begin()
-            self.rate.go_on(block)
-            return self._accept(block, Verdict.RESTARTS)
-        follows = self.rate.take(block)
+            self.rate.go_on(place)
+            return self._accept(block, place, Verdict.RESTARTS)
+        follows = self.rate.take(place)
         if self.last is None:
-            return self._accept(block, Verdict.RESTARTS)
+            return self._accept(block, place, Verdict.RESTARTS)
         if follows and self.rate.state is RateState.WRONG:
-            return self._hold_back(block)
+            return self._hold_back(place)
         if self._held_back is not None:
-            if departure(self._held_back, place_of(block)) is None:
-                return self._accept(block, Verdict.RESTARTS)
+            if departure(self._held_back, place) is None:
+                return self._accept(block, place, Verdict.RESTARTS)
             if block.sequence == self._held_back.sequence + 1 and not self.confirmed:
-                return self._hold_back(block)
-        lost, verdict = self.lost, self._place(block, self.last)
+                return self._hold_back(place)
+        lost, verdict = self.lost, self._place(block, place, self.last)
         if self.lost > lost and not follows:
-            self.rate.go_on(block)
+            self.rate.go_on(place)
         return verdict
 
-    def _place(self, block: Block, last: Place) -> Verdict:
+    def _place(self, block: Block, place: Place, last: Place) -> Verdict:
         """Say which stream ``block`` belongs to, and what follows for it."""
-        place = place_of(block)
         fault = departure(last, place)
         rival = self._sources.rival(last, place, fault)
         if rival is not None:
@@ -181,41 +181,40 @@ class BlockGate:
             standing = self._sources.follow(rival, place)
             if standing is Standing.MOVED:
                 self._count(Fault.NEW_TIME)
-                self.rate.go_on(block)
-                return self._accept(block, Verdict.RESTARTS)
+                self.rate.go_on(place)
+                return self._accept(block, place, Verdict.RESTARTS)
             if standing is Standing.RESTARTED:
                 self._count(Fault.NEW_SOURCE)
-                self.rate.begin(block)
-                return self._accept(block, Verdict.RESTARTS)
+                self.rate.begin(place)
+                return self._accept(block, place, Verdict.RESTARTS)
             return self._refuse(Fault.SECOND_SOURCE if standing is Standing.SECOND else Fault.ELSEWHERE)
         if fault is None:
-            return self._accept(block, Verdict.CONTINUES)
+            return self._accept(block, place, Verdict.CONTINUES)
         if fault is Fault.LOST:
             missing = block.sequence - last.sequence - 1
             self.lost += missing
             self.recent.count(missing, 0)
             self._count(Fault.DROPPED if block.dropped else Fault.LOST)
-            return self._accept(block, Verdict.RESTARTS)
+            return self._accept(block, place, Verdict.RESTARTS)
         direct = block.sequence == last.sequence + 1
         if fault is Fault.GAP and direct and self.rate.state is RateState.UNKNOWN:
-            return self._hold_back(block)
+            return self._hold_back(place)
         self._sources.depart(last, place, fault, direct=direct)
         verdict = self._refuse(fault)
         self.certain = self._sources.take_settled()
         return verdict
 
-    def _hold_back(self, block: Block) -> Verdict:
-        self._held_back = place_of(block)
-        self._sources.still_there(self._held_back)
+    def _hold_back(self, place: Place) -> Verdict:
+        self._held_back = place
+        self._sources.still_there(place)
         return self._refuse(Fault.RATE)
 
-    def _accept(self, block: Block, verdict: Verdict) -> Verdict:
+    def _accept(self, block: Block, place: Place, verdict: Verdict) -> Verdict:
         self.accepted += 1
-        self.last = place_of(block)
-        self._held_back = None
+        self.last, self._held_back = place, None
         self.source = self.source or block.source
         if self._sources.rivals:
-            second = self._sources.still_there(self.last)
+            second = self._sources.still_there(place)
             if second:  # its blocks until now were taken for those of a restarted source
                 blocks = self.faults.get(Fault.SECOND_SOURCE, 0) + self.faults.pop(Fault.ELSEWHERE, 0)
                 self.faults[Fault.SECOND_SOURCE] = blocks
@@ -262,7 +261,7 @@ class BlockGate:
             if ahead:
                 whole = whole if count == whole.blocks else _as_one(ahead)
                 last, self.fault, self.certain, self.before = last_of(ahead[-1]), None, None, self.last
-                verdict = self._accept(last, Verdict.CONTINUES)
+                verdict = self._accept(last, place_of(last), Verdict.CONTINUES)
                 self.recent.advance((whole.body.size - last.body.size) * last.sample_period)
                 self.accepted += whole.blocks - 1
                 yield whole, verdict
@@ -270,7 +269,7 @@ class BlockGate:
                 self.before, self.fault, self.certain = self.last, None, None
                 (first,), left = cut(left, 1)
                 block = last_of(first)
-                yield block, self._hold_back(block)
+                yield block, self._hold_back(place_of(block))
 
     def _going_on(self, items: Sequence[Block | BlockRun], room: int) -> int:
         """Return how many blocks go on with the stream as they should, up to ``room`` samples.
@@ -280,43 +279,28 @@ class BlockGate:
         unsettled = self._sources.rivals or self._held_back is not None or self._resumes
         if self.last is None or not self.confirmed or unsettled:
             return 0
-        stamp, end, sequence, period, _ = self.last
-        size = items[0].size
-        most, step = -(-room // max(size, 1)), 1e9 * period * size
-        jitter = _jitter(period, step)
-        found = 0
+        last, size, found = self.last, items[0].size, 0
+        most = -(-room // max(size, 1))
         for item in items:
-            if (
-                found >= most
-                or item.sequence != sequence + 1
-                or item.stamp <= stamp
-                or abs(item.stamp - end) > jitter
-                or item.sample_period != period
-                or item.source != self.source
-                or not item.size == size > 0
-            ):
+            same = item.sample_period == last.period and item.source == self.source and item.size == size > 0
+            if found >= most or not same:
                 break
-            stamp, sequence = item.stamp, item.sequence
-            count = 1
-            if isinstance(item, BlockRun):
-                count = min(len(item), most - found)
-                stamp, sequence = stamp + (count - 1) * item.step, sequence + count - 1
+            first = next(_places(item))
+            if departure(last, first) is not None:
+                break
+            count = min(len(item), most - found) if isinstance(item, BlockRun) else 1
+            ahead = (count - 1) * (first.end - first.stamp)
+            last = Place(first.stamp + ahead, first.end + ahead, first.sequence + count - 1, first.period)
             found += count
-            end = stamp + round(step)
         return found
 
     def _follow(self, items: Sequence[Block | BlockRun]) -> int:
         """Take the stamps of blocks that go on; return how many there are until the rate is doubted."""
         count = 0
         for item in items:
-            if isinstance(item, BlockRun) and self.rate.take_steadily(item):
-                count += len(item)
-                continue
-            for block in item.blocks() if isinstance(item, BlockRun) else (item,):
-                self.rate.take(block)
-                if self.rate.state is RateState.WRONG:
-                    return count
-                count += 1
+            for place in _places(item):
+                self.rate.take(place)
+                count += self.rate.state is not RateState.WRONG
                 if not self.confirmed:
                     return count
         return count
@@ -325,6 +309,14 @@ class BlockGate:
 def place_of(block: Block) -> Place:
     """Return the place of a block that is not ``malformed``."""
     return Place(block.stamp, block.end, block.sequence, block.sample_period)
+
+
+def _places(item: Block | BlockRun) -> Iterator[Place]:
+    """Yield the places of blocks that go on."""
+    length, stamp, sequence = round(item.size * item.sample_period * 1e9), item.stamp, item.sequence
+    for number in range(len(item) if isinstance(item, BlockRun) else 1):
+        at = stamp + number * length
+        yield Place(at, at + length, sequence + number, item.sample_period)
 
 
 def _as_one(items: Sequence[Block | BlockRun]) -> Block:
@@ -336,11 +328,6 @@ def _as_one(items: Sequence[Block | BlockRun]) -> Block:
     return replace(whole, stamp=last.stamp - round(ahead * 1e9))
 
 
-def _jitter(period: float, duration: float) -> float:
-    """Return by how much (ns) clocks of sources jitter: half a block is a gap, a few samples are not."""
-    return max(2e9 * period, 0.5 * duration)
-
-
 def departure(last: Place, block: Place) -> Fault | None:
     """Return how ``block`` departs from what was due after ``last``, or ``None`` where it continues."""
     if block.stamp <= last.stamp:
@@ -350,7 +337,8 @@ def departure(last: Place, block: Place) -> Fault | None:
     if abs(block.period / last.period - 1.0) > 1e-6:
         return Fault.NEW_PERIOD
     duration = block.end - block.stamp
-    jitter = _jitter(last.period, duration)
+    # Clocks of sources jitter: half a block is a gap, a few samples are not.
+    jitter = max(2e9 * last.period, 0.5 * duration)
     ahead, missing = block.stamp - last.end, block.sequence - last.sequence - 1
     if missing > 0:
         # Blocks may differ in length and clocks drift: only a stamp far from the loss is not believed.

@@ -10,12 +10,12 @@ from itertools import pairwise
 
 import numpy as np
 
-from spool_core.block import Block, BlockRun
 from spool_core.numbers import Array
+from spool_core.one_source import STALE, Place, Rival
+from spool_core.stamps import LEAST_CERTAIN, line_through
 
-#: Relative departure of ``sample_period`` from the stamps that is a fault. A stiffness goes with the square
-#: of time: 0.25 % of the period are 0.5 % of the stiffness. Quartz clocks agree to 0.02 % or better.
-LIMIT = 2.5e-3
+#: Relative departure of ``sample_period`` from the stamps that is a fault. Quartz clocks agree to 0.02 %.
+LIMIT = LEAST_CERTAIN
 #: s of stamps that confirm a rate, and that say that it is wrong: before a first estimate has parameters.
 CONFIRM, REFUTE = 1.5, 1.8
 #: ns, stamps that stay this near to the claimed ones over CONFIRM confirm a rate: half the limit.
@@ -33,8 +33,8 @@ MEDIAN, WHOLE = 0.67, 0.19
 #: Points beyond the two of each straight line from which its error is known, and share of a slope that three
 #: slopes may differ by where it is not: jitter makes three so equal once in a million looks.
 ENOUGH, EQUAL = 6, 1.0e-3
-#: s of a steady stream after which blocks that do not follow are followed instead, and the longest step.
-STRAY, LONGEST_STEP = 1.5, 2.0
+#: s, the longest step of the stamps.
+LONGEST_STEP = 2.0
 #: Times by which a loss may differ from what the stamps say elapsed.
 LIKELY = 3.0
 
@@ -65,12 +65,10 @@ class RateCheck:
     state: RateState = RateState.UNKNOWN
     departure: float = math.nan
     began: int = 0
-    _previous: tuple[int, int, int, float] | None = None
-    _stray: tuple[int, int, int, float] | None = None
-    _stray_since: int = 0
-    _direct: bool = False
+    _last: Place | None = None
+    _stray: Rival | None = None
     _base: int = 0
-    _samples: int = 0
+    _claimed: int = 0
     _points: deque[tuple[int, float]] = field(default_factory=deque)
     _low: float = 0.0
     _high: float = 0.0
@@ -78,88 +76,46 @@ class RateCheck:
     _now: int = 0
     _look: int = 0
 
-    @property
-    def steady(self) -> bool:
-        """Whether stamps without jitter confirm the rate; a block that is due to the nanosecond keeps it."""
-        return self.state is RateState.CONFIRMED and self._now - self._since >= CONFIRM * 1e9
-
-    def begin(self, block: Block) -> None:
+    def begin(self, block: Place) -> None:
         """Begin again with the first block of another source or of another period."""
         self.state, self.departure, self.began = RateState.UNKNOWN, math.nan, block.stamp
         self._follow_from(block)
 
-    def go_on(self, block: Block) -> None:
+    def go_on(self, block: Place) -> None:
         """Go on with the same source elsewhere: after a loss, with a clock that was set or another rate."""
-        if self._previous is not None and block.sample_period == self._previous[3]:
+        if self._last is not None and block.period == self._last.period:
             self._follow_from(block)
         else:
             self.begin(block)
 
-    def take(self, block: Block) -> bool:
+    def take(self, block: Place) -> bool:
         """Take the next block of the stream; return whether it follows the ones before by its sequence."""
-        previous = self._previous
-        if previous is None:
+        last = self._last
+        if last is None:
             self.begin(block)
             return True
-        if block.sample_period != previous[3] or not _follows(previous, block):
-            # It does not follow: it is taken once its own stream has lasted.
+        if not _follows(last, block):
             stray = self._stray
-            if stray is None or block.sample_period != stray[3] or not _follows(stray, block):
-                self._stray_since = block.stamp
-                self._direct = block.sequence == previous[1] + 1
-            lasted = block.stamp - self._stray_since >= STRAY * 1e9
-            if lasted or (self._direct and self._stray_since != block.stamp):
-                if self._direct:
-                    self.go_on(block)
-                else:
-                    self.begin(block)
-                return True
-            self._stray = (block.stamp, block.sequence, block.body.size, block.sample_period)
-            return False
-        _, sequence, size, period = previous
-        self._stray = None
-        self._samples += (block.sequence - sequence) * size
-        self._previous = (block.stamp, block.sequence, block.body.size, period)
-        self._add(block.stamp - self._base, block.stamp - self._base - self._samples * period * 1e9)
+            if stray is None or not _follows(stray.place, block):
+                direct = block.sequence == last.sequence + 1
+                self._stray = Rival(block, block.stamp, 1, direct)
+                return False
+            # It is taken once its own stream has lasted.
+            stray.place = block
+            if stray.direct:
+                self.go_on(block)
+            elif block.stamp - stray.since >= STALE * 1e9:
+                self.begin(block)
+            return self._last is block
+        self._stray, self._last = None, block
+        self._claimed += (block.sequence - last.sequence) * (last.end - last.stamp)
+        now = block.stamp - self._base
+        self._add(now, float(now - self._claimed))
         return True
 
-    def take_steadily(self, run: BlockRun) -> bool:
-        """Take a run of a stream that is steady and due to the nanosecond; return whether it was."""
-        previous = self._previous
-        if previous is None or not self.steady:
-            return False
-        stamp, sequence, size, period = previous
-        due = stamp + size * round(period * 1e9), sequence + 1, period
-        if (run.stamp, run.sequence, run.sample_period) != due:
-            return False
-        count, first = len(run), run.stamp - self._base
-        now = range(first, first + count * run.step, run.step)
-        samples = range(self._samples + size, self._samples + size + count * run.size, run.size)
-        departed = [at - taken * period * 1e9 for at, taken in zip(now, samples, strict=True)]
-        low, high = min(self._low, *departed), max(self._high, *departed)
-        if high - low > BAND:
-            return False
-        self._low, self._high, self._stray = low, high, None
-        self.state, self.departure = RateState.CONFIRMED, 0.0
-        self._samples, self._now = samples[-1], now[-1]
-        self._previous = (run.stamp + (count - 1) * run.step, run.sequence + count - 1, run.size, period)
-        points, newest = self._points, self._points[-1][0]
-        if min(run.step, first - newest) >= SPACING * 1e9:
-            points.extend(zip(now, departed, strict=True))
-        else:
-            for point in zip(now, departed, strict=True):
-                if point[0] - newest >= SPACING * 1e9:
-                    points.append(point)
-                    newest = point[0]
-        oldest = self._now - 2e9 * REFUTE
-        while points[0][0] < oldest:
-            points.popleft()
-        return True
-
-    def _follow_from(self, block: Block) -> None:
-        self._previous = (block.stamp, block.sequence, block.body.size, block.sample_period)
-        self._stray = None
-        self._base, self._samples, self._now, self._since, self._look = block.stamp, 0, 0, 0, 0
+    def _follow_from(self, block: Place) -> None:
+        self._last, self._stray = block, None
+        self._base, self._claimed, self._now, self._since, self._look = block.stamp, 0, 0, 0, 0
         self._low = self._high = 0.0
         self._points.clear()
         self._points.append((0, 0.0))
@@ -216,12 +172,11 @@ class RateCheck:
                 return
 
 
-def _follows(previous: tuple[int, int, int, float], block: Block) -> bool:
+def _follows(last: Place, block: Place) -> bool:
     """Return whether ``block`` follows by its sequence, and its stamp does not speak against that."""
-    stamp, sequence, size, period = previous
-    missing, elapsed = block.sequence - sequence - 1, 1e-9 * (block.stamp - stamp)
-    duration = size * period
-    if missing < 0 or not 0.0 < elapsed <= LONGEST_STEP + LIKELY * duration:
+    missing, elapsed = block.sequence - last.sequence - 1, 1e-9 * (block.stamp - last.stamp)
+    duration = 1e-9 * (last.end - last.stamp)
+    if missing < 0 or block.period != last.period or not 0.0 < elapsed <= LONGEST_STEP + LIKELY * duration:
         return False
     claimed = (missing + 1) * duration
     return missing == 0 or elapsed / LIKELY <= claimed <= LIKELY * elapsed
@@ -240,11 +195,9 @@ def _slopes(points: Array) -> tuple[Array, float, int] | None:
         if last <= first:
             return None
         at, value = time[first : last + 1], departed[first : last + 1]
-        at, value = at - at.mean(), value - value.mean()
-        spread = float(at @ at)
-        slopes[place] = float(at @ value) / spread
-        left += float(np.sum((value - slopes[place] * at) ** 2))
+        slopes[place], level = line_through(at, value)
+        left += float(np.sum((value - level - slopes[place] * at) ** 2))
         freedom += at.size - 2
-        spreads.append(spread)
+        spreads.append(at.size * float(at.var()))
     deviation = math.sqrt(left / freedom) if freedom > 0 else 0.0
     return slopes, deviation / math.sqrt(min(spreads)), freedom

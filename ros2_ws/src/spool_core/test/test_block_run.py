@@ -11,7 +11,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from spool_core.block import Block, BlockRun, joined
 from spool_core.block_gate import BlockGate, Verdict
-from spool_core.rate_check import RateCheck
 
 START = 1_700_000_000_000_000_000
 PERIOD = 5e-4
@@ -49,17 +48,15 @@ def test_its_blocks_follow_each_other_and_its_parts_are_their_runs(count: int, s
 )
 @settings(max_examples=50, deadline=None)
 def test_the_sample_rate_is_judged_as_block_by_block(counts: list[int], size: int, shift: list[int]) -> None:
-    together, apart = RateCheck(), RateCheck()
+    together, apart = BlockGate(), BlockGate()
     stamp, sequence = START, 0
     for count, late in zip(counts, shift, strict=False):
         stamp += late
         part = run(count, size, sequence, stamp)
-        if not together.take_steadily(part):
-            for block in part.blocks():
-                together.take(block)
+        list(together.admitted([part], lambda: 10**6))
         for block in part.blocks():
-            apart.take(block)
-        assert together == apart
+            apart.judge(block)
+        assert together.rate == apart.rate
         stamp, sequence = part.last.end, sequence + count
 
 
