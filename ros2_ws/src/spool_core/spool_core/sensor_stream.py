@@ -519,9 +519,9 @@ class SensorStream:
 
 
 def _without_a_stray(stamps: NDArray[np.int64]) -> tuple[Stamps, int | None]:
-    """Return what the stamps show, without one of them where that alone shows no clock."""
+    """Return what the stamps show, without one that alone shows no clock or has the first sample's stamp."""
     found = judge_stamps(stamps)
-    if found.rhythm is Rhythm.UNEVEN and stamps.size > FEWEST:
+    if (found.rhythm is Rhythm.UNEVEN or stamps[0] == stamps[1]) and stamps.size > FEWEST:
         for place in (found.at, found.at - 1):
             rest = judge_stamps(np.delete(stamps, place))
             if rest.rhythm is Rhythm.EVEN:
