@@ -50,6 +50,11 @@ class Channel(enum.Enum):
     BODY = "body"
     SPOOL = "spool"
 
+    @property
+    def other(self) -> Channel:
+        """The other sensor."""
+        return Channel.SPOOL if self is Channel.BODY else Channel.BODY
+
 
 @dataclass(frozen=True, slots=True)
 class AlignerSettings:
@@ -235,7 +240,7 @@ class Aligner:
         if channel is Channel.SPOOL and stamp > 0:
             stamp -= round(self.settings.spool_delay * 1e9)
         stream = self.streams[channel]
-        other = self.streams[Channel.SPOOL if channel is Channel.BODY else Channel.BODY]
+        other = self.streams[channel.other]
         before = stream.newest
         other.met = other.heard
         alive = 0 <= stamp - stream.met <= other.silence and not other.unconfirmed
@@ -295,15 +300,14 @@ class Aligner:
         body, spool = (stream.clock for stream in self.streams.values())
         assert body is not None
         assert spool is not None
-        slower = spool.period > body.period * (1.0 + SAME_RATE)
-        name, other = (Channel.SPOOL, Channel.BODY) if slower else (Channel.BODY, Channel.SPOOL)
-        reference, second = self.streams[name], self.streams[other]
+        slower = rate_ratio(spool.period, body.period) > 1.0
+        name = Channel.SPOOL if slower else Channel.BODY
+        reference, second = self.streams[name], self.streams[name.other]
         clock, follower = (spool, body) if slower else (body, spool)
         rate = self.settings.sample_rate
         period = 1.0 / rate if rate > 0.0 else round(1e-9 * clock.period, 12)
-        ratio = clock.period / follower.period
-        ratio = 1.0 if abs(ratio - 1.0) <= SAME_RATE else ratio
-        place = follower.indices(clock.times(np.array([reference.oldest]), 0 + clock.base), clock.base)
+        ratio = rate_ratio(clock.period, follower.period)
+        place = follower.indices(clock.times(np.array([reference.oldest]), clock.base), clock.base)
         need = 0 if ratio == 1.0 and on_samples(place) else margin(ratio) - 1
         missing = second.oldest + need - float(place[0])
         start = reference.oldest + max(0, math.ceil(missing * follower.period / clock.period - 1e-6))
@@ -324,7 +328,7 @@ class Aligner:
     def _complete(self, grid: Grid) -> Block | None:
         """Return the next block of which all samples are there; give up those one sensor is too late for."""
         reference = self.streams[grid.reference]
-        other = self.streams[Channel.SPOOL if grid.reference is Channel.BODY else Channel.BODY]
+        other = self.streams[grid.reference.other]
         clock, follower = reference.clock, other.clock
         assert clock is not None
         assert follower is not None
@@ -346,9 +350,10 @@ class Aligner:
                     return None
                 self._give_up(grid, 1)
                 continue
-            pair = {grid.reference: reference.values(indices)}
-            second = Channel.SPOOL if grid.reference is Channel.BODY else Channel.BODY
-            pair[second] = resampled(other.values, places, grid.ratio)
+            pair = {
+                grid.reference: reference.values(indices),
+                grid.reference.other: resampled(other.values, places, grid.ratio),
+            }
             if not all(np.isfinite(values).all() for values in pair.values()):
                 self._give_up(grid, 1)
                 continue
@@ -368,6 +373,15 @@ class Aligner:
         grid.block += blocks
         grid.due = 0
         self._sequence += blocks
+
+
+def rate_ratio(period: float, other: float) -> float:
+    """Return the rate of a series with the period ``other`` over that of one with ``period``.
+
+    1 where both have one nominal rate; above 1 ``period`` makes the grid of both.
+    """
+    ratio = period / other
+    return 1.0 if abs(ratio - 1.0) <= SAME_RATE else ratio
 
 
 def margin(ratio: float = 1.0) -> int:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import enum
 import math
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -48,6 +49,8 @@ LAG_CLIP = 5.0
 #: come in lumps, stamps of bursts. Over a part of L the sum is off by L^2 / 8 at most. That is 1.5 times the
 #: variance, L^2 / 12.
 LUMP = 1.5
+
+Averages = Sequence[float] | Array
 
 
 @dataclass(slots=True)
@@ -232,7 +235,7 @@ class StepWatch:
         self._residuals.append(residuals / self._count)
         self._lags.append(lags / lagging if lagging else math.nan)
         if lagging:
-            self.lag_scale = _scale(self._lags)
+            self.lag_scale = usual_change(self._lags)
             unrest = _changes(self._lags, max(1, round(LAG_MEMORY * self.rate / self.size)))
             self.lag_unrest = (
                 LARGE_TO_DEVIATION * float(np.quantile(unrest, LARGE)) if unrest.size else math.inf
@@ -249,7 +252,7 @@ class StepWatch:
             scale = min(scale, self.lag_scale / math.sqrt(2.0 * count / self.size))
             if math.isfinite(self.lag_unrest):
                 scale = max(scale, self.lag_unrest)
-        return math.hypot(LAG_CERTAIN * scale, LUMP * 1e-9 * self.lag_deviation**2 / seconds)
+        return math.hypot(LAG_CERTAIN * scale, lump_error(self.lag_deviation, seconds))
 
     def judge(self, step: float, lags: list[float], *, last: bool = False) -> Change:
         """Return what a ``step`` (ns) of the newest samples, whose lags are given, is.
@@ -278,7 +281,7 @@ class StepWatch:
         """Return what a ``step`` (ns) found by ``take`` is."""
         lags = list(self._lags)
         change = 0.5 * (lags[-1] + lags[-2]) - lags[-SPAN]
-        error = LAG_CERTAIN * self.lag_scale + LUMP * 1e-9 * self.lag_deviation**2 / CHUNK
+        error = LAG_CERTAIN * self.lag_scale + lump_error(self.lag_deviation, CHUNK)
         return _nearer(change, step, error) if math.isfinite(change) else Change.UNCERTAIN
 
     def restart(self) -> None:
@@ -290,16 +293,13 @@ class StepWatch:
         self._count, self._sums = 0, (0.0, 0.0, 0, 0.0)
 
     def _step(self) -> Step | None:
-        means = self._residuals
+        means = list(self._residuals)
         if len(means) < SCALED + SPAN:
             return None
-        limit = self.limit = max(
-            LEAST_STEP + 2.0 * SLEW * 1e9 * self.size / self.rate,
-            CERTAIN * _scale(list(means)[: -SPAN + 1]),
-            LUMP * 1e-9 * self.spread**2 / CHUNK,  # chunks that hold parts of bursts
-        )
-        moved = means[-2] - means[-SPAN], means[-1] - means[-SPAN]
-        if not (min(moved) > limit or max(moved) < -limit):
+        # Chunks may hold parts of bursts.
+        usual = step_limit(means[: 1 - SPAN], self.size / self.rate)
+        limit = self.limit = max(usual, lump_error(self.spread, CHUNK))
+        if not lasting_moves(means[-SPAN:])[0] > limit:
             return None
         # The line has followed the step in part: seen from the line ahead of it the step is whole.
         line, before = self._lines[0]
@@ -310,17 +310,40 @@ class StepWatch:
         return Step(by, line) if abs(by) > LEAST_STEP else None
 
 
-def _changes(means: list[float] | deque[float], apart: int = 1) -> Array:
+def _changes(means: Averages, apart: int = 1) -> Array:
     """Return by how much each average differs from the one ``apart`` later, ns, where both are known."""
     values = np.asarray(means, dtype=np.float64)
     changes = np.abs(values[apart:] - values[:-apart])
     return np.asarray(changes[np.isfinite(changes)])
 
 
-def _scale(means: list[float] | deque[float]) -> float:
+def usual_change(means: Averages) -> float:
     """Return the usual change from one average to the next as a standard deviation, ns."""
     changes = _changes(means)
     return MEDIAN_TO_DEVIATION * float(np.median(changes)) if changes.size else math.inf
+
+
+def step_limit(means: Averages, seconds: float) -> float:
+    """Return the size (ns) of a step that the averages of chunks of so many ``seconds`` show for certain."""
+    return max(LEAST_STEP + 2.0 * SLEW * 1e9 * seconds, CERTAIN * usual_change(means))
+
+
+def lasting_moves(means: Averages) -> Array:
+    """Return how far (ns) the averages, shape (n,), move behind each one for two chunks, 0 where they do not.
+
+    Shape (n - ``SPAN`` + 1,).
+    """
+    row = np.asarray(means, dtype=np.float64)
+    first, second = row[SPAN - 2 : -1] - row[: 1 - SPAN], row[SPAN - 1 :] - row[: 1 - SPAN]
+    return np.where(np.sign(first) == np.sign(second), np.minimum(np.abs(first), np.abs(second)), 0.0)
+
+
+def lump_error(deviation: float, seconds: float) -> float:
+    """Return by how much (ns) the mean over ``seconds`` of what comes in lumps may be off.
+
+    ``deviation`` (ns): standard deviation of single values.
+    """
+    return LUMP * 1e-9 * deviation**2 / seconds
 
 
 def _nearer(change: float, step: float, error: float) -> Change:

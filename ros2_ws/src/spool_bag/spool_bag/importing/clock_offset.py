@@ -14,10 +14,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import fft, optimize, signal
+from scipy import fft, ndimage, optimize, signal
 from spool_core.errors import InputError
 from spool_core.numbers import Array, Complex
 from spool_core.record_limits import LIMITS
@@ -78,30 +78,20 @@ def clock_offset(
     return _fine(first, second, rate, _coarse(first, second, rate, label), label)
 
 
-@dataclass(frozen=True, slots=True)
-class Remaining:
-    """Remaining delay of the spool: ``offset`` (s) at time 0, ``drift``, and standard deviations."""
+def refined(
+    found: ClockOffset, time: Array, body: Array, spool: Array, period: float, gaps: Sequence[int]
+) -> ClockOffset | None:
+    """Return the offset with what samples that were aligned by it show to remain, shape (n,) each.
 
-    offset: float
-    offset_std: float
-    drift: float
-    drift_std: float
-
-
-def remaining_delay(
-    time: Array, body: Array, spool: Array, period: float, gaps: Sequence[int], natural_frequency: float
-) -> Remaining | None:
-    """Return the remaining offset and drift of samples that were aligned already, shape (n,) each.
-
-    ``natural_frequency`` (Hz) of the spool, about. ``None`` where fewer than two pieces can be fitted.
+    ``None`` where fewer than two pieces can be fitted.
     """
     model, settings = load_model("coulomb"), FitSettings(fit_delay=True, noise_seconds=0.0, starts=1)
-    stiffness = MASS * (2.0 * math.pi * natural_frequency) ** 2
+    stiffness = MASS * (2.0 * math.pi * found.natural_frequency) ** 2
     valve = Valve(id="any", moving_mass=MASS, spring_stiffness=stiffness)
     times, delays, deviations = [], [], []
     for begin, end in _pieces(time.size, period, gaps):
-        found = fit([Record("aligned", 0, period, body[begin:end], spool[begin:end])], model, valve, settings)
-        delay = next((one for one in found.parameters if one.name == SPOOL_DELAY), None)
+        one = fit([Record("aligned", 0, period, body[begin:end], spool[begin:end])], model, valve, settings)
+        delay = next((number for number in one.parameters if number.name == SPOOL_DELAY), None)
         if (
             delay is None
             or not math.isfinite(delay.value + delay.standard_deviation)
@@ -111,32 +101,34 @@ def remaining_delay(
         times.append(float(time[begin:end].mean()))
         delays.append(delay.value)
         deviations.append(max(delay.standard_deviation, 1e-6))
-    return _line(np.array(times), np.array(delays), np.array(deviations))
+    if len(times) < 2:
+        return None
+    # The scatter about the line, where larger, stands for the deviations.
+    weight = 1.0 / np.array(deviations)
+    design = np.column_stack([weight, weight * times])
+    covariance = np.linalg.inv(design.T @ design)
+    line = covariance @ (design.T @ (delays * weight))
+    left = delays * weight - design @ line
+    scatter = float(left @ left) / (len(times) - 2) if len(times) > 2 else 1.0
+    stds = np.sqrt(np.diag(covariance) * max(1.0, scatter))
+    return replace(
+        found,
+        offset=found.offset + float(line[0]),
+        offset_std=float(stds[0]),
+        drift=found.drift + float(line[1]),
+        drift_std=float(stds[1]),
+    )
 
 
 def _common(row: Array, period: float, rate: float) -> Array:
-    """Return a channel at ``rate``, limited to the band; what is missing is 0."""
+    """Return a channel at ``rate`` by a cubic spline, limited to the band; what is missing is 0."""
     filled = np.where(np.isfinite(row), row, 0.0)
     filled -= filled.mean()
     low, high = BAND[0], min(BAND[1], 0.4 * rate)
     sections = signal.butter(4, (low, high), "bandpass", fs=1.0 / period, output="sos")
     filtered = signal.sosfiltfilt(sections, filled)
     times = np.arange(math.floor((row.size - 1) * period * rate) + 1) / rate
-    places = times / period
-    at = np.minimum(places.astype(np.int64), row.size - 2)
-    share = places - at
-    if period * rate > 0.2:  # linear interpolation would weaken the upper band
-        # Cubic convolution (Keys 1981).
-        last = filtered.size - 1
-        before, here = filtered[np.maximum(at - 1, 0)], filtered[at]
-        after, second = filtered[np.minimum(at + 1, last)], filtered[np.minimum(at + 2, last)]
-        slope = 0.5 * (after - before)
-        return np.asarray(
-            here
-            + share * (slope + share * (before - 2.5 * here + 2.0 * after - 0.5 * second))
-            + share**3 * (0.5 * (second - before) + 1.5 * (here - after))
-        )
-    return np.asarray((1.0 - share) * filtered[at] + share * filtered[at + 1])
+    return np.asarray(ndimage.map_coordinates(filtered, [times / period]))
 
 
 def _coarse(first: Array, second: Array, rate: float, label: str) -> float:
@@ -390,16 +382,3 @@ def _pieces(size: int, period: float, gaps: Sequence[int]) -> list[tuple[int, in
         if not any(start < gap < start + width for gap in gaps)
     ]
     return list(dict.fromkeys(inside))
-
-
-def _line(times: Array, delays: Array, deviations: Array) -> Remaining | None:
-    """Return the weighted line through the delays; its scatter, where larger, stands for their deviations."""
-    if times.size < 2:
-        return None
-    design = np.column_stack([np.ones_like(times), times]) / deviations[:, np.newaxis]
-    covariance = np.linalg.inv(design.T @ design)
-    found = covariance @ (design.T @ (delays / deviations))
-    left = delays / deviations - design @ found
-    scatter = float(left @ left) / (times.size - 2) if times.size > 2 else 1.0
-    stds = np.sqrt(np.diag(covariance) * max(1.0, scatter))
-    return Remaining(float(found[0]), float(stds[0]), float(found[1]), float(stds[1]))

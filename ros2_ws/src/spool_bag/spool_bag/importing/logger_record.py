@@ -362,7 +362,7 @@ def _together(sides: Sequence[LoggerRecord], first: Source, second: Source, aske
         joined.period,
         joined.gaps,
         joined.start,
-        (*warnings, *doubts, *joined.warnings),
+        (*warnings, *doubts),
         (*notes, joined.note),
         repairs,
         joined.clocks,

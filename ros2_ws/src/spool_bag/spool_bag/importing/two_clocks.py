@@ -8,25 +8,23 @@ clock was set. Those times alone make no step: they are late, and messages come 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from spool_core.aligner import margin, resampled
+from spool_core import sensor_clock
+from spool_core.aligner import margin, rate_ratio, resampled
 from spool_core.errors import InputError
-from spool_core.numbers import MEDIAN_TO_DEVIATION, Array
-from spool_core.sensor_clock import CERTAIN, CHUNK, LAG_CERTAIN, LEAST_STEP, LUMP, SLEW, SPAN
+from spool_core.numbers import Array
+from spool_core.sensor_clock import CHUNK, SPAN
 from spool_core.stamps import JITTER, Rhythm, Stamps, judge_stamps, unpaired
 from spool_core.text import printable
 
 from spool_bag.importing.table import MOST_SAMPLES
 from spool_bag.importing.time_axis import ClockOffset
 
-#: Relative difference of the rates up to which they are one nominal rate, as the live adapter has it.
-SAME_RATE = 0.03
 #: Rounds in which the remaining delay is taken off; and its remainder, in samples and relative, once it
 #: has settled: a fit takes both channels to be sampled together to a hundredth of a period.
 ROUNDS, SETTLED, SETTLED_DRIFT = 4, 0.005, 2e-7
@@ -55,7 +53,7 @@ class Series:
     start: int | None
 
 
-@dataclass(slots=True)
+@dataclass(frozen=True, slots=True)
 class Merged:
     """Both on one grid, as a record has it; ``note`` says how, ``clocks`` by what."""
 
@@ -66,8 +64,7 @@ class Merged:
     gaps: NDArray[np.int64]
     start: int | None
     note: str
-    clocks: ClockOffset | None
-    warnings: list[str] = field(default_factory=list)
+    clocks: ClockOffset | None = None
 
 
 def merged(body: Series, spool: Series, *, shared_clock: bool) -> Merged:
@@ -84,39 +81,29 @@ def merged(body: Series, spool: Series, *, shared_clock: bool) -> Merged:
     first, second = _filled(body), _filled(spool)
     if shared_clock:
         shift = ((body.start or 0) - (spool.start or 0)) * 1e-9 + float(body.time[0] - spool.time[0])
-        note = "body and spool are stamped by one clock: they are brought to the same instants"
-        return _joined(body, spool, (first, second), (shift, 0.0), note, None)
-    from spool_bag.importing.clock_offset import clock_offset, remaining_delay  # noqa: PLC0415 - 100 MB of SciPy and fits that one clock does not need
+        joined = _joined(body, spool, (first, second), (shift, 0.0))
+        text = "body and spool are stamped by one clock: they are brought to the same instants"
+        return replace(joined, note=f"{text}; {joined.note}")
+    from spool_bag.importing.clock_offset import clock_offset, refined  # noqa: PLC0415 - 100 MB of SciPy and fits that one clock does not need
 
     found = clock_offset(first, body.period, second, spool.period, f"{body.label} and {spool.label}")
     for _ in range(ROUNDS):
-        aligned = _joined(body, spool, (first, second), (found.offset, found.drift), "", None)
-        left = remaining_delay(
-            aligned.time - float(body.time[0]),
-            aligned.body,
-            aligned.spool,
-            aligned.period,
-            aligned.gaps.tolist(),
-            found.natural_frequency,
-        )
-        if left is None:
+        aligned = _joined(body, spool, (first, second), (found.offset, found.drift))
+        time, gaps = aligned.time - float(body.time[0]), aligned.gaps.tolist()
+        better = refined(found, time, aligned.body, aligned.spool, aligned.period, gaps)
+        if better is None:
             break
-        found = replace(
-            found,
-            offset=found.offset + left.offset,
-            offset_std=left.offset_std,
-            drift=found.drift + left.drift,
-            drift_std=left.drift_std,
-        )
-        if abs(left.offset) < SETTLED * body.period and abs(left.drift) < SETTLED_DRIFT:
+        left, drift = better.offset - found.offset, better.drift - found.drift
+        found = better
+        if abs(left) < SETTLED * body.period and abs(drift) < SETTLED_DRIFT:
             break
     # As the clocks of the files show it, which do not begin at 0 by themselves.
     shown = float(spool.time[0] - body.time[0])
     if body.start is not None and spool.start is not None:
         shown += (spool.start - body.start) * 1e-9
     told = replace(found, offset=found.offset + shown)
-    note = f"two clocks, by cross-correlation: {told}"
-    return _joined(body, spool, (first, second), (found.offset, found.drift), note, told)
+    joined = _joined(body, spool, (first, second), (found.offset, found.drift))
+    return replace(joined, note=f"two clocks, by cross-correlation: {told}; {joined.note}", clocks=told)
 
 
 class TopicTimes(NamedTuple):
@@ -141,7 +128,9 @@ def check_one_time(path: Path, body: TopicTimes, spool: TopicTimes) -> list[str]
         )
     found = judge_stamps(body.stamps), judge_stamps(spool.stamps)
     places, lag = _apart(body, spool)
-    step = _received_step(body, spool, found, places, lag) or _step(*_phases(body, spool, found, places))
+    step = None
+    if lag.size > SPAN:
+        step = _received_step(body, spool, found, places, lag) or _step(*_phases(body, spool, found, places))
     if step is not None:
         at, by = step
         seconds = float(places[at]) * CHUNK
@@ -161,19 +150,12 @@ def check_one_time(path: Path, body: TopicTimes, spool: TopicTimes) -> list[str]
     gained = abs(ends[1] - ends[0]) * 1e-9
     # Lumps that beat with the samples shift the mean by up to a period, for seconds.
     late = max(min(2.0 * _late(one), float(np.median(np.diff(one.stamps)))) for one in (body, spool))
-    if gained > WANDERS + 1e-9 * max(CERTAIN * _scale(lag), late):
+    if gained > WANDERS + 1e-9 * max(sensor_clock.CERTAIN * sensor_clock.usual_change(lag), late):
         return [f"the clocks of {names} ran apart by {1e3 * gained:.3g} ms, as the times of reception show"]
     return []
 
 
-def _joined(
-    body: Series,
-    spool: Series,
-    filled: tuple[Array, Array],
-    line: tuple[float, float],
-    note: str,
-    clocks: ClockOffset | None,
-) -> Merged:
+def _joined(body: Series, spool: Series, filled: tuple[Array, Array], line: tuple[float, float]) -> Merged:
     """Return both series on one grid, by the line of the spool's clock from its first sample.
 
     Raises:
@@ -181,16 +163,16 @@ def _joined(
     """
     first, second = filled
     offset, drift = line
-    slower = spool.period > body.period * (1.0 + SAME_RATE)
+    ratio = rate_ratio(spool.period, body.period)
+    slower = ratio > 1.0
     if slower:
-        grid = np.arange(second.size, dtype=np.float64)
-        times = np.asarray((spool.period * grid - offset) / (1.0 + drift), dtype=np.float64)
-        values = {"spool": second, "body": _resampled(first, times / body.period, spool.period / body.period)}
+        times = np.asarray((spool.period * np.arange(second.size) - offset) / (1.0 + drift))
+        values = {"spool": second, "body": _resampled(first, times / body.period, ratio)}
         period = spool.period / (1.0 + drift)
     else:
-        times = np.asarray(body.period * np.arange(first.size), dtype=np.float64)
+        times = np.asarray(body.period * np.arange(first.size))
         places = np.asarray(((1.0 + drift) * times + offset) / spool.period)
-        values = {"body": first, "spool": _resampled(second, places, body.period / spool.period)}
+        values = {"body": first, "spool": _resampled(second, places, rate_ratio(body.period, spool.period))}
         period = body.period
     kept = np.flatnonzero(np.isfinite(values["body"]) & np.isfinite(values["spool"]))
     if kept.size < 3:
@@ -202,8 +184,7 @@ def _joined(
         period,
         (np.flatnonzero(np.diff(kept) > 1) + 1).astype(np.int64),
         body.start,
-        f"{note}; grid of {1.0 / period:.6g} Hz, that of the {'spool' if slower else 'body'}",
-        clocks,
+        f"grid of {1.0 / period:.6g} Hz, that of the {'spool' if slower else 'body'}",
     )
 
 
@@ -222,16 +203,12 @@ def _filled(series: Series) -> Array:
 
 def _resampled(row: Array, places: Array, ratio: float) -> Array:
     """Return ``row`` at ``places`` (sample numbers as real numbers); NaN where samples are missing."""
-    ratio = 1.0 if abs(ratio - 1.0) <= SAME_RATE else ratio
     edge = margin(ratio)
-    found = np.full(places.size, math.nan)
-    inside = np.flatnonzero((places >= -0.25) & (places <= row.size - 0.75))
-    padded = np.concatenate([np.full(edge, math.nan), row, np.full(edge, math.nan)])
-    values: Callable[[NDArray[np.int64]], Array] = lambda at: np.asarray(padded[at + edge])  # noqa: E731
-    for first in range(0, inside.size, _PIECE):
-        part = inside[first : first + _PIECE]
-        found[part] = resampled(values, places[part], ratio)
-    return found
+    padded = np.pad(row, edge, constant_values=math.nan)
+    pieces = np.array_split(places, 1 + places.size // _PIECE)
+    return np.concatenate(
+        [resampled(lambda at: padded.take(at + edge, mode="clip"), piece, ratio) for piece in pieces]
+    )
 
 
 def _apart(body: TopicTimes, spool: TopicTimes) -> tuple[Integers, Array]:
@@ -263,14 +240,16 @@ def _received_step(
         period = 1e9 * shown.period if shown.rhythm is Rhythm.EVEN else float(np.median(steps))
         breaks = np.flatnonzero(np.abs(steps - period) > 0.5 * period) + 1
         moved |= np.isin(places, received[breaks] // round(1e9 * CHUNK))
-        spread += _late(one) ** 2
+        spread = math.hypot(spread, _late(one))
         grid = shown.rhythm in (Rhythm.COARSE, Rhythm.BURSTS)
         # Steps of parts of a period show in the stamps (:func:`_phases`).
-        least = min(least, LEAST_STEP + SLEW * 1e9 * CHUNK * (BESIDE + FEWEST) if grid else 0.5 * period)
+        drift = sensor_clock.SLEW * 1e9 * CHUNK * (BESIDE + FEWEST)
+        least = min(least, sensor_clock.LEAST_STEP + drift if grid else 0.5 * period)
     # Not beside a break: there the other clock may have been set as well, and is seen a little later.
     calm = ~np.convolve(moved, np.ones(3), "same").astype(np.bool_)
     if 2 * np.count_nonzero(calm) < calm.size:
         calm[:] = True
+    usual = sensor_clock.LAG_CERTAIN * sensor_clock.usual_change(lag)
     best: tuple[int, float] | None = None
     for at in np.flatnonzero(moved).tolist():
         before, after = lag[:at][calm[:at]][-BESIDE:], lag[at + 1 :][calm[at + 1 :]][:BESIDE]
@@ -278,9 +257,7 @@ def _received_step(
         if count < FEWEST:
             continue
         change = float(after.mean() - before.mean())
-        error = math.hypot(
-            LAG_CERTAIN * _scale(lag) / math.sqrt(count), LUMP * 1e-9 * spread / (count * CHUNK)
-        )
+        error = math.hypot(usual / math.sqrt(count), sensor_clock.lump_error(spread, count * CHUNK))
         if abs(change) > max(least, error) and (best is None or abs(change) > 1e9 * abs(best[1])):
             best = at, 1e-9 * change
     return best
@@ -331,20 +308,14 @@ def _means(time: Integers, values: Integers | Array) -> tuple[Integers, Array]:
     return places, np.bincount(inverse, weights=values.astype(np.float64)) / counts
 
 
-def _scale(row: Array) -> float:
-    return MEDIAN_TO_DEVIATION * float(np.median(np.abs(np.diff(row)))) if row.size > 1 else 0.0
-
-
 def _step(row: Array, period: float) -> tuple[int, float] | None:
     """Return the chunk of the largest lasting step and its size (s), ``None`` where there is none.
 
     Whole ``period`` s (ns) are no step: half a period rounds either way.
     """
-    if row.size <= SPAN:
+    if not row.size:
         return None
-    limit = max(LEAST_STEP + 2.0 * SLEW * 1e9 * CHUNK, CERTAIN * _scale(row))
-    first, second = row[SPAN - 2 : -1] - row[: -SPAN + 1], row[SPAN - 1 :] - row[: -SPAN + 1]
-    lasting = np.where(np.sign(first) == np.sign(second), np.minimum(np.abs(first), np.abs(second)), 0.0)
+    limit, lasting = sensor_clock.step_limit(row, CHUNK), sensor_clock.lasting_moves(row)
     for at in np.argsort(-lasting)[: np.count_nonzero(lasting > limit)].tolist():
         before, after = row[max(0, at - BESIDE) : at + 1], row[at + SPAN - 1 : at + SPAN + BESIDE]
         by = float(np.median(after) - np.median(before))

@@ -204,6 +204,13 @@ def test_a_choice_that_is_none_or_that_no_other_file_has(tmp_path: Path) -> None
         import_record(tmp_path / "a.csv", tmp_path / "out", how=choices(stamps="log"))
 
 
+@pytest.mark.parametrize("apart", [0, 5_000_000_000])
+def test_topics_too_short_to_show_a_step_are_judged_by_their_stamps_alone(apart: int) -> None:
+    whole, lost = LOG[:80], np.delete(LOG[:80], 40)
+    topics = TopicTimes("/imu_1", lost, lost), TopicTimes("/imu_2", whole, whole + apart)
+    assert check_one_time(Path("bag"), *topics) == []
+
+
 def received(rng: np.random.Generator, times: np.ndarray, delay: float, lumps: float) -> Stamps:
     """Return when samples are received: late by chance, or in lumps."""
     late = times + rng.exponential(delay, times.size) if delay else times
