@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from spool_core.errors import InputError
 from spool_core.numbers import Array
 from spool_core.record_limits import LIMITS
-from spool_core.stamps import JITTER, first_step, number_error, ticks
+from spool_core.stamps import JITTER, first_step, median_step, number_error, ticks
 from spool_core.text import printable
 
 from spool_bag.importing.channel_use import ClockRoles, Role
@@ -194,7 +194,7 @@ def read_axis(column: TimeColumn, rate: float = math.nan) -> TimeAxis:
         note = f"{label} has no unit: it is a time of day, written HHMMSS"
         return TimeAxis(clock, None, label, (*notes, note))
     found = _plausible(values)
-    step = float(np.median(np.diff(values[: 1 << 16]))) if values.size > 1 else math.nan
+    step = median_step(values) if values.size > 1 else math.nan
     rates = {unit: 1.0 / (step * _SIZES[unit]) for unit in found if unit in _SIZES and step > 0.0}
     if len(found) != 1:
         found = [unit for unit, one in rates.items() if abs(one / rate - 1.0) < _ALIKE] or found
@@ -369,7 +369,7 @@ def _continued(label: str, values: Array) -> tuple[Array, tuple[str, ...]]:
     back = np.flatnonzero(np.diff(values) < 0.0)
     if not 0 < back.size <= MOST_WRAPS or np.any(values != np.rint(values)):
         return values, ()
-    steps, usual = np.diff(values)[back], float(np.median(np.diff(values[: 1 << 16])))
+    steps, usual = np.diff(values)[back], median_step(values)
     for bits in COUNTERS:
         size = 2.0**bits
         inside = float(np.max(values)) - float(np.min(values)) <= size
@@ -387,7 +387,7 @@ def _plausible(values: Array) -> list[str]:
         return ["s"]
     first = float(values[0])
     calendar = [unit for unit, size in _SIZES.items() if CALENDAR[0] < first * size < CALENDAR[1]]
-    step = float(np.median(np.diff(values[: 1 << 16])))
+    step = median_step(values)
     dated = [
         name
         for name, (size, zero) in _COUNTED.items()
