@@ -66,6 +66,7 @@ class SampleClock:
         index: the newest sample's number.
         time: ns, smoothed time of that sample, counted from ``base``.
         jitter: ns, standard deviation of the stamps about the line.
+        phase_count: stamps that the phase is averaged over.
 
     """
 
@@ -74,8 +75,8 @@ class SampleClock:
     index: int
     time: float
     jitter: float
+    phase_count: int
     _rate_count: int
-    _phase_count: int
 
     @classmethod
     def through(
@@ -93,11 +94,6 @@ class SampleClock:
         return cls(base, period, int(indices[-1]), float(line[-1]), jitter, stamps.size, stamps.size)
 
     @property
-    def phase_count(self) -> int:
-        """Stamps that the phase is averaged over."""
-        return self._phase_count
-
-    @property
     def rate(self) -> float:
         """Samples a second."""
         return 1e9 / self.period
@@ -110,7 +106,7 @@ class SampleClock:
         """Advance by ``steps`` samples, the last of which bears ``stamp`` (ns)."""
         limit = max(8, round(MEMORY * self.rate))
         rates = self._rate_count = min(self._rate_count + 1, limit)
-        phases = self._phase_count = min(self._phase_count + 1, limit)
+        phases = self.phase_count = min(self.phase_count + 1, limit)
         due = self.time + steps * self.period
         error = stamp - self.base - due
         self.index += steps
@@ -129,7 +125,7 @@ class SampleClock:
         """Go on at ``stamp`` after a gap: the rate stays, the phase begins again."""
         self.index += steps
         self.time = float(stamp - self.base)
-        self._phase_count = 1
+        self.phase_count = 1
 
     def times(self, indices: NDArray[np.int64], base: int) -> Array:
         """Return the times of samples in ns from ``base``; both of shape (n,)."""
