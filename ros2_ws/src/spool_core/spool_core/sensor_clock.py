@@ -187,8 +187,7 @@ class StepWatch:
     _lag_count: int = 0
     _residuals: deque[float] = field(default_factory=lambda: deque(maxlen=KEPT))
     _lags: deque[float] = field(default_factory=lambda: deque(maxlen=KEPT))
-    _count: int = 0
-    _sums: tuple[float, float, int, float] = (0.0, 0.0, 0, 0.0)
+    _chunk: list[tuple[float, float, float]] = field(default_factory=list)
     _lines: deque[tuple[Line, float]] = field(default_factory=lambda: deque(maxlen=SPAN))
 
     def __post_init__(self) -> None:
@@ -198,7 +197,7 @@ class StepWatch:
     @property
     def unsure(self) -> int:
         """Newest samples in which a step may not have been found yet."""
-        return (SPAN - 1) * self.size + self._count
+        return (SPAN - 1) * self.size + len(self._chunk)
 
     @property
     def steady_lag(self) -> float:
@@ -220,24 +219,21 @@ class StepWatch:
             self.lag = lag if math.isnan(self.lag) else self.lag + gain * off
             self.lag_deviation = math.sqrt((1.0 - gain) * self.lag_deviation**2 + gain * off**2)
         self.recent += (residual - self.recent) / self.size
-        known = math.isfinite(lag)
-        residuals, lags, lagging, off = self._sums
-        off += time - line.number * self.period
-        self._sums = residuals + residual, lags + (lag if known else 0.0), lagging + known, off
-        self._count += 1
-        if self._count < self.size:
+        self._chunk.append((residual, lag, time - line.number * self.period))
+        if len(self._chunk) < self.size:
             return None
-        residuals, lags, lagging, off = self._sums
-        self._residuals.append(residuals / self._count)
-        self._lags.append(lags / lagging if lagging else math.nan)
-        if lagging:
+        residuals, lags, off = np.array(self._chunk).T
+        self._chunk.clear()
+        lags = lags[np.isfinite(lags)]
+        self._residuals.append(float(residuals.mean()))
+        self._lags.append(float(lags.mean()) if lags.size else math.nan)
+        self._lines.append((line, float(off.mean())))
+        if lags.size:
             self.lag_scale = usual_change(self._lags)
             unrest = _changes(self._lags, max(1, round(LAG_MEMORY * self.rate / self.size)))
             self.lag_unrest = (
                 LARGE_TO_DEVIATION * float(np.quantile(unrest, LARGE)) if unrest.size else math.inf
             )
-        self._lines.append((line, off / self._count))
-        self._count, self._sums = 0, (0.0, 0.0, 0, 0.0)
         return self._step()
 
     def lag_error(self, count: int) -> float:
@@ -286,7 +282,7 @@ class StepWatch:
         self._residuals.clear()
         self._lags.clear()
         self._lines.clear()
-        self._count, self._sums = 0, (0.0, 0.0, 0, 0.0)
+        self._chunk.clear()
 
     def _step(self) -> Step | None:
         means = list(self._residuals)
