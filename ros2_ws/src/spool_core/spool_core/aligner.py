@@ -8,13 +8,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spool_core.block import Block
 from spool_core.numbers import Array
 from spool_core.sensor_clock import LEAST_STEP
 from spool_core.sensor_stream import SensorStream
-from spool_core.stamps import unpaired
+from spool_core.stamps import Indices, unpaired
 
 #: Relative difference of the rates above which the sensors have different rates, and the grid is the slower
 #: one's; quartz clocks of one nominal rate differ by 1e-4, resonators on chips by up to 1e-2.
@@ -394,7 +393,7 @@ def on_samples(places: Array) -> bool:
     return bool((np.abs(places - np.rint(places)) <= ON_SAMPLE).all())
 
 
-def resampled(values: Callable[[NDArray[np.int64]], Array], places: Array, ratio: float = 1.0) -> Array:
+def resampled(values: Callable[[Indices], Array], places: Array, ratio: float = 1.0) -> Array:
     """Return the series at ``places``, shape (n,); NaN where a sample that is needed is missing.
 
     Args:

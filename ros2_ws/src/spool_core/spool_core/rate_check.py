@@ -6,7 +6,6 @@ import enum
 import math
 from collections import deque
 from dataclasses import dataclass, field
-from itertools import pairwise
 
 import numpy as np
 
@@ -191,7 +190,8 @@ def _slopes(points: Array) -> tuple[Array, float, int] | None:
     time, departed = points[:, 0], points[:, 1]
     edges = np.searchsorted(time, time[0] + (time[-1] - time[0]) * np.array([0.0, 1.0, 2.0, 3.0]) / 3.0)
     slopes, left, freedom, spreads = np.empty(3), 0.0, 0, []
-    for place, (first, last) in enumerate(pairwise(edges)):
+    for place in range(3):
+        first, last = edges[place], edges[place + 1]
         if last <= first:
             return None
         at, value = time[first : last + 1], departed[first : last + 1]

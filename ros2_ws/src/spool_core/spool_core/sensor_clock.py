@@ -15,10 +15,9 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spool_core.numbers import MEDIAN_TO_DEVIATION, Array
-from spool_core.stamps import line_through, on_line
+from spool_core.stamps import Indices, line_through, on_line
 
 #: s of stamps that the phase and the rate are averaged over once there are so many. Stamps that jitter by J
 #: leave the phase 2 J / sqrt(samples in it) (standard error of a line's end), 10 us of 0.5 ms at 1 kHz, and
@@ -79,9 +78,7 @@ class SampleClock:
     _rate_count: int
 
     @classmethod
-    def through(
-        cls, stamps: NDArray[np.int64], indices: NDArray[np.int64], period: float | None = None
-    ) -> SampleClock:
+    def through(cls, stamps: Indices, indices: Indices, period: float | None = None) -> SampleClock:
         """Return the clock of the least-squares line through ``stamps`` (ns), each of shape (n,), n >= 3.
 
         ``period``: ns, where it is known.
@@ -127,7 +124,7 @@ class SampleClock:
         self.time = float(stamp - self.base)
         self.phase_count = 1
 
-    def times(self, indices: NDArray[np.int64], base: int) -> Array:
+    def times(self, indices: Indices, base: int) -> Array:
         """Return the times of samples in ns from ``base``; both of shape (n,)."""
         return np.asarray(self.time + (indices - self.index) * self.period + float(self.base - base))
 

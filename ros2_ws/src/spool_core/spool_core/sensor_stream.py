@@ -6,16 +6,14 @@ import enum
 import math
 from collections import Counter
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spool_core.block_gate import LARGEST_SAMPLE
 from spool_core.numbers import Array
 from spool_core.record_limits import LIMITS
 from spool_core.sensor_clock import LEAST_STEP, Change, Line, SampleClock, Step, StepWatch
-from spool_core.stamps import Rhythm, Stamps, judge_stamps, line_through, repeated
+from spool_core.stamps import Indices, Rhythm, Stamps, judge_stamps, line_through, repeated
 
 #: Hz, far above what single messages can bring.
 HIGHEST_RATE = 1.0e5
@@ -70,7 +68,8 @@ class Refusal(enum.Enum):
     RHYTHM = "stamps that show no sample rate"
 
 
-class Move(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Move:
     """Stamps that went on elsewhere.
 
     ``at`` (ns): the last stamp before. ``by`` (ns, with its ``error``): from where the next one was due.
@@ -113,7 +112,7 @@ class SensorStream:
     capacity: int
     clock: SampleClock | None = None
     found: Stamps | None = None
-    opening: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
+    opening: Indices = field(default_factory=lambda: np.empty(0, np.int64))
     doubt: str = ""
     generation: int = 0
     restarts: int = 0
@@ -195,7 +194,7 @@ class SensorStream:
         else:
             self._place(stamp, value, lag)
 
-    def values(self, indices: NDArray[np.int64]) -> Array:
+    def values(self, indices: Indices) -> Array:
         """Return samples by number, NaN where one is missing or not kept; any shape."""
         clock = self.clock
         if clock is None:
@@ -518,7 +517,7 @@ class SensorStream:
         self._held.clear()
 
 
-def _without_a_stray(stamps: NDArray[np.int64]) -> tuple[Stamps, int | None]:
+def _without_a_stray(stamps: Indices) -> tuple[Stamps, int | None]:
     """Return what the stamps show, without one that alone shows no clock or has the first sample's stamp."""
     found = judge_stamps(stamps)
     if (found.rhythm is Rhythm.UNEVEN or stamps[0] == stamps[1]) and stamps.size > FEWEST:
@@ -529,7 +528,7 @@ def _without_a_stray(stamps: NDArray[np.int64]) -> tuple[Stamps, int | None]:
     return found, None
 
 
-def _without_late_ones(stamps: NDArray[np.int64], even: Stamps) -> Stamps:
+def _without_late_ones(stamps: Indices, even: Stamps) -> Stamps:
     """Return even stamps as jittering ones where a late stamp looks like a lost sample."""
     times = 1e-9 * (stamps - stamps[0])
     fits = []
@@ -544,7 +543,7 @@ def _without_late_ones(stamps: NDArray[np.int64], even: Stamps) -> Stamps:
     return replace(even, rhythm=Rhythm.JITTER)
 
 
-def _numbers(stamps: NDArray[np.int64], found: Stamps) -> NDArray[np.int64]:
+def _numbers(stamps: Indices, found: Stamps) -> Indices:
     """Return the number of each sample, from 0; what is missing is left out."""
     if found.times is not None:
         return np.asarray(np.rint((found.times - found.times[0]) * found.rate), dtype=np.int64)

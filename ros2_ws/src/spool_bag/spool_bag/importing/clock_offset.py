@@ -13,7 +13,6 @@ forces and nothing else, so that none needs to be known.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -79,7 +78,7 @@ def clock_offset(
 
 
 def refined(
-    found: ClockOffset, time: Array, body: Array, spool: Array, period: float, gaps: Sequence[int]
+    found: ClockOffset, time: Array, body: Array, spool: Array, period: float, gaps: list[int]
 ) -> ClockOffset | None:
     """Return the offset with what samples that were aligned by it show to remain, shape (n,) each.
 
@@ -371,7 +370,7 @@ def _coherence(spectra: _Spectra, model: Complex) -> Array:
     return np.asarray(np.minimum(squared, 0.999))
 
 
-def _pieces(size: int, period: float, gaps: Sequence[int]) -> list[tuple[int, int]]:
+def _pieces(size: int, period: float, gaps: list[int]) -> list[tuple[int, int]]:
     """Return up to :data:`PIECES` stretches without gaps, spread evenly."""
     width = min(round(PIECE / period), size // PIECES)
     if width * period < 0.5 * PIECE:

@@ -13,7 +13,7 @@ from spool_core.block_gate import SHORTEST_PERIOD
 from spool_core.errors import InputError
 from spool_core.numbers import Array
 from spool_core.record_limits import LIMITS
-from spool_core.stamps import Rhythm, Stamps
+from spool_core.stamps import Indices, Rhythm, Stamps
 from spool_core.text import plural, printable
 
 from spool_bag.importing import time_axis
@@ -31,7 +31,6 @@ GIVEN = "--rate"
 _NAMES = {
     "milliseconds": 1e-3, "microseconds": 1e-6, "nanoseconds": 1e-9, "minutes": 60.0, "hours": 3600.0,
 }  # fmt: skip
-Indices = NDArray[np.int64]
 Where = Callable[[int], str]
 
 

@@ -13,13 +13,11 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
-from spool_core import sensor_clock
+from spool_core import sensor_clock as live
 from spool_core.aligner import margin, rate_ratio, resampled
 from spool_core.errors import InputError
 from spool_core.numbers import Array
-from spool_core.sensor_clock import CHUNK, SPAN
-from spool_core.stamps import JITTER, Rhythm, Stamps, judge_stamps, unpaired
+from spool_core.stamps import JITTER, Indices, Rhythm, Stamps, judge_stamps, unpaired
 from spool_core.text import printable
 
 from spool_bag.importing.table import MOST_SAMPLES
@@ -38,7 +36,6 @@ WANDERS = 1e-3
 BESIDE, FEWEST = 10, 2
 #: Share of the steps that are regular where a clock was set a few times, and nothing else is wrong.
 REGULAR = 0.9
-Integers = NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +46,7 @@ class Series:
     time: Array
     values: Array
     period: float
-    gaps: NDArray[np.int64]
+    gaps: Indices
     start: int | None
 
 
@@ -61,7 +58,7 @@ class Merged:
     body: Array
     spool: Array
     period: float
-    gaps: NDArray[np.int64]
+    gaps: Indices
     start: int | None
     note: str
     clocks: ClockOffset | None = None
@@ -110,8 +107,8 @@ class TopicTimes(NamedTuple):
     """Times of a topic: header stamps and times of reception, ns, shape (n,) each, in order of the stamps."""
 
     name: str
-    stamps: Integers
-    received: Integers
+    stamps: Indices
+    received: Indices
 
 
 def check_one_time(path: Path, body: TopicTimes, spool: TopicTimes) -> list[str]:
@@ -129,11 +126,11 @@ def check_one_time(path: Path, body: TopicTimes, spool: TopicTimes) -> list[str]
     found = judge_stamps(body.stamps), judge_stamps(spool.stamps)
     places, lag = _apart(body, spool)
     step = None
-    if lag.size > SPAN:
+    if lag.size > live.SPAN:
         step = _received_step(body, spool, found, places, lag) or _step(*_phases(body, spool, found, places))
     if step is not None:
         at, by = step
-        seconds = float(places[at]) * CHUNK
+        seconds = float(places[at]) * live.CHUNK
         raise InputError(
             f"{path}: the clock of one of {names} was set by {1e3 * abs(by):.3g} ms at about {seconds:.1f} "
             "s: which samples belong together is unknown; record again with synchronised clocks, or type "
@@ -144,13 +141,13 @@ def check_one_time(path: Path, body: TopicTimes, spool: TopicTimes) -> list[str]
         raise InputError(
             f"{path}: {printable(reason, 300)}; or type --stamps log to use the times of reception"
         )
-    if lag.size <= SPAN + 1:
+    if lag.size <= live.SPAN + 1:
         return []
     ends = [float(np.median(part)) for part in (lag[:BESIDE], lag[-BESIDE:])]
     gained = abs(ends[1] - ends[0]) * 1e-9
     # Lumps that beat with the samples shift the mean by up to a period, for seconds.
     late = max(min(2.0 * _late(one), float(np.median(np.diff(one.stamps)))) for one in (body, spool))
-    if gained > WANDERS + 1e-9 * max(sensor_clock.CERTAIN * sensor_clock.usual_change(lag), late):
+    if gained > WANDERS + 1e-9 * max(live.CERTAIN * live.usual_change(lag), late):
         return [f"the clocks of {names} ran apart by {1e3 * gained:.3g} ms, as the times of reception show"]
     return []
 
@@ -211,7 +208,7 @@ def _resampled(row: Array, places: Array, ratio: float) -> Array:
     )
 
 
-def _apart(body: TopicTimes, spool: TopicTimes) -> tuple[Integers, Array]:
+def _apart(body: TopicTimes, spool: TopicTimes) -> tuple[Indices, Array]:
     """Return chunks (of ``CHUNK`` s of reception) and by how much the body's stamps lead in each, ns."""
     begin = min(int(body.received[0]), int(spool.received[0]))
     means = [
@@ -224,7 +221,7 @@ def _apart(body: TopicTimes, spool: TopicTimes) -> tuple[Integers, Array]:
 
 
 def _received_step(
-    body: TopicTimes, spool: TopicTimes, found: tuple[Stamps, Stamps], places: Integers, lag: Array
+    body: TopicTimes, spool: TopicTimes, found: tuple[Stamps, Stamps], places: Indices, lag: Array
 ) -> tuple[int, float] | None:
     """Return the chunk where stamps step most against the times of reception, and by how much (s).
 
@@ -239,17 +236,17 @@ def _received_step(
         steps = np.diff(stamps).astype(np.float64)
         period = 1e9 * shown.period if shown.rhythm is Rhythm.EVEN else float(np.median(steps))
         breaks = np.flatnonzero(np.abs(steps - period) > 0.5 * period) + 1
-        moved |= np.isin(places, received[breaks] // round(1e9 * CHUNK))
+        moved |= np.isin(places, received[breaks] // round(1e9 * live.CHUNK))
         spread = math.hypot(spread, _late(one))
         grid = shown.rhythm in (Rhythm.COARSE, Rhythm.BURSTS)
         # Steps of parts of a period show in the stamps (:func:`_phases`).
-        drift = sensor_clock.SLEW * 1e9 * CHUNK * (BESIDE + FEWEST)
-        least = min(least, sensor_clock.LEAST_STEP + drift if grid else 0.5 * period)
+        drift = live.SLEW * 1e9 * live.CHUNK * (BESIDE + FEWEST)
+        least = min(least, live.LEAST_STEP + drift if grid else 0.5 * period)
     # Not beside a break: there the other clock may have been set as well, and is seen a little later.
     calm = ~np.convolve(moved, np.ones(3), "same").astype(np.bool_)
     if 2 * np.count_nonzero(calm) < calm.size:
         calm[:] = True
-    usual = sensor_clock.LAG_CERTAIN * sensor_clock.usual_change(lag)
+    usual = live.LAG_CERTAIN * live.usual_change(lag)
     best: tuple[int, float] | None = None
     for at in np.flatnonzero(moved).tolist():
         before, after = lag[:at][calm[:at]][-BESIDE:], lag[at + 1 :][calm[at + 1 :]][:BESIDE]
@@ -257,7 +254,7 @@ def _received_step(
         if count < FEWEST:
             continue
         change = float(after.mean() - before.mean())
-        error = math.hypot(usual / math.sqrt(count), sensor_clock.lump_error(spread, count * CHUNK))
+        error = math.hypot(usual / math.sqrt(count), live.lump_error(spread, count * live.CHUNK))
         if abs(change) > max(least, error) and (best is None or abs(change) > 1e9 * abs(best[1])):
             best = at, 1e-9 * change
     return best
@@ -268,11 +265,11 @@ def _late(one: TopicTimes) -> float:
     lag = (one.stamps - one.stamps[0]) - (one.received - one.received[0])
     time = one.received - one.received.min()
     at, mean = _means(time, lag)
-    return float(np.std(lag - mean[np.searchsorted(at, time // round(1e9 * CHUNK))]))
+    return float(np.std(lag - mean[np.searchsorted(at, time // round(1e9 * live.CHUNK))]))
 
 
 def _phases(
-    body: TopicTimes, spool: TopicTimes, found: tuple[Stamps, Stamps], places: Integers
+    body: TopicTimes, spool: TopicTimes, found: tuple[Stamps, Stamps], places: Indices
 ) -> tuple[Array, float]:
     """Return by how much (ns) the body's stamps lead the spool's in each chunk, and the shorter period (ns).
 
@@ -301,9 +298,9 @@ def _phases(
     return np.asarray(rows[0] - rows[1], dtype=np.float64), min(periods)
 
 
-def _means(time: Integers, values: Integers | Array) -> tuple[Integers, Array]:
+def _means(time: Indices, values: Indices | Array) -> tuple[Indices, Array]:
     """Return the chunks that have values, and the mean of each."""
-    chunk = (np.maximum(time, 0) // round(1e9 * CHUNK)).astype(np.int64)
+    chunk = (np.maximum(time, 0) // round(1e9 * live.CHUNK)).astype(np.int64)
     places, inverse, counts = np.unique(chunk, return_inverse=True, return_counts=True)
     return places, np.bincount(inverse, weights=values.astype(np.float64)) / counts
 
@@ -315,9 +312,9 @@ def _step(row: Array, period: float) -> tuple[int, float] | None:
     """
     if not row.size:
         return None
-    limit, lasting = sensor_clock.step_limit(row, CHUNK), sensor_clock.lasting_moves(row)
+    limit, lasting = live.step_limit(row, live.CHUNK), live.lasting_moves(row)
     for at in np.argsort(-lasting)[: np.count_nonzero(lasting > limit)].tolist():
-        before, after = row[max(0, at - BESIDE) : at + 1], row[at + SPAN - 1 : at + SPAN + BESIDE]
+        before, after = row[max(0, at - BESIDE) : at + 1], row[at + live.SPAN - 1 : at + live.SPAN + BESIDE]
         by = float(np.median(after) - np.median(before))
         by -= period * round(by / period)
         if abs(by) > limit:
