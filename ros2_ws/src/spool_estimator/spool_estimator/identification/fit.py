@@ -377,7 +377,8 @@ def _widened(
     seen = seen or observed(fewer, point)
     trial, (best, *_) = _first_ends(fewer, [point], seen, 1)
     found = {one.name: float(value) for one, value in zip(trial.unknowns, best.point, strict=True)}
-    narrowed, read = {name: found.get(name, value) for name, value in values.items()}, trial.observation
+    narrowed = {name: found.get(name, value) for name, value in values.items()}
+    read = smoothly(trial.observation)
     start = {**found, **(some.run.model.values_as(narrow, narrowed, valve) or {})}
     point = inside(np.array([start[one.name] for one in unknowns]), unknowns)
     left = [one.name not in found and start[one.name] == some.values[one.name] for one in unknowns]
@@ -395,6 +396,11 @@ def _widened(
     return [point for _, point in ends[:2]], seen
 
 
+def smoothly(one: Observation) -> Observation:
+    """Return a reading that moves smoothly with the numbers, in place of one that does not."""
+    return Observation(MEAN) if one.kind == INSTANTS else one
+
+
 def _first_ends(
     some: Residuals, points: Sequence[Array], seen: Observation | None, starts: int
 ) -> tuple[Residuals, list[least_squares.Descent]]:
@@ -404,8 +410,8 @@ def _first_ends(
     """
     trial, numbers = (some, []) if seen is None else (read_as(some, seen), filter_numbers(seen))
     chosen = [np.append(point, numbers) for point in points]
-    if trial.observation.kind == INSTANTS:  # means move more smoothly with the numbers
-        means = read_as(some, Observation(MEAN))
+    if trial.observation.kind == INSTANTS:
+        means = read_as(some, smoothly(trial.observation))
         chosen += [means.descend(point[np.newaxis], GLANCE, ENOUGH).point for point in chosen]
 
     def descended(point: Array, rounds: int) -> least_squares.Descent:
