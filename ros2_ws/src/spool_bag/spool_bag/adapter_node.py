@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 import re
-import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any, ClassVar
 
 from geometry_msgs.msg import AccelStamped, Vector3Stamped
@@ -21,7 +21,6 @@ from spool_core.node.block_hub import BlockPublisher, Throttle
 from spool_core.node.diagnostics import DiagnosticPublisher, Level, Status, key
 from spool_core.node.managed_node import ManagedNode
 from spool_core.node.parameters import NodeParameter, Value
-from spool_core.node.running import run
 from spool_core.numbers import GRAVITY
 from spool_core.rate_check import LIMIT as WRONG_RATE
 from spool_core.sensor_clock import LEAST_STEP
@@ -64,28 +63,21 @@ Read = Callable[[bytes, int], Samples]
 #: Looks after which a step of one clock is reported: both may have been set, and one is seen first.
 SETTLED_LOOKS = 4
 
+_structural = partial(NodeParameter, structural=True)
+
 
 def _of(channel: str, topic: str) -> tuple[NodeParameter, ...]:
     return (
-        NodeParameter(
-            f"{channel}_topic", topic, f"Topic of the accelerometer on the {channel}.", structural=True
-        ),
-        NodeParameter(
-            f"{channel}_type", IMU, "Message type of the topic.", choices=tuple(TYPES), structural=True
-        ),
-        NodeParameter(
+        _structural(f"{channel}_topic", topic, f"Topic of the accelerometer on the {channel}."),
+        _structural(f"{channel}_type", IMU, "Message type of the topic.", choices=tuple(TYPES)),
+        _structural(
             f"{channel}_axis",
             "+x",
             "Sensor axis along the spool: +x, +y, +z, -x, -y, -z; for an array +column0 and so on.",
-            structural=True,
         ),
-        NodeParameter(
-            f"{channel}_unit", "m/s^2", "Unit of the readings.", choices=tuple(UNITS), structural=True
-        ),
-        NodeParameter(
-            f"{channel}_gain", 1.0, "Factor applied to the readings.", "1", 1e-9, 1e9, structural=True
-        ),
-        NodeParameter(f"{channel}_frame", "", "The only frame_id accepted; empty: any.", structural=True),
+        _structural(f"{channel}_unit", "m/s^2", "Unit of the readings.", choices=tuple(UNITS)),
+        _structural(f"{channel}_gain", 1.0, "Factor applied to the readings.", "1", 1e-9, 1e9),
+        _structural(f"{channel}_frame", "", "The only frame_id accepted; empty: any."),
     )
 
 
@@ -95,58 +87,27 @@ class AdapterNode(ManagedNode):
     PARAMETERS: ClassVar = (
         *_of("body", "body/imu"),
         *_of("spool", "spool/imu"),
-        NodeParameter(
-            "valve_id",
-            "",
-            "The valve's id, sent as frame_id of the blocks; empty: not known.",
-            structural=True,
-        ),
-        NodeParameter(
-            "stamps",
-            "header",
-            "Source of a sample's time: its header or its arrival.",
+        _structural("valve_id", "", "The valve's id, sent as frame_id of the blocks; empty: not known."),
+        _structural(
+            "stamps", "header", "Source of a sample's time: its header or its arrival.",
             choices=("header", "arrival"),
-            structural=True,
         ),
-        NodeParameter(
-            "time_column",
-            -1,
-            "Column of an array with the time in s; -1: use the time of arrival.",
-            "",
-            -1,
-            9999,
-            structural=True,
+        _structural(
+            "time_column", -1, "Column of an array with the time in s; -1: use the time of arrival.",
+            "", -1, 9999,
         ),
-        NodeParameter(
-            "spool_delay", 0.0, "Delay subtracted from the spool's stamps.", "s", -10.0, 10.0, structural=True
+        _structural("spool_delay", 0.0, "Delay subtracted from the spool's stamps.", "s", -10.0, 10.0),
+        _structural("sample_rate", 0.0, "Sample rate; 0: from the stamps.", "Hz", 0.0, 1e5),
+        _structural("block_rate", 50.0, "Blocks a second.", "Hz", 0.1, 1000.0),
+        _structural("settle", 1.0, "Time span of stamps from which each clock is estimated.", "s", 0.1, 60.0),
+        _structural(
+            "longest_wait", 1.0, "Longest time that one sensor waits for the other.", "s", 0.01, 10.0
         ),
-        NodeParameter(
-            "sample_rate", 0.0, "Sample rate; 0: from the stamps.", "Hz", 0.0, 1e5, structural=True
-        ),
-        NodeParameter("block_rate", 50.0, "Blocks a second.", "Hz", 0.1, 1000.0, structural=True),
-        NodeParameter(
-            "settle", 1.0, "Time span of stamps from which each clock is estimated.", "s", 0.1, 60.0,
-            structural=True,
-        ),
-        NodeParameter(
-            "longest_wait", 1.0, "Longest time that one sensor waits for the other.", "s", 0.01, 10.0,
-            structural=True,
-        ),
-        NodeParameter(
-            "stale_after",
-            0.5,
-            "Silence after which a sensor is reported as stale.",
-            "s",
-            0.1,
-            60.0,
-            structural=True,
-        ),
-        NodeParameter(
-            "reliability",
-            "best_effort",
+        _structural("stale_after", 0.5, "Silence after which a sensor is reported as stale.", "s", 0.1, 60.0),
+        _structural(
+            "reliability", "best_effort",
             "best_effort: any publisher; reliable: only reliable publishers, which resend lost messages.",
             choices=("best_effort", "reliable"),
-            structural=True,
         ),
     )  # fmt: skip
 
@@ -280,11 +241,6 @@ class AdapterNode(ManagedNode):
             self._diagnostics.publish(status)
 
 
-def main() -> int:
-    """Run the node."""
-    return run(AdapterNode)
-
-
 class UnusableError(ValueError):
     """A message holds no sample that can be used; the text says why."""
 
@@ -326,7 +282,6 @@ class Reading:
 
         Raises:
             UnusableError: there is no sample in it for this sensor.
-
         """
         name = self.axis.lstrip("+-").removeprefix("column")
         factor = UNITS[self.unit] * self.gain * (-1.0 if self.axis.startswith("-") else 1.0)
@@ -548,7 +503,3 @@ class SensorReport:
             advice = "synchronise their clocks, or set stamps to arrival"
             return Level.ERROR, f"the sensors' stamps are {abs(aligner.apart):.6g} s apart: {advice}"
         return None
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -8,6 +8,7 @@ import math
 import sys
 import time
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
 
@@ -47,125 +48,79 @@ RECENT = 60.0
 #: What rosbag2 writes of a time that is not limited: the largest int64, ns.
 UNLIMITED = QosTime(9223372036, 854775807)
 
+_structural = partial(NodeParameter, structural=True)
+
 
 class RecorderNode(ManagedNode):
     """Record while active; each activation makes a new bag."""
 
     PARAMETERS: ClassVar[tuple[NodeParameter, ...]] = (
-        NodeParameter(
-            "output",
-            "",
+        _structural(
+            "output", "",
             "Path of the bag to write; empty: recording_<UTC time> in the working directory. "
             "A second activation appends _1, and so on.",
-            structural=True,
         ),
-        NodeParameter(
-            "number_output",
-            False,
+        _structural(
+            "number_output", False,
             "Append _1, and so on, if output exists, instead of refusing it: for a recorder that restarts "
             "automatically.",
-            structural=True,
         ),
-        NodeParameter(
-            "valves",
-            [""],
+        _structural(
+            "valves", [""],
             "Namespaces to record, e.g. [valve_1, valve_2]; empty: every namespace that has an acceleration, "
             "estimate, health or events topic of spool_msgs.",
-            structural=True,
         ),
-        NodeParameter(
-            "machine",
-            "",
-            "Name of the machine, kept in the bag: distinguishes the bags of a fleet.",
-            structural=True,
+        _structural(
+            "machine", "", "Name of the machine, kept in the bag: distinguishes the bags of a fleet."
         ),
-        NodeParameter(
-            "depth",
-            1000,
-            "Messages per topic that may wait for the disk; 1000 are 20 s at 50 blocks/s.",
-            minimum=10,
-            maximum=100000,
-            structural=True,
+        _structural(
+            "depth", 1000, "Messages per topic that may wait for the disk; 1000 are 20 s at 50 blocks/s.",
+            "", 10, 100000,
         ),
-        NodeParameter(
-            "max_part_duration",
-            600.0,
-            "Length of a part of the recording, by the times of reception.",
-            "s",
-            1.0,
-            86400.0 * 365.0,
-            structural=True,
+        _structural(
+            "max_part_duration", 600.0, "Length of a part of the recording, by the times of reception.",
+            "s", 1.0, 86400.0 * 365.0,
         ),
-        NodeParameter(
-            "max_part_size",
-            200_000_000,
-            "Size of a part, at most a quarter of max_total_size.",
-            unit="B",
-            minimum=1_000_000,
-            structural=True,
+        _structural(
+            "max_part_size", 200_000_000, "Size of a part, at most a quarter of max_total_size.",
+            "B", 1_000_000,
         ),
-        NodeParameter(
-            "max_total_size",
-            0,
+        _structural(
+            "max_total_size", 0,
             "Quota of the recording, beyond which the oldest parts are removed; 0: only minimum_free_space.",
-            unit="B",
-            minimum=0,
-            structural=True,
+            "B", 0,
         ),
-        NodeParameter(
-            "minimum_free_space",
-            200_000_000,
+        _structural(
+            "minimum_free_space", 200_000_000,
             "Free space on the disk below which the oldest parts are removed and then recording pauses until "
             "twice as much is free; the recorder warns below twice as much.",
-            unit="B",
-            minimum=0,
-            structural=True,
+            "B", 0,
         ),
-        NodeParameter(
-            "resume", False, "Continue an existing recording in output with its next part.", structural=True
-        ),
-        NodeParameter(
-            "thin_after",
-            0.0,
+        _structural("resume", False, "Continue an existing recording in output with its next part."),
+        _structural(
+            "thin_after", 0.0,
             "Age of a part at which accelerations and diagnostics are removed from it, so that estimates, "
             "health and events reach further back; 0: never.",
-            "d",
-            0.0,
-            36500.0,
-            structural=True,
+            "d", 0.0, 36500.0,
         ),
-        NodeParameter(
-            "signing_key",
-            "",
-            "Private key (Ed25519, PEM) that signs each part's hash; empty: hashes only.",
-            structural=True,
+        _structural(
+            "signing_key", "", "Private key (Ed25519, PEM) that signs each part's hash; empty: hashes only."
         ),
-        NodeParameter(
-            "snapshot_folder",
-            "",
+        _structural(
+            "snapshot_folder", "",
             "Folder for bags with the data around each alarm; empty: snapshots next to the bag.",
-            structural=True,
         ),
+        _structural("snapshot_before", 60.0, "Time kept before an alarm.", "s", 0.0, 600.0),
+        _structural("snapshot_after", 60.0, "Time kept after an alarm.", "s", 0.0, 600.0),
         NodeParameter(
-            "snapshot_before", 60.0, "Time kept before an alarm.", "s", 0.0, 600.0, structural=True
+            "snapshot_limit", 100,
+            "Number of snapshots beyond which the oldest are removed; 0: no snapshots.", "", 0, 100000,
         ),
-        NodeParameter("snapshot_after", 60.0, "Time kept after an alarm.", "s", 0.0, 600.0, structural=True),
-        NodeParameter(
-            "snapshot_limit",
-            100,
-            "Number of snapshots beyond which the oldest are removed; 0: no snapshots.",
-            minimum=0,
-            maximum=100000,
+        _structural(
+            "snapshot_max_total_size", 2_000_000_000,
+            "Quota of the snapshots, beyond which the oldest are removed; 0: no quota.", "B", 0,
         ),
-        NodeParameter(
-            "snapshot_max_total_size",
-            2_000_000_000,
-            "Quota of the snapshots, beyond which the oldest are removed; 0: no quota.",
-            unit="B",
-            minimum=0,
-            structural=True,
-        ),
-    )
+    )  # fmt: skip
 
     def __init__(self, **options: Any) -> None:
         super().__init__("recorder", **options)
@@ -218,7 +173,7 @@ class RecorderNode(ManagedNode):
         self._discover()
         self.every(DISCOVERY_PERIOD, self._discover, steady=True)
         self.every(ASKED_AGAIN, lambda: self._discover(again=True), steady=True)
-        self.every(FLUSH_PERIOD, self._flush, steady=True)
+        self.every(FLUSH_PERIOD, self._keep_snapshots, steady=True)
         self.every(DIAGNOSTICS_PERIOD, self._report, steady=True)
 
     def deactivate(self) -> None:
@@ -250,10 +205,11 @@ class RecorderNode(ManagedNode):
             self._diagnostics = None
 
     def _new_bag(self) -> Path:
-        number = self.value("number_output")
-        resume = self.value("resume")
         return recorder.new_bag(
-            self.value("output"), activation=self._activations, number=number, resume=resume
+            self.value("output"),
+            activation=self._activations,
+            number=self.value("number_output"),
+            resume=self.value("resume"),
         )
 
     def _valves(self) -> list[str]:
@@ -276,7 +232,7 @@ class RecorderNode(ManagedNode):
             if known is not None and known.publishers == publishers and not again:
                 continue
             offered = [info.qos_profile for info in self.get_publishers_info_by_topic(topic)]
-            if known is not None and _compatible(known.wanted, offered):
+            if known is not None and known.fits(offered):
                 self._subscriptions_by_topic[topic] = known._replace(publishers=len(offered))
                 continue
             if known is not None:
@@ -288,7 +244,11 @@ class RecorderNode(ManagedNode):
                 self.get_logger().warning(f"{topic} is not recorded: {' '.join(str(error).split())}")
 
     def _record(self, topic: str, kind: str, offered: Sequence[QoSProfile]) -> None:
-        message_type = _message_type(kind)
+        package, _, type_name = kind.split("/")
+        try:
+            message_type: Any = getattr(importlib.import_module(f"{package}.msg"), type_name)
+        except (ImportError, AttributeError) as error:
+            raise InputError(f"type {kind} is not installed") from error
         namespace, _, name = topic.rpartition("/")
         one = _Intake(topic, kind, namespace, starts_with_header(kind), name in recorder.LATCHED)
         # The strongest quality of service that every publisher offers.
@@ -375,7 +335,7 @@ class RecorderNode(ManagedNode):
         clock = self._own_clock
         return (clock.now().nanoseconds if clock.ros_time_is_active else 0) or time.time_ns()
 
-    def _flush(self) -> None:
+    def _keep_snapshots(self) -> None:
         if self._snapshots is not None:
             self._snapshots.watch(self._received(), self._snapshot_limit)
 
@@ -466,6 +426,16 @@ class _Subscribed(NamedTuple):
     wanted: QoSProfile
     publishers: int
 
+    def fits(self, offered: Sequence[QoSProfile]) -> bool:
+        """Return whether it gets the messages of publishers that offer this."""
+        strict = self.wanted.reliability == ReliabilityPolicy.RELIABLE
+        latched = self.wanted.durability == DurabilityPolicy.TRANSIENT_LOCAL
+        return all(
+            (not strict or profile.reliability == ReliabilityPolicy.RELIABLE)
+            and (not latched or profile.durability == DurabilityPolicy.TRANSIENT_LOCAL)
+            for profile in offered
+        )
+
 
 class _Intake(NamedTuple):
     """Topic that is recorded, with what each of its messages must have."""
@@ -475,24 +445,6 @@ class _Intake(NamedTuple):
     namespace: str
     stamped: bool
     latched: bool
-
-
-def _message_type(kind: str) -> Any:
-    package, _, name = kind.split("/")
-    try:
-        return getattr(importlib.import_module(f"{package}.msg"), name)
-    except (ImportError, AttributeError) as error:
-        raise InputError(f"type {kind} is not installed") from error
-
-
-def _compatible(wanted: QoSProfile, offered: Sequence[QoSProfile]) -> bool:
-    strict = wanted.reliability == ReliabilityPolicy.RELIABLE
-    latched = wanted.durability == DurabilityPolicy.TRANSIENT_LOCAL
-    return all(
-        (not strict or profile.reliability == ReliabilityPolicy.RELIABLE)
-        and (not latched or profile.durability == DurabilityPolicy.TRANSIENT_LOCAL)
-        for profile in offered
-    )
 
 
 def main() -> None:
